@@ -1,0 +1,1 @@
+"""The NXT brick and its devices: quantisation, schedule, packets, LCD, sound. No ROS."""

@@ -1,0 +1,116 @@
+"""The 32-byte Bluetooth packets of NXT GamePad, both ways."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from ballbot_ros.errors import BallbotError
+
+PACKET_SIZE = 32
+STREAM_HEADER = struct.pack('<H', PACKET_SIZE)
+"""Two bytes in front of each packet on the serial line."""
+
+_STICKS = struct.Struct('<bb30x')
+_LOG = struct.Struct('<IbbHiiihhhhi')
+
+
+class PacketError(BallbotError):
+    """Bytes that are no packet, or values that no packet can hold."""
+
+
+@dataclass(frozen=True)
+class GamepadPacket:
+    """PC to NXT.
+
+    Attributes
+    ----------
+    vertical : int
+        Left stick, -100 (up) ... +100 (down).
+    horizontal : int
+        Right stick, -100 (left) ... +100 (right).
+    """
+
+    vertical: int = 0
+    horizontal: int = 0
+
+    def encode(self) -> bytes:
+        """Return the packet's 32 bytes.
+
+        Raises
+        ------
+        PacketError
+            If a value does not fit a signed byte.
+        """
+        return _pack(_STICKS, self.vertical, self.horizontal)
+
+    @classmethod
+    def decode(cls, data: bytes) -> GamepadPacket:
+        """Read a packet of 32 bytes."""
+        return cls(*_STICKS.unpack(_checked(data)))
+
+
+@dataclass(frozen=True)
+class LogPacket:
+    """NXT to PC: one record of the ADC data logger.
+
+    Attributes
+    ----------
+    time_ms : int
+        uint32 system tick.
+    data1, data2 : int
+        int8 values of the caller.
+    battery_mv : int
+        uint16.
+    rev_a, rev_b, rev_c : int
+        int32 motor angles [deg].
+    adc1, adc2, adc3, adc4 : int
+        int16 values of the caller; this controller logs both pitch angles in the first two.
+    sonar_cm : int
+        int32.
+    """
+
+    time_ms: int
+    data1: int
+    data2: int
+    battery_mv: int
+    rev_a: int
+    rev_b: int
+    rev_c: int
+    adc1: int
+    adc2: int
+    adc3: int
+    adc4: int
+    sonar_cm: int
+
+    def encode(self) -> bytes:
+        """Return the packet's 32 bytes.
+
+        Raises
+        ------
+        PacketError
+            If a value does not fit its field.
+        """
+        return _pack(
+            _LOG, self.time_ms, self.data1, self.data2, self.battery_mv,
+            self.rev_a, self.rev_b, self.rev_c,
+            self.adc1, self.adc2, self.adc3, self.adc4, self.sonar_cm,
+        )  # fmt: skip
+
+    @classmethod
+    def decode(cls, data: bytes) -> LogPacket:
+        """Read a packet of 32 bytes."""
+        return cls(*_LOG.unpack(_checked(data)))
+
+
+def _pack(layout: struct.Struct, *values: int) -> bytes:
+    try:
+        return layout.pack(*values)
+    except struct.error as error:
+        raise PacketError(f'no packet holds {values}: {error}') from None
+
+
+def _checked(data: bytes) -> bytes:
+    if len(data) != PACKET_SIZE:
+        raise PacketError(f'a packet has {PACKET_SIZE} bytes, not {len(data)}')
+    return data

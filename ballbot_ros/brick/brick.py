@@ -1,0 +1,145 @@
+"""The brick as the control program sees it: ports to read, actuators to set (section 7.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from ballbot_ros.brick.bluetooth import LogPacket
+from ballbot_ros.brick.lcd import status_page
+from ballbot_ros.brick.units import NO_DATA_CM
+
+UINT32 = 0xFFFFFFFF
+
+
+class DeviceInputs(NamedTuple):
+    """What the devices give at one tick; None where a device has no new sample.
+
+    Attributes
+    ----------
+    gyro : tuple of int
+        Ports S1 (plane x) and S2 (plane y) [deg/s + offset].
+    revolutions : tuple of int
+        Motors B (plane x) and C (plane y) [deg].
+    sonar_cm : int or None
+        Port S3 [cm].
+    battery_mv : int or None
+        Battery voltage [mV].
+    sticks : tuple of int or None
+        The packet's left vertical and right horizontal, -128 ... 127.
+    """
+
+    gyro: tuple[int, int]
+    revolutions: tuple[int, int]
+    sonar_cm: int | None = None
+    battery_mv: int | None = None
+    sticks: tuple[int, int] | None = None
+
+
+class Tone(NamedTuple):
+    """A tone: frequency [Hz], duration [ms], volume [%]."""
+
+    frequency_hz: int
+    duration_ms: int
+    volume: int
+
+
+@dataclass
+class DeviceOutputs:
+    """What a tick sends to the devices.
+
+    Attributes
+    ----------
+    duty : tuple of int
+        Motors B (plane x) and C (plane y) [%]; they keep it until it is set again.
+    log : list of LogPacket
+    tones : list of Tone
+    pages : list of str
+        LCD pages.
+    """
+
+    duty: tuple[int, int] = (0, 0)
+    log: list[LogPacket] = field(default_factory=list)
+    tones: list[Tone] = field(default_factory=list)
+    pages: list[str] = field(default_factory=list)
+
+
+class Brick:
+    """Ports and actuators of the brick, and the order of a tick: inputs, tasks, outputs.
+
+    Attributes
+    ----------
+    gyro, revolutions : tuple of int
+        As in :class:`DeviceInputs`.
+    sonar_cm, battery_mv : int
+        The newest samples.
+    systick_ms : int
+        uint32 system time.
+    duty : tuple of int
+        What the motors are set to.
+    """
+
+    def __init__(self) -> None:
+        self.gyro = (0, 0)
+        self.revolutions = (0, 0)
+        self.sonar_cm = NO_DATA_CM
+        self.battery_mv = 0
+        self.systick_ms = 0
+        self.duty = (0, 0)
+        self._waiting: tuple[int, int] | None = None
+        self._connected = False
+        self._outputs = DeviceOutputs()
+
+    def tick(
+        self, systick_ms: int, inputs: DeviceInputs, run_tasks: Callable[[], None]
+    ) -> DeviceOutputs:
+        """Latch the inputs, run the tasks, return the outputs."""
+        self.systick_ms = systick_ms & UINT32
+        self.gyro = inputs.gyro
+        self.revolutions = inputs.revolutions
+        if inputs.sonar_cm is not None:
+            self.sonar_cm = inputs.sonar_cm
+        if inputs.battery_mv is not None:
+            self.battery_mv = inputs.battery_mv
+        if inputs.sticks is not None:
+            self._waiting = inputs.sticks
+            self._connected = True
+        outputs = self._outputs = DeviceOutputs()
+        run_tasks()
+        outputs.duty = self.duty
+        return outputs
+
+    def read_sticks(self, latest: tuple[int, int]) -> tuple[int, int]:
+        """Return the waiting Bluetooth packet's sticks, or `latest` if none waits."""
+        waiting, self._waiting = self._waiting, None
+        return latest if waiting is None else waiting
+
+    def log(self, adc1: int, adc2: int) -> None:
+        """Send a record of the data logger with two 16-bit values."""
+        rev_b, rev_c = self.revolutions
+        self._outputs.log.append(
+            LogPacket(
+                time_ms=self.systick_ms, data1=0, data2=0, battery_mv=self.battery_mv,
+                rev_a=0, rev_b=rev_b, rev_c=rev_c,
+                adc1=adc1, adc2=adc2, adc3=0, adc4=0, sonar_cm=self.sonar_cm,
+            )
+        )  # fmt: skip
+
+    def sound_tone(self, frequency_hz: int, duration_ms: int, volume: int) -> None:
+        """Sound a tone."""
+        self._outputs.tones.append(Tone(frequency_hz, duration_ms, volume))
+
+    def show_status(self, name: str) -> None:
+        """Refresh the display."""
+        self._outputs.pages.append(
+            status_page(
+                name,
+                systick_ms=self.systick_ms,
+                battery_mv=self.battery_mv,
+                revolutions=(0, *self.revolutions),
+                adc=(*self.gyro, 0, 0),
+                bluetooth_connected=self._connected,
+                sonar_cm=self.sonar_cm,
+            )
+        )

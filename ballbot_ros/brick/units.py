@@ -1,0 +1,47 @@
+"""The one place where SI meets the brick's integers; exact both ways.
+
+An integer that is sent as rad or m comes back as the same integer.
+"""
+
+from __future__ import annotations
+
+import math
+
+_RADIANS_PER_DEGREE = math.pi / 180.0
+_DEGREES_PER_RADIAN = 180.0 / math.pi
+
+NO_ECHO_CM = 255
+NO_DATA_CM = -1
+
+
+def quantise(value: float) -> int:
+    """Round to the nearest integer, halves up: floor(x + 0.5)."""
+    return math.floor(value + 0.5)
+
+
+def degrees_of(radians: float) -> int:
+    """Return the whole degrees (or deg/s) nearest to rad (or rad/s)."""
+    return math.floor(radians * _DEGREES_PER_RADIAN + 0.5)
+
+
+def radians_of(degrees: float) -> float:
+    """Return degrees (or deg/s) in rad (or rad/s)."""
+    return degrees * _RADIANS_PER_DEGREE
+
+
+def metres_of(sonar_cm: int) -> float:
+    """Return a sonar reading in m: +inf for no echo, NaN for no data yet (REP 117)."""
+    if sonar_cm == NO_ECHO_CM:
+        return math.inf
+    if sonar_cm == NO_DATA_CM:
+        return math.nan
+    return sonar_cm / 100.0
+
+
+def centimetres_of(range_m: float) -> int:
+    """Return the sonar reading that :func:`metres_of` made `range_m` from."""
+    if math.isnan(range_m):
+        return NO_DATA_CM
+    if math.isinf(range_m):
+        return NO_ECHO_CM
+    return quantise(range_m * 100.0)

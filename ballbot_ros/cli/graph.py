@@ -1,0 +1,32 @@
+"""What both ways of running the graph prepare."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ballbot_ros.cli.run import Experiment
+from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
+
+
+def write_attachments(experiment: Experiment, scratch: Path) -> None:
+    """Write the files that the recorder attaches to the recording."""
+    folder = _attachments_folder(scratch)
+    folder.mkdir()
+    for name, data in experiment.attachments.items():
+        (folder / name).write_bytes(data)
+
+
+def graph_parameters(experiment: Experiment, scratch: Path) -> ParameterSet:
+    """Return the experiment's parameters with those that only a graph needs."""
+    parameters = ParameterSet()
+    parameters.update(experiment.parameters)
+    if experiment.recording:
+        parameters.set(RECORDER, 'output', str(experiment.recording.resolve()))
+        parameters.set(RECORDER, 'attachments', str(_attachments_folder(scratch)))
+        if parameters.values(PLANT)['lockstep']:
+            parameters.set(PLANT, 'require_recorder', True)
+    return parameters
+
+
+def _attachments_folder(scratch: Path) -> Path:
+    return scratch / 'attachments'

@@ -1,0 +1,77 @@
+"""Looks into a running graph now and then, without slowing it."""
+
+from __future__ import annotations
+
+import time
+from types import TracebackType
+from typing import Any
+
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from ballbot_ros.nodes.conversions import time_ns
+from ballbot_ros.nodes.topics import CLOCK, DIAGNOSTICS
+from ballbot_ros.parameters import PLANT
+
+
+class GraphMonitor:
+    """Sim time and the plant's sign of life.
+
+    Its node is spun by no executor: a look costs what it costs when it is taken, not at every
+    tick.
+
+    Attributes
+    ----------
+    now_ns : int
+        The newest sim time [ns]; 0 before the first tick.
+    """
+
+    def __enter__(self) -> GraphMonitor:
+        rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        self._node = Node(
+            '_ballbot_monitor',
+            use_global_arguments=False,
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._clock = self._subscribe(CLOCK, newest)
+        self._diagnostics = self._subscribe(DIAGNOSTICS, QoSProfile(depth=50))
+        self.now_ns = 0
+        self._heard_at: float | None = None
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def _subscribe(self, topic: Any, qos: QoSProfile) -> Any:
+        return self._node.create_subscription(
+            topic.message_class, topic.name, lambda message: None, qos
+        )
+
+    def poll(self) -> None:
+        """Take what has come since the last look."""
+        while (clock := _take(self._clock)) is not None:
+            self.now_ns = time_ns(clock.clock)
+        while (report := _take(self._diagnostics)) is not None:
+            if any(status.name.startswith(f'{PLANT}:') for status in report.status):
+                self._heard_at = time.monotonic()
+
+    @property
+    def plant_silence_s(self) -> float:
+        """Time since the plant's last report [s]; 0 before the first."""
+        return 0.0 if self._heard_at is None else time.monotonic() - self._heard_at
+
+
+def _take(subscription: Any) -> Any:
+    handle = subscription.handle
+    with handle:
+        taken = handle.take_message(subscription.msg_type, subscription.raw)
+    return None if taken is None else taken[0]

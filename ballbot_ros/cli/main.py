@@ -1,0 +1,57 @@
+"""Entry point of the `ballbot` command."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from ballbot_ros import __version__
+from ballbot_ros.cli.commands import design, doctor, run, scenarios
+from ballbot_ros.errors import BallbotError
+
+
+class _RunByDefault(click.Group):
+    """A word that is no command is a scenario: `ballbot stationary` is `ballbot run stationary`."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and args[0] not in self.commands and not args[0].startswith('-'):
+            args = ['run', *args]
+        return super().resolve_command(ctx, args)
+
+
+@click.group(
+    cls=_RunByDefault,
+    context_settings={'help_option_names': ['-h', '--help'], 'max_content_width': 100},
+)
+@click.version_option(__version__, prog_name='ballbot')
+def ballbot() -> None:
+    """Simulate, measure and record the LEGO NXT Ballbot."""
+
+
+for command in (run, scenarios, design, doctor):
+    ballbot.add_command(command)
+
+
+def main() -> None:
+    """Run the command; a user's mistake ends in one line and status 2."""
+    try:
+        status = ballbot(standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message())
+        sys.exit(2)
+    except click.ClickException as error:
+        click.echo(f'error: {" ".join(error.format_message().split())}', err=True)
+        sys.exit(2)
+    except BallbotError as error:
+        click.echo(f'error: {error}', err=True)
+        sys.exit(2)
+    except (click.Abort, KeyboardInterrupt):
+        sys.exit(130)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,122 @@
+"""A node in a process of its own."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+GRACE_S = 1.5
+_PR_SET_PDEATHSIG = 1
+
+
+class NodeProcess:
+    """One node, started with a parameter file; its log lines are handed on.
+
+    Parameters
+    ----------
+    name : str
+        The node.
+    parameter_file : Path
+    notice : callable
+        Takes each line that the node writes.
+    """
+
+    def __init__(self, name: str, parameter_file: Path, notice: Callable[[str], None]) -> None:
+        self.name = name
+        self._process = subprocess.Popen(
+            [
+                sys.executable, '-m', f'ballbot_ros.nodes.{name}',
+                '--ros-args', '--params-file', str(parameter_file), '--log-level', 'WARN',
+            ],
+            env={
+                **os.environ,
+                # One core each is plenty, and its threads cost start-up time.
+                'OPENBLAS_NUM_THREADS': '1',
+                'RCUTILS_CONSOLE_OUTPUT_FORMAT': '{name}: {message}',
+                'RCUTILS_COLORIZED_OUTPUT': '0',
+            },
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            # A Ctrl-C is for the run as a whole, which then stops its nodes in order.
+            start_new_session=True,
+            preexec_fn=_die_with_parent,
+        )  # fmt: skip
+        self._reader = threading.Thread(target=self._hand_on, args=(notice,), daemon=True)
+        self._reader.start()
+
+    def _hand_on(self, notice: Callable[[str], None]) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            text = line.decode(errors='replace').rstrip()
+            if text:
+                notice(text)
+
+    @property
+    def pid(self) -> int:
+        """The process's number."""
+        return self._process.pid
+
+    @property
+    def running(self) -> bool:
+        """Whether the process has not ended."""
+        return self._process.poll() is None
+
+    @property
+    def exit_status(self) -> int | None:
+        """The exit status, a negative signal number, or None while it runs."""
+        return self._process.poll()
+
+    @property
+    def how_it_ended(self) -> str:
+        """The end in words."""
+        status = self.exit_status
+        if status is None:
+            return 'runs'
+        if status < 0:
+            return f'died of {signal.Signals(-status).name}'
+        return f'ended with status {status}'
+
+    def request_stop(self) -> None:
+        """Send SIGINT."""
+        if self.running:
+            self._process.send_signal(signal.SIGINT)
+
+    def wait_until(self, deadline: float) -> None:
+        """Wait for the end until `deadline` (monotonic), then kill."""
+        try:
+            self._process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            self.kill()
+        self._reader.join(0.2)
+
+    def kill(self) -> None:
+        """Send SIGKILL, which ends a stopped process too."""
+        self._process.kill()
+        self._process.wait()
+
+
+def stop_all(processes: Sequence[NodeProcess]) -> None:
+    """Stop the processes, the last one after all the others; all have ended then."""
+    deadline = time.monotonic() + GRACE_S
+    *others, last = processes
+    for process in others:
+        process.request_stop()
+    for process in others:
+        process.wait_until(deadline)
+    last.request_stop()
+    last.wait_until(time.monotonic() + GRACE_S)
+
+
+_libc = ctypes.CDLL(None)
+
+
+def _die_with_parent() -> None:
+    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

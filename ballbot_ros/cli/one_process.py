@@ -1,0 +1,69 @@
+"""Runs a scenario with every node in this process, on one executor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import rclpy
+from rclpy.experimental import EventsExecutor
+
+from ballbot_ros.cli.graph import graph_parameters, write_attachments
+from ballbot_ros.cli.progress import Progress
+from ballbot_ros.cli.run import Experiment, Finished
+from ballbot_ros.nodes.base import SPIN_S, BallbotNode
+from ballbot_ros.nodes.controller import Controller
+from ballbot_ros.nodes.encoder_driver import EncoderDriver
+from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
+from ballbot_ros.nodes.gyro_driver import GyroDriver
+from ballbot_ros.nodes.plant_sim import PlantSim
+from ballbot_ros.nodes.recorder import Recorder
+from ballbot_ros.nodes.sonar_driver import SonarDriver
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    ENCODER,
+    GAMEPAD,
+    GYRO,
+    PLANT,
+    RECORDER,
+    SONAR,
+)
+from ballbot_ros.stop_request import StopRequest
+
+_DRIVERS = {
+    GYRO: GyroDriver,
+    ENCODER: EncoderDriver,
+    SONAR: SonarDriver,
+    GAMEPAD: GamepadTeleop,
+    CONTROLLER: Controller,
+}
+
+
+def run_in_one_process(experiment: Experiment, scratch: Path, progress: Progress) -> Finished:
+    """Run the graph in this process."""
+    write_attachments(experiment, scratch)
+    parameters = graph_parameters(experiment, scratch)
+    nodes: list[BallbotNode] = []
+    rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+    try:
+        executor = EventsExecutor()
+        if experiment.recording:
+            nodes.append(Recorder(parameters.values(RECORDER)))
+        nodes += [make(parameters.values(name)) for name, make in _DRIVERS.items()]
+        plant = PlantSim(parameters.values(PLANT))
+        nodes.append(plant)
+        for node in nodes:
+            executor.add_node(node)
+        with StopRequest() as stop:
+            while not (plant.finished or stop.signal):
+                executor.spin_once(timeout_sec=SPIN_S)
+                progress.update(plant.log.ticks * 4e-3)
+            plant.stop()
+        summary = {**plant.summary, 'exit_status': 128 + stop.signal if stop.signal else 1}
+        if plant.exit_status == 2:
+            summary['exit_status'] = 2
+        return Finished(summary, plant.log.trajectory())
+    finally:
+        for node in reversed(nodes):
+            node.close()
+            node.destroy_node()
+        rclpy.try_shutdown()

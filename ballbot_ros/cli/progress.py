@@ -1,0 +1,69 @@
+"""The progress bar: sim time and real-time factor."""
+
+from __future__ import annotations
+
+import time
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn
+from rich.progress import Progress as Bar
+
+UPDATE_S = 0.2
+
+
+class Progress:
+    """A bar on the terminal; on a pipe or file nothing but the notices.
+
+    Parameters
+    ----------
+    name : str
+        What runs.
+    duration : float
+        Its length in sim time [s]; 0 has no end.
+    """
+
+    def __init__(self, name: str, duration: float) -> None:
+        self._console = Console(stderr=True, highlight=False)
+        self._bar = Bar(
+            TextColumn('{task.description}'),
+            BarColumn(bar_width=40),
+            TextColumn('{task.fields[text]}'),
+            console=self._console,
+            transient=True,
+            disable=not self._console.is_terminal,
+        )
+        self._duration = duration
+        self._task = self._bar.add_task(name, total=duration or None, text='starting')
+        self._last = (time.monotonic(), 0.0)
+
+    def __enter__(self) -> Progress:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+
+    def update(self, elapsed_s: float) -> None:
+        """Show the sim time since the start [s]; cheap enough to be called at every tick."""
+        now = time.monotonic()
+        then, before = self._last
+        if now - then < UPDATE_S:
+            return
+        factor = (elapsed_s - before) / (now - then)
+        self._last = (now, elapsed_s)
+        of = f' / {self._duration:g}' if self._duration else ''
+        self._bar.update(
+            self._task,
+            completed=elapsed_s,
+            text=f'{elapsed_s:.1f}{of} s   {factor:.1f} × real time',
+        )
+
+    def notice(self, text: str) -> None:
+        """Print a line above the bar."""
+        self._console.print(text, markup=False, soft_wrap=True)

@@ -1,0 +1,141 @@
+"""What a run came to: verdict, table and JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.scenario.scenario import Expectation, Scenario
+
+PASSED, NOT_MET, FAILED, STOPPED = 'passed', 'expectations not met', 'failed', 'stopped'
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Outcome of a run, in one word and in one line, and the exit status it gives."""
+
+    outcome: str
+    reason: str
+    exit_status: int
+
+    @classmethod
+    def of(
+        cls, summary: Mapping[str, Any], scenario: Scenario, metrics: Mapping[str, float]
+    ) -> Verdict:
+        """Judge a run by the plant's summary and the scenario's expectations."""
+        if summary['outcome'] == STOPPED:
+            return cls(STOPPED, summary['reason'], int(summary.get('exit_status', 130)))
+        if summary['outcome'] == FAILED:
+            return cls(FAILED, summary['reason'], int(summary.get('exit_status', 1)))
+        failures = scenario.failures(metrics)
+        if failures:
+            reason = ', '.join(
+                f'{each.metric} {metrics[each.metric]:.4g} is not {each}' for each in failures
+            )
+            return cls(NOT_MET, reason, 1)
+        return cls(PASSED, '', 0)
+
+
+@dataclass
+class Result:
+    """Everything that is printed of a run."""
+
+    scenario: str
+    processes: str
+    seed: int
+    recording: Path | None
+    figure: Path | None
+    metrics: Mapping[str, float]
+    verdict: Verdict
+    summary: Mapping[str, Any]
+    expectations: Sequence[Expectation]
+
+
+def print_json(result: Result) -> None:
+    """Print the result as one JSON object; a number that is not there is null."""
+    summary = result.summary
+    content = {
+        'scenario': result.scenario,
+        'processes': result.processes,
+        'seed': result.seed,
+        'outcome': result.verdict.outcome,
+        'reason': result.verdict.reason,
+        'duty_sha256': summary.get('duty_sha256'),
+        'ticks': summary.get('ticks'),
+        'real_time_factor': summary.get('real_time_factor'),
+        'missed_ticks': summary.get('missed_ticks'),
+        'asked_again': summary.get('asked_again'),
+        'round_trip_ms': summary.get('round_trip_ms'),
+        'recording': None if result.recording is None else str(result.recording),
+        'figure': None if result.figure is None else str(result.figure),
+        'metrics': {
+            name: None if math.isnan(value) else value for name, value in result.metrics.items()
+        },
+        'expectations': [
+            {
+                'metric': each.metric,
+                'min': each.minimum,
+                'max': each.maximum,
+                'holds': each.metric in result.metrics and each.holds(result.metrics[each.metric]),
+            }
+            for each in result.expectations
+        ],
+    }
+    print(json.dumps(content, indent=2, allow_nan=False))
+
+
+def print_table(result: Result) -> None:
+    """Print the result as a table, and where the files are."""
+    console = Console(highlight=False)
+    table = Table(title=f'{result.scenario}, seed {result.seed}', title_justify='left')
+    table.add_column('metric')
+    table.add_column('value', justify='right')
+    table.add_column('expected')
+    table.add_column('')
+    expected = {each.metric: each for each in result.expectations}
+    for name, value in result.metrics.items():
+        expectation = expected.get(name)
+        mark = ''
+        if expectation:
+            mark = '[green]✓[/]' if expectation.holds(value) else '[red]✗[/]'
+        label, unit = _label(name)
+        shown = 'never' if math.isnan(value) else f'{value:.3f}{unit}'
+        table.add_row(label, shown, str(expectation or ''), mark)
+    summary = result.summary
+    table.add_section()
+    if summary.get('real_time_factor'):
+        table.add_row('real-time factor', f'{summary["real_time_factor"]:.1f}', '', '')
+    trip = summary.get('round_trip_ms')
+    if trip:
+        text = ' / '.join(f'{trip[key]:.2f}' for key in ('p50', 'p99', 'max'))
+        table.add_row('tick round trip p50 / p99 / max', f'{text} ms', '', '')
+    table.add_row('ticks', str(summary.get('ticks', 0)), '', '')
+    table.add_row('missed ticks', str(summary.get('missed_ticks', 0)), '', '')
+    console.print(table)
+    verdict = result.verdict
+    colour = 'green' if verdict.exit_status == 0 else 'red'
+    reason = f': {verdict.reason}' if verdict.reason else ''
+    console.print(f'[{colour}]{verdict.outcome}[/]{reason}', soft_wrap=True)
+    for label, path in (('recording', result.recording), ('picture', result.figure)):
+        if path:
+            console.print(f'{label}  {path}', markup=False, soft_wrap=True)
+
+
+_UNITS = {'s': ' s', 'deg': '°', 'm': ' m', 'percent': ' %'}
+
+
+def _label(name: str) -> tuple[str, str]:
+    """Return a metric's name in words, and its unit."""
+    assert name in METRICS
+    stem, _, unit = name.rpartition('_')
+    if unit in _UNITS:
+        return stem.replace('_', ' '), _UNITS[unit]
+    return name.replace('_', ' '), ''

@@ -1,0 +1,105 @@
+"""Runs a scenario with every node a process of its own, and watches over them."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from ballbot_ros.cli.graph import graph_parameters, write_attachments
+from ballbot_ros.cli.graph_monitor import GraphMonitor
+from ballbot_ros.cli.node_process import NodeProcess, stop_all
+from ballbot_ros.cli.progress import Progress
+from ballbot_ros.cli.run import Experiment, Finished
+from ballbot_ros.parameter_file import write_parameter_file
+from ballbot_ros.parameters import NODES, PLANT, RECORDER
+from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS
+from ballbot_ros.simulation.trajectory import load_trajectory
+from ballbot_ros.stop_request import StopRequest
+
+POLL_S = 0.05
+PLANT_SILENCE_S = 2.3
+"""The plant reports at 1 Hz; after this it hangs."""
+
+
+def run_in_separate_processes(
+    experiment: Experiment, scratch: Path, progress: Progress
+) -> Finished:
+    """Run the graph as processes; all of them have ended when this returns."""
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    write_attachments(experiment, scratch)
+    parameters = graph_parameters(experiment, scratch)
+    trajectory_file = scratch / 'trajectory.npz'
+    parameters.set(PLANT, 'trajectory_file', str(trajectory_file))
+    parameter_file = scratch / 'parameters.yaml'
+    write_parameter_file(parameter_file, parameters)
+    names = [name for name in NODES if name != RECORDER or experiment.recording]
+    with StopRequest() as stop:
+        processes = {
+            name: NodeProcess(name, parameter_file, progress.notice) for name in names
+        }
+        try:
+            with GraphMonitor() as monitor:
+                failure = _watch(processes, monitor, progress, stop)
+        finally:
+            # The recorder is the last to go, so that it has everything.
+            stop_all([processes[name] for name in sorted(names, key=RECORDER.__eq__)])
+        if trajectory_file.exists():
+            trajectory, summary = load_trajectory(trajectory_file)
+        else:
+            trajectory, summary = None, {'outcome': 'failed', 'reason': '', 'ticks': 0}
+        return Finished(_judged(summary, failure, processes, stop), trajectory)
+
+
+def _watch(
+    processes: dict[str, NodeProcess],
+    monitor: GraphMonitor,
+    progress: Progress,
+    stop: StopRequest,
+) -> str:
+    """Wait until the plant has ended; return what went wrong where it can't tell itself."""
+    reported: set[str] = set()
+    plant = processes[PLANT]
+    while not stop.signal:
+        monitor.poll()
+        if monitor.now_ns:
+            progress.update((monitor.now_ns - FIRST_TICK_NS) / SECOND_NS)
+        for name, process in processes.items():
+            if process.running or name in reported:
+                continue
+            reported.add(name)
+            if name == PLANT:
+                return '' if process.exit_status >= 0 else f'{PLANT} {process.how_it_ended}'
+            # A node that refuses its parameters never comes; another may be restarted by hand,
+            # and the plant tells when it has waited long enough.
+            if process.exit_status == 2:
+                return f'{name} {process.how_it_ended}'
+            progress.notice(f'{name} {process.how_it_ended}')
+        if monitor.plant_silence_s > PLANT_SILENCE_S:
+            plant.kill()
+            return f'{PLANT} does not answer'
+        time.sleep(POLL_S)
+    return ''
+
+
+def _judged(
+    summary: dict[str, Any],
+    failure: str,
+    processes: dict[str, NodeProcess],
+    stop: StopRequest,
+) -> dict[str, Any]:
+    """Return the plant's summary with what it can't know."""
+    judged = dict(summary)
+    judged['exit_status'] = 1
+    dead = [p for p in processes.values() if p.exit_status in (1, 2) and p.name != PLANT]
+    if stop.signal:
+        judged.update(outcome='stopped', exit_status=128 + stop.signal)
+    elif failure:
+        judged.update(outcome='failed', reason=failure)
+    elif judged['outcome'] == 'completed' and any(p.name == RECORDER for p in dead):
+        judged.update(outcome='failed', reason=f'{RECORDER} failed')
+    if judged['outcome'] == 'failed' and any(p.exit_status == 2 for p in processes.values()):
+        judged['exit_status'] = 2
+        judged['reason'] = judged['reason'] or 'a node refused to start'
+    return judged

@@ -1,0 +1,54 @@
+"""Runs a scenario in this process, without ROS."""
+
+from __future__ import annotations
+
+import time
+
+from ballbot_ros.cli.progress import Progress
+from ballbot_ros.cli.run import Experiment, Finished
+from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.nodes.simulated_recording import SimulatedRecording
+from ballbot_ros.parameters import PLANT
+from ballbot_ros.simulation.closed_loop import ClosedLoop
+from ballbot_ros.simulation.pacer import Pacer
+from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
+from ballbot_ros.simulation.trajectory import TrajectoryLog
+
+
+def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
+    """Run the closed loop, recorded as the graph would be."""
+    plant = experiment.parameters.values(PLANT)
+    ticks = round(float(plant['duration']) * SECOND_NS) // TICK_NS
+    factor = float(plant['real_time_factor'])
+    loop = ClosedLoop(experiment.parameters, experiment.scenario)
+    log, pacer = TrajectoryLog(), Pacer()
+    recording = None
+    if experiment.recording:
+        recording = SimulatedRecording(
+            experiment.recording, experiment.attachments, float(plant['ball_radius'])
+        )
+        recording.begin(FIRST_TICK_NS)
+    begun = time.monotonic()
+    with StopRequest() as stop:
+        while log.ticks < ticks and not stop.signal:
+            pacer.wait(factor)
+            tick = loop.tick()
+            log.add(tick.truth, *tick.outputs.duty)
+            if recording:
+                recording.add(tick, loop.program)
+            progress.update(log.ticks * TICK_NS / SECOND_NS)
+    wall = time.monotonic() - begun
+    if recording:
+        recording.close()
+    summary = {
+        'outcome': 'stopped' if stop.signal else 'completed',
+        'reason': '',
+        'exit_status': 128 + stop.signal,
+        'ticks': log.ticks,
+        'duty_sha256': log.duty_sha256,
+        'real_time_factor': log.ticks * TICK_NS / SECOND_NS / wall,
+        'missed_ticks': pacer.late,
+        'asked_again': 0,
+        'round_trip_ms': None,
+    }
+    return Finished(summary, log.trajectory())

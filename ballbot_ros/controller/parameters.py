@@ -1,0 +1,56 @@
+"""The control program's constants in the types of the target."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+TS1_MS, TS2_MS, TS3_MS, LCD_MS = 4, 20, 100, 500
+
+Single = np.float32
+
+
+@dataclass(frozen=True)
+class ControllerParameters:
+    """Constants of Appendix C under the document's names; ``Single`` where C has float."""
+
+    k_f: tuple[Single, Single, Single, Single]
+    k_i: Single
+    k_thetadot: Single
+    a_b: Single
+    a_d: Single
+    a_r: Single
+    a_gc: Single
+    a_gd: Single
+    pwm_gain: Single
+    pwm_offset: Single
+    wheel_radius: Single
+    ball_radius: Single
+    theta_diff_thr: Single
+    psi_diff_thr: Single
+    lsb: Single
+    autonomous: bool
+    gp_max: int
+    dst_thr: int
+    time_start: int
+    time_auto: int
+    time_stop: int
+    sound_freq: int
+    sound_dur: int
+    sound_volume: int
+    log_count: int
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> ControllerParameters:
+        """Take the parameters of the node ``controller``."""
+        typed: dict[str, Any] = {'autonomous': values['mode'] == 'autonomous'}
+        for name, annotation in cls.__annotations__.items():
+            if annotation == 'Single':
+                typed[name] = Single(values[name])
+            elif annotation == 'int':
+                typed[name] = int(values[name])
+        typed['k_f'] = tuple(Single(gain) for gain in values['k_f'])
+        return cls(**typed)

@@ -1,0 +1,166 @@
+"""The control program: task_init, task_ts1, task_ts2, task_ts3 (section 7, Appendix C)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from ballbot_ros.brick.brick import UINT32, Brick, DeviceInputs, DeviceOutputs
+from ballbot_ros.brick.schedule import Schedule, Task
+from ballbot_ros.controller.axis import ONE, ZERO, Axis
+from ballbot_ros.controller.parameters import (
+    LCD_MS,
+    TS1_MS,
+    TS2_MS,
+    TS3_MS,
+    ControllerParameters,
+    Single,
+)
+
+STOP, CALIBRATION, CONTROL = 0, 1, 2
+
+_VOLTAGE_SLOPE = Single(1.089000027e-3)
+_VOLTAGE_OFFSET = Single(0.625)
+_INT16_MIN, _INT16_MAX = -32768, 32767
+
+
+class ControlProgram:
+    """The program on the brick: its shared data and tasks.
+
+    Parameters
+    ----------
+    values : mapping
+        The parameters of the node ``controller``.
+
+    Attributes
+    ----------
+    brick : Brick
+        The devices it reads and sets.
+    x, y : Axis
+        The controllers of both planes.
+    operating_state : int
+        ``STOP``, ``CALIBRATION`` or ``CONTROL``.
+    battery : Single
+        Averaged battery voltage [mV].
+    flag_avoid, flag_auto : bool
+        An obstacle is near; the time of autonomous drive has come.
+    """
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        p = self._p = ControllerParameters.of(values)
+        self.brick = Brick()
+        self.x, self.y = Axis(p), Axis(p)
+        self.operating_state = CALIBRATION
+        self.battery = ZERO
+        self.flag_avoid = False
+        self.flag_auto = False
+        self._start_time = 0
+        self._timer_stop = 0
+        self._calibrated = False
+        self._log_counter = 0
+        self._sticks = (0, 0)
+        self.schedule = Schedule(
+            (
+                Task('task_init', 5, 0, self.task_init),
+                Task('task_ts1', 4, TS1_MS, self.task_ts1),
+                Task('task_ts2', 3, TS2_MS, self.task_ts2),
+                Task('task_ts3', 2, TS3_MS, self.task_ts3),
+                Task('task_lcd', 1, LCD_MS, self.task_lcd),
+            )
+        )
+
+    def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
+        """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
+        return self.brick.tick(systick_ms, inputs, lambda: self.schedule.run(elapsed_ms))
+
+    @property
+    def drive_state(self) -> str:
+        """The state of figure 7-1 in one word, as published."""
+        if self.operating_state == CALIBRATION:
+            return 'calibration'
+        if self.operating_state != CONTROL:
+            return 'out_of_control'
+        if not self._p.autonomous:
+            return 'backward' if self.flag_avoid else 'remote'
+        if not self.flag_auto:
+            return 'balance'
+        return 'rightward' if self.flag_avoid else 'forward'
+
+    def task_init(self) -> None:
+        """Set the initial values (section 7.3)."""
+        self.battery = Single(self.brick.battery_mv)
+        self.x.gyro_offset = Single(self.brick.gyro[0])
+        self.y.gyro_offset = Single(self.brick.gyro[1])
+        self._start_time = self.brick.systick_ms
+
+    def task_ts1(self) -> None:
+        """Calibrate, balance and drive, log; or stop the motors (section 7.4)."""
+        brick = self.brick
+        if self.operating_state == CONTROL:
+            self._sticks = brick.read_sticks(self._sticks)
+            stick_x, stick_y = self._command()
+            max_voltage = _VOLTAGE_SLOPE * self.battery - _VOLTAGE_OFFSET
+            brick.duty = (
+                self.x.control(brick.gyro[0], brick.revolutions[0], stick_x, max_voltage),
+                self.y.control(brick.gyro[1], brick.revolutions[1], stick_y, max_voltage),
+            )
+            self._log()
+            return
+        if self.operating_state == CALIBRATION:
+            self.x.calibrate(brick.gyro[0])
+            self.y.calibrate(brick.gyro[1])
+        brick.duty = (0, 0)
+
+    def task_ts2(self) -> None:
+        """Look for an obstacle (section 7.5)."""
+        self.flag_avoid = self.brick.sonar_cm <= self._p.dst_thr
+
+    def task_ts3(self) -> None:
+        """Decide the operating state, average the battery voltage, sound (section 7.6)."""
+        p = self._p
+        self.battery = (ONE - p.a_b) * Single(self.brick.battery_mv) + p.a_b * self.battery
+        elapsed = (self.brick.systick_ms - self._start_time) & UINT32
+        self.flag_auto = elapsed >= p.time_auto
+        calibrated = elapsed >= p.time_start
+        if self.x.in_control() and self.y.in_control():
+            self._timer_stop = elapsed
+        if (elapsed - self._timer_stop) & UINT32 < p.time_stop:
+            self.operating_state = CONTROL if calibrated else CALIBRATION
+        else:
+            self.operating_state = STOP
+        if calibrated and not self._calibrated:
+            self.brick.sound_tone(p.sound_freq, p.sound_dur, p.sound_volume)
+        self._calibrated = calibrated
+
+    def task_lcd(self) -> None:
+        """Refresh the display."""
+        self.brick.show_status('NXT BALLBOT')
+
+    def _command(self) -> tuple[int, int]:
+        """Return the speed command of planes x and y (section 7.5, figure 7-1).
+
+        The listing of Appendix C exchanges the planes in autonomous drive; section 7.5 and
+        figure 7-1 have the robot run forward, and rightward at an obstacle.
+        """
+        p = self._p
+        if not p.autonomous:
+            vertical, horizontal = self._sticks
+            if self.flag_avoid:
+                vertical = p.gp_max
+            # An int8 negation: -128 stays itself.
+            return (-vertical if vertical != -128 else -128), horizontal
+        if not self.flag_auto:
+            return 0, 0
+        return (0, p.gp_max) if self.flag_avoid else (p.gp_max, 0)
+
+    def _log(self) -> None:
+        if self._log_counter == 0:
+            self.brick.log(self._logged(self.x.psi), self._logged(self.y.psi))
+        self._log_counter = (self._log_counter + 1) & 0xFF
+        if self._log_counter == self._p.log_count:
+            self._log_counter = 0
+
+    def _logged(self, psi: Single) -> int:
+        """Return a pitch [deg] in units of lsb: rounded in double, saturated to 16 bits."""
+        return max(_INT16_MIN, min(_INT16_MAX, math.floor(float(psi / self._p.lsb) + 0.5)))

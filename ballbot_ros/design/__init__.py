@@ -1,0 +1,1 @@
+"""Controller design on python-control: servo LQR, pole placement, margins. No ROS."""

@@ -1,0 +1,253 @@
+"""What every node shares: parameters from the table, latched topics, diagnostics, the main loop."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterException,
+)
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.conversions import fill_time
+from ballbot_ros.nodes.topics import DIAGNOSTICS, HISTORY, Topic
+from ballbot_ros.parameters import Parameter, ParameterError, Value, parameters_of
+from ballbot_ros.stop_request import StopRequest
+
+DIAGNOSTICS_PERIOD_S = 1.0
+SPIN_S = 0.2
+
+
+def latched(depth: int) -> QoSProfile:
+    """Return the graph's QoS: reliable and transient-local, so that start-up order is free."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
+
+class BallbotNode(Node):
+    """A node of the graph.
+
+    Parameters
+    ----------
+    name : str
+        A node of the parameter table.
+    values : mapping or None
+        Parameter values to begin with, for a node made in a program; the command line's and
+        parameter files' otherwise.
+    use_sim_time : bool
+        Whether the node's clock is ``/clock``.
+
+    Attributes
+    ----------
+    values : dict
+        Every parameter of the table by name.
+    finished : bool
+        The node has done its work; its process may end.
+    exit_status : int
+        The status with which it then ends.
+    """
+
+    def __init__(
+        self, name: str, values: Mapping[str, Value] | None = None, *, use_sim_time: bool = False
+    ) -> None:
+        overrides = [
+            RosParameter(key, value=list(value) if isinstance(value, tuple) else value)
+            for key, value in (values or {}).items()
+        ]
+        overrides.append(RosParameter('use_sim_time', value=use_sim_time))
+        super().__init__(
+            name, parameter_overrides=overrides, use_global_arguments=values is None
+        )
+        self.values: dict[str, Value] = {}
+        for row in parameters_of(name).values():
+            self.values[row.name] = self._declare(row)
+        self.add_on_set_parameters_callback(self._on_set_parameters)
+        self.finished = False
+        self.exit_status = 0
+        self.now_ns = 0
+        self._samples = 0
+        self._reported_samples = 0
+        self._last_sample_at = self._reported_at = time.monotonic()
+        self._level = DiagnosticStatus.OK
+        self._problem = ''
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._diagnostics = self.advertise(DIAGNOSTICS)
+        self.every(DIAGNOSTICS_PERIOD_S, self.report)
+
+    def _declare(self, row: Parameter) -> Value:
+        descriptor = ParameterDescriptor(
+            description=f'{row.description} [{row.unit}]' if row.unit else row.description,
+            read_only=not row.live,
+        )
+        bounds = row.bounds
+        if bounds and isinstance(bounds[0], str):
+            descriptor.additional_constraints = 'one of ' + ', '.join(map(str, bounds))
+        elif bounds and isinstance(row.default, float):
+            low, high = map(float, bounds)
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        elif bounds and isinstance(row.default, int):
+            low, high = map(int, bounds)
+            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
+        default = list(row.default) if isinstance(row.default, tuple) else row.default
+        parameter = self.declare_parameter(row.name, default, descriptor)
+        value = parameter.value
+        return row.check(value.tolist() if hasattr(value, 'tolist') else value, f'{self.get_name()}.')
+
+    def _on_set_parameters(self, parameters: list[RosParameter]) -> SetParametersResult:
+        rows = parameters_of(self.get_name())
+        for parameter in parameters:
+            row = rows.get(parameter.name)
+            if row is None:
+                continue
+            try:
+                self.values[row.name] = row.check(parameter.value, f'{self.get_name()}.')
+            except ParameterError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def every(self, period_s: float, callback: Callable[[], None]) -> Any:
+        """Call back on the wall clock."""
+        return self.create_timer(period_s, callback, clock=self._steady)
+
+    def advertise(self, topic: Topic, depth: int = HISTORY) -> Any:
+        """Return a publisher of `topic`."""
+        return self.create_publisher(topic.message_class, topic.name, latched(depth))
+
+    def listen(
+        self, topic: Topic, callback: Callable[..., None], *, depth: int = 1, raw: bool = False
+    ) -> Any:
+        """Subscribe to `topic`.
+
+        In lockstep nothing newer than an unanswered sample comes, so a depth of one loses
+        nothing in the loop.
+        """
+        return self.create_subscription(
+            topic.message_class, topic.name, callback, latched(depth), raw=raw
+        )
+
+    def sampled(self, now_ns: int) -> None:
+        """Count a sample of the tick at `now_ns` for the diagnostics."""
+        self._samples += 1
+        self.now_ns = now_ns
+        self._last_sample_at = time.monotonic()
+
+    def diagnose(self) -> Mapping[str, Any]:
+        """Return what the node adds to its diagnostics."""
+        return {}
+
+    def warn(self, problem: str) -> None:
+        """Log a problem once and show it in the diagnostics until :meth:`recover`."""
+        if problem != self._problem:
+            self.get_logger().warning(problem)
+        self._level, self._problem = DiagnosticStatus.WARN, problem
+
+    def fail(self, problem: str) -> None:
+        """Log an error, report it at once, and end the node with status 1."""
+        self.get_logger().error(problem)
+        self._level, self._problem = DiagnosticStatus.ERROR, problem
+        self.exit_status = 1
+        self.report()
+
+    def recover(self) -> None:
+        """Take back a warning."""
+        if self._level == DiagnosticStatus.WARN:
+            self._level, self._problem = DiagnosticStatus.OK, ''
+
+    def report(self) -> None:
+        """Publish the diagnostics."""
+        now = time.monotonic()
+        span = now - self._reported_at
+        content = {
+            'rate [Hz]': f'{(self._samples - self._reported_samples) / span:.1f}' if span else '0',
+            'age [s]': f'{now - self._last_sample_at:.3f}',
+            'samples': self._samples,
+            **self.diagnose(),
+        }
+        self._reported_samples, self._reported_at = self._samples, now
+        status = DiagnosticStatus(
+            level=self._level,
+            name=f'{self.get_name()}: loop',
+            message=self._problem or 'OK',
+            hardware_id='ballbot',
+            values=[KeyValue(key=key, value=str(value)) for key, value in content.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        fill_time(message.header.stamp, self.now_ns)
+        self._diagnostics.publish(message)
+
+    def close(self) -> None:
+        """Finish what the node has open; called once, after the last callback."""
+
+
+def one_line(error: BaseException) -> str:
+    """Return an error's text on one line."""
+    return ' '.join(str(error).split())
+
+
+def run_node(make: Callable[[], BallbotNode]) -> int:
+    """Run a node in this process until it has finished or is told to stop.
+
+    Returns
+    -------
+    int
+        Exit status: 0, 1 if the run failed, 2 for a user's mistake.
+    """
+    # A second signal must not interrupt the closing, hence no handler of rclpy's own.
+    with StopRequest() as stop:
+        return _run_until_stopped(make, stop)
+
+
+def _run_until_stopped(make: Callable[[], BallbotNode], stop: StopRequest) -> int:
+    node: BallbotNode | None = None
+    name = ''
+    try:
+        rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        node = make()
+        name = f'{node.get_name()}: '
+        executor = EventsExecutor()
+        executor.add_node(node)
+        while not (stop.signal or node.finished):
+            executor.spin_once(timeout_sec=SPIN_S)
+        node.close()
+        return node.exit_status
+    except (ParameterException, InvalidParameterTypeException, InvalidParameterValueException) as error:
+        print(f'error: {one_line(error)}', file=sys.stderr)
+        return 2
+    except BallbotError as error:
+        print(f'error: {name}{error}', file=sys.stderr)
+        return 2 if node is None or node.exit_status == 0 else node.exit_status
+    except ExternalShutdownException:
+        return 0
+    except RuntimeError as error:  # what rclpy raises on malformed --ros-args
+        if node is not None:
+            raise
+        print(f'error: {one_line(error)}', file=sys.stderr)
+        return 2
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+

@@ -1,0 +1,240 @@
+"""The NXT brick: runs the control program on the devices' samples."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from ballbot_ros.brick.battery_monitor import battery_mv
+from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
+from ballbot_ros.controller.parameters import TS1_MS, TS2_MS, TS3_MS
+from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.conversions import (
+    encoder_counts,
+    fill_controller_state,
+    fill_duty,
+    fill_log,
+    fill_tone,
+    gyro_counts,
+    sonar_reading,
+    stamp_ns,
+    stick_values,
+    time_ns,
+)
+from ballbot_ros.nodes.topics import (
+    BATTERY_STATE,
+    BLUETOOTH_TX,
+    CONTROLLER_STATE,
+    GAMEPAD_JOY,
+    GYRO_IMU,
+    JOINT_STATES,
+    LCD,
+    MOTOR_DUTY,
+    OPERATING_STATE,
+    RUN,
+    SONAR_RANGE,
+    SOUND,
+    Topic,
+)
+from ballbot_ros.parameters import CONTROLLER, Value
+from ballbot_ros.simulation.lockstep import InputGate, TimerAudit
+from ballbot_ros.simulation.timing import MILLISECOND_NS, TICK_NS
+
+SILENCE_S = 0.5
+
+_READERS: dict[Topic, Callable[[Any], Any]] = {
+    GYRO_IMU: gyro_counts,
+    JOINT_STATES: encoder_counts,
+    SONAR_RANGE: sonar_reading,
+    GAMEPAD_JOY: stick_values,
+    BATTERY_STATE: lambda message: battery_mv(message.voltage),
+}
+
+
+class Controller(BallbotNode):
+    """Answers the inputs of every tick with one ``motor_duty`` of the same stamp.
+
+    In lockstep a tick runs as soon as its inputs are in, and the tasks due follow from the time
+    since the start of the run; the three timers on ROS time are checked against that. Free
+    running, the 4 ms timer runs the tick on the newest samples.
+    """
+
+    def __init__(self, values: Mapping[str, Value] | None = None) -> None:
+        super().__init__(CONTROLLER, values, use_sim_time=True)
+        self._lockstep = bool(self.values['lockstep'])
+        self._gate = InputGate({topic.name: topic.period_ns for topic in _READERS})
+        self._run_name: str | None = None
+        self._start_ns = 0
+        self._next_ns: int | None = None
+        self._program = ControlProgram(self.values)
+        self._drive_state = ''
+        self._overruns = 0
+        self._resent = 0
+        self._free_ticks = 0
+        self._sticks_at = self._tick_at = time.monotonic()
+        self._duty = self._publish_to(MOTOR_DUTY)
+        self._state = self._publish_to(CONTROLLER_STATE)
+        self._operating_state = self._publish_to(OPERATING_STATE)
+        self._log = self._publish_to(BLUETOOTH_TX)
+        self._sound = self._publish_to(SOUND)
+        self._lcd = self._publish_to(LCD)
+        self._audits = {ms: TimerAudit(ms * MILLISECOND_NS) for ms in (TS1_MS, TS2_MS, TS3_MS)}
+        for period_ms, audit in self._audits.items():
+            self.create_timer(period_ms * 1e-3, self._timer_callback(audit))
+        if not self._lockstep:
+            self.every(TS1_MS * 1e-3, self._free_tick)
+        self.listen(RUN, self._on_run)
+        for topic, reader in _READERS.items():
+            self.listen(topic, self._input_callback(topic.name, reader))
+
+    def _publish_to(self, topic: Topic) -> tuple[Any, Any]:
+        """Return a publisher and the message that it sends again and again."""
+        return self.advertise(topic), topic.message_class()
+
+    def _timer_callback(self, audit: TimerAudit) -> Callable[[], None]:
+        def fire() -> None:
+            if self._run_name is not None:
+                audit.fire(self.get_clock().now().nanoseconds, self._start_ns)
+
+        return fire
+
+    def _input_callback(self, name: str, reader: Callable[[Any], Any]) -> Callable[[Any], None]:
+        def receive(message: Any) -> None:
+            stamp = stamp_ns(message)
+            if name == GAMEPAD_JOY.name:
+                self._sticks_at = time.monotonic()
+            if self._gate.put(name, stamp, reader(message)):
+                if self._lockstep:
+                    self._try_tick()
+            elif self._lockstep and self._next_ns and stamp == self._next_ns - TICK_NS:
+                # The plant asks again: it has not got the answer.
+                self._resent += 1
+                self._duty[0].publish(self._duty[1])
+
+        return receive
+
+    def _on_run(self, header: Any) -> None:
+        if header.frame_id == self._run_name:
+            return
+        restarted = self._run_name is not None
+        self._run_name = header.frame_id
+        self._start_ns = time_ns(header.stamp)
+        self._next_ns = None
+        self._program = ControlProgram(self.values)
+        for audit in self._audits.values():
+            audit.restart()
+        if restarted and (self._gate.stamp(GYRO_IMU.name) or 0) > self._start_ns:
+            # Another plant has begun at an earlier time.
+            self._gate.clear()
+        if self._lockstep:
+            self._try_tick()
+
+    def _try_tick(self) -> None:
+        if self._run_name is None:
+            return
+        if self._next_ns is None and not self._join():
+            return
+        assert self._next_ns is not None
+        if self._gate.ready(self._next_ns):
+            now = self._next_ns
+            self._next_ns = now + TICK_NS
+            self._tick(now, now - self._start_ns)
+
+    def _join(self) -> bool:
+        """Begin at the run's first tick; in mid-run only where `rejoin` allows it."""
+        first = self._gate.stamp(GYRO_IMU.name)
+        if first is None or first < self._start_ns:
+            return False
+        if first > self._start_ns:
+            if not self.values['rejoin']:
+                self.finished = True
+                self.fail(
+                    f'started in mid-run, at {first * 1e-9:.3f} s, without the state of the '
+                    'ticks before: the run has failed (rejoin: true begins afresh)'
+                )
+                return False
+            self.get_logger().warning(f'begins afresh in mid-run, at {first * 1e-9:.3f} s')
+        self._next_ns = first
+        return True
+
+    def _tick(self, now_ns: int, elapsed_ns: int) -> None:
+        gate = self._gate
+        inputs = DeviceInputs(
+            gate.newest(GYRO_IMU.name),
+            gate.newest(JOINT_STATES.name),
+            gate.newest(SONAR_RANGE.name),
+            gate.newest(BATTERY_STATE.name),
+            gate.newest(GAMEPAD_JOY.name),
+        )
+        outputs = self._program.tick(
+            elapsed_ns // MILLISECOND_NS, now_ns // MILLISECOND_NS, inputs
+        )
+        self._publish(now_ns, outputs)
+        self.sampled(now_ns)
+
+    def _publish(self, now_ns: int, outputs: DeviceOutputs) -> None:
+        publisher, message = self._duty
+        fill_duty(message, now_ns, outputs.duty)
+        publisher.publish(message)
+        publisher, message = self._state
+        fill_controller_state(message, now_ns, self._program.x, self._program.y)
+        publisher.publish(message)
+        if self._program.drive_state != self._drive_state:
+            self._drive_state = self._program.drive_state
+            publisher, message = self._operating_state
+            message.data = self._drive_state
+            publisher.publish(message)
+        for packet in outputs.log:
+            publisher, message = self._log
+            fill_log(message, packet)
+            publisher.publish(message)
+        for tone in outputs.tones:
+            publisher, message = self._sound
+            fill_tone(message, now_ns, tone)
+            publisher.publish(message)
+        for page in outputs.pages:
+            publisher, message = self._lcd
+            message.data = page
+            publisher.publish(message)
+
+    def _free_tick(self) -> None:
+        """Run a tick on the newest samples; the wall clock is the time."""
+        gate = self._gate
+        now = gate.stamp(GYRO_IMU.name)
+        if now is None or gate.stamp(BATTERY_STATE.name) is None or self._run_name is None:
+            return
+        if gate.stamp(JOINT_STATES.name) is None:
+            return
+        at = time.monotonic()
+        if self._free_ticks and at - self._tick_at > 2e-3 * TS1_MS:
+            self._overruns += 1
+        self._tick_at = at
+        if at - self._sticks_at > SILENCE_S:
+            gate.put(GAMEPAD_JOY.name, now, (0, 0))
+        elapsed = self._free_ticks * TICK_NS
+        self._free_ticks += 1
+        self._tick(now, elapsed)
+
+    def diagnose(self) -> Mapping[str, Any]:
+        """Return the counts of timers, overruns and repeated answers."""
+        return {
+            'operating state': self._drive_state,
+            'timer callbacks 4/20/100 ms': '/'.join(
+                str(audit.fired) for audit in self._audits.values()
+            ),
+            'timer disagreements': sum(a.disagreements for a in self._audits.values()),
+            'overruns': self._overruns,
+            'answers sent again': self._resent,
+        }
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(Controller))
+
+
+if __name__ == '__main__':
+    main()

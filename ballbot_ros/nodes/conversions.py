@@ -1,0 +1,222 @@
+"""Messages from plain values, and plain values from messages: pure and exact.
+
+A ``fill_…`` function writes into a message object of any message library that has the ROS field
+names, so the nodes and the recording of a run without ROS share it. The signs are those of
+docs/frames.md: plane x is a rotation about +y and a motion along +x of ``map``, plane y is a
+rotation about +x and a motion along -y.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from ballbot_ros.brick.bluetooth import LogPacket
+from ballbot_ros.brick.brick import Tone
+from ballbot_ros.brick.units import (
+    NO_ECHO_CM,
+    centimetres_of,
+    degrees_of,
+    metres_of,
+    quantise,
+    radians_of,
+)
+from ballbot_ros.controller.axis import Axis
+from ballbot_ros.plant.plant import Pair, Truth
+
+_SECOND = 1_000_000_000
+
+MOTOR_NAMES = ['motor_x', 'motor_y']
+STATE_NAMES = ['theta_x', 'psi_x', 'theta_y', 'psi_y', 'theta_ref_x', 'theta_ref_y']
+
+BATTERY_DISCHARGING = 2
+ULTRASOUND = 0
+SONAR_CONE_RAD = math.radians(30.0)
+
+
+def fill_time(message: Any, stamp_ns: int) -> None:
+    """Write ``builtin_interfaces/Time``."""
+    message.sec, message.nanosec = divmod(stamp_ns, _SECOND)
+
+
+def time_ns(message: Any) -> int:
+    """Return the nanoseconds of a ``builtin_interfaces/Time``."""
+    return int(message.sec) * _SECOND + int(message.nanosec)
+
+
+def stamp_ns(message: Any) -> int:
+    """Return the stamp [ns] of a message that has a header."""
+    return time_ns(message.header.stamp)
+
+
+def fill_clock(message: Any, now_ns: int) -> None:
+    """Write ``rosgraph_msgs/Clock``."""
+    fill_time(message.clock, now_ns)
+
+
+def fill_header(message: Any, stamp_ns: int, frame_id: str) -> None:
+    """Write ``std_msgs/Header``."""
+    fill_time(message.stamp, stamp_ns)
+    message.frame_id = frame_id
+
+
+def fill_motors(message: Any, truth: Truth) -> None:
+    """Write ``plant/joint_states``: true shaft angle, rate and torque."""
+    fill_header(message.header, truth.stamp_ns, '')
+    message.name = MOTOR_NAMES
+    message.position = list(truth.motor_angle)
+    message.velocity = list(truth.motor_rate)
+    message.effort = list(truth.motor_torque)
+
+
+def motor_angles(message: Any) -> Pair:
+    """Return the shaft angles [rad] of ``plant/joint_states``."""
+    return message.position[0], message.position[1]
+
+
+def fill_body(message: Any, truth: Truth) -> None:
+    """Write ``plant/imu``: roll is plane y's pitch angle, pitch is plane x's, yaw is zero."""
+    fill_header(message.header, truth.stamp_ns, 'base_link')
+    psi_x, psi_y = truth.psi
+    cos_x, sin_x = math.cos(psi_x / 2.0), math.sin(psi_x / 2.0)
+    cos_y, sin_y = math.cos(psi_y / 2.0), math.sin(psi_y / 2.0)
+    turn = message.orientation
+    turn.w, turn.x = cos_x * cos_y, cos_x * sin_y
+    turn.y, turn.z = sin_x * cos_y, -sin_x * sin_y
+    rate = message.angular_velocity
+    rate.y, rate.x = truth.psi_rate
+    message.linear_acceleration_covariance[0] = -1.0  # not provided
+
+
+def body_rates(message: Any) -> Pair:
+    """Return the pitch rates [rad/s] of planes x and y from ``plant/imu``."""
+    return message.angular_velocity.y, message.angular_velocity.x
+
+
+def body_pitch(message: Any) -> Pair:
+    """Return the pitch angles [rad] of planes x and y from ``plant/imu``."""
+    q = message.orientation
+    psi_x = 2.0 * math.atan2(math.hypot(q.y, q.z), math.hypot(q.w, q.x))
+    psi_y = 2.0 * math.atan2(math.hypot(q.x, q.z), math.hypot(q.w, q.y))
+    return math.copysign(psi_x, q.y), math.copysign(psi_y, q.x)
+
+
+def fill_odometry(message: Any, truth: Truth, ball_radius: float) -> None:
+    """Write ``plant/odom``: pose and twist of the ball's centre in ``map``."""
+    fill_header(message.header, truth.stamp_ns, 'map')
+    message.child_frame_id = 'ball'
+    point = message.pose.pose.position
+    point.x, point.y, point.z = truth.position[0], -truth.position[1], ball_radius
+    speed = message.twist.twist.linear
+    speed.x, speed.y = truth.velocity[0], -truth.velocity[1]
+
+
+def ball_position(message: Any) -> Pair:
+    """Return the ball's position [m] on planes x and y from ``plant/odom``."""
+    return message.pose.pose.position.x, -message.pose.pose.position.y
+
+
+def fill_battery(message: Any, truth: Truth) -> None:
+    """Write ``battery_state``."""
+    fill_header(message.header, truth.stamp_ns, 'base_link')
+    message.voltage = truth.battery_voltage
+    for unknown in ('temperature', 'current', 'charge', 'capacity', 'design_capacity', 'percentage'):
+        setattr(message, unknown, math.nan)
+    message.power_supply_status = BATTERY_DISCHARGING
+    message.present = True
+
+
+def fill_gyro(message: Any, stamp_ns: int, counts: tuple[int, int]) -> None:
+    """Write ``gyro``: the readings in rad/s, with their zero-rate offset."""
+    fill_header(message.header, stamp_ns, 'base_link')
+    rate = message.angular_velocity
+    rate.y, rate.x = radians_of(counts[0]), radians_of(counts[1])
+    message.orientation_covariance[0] = -1.0  # not provided
+    message.linear_acceleration_covariance[0] = -1.0
+
+
+def gyro_counts(message: Any) -> tuple[int, int]:
+    """Return the readings [deg/s + offset] of gyros S1 and S2 from ``gyro``."""
+    return degrees_of(message.angular_velocity.y), degrees_of(message.angular_velocity.x)
+
+
+def fill_encoders(message: Any, stamp_ns: int, counts: tuple[int, int]) -> None:
+    """Write ``joint_states``: whole degrees as rad."""
+    fill_header(message.header, stamp_ns, '')
+    message.name = MOTOR_NAMES
+    message.position = [radians_of(counts[0]), radians_of(counts[1])]
+
+
+def encoder_counts(message: Any) -> tuple[int, int]:
+    """Return the counts [deg] of motors B and C from ``joint_states``."""
+    return degrees_of(message.position[0]), degrees_of(message.position[1])
+
+
+def fill_sonar(message: Any, stamp_ns: int, sonar_cm: int) -> None:
+    """Write ``sonar``."""
+    fill_header(message.header, stamp_ns, 'sonar')
+    message.radiation_type = ULTRASOUND
+    message.field_of_view = SONAR_CONE_RAD
+    message.min_range = 0.0
+    message.max_range = metres_of(NO_ECHO_CM - 1)
+    message.range = metres_of(sonar_cm)
+
+
+def sonar_reading(message: Any) -> int:
+    """Return the reading [cm] from ``sonar``."""
+    return centimetres_of(message.range)
+
+
+def fill_sticks(message: Any, stamp_ns: int, sticks: tuple[int, int]) -> None:
+    """Write ``gamepad``: left stick vertical and right stick horizontal, each n/100."""
+    fill_header(message.header, stamp_ns, '')
+    message.axes = [sticks[0] / 100.0, sticks[1] / 100.0]
+
+
+def stick_values(message: Any) -> tuple[int, int]:
+    """Return the packet's integers from ``gamepad``."""
+    return quantise(message.axes[0] * 100.0), quantise(message.axes[1] * 100.0)
+
+
+def fill_duty(message: Any, stamp_ns: int, duty: tuple[int, int]) -> None:
+    """Write ``motor_duty``."""
+    fill_header(message.header, stamp_ns, '')
+    message.vector.x, message.vector.y = float(duty[0]), float(duty[1])
+
+
+def duty_values(message: Any) -> tuple[int, int]:
+    """Return the duties [%] from ``motor_duty``."""
+    return int(message.vector.x), int(message.vector.y)
+
+
+def fill_controller_state(message: Any, stamp_ns: int, x: Axis, y: Axis) -> None:
+    """Write ``controller/state``: the controller's estimates and references in SI."""
+    fill_header(message.header, stamp_ns, '')
+    message.name = STATE_NAMES
+    message.position = _radians((x.theta, x.psi, y.theta, y.psi, x.theta_ref, y.theta_ref))
+    message.velocity = _radians(
+        (x.theta_dot, x.psi_dot, y.theta_dot, y.psi_dot, x.theta_ref_dot, y.theta_ref_dot)
+    )
+
+
+def _radians(angles: Iterable[Any]) -> list[float]:
+    return [radians_of(float(angle)) for angle in angles]
+
+
+def fill_log(message: Any, packet: LogPacket) -> None:
+    """Write ``bluetooth/tx``: the packet's 32 bytes."""
+    message.data = packet.encode()
+
+
+def fill_tone(message: Any, stamp_ns: int, tone: Tone) -> None:
+    """Write ``sound``: frequency [Hz], duration [ms], volume [%]."""
+    fill_header(message.header, stamp_ns, '')
+    sound = message.vector
+    sound.x, sound.y, sound.z = map(float, tone)
+
+
+def push_forces(message: Any) -> tuple[Pair, Pair]:
+    """Return force [N] and torque [N·m] of ``plant/push`` in plane signs."""
+    force, torque = message.wrench.force, message.wrench.torque
+    return (force.x, -force.y), (torque.y, torque.x)

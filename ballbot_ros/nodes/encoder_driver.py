@@ -1,0 +1,39 @@
+"""Driver of the motor encoders: true shaft angles in, whole degrees out."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from ballbot_ros.brick.encoder import Encoder
+from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.conversions import fill_encoders, motor_angles, stamp_ns
+from ballbot_ros.nodes.topics import JOINT_STATES, PLANT_JOINT_STATES
+from ballbot_ros.parameters import ENCODER, Value
+
+
+class EncoderDriver(BallbotNode):
+    """Answers every ``plant/joint_states`` with one ``joint_states`` of the same stamp."""
+
+    def __init__(self, values: Mapping[str, Value] | None = None) -> None:
+        super().__init__(ENCODER, values)
+        self._device = Encoder()
+        self._publisher = self.advertise(JOINT_STATES)
+        self._message = JOINT_STATES.message_class()
+        self.listen(PLANT_JOINT_STATES, self._on_truth)
+
+    def _on_truth(self, truth: Any) -> None:
+        now = stamp_ns(truth)
+        fill_encoders(self._message, now, self._device.read(motor_angles(truth)))
+        self._publisher.publish(self._message)
+        self.sampled(now)
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(EncoderDriver))
+
+
+if __name__ == '__main__':
+    main()

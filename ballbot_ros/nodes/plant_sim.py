@@ -1,0 +1,346 @@
+"""The plant: owns time, moves the robot, and waits for the duty of each tick."""
+
+from __future__ import annotations
+
+import sys
+import time
+from array import array
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.duration import Duration
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.conversions import (
+    duty_values,
+    fill_battery,
+    fill_body,
+    fill_clock,
+    fill_header,
+    fill_motors,
+    fill_odometry,
+    push_forces,
+    stamp_ns,
+    time_ns,
+)
+from ballbot_ros.nodes.participants import Participants
+from ballbot_ros.nodes.plant_services import PlantServices
+from ballbot_ros.nodes.topics import (
+    BATTERY_STATE,
+    CLOCK,
+    MAX_LEAD_TICKS,
+    MOTOR_DUTY,
+    PLANT_IMU,
+    PLANT_JOINT_STATES,
+    PLANT_ODOM,
+    PUSH,
+    RECORDER_ACK,
+    RUN,
+    WALL_HIT,
+)
+from ballbot_ros.parameters import PLANT, RECORDER, Value
+from ballbot_ros.plant.plant import Plant, Push
+from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.simulation.pacer import Pacer
+from ballbot_ros.simulation.timing import BATTERY_NS, FIRST_TICK_NS, TICK_NS, next_start_ns
+from ballbot_ros.simulation.trajectory import TrajectoryLog, save_trajectory
+
+RESEND_S = 0.1
+WARN_S = 0.3
+SILENCE_S = 0.5
+FREE_RUNNING_TICK_S = 4e-3
+
+
+class PlantSim(BallbotNode):
+    """Publishes the truth of a tick, waits for its duty, advances.
+
+    Attributes
+    ----------
+    log : TrajectoryLog
+        What the present run did so far.
+    summary : dict
+        Outcome and measurements of the run, once it has ended.
+    """
+
+    def __init__(self, values: Mapping[str, Value] | None = None) -> None:
+        super().__init__(PLANT, values)
+        self._lockstep = bool(self.values['lockstep'])
+        name = str(self.values['scenario'])
+        self._scenario = load_scenario(name) if name else Scenario()
+        self._token = f'{time.time_ns():x}'
+        self._run_number = 0
+        self.summary: dict[str, Any] = {}
+        self._clock_out = self._publish_to(CLOCK)
+        self._run = self._publish_to(RUN)
+        self._motors = self._publish_to(PLANT_JOINT_STATES)
+        self._body = self._publish_to(PLANT_IMU)
+        self._odometry = self._publish_to(PLANT_ODOM)
+        self._battery = self._publish_to(BATTERY_STATE)
+        self._wall_hit = self._publish_to(WALL_HIT)
+        self._participants = Participants(self)
+        self.control = PlantServices(self)
+        self.pacer = Pacer()
+        self._resent = self._free_overruns = 0
+        self._ack_ns: int | None = None
+        self._begin(FIRST_TICK_NS)
+        self.listen(MOTOR_DUTY, self._on_duty)
+        self.listen(RECORDER_ACK, self._on_ack)
+        self.listen(PUSH, self._on_push, depth=10)
+        self.every(RESEND_S, self._watch)
+        if not self._lockstep:
+            factor = float(self.values['real_time_factor']) or 1.0
+            self.every(FREE_RUNNING_TICK_S / factor, self._free_tick)
+
+    def _publish_to(self, topic: Any) -> tuple[Any, Any]:
+        """Return a publisher and the message that it sends again and again."""
+        return self.advertise(topic), topic.message_class()
+
+    def _begin(self, start_ns: int) -> None:
+        """Begin a run whose first tick is at `start_ns`."""
+        self._run_number += 1
+        self._start_ns = start_ns
+        self._plant = Plant(self.values, start_ns)
+        for push in self._scenario.pushes_from(start_ns):
+            self._plant.push(push)
+        self.log = TrajectoryLog()
+        self._round_trips = array('d')
+        self._duty: tuple[int, int] | None = None
+        self._duty_at = 0.0
+        self._free_duty = (0, 0)
+        self._draining = False
+        self._begun_at = self._ended_at = time.monotonic()
+        self.pacer.restart()
+        publisher, header = self._run
+        fill_header(header, start_ns, f'{self._run_number} {self._token}')
+        publisher.publish(header)
+        self._wall_hit[0].publish(self._wall_hit[1])
+        self._publish_truth()
+
+    def reset(self) -> None:
+        """Begin a new run at the next multiple of 100 ms."""
+        self._begin(next_start_ns(self._plant.time_ns))
+
+    def _publish_truth(self) -> None:
+        truth = self._truth = self._plant.truth()
+        now = truth.stamp_ns
+        publisher, clock = self._clock_out
+        fill_clock(clock, now)
+        publisher.publish(clock)
+        publisher, body = self._body
+        fill_body(body, truth)
+        publisher.publish(body)
+        publisher, motors = self._motors
+        fill_motors(motors, truth)
+        publisher.publish(motors)
+        if now % BATTERY_NS == 0:
+            publisher, battery = self._battery
+            fill_battery(battery, truth)
+            publisher.publish(battery)
+        publisher, odometry = self._odometry
+        fill_odometry(odometry, truth, float(self.values['ball_radius']))
+        publisher.publish(odometry)
+        self._asked_at = self._sent_at = time.monotonic()
+        self.sampled(now)
+
+    def _on_duty(self, message: Any) -> None:
+        duty = duty_values(message)
+        if not self._lockstep:
+            self._free_duty = duty
+            self._duty_at = time.monotonic()
+            return
+        if self._duty is not None or stamp_ns(message) != self._plant.time_ns:
+            return
+        self._duty = duty
+        self._duty_at = time.monotonic()
+        self._round_trips.append(self._duty_at - self._asked_at)
+        self.advance()
+
+    def _on_ack(self, header: Any) -> None:
+        self._ack_ns = time_ns(header.stamp)
+        if self._draining:
+            self._finish_when_recorded()
+        else:
+            self.advance()
+
+    def _on_push(self, message: Any) -> None:
+        force, torque = push_forces(message)
+        start = max(stamp_ns(message), self._plant.time_ns)
+        end = start + round(float(self.values['push_duration']) * 1e9)
+        self._plant.push(Push(start, end, force, torque))
+
+    def advance(self) -> None:
+        """Move on by a tick if its duty is here and nothing holds the plant back."""
+        if self._duty is None or self._draining or not self.control.may_advance():
+            return
+        if self._recorder_lags():
+            return
+        if self.log.ticks == 0:
+            self._begun_at = time.monotonic()
+        self.pacer.wait(float(self.values['real_time_factor']))
+        self._tick(self._duty)
+
+    def _tick(self, duty: tuple[int, int]) -> None:
+        self.log.add(self._truth, *duty)
+        self._plant.tick(*duty)
+        self._duty = None
+        self.recover()
+        if self._plant.time_ns - self._start_ns >= self._duration_ns():
+            self._draining = True
+            self._duty_at = self._ended_at = time.monotonic()
+            self._finish_when_recorded()
+        else:
+            self._publish_truth()
+
+    def _duration_ns(self) -> float:
+        duration = float(self.values['duration'])
+        return round(duration * 1e9) if duration else float('inf')
+
+    def _recorder_lags(self) -> bool:
+        now = self._plant.time_ns
+        if self._ack_ns is None:
+            return bool(self.values['require_recorder'])
+        return now - self._ack_ns > MAX_LEAD_TICKS * TICK_NS
+
+    def _watch(self) -> None:
+        """Ask again after a silence; in the end find out who is silent."""
+        now = time.monotonic()
+        if not self._lockstep or self.finished:
+            return
+        if self.log.ticks == 0 and self.count_publishers(CLOCK.name) > 1:
+            self._end('failed', 'another plant publishes /clock in this ROS domain', status=2)
+            return
+        if self.control.paused and self._duty is not None:
+            return
+        waits_for_recorder = self._draining or self._duty is not None
+        silence = now - (self._duty_at if waits_for_recorder else self._sent_at)
+        if waits_for_recorder and self._recorder_left():
+            return
+        if silence > WARN_S:
+            self.warn(f'no answer for {self._plant.time_ns * 1e-9:.3f} s since {WARN_S} s')
+        if not waits_for_recorder and now - self._asked_at > RESEND_S:
+            sent_at = self._sent_at
+            self._resent += 1
+            self._publish_truth()
+            self._sent_at = sent_at
+        limit = float(self.values['timeout' if self.log.ticks else 'startup_timeout'])
+        if silence > limit / 2:
+            self._participants.look()
+        if silence > limit:
+            self._silent(RECORDER if waits_for_recorder else '', limit)
+
+    def _recorder_left(self) -> bool:
+        """Go on without a recorder that has taken its leave; tell whether it has."""
+        if self.values['require_recorder'] or self.count_publishers(RECORDER_ACK.name):
+            return False
+        self._ack_ns = None
+        self.get_logger().warning('the recorder has left the run')
+        if self._draining:
+            self._finish_when_recorded()
+        else:
+            self.advance()
+        return True
+
+    def _silent(self, culprit: str, limit: float) -> None:
+        now = self._plant.time_ns
+        who = culprit or self._participants.silent(now)
+        problem = f'{who} silent for {limit:g} s at sim time {now * 1e-9:.3f} s'
+        if self.values['on_timeout'] == 'wait':
+            self.warn(problem + ': waiting for it')
+            return
+        self._plant.tick(0, 0)
+        self._publish_truth()
+        self._end('failed', problem, status=1)
+
+    def _finish_when_recorded(self) -> None:
+        last = self._truth.stamp_ns
+        if self._ack_ns is None or self._ack_ns >= last:
+            self._end('completed', '', status=0)
+
+    def _end(self, outcome: str, reason: str, status: int) -> None:
+        """End the run: report it and finish."""
+        if self.finished:
+            return
+        if not self._draining:
+            self._ended_at = time.monotonic()
+        wall = self._ended_at - self._begun_at
+        trips = np.array(self._round_trips[1:]) * 1e3 if len(self._round_trips) > 1 else None
+        self.summary = {
+            'outcome': outcome,
+            'reason': reason,
+            'ticks': self.log.ticks,
+            'duty_sha256': self.log.duty_sha256,
+            'real_time_factor': self.log.ticks * TICK_NS * 1e-9 / wall if wall else 0.0,
+            'missed_ticks': self._overruns(),
+            'asked_again': self._resent,
+            'round_trip_ms': None
+            if trips is None
+            else {
+                'p50': float(np.percentile(trips, 50)),
+                'p99': float(np.percentile(trips, 99)),
+                'max': float(trips.max()),
+            },
+        }
+        self.finished = True
+        if reason:
+            self.fail(reason)
+        else:
+            self.report()
+        self.exit_status = status
+
+    def stop(self) -> None:
+        """End a run that was told to stop."""
+        self._end('stopped', '', status=0)
+
+    def _free_tick(self) -> None:
+        """Advance on the wall clock with the newest duty, or none after a silence."""
+        now = time.monotonic()
+        if self.finished or self.control.paused:
+            return
+        factor = float(self.values['real_time_factor']) or 1.0
+        if self.log.ticks == 0:
+            self._begun_at = now
+        elif now - self._sent_at > 2.0 * FREE_RUNNING_TICK_S / factor:
+            self._free_overruns += 1
+        silent = now - self._duty_at > SILENCE_S
+        self._tick((0, 0) if silent else self._free_duty)
+
+    def _overruns(self) -> int:
+        return self.pacer.late + self._free_overruns
+
+    def diagnose(self) -> Mapping[str, Any]:
+        """Return the state of the run."""
+        return {
+            'run': self._run_number,
+            'sim time [s]': f'{self._plant.time_ns * 1e-9:.3f}',
+            'ticks': self.log.ticks,
+            'overruns': self._overruns(),
+            'asked again': self._resent,
+            'fallen': self._plant.fallen,
+            'paused': self.control.paused,
+            **{key: value for key, value in self.summary.items() if key != 'ticks'},
+        }
+
+    def close(self) -> None:
+        """Save the trajectory, and let the last messages reach their readers."""
+        self.stop()
+        path = str(self.values['trajectory_file'])
+        if path:
+            try:
+                save_trajectory(Path(path), self.log.trajectory(), self.summary)
+            except OSError as error:
+                raise BallbotError(f'{path}: {error.strerror}') from None
+        for publisher, _ in (self._clock_out, self._body, self._motors, self._odometry):
+            publisher.wait_for_all_acked(Duration(seconds=0.1))
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(PlantSim))
+
+
+if __name__ == '__main__':
+    main()

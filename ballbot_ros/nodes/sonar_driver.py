@@ -1,0 +1,45 @@
+"""Driver of the ultrasonic sensor: true pose in, whole centimetres out."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from ballbot_ros.brick.sonar import Sonar
+from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.conversions import fill_sonar
+from ballbot_ros.nodes.raw import stamp_of
+from ballbot_ros.nodes.topics import PLANT_ODOM, SONAR_RANGE
+from ballbot_ros.parameters import SONAR, Value
+from ballbot_ros.simulation.timing import SLOW_NS
+
+
+class SonarDriver(BallbotNode):
+    """Answers ``plant/odom`` at multiples of 20 ms with one ``sonar`` of the same stamp."""
+
+    def __init__(self, values: Mapping[str, Value] | None = None) -> None:
+        super().__init__(SONAR, values)
+        self._device = Sonar(self.values)
+        self._publisher = self.advertise(SONAR_RANGE)
+        self._message = SONAR_RANGE.message_class()
+        self.listen(PLANT_ODOM, self._on_truth, raw=True)
+
+    def _on_truth(self, truth: Any) -> None:
+        now = stamp_of(truth)
+        if now % SLOW_NS:
+            return
+        # There is no obstacle anywhere yet.
+        fill_sonar(self._message, now, self._device.read(math.inf, now))
+        self._publisher.publish(self._message)
+        self.sampled(now)
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(SonarDriver))
+
+
+if __name__ == '__main__':
+    main()

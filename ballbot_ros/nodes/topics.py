@@ -1,0 +1,81 @@
+"""The graph's topics: name, type, period and publisher of each, in one table."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from ballbot_ros.parameters import CONTROLLER, ENCODER, GAMEPAD, GYRO, PLANT, RECORDER, SONAR
+from ballbot_ros.simulation.timing import BATTERY_NS, SLOW_NS, TICK_NS
+
+HISTORY = 128
+"""Depth of every publisher: the plant runs at most :data:`MAX_LEAD_TICKS` ahead of the recorder."""
+
+MAX_LEAD_TICKS = 50
+
+
+class Topic(NamedTuple):
+    """A topic of the graph.
+
+    Attributes
+    ----------
+    name : str
+        Relative, but for ``/clock`` and ``/diagnostics``.
+    type_name : str
+        ``package/msg/Type``.
+    publisher : str or None
+        The one node that publishes it; None where several may.
+    period_ns : int
+        In lockstep one message comes at each multiple of it [ns]; 0 for a topic of events.
+    """
+
+    name: str
+    type_name: str
+    publisher: str | None
+    period_ns: int = 0
+
+    @property
+    def message_class(self) -> Any:
+        """The rclpy message class."""
+        return message_class(self.type_name)
+
+
+CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', PLANT, TICK_NS)
+RUN = Topic('plant/run', 'std_msgs/msg/Header', PLANT)
+PLANT_JOINT_STATES = Topic('plant/joint_states', 'sensor_msgs/msg/JointState', PLANT, TICK_NS)
+PLANT_IMU = Topic('plant/imu', 'sensor_msgs/msg/Imu', PLANT, TICK_NS)
+PLANT_ODOM = Topic('plant/odom', 'nav_msgs/msg/Odometry', PLANT, TICK_NS)
+BATTERY_STATE = Topic('battery_state', 'sensor_msgs/msg/BatteryState', PLANT, BATTERY_NS)
+WALL_HIT = Topic('wall_hit', 'std_msgs/msg/Bool', PLANT)
+PUSH = Topic('plant/push', 'geometry_msgs/msg/WrenchStamped', None)
+GYRO_IMU = Topic('gyro', 'sensor_msgs/msg/Imu', GYRO, TICK_NS)
+JOINT_STATES = Topic('joint_states', 'sensor_msgs/msg/JointState', ENCODER, TICK_NS)
+SONAR_RANGE = Topic('sonar', 'sensor_msgs/msg/Range', SONAR, SLOW_NS)
+GAMEPAD_JOY = Topic('gamepad', 'sensor_msgs/msg/Joy', GAMEPAD, SLOW_NS)
+MOTOR_DUTY = Topic('motor_duty', 'geometry_msgs/msg/Vector3Stamped', CONTROLLER, TICK_NS)
+CONTROLLER_STATE = Topic('controller/state', 'sensor_msgs/msg/JointState', CONTROLLER, TICK_NS)
+OPERATING_STATE = Topic('operating_state', 'std_msgs/msg/String', CONTROLLER)
+BLUETOOTH_TX = Topic('bluetooth/tx', 'std_msgs/msg/UInt8MultiArray', CONTROLLER)
+SOUND = Topic('sound', 'geometry_msgs/msg/Vector3Stamped', CONTROLLER)
+LCD = Topic('lcd', 'std_msgs/msg/String', CONTROLLER)
+RECORDER_ACK = Topic('recorder/ack', 'std_msgs/msg/Header', RECORDER)
+DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None)
+
+TOPICS = (
+    CLOCK, RUN, PLANT_JOINT_STATES, PLANT_IMU, PLANT_ODOM, BATTERY_STATE, WALL_HIT, PUSH,
+    GYRO_IMU, JOINT_STATES, SONAR_RANGE, GAMEPAD_JOY,
+    MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD,
+    RECORDER_ACK, DIAGNOSTICS,
+)  # fmt: skip
+
+
+def message_class(type_name: str) -> Any:
+    """Return the rclpy class of ``package/msg/Type``.
+
+    Raises
+    ------
+    ImportError, AttributeError
+        If that package or type is not installed.
+    """
+    package, _, name = type_name.split('/')
+    return getattr(import_module(f'{package}.msg'), name)

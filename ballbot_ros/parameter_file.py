@@ -1,0 +1,66 @@
+"""Parameter files in ROS form, for nodes and for runs without ROS alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ballbot_ros.parameters import NODES, ParameterError, ParameterSet
+from ballbot_ros.yaml_document import YamlDocument
+
+
+def read_parameter_file(path: str | Path) -> ParameterSet:
+    """Read a file of ``node: {ros__parameters: {name: value}}``; ``/**`` means every node.
+
+    Raises
+    ------
+    YamlError, ParameterError
+        One line with file and line: not YAML, not in that form, or an unknown or unallowed value.
+    """
+    document = YamlDocument(path)
+    parameters = ParameterSet()
+    for node, body in _mapping(document, document.data).items():
+        names = _mapping(document, body, node)
+        unknown = set(names) - {'ros__parameters'}
+        if unknown or not names:
+            raise ParameterError(
+                f'{document.where(node)}: below {node!r} stands ros__parameters, nothing else'
+            )
+        values = _mapping(document, names['ros__parameters'], node, 'ros__parameters')
+        for name, value in values.items():
+            where = document.where(node, 'ros__parameters', name)
+            parameters.set(str(node).removeprefix('/**/').strip('/') if node != '/**' else node,
+                           str(name), value, where)  # fmt: skip
+    return parameters
+
+
+def _mapping(document: YamlDocument, data: Any, *keys: Any) -> dict[Any, Any]:
+    if not isinstance(data, dict):
+        what = ' '.join(map(str, keys)) or 'the file'
+        raise ParameterError(f'{document.where(*keys)}: {what} is not a mapping of names')
+    return data
+
+
+def write_parameter_file(
+    path: str | Path, parameters: ParameterSet, nodes: Iterable[str] = NODES
+) -> None:
+    """Write every parameter of `nodes`, in the form that :func:`read_parameter_file` reads."""
+    Path(path).write_text(format_parameters(parameters, nodes), encoding='utf-8')
+
+
+def format_parameters(parameters: ParameterSet, nodes: Iterable[str] = NODES) -> str:
+    """Return the text of a parameter file with every parameter of `nodes`."""
+    content = {
+        f'/**/{node}': {
+            'ros__parameters': {
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in parameters.values(node).items()
+            }
+        }
+        for node in nodes
+        if parameters.values(node)
+    }
+    return yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None)

@@ -1,0 +1,317 @@
+"""Every parameter of the ballbot: one table, and the checks that follow from it.
+
+The ROS declarations, the validation of parameter files, ``config/ballbot.yaml`` and
+``docs/parameters.md`` are all made from :data:`TABLE`. Plant and recording values are SI; the
+parameters of the brick and its devices are in the brick's own units, as the unit column says.
+Sections and equations are those of Yamamoto, *NXT Ballbot Model-Based Design* (2009).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar
+
+from ballbot_ros.errors import BallbotError
+
+Value = bool | int | float | str | tuple[float, ...]
+
+PLANT, GYRO, ENCODER, SONAR, CONTROLLER, GAMEPAD, RECORDER = NODES = (
+    'plant_sim',
+    'gyro_driver',
+    'encoder_driver',
+    'sonar_driver',
+    'controller',
+    'gamepad_teleop',
+    'recorder',
+)
+
+
+class ParameterError(BallbotError):
+    """An unknown parameter, or a value of the wrong type or out of bounds."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One row of the table.
+
+    Attributes
+    ----------
+    nodes : tuple of str
+        The nodes that declare it; most have one.
+    default : bool, int, float, str or tuple of float
+        The default of the ``ideal`` profile; its type is the parameter's type.
+    unit : str
+        ``'1'`` for a pure number, empty for text and switches.
+    bounds : tuple of float or tuple of str or None
+        Inclusive lower and upper bound of a number (of each element of an array), or the words
+        a text may be.
+    live : bool
+        Whether a running node takes a new value; the others are read once at the start.
+    """
+
+    nodes: tuple[str, ...]
+    name: str
+    default: Value
+    unit: str
+    bounds: tuple[float, float] | tuple[str, ...] | None
+    description: str
+    source: str
+    live: bool = False
+
+    def check(self, value: Any, where: str) -> Value:
+        """Return `value` in the parameter's own type.
+
+        Raises
+        ------
+        ParameterError
+            If the type is wrong or the value lies outside the bounds.
+        """
+        name = f'{where}{self.name}'
+        if isinstance(self.default, tuple):
+            if not isinstance(value, list | tuple) or len(value) != len(self.default):
+                raise ParameterError(
+                    f'{name}: {value!r} is not a list of {len(self.default)} numbers'
+                )
+            return tuple(self._number(item, name) for item in value)
+        if isinstance(self.default, bool):
+            if not isinstance(value, bool):
+                raise ParameterError(f'{name}: {value!r} is not true or false')
+            return value
+        if isinstance(self.default, str):
+            if not isinstance(value, str):
+                raise ParameterError(f'{name}: {value!r} is not text')
+            if self.bounds and value not in self.bounds:
+                words = ', '.join(map(str, self.bounds))
+                raise ParameterError(f'{name}: {value!r} is not one of {words}')
+            return value
+        if isinstance(self.default, int):
+            if isinstance(value, float) and value.is_integer():
+                value = int(value)
+            if isinstance(value, bool) or not isinstance(value, int):
+                raise ParameterError(f'{name}: {value!r} is not a whole number')
+            return int(self._number(value, name))
+        return float(self._number(value, name))
+
+    def _number(self, value: Any, name: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ParameterError(f'{name}: {value!r} is not a number')
+        low, high = self.bounds or (-math.inf, math.inf)
+        if not low <= value <= high:
+            unit = '' if self.unit in ('', '1') else f' {self.unit}'
+            raise ParameterError(f'{name}: {value!r} is not within {low:g} … {high:g}{unit}')
+        return value if isinstance(self.default, int) else float(value)
+
+
+def _rows(nodes: str | tuple[str, ...], *rows: tuple[Any, ...]) -> list[Parameter]:
+    names = (nodes,) if isinstance(nodes, str) else nodes
+    return [Parameter(names, *row) for row in rows]
+
+
+_ANY = (-1e9, 1e9)
+_COEFFICIENT = (0.0, 1.0)
+_UINT32 = (0, 2**32 - 1)
+
+# name, default, unit, bounds, description, source[, live]
+TABLE: tuple[Parameter, ...] = (
+    *_rows(
+        (GYRO, SONAR),
+        ('seed', 1, '1', (0, 2**63 - 1), 'seed of all device noise of the run', 'project'),
+    ),
+    *_rows(
+        (PLANT, GAMEPAD),
+        ('scenario', '', '', None,
+         'scenario (name or file) whose stick signals and pushes act; empty: none', '5.1'),
+    ),
+    *_rows(
+        (PLANT, CONTROLLER),
+        ('lockstep', True, '', None,
+         'true: each tick waits for its inputs; false: wall-clock timers, newest sample wins',
+         'project'),
+        ('ball_radius', 0.026, 'm', (1e-3, 1.0), 'spherical wheel radius Rs', '3.1'),
+        ('wheel_radius', 0.021, 'm', (1e-3, 1.0), 'motor wheel (rubber tire) radius Rw', '3.1'),
+    ),
+    *_rows(
+        PLANT,
+        ('gravity', 9.81, 'm/s²', (0.0, 100.0), 'gravity acceleration g', '3.1'),
+        ('ball_mass', 0.013, 'kg', (1e-6, 100.0), 'spherical wheel mass Ms', '3.1'),
+        ('wheel_mass', 0.015, 'kg', (0.0, 100.0), 'motor wheel mass Mw', '3.1'),
+        ('wheel_width', 0.022, 'm', (0.0, 1.0), 'motor wheel height (width of the tire) Lw', '3.1'),
+        ('body_mass', 0.682, 'kg', (1e-6, 100.0), 'body mass Mb', '3.1'),
+        ('body_width', 0.135, 'm', (0.0, 10.0), 'body width W, along y', '3.1'),
+        ('body_depth', 0.135, 'm', (0.0, 10.0), 'body depth D, along x', '3.1'),
+        ('body_height', 0.17, 'm', (1e-3, 10.0),
+         'distance L from the ball centre to the body centre', '3.1'),
+        ('motor_inertia', 1e-5, 'kg·m²', (0.0, 1.0), 'DC motor inertia Jm', '3.1'),
+        ('motor_resistance', 6.69, 'Ω', (1e-3, 1e3), 'DC motor resistance Rm', '3.1'),
+        ('back_emf_constant', 0.468, 'V·s/rad', (0.0, 100.0), 'back EMF constant Kb', '3.1'),
+        ('torque_constant', 0.317, 'N·m/A', (0.0, 100.0), 'torque constant Kt', '3.1'),
+        ('motor_friction', 0.0022, 'N·m·s/rad', (0.0, 10.0), 'friction body to motor fm', '3.1'),
+        ('ball_friction', 0.0, 'N·m·s/rad', (0.0, 10.0), 'friction ball to floor fs', '3.1'),
+        ('plant_model', 'linear', '', ('linear', 'nonlinear'),
+         'equations of motion: (3.20)-(3.21) or (3.11)-(3.12)', '3.2, 3.3'),
+        ('start_pitch_x', 0.0, 'rad', (-1.5, 1.5), 'body pitch at the start, plane x', '8.2'),
+        ('start_pitch_y', 0.0, 'rad', (-1.5, 1.5), 'body pitch at the start, plane y', '8.2'),
+        ('start_position_x', 0.0, 'm', (-1e3, 1e3), 'ball position at the start, plane x', '3.2'),
+        ('start_position_y', 0.0, 'm', (-1e3, 1e3), 'ball position at the start, plane y', '3.2'),
+        ('hold_time', 1.0, 's', (0.0, 1e6), 'the robot is held still so long from the start',
+         '6.3'),
+        ('fall_angle', math.pi / 3, 'rad', (0.1, 1.5),
+         'body pitch beyond which the robot lies on the floor', 'project'),
+        ('dead_zone', 0.0, '%', (0.0, 50.0), 'duty that friction swallows', '6.2'),
+        ('backlash', 0.0, 'rad', (0.0, 0.5), 'motor gear play, from stop to stop', '2.2'),
+        ('voltage_slope', 0.001089, 'V/mV', (0.0, 1.0), 'motor voltage per battery voltage',
+         '(6.1)'),
+        ('voltage_offset', -0.625, 'V', (-10.0, 10.0), 'motor voltage at no battery voltage',
+         '(6.1)'),
+        ('battery_model', 'constant', '', ('constant', 'draining'),
+         'constant voltage, or one that sags with current and falls with charge', 'project'),
+        ('battery_voltage', 8.0, 'V', (1.0, 12.0), 'open-circuit battery voltage at the start',
+         '6.2'),
+        ('battery_resistance', 0.6, 'Ω', (0.0, 10.0), 'internal resistance, draining model',
+         'project'),
+        ('battery_capacity', 7200.0, 'C', (1.0, 1e6),
+         'charge that takes a fresh battery (9.5 V) to a low one (7 V), draining model',
+         'project'),
+        ('idle_current', 0.1, 'A', (0.0, 10.0), 'current of the brick, draining model',
+         'project'),
+        ('push_duration', 0.1, 's', (0.001, 10.0), 'how long a plant/push acts', 'project', True),
+        ('real_time_factor', 1.0, '1', (0.0, 1000.0),
+         'pace against the wall clock; 0: as fast as it can', 'project', True),
+        ('duration', 0.0, 's', (0.0, 1e6), 'length of the run; 0: until stopped', 'project'),
+        ('timeout', 2.0, 's', (0.2, 3600.0), 'silence after which the run has failed', 'project'),
+        ('startup_timeout', 30.0, 's', (0.2, 3600.0), 'the same before the first tick',
+         'project'),
+        ('on_timeout', 'end', '', ('end', 'wait'),
+         'what follows a silence: end with an error, or wait for the participant', 'project'),
+        ('require_recorder', False, '', None,
+         'true: the first tick waits for a recorder, so that nothing is missing', 'project'),
+        ('trajectory_file', '', '', None,
+         'where to write the true trajectory (.npz) at the end; empty: nowhere', 'project'),
+    ),
+    *_rows(
+        GYRO,
+        ('zero_rate_offset_x', 600.0, 'deg/s', (0.0, 1023.0), 'reading at rest, gyro S1 (x)',
+         'facts 4'),
+        ('zero_rate_offset_y', 600.0, 'deg/s', (0.0, 1023.0), 'reading at rest, gyro S2 (y)',
+         'facts 4'),
+        ('noise', 0.0, 'deg/s', (0.0, 100.0), 'standard deviation of the noise', '2.2'),
+        ('drift', 0.0, 'deg/s', (0.0, 50.0), 'amplitude of the slow drift of the offset', '2.2'),
+        ('drift_period', 300.0, 's', (1.0, 1e6), 'period of the drift', '2.2'),
+        ('rate_limit', 360.0, 'deg/s', (1.0, 1e4), 'largest rate that the gyro measures',
+         'facts 4'),
+    ),
+    *_rows(
+        SONAR,
+        ('noise_cm', 0.0, 'cm', (0.0, 50.0), 'largest error of an echo', 'facts 4'),
+        ('dropout_probability', 0.0, '1', (0.0, 1.0), 'share of echoes that are missed (255)',
+         'facts 4'),
+        ('max_range_cm', 255.0, 'cm', (1.0, 255.0), 'distance from which no echo returns',
+         'facts 4'),
+    ),
+    *_rows(
+        CONTROLLER,
+        ('mode', 'remote', '', ('remote', 'autonomous'), 'drive mode (task_init)', '7.3'),
+        ('k_f', (-0.01504899, -1.56981134, -0.02700482, -0.23249821), 'V/deg, V/deg, V·s/deg, '
+         'V·s/deg', _ANY, 'servo control feedback gain', '4.2'),
+        ('k_i', -0.00712528, 'V/(deg·s)', _ANY, 'servo control integral gain', '4.2'),
+        ('k_thetadot', 380.0, 'deg/s', (0.0, 1e4), 'speed reference gain (0.17 m/s)', '7.7'),
+        ('a_b', 0.8, '1', _COEFFICIENT, 'low pass: battery voltage', '7.7'),
+        ('a_d', 0.8, '1', _COEFFICIENT, 'low pass: velocity', '7.7'),
+        ('a_r', 0.996, '1', _COEFFICIENT, 'low pass: speed reference', '7.7'),
+        ('a_gc', 0.8, '1', _COEFFICIENT, 'low pass: gyro calibration', '7.7'),
+        ('a_gd', 0.999, '1', _COEFFICIENT, 'low pass: gyro drift', '7.7'),
+        ('pwm_gain', 1.0, '1', (0.0, 100.0), 'friction compensator gain', '7.7'),
+        ('pwm_offset', 0.0, '%', (0.0, 100.0), 'friction compensator offset', '7.7'),
+        ('dst_thr', 30, 'cm', (-1, 255), 'obstacle avoidance threshold', '7.7'),
+        ('gp_max', 100, '%', (1, 127), 'largest stick value', '5.1'),
+        ('time_start', 1000, 'ms', _UINT32, 'gyro calibration time', '7.4'),
+        ('time_auto', 5000, 'ms', _UINT32, 'start of autonomous drive', '7.6'),
+        ('time_stop', 500, 'ms', _UINT32, 'time out of control until the motors stop', '7.6'),
+        ('theta_diff_thr', 600.0, 'deg', (0.0, 1e6), 'wheel angle error out of control', '7.6'),
+        ('psi_diff_thr', 15.0, 'deg', (0.0, 180.0), 'body pitch error out of control', '7.6'),
+        ('sound_freq', 440, 'Hz', (31, 14080), 'tone after calibration', '7.6'),
+        ('sound_dur', 500, 'ms', (0, 65535), 'length of that tone', '7.6'),
+        ('sound_volume', 70, '%', (0, 100), 'volume of that tone', '7.6'),
+        ('log_count', 25, 'ticks', (1, 255), 'ticks from one log packet to the next', '7.4'),
+        ('lsb', 2.0**-10, 'deg', (1e-9, 1e3), 'value of one bit of the logged pitch', '7.4'),
+        ('rejoin', False, '', None,
+         'true: a controller started in mid-run begins afresh; false: it fails the run',
+         'project'),
+    ),
+    *_rows(
+        RECORDER,
+        ('output', '', '', None, 'file to write; empty: a new one under runs/', 'project'),
+        ('attachments', '', '', None,
+         'folder whose files are attached to the recording; empty: none', 'project'),
+    ),
+)  # fmt: skip
+
+_BY_NODE: dict[str, dict[str, Parameter]] = {
+    node: {row.name: row for row in TABLE if node in row.nodes} for node in NODES
+}
+
+
+def parameters_of(node: str) -> Mapping[str, Parameter]:
+    """Return the rows that `node` declares, by name."""
+    return _BY_NODE[node]
+
+
+class ParameterSet:
+    """A value for every parameter of every node; unset ones have the table's default."""
+
+    def __init__(self) -> None:
+        self._values: dict[tuple[str, str], Value] = {}
+
+    def __iter__(self) -> Iterator[tuple[str, str, Value]]:
+        """Yield node, name and value of everything that was set."""
+        for (node, name), value in self._values.items():
+            yield node, name, value
+
+    def set(self, node: str, name: str, value: Any, where: str = '') -> None:
+        """Set `name` of `node`, or of every node that has it where `node` is ``'/**'``.
+
+        Raises
+        ------
+        ParameterError
+            If the node or the parameter is unknown, or the value is not allowed; `where` (a
+            file and line) begins the message.
+        """
+        prefix = f'{where}: ' if where else ''
+        if node == '/**':
+            nodes = [known for known in NODES if name in _BY_NODE[known]]
+            if not nodes:
+                raise ParameterError(f'{prefix}no node has a parameter {name!r}')
+        elif node in NODES:
+            nodes = [node]
+        else:
+            raise ParameterError(f'{prefix}unknown node {node!r}; known: {", ".join(NODES)}')
+        for each in nodes:
+            row = _BY_NODE[each].get(name)
+            if row is None:
+                known = ', '.join(sorted(_BY_NODE[each])) or 'none'
+                raise ParameterError(f'{prefix}{each} has no parameter {name!r}; it has {known}')
+            checked = row.check(value, f'{prefix}{each}.')
+            # A shared parameter is one value: its nodes must never disagree.
+            for sharer in row.nodes:
+                self._values[sharer, name] = checked
+
+    def update(self, other: ParameterSet) -> None:
+        """Take over everything that was set in `other`."""
+        self._values.update(other._values)
+
+    def values(self, node: str) -> dict[str, Value]:
+        """Return every parameter of `node` by name."""
+        return {
+            name: self._values.get((node, name), row.default)
+            for name, row in _BY_NODE[node].items()
+        }
+
+
+_Settings = TypeVar('_Settings')
+
+
+def select(cls: type[_Settings], values: Mapping[str, Any]) -> _Settings:
+    """Build the dataclass `cls` from the parameters in `values` that its fields name."""
+    return cls(**{field.name: values[field.name] for field in fields(cls)})  # type: ignore[arg-type]

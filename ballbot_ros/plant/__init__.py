@@ -1,0 +1,1 @@
+"""Physics of the ballbot: equations of motion, actuator, battery, integration. No ROS."""

@@ -1,0 +1,47 @@
+"""The battery pack: constant, or sagging with current and falling with charge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+FRESH_V = 9.5
+LOW_V = 7.0
+
+
+@dataclass(frozen=True)
+class BatteryParameters:
+    """Battery parameters, named as in :data:`ballbot_ros.parameters.TABLE`."""
+
+    battery_model: str
+    battery_voltage: float
+    battery_resistance: float
+    battery_capacity: float
+    idle_current: float
+
+
+class Battery:
+    """Terminal voltage of the pack.
+
+    The draining model: the open-circuit voltage falls in proportion to the charge drawn (from
+    9.5 V fresh to 7 V low over the capacity), and the internal resistance drops a voltage in
+    proportion to the current of the last step.
+    """
+
+    def __init__(self, parameters: BatteryParameters) -> None:
+        self._parameters = parameters
+        self._slope = (FRESH_V - LOW_V) / parameters.battery_capacity
+        self.draining = parameters.battery_model == 'draining'
+        self._charge = 0.0
+        self.voltage = parameters.battery_voltage
+
+    def draw(self, motor_current: float, dt: float) -> None:
+        """Draw the motors' supply current [A] and the brick's own for `dt` seconds."""
+        if not self.draining:
+            return
+        p = self._parameters
+        current = max(0.0, motor_current) + p.idle_current
+        self._charge += current * dt
+        self.voltage = max(
+            0.0,
+            p.battery_voltage - self._slope * self._charge - p.battery_resistance * current,
+        )

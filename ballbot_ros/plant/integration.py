@@ -1,0 +1,103 @@
+"""One physics step of a plane: exact for the linear model, Runge-Kutta for the nonlinear one.
+
+Written on plain floats: at two planes and 1000 steps a second of simulated time this is several
+times as fast as arrays of four elements, and the same on every machine.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy.linalg import expm
+
+from ballbot_ros.plant.model import PhysicalParameters, state_space
+
+State = tuple[float, float, float, float]
+"""theta, psi [rad], theta_dot, psi_dot [rad/s] of one plane."""
+
+Step = Callable[[State, float, float, float], State]
+"""(state, voltage [V], force on theta [N·m], force on psi [N·m]) -> state one step later."""
+
+
+def linear_step(p: PhysicalParameters, dt: float) -> Step:
+    """Return the exact step of the linear model under inputs held for `dt` seconds."""
+    a, b = state_space(p)
+    block = np.zeros((7, 7))
+    block[:4, :4] = a
+    block[:4, 4:] = b
+    discrete = expm(block * dt)
+    # theta is a pure integral: its column of the transition matrix is that of the identity.
+    (_, a01, a02, a03, b00, b01, b02) = discrete[0].tolist()
+    (_, a11, a12, a13, b10, b11, b12) = discrete[1].tolist()
+    (_, a21, a22, a23, b20, b21, b22) = discrete[2].tolist()
+    (_, a31, a32, a33, b30, b31, b32) = discrete[3].tolist()
+
+    def step(state: State, voltage: float, on_theta: float, on_psi: float) -> State:
+        theta, psi, omega, rho = state
+        if on_theta or on_psi:
+            return (
+                theta + a01 * psi + a02 * omega + a03 * rho
+                + b00 * voltage + b01 * on_theta + b02 * on_psi,
+                a11 * psi + a12 * omega + a13 * rho
+                + b10 * voltage + b11 * on_theta + b12 * on_psi,
+                a21 * psi + a22 * omega + a23 * rho
+                + b20 * voltage + b21 * on_theta + b22 * on_psi,
+                a31 * psi + a32 * omega + a33 * rho
+                + b30 * voltage + b31 * on_theta + b32 * on_psi,
+            )  # fmt: skip
+        return (
+            theta + a01 * psi + a02 * omega + a03 * rho + b00 * voltage,
+            a11 * psi + a12 * omega + a13 * rho + b10 * voltage,
+            a21 * psi + a22 * omega + a23 * rho + b20 * voltage,
+            a31 * psi + a32 * omega + a33 * rho + b30 * voltage,
+        )
+
+    return step
+
+
+def nonlinear_step(p: PhysicalParameters, dt: float) -> Step:
+    """Return a classical fourth-order Runge-Kutta step of (3.11)-(3.12)."""
+    arm = p.body_mass * p.body_height
+    swing = arm * p.ball_radius
+    weight = arm * p.gravity
+    drive = p.drive_inertia
+    m11 = (p.body_mass + p.ball_mass) * p.ball_radius**2 + p.ball_inertia + drive
+    m22 = arm * p.body_height + p.body_inertia + drive
+    alpha, beta, fs = p.alpha, p.beta, p.ball_friction
+
+    def accelerations(
+        psi: float, omega: float, rho: float, voltage: float, on_theta: float, on_psi: float
+    ) -> tuple[float, float]:
+        sine = math.sin(psi)
+        m12 = swing * math.cos(psi) - drive
+        motor = alpha * voltage - beta * (omega - rho)
+        force_theta = motor - fs * omega + on_theta + swing * rho * rho * sine
+        force_psi = -motor + on_psi + weight * sine
+        determinant = m11 * m22 - m12 * m12
+        return (
+            (m22 * force_theta - m12 * force_psi) / determinant,
+            (m11 * force_psi - m12 * force_theta) / determinant,
+        )
+
+    half, sixth = dt / 2.0, dt / 6.0
+
+    def step(state: State, voltage: float, on_theta: float, on_psi: float) -> State:
+        theta, psi, omega, rho = state
+        inputs = (voltage, on_theta, on_psi)
+        a1, c1 = accelerations(psi, omega, rho, *inputs)
+        w2, r2 = omega + half * a1, rho + half * c1
+        a2, c2 = accelerations(psi + half * rho, w2, r2, *inputs)
+        w3, r3 = omega + half * a2, rho + half * c2
+        a3, c3 = accelerations(psi + half * r2, w3, r3, *inputs)
+        w4, r4 = omega + dt * a3, rho + dt * c3
+        a4, c4 = accelerations(psi + dt * r3, w4, r4, *inputs)
+        return (
+            theta + sixth * (omega + 2.0 * (w2 + w3) + w4),
+            psi + sixth * (rho + 2.0 * (r2 + r3) + r4),
+            omega + sixth * (a1 + 2.0 * (a2 + a3) + a4),
+            rho + sixth * (c1 + 2.0 * (c2 + c3) + c4),
+        )
+
+    return step

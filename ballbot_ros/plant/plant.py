@@ -1,0 +1,200 @@
+"""The robot as a physical object: both planes, motors, battery, pushes and falls."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from ballbot_ros.parameters import select
+from ballbot_ros.plant.actuator import Actuator
+from ballbot_ros.plant.battery import Battery, BatteryParameters
+from ballbot_ros.plant.integration import State, linear_step, nonlinear_step
+from ballbot_ros.plant.model import PhysicalParameters
+
+STEP_NS = 1_000_000
+STEPS_PER_TICK = 4
+TICK_NS = STEPS_PER_TICK * STEP_NS
+
+Pair = tuple[float, float]
+"""A value of plane x and one of plane y, in plane signs (docs/frames.md)."""
+
+_FLOAT32 = struct.Struct('<f')
+
+
+class Truth(NamedTuple):
+    """What is true of the robot at one instant; every pair is (plane x, plane y).
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Sim time [ns].
+    motor_angle, motor_rate, motor_torque : tuple of float
+        Motor shafts: rad from the start pose, rad/s, N·m.
+    psi, psi_rate : tuple of float
+        Body pitch [rad] and its rate [rad/s].
+    position, velocity : tuple of float
+        Ball centre [m] and [m/s]: Rs theta from the start position.
+    battery_voltage : float
+        Terminal voltage [V], a single-precision number, as its message carries it.
+    """
+
+    stamp_ns: int
+    motor_angle: Pair
+    motor_rate: Pair
+    motor_torque: Pair
+    psi: Pair
+    psi_rate: Pair
+    position: Pair
+    velocity: Pair
+    battery_voltage: float
+
+
+@dataclass(frozen=True)
+class Push:
+    """A disturbance at the body's centre, in plane signs.
+
+    Attributes
+    ----------
+    start_ns, end_ns : int
+        Sim time [ns]; it acts in the steps that begin in [start, end).
+    force : tuple of float
+        Horizontal force [N] on plane x, y.
+    torque : tuple of float
+        Torque [N·m] that tips plane x, y.
+    """
+
+    start_ns: int
+    end_ns: int
+    force: Pair
+    torque: Pair = (0.0, 0.0)
+
+
+class Plant:
+    """Both planes of the ballbot from one reset to the next.
+
+    Parameters
+    ----------
+    values : mapping
+        The parameters of ``plant_sim``.
+    start_ns : int
+        Sim time [ns] of the first tick.
+    """
+
+    def __init__(self, values: Mapping[str, Any], start_ns: int) -> None:
+        p = select(PhysicalParameters, values)
+        self._physical = p
+        self._actuator = select(Actuator, values)
+        self._battery = Battery(select(BatteryParameters, values))
+        make = linear_step if values['plant_model'] == 'linear' else nonlinear_step
+        self._step = make(p, STEP_NS * 1e-9)
+        self._hold_until = start_ns + round(values['hold_time'] * 1e9)
+        self._fall_angle: float = values['fall_angle']
+        self._half_play: float = values['backlash'] / 2.0
+        self._start = (values['start_position_x'], values['start_position_y'])
+        self._start_psi = (values['start_pitch_x'], values['start_pitch_y'])
+        self._planes: list[State] = [(0.0, psi, 0.0, 0.0) for psi in self._start_psi]
+        self._shaft = [0.0, 0.0]
+        self._voltage = (0.0, 0.0)
+        self._pushes: list[Push] = []
+        self.time_ns = start_ns
+        self.fallen = False
+
+    def push(self, push: Push) -> None:
+        """Add a disturbance; one that has ended does nothing."""
+        self._pushes.append(push)
+
+    def tick(self, duty_x: int, duty_y: int) -> None:
+        """Advance by one tick of 4 ms under integer duties within -100 ... 100 %."""
+        duties = (duty_x, duty_y)
+        if not self._battery.draining:
+            self._apply(duties)
+        for _ in range(STEPS_PER_TICK):
+            if self._battery.draining:
+                self._apply(duties)
+                self._battery.draw(self._supply_current(duties), STEP_NS * 1e-9)
+            if self.time_ns >= self._hold_until and not self.fallen:
+                self._move()
+            self.time_ns += STEP_NS
+
+    def _apply(self, duties: tuple[int, int]) -> None:
+        volts = self._battery.voltage
+        self._voltage = (
+            self._actuator.voltage(duties[0], volts),
+            self._actuator.voltage(duties[1], volts),
+        )
+
+    def _move(self) -> None:
+        x, y = self._planes
+        voltage_x, voltage_y = self._voltage
+        if self._pushes:
+            x = self._step(x, voltage_x, *self._pushed(0))
+            y = self._step(y, voltage_y, *self._pushed(1))
+        else:
+            x = self._step(x, voltage_x, 0.0, 0.0)
+            y = self._step(y, voltage_y, 0.0, 0.0)
+        limit = self._fall_angle
+        if not (-limit < x[1] < limit and -limit < y[1] < limit):
+            self.fallen = True
+            x, y = ((s[0], max(-limit, min(limit, s[1])), 0.0, 0.0) for s in (x, y))
+        self._planes = [x, y]
+        if self._half_play:
+            self._turn_shafts()
+
+    def _turn_shafts(self) -> None:
+        for plane in (0, 1):
+            wheel = self._wheel_angle(plane)
+            self._shaft[plane] = min(
+                wheel + self._half_play, max(wheel - self._half_play, self._shaft[plane])
+            )
+
+    def _wheel_angle(self, plane: int) -> float:
+        theta, psi, _, _ = self._planes[plane]
+        return self._physical.ratio * (theta - (psi - self._start_psi[plane]))
+
+    def _pushed(self, plane: int) -> Pair:
+        """Return the generalised forces [N·m] on theta and psi of the active pushes."""
+        self._pushes = [push for push in self._pushes if push.end_ns > self.time_ns]
+        on_theta = on_psi = 0.0
+        for push in self._pushes:
+            if push.start_ns <= self.time_ns:
+                lean = math.cos(self._planes[plane][1])
+                on_theta += push.force[plane] * self._physical.ball_radius
+                on_psi += push.force[plane] * self._physical.body_height * lean
+                on_psi += push.torque[plane]
+        return on_theta, on_psi
+
+    def _current(self, plane: int) -> float:
+        """Return the motor current [A], (3.16)."""
+        p = self._physical
+        _, _, omega, rho = self._planes[plane]
+        back_emf = p.back_emf_constant * p.ratio * (omega - rho)
+        return (self._voltage[plane] - back_emf) / p.motor_resistance
+
+    def _supply_current(self, duties: tuple[int, int]) -> float:
+        return sum(duty / 100.0 * self._current(plane) for plane, duty in enumerate(duties))
+
+    def truth(self) -> Truth:
+        """Return the state of the robot now."""
+        p = self._physical
+        ratio, radius = p.ratio, p.ball_radius
+        (theta_x, psi_x, omega_x, rho_x), (theta_y, psi_y, omega_y, rho_y) = self._planes
+        if self._half_play:
+            angle = (self._shaft[0], self._shaft[1])
+        else:
+            angle = (self._wheel_angle(0), self._wheel_angle(1))
+        kt = p.torque_constant
+        volts: float = _FLOAT32.unpack(_FLOAT32.pack(self._battery.voltage))[0]
+        return Truth(
+            self.time_ns,
+            angle,
+            (ratio * (omega_x - rho_x), ratio * (omega_y - rho_y)),
+            (kt * self._current(0), kt * self._current(1)),
+            (psi_x, psi_y),
+            (rho_x, rho_y),
+            (self._start[0] + radius * theta_x, self._start[1] + radius * theta_y),
+            (radius * omega_x, radius * omega_y),
+            volts,
+        )

@@ -1,0 +1,1 @@
+"""MCAP recordings: writing, reading, and messages without a graph. Nothing here needs ROS."""

@@ -1,0 +1,64 @@
+"""Quality of service as a recording keeps it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+UNSPECIFIED = 0
+"""A duration the publisher left to the middleware [ns]."""
+
+INFINITE = 2**63 - 1
+"""A duration without end [ns]."""
+
+
+@dataclass(frozen=True)
+class QosProfile:
+    """What a publisher offers, in the words and the order of rosbag2.
+
+    Attributes
+    ----------
+    history : str
+        ``keep_last``, ``keep_all``, ``system_default``, or ``unknown``: discovery does not tell.
+    depth : int
+        Messages kept; 0 when unknown.
+    reliability : str
+        ``reliable``, ``best_effort``, ...
+    durability : str
+        ``transient_local``, ``volatile``, ...
+    deadline, lifespan, liveliness_lease_duration : int
+        Durations [ns], `UNSPECIFIED` or `INFINITE`.
+    liveliness : str
+        ``automatic``, ``manual_by_topic``, ...
+    avoid_ros_namespace_conventions : bool
+        Whether the topic's name goes to the middleware as it is.
+    """
+
+    history: str
+    depth: int
+    reliability: str
+    durability: str
+    deadline: int = INFINITE
+    lifespan: int = INFINITE
+    liveliness: str = 'automatic'
+    liveliness_lease_duration: int = INFINITE
+    avoid_ros_namespace_conventions: bool = False
+
+    @classmethod
+    def from_rclpy(cls, profile: Any) -> QosProfile:
+        """Convert an ``rclpy.qos.QoSProfile``, such as ``TopicEndpointInfo.qos_profile``."""
+        return cls(
+            history=profile.history.name.lower(),
+            depth=profile.depth,
+            reliability=profile.reliability.name.lower(),
+            durability=profile.durability.name.lower(),
+            deadline=profile.deadline.nanoseconds,
+            lifespan=profile.lifespan.nanoseconds,
+            liveliness=profile.liveliness.name.lower(),
+            liveliness_lease_duration=profile.liveliness_lease_duration.nanoseconds,
+            avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
+        )
+
+
+RELIABLE_LATCHED = QosProfile('keep_last', 128, 'reliable', 'transient_local')
+"""What every publisher of the graph offers."""

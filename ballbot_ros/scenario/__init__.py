@@ -1,0 +1,1 @@
+"""Scenarios: start state, stick signals, pushes and expected outcome. No ROS."""

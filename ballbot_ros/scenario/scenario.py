@@ -1,0 +1,102 @@
+"""A scenario: what a run starts from, what happens in it, and what is expected of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.plant.plant import Push
+from ballbot_ros.scenario.signal import Signal
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """A bound on a metric of the run.
+
+    Attributes
+    ----------
+    metric : str
+        Name of the metric, with its unit (``settling_time_s``).
+    minimum, maximum : float or None
+        Inclusive bounds; None where there is none.
+    """
+
+    metric: str
+    minimum: float | None = None
+    maximum: float | None = None
+
+    def holds(self, value: float) -> bool:
+        """Tell whether `value` is within the bounds; NaN never is."""
+        low = self.minimum is None or value >= self.minimum
+        high = self.maximum is None or value <= self.maximum
+        return low and high and value == value
+
+    def __str__(self) -> str:
+        """Return the bounds in words."""
+        parts = []
+        if self.minimum is not None:
+            parts.append(f'≥ {self.minimum:g}')
+        if self.maximum is not None:
+            parts.append(f'≤ {self.maximum:g}')
+        return ' and '.join(parts)
+
+
+@dataclass(frozen=True)
+class ScheduledPush:
+    """A push of a scenario: times [s] from the start of the run, forces [N] in plane signs."""
+
+    time: float
+    duration: float
+    force_x: float = 0.0
+    force_y: float = 0.0
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A scenario, as read from its file.
+
+    Attributes
+    ----------
+    name, purpose : str
+        Name (of the file) and one line on what it shows.
+    profile : str
+        ``ideal`` or ``hardware``.
+    parameters : ParameterSet
+        What it sets, its duration and start state included.
+    vertical, horizontal : Signal
+        The sticks, as the packet has them: -100 is up, forward; +100 is right.
+    pushes : tuple of ScheduledPush
+    expectations : tuple of Expectation
+    text : str
+        The file's text, for the recording.
+    """
+
+    name: str = ''
+    purpose: str = ''
+    profile: str = 'ideal'
+    parameters: ParameterSet = field(default_factory=ParameterSet)
+    vertical: Signal = field(default_factory=Signal)
+    horizontal: Signal = field(default_factory=Signal)
+    pushes: tuple[ScheduledPush, ...] = ()
+    expectations: tuple[Expectation, ...] = ()
+    text: str = ''
+
+    def sticks_at(self, time: float) -> tuple[int, int]:
+        """Return the sticks (vertical, horizontal) at `time` [s] from the start of the run."""
+        return self.vertical.at(time), self.horizontal.at(time)
+
+    def pushes_from(self, start_ns: int) -> list[Push]:
+        """Return the pushes of a run that begins at sim time `start_ns`."""
+        return [
+            Push(
+                start_ns + round(push.time * 1e9),
+                start_ns + round((push.time + push.duration) * 1e9),
+                (push.force_x, push.force_y),
+            )
+            for push in self.pushes
+        ]
+
+    def failures(self, metrics: Mapping[str, float]) -> list[Expectation]:
+        """Return the expectations that the metrics do not meet."""
+        return [each for each in self.expectations if not each.holds(metrics[each.metric])]

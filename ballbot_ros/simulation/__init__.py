@@ -1,0 +1,1 @@
+"""The closed loop in one process, and what the node graph shares with it. No ROS."""

@@ -1,0 +1,89 @@
+"""YAML files that know their line numbers, for errors that name file and line."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ballbot_ros.errors import BallbotError
+
+
+class YamlError(BallbotError):
+    """A file that can't be read or is not YAML."""
+
+
+class YamlDocument:
+    """A YAML file's content and the line of every part of it.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Attributes
+    ----------
+    data : object
+        Plain dicts, lists, text and numbers.
+
+    Raises
+    ------
+    YamlError
+        If the file can't be read, is not YAML, or has a key twice; file and line are named.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._lines: dict[tuple[Hashable, ...], int] = {}
+        loader: yaml.SafeLoader | None = None
+        try:
+            loader = yaml.SafeLoader(self.path.read_text(encoding='utf-8'))
+            root = loader.get_single_node()
+            self.data = None if root is None else self._convert(loader, root, ())
+        except OSError as error:
+            raise YamlError(f'{path}: {error.strerror}') from None
+        except UnicodeDecodeError as error:
+            raise YamlError(f'{path}: not UTF-8 text ({error.reason})') from None
+        except yaml.MarkedYAMLError as error:
+            mark = error.problem_mark or error.context_mark
+            line = '' if mark is None else f':{mark.line + 1}'
+            raise YamlError(f'{path}{line}: not YAML: {error.problem}') from None
+        except yaml.YAMLError as error:
+            text = ' '.join(str(error).split())
+            raise YamlError(f'{path}: not YAML: {text}') from None
+        finally:
+            if loader is not None:
+                loader.dispose()
+
+    def where(self, *keys: Hashable) -> str:
+        """Return 'file:line' of the part under `keys`, or of its nearest known parent."""
+        for length in range(len(keys), -1, -1):
+            line = self._lines.get(keys[:length])
+            if line is not None:
+                return f'{self.path}:{line}'
+        return str(self.path)
+
+    def _convert(
+        self, loader: yaml.SafeLoader, node: yaml.Node, keys: tuple[Hashable, ...]
+    ) -> Any:
+        self._lines.setdefault(keys, node.start_mark.line + 1)
+        if isinstance(node, yaml.SequenceNode):
+            return [
+                self._convert(loader, item, (*keys, index))
+                for index, item in enumerate(node.value)
+            ]
+        if isinstance(node, yaml.MappingNode):
+            mapping: dict[Hashable, Any] = {}
+            for key_node, value_node in node.value:
+                line = key_node.start_mark.line + 1
+                if not isinstance(key_node, yaml.ScalarNode):
+                    raise YamlError(f'{self.path}:{line}: a key must be plain text')
+                key = loader.construct_object(key_node)
+                if key in mapping:
+                    raise YamlError(f'{self.path}:{line}: {key!r} is there twice')
+                self._lines[(*keys, key)] = line
+                mapping[key] = self._convert(loader, value_node, (*keys, key))
+            return mapping
+        return loader.construct_object(node)

@@ -1,0 +1,283 @@
+"""Reading: whole files, what a killed recorder leaves, and files of others."""
+
+import struct
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType, IndexType, Writer
+
+from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.writer import RecordingWriter
+
+STRING = 'std_msgs/msg/String'
+MAGIC_SIZE = 8
+
+
+def string(text):
+    message = new_message(STRING)
+    message.data = text
+    return encoder(STRING)(message)
+
+
+@pytest.fixture(scope='module')
+def damaged(recording, tmp_path_factory):
+    """Return a function that changes a copy of the recording's bytes and reads it."""
+    path = tmp_path_factory.mktemp('damaged') / 'damaged.mcap'
+    content = recording.read_bytes()
+
+    def read(change):
+        path.write_bytes(change(content))
+        with RecordingReader(path) as reader:
+            raw = list(reader.raw_messages())
+            return raw, list(reader), reader.count, reader.damage
+
+    return read
+
+
+def write_foreign(path, *, encoding='cdr', type_name=STRING, profile='ros2', **options):
+    with path.open('wb') as stream:
+        writer = Writer(stream, **options)
+        writer.start(profile)
+        definition = writer.register_schema(type_name, 'ros2msg', b'string data')
+        channel = writer.register_channel('/lcd', encoding, definition)
+        for number in range(10):
+            writer.add_message(channel, number, string(str(number)), number, number)
+        writer.finish()
+    return path
+
+
+def test_every_message_comes_back(recording, sample, plain):
+    with RecordingReader(recording) as reader:
+        assert reader.complete
+        assert reader.damage is None
+        assert reader.count == len(sample)
+        assert reader.topics() == {topic: (type_name, 20) for topic, type_name, *_ in sample}
+        read = list(reader)
+    assert len(read) == len(sample)
+    for (topic, type_name, stamp_ns, message, _), found in zip(sample, read, strict=True):
+        assert found[:2] == (topic, stamp_ns)
+        assert plain(found[2], type_name) == plain(message, type_name)
+
+
+def test_raw_messages_are_as_recorded(recording, sample):
+    with RecordingReader(recording) as reader:
+        assert [tuple(message) for message in reader.raw_messages()] == [
+            (topic, stamp_ns, number, data)
+            for number, (topic, _, stamp_ns, _, data) in enumerate(sample)
+        ]
+
+
+def test_topics_can_be_selected_and_read_side_by_side(recording, sample):
+    with RecordingReader(recording) as reader:
+        both = {'/imu', '/clock'}
+        assert [(topic, stamp) for topic, stamp, _ in reader.messages(both)] == [
+            (topic, stamp) for topic, _, stamp, *_ in sample if topic in both
+        ]
+        assert list(reader.messages([])) == []
+        pairs = list(zip(reader.messages(['/imu']), reader.raw_messages(['/clock']), strict=True))
+        assert len(pairs) == 20
+
+
+def test_attachments_and_metadata_come_back(recording):
+    with RecordingReader(recording) as reader:
+        assert reader.attachments() == {
+            'scenario.yaml': ('application/yaml', b'name: stationary\n')
+        }
+        assert reader.metadata()['run'] == {'seed': '1'}
+
+
+@settings(max_examples=300, deadline=None)
+@given(place=st.floats(0, 1, exclude_max=True))
+def test_a_file_cut_off_anywhere_yields_a_prefix(place, recording, sample, damaged):
+    length = recording.stat().st_size
+    size = MAGIC_SIZE + int(place * (length - MAGIC_SIZE))
+    raw, messages, count, damage = damaged(lambda content: content[:size])
+    assert [message.data for message in raw] == [row[4] for row in sample[: len(raw)]]
+    assert [row[:2] for row in messages] == [(row[0], row[2]) for row in sample[: len(raw)]]
+    assert count == len(raw) == len(messages)
+    assert damage == f'cut off at byte {size}'
+
+
+def test_a_chunk_cut_off_yields_its_beginning(tmp_path):
+    path = tmp_path / 'long.mcap'
+    with RecordingWriter(path, chunk_size=2**24) as writer:
+        topic = writer.add_topic('/lcd', STRING)
+        for number in range(20_000):
+            writer.write(topic, number, string(f'{number**3}'), number)
+    path.write_bytes(path.read_bytes()[:150_000])
+    with RecordingReader(path) as reader:
+        assert reader.count > 1000
+        assert [message.data for _, _, message in reader] == [
+            str(number**3) for number in range(reader.count)
+        ]
+
+
+@settings(max_examples=500, deadline=None)
+@given(place=st.floats(0, 1, exclude_max=True), value=st.integers(1, 255))
+def test_a_corrupt_byte_is_no_traceback(place, value, damaged):
+    def change(content):
+        position = int(place * len(content))
+        return content[:position] + bytes([content[position] ^ value]) + content[position + 1 :]
+
+    try:
+        raw, _, _, damage = damaged(change)
+    except RecordingError as error:
+        raw, damage = [], str(error)
+    assert len(raw) == 280 or damage
+    assert '\n' not in (damage or '')
+
+
+@settings(max_examples=100, deadline=None)
+@given(tail=st.binary(max_size=200))
+@example(tail=bytes(100))
+def test_garbage_after_a_cut_is_no_traceback(tail, sample, damaged):
+    raw, _, _, damage = damaged(
+        lambda content: content[: content.rindex(b'zstd', 0, 25_000)] + tail
+    )
+    assert damage
+    assert [message.data for message in raw][:100] == [row[4] for row in sample[:100]]
+
+
+def test_a_corrupt_chunk_ends_the_reading(sample, damaged):
+    def change(content):
+        position = content.index(b'zstd', content.index(b'zstd') + 4) + 100
+        return content[:position] + bytes([content[position] ^ 1]) + content[position + 1 :]
+
+    raw, _, count, damage = damaged(change)
+    assert len(raw) == 100
+    assert count == len(sample)
+    assert damage.startswith('corrupt at byte')
+
+
+def test_a_chunk_that_is_no_more_is_missed(damaged):
+    def change(content):
+        position = content.index(b'zstd') - 41
+        assert content[position] == Opcode.CHUNK
+        return content[:position] + b'\xff' + content[position + 1 :]
+
+    raw, _, _, damage = damaged(change)
+    assert len(raw) == 180
+    assert damage == '2 chunks instead of 3'
+
+
+@pytest.mark.parametrize(
+    ('data', 'reason'),
+    [
+        (b'', 'empty file'),
+        (b'\x89MCAP', 'not an MCAP file'),
+        (b'SQLite format 3\0', 'not an MCAP file'),
+    ],
+)
+def test_what_is_no_recording_is_an_error(tmp_path, data, reason):
+    path = tmp_path / 'other.mcap'
+    path.write_bytes(data)
+    with pytest.raises(RecordingError) as error:
+        RecordingReader(path)
+    assert str(error.value) == f'{path}: {reason}'
+
+
+def test_files_that_cannot_be_opened_are_errors(tmp_path):
+    with pytest.raises(RecordingError, match=r'missing\.mcap: No such file or directory$'):
+        RecordingReader(tmp_path / 'missing.mcap')
+    with pytest.raises(RecordingError, match=r': Is a directory$'):
+        RecordingReader(tmp_path)
+
+
+def test_another_profile_is_an_error(tmp_path):
+    path = write_foreign(tmp_path / 'ros1.mcap', profile='ros1')
+    with pytest.raises(RecordingError, match=r"ros1\.mcap: profile 'ros1' is not 'ros2'$"):
+        RecordingReader(path)
+
+
+def test_an_unknown_topic_is_an_error(recording):
+    with RecordingReader(recording) as reader:
+        for read in (reader.messages, reader.raw_messages):
+            with pytest.raises(RecordingError, match=r"no topic '/gyro', only /battery.*, /wrench"):
+                read(['/gyro'])
+
+
+@pytest.mark.parametrize(
+    ('options', 'reason'),
+    [
+        ({'type_name': 'a/msg/B'}, "'a/msg/B' is not a message type of ROS 2 Jazzy"),
+        ({'encoding': 'json'}, "is encoded as 'json', not as 'cdr'"),
+    ],
+)
+def test_messages_that_cannot_be_decoded_can_be_read_raw(tmp_path, options, reason):
+    path = write_foreign(tmp_path / 'foreign.mcap', **options)
+    with RecordingReader(path) as reader:
+        assert len(list(reader.raw_messages())) == 10
+        with pytest.raises(RecordingError) as error:
+            reader.messages()
+    assert str(error.value).startswith(f'{path}: topic /lcd')
+    assert str(error.value).endswith(reason)
+
+
+@pytest.mark.parametrize('data', [b'', b'\0', string('abc')[:-2], b'\0\1\0\0\1\0\0\0\xff\0'])
+def test_a_message_of_another_form_is_an_error(tmp_path, data):
+    path = tmp_path / 'form.mcap'
+    with RecordingWriter(path) as writer:
+        writer.write(writer.add_topic('/lcd', STRING), 7, data, 0)
+    with (
+        RecordingReader(path) as reader,
+        pytest.raises(RecordingError, match=r'form\.mcap: /lcd at 7 ns is no std_msgs/msg/String:'),
+    ):
+        list(reader)
+
+
+def test_big_endian_and_padded_messages_are_read(tmp_path):
+    path = tmp_path / 'endian.mcap'
+    with RecordingWriter(path) as writer:
+        topic = writer.add_topic('/header', 'std_msgs/msg/Header')
+        big = b'\0\0\0\0' + struct.pack('>iII4s', 1, 2, 4, b'map\0')
+        writer.write(topic, 0, big, 0)
+        writer.write(
+            topic,
+            1,
+            encoder('std_msgs/msg/Header')(new_message('std_msgs/msg/Header')) + b'\0' * 7,
+            1,
+        )
+    with RecordingReader(path) as reader:
+        (_, _, first), (_, _, second) = reader
+    assert (first.stamp.sec, first.stamp.nanosec, first.frame_id) == (1, 2, 'map')
+    assert second.frame_id == ''
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'use_chunking': False},
+        {'compression': CompressionType.LZ4},
+        {'compression': CompressionType.NONE, 'chunk_size': 100},
+        {'use_statistics': False},
+        {'repeat_channels': False, 'repeat_schemas': False},
+        {'index_types': IndexType.NONE, 'enable_crcs': False},
+    ],
+)
+def test_files_of_other_writers_are_read(tmp_path, options):
+    path = write_foreign(tmp_path / 'foreign.mcap', **options)
+    with RecordingReader(path) as reader:
+        assert reader.complete
+        assert reader.topics() == {'/lcd': (STRING, 10)}
+        assert [message.data for _, _, message in reader] == [str(number) for number in range(10)]
+
+
+def test_a_closed_reader_says_so(recording):
+    with RecordingReader(recording) as reader:
+        messages = reader.messages()
+    with pytest.raises(RecordingError, match=r'sample\.mcap: the recording is closed$'):
+        next(messages)
+
+
+def test_a_corrupt_attachment_is_an_error(recording, tmp_path):
+    path = tmp_path / 'attachment.mcap'
+    path.write_bytes(recording.read_bytes().replace(b'name: stationary', b'name: stationarz'))
+    with (
+        RecordingReader(path) as reader,
+        pytest.raises(RecordingError, match=r'attachment at byte \d+ is corrupt$'),
+    ):
+        reader.attachments()

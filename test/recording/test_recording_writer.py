@@ -1,0 +1,524 @@
+"""Recordings as other readers see them, and what is left when writing fails."""
+
+import errno
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+from enum import Enum
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.records import Chunk, DataEnd, Message
+from mcap.stream_reader import StreamReader
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosHistory, QosReliability
+from rosbags.rosbag2 import Reader
+from ruamel.yaml import YAML
+
+from ballbot_ros.recording import container
+from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.schemas import schema
+from ballbot_ros.recording.writer import RecordingWriter
+
+STRING = 'std_msgs/msg/String'
+
+
+def string(text):
+    message = new_message(STRING)
+    message.data = text
+    return encoder(STRING)(message)
+
+
+def write_strings(path, numbers, **options):
+    with RecordingWriter(path, **options) as writer:
+        topic = writer.add_topic('/lcd', STRING)
+        for number in numbers:
+            writer.write(topic, number, string(f'line {number}'), number)
+
+
+def lines(path):
+    with RecordingReader(path) as reader:
+        return [message.data for _, _, message in reader], reader.damage
+
+
+def rosbag2_metadata(path):
+    with path.open('rb') as stream:
+        record = next(r for r in make_reader(stream).iter_metadata() if r.name == 'rosbag2')
+    return record.metadata['serialized_metadata']
+
+
+def test_mcap_reads_it(recording, sample):
+    with recording.open('rb') as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        assert reader.get_header().profile == 'ros2'
+        read = list(reader.iter_messages(log_time_order=False))
+        summary = reader.get_summary()
+        assert [(a.name, a.media_type, a.data) for a in reader.iter_attachments()] == [
+            ('scenario.yaml', 'application/yaml', b'name: stationary\n')
+        ]
+        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+    assert metadata.keys() == {'run', 'rosbag2'}
+    assert metadata['run'] == {'seed': '1'}
+    assert len(read) == len(sample)
+    for number, ((topic, type_name, stamp_ns, _, data), row) in enumerate(
+        zip(sample, read, strict=True)
+    ):
+        definition, channel, message = row
+        assert (channel.topic, channel.message_encoding) == (topic, 'cdr')
+        assert (definition.name, definition.encoding) == (type_name, 'ros2msg')
+        assert definition.data.decode() == schema(type_name).text
+        assert channel.metadata['topic_type_hash'] == schema(type_name).type_hash
+        assert message.sequence == number
+        assert (message.log_time, message.publish_time) == (stamp_ns, stamp_ns)
+        assert message.data == data
+    statistics = summary.statistics
+    assert statistics.message_count == len(sample)
+    assert statistics.message_start_time == sample[0][2]
+    assert statistics.message_end_time == sample[-1][2]
+    assert statistics.chunk_count == len(summary.chunk_indexes) == 3
+    assert statistics.channel_count == len(summary.channels) == 14
+    assert statistics.schema_count == len(summary.schemas) == 14
+    assert statistics.attachment_count == len(summary.attachment_indexes) == 1
+    assert statistics.metadata_count == len(summary.metadata_indexes) == 2
+    assert {
+        summary.channels[number].topic: count
+        for number, count in (statistics.channel_message_counts.items())
+    } == {topic: 20 for topic, *_ in sample}
+    assert {index.compression for index in summary.chunk_indexes} == {'zstd'}
+
+
+def test_checksums_and_record_order_hold(recording):
+    with recording.open('rb') as stream:
+        records = list(StreamReader(stream, emit_chunks=True, validate_crcs=True).records)
+    assert all(record.uncompressed_crc for record in records if isinstance(record, Chunk))
+    assert [record.data_section_crc != 0 for record in records if isinstance(record, DataEnd)]
+    with recording.open('rb') as stream:
+        list(StreamReader(stream, validate_crcs=True).records)
+
+
+def test_indexes_find_a_topic_and_a_time(recording, sample):
+    start, end = sample[90][2], sample[210][2]
+    with recording.open('rb') as stream:
+        found = [
+            message.data
+            for _, _, message in make_reader(stream, validate_crcs=True).iter_messages(
+                topics=['/imu'], starting_at=start, ending_before=end
+            )
+        ]
+    assert found == [row[4] for row in sample if row[0] == '/imu' and start <= row[2] < end]
+
+
+def test_rosbags_reads_the_file(recording, sample, plain):
+    with AnyReader([recording]) as reader:
+        read = [
+            (
+                connection.topic,
+                connection.msgtype,
+                stamp,
+                reader.deserialize(data, connection.msgtype),
+            )
+            for connection, stamp, data in reader.messages()
+        ]
+    assert len(read) == len(sample)
+    for (topic, type_name, stamp_ns, message, _), found in zip(sample, read, strict=True):
+        assert found[:3] == (topic, type_name, stamp_ns)
+        assert plain(found[3], type_name) == plain(message, type_name)
+
+
+def test_rosbags_reads_a_bag_directory_made_of_it(recording, sample, tmp_path):
+    shutil.copy(recording, tmp_path)
+    text = rosbag2_metadata(recording).replace('\n', '\n  ')
+    (tmp_path / 'metadata.yaml').write_text(f'rosbag2_bagfile_information:\n  {text}\n')
+    with Reader(tmp_path) as reader:
+        assert reader.message_count == len(sample)
+        assert reader.ros_distro == 'jazzy'
+        assert reader.start_time == sample[0][2]
+        assert len(list(reader.messages())) == len(sample)
+        for connection in reader.connections:
+            (qos,) = connection.ext.offered_qos_profiles
+            assert qos.depth == 128
+            assert qos.history == QosHistory.KEEP_LAST
+            assert qos.reliability == QosReliability.RELIABLE
+            assert qos.durability == QosDurability.TRANSIENT_LOCAL
+            assert connection.digest == schema(connection.msgtype).type_hash
+
+
+def test_mcap_ros2_support_decodes_it(recording, sample, plain):
+    decoder = pytest.importorskip('mcap_ros2.decoder')
+    with recording.open('rb') as stream:
+        reader = make_reader(stream, decoder_factories=[decoder.DecoderFactory()])
+        read = list(reader.iter_decoded_messages(log_time_order=False))
+    assert len(read) == len(sample)
+    for (_, type_name, _, message, _), found in zip(sample, read, strict=True):
+        assert plain(found.decoded_message, type_name) == plain(message, type_name)
+
+
+def test_rosbag2_metadata_counts(recording, sample):
+    metadata = YAML(typ='safe').load(rosbag2_metadata(recording))
+    assert metadata['version'] == 9
+    assert metadata['storage_identifier'] == 'mcap'
+    assert metadata['message_count'] == len(sample)
+    assert metadata['starting_time'] == {'nanoseconds_since_epoch': sample[0][2]}
+    assert metadata['duration'] == {'nanoseconds': sample[-1][2] - sample[0][2]}
+    assert metadata['relative_file_paths'] == ['sample.mcap']
+    assert metadata['files'][0]['message_count'] == len(sample)
+    assert metadata['custom_data'] is None
+    assert {
+        topic['topic_metadata']['name']: topic['message_count']
+        for topic in metadata['topics_with_message_count']
+    } == {topic: 20 for topic, *_ in sample}
+
+
+def test_rosbag2_metadata_is_laid_out_as_rosbag2_does(tmp_path):
+    path = tmp_path / 'two words.mcap'
+    with RecordingWriter(path) as writer:
+        writer.add_topic('/clock', 'rosgraph_msgs/msg/Clock', qos=[])
+        topic = writer.add_topic('/lcd', STRING)
+        writer.write(topic, 5, string('a'), 0)
+        writer.write(topic, 2, string('b'), 1)
+    assert (
+        rosbag2_metadata(path)
+        == f"""\
+version: 9
+storage_identifier: mcap
+duration:
+  nanoseconds: 3
+starting_time:
+  nanoseconds_since_epoch: 2
+message_count: 2
+topics_with_message_count:
+  - topic_metadata:
+      name: /clock
+      type: rosgraph_msgs/msg/Clock
+      serialization_format: cdr
+      offered_qos_profiles:
+        []
+      type_description_hash: {schema('rosgraph_msgs/msg/Clock').type_hash}
+    message_count: 0
+  - topic_metadata:
+      name: /lcd
+      type: std_msgs/msg/String
+      serialization_format: cdr
+      offered_qos_profiles:
+        - history: keep_last
+          depth: 128
+          reliability: reliable
+          durability: transient_local
+          deadline:
+            sec: 9223372036
+            nsec: 854775807
+          lifespan:
+            sec: 9223372036
+            nsec: 854775807
+          liveliness: automatic
+          liveliness_lease_duration:
+            sec: 9223372036
+            nsec: 854775807
+          avoid_ros_namespace_conventions: false
+      type_description_hash: {schema(STRING).type_hash}
+    message_count: 2
+compression_format: ""
+compression_mode: ""
+relative_file_paths:
+  - "two words.mcap"
+files:
+  - path: "two words.mcap"
+    starting_time:
+      nanoseconds_since_epoch: 2
+    duration:
+      nanoseconds: 3
+    message_count: 2
+custom_data: ~
+ros_distro: jazzy"""
+    )
+
+
+def test_offered_qos_of_every_publisher_is_kept(tmp_path):
+    path = tmp_path / 'qos.mcap'
+    best_effort = QosProfile('unknown', 0, 'best_effort', 'volatile', lifespan=10 * 10**9)
+    with RecordingWriter(path) as writer:
+        writer.add_topic('/lcd', STRING, qos=[RELIABLE_LATCHED, best_effort])
+    with path.open('rb') as stream:
+        (channel,) = make_reader(stream).get_summary().channels.values()
+    assert channel.metadata['offered_qos_profiles'].startswith(
+        '- history: keep_last\n  depth: 128\n  reliability: reliable\n'
+        '  durability: transient_local\n  deadline:\n    sec: 9223372036\n    nsec: 854775807\n'
+    )
+    second = YAML(typ='safe').load(channel.metadata['offered_qos_profiles'])[1]
+    assert second['history'] == 'unknown'
+    assert second['reliability'] == 'best_effort'
+    assert second['lifespan'] == {'sec': 10, 'nsec': 0}
+    assert second['avoid_ros_namespace_conventions'] is False
+
+
+def test_qos_is_taken_from_rclpys_words():
+    words = Enum('words', 'KEEP_LAST RELIABLE TRANSIENT_LOCAL AUTOMATIC')
+    endless = SimpleNamespace(nanoseconds=2**63 - 1)
+    profile = SimpleNamespace(
+        history=words.KEEP_LAST,
+        depth=128,
+        reliability=words.RELIABLE,
+        durability=words.TRANSIENT_LOCAL,
+        deadline=endless,
+        lifespan=endless,
+        liveliness=words.AUTOMATIC,
+        liveliness_lease_duration=endless,
+        avoid_ros_namespace_conventions=False,
+    )
+    assert QosProfile.from_rclpy(profile) == RELIABLE_LATCHED
+
+
+def test_qos_is_taken_from_rclpy():
+    qos = pytest.importorskip('rclpy.qos')
+    profile = qos.QoSProfile(
+        depth=128,
+        reliability=qos.ReliabilityPolicy.RELIABLE,
+        durability=qos.DurabilityPolicy.TRANSIENT_LOCAL,
+        liveliness=qos.LivelinessPolicy.AUTOMATIC,
+    )
+    assert QosProfile.from_rclpy(profile) == QosProfile(
+        'keep_last', 128, 'reliable', 'transient_local', 0, 0, 'automatic', 0
+    )
+
+
+def test_the_same_messages_make_the_same_file(recording, record, sample, tmp_path):
+    again = record(tmp_path / 'sample.mcap', sample)
+    assert again.read_bytes() == recording.read_bytes()
+
+
+@pytest.mark.parametrize('topics', [0, 1])
+def test_a_recording_without_messages_is_whole(tmp_path, topics):
+    path = tmp_path / 'empty.mcap'
+    with RecordingWriter(path) as writer:
+        for number in range(topics):
+            writer.add_topic(f'/lcd_{number}', STRING)
+    with path.open('rb') as stream:
+        summary = make_reader(stream, validate_crcs=True).get_summary()
+    assert summary.statistics.message_count == 0
+    assert len(summary.channels) == topics
+    with Reader(path) as reader:
+        assert reader.message_count == 0
+    with RecordingReader(path) as reader:
+        assert reader.complete
+        assert len(reader.topics()) == topics
+    metadata = YAML(typ='safe').load(rosbag2_metadata(path))
+    assert metadata['starting_time'] == {'nanoseconds_since_epoch': 2**63 - 1}
+
+
+def test_a_chunk_ends_at_its_size(tmp_path):
+    path = tmp_path / 'chunks.mcap'
+    write_strings(path, range(1000), chunk_size=4096)
+    with path.open('rb') as stream:
+        indexes = make_reader(stream).get_summary().chunk_indexes
+    assert len(indexes) > 5
+    assert all(index.uncompressed_size < 4096 + 200 for index in indexes)
+    assert lines(path) == ([f'line {number}' for number in range(1000)], None)
+
+
+def test_what_is_flushed_can_be_read_from_a_copy(tmp_path):
+    path, copy = tmp_path / 'live.mcap', tmp_path / 'copy.mcap'
+    with RecordingWriter(path) as writer:
+        topic = writer.add_topic('/lcd', STRING)
+        writer.flush()
+        shutil.copy(path, copy)
+        with RecordingReader(copy) as reader:
+            assert reader.topics() == {'/lcd': (STRING, 0)}
+        for number in range(50):
+            writer.write(topic, number, string(f'line {number}'), number)
+        writer.flush()
+        writer.write(topic, 50, string('later'), 50)
+        shutil.copy(path, copy)
+        assert lines(copy)[0] == [f'line {number}' for number in range(50)]
+        assert lines(copy)[1] == f'cut off at byte {copy.stat().st_size}'
+    assert lines(path)[1] is None
+
+
+def test_a_killed_recorder_leaves_what_was_flushed(tmp_path):
+    path = tmp_path / 'killed.mcap'
+    code = f"""
+import os, signal
+from ballbot_ros.recording.writer import RecordingWriter
+writer = RecordingWriter({str(path)!r})
+topic = writer.add_topic('/lcd', {STRING!r})
+for number in range(100):
+    writer.write(topic, number, {string('x')!r}, number)
+    if number == 89:
+        writer.flush()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    assert subprocess.run([sys.executable, '-c', code], check=False).returncode == -signal.SIGKILL
+    read, damage = lines(path)
+    assert read == ['x'] * 90
+    assert damage.startswith('cut off at byte')
+
+
+def test_an_existing_file_is_not_touched(tmp_path):
+    path = tmp_path / 'old.mcap'
+    path.write_bytes(b'old')
+    with pytest.raises(RecordingError) as error:
+        RecordingWriter(path)
+    assert str(error.value) == f'{path}: already exists'
+    assert path.read_bytes() == b'old'
+
+
+@pytest.mark.parametrize(
+    ('place', 'reason'), [('missing', 'No such file or directory'), ('file', 'Not a directory')]
+)
+def test_a_file_that_cannot_be_created_is_an_error(tmp_path, place, reason):
+    (tmp_path / 'file').touch()
+    path = tmp_path / place / 'new.mcap'
+    with pytest.raises(RecordingError) as error:
+        RecordingWriter(path)
+    assert str(error.value) == f'{path}: {reason}'
+
+
+def test_topics_that_cannot_be_recorded_are_errors(tmp_path):
+    path = tmp_path / 'topics.mcap'
+    with RecordingWriter(path) as writer:
+        writer.add_topic('/lcd', STRING, type_hash=schema(STRING).type_hash)
+        with pytest.raises(RecordingError, match=r'topics\.mcap: topic /lcd is recorded already$'):
+            writer.add_topic('/lcd', STRING)
+        with pytest.raises(RecordingError, match=r"topics\.mcap: topic /a: 'a/msg/B' is not a mes"):
+            writer.add_topic('/a', 'a/msg/B')
+        with pytest.raises(RecordingError, match=r'/b: std_msgs/msg/String has the hash RIHS01_0'):
+            writer.add_topic('/b', STRING, type_hash='RIHS01_0')
+    assert lines(path) == ([], None)
+
+
+def test_a_message_that_does_not_fit_is_left_out_whole(tmp_path):
+    path = tmp_path / 'fit.mcap'
+    with RecordingWriter(path) as writer:
+        topic = writer.add_topic('/lcd', STRING)
+        for arguments in [(-1, b'', 0), (0, b'', -1), (0, 'text', 0)]:
+            with pytest.raises(Exception, match=r'.'):
+                writer.write(topic, *arguments)
+        writer.write(topic, 0, string('a'), 0)
+    assert lines(path) == (['a'], None)
+
+
+def test_a_closed_recording_takes_no_more(tmp_path):
+    writer = RecordingWriter(tmp_path / 'closed.mcap')
+    topic = writer.add_topic('/lcd', STRING)
+    writer.close()
+    writer.close()
+    for action in (
+        lambda: writer.write(topic, 0, b'', 0),
+        lambda: writer.add_topic('/a', STRING),
+        lambda: writer.add_attachment('a', 'text/plain', b''),
+        lambda: writer.add_metadata('a', {}),
+        writer.flush,
+    ):
+        with pytest.raises(RecordingError, match=r'closed\.mcap: the recording is closed$'):
+            action()
+
+
+def test_a_recording_says_what_it_lacks(tmp_path):
+    path = tmp_path / 'gap.mcap'
+    with RecordingWriter(path) as writer:
+        writer.mark_incomplete('/gyro: 3 messages lost at 1.2 s')
+        writer.mark_incomplete('/sonar: 1 message lost at 4.0 s')
+    assert lines(path)[1] == '/gyro: 3 messages lost at 1.2 s; /sonar: 1 message lost at 4.0 s'
+
+
+class FullDisk:
+    """Stands in for `os.pwrite` on a disk with room for so many bytes of one file."""
+
+    def __init__(self, room):
+        self.room = room
+        self.pwrite = os.pwrite
+
+    def __call__(self, descriptor, data, offset):
+        if offset >= self.room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return self.pwrite(descriptor, bytes(data[: self.room - offset]), offset)
+
+
+@settings(
+    max_examples=150,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(room=st.integers(0, 20_000))
+def test_a_full_disk_leaves_a_readable_prefix(tmp_path_factory, room):
+    path = tmp_path_factory.mktemp('full') / 'full.mcap'
+    chance = random.Random(3)
+    texts = [f'{number} {chance.random()}' for number in range(400)]
+    failures = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(container.os, 'pwrite', FullDisk(room))
+        try:
+            with RecordingWriter(path, chunk_size=2000) as writer:
+                topic = writer.add_topic('/lcd', STRING)
+                for number, text in enumerate(texts):
+                    writer.write(topic, number, string(text), number)
+                writer.add_attachment('scenario', 'text/plain', b'x' * 1000)
+        except RecordingError as error:
+            failures.append(str(error))
+    if path.stat().st_size == 0:
+        assert failures == [f'{path}: No space left on device']
+        return
+    assert path.stat().st_size <= room
+    read, damage = lines(path)
+    assert read == texts[: len(read)]
+    if failures:
+        assert failures == [f'{path}: No space left on device']
+        cut_off = f'cut off at byte {path.stat().st_size}'
+        full = 'No space left on device'
+        assert damage in (cut_off, full, f'{full}; {cut_off}')
+    else:
+        assert (read, damage) == (texts, None)
+    if damage == 'No space left on device':
+        with path.open('rb') as stream:
+            assert len(list(make_reader(stream, validate_crcs=True).iter_messages())) == len(read)
+
+
+def test_a_file_size_limit_is_reported_in_one_line(tmp_path):
+    path = tmp_path / 'limit.mcap'
+    code = f"""
+import random, resource
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.writer import RecordingWriter
+resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
+writer = RecordingWriter({str(path)!r}, chunk_size=10_000)
+topic = writer.add_topic('/bluetooth/tx', 'std_msgs/msg/UInt8MultiArray')
+chance = random.Random(1)
+try:
+    for number in range(10_000):
+        writer.write(topic, number, chance.randbytes(100), number)
+except RecordingError as error:
+    print(error)
+writer.close()
+"""
+    result = subprocess.run(
+        [sys.executable, '-c', code], check=False, capture_output=True, text=True
+    )
+    assert (result.returncode, result.stderr) == (0, '')
+    assert result.stdout == f'{path}: File too large\n'
+    chance = random.Random(1)
+    with RecordingReader(path) as reader:
+        assert reader.damage.startswith('File too large')
+        assert reader.count > 300
+        assert [message.data for message in reader.raw_messages()] == [
+            chance.randbytes(100) for _ in range(reader.count)
+        ]
+
+
+def test_writes_go_on_after_a_short_one(tmp_path, monkeypatch):
+    pwrite = os.pwrite
+    monkeypatch.setattr(
+        container.os, 'pwrite', lambda file, data, offset: pwrite(file, bytes(data[:7]), offset)
+    )
+    path = tmp_path / 'short.mcap'
+    write_strings(path, range(100))
+    with path.open('rb') as stream:
+        records = list(StreamReader(stream, validate_crcs=True).records)
+    assert sum(isinstance(record, Message) for record in records) == 100
