@@ -72,8 +72,10 @@ setup(
     # The lower bounds are what Ubuntu 24.04, the platform of ROS 2 Jazzy, offers where it does.
     install_requires=[
         'numpy>=1.26',
+        'scipy>=1.11',
         'control>=0.10',
         'mcap>=1.2',
+        'zstandard>=0.20',
         'rosbags>=0.10',
         'matplotlib>=3.6',
         'PyYAML>=6.0',

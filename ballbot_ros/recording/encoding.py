@@ -85,7 +85,7 @@ def encoder(type_name: str) -> Callable[[Any], bytes]:
     """Return the function that encodes a message of `type_name` as little-endian CDR.
 
     Arrays and sequences may be any Python sequence of numbers; lists are the fastest. The function
-    raises `struct.error` if a number does not fit its field or a fixed array has another length.
+    raises `struct.error` if a number does not fit its field, or too few or too many fill a message.
 
     Raises
     ------

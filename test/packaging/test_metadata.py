@@ -1,0 +1,129 @@
+"""What setup.py, package.xml and the package's imports say of one another."""
+
+import ast
+import re
+import runpy
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import setuptools
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# The rosdep keys of the distributions that setup.py names; None where rosdep has no key.
+ROSDEP_KEYS = {
+    'PyYAML': 'python3-yaml',
+    'click': 'python3-click',
+    'control': None,
+    'matplotlib': 'python3-matplotlib',
+    'mcap': 'mcap-ros2-support',
+    'numpy': 'python3-numpy',
+    'rich': 'python3-rich',
+    'rosbags': 'python3-rosbags-pip',
+    'scipy': 'python3-scipy',
+    'zstandard': 'mcap-ros2-support',
+    'ros-jazzy-common-interfaces': 'std_msgs',
+    'ros-jazzy-rclpy': 'rclpy',
+    'ros-jazzy-rmw-fastrtps-cpp': 'rmw_fastrtps_cpp',
+    'ros-jazzy-rosgraph-msgs': 'rosgraph_msgs',
+}
+ROSDEP_TEST_KEYS = {
+    'colcon-common-extensions': 'python3-colcon-common-extensions',
+    'hypothesis': 'python3-hypothesis',
+    'mcap-ros2-support': 'mcap-ros2-support',
+    'mypy': 'python3-mypy',
+    'numpydoc': None,
+    'pytest': 'python3-pytest',
+    'pytest-timeout': 'python3-pytest-timeout',
+    'pytest-xdist': 'python3-pytest-xdist',
+    'ruff': 'python3-ruff-pip',
+    'types-PyYAML': 'python3-types-pyyaml',
+}
+MODULES = {'PyYAML': 'yaml'}
+
+
+@pytest.fixture
+def setup(monkeypatch):
+    """Return the arguments that setup.py gives."""
+    arguments = {}
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(setuptools, 'setup', arguments.update)
+    runpy.run_path('setup.py')
+    return arguments
+
+
+@pytest.fixture(scope='module')
+def manifest():
+    return ElementTree.parse(ROOT / 'package.xml').getroot()
+
+
+def texts(manifest, tag):
+    return {element.text for element in manifest.iter(tag)}
+
+
+def names(requirements):
+    return {re.match(r'[\w-]+', requirement)[0] for requirement in requirements}
+
+
+def run_time_requirements(setup):
+    extras = {key: value for key, value in setup['extras_require'].items() if key != 'test'}
+    return names(setup['install_requires']).union(*map(names, extras.values()))
+
+
+def test_manifest_and_setup_name_the_same_package(setup, manifest):
+    for tag in ('name', 'version', 'license', 'description', 'maintainer', 'author'):
+        assert manifest.findtext(tag) == setup[tag]
+    for tag in ('maintainer', 'author'):
+        assert manifest.find(tag).get('email') == setup[f'{tag}_email']
+    assert manifest.findtext('export/build_type') == 'ament_python'
+    assert 'Apache License' in (ROOT / manifest.find('license').get('file')).read_text()
+
+
+def test_package_and_setup_have_one_version(setup):
+    import ballbot_ros
+
+    assert ballbot_ros.__version__ == setup['version']
+
+
+def test_manifest_declares_every_run_time_requirement(setup, manifest):
+    required = run_time_requirements(setup)
+    assert required == ROSDEP_KEYS.keys()
+    assert {ROSDEP_KEYS[name] for name in required} - {None} <= texts(manifest, 'exec_depend')
+
+
+def test_manifest_declares_every_test_requirement(setup, manifest):
+    required = names(setup['extras_require']['test'])
+    assert required == ROSDEP_TEST_KEYS.keys()
+    declared = texts(manifest, 'exec_depend') | texts(manifest, 'test_depend')
+    assert {ROSDEP_TEST_KEYS[name] for name in required} - {None} <= declared
+
+
+def test_every_import_is_declared(setup, manifest):
+    declared = {MODULES.get(name, name) for name in run_time_requirements(setup)}
+    declared |= texts(manifest, 'exec_depend') | {'ballbot_ros'} | sys.stdlib_module_names
+    undeclared = {
+        f'{file.relative_to(ROOT)}: {module}'
+        for folder in ('ballbot_ros', 'launch')
+        for file in (ROOT / folder).rglob('*.py')
+        for module in imported_modules(file)
+        if module not in declared
+    }
+    assert undeclared == set()
+
+
+def imported_modules(file):
+    for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split('.')[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            yield node.module.split('.')[0]
+
+
+def test_every_subpackage_is_installed(setup):
+    folders = {
+        '.'.join(file.relative_to(ROOT).parent.parts)
+        for file in (ROOT / 'ballbot_ros').rglob('*.py')
+    }
+    assert folders == set(setup['packages'])
