@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from ballbot_ros.errors import BallbotError
@@ -44,9 +45,10 @@ class Parameter:
         The default of the ``ideal`` profile; its type is the parameter's type.
     unit : str
         ``'1'`` for a pure number, empty for text and switches.
-    bounds : tuple of float or tuple of str or None
-        Inclusive lower and upper bound of a number (of each element of an array), or the words
-        a text may be.
+    bounds : tuple of float or None
+        Inclusive lower and upper bound of a number, or of each element of an array.
+    choices : tuple of str
+        The words a text may be; empty for any text.
     live : bool
         Whether a running node takes a new value; the others are read once at the start.
     """
@@ -55,10 +57,11 @@ class Parameter:
     name: str
     default: Value
     unit: str
-    bounds: tuple[float, float] | tuple[str, ...] | None
+    bounds: tuple[float, float] | None
+    choices: tuple[str, ...]
     description: str
     source: str
-    live: bool = False
+    live: bool
 
     def check(self, value: Any, where: str) -> Value:
         """Return `value` in the parameter's own type.
@@ -82,8 +85,8 @@ class Parameter:
         if isinstance(self.default, str):
             if not isinstance(value, str):
                 raise ParameterError(f'{name}: {value!r} is not text')
-            if self.bounds and value not in self.bounds:
-                words = ', '.join(map(str, self.bounds))
+            if self.choices and value not in self.choices:
+                words = ', '.join(self.choices)
                 raise ParameterError(f'{name}: {value!r} is not one of {words}')
             return value
         if isinstance(self.default, int):
@@ -105,15 +108,30 @@ class Parameter:
 
 
 def _rows(nodes: str | tuple[str, ...], *rows: tuple[Any, ...]) -> list[Parameter]:
-    names = (nodes,) if isinstance(nodes, str) else nodes
-    return [Parameter(names, *row) for row in rows]
+    parameters = []
+    for name, default, unit, allowed, description, source, *live in rows:
+        is_choice = allowed is not None and isinstance(allowed[0], str)
+        parameters.append(
+            Parameter(
+                nodes=(nodes,) if isinstance(nodes, str) else nodes,
+                name=name,
+                default=default,
+                unit=unit,
+                bounds=None if is_choice else allowed,
+                choices=allowed if is_choice else (),
+                description=description,
+                source=source,
+                live=bool(live and live[0]),
+            )
+        )
+    return parameters
 
 
 _ANY = (-1e9, 1e9)
 _COEFFICIENT = (0.0, 1.0)
 _UINT32 = (0, 2**32 - 1)
 
-# name, default, unit, bounds, description, source[, live]
+# name, default, unit, bounds or choices, description, source[, live]
 TABLE: tuple[Parameter, ...] = (
     *_rows(
         (GYRO, SONAR),
@@ -213,8 +231,8 @@ TABLE: tuple[Parameter, ...] = (
     *_rows(
         CONTROLLER,
         ('mode', 'remote', '', ('remote', 'autonomous'), 'drive mode (task_init)', '7.3'),
-        ('k_f', (-0.01504899, -1.56981134, -0.02700482, -0.23249821), 'V/deg, V/deg, V·s/deg, '
-         'V·s/deg', _ANY, 'servo control feedback gain', '4.2'),
+        ('k_f', (-0.01504899, -1.56981134, -0.02700482, -0.23249821), 'V/deg, V·s/deg', _ANY,
+         'servo control feedback gain of θ, ψ, θ˙, ψ˙', '4.2'),
         ('k_i', -0.00712528, 'V/(deg·s)', _ANY, 'servo control integral gain', '4.2'),
         ('k_thetadot', 380.0, 'deg/s', (0.0, 1e4), 'speed reference gain (0.17 m/s)', '7.7'),
         ('a_b', 0.8, '1', _COEFFICIENT, 'low pass: battery voltage', '7.7'),
@@ -290,8 +308,9 @@ class ParameterSet:
         for each in nodes:
             row = _BY_NODE[each].get(name)
             if row is None:
-                known = ', '.join(sorted(_BY_NODE[each])) or 'none'
-                raise ParameterError(f'{prefix}{each} has no parameter {name!r}; it has {known}')
+                raise ParameterError(
+                    f'{prefix}{each} has no parameter {name!r}; {_nearest(name, each)}'
+                )
             checked = row.check(value, f'{prefix}{each}.')
             # A shared parameter is one value: its nodes must never disagree.
             for sharer in row.nodes:
@@ -301,12 +320,20 @@ class ParameterSet:
         """Take over everything that was set in `other`."""
         self._values.update(other._values)
 
-    def values(self, node: str) -> dict[str, Value]:
+    def values(self, node: str) -> dict[str, Any]:
         """Return every parameter of `node` by name."""
         return {
             name: self._values.get((node, name), row.default)
             for name, row in _BY_NODE[node].items()
         }
+
+
+def _nearest(name: str, node: str) -> str:
+    known = sorted(_BY_NODE[node])
+    close = get_close_matches(name, known)
+    if close:
+        return f'did you mean {" or ".join(close)}?'
+    return f'it has {", ".join(known) or "none"}'
 
 
 _Settings = TypeVar('_Settings')

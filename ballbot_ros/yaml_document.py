@@ -65,14 +65,11 @@ class YamlDocument:
                 return f'{self.path}:{line}'
         return str(self.path)
 
-    def _convert(
-        self, loader: yaml.SafeLoader, node: yaml.Node, keys: tuple[Hashable, ...]
-    ) -> Any:
+    def _convert(self, loader: yaml.SafeLoader, node: yaml.Node, keys: tuple[Hashable, ...]) -> Any:
         self._lines.setdefault(keys, node.start_mark.line + 1)
         if isinstance(node, yaml.SequenceNode):
             return [
-                self._convert(loader, item, (*keys, index))
-                for index, item in enumerate(node.value)
+                self._convert(loader, item, (*keys, index)) for index, item in enumerate(node.value)
             ]
         if isinstance(node, yaml.MappingNode):
             mapping: dict[Hashable, Any] = {}

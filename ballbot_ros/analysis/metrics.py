@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from ballbot_ros.parameters import Value
 from ballbot_ros.scenario.metrics import METRICS, SETTLED_DEG
 from ballbot_ros.simulation.trajectory import Trajectory
 
 
-def measure(trajectory: Trajectory, plant: Mapping[str, Value]) -> dict[str, float]:
+def measure(trajectory: Trajectory, plant: Mapping[str, Any]) -> dict[str, float]:
     """Return every metric of a run; NaN where the run was too short for it.
 
     Parameters
@@ -21,7 +21,7 @@ def measure(trajectory: Trajectory, plant: Mapping[str, Value]) -> dict[str, flo
     plant : mapping
         The parameters of ``plant_sim``: the release follows from ``hold_time``.
     """
-    released = trajectory.time >= float(plant['hold_time']) - 1e-9
+    released = trajectory.time >= plant['hold_time'] - 1e-9
     if not released.any():
         return dict.fromkeys(METRICS, math.nan)
     time = trajectory.time[released]

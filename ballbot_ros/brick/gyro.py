@@ -48,9 +48,7 @@ class Gyro:
         stamp_ns : int
             Sim time [ns] of the sample.
         """
-        errors = (
-            self._noise.row(stamp_ns // _SAMPLE_NS) if self._sigma else (0.0, 0.0)
-        )
+        errors = self._noise.row(stamp_ns // _SAMPLE_NS) if self._sigma else (0.0, 0.0)
         return (
             self._reading(0, rates[0], errors[0], stamp_ns),
             self._reading(1, rates[1], errors[1], stamp_ns),

@@ -9,7 +9,7 @@ import click
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 
 
-@click.command()
+@click.command(short_help='Run a scenario and judge it by its expectations.')
 @click.argument('scenario')
 @click.option(
     '--processes',
@@ -79,7 +79,7 @@ def scenarios() -> None:
         click.echo(f'{name:<{width}}  {load_scenario(name).purpose}')
 
 
-@click.command()
+@click.command(short_help='Print the model, its poles and the servo gains.')
 @click.option(
     '--params',
     type=click.Path(path_type=Path),
@@ -92,7 +92,7 @@ def design(params: Path | None) -> None:
     print_design(params)
 
 
-@click.command()
+@click.command(short_help='Check that this machine is ready.')
 def doctor() -> int:
     """Check Python, rclpy, discovery, disk and ports; say what to do where one is not OK."""
     from ballbot_ros.cli.doctor import examine

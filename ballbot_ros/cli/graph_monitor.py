@@ -60,13 +60,14 @@ class GraphMonitor:
         """Take what has come since the last look."""
         while (clock := _take(self._clock)) is not None:
             self.now_ns = time_ns(clock.clock)
+            self._heard_at = time.monotonic()
         while (report := _take(self._diagnostics)) is not None:
             if any(status.name.startswith(f'{PLANT}:') for status in report.status):
                 self._heard_at = time.monotonic()
 
     @property
     def plant_silence_s(self) -> float:
-        """Time since the plant's last report [s]; 0 before the first."""
+        """Time since the plant's last tick or report [s]; 0 before the first."""
         return 0.0 if self._heard_at is None else time.monotonic() - self._heard_at
 
 

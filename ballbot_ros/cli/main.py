@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
+
+# Matrices of four rows need no threads of their own, which would spin beside the nodes.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import click
 
@@ -38,7 +42,7 @@ for command in (run, scenarios, design, doctor):
 def main() -> None:
     """Run the command; a user's mistake ends in one line and status 2."""
     try:
-        status = ballbot(standalone_mode=False)
+        status = ballbot(prog_name='ballbot', standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())
         sys.exit(2)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import subprocess
@@ -12,8 +11,9 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from ballbot_ros.nodes.base import END_WITH_PARENT
+
 GRACE_S = 1.5
-_PR_SET_PDEATHSIG = 1
 
 
 class NodeProcess:
@@ -41,13 +41,13 @@ class NodeProcess:
                 'OPENBLAS_NUM_THREADS': '1',
                 'RCUTILS_CONSOLE_OUTPUT_FORMAT': '{name}: {message}',
                 'RCUTILS_COLORIZED_OUTPUT': '0',
+                END_WITH_PARENT: '1',
             },
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             # A Ctrl-C is for the run as a whole, which then stops its nodes in order.
             start_new_session=True,
-            preexec_fn=_die_with_parent,
         )  # fmt: skip
         self._reader = threading.Thread(target=self._hand_on, args=(notice,), daemon=True)
         self._reader.start()
@@ -73,6 +73,12 @@ class NodeProcess:
     def exit_status(self) -> int | None:
         """The exit status, a negative signal number, or None while it runs."""
         return self._process.poll()
+
+    @property
+    def died(self) -> bool:
+        """Whether a signal ended it."""
+        status = self.exit_status
+        return status is not None and status < 0
 
     @property
     def how_it_ended(self) -> str:
@@ -113,10 +119,3 @@ def stop_all(processes: Sequence[NodeProcess]) -> None:
         process.wait_until(deadline)
     last.request_stop()
     last.wait_until(time.monotonic() + GRACE_S)
-
-
-_libc = ctypes.CDLL(None)
-
-
-def _die_with_parent() -> None:
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -27,6 +27,7 @@ from ballbot_ros.parameters import (
     RECORDER,
     SONAR,
 )
+from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
 from ballbot_ros.stop_request import StopRequest
 
 _DRIVERS = {
@@ -55,8 +56,8 @@ def run_in_one_process(experiment: Experiment, scratch: Path, progress: Progress
             executor.add_node(node)
         with StopRequest() as stop:
             while not (plant.finished or stop.signal):
-                executor.spin_once(timeout_sec=SPIN_S)
-                progress.update(plant.log.ticks * 4e-3)
+                executor.spin_until_future_complete(plant.done, SPIN_S)
+                progress.update(plant.log.ticks * TICK_NS / SECOND_NS)
             plant.stop()
         summary = {**plant.summary, 'exit_status': 128 + stop.signal if stop.signal else 1}
         if plant.exit_status == 2:

@@ -104,7 +104,7 @@ def run_scenario(
     experiment.attachments = _attachments(experiment)
 
     plant_values = parameters.values(PLANT)
-    duration = float(plant_values['duration'])
+    duration = plant_values['duration']
     with ExitStack() as stack:
         scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='ballbot_')))
         progress = stack.enter_context(Progress(scenario.name, duration))
@@ -129,7 +129,7 @@ def run_scenario(
             finished.trajectory,
             result.figure,
             f'{scenario.name}: {scenario.purpose}',
-            float(plant_values['hold_time']),
+            plant_values['hold_time'],
         )
     (print_json if as_json else print_table)(result)
     return result.verdict.exit_status

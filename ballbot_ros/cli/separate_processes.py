@@ -36,9 +36,7 @@ def run_in_separate_processes(
     write_parameter_file(parameter_file, parameters)
     names = [name for name in NODES if name != RECORDER or experiment.recording]
     with StopRequest() as stop:
-        processes = {
-            name: NodeProcess(name, parameter_file, progress.notice) for name in names
-        }
+        processes = {name: NodeProcess(name, parameter_file, progress.notice) for name in names}
         try:
             with GraphMonitor() as monitor:
                 failure = _watch(processes, monitor, progress, stop)
@@ -69,14 +67,16 @@ def _watch(
             if process.running or name in reported:
                 continue
             reported.add(name)
-            if name == PLANT:
-                return '' if process.exit_status >= 0 else f'{PLANT} {process.how_it_ended}'
+            if name == PLANT and not process.died:
+                return ''
+            end = f'{name} {process.how_it_ended}'
+            progress.notice(end)
             # A node that refuses its parameters never comes; another may be restarted by hand,
             # and the plant tells when it has waited long enough.
-            if process.exit_status == 2:
-                return f'{name} {process.how_it_ended}'
-            progress.notice(f'{name} {process.how_it_ended}')
+            if name == PLANT or process.exit_status == 2:
+                return end
         if monitor.plant_silence_s > PLANT_SILENCE_S:
+            progress.notice(f'{PLANT} does not answer')
             plant.kill()
             return f'{PLANT} does not answer'
         time.sleep(POLL_S)

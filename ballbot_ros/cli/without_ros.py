@@ -6,26 +6,26 @@ import time
 
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.run import Experiment, Finished
-from ballbot_ros.stop_request import StopRequest
 from ballbot_ros.nodes.simulated_recording import SimulatedRecording
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.pacer import Pacer
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import TrajectoryLog
+from ballbot_ros.stop_request import StopRequest
 
 
 def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
     """Run the closed loop, recorded as the graph would be."""
     plant = experiment.parameters.values(PLANT)
-    ticks = round(float(plant['duration']) * SECOND_NS) // TICK_NS
-    factor = float(plant['real_time_factor'])
+    ticks = round(plant['duration'] * SECOND_NS) // TICK_NS
+    factor = plant['real_time_factor']
     loop = ClosedLoop(experiment.parameters, experiment.scenario)
     log, pacer = TrajectoryLog(), Pacer()
     recording = None
     if experiment.recording:
         recording = SimulatedRecording(
-            experiment.recording, experiment.attachments, float(plant['ball_radius'])
+            experiment.recording, experiment.attachments, plant['ball_radius']
         )
         recording.begin(FIRST_TICK_NS)
     begun = time.monotonic()

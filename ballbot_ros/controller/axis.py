@@ -104,6 +104,4 @@ class Axis:
     def in_control(self) -> bool:
         """Tell whether both errors are below the out-of-control thresholds."""
         p = self._p
-        return bool(
-            abs(self.theta_diff) < p.theta_diff_thr and abs(self.psi_diff) < p.psi_diff_thr
-        )
+        return bool(abs(self.theta_diff) < p.theta_diff_thr and abs(self.psi_diff) < p.psi_diff_thr)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import control
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot_ros.design.state_feedback import lqr
 from ballbot_ros.plant.model import Matrix, PhysicalParameters, state_space
@@ -28,7 +29,7 @@ class ServoDesign:
         The plant with angles in degrees.
     gain : ndarray, shape (5,)
         k_f for theta, psi, theta_dot, psi_dot, then k_i.
-    poles : ndarray, shape (5,)
+    poles : ndarray of complex, shape (5,)
         Closed-loop poles [1/s].
     gain_margins : tuple of float
         Factors on the loop gain between which the loop stays stable.
@@ -39,7 +40,7 @@ class ServoDesign:
     a: Matrix
     b: Matrix
     gain: Matrix
-    poles: Matrix
+    poles: NDArray[np.complex128]
     gain_margins: tuple[float, float]
     phase_margin_deg: float
     delay_margin_s: float
@@ -72,14 +73,16 @@ def design_servo(
     loop = control.ss(a_bar, b_bar, gain, [[0.0]])
     gains, phase, _, gain_at, phase_at, _ = control.stability_margins(loop, returnall=True)
     lower = max((float(g) for g, w in zip(gains, gain_at, strict=True) if g < 1.0), default=0.0)
-    upper = min((float(g) for g, w in zip(gains, gain_at, strict=True) if g > 1.0), default=math.inf)
+    upper = min(
+        (float(g) for g, w in zip(gains, gain_at, strict=True) if g > 1.0), default=math.inf
+    )
     index = int(np.argmin(np.abs(phase)))
     delays = [math.radians(m % 360.0) / w for m, w in zip(phase, phase_at, strict=True)]
     return ServoDesign(
         a=a,
         b=b,
         gain=gain[0],
-        poles=np.linalg.eigvals(a_bar - b_bar @ gain),
+        poles=np.linalg.eigvals(a_bar - b_bar @ gain).astype(complex),
         gain_margins=(lower, upper),
         phase_margin_deg=float(phase[index]),
         delay_margin_s=min(delays),

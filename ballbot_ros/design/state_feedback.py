@@ -39,8 +39,7 @@ def require_controllable(a: Any, b: Any) -> None:
     rank = controllability_rank(a, b)
     if rank < order:
         raise DesignError(
-            f'the system is not controllable: its controllability matrix has rank {rank} '
-            f'of {order}'
+            f'the system is not controllable: its controllability matrix has rank {rank} of {order}'
         )
 
 

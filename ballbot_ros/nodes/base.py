@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
+import signal
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -29,12 +32,17 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.conversions import fill_time
+from ballbot_ros.nodes.raw import decoder
 from ballbot_ros.nodes.topics import DIAGNOSTICS, HISTORY, Topic
-from ballbot_ros.parameters import Parameter, ParameterError, Value, parameters_of
+from ballbot_ros.parameters import Parameter, ParameterError, parameters_of
 from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
 SPIN_S = 0.2
+END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
+"""Environment variable; set, the node ends when the process that started it does."""
+
+_PR_SET_PDEATHSIG = 1
 
 
 def latched(depth: int) -> QoSProfile:
@@ -64,28 +72,26 @@ class BallbotNode(Node):
     ----------
     values : dict
         Every parameter of the table by name.
-    finished : bool
-        The node has done its work; its process may end.
+    done : rclpy.Future
+        Done when the node has finished its work; its process may then end.
     exit_status : int
         The status with which it then ends.
     """
 
     def __init__(
-        self, name: str, values: Mapping[str, Value] | None = None, *, use_sim_time: bool = False
+        self, name: str, values: Mapping[str, Any] | None = None, *, use_sim_time: bool = False
     ) -> None:
         overrides = [
             RosParameter(key, value=list(value) if isinstance(value, tuple) else value)
             for key, value in (values or {}).items()
         ]
         overrides.append(RosParameter('use_sim_time', value=use_sim_time))
-        super().__init__(
-            name, parameter_overrides=overrides, use_global_arguments=values is None
-        )
-        self.values: dict[str, Value] = {}
+        super().__init__(name, parameter_overrides=overrides, use_global_arguments=values is None)
+        self.values: dict[str, Any] = {}
         for row in parameters_of(name).values():
             self.values[row.name] = self._declare(row)
         self.add_on_set_parameters_callback(self._on_set_parameters)
-        self.finished = False
+        self.done = rclpy.Future()
         self.exit_status = 0
         self.now_ns = 0
         self._samples = 0
@@ -97,24 +103,29 @@ class BallbotNode(Node):
         self._diagnostics = self.advertise(DIAGNOSTICS)
         self.every(DIAGNOSTICS_PERIOD_S, self.report)
 
-    def _declare(self, row: Parameter) -> Value:
+    def _declare(self, row: Parameter) -> Any:
         descriptor = ParameterDescriptor(
             description=f'{row.description} [{row.unit}]' if row.unit else row.description,
             read_only=not row.live,
         )
-        bounds = row.bounds
-        if bounds and isinstance(bounds[0], str):
-            descriptor.additional_constraints = 'one of ' + ', '.join(map(str, bounds))
-        elif bounds and isinstance(row.default, float):
-            low, high = map(float, bounds)
+        if row.choices:
+            descriptor.additional_constraints = f'one of {", ".join(row.choices)}'
+        elif row.bounds and isinstance(row.default, int):
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(row.bounds[0]), to_value=int(row.bounds[1]))
+            ]
+        elif row.bounds and isinstance(row.default, float):
+            low, high = row.bounds
             descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-        elif bounds and isinstance(row.default, int):
-            low, high = map(int, bounds)
-            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
+        elif row.bounds:
+            low, high = row.bounds
+            descriptor.additional_constraints = f'each within {low:g} … {high:g}'
         default = list(row.default) if isinstance(row.default, tuple) else row.default
         parameter = self.declare_parameter(row.name, default, descriptor)
         value = parameter.value
-        return row.check(value.tolist() if hasattr(value, 'tolist') else value, f'{self.get_name()}.')
+        return row.check(
+            value.tolist() if hasattr(value, 'tolist') else value, f'{self.get_name()}.'
+        )
 
     def _on_set_parameters(self, parameters: list[RosParameter]) -> SetParametersResult:
         rows = parameters_of(self.get_name())
@@ -128,6 +139,16 @@ class BallbotNode(Node):
                 return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
+    @property
+    def finished(self) -> bool:
+        """Whether the node has finished its work."""
+        return bool(self.done.done())
+
+    def finish(self) -> None:
+        """Tell that the node has finished its work."""
+        if not self.finished:
+            self.done.set_result(None)
+
     def every(self, period_s: float, callback: Callable[[], None]) -> Any:
         """Call back on the wall clock."""
         return self.create_timer(period_s, callback, clock=self._steady)
@@ -139,13 +160,21 @@ class BallbotNode(Node):
     def listen(
         self, topic: Topic, callback: Callable[..., None], *, depth: int = 1, raw: bool = False
     ) -> Any:
-        """Subscribe to `topic`.
+        """Subscribe to `topic`; with `raw` the callback gets the bytes.
 
         In lockstep nothing newer than an unanswered sample comes, so a depth of one loses
         nothing in the loop.
         """
+        if raw:
+            receive = callback
+        else:
+            decode = decoder(topic.type_name)
+
+            def receive(data: bytes) -> None:
+                callback(decode(data))
+
         return self.create_subscription(
-            topic.message_class, topic.name, callback, latched(depth), raw=raw
+            topic.message_class, topic.name, receive, latched(depth), raw=True
         )
 
     def sampled(self, now_ns: int) -> None:
@@ -216,6 +245,8 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
         Exit status: 0, 1 if the run failed, 2 for a user's mistake.
     """
     # A second signal must not interrupt the closing, hence no handler of rclpy's own.
+    if os.environ.get(END_WITH_PARENT):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     with StopRequest() as stop:
         return _run_until_stopped(make, stop)
 
@@ -230,10 +261,15 @@ def _run_until_stopped(make: Callable[[], BallbotNode], stop: StopRequest) -> in
         executor = EventsExecutor()
         executor.add_node(node)
         while not (stop.signal or node.finished):
-            executor.spin_once(timeout_sec=SPIN_S)
+            # Unlike spin_once it stays in C++ from one callback to the next.
+            executor.spin_until_future_complete(node.done, SPIN_S)
         node.close()
         return node.exit_status
-    except (ParameterException, InvalidParameterTypeException, InvalidParameterValueException) as error:
+    except (
+        ParameterException,
+        InvalidParameterTypeException,
+        InvalidParameterValueException,
+    ) as error:
         print(f'error: {one_line(error)}', file=sys.stderr)
         return 2
     except BallbotError as error:
@@ -250,4 +286,3 @@ def _run_until_stopped(make: Callable[[], BallbotNode], stop: StopRequest) -> in
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-

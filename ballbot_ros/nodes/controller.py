@@ -39,7 +39,7 @@ from ballbot_ros.nodes.topics import (
     SOUND,
     Topic,
 )
-from ballbot_ros.parameters import CONTROLLER, Value
+from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.simulation.lockstep import InputGate, TimerAudit
 from ballbot_ros.simulation.timing import MILLISECOND_NS, TICK_NS
 
@@ -62,9 +62,9 @@ class Controller(BallbotNode):
     running, the 4 ms timer runs the tick on the newest samples.
     """
 
-    def __init__(self, values: Mapping[str, Value] | None = None) -> None:
+    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(CONTROLLER, values, use_sim_time=True)
-        self._lockstep = bool(self.values['lockstep'])
+        self._lockstep = self.values['lockstep']
         self._gate = InputGate({topic.name: topic.period_ns for topic in _READERS})
         self._run_name: str | None = None
         self._start_ns = 0
@@ -150,7 +150,7 @@ class Controller(BallbotNode):
             return False
         if first > self._start_ns:
             if not self.values['rejoin']:
-                self.finished = True
+                self.finish()
                 self.fail(
                     f'started in mid-run, at {first * 1e-9:.3f} s, without the state of the '
                     'ticks before: the run has failed (rejoin: true begins afresh)'
@@ -169,9 +169,7 @@ class Controller(BallbotNode):
             gate.newest(BATTERY_STATE.name),
             gate.newest(GAMEPAD_JOY.name),
         )
-        outputs = self._program.tick(
-            elapsed_ns // MILLISECOND_NS, now_ns // MILLISECOND_NS, inputs
-        )
+        outputs = self._program.tick(elapsed_ns // MILLISECOND_NS, now_ns // MILLISECOND_NS, inputs)
         self._publish(now_ns, outputs)
         self.sampled(now_ns)
 

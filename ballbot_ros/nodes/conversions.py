@@ -121,7 +121,14 @@ def fill_battery(message: Any, truth: Truth) -> None:
     """Write ``battery_state``."""
     fill_header(message.header, truth.stamp_ns, 'base_link')
     message.voltage = truth.battery_voltage
-    for unknown in ('temperature', 'current', 'charge', 'capacity', 'design_capacity', 'percentage'):
+    for unknown in (
+        'temperature',
+        'current',
+        'charge',
+        'capacity',
+        'design_capacity',
+        'percentage',
+    ):
         setattr(message, unknown, math.nan)
     message.power_supply_status = BATTERY_DISCHARGING
     message.present = True

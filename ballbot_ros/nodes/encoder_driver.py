@@ -10,13 +10,13 @@ from ballbot_ros.brick.encoder import Encoder
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.conversions import fill_encoders, motor_angles, stamp_ns
 from ballbot_ros.nodes.topics import JOINT_STATES, PLANT_JOINT_STATES
-from ballbot_ros.parameters import ENCODER, Value
+from ballbot_ros.parameters import ENCODER
 
 
 class EncoderDriver(BallbotNode):
     """Answers every ``plant/joint_states`` with one ``joint_states`` of the same stamp."""
 
-    def __init__(self, values: Mapping[str, Value] | None = None) -> None:
+    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(ENCODER, values)
         self._device = Encoder()
         self._publisher = self.advertise(JOINT_STATES)

@@ -10,7 +10,7 @@ from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.conversions import fill_sticks, time_ns
 from ballbot_ros.nodes.raw import stamp_of
 from ballbot_ros.nodes.topics import GAMEPAD_JOY, PLANT_JOINT_STATES, RUN
-from ballbot_ros.parameters import GAMEPAD, Value
+from ballbot_ros.parameters import GAMEPAD
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.lockstep import RunFollower
@@ -20,9 +20,9 @@ from ballbot_ros.simulation.timing import SLOW_NS
 class GamepadTeleop(BallbotNode):
     """Answers ``plant/joint_states`` at multiples of 20 ms with one ``gamepad`` of that stamp."""
 
-    def __init__(self, values: Mapping[str, Value] | None = None) -> None:
+    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(GAMEPAD, values)
-        name = str(self.values['scenario'])
+        name = self.values['scenario']
         self._scenario = load_scenario(name) if name else Scenario()
         self._run = RunFollower()
         self._held_ns: int | None = None

@@ -10,13 +10,13 @@ from ballbot_ros.brick.gyro import Gyro
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.conversions import body_rates, fill_gyro, stamp_ns
 from ballbot_ros.nodes.topics import GYRO_IMU, PLANT_IMU
-from ballbot_ros.parameters import GYRO, Value
+from ballbot_ros.parameters import GYRO
 
 
 class GyroDriver(BallbotNode):
     """Answers every ``plant/imu`` with one ``gyro`` of the same stamp."""
 
-    def __init__(self, values: Mapping[str, Value] | None = None) -> None:
+    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(GYRO, values)
         self._device = Gyro(self.values)
         self._publisher = self.advertise(GYRO_IMU)

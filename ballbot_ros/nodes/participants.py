@@ -26,9 +26,7 @@ class Participants:
         if self._subscriptions:
             return
         for topic in _INPUTS:
-            self._subscriptions.append(
-                self._node.listen(topic, self._keep(topic.name), raw=True)
-            )
+            self._subscriptions.append(self._node.listen(topic, self._keep(topic.name), raw=True))
 
     def _keep(self, name: str) -> Any:
         return lambda data: self._gate.put(name, stamp_of(data), None)

@@ -41,7 +41,7 @@ from ballbot_ros.nodes.topics import (
     RUN,
     WALL_HIT,
 )
-from ballbot_ros.parameters import PLANT, RECORDER, Value
+from ballbot_ros.parameters import PLANT, RECORDER
 from ballbot_ros.plant.plant import Plant, Push
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
@@ -66,10 +66,10 @@ class PlantSim(BallbotNode):
         Outcome and measurements of the run, once it has ended.
     """
 
-    def __init__(self, values: Mapping[str, Value] | None = None) -> None:
+    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(PLANT, values)
-        self._lockstep = bool(self.values['lockstep'])
-        name = str(self.values['scenario'])
+        self._lockstep = self.values['lockstep']
+        name = self.values['scenario']
         self._scenario = load_scenario(name) if name else Scenario()
         self._token = f'{time.time_ns():x}'
         self._run_number = 0
@@ -92,7 +92,7 @@ class PlantSim(BallbotNode):
         self.listen(PUSH, self._on_push, depth=10)
         self.every(RESEND_S, self._watch)
         if not self._lockstep:
-            factor = float(self.values['real_time_factor']) or 1.0
+            factor = self.values['real_time_factor'] or 1.0
             self.every(FREE_RUNNING_TICK_S / factor, self._free_tick)
 
     def _publish_to(self, topic: Any) -> tuple[Any, Any]:
@@ -141,7 +141,7 @@ class PlantSim(BallbotNode):
             fill_battery(battery, truth)
             publisher.publish(battery)
         publisher, odometry = self._odometry
-        fill_odometry(odometry, truth, float(self.values['ball_radius']))
+        fill_odometry(odometry, truth, self.values['ball_radius'])
         publisher.publish(odometry)
         self._asked_at = self._sent_at = time.monotonic()
         self.sampled(now)
@@ -169,7 +169,7 @@ class PlantSim(BallbotNode):
     def _on_push(self, message: Any) -> None:
         force, torque = push_forces(message)
         start = max(stamp_ns(message), self._plant.time_ns)
-        end = start + round(float(self.values['push_duration']) * 1e9)
+        end = start + round(self.values['push_duration'] * 1e9)
         self._plant.push(Push(start, end, force, torque))
 
     def advance(self) -> None:
@@ -180,7 +180,7 @@ class PlantSim(BallbotNode):
             return
         if self.log.ticks == 0:
             self._begun_at = time.monotonic()
-        self.pacer.wait(float(self.values['real_time_factor']))
+        self.pacer.wait(self.values['real_time_factor'])
         self._tick(self._duty)
 
     def _tick(self, duty: tuple[int, int]) -> None:
@@ -196,7 +196,7 @@ class PlantSim(BallbotNode):
             self._publish_truth()
 
     def _duration_ns(self) -> float:
-        duration = float(self.values['duration'])
+        duration = self.values['duration']
         return round(duration * 1e9) if duration else float('inf')
 
     def _recorder_lags(self) -> bool:
@@ -284,7 +284,7 @@ class PlantSim(BallbotNode):
                 'max': float(trips.max()),
             },
         }
-        self.finished = True
+        self.finish()
         if reason:
             self.fail(reason)
         else:
@@ -300,7 +300,7 @@ class PlantSim(BallbotNode):
         now = time.monotonic()
         if self.finished or self.control.paused:
             return
-        factor = float(self.values['real_time_factor']) or 1.0
+        factor = self.values['real_time_factor'] or 1.0
         if self.log.ticks == 0:
             self._begun_at = now
         elif now - self._sent_at > 2.0 * FREE_RUNNING_TICK_S / factor:
@@ -327,7 +327,7 @@ class PlantSim(BallbotNode):
     def close(self) -> None:
         """Save the trajectory, and let the last messages reach their readers."""
         self.stop()
-        path = str(self.values['trajectory_file'])
+        path = self.values['trajectory_file']
         if path:
             try:
                 save_trajectory(Path(path), self.log.trajectory(), self.summary)

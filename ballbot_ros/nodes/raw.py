@@ -1,16 +1,29 @@
-"""Stamps of messages that were not decoded."""
+"""Messages as they come off the wire: their stamps, and decoding them.
+
+Decoding with rosbags takes a third of the time that rclpy's own conversion takes, and most
+messages of a loop are read by several nodes.
+"""
 
 from __future__ import annotations
 
-from builtin_interfaces.msg import Time
-from rclpy.serialization import deserialize_message
+import struct
+from collections.abc import Callable
+from typing import Any
 
-from ballbot_ros.nodes.conversions import time_ns
+from ballbot_ros.recording.schemas import typestore
+from ballbot_ros.simulation.timing import SECOND_NS
+
+# After the four bytes that tell the encoding, CDR has the first field: here a time.
+_STAMP = struct.Struct('<4xiI')
 
 
 def stamp_of(data: bytes) -> int:
-    """Return the stamp [ns] of a serialised message that begins with a header or a time.
+    """Return the stamp [ns] of a serialised message that begins with a header or a time."""
+    seconds, nanoseconds = _STAMP.unpack_from(data)
+    return int(seconds) * SECOND_NS + int(nanoseconds)
 
-    Only the leading time is decoded: a whole nav_msgs/Odometry takes ten times as long.
-    """
-    return time_ns(deserialize_message(data, Time))
+
+def decoder(type_name: str) -> Callable[[bytes], Any]:
+    """Return a function that decodes a serialised message of that type."""
+    decode = typestore().deserialize_cdr
+    return lambda data: decode(data, type_name)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import datetime
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -15,7 +16,7 @@ from ballbot_ros.nodes.base import BallbotNode, latched, run_node
 from ballbot_ros.nodes.conversions import fill_time
 from ballbot_ros.nodes.raw import stamp_of
 from ballbot_ros.nodes.topics import HISTORY, RECORDER_ACK, TOPICS, Topic, message_class
-from ballbot_ros.parameters import RECORDER, Value
+from ballbot_ros.parameters import RECORDER
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.writer import RecordingWriter
@@ -34,10 +35,10 @@ class Recorder(BallbotNode):
     of the publishers and the plant's bounded lead keep everything until it is taken.
     """
 
-    def __init__(self, values: Mapping[str, Value] | None = None) -> None:
+    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(RECORDER, values)
-        path = Path(str(self.values['output']) or _new_path())
-        attachments = _read_folder(str(self.values['attachments']))
+        path = Path(self.values['output'] or _new_path())
+        attachments = _read_folder(self.values['attachments'])
         path.parent.mkdir(parents=True, exist_ok=True)
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
@@ -73,11 +74,13 @@ class Recorder(BallbotNode):
         """Write what has come, in the order in which it came, and acknowledge it."""
         if self.finished:
             return
-        batch = [item for channel in self._channels.values() for item in channel.take()]
-        batch.sort(key=lambda item: item.received)
+        batch: list[_Item] = []
+        for channel in self._channels.values():
+            channel.take_into(batch)
+        batch.sort(key=itemgetter(0))
         try:
-            for item in batch:
-                self._write(item)
+            for _, channel, data, sequence in batch:
+                self._write(channel, data, sequence)
         except RecordingError as error:
             self._fail(error)
             return
@@ -87,14 +90,13 @@ class Recorder(BallbotNode):
             fill_time(self._ack_message.stamp, complete)
             self._ack.publish(self._ack_message)
 
-    def _write(self, item: _Item) -> None:
-        channel = item.channel
-        if channel.lost_before(item.sequence):
+    def _write(self, channel: _Channel, data: bytes, sequence: int) -> None:
+        if channel.lost_before(sequence):
             self._lost += 1
-            self.warn(f'{channel.topic.name}: messages before number {item.sequence} were lost')
+            self.warn(f'{channel.topic.name}: messages before number {sequence} were lost')
         stamp = self.now_ns
         if channel.topic.period_ns:
-            stamp = stamp_of(item.data)
+            stamp = stamp_of(data)
             if stamp <= channel.newest_ns:
                 return
             channel.newest_ns = stamp
@@ -102,7 +104,7 @@ class Recorder(BallbotNode):
                 self.sampled(stamp)
         if channel.recorded is None:
             channel.recorded = self._announce(channel)
-        self._writer.write(channel.recorded, stamp, item.data, item.sequence)
+        self._writer.write(channel.recorded, stamp, data, sequence)
 
     def _announce(self, channel: _Channel) -> Any:
         """Add a topic to the file, with what its publishers offer."""
@@ -120,7 +122,7 @@ class Recorder(BallbotNode):
             self._fail(error)
 
     def _fail(self, error: RecordingError) -> None:
-        self.finished = True
+        self.finish()
         self.fail(str(error))
 
     def _discover(self) -> None:
@@ -163,15 +165,6 @@ class Recorder(BallbotNode):
         self._writer.close()
 
 
-class _Item(NamedTuple):
-    """A message that was taken."""
-
-    received: int
-    channel: _Channel
-    data: bytes
-    sequence: int
-
-
 class _Channel:
     """A topic being recorded."""
 
@@ -182,14 +175,14 @@ class _Channel:
         self.newest_ns = 0
         self._sequence = 0
 
-    def take(self) -> Iterator[_Item]:
+    def take_into(self, batch: list[_Item]) -> None:
         """Take all messages that wait."""
-        handle = self.subscription.handle
+        handle, kind = self.subscription.handle, self.subscription.msg_type
         with handle:
-            while (taken := handle.take_message(self.subscription.msg_type, True)) is not None:
+            while (taken := handle.take_message(kind, True)) is not None:
                 data, info = taken
-                yield _Item(
-                    info['received_timestamp'], self, data, info['publication_sequence_number']
+                batch.append(
+                    (info['received_timestamp'], self, data, info['publication_sequence_number'])
                 )
 
     def lost_before(self, sequence: int) -> bool:
@@ -202,6 +195,10 @@ class _Channel:
         if self.newest_ns == 0:
             return 0
         return self.newest_ns + self.topic.period_ns - TICK_NS
+
+
+_Item = tuple[int, _Channel, bytes, int]
+"""When a message came, on which channel, the message, and its publisher's number."""
 
 
 def _new_path() -> Path:

@@ -62,9 +62,7 @@ class SimulatedRecording:
         Height of the ball's centre [m].
     """
 
-    def __init__(
-        self, path: Path, attachments: Mapping[str, bytes], ball_radius: float
-    ) -> None:
+    def __init__(self, path: Path, attachments: Mapping[str, bytes], ball_radius: float) -> None:
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
             self._writer.add_attachment(name, 'application/yaml', data)

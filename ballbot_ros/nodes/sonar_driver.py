@@ -12,14 +12,14 @@ from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.conversions import fill_sonar
 from ballbot_ros.nodes.raw import stamp_of
 from ballbot_ros.nodes.topics import PLANT_ODOM, SONAR_RANGE
-from ballbot_ros.parameters import SONAR, Value
+from ballbot_ros.parameters import SONAR
 from ballbot_ros.simulation.timing import SLOW_NS
 
 
 class SonarDriver(BallbotNode):
     """Answers ``plant/odom`` at multiples of 20 ms with one ``sonar`` of the same stamp."""
 
-    def __init__(self, values: Mapping[str, Value] | None = None) -> None:
+    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(SONAR, values)
         self._device = Sonar(self.values)
         self._publisher = self.advertise(SONAR_RANGE)

@@ -83,9 +83,7 @@ def linear_matrices(p: PhysicalParameters) -> tuple[Matrix, Matrix, Matrix, Matr
     e = np.array(
         [
             [
-                (p.body_mass + p.ball_mass) * p.ball_radius**2
-                + p.ball_inertia
-                + p.drive_inertia,
+                (p.body_mass + p.ball_mass) * p.ball_radius**2 + p.ball_inertia + p.drive_inertia,
                 coupling,
             ],
             [coupling, arm * p.body_height + p.body_inertia + p.drive_inertia],

@@ -94,7 +94,7 @@ class Plant:
         self._fall_angle: float = values['fall_angle']
         self._half_play: float = values['backlash'] / 2.0
         self._start = (values['start_position_x'], values['start_position_y'])
-        self._start_psi = (values['start_pitch_x'], values['start_pitch_y'])
+        self._start_psi: Pair = (values['start_pitch_x'], values['start_pitch_y'])
         self._planes: list[State] = [(0.0, psi, 0.0, 0.0) for psi in self._start_psi]
         self._shaft = [0.0, 0.0]
         self._voltage = (0.0, 0.0)
@@ -170,7 +170,7 @@ class Plant:
         """Return the motor current [A], (3.16)."""
         p = self._physical
         _, _, omega, rho = self._planes[plane]
-        back_emf = p.back_emf_constant * p.ratio * (omega - rho)
+        back_emf: float = p.back_emf_constant * p.ratio * (omega - rho)
         return (self._voltage[plane] - back_emf) / p.motor_resistance
 
     def _supply_current(self, duties: tuple[int, int]) -> float:

@@ -16,7 +16,15 @@ BATTERY_NS = 100_000_000
 MILLISECOND_NS = 1_000_000
 SECOND_NS = 1_000_000_000
 
-__all__ = ['BATTERY_NS', 'FIRST_TICK_NS', 'MILLISECOND_NS', 'SECOND_NS', 'SLOW_NS', 'TICK_NS', 'next_start_ns']
+__all__ = [
+    'BATTERY_NS',
+    'FIRST_TICK_NS',
+    'MILLISECOND_NS',
+    'SECOND_NS',
+    'SLOW_NS',
+    'TICK_NS',
+    'next_start_ns',
+]
 
 
 def next_start_ns(now_ns: int) -> int:

@@ -1,0 +1,70 @@
+"""`ballbot design`: the model, its poles, and the servo gains beside the published ones."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from ballbot_ros.design.servo import PUBLISHED_GAIN, design_servo
+from ballbot_ros.parameter_file import read_parameter_file
+from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet, select
+from ballbot_ros.plant.model import Matrix, PhysicalParameters
+
+GAIN_NAMES = ('θ', 'ψ', 'θ̇', 'ψ̇', '∫θ')
+
+
+def print_design(parameter_file: Path | None) -> None:
+    """Print the design for the physical values of `parameter_file`, or the document's."""
+    parameters = read_parameter_file(parameter_file) if parameter_file else ParameterSet()
+    physical = select(PhysicalParameters, parameters.values(PLANT))
+    design = design_servo(physical)
+    console = Console(highlight=False)
+
+    console.print('[bold]State equation (3.24)[/], state θ ψ θ̇ ψ̇ in deg and deg/s, input in V')
+    console.print(f'α = {physical.alpha:.6g} N·m/V   β = {physical.beta:.6g} N·m·s/rad')
+    _print_matrix(console, 'A', design.a)
+    _print_matrix(console, 'B', design.b)
+    console.print(f'open-loop poles    {_poles(np.linalg.eigvals(design.a))} 1/s')
+    console.print(f'closed-loop poles  {_poles(design.poles)} 1/s')
+    lower, upper = design.gain_margins
+    console.print(
+        f'margins at the motor   gain {lower:.3g} … {"∞" if math.isinf(upper) else f"{upper:.3g}"}'
+        f'   phase {design.phase_margin_deg:.1f}°   delay {design.delay_margin_s * 1e3:.0f} ms'
+    )
+
+    controller = parameters.values(CONTROLLER)
+    in_use = (*_numbers(controller['k_f']), *_numbers((controller['k_i'],)))
+    table = Table(title='Servo gains', title_justify='left')
+    for heading in ('', 'computed', 'published', 'in use'):
+        table.add_column(heading, justify='right')
+    rows = zip(GAIN_NAMES, design.gain, PUBLISHED_GAIN, in_use, strict=True)
+    for name, computed, published, used in rows:
+        table.add_row(name, f'{computed:.8f}', f'{published:g}', f'{used:.8f}')
+    console.print(table)
+
+
+def _numbers(values: Any) -> list[float]:
+    return [float(value) for value in values]
+
+
+def _print_matrix(console: Console, name: str, matrix: Matrix) -> None:
+    for index, row in enumerate(matrix):
+        label = f'{name} =' if index == 0 else ''
+        console.print(f'{label:>4} ' + ' '.join(f'{value + 0.0:12.6g}' for value in row))
+
+
+def _poles(poles: NDArray[Any]) -> str:
+    """Return poles in order of their speed, a conjugate pair as one."""
+    words = []
+    for pole in sorted(poles, key=lambda p: (abs(p), p.imag)):
+        if abs(pole.imag) < 1e-9:
+            words.append(f'{pole.real + 0.0:.4g}')
+        elif pole.imag > 0.0:
+            words.append(f'{pole.real:.4g} ± {pole.imag:.4g}j')
+    return '   '.join(words)

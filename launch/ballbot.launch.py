@@ -1,0 +1,67 @@
+"""Launches the whole graph: plant, drivers, controller, gamepad and, if wanted, the recorder."""
+
+import tempfile
+from pathlib import Path
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+from launch.event_handlers import OnProcessExit
+from launch.events import Shutdown
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from ballbot_ros.parameter_file import read_parameter_file, write_parameter_file
+from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet
+from ballbot_ros.scenario.library import load_scenario
+
+ARGUMENTS = {
+    'scenario': ('', 'name or file of a scenario; empty: balance until stopped'),
+    'params_file': ('', 'parameter file whose values come on top'),
+    'real_time_factor': ('1.0', '1: real time, 0: as fast as it can'),
+    'record': ('false', 'true: record the run'),
+    'output': ('', 'recording to write; empty: a new one under runs/'),
+    'namespace': ('', 'namespace of the nodes'),
+}
+
+
+def launch_graph(context):
+    """Return the nodes, with the parameters of the scenario and of the arguments."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    record = given['record'].lower() == 'true'
+    parameters = ParameterSet()
+    if given['scenario']:
+        parameters.update(load_scenario(given['scenario']).parameters)
+        parameters.set(GAMEPAD, 'scenario', given['scenario'])
+    if given['params_file']:
+        parameters.update(read_parameter_file(given['params_file']))
+    parameters.set(PLANT, 'real_time_factor', float(given['real_time_factor']))
+    parameters.set(PLANT, 'require_recorder', record)
+    parameters.set(RECORDER, 'output', given['output'])
+    folder = Path(tempfile.mkdtemp(prefix='ballbot_'))
+    write_parameter_file(folder / 'parameters.yaml', parameters)
+    nodes = {
+        name: Node(
+            package='ballbot_ros',
+            executable=name,
+            name=name,
+            namespace=given['namespace'],
+            parameters=[str(folder / 'parameters.yaml')],
+            output='screen',
+        )
+        for name in NODES
+        if name != RECORDER or record
+    }
+    # The plant ends when the run does, and takes the others with it.
+    end = RegisterEventHandler(
+        OnProcessExit(target_action=nodes[PLANT], on_exit=[EmitEvent(event=Shutdown())])
+    )
+    return [*nodes.values(), end]
+
+
+def generate_launch_description():
+    """Return the arguments and the graph."""
+    arguments = [
+        DeclareLaunchArgument(name, default_value=default, description=description)
+        for name, (default, description) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*arguments, OpaqueFunction(function=launch_graph)])

@@ -1,0 +1,37 @@
+import contextlib
+
+import pytest
+
+from graph import Node, Run, free_domain
+
+
+@pytest.fixture
+def domain():
+    with free_domain() as number:
+        yield number
+
+
+@pytest.fixture
+def start_run(domain):
+    """Start `ballbot run`; whatever is left of it is ended after the test."""
+    with contextlib.ExitStack() as stack:
+
+        def start(*arguments, **popen):
+            run = Run(domain, *arguments, **popen)
+            stack.callback(run.kill)
+            return run
+
+        yield start
+
+
+@pytest.fixture
+def start_node(domain):
+    """Start a node on its own; it is ended after the test."""
+    with contextlib.ExitStack() as stack:
+
+        def start(name, **parameters):
+            node = Node(domain, name, **parameters)
+            stack.callback(node.kill)
+            return node
+
+        yield start

@@ -1,0 +1,158 @@
+"""Starting runs and nodes as real processes, and looking at them."""
+
+import contextlib
+import fcntl
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
+DOMAINS = range(101, 230)
+NODES = (
+    'plant_sim',
+    'gyro_driver',
+    'encoder_driver',
+    'sonar_driver',
+    'controller',
+    'gamepad_teleop',
+    'recorder',
+)
+
+
+@contextlib.contextmanager
+def free_domain():
+    """A ROS domain that no other test on this machine uses meanwhile."""
+    for domain in DOMAINS:
+        path = Path(tempfile.gettempdir()) / f'ballbot_test_domain_{domain}.lock'
+        with path.open('w') as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield domain
+            return
+    raise RuntimeError('no free ROS domain')
+
+
+def environment(domain):
+    return {
+        **os.environ,
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'PYTHONUNBUFFERED': '1',
+    }
+
+
+def wait_for(condition, timeout=20.0, what='it'):
+    """Return the condition's first true value; looking again is cheap, so look often."""
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.01)
+    raise TimeoutError(f'{what} did not happen within {timeout} s')
+
+
+def alive(pid):
+    try:
+        state = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0]
+    except OSError:
+        return False
+    return state != 'Z'
+
+
+def children(pid):
+    """The node processes below a run: name -> pid."""
+    found = {}
+    for entry in Path('/proc').iterdir():
+        if not entry.name.isdigit():
+            continue
+        with contextlib.suppress(OSError):
+            parent = (entry / 'stat').read_text().rpartition(')')[2].split()[1]
+            words = (entry / 'cmdline').read_bytes().split(b'\0')
+            if int(parent) == pid:
+                for word in words:
+                    name = word.decode().removeprefix('ballbot_ros.nodes.')
+                    if name in NODES:
+                        found[name] = int(entry.name)
+    return found
+
+
+class Run:
+    """`ballbot run` as a process."""
+
+    def __init__(self, domain, *arguments, **popen):
+        self.process = subprocess.Popen(
+            [*BALLBOT, 'run', *map(str, arguments)],
+            env=environment(domain),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            stdin=subprocess.DEVNULL,
+            text=True,
+            **popen,
+        )
+        self.stderr = self.stdout = ''
+
+    def nodes(self, expected=NODES):
+        """Wait until the nodes are there; return their pids."""
+
+        def look():
+            found = children(self.process.pid)
+            return found if set(expected) <= set(found) else None
+
+        return wait_for(look, what='the start of all nodes')
+
+    def finish(self, timeout=60.0):
+        """Wait for the end; return the exit status."""
+        self.stdout, self.stderr = self.process.communicate(timeout=timeout)
+        return self.process.returncode
+
+    @property
+    def result(self):
+        return json.loads(self.stdout)
+
+    def kill(self):
+        if self.process.poll() is None:
+            pids = children(self.process.pid).values()
+            self.process.kill()
+            for pid in pids:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+            self.process.communicate()
+
+
+class Node:
+    """A node as a process of its own, as `ros2 run` starts it."""
+
+    def __init__(self, domain, name, **parameters):
+        words = [f'{key}:={value}' for key, value in parameters.items()]
+        arguments = [word for pair in zip(['-p'] * len(words), words) for word in pair]
+        self.name = name
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', f'ballbot_ros.nodes.{name}', '--ros-args', *arguments],
+            env=environment(domain),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            text=True,
+        )
+        self.output = ''
+
+    def finish(self, timeout=40.0):
+        self.output, _ = self.process.communicate(timeout=timeout)
+        return self.process.returncode
+
+    def interrupt(self):
+        self.process.send_signal(signal.SIGINT)
+        return self.finish(10.0)
+
+    def kill(self):
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.communicate()
