@@ -1,8 +1,9 @@
-"""SIGINT and SIGTERM as a request that a loop looks at."""
+"""SIGINT and SIGTERM as a request instead of an interruption."""
 
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -10,14 +11,20 @@ from typing import Any
 class StopRequest:
     """Within the block, SIGINT and SIGTERM are noted instead of interrupting.
 
+    Parameters
+    ----------
+    then : callable, optional
+        Called with the first of them; a loop may look at `signal` instead.
+
     Attributes
     ----------
     signal : int
         The signal that came, or 0.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, then: Callable[[], None] = lambda: None) -> None:
         self.signal = 0
+        self._then = then
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> StopRequest:
@@ -35,4 +42,6 @@ class StopRequest:
             signal.signal(number, handler)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        self.signal = number
+        if not self.signal:
+            self.signal = number
+            self._then()

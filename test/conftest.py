@@ -1,7 +1,6 @@
 import contextlib
 
 import pytest
-
 from graph import Node, Run, free_domain
 
 

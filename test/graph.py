@@ -132,7 +132,7 @@ class Node:
 
     def __init__(self, domain, name, **parameters):
         words = [f'{key}:={value}' for key, value in parameters.items()]
-        arguments = [word for pair in zip(['-p'] * len(words), words) for word in pair]
+        arguments = [argument for word in words for argument in ('-p', word)]
         self.name = name
         self.process = subprocess.Popen(
             [sys.executable, '-m', f'ballbot_ros.nodes.{name}', '--ros-args', *arguments],

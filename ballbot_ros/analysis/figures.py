@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -49,9 +50,12 @@ def draw_motion(trajectory: Trajectory, path: Path, title: str, hold_time: float
     position_axes.legend(loc='upper right', ncols=2, frameon=False)
     if len(time) and 0.0 < hold_time < time[-1]:
         position_axes.annotate(
-            'gyro calibration ends', (hold_time, 1.0), (4, -2), color=GRAY, fontsize='small',
-            xycoords=('data', 'axes fraction'), textcoords='offset points', va='top',
+            'gyro calibration ends', (hold_time, 0.0), (4, 3), color=GRAY, fontsize='small',
+            xycoords=('data', 'axes fraction'), textcoords='offset points', va='bottom',
         )  # fmt: skip
     duty_axes.set_xlabel('time [s]')
     duty_axes.margins(x=0.0)
-    figure.savefig(path, dpi=150)
+    # By way of memory: a full disk then ends in one error, not in a half-written picture.
+    buffer = BytesIO()
+    figure.savefig(buffer, dpi=150)
+    path.write_bytes(buffer.getvalue())

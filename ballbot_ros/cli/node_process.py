@@ -41,7 +41,7 @@ class NodeProcess:
                 'OPENBLAS_NUM_THREADS': '1',
                 'RCUTILS_CONSOLE_OUTPUT_FORMAT': '{name}: {message}',
                 'RCUTILS_COLORIZED_OUTPUT': '0',
-                END_WITH_PARENT: '1',
+                END_WITH_PARENT: str(os.getpid()),
             },
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,

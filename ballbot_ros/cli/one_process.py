@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import rclpy
-from rclpy.experimental import EventsExecutor
 
 from ballbot_ros.cli.graph import graph_parameters, write_attachments
-from ballbot_ros.cli.progress import Progress
+from ballbot_ros.cli.progress import UPDATE_S, Progress
 from ballbot_ros.cli.run import Experiment, Finished
-from ballbot_ros.nodes.base import SPIN_S, BallbotNode
+from ballbot_ros.nodes.base import BallbotNode, spin
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.encoder_driver import EncoderDriver
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
@@ -46,19 +45,15 @@ def run_in_one_process(experiment: Experiment, scratch: Path, progress: Progress
     nodes: list[BallbotNode] = []
     rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
     try:
-        executor = EventsExecutor()
         if experiment.recording:
             nodes.append(Recorder(parameters.values(RECORDER)))
         nodes += [make(parameters.values(name)) for name, make in _DRIVERS.items()]
         plant = PlantSim(parameters.values(PLANT))
         nodes.append(plant)
-        for node in nodes:
-            executor.add_node(node)
-        with StopRequest() as stop:
-            while not (plant.finished or stop.signal):
-                executor.spin_until_future_complete(plant.done, SPIN_S)
-                progress.update(plant.log.ticks * TICK_NS / SECOND_NS)
-            plant.stop()
+        plant.every(UPDATE_S, lambda: progress.update(plant.log.ticks * TICK_NS / SECOND_NS))
+        with StopRequest(plant.finish) as stop:
+            spin(nodes, plant.done)
+        plant.stop()
         summary = {**plant.summary, 'exit_status': 128 + stop.signal if stop.signal else 1}
         if plant.exit_status == 2:
             summary['exit_status'] = 2

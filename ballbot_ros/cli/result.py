@@ -43,6 +43,11 @@ class Verdict:
             return cls(NOT_MET, reason, 1)
         return cls(PASSED, '', 0)
 
+    def without_picture(self, reason: str) -> Verdict:
+        """Return the verdict of a run whose picture could not be written."""
+        outcome = FAILED if self.exit_status == 0 else self.outcome
+        return Verdict(outcome, f'{self.reason}; {reason}'.lstrip('; '), self.exit_status or 1)
+
 
 @dataclass
 class Result:

@@ -18,7 +18,7 @@ from ballbot_ros import __version__
 from ballbot_ros.analysis.figures import draw_motion
 from ballbot_ros.analysis.metrics import measure
 from ballbot_ros.cli.progress import Progress
-from ballbot_ros.cli.result import Result, Verdict, print_json, print_table
+from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameter_file import format_parameters
 from ballbot_ros.parameters import GAMEPAD, GYRO, PLANT, ParameterError, ParameterSet
@@ -123,14 +123,16 @@ def run_scenario(
         summary=summary,
         expectations=scenario.expectations,
     )
-    if folder and finished.trajectory and len(finished.trajectory.time):
-        result.figure = folder / f'{scenario.name}.png'
-        draw_motion(
-            finished.trajectory,
-            result.figure,
-            f'{scenario.name}: {scenario.purpose}',
-            plant_values['hold_time'],
-        )
+    # Who interrupts a run wants it to end; the recording has everything.
+    if folder and finished.trajectory and result.verdict.outcome != STOPPED:
+        figure = folder / f'{scenario.name}.png'
+        title = f'{scenario.name}: {scenario.purpose}'
+        try:
+            draw_motion(finished.trajectory, figure, title, plant_values['hold_time'])
+            result.figure = figure
+        except OSError as error:
+            figure.unlink(missing_ok=True)
+            result.verdict = result.verdict.without_picture(f'{figure}: {error.strerror}')
     (print_json if as_json else print_table)(result)
     return result.verdict.exit_status
 

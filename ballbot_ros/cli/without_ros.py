@@ -8,6 +8,7 @@ from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.run import Experiment, Finished
 from ballbot_ros.nodes.simulated_recording import SimulatedRecording
 from ballbot_ros.parameters import PLANT
+from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.pacer import Pacer
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
@@ -22,28 +23,29 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
     factor = plant['real_time_factor']
     loop = ClosedLoop(experiment.parameters, experiment.scenario)
     log, pacer = TrajectoryLog(), Pacer()
-    recording = None
-    if experiment.recording:
-        recording = SimulatedRecording(
-            experiment.recording, experiment.attachments, plant['ball_radius']
-        )
-        recording.begin(FIRST_TICK_NS)
+    recording = _recording(experiment, float(plant['ball_radius']))
+    failure = ''
     begun = time.monotonic()
     with StopRequest() as stop:
-        while log.ticks < ticks and not stop.signal:
-            pacer.wait(factor)
-            tick = loop.tick()
-            log.add(tick.truth, *tick.outputs.duty)
+        try:
+            while log.ticks < ticks and not stop.signal:
+                pacer.wait(factor)
+                tick = loop.tick()
+                log.add(tick.truth, *tick.outputs.duty)
+                if recording:
+                    recording.add(tick, loop.program)
+                progress.update(log.ticks * TICK_NS / SECOND_NS)
+            wall = time.monotonic() - begun
             if recording:
-                recording.add(tick, loop.program)
-            progress.update(log.ticks * TICK_NS / SECOND_NS)
-    wall = time.monotonic() - begun
-    if recording:
-        recording.close()
+                recording.close()
+        except RecordingError as error:
+            wall = time.monotonic() - begun
+            failure = str(error)
+            progress.notice(failure)
     summary = {
-        'outcome': 'stopped' if stop.signal else 'completed',
-        'reason': '',
-        'exit_status': 128 + stop.signal,
+        'outcome': 'failed' if failure else 'stopped' if stop.signal else 'completed',
+        'reason': failure,
+        'exit_status': 128 + stop.signal if stop.signal else 1,
         'ticks': log.ticks,
         'duty_sha256': log.duty_sha256,
         'real_time_factor': log.ticks * TICK_NS / SECOND_NS / wall,
@@ -52,3 +54,11 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
         'round_trip_ms': None,
     }
     return Finished(summary, log.trajectory())
+
+
+def _recording(experiment: Experiment, ball_radius: float) -> SimulatedRecording | None:
+    if experiment.recording is None:
+        return None
+    recording = SimulatedRecording(experiment.recording, experiment.attachments, ball_radius)
+    recording.begin(FIRST_TICK_NS)
+    return recording

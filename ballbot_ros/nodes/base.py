@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import rclpy
@@ -24,7 +24,6 @@ from rclpy.exceptions import (
     InvalidParameterValueException,
     ParameterException,
 )
-from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
@@ -40,7 +39,7 @@ from ballbot_ros.stop_request import StopRequest
 DIAGNOSTICS_PERIOD_S = 1.0
 SPIN_S = 0.2
 END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
-"""Environment variable; set, the node ends when the process that started it does."""
+"""Environment variable: the process with which the node ends, the one that started it."""
 
 _PR_SET_PDEATHSIG = 1
 
@@ -244,45 +243,56 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
     int
         Exit status: 0, 1 if the run failed, 2 for a user's mistake.
     """
-    # A second signal must not interrupt the closing, hence no handler of rclpy's own.
-    if os.environ.get(END_WITH_PARENT):
+    if parent := os.environ.get(END_WITH_PARENT):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    with StopRequest() as stop:
-        return _run_until_stopped(make, stop)
-
-
-def _run_until_stopped(make: Callable[[], BallbotNode], stop: StopRequest) -> int:
+        if os.getppid() != int(parent):
+            return 0  # it has gone already
     node: BallbotNode | None = None
-    name = ''
-    try:
-        rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
-        node = make()
-        name = f'{node.get_name()}: '
-        executor = EventsExecutor()
+
+    def finish() -> None:
+        if node is not None:
+            node.finish()
+
+    # A second signal must not interrupt the closing, hence no handlers of rclpy's own.
+    with StopRequest(finish) as stop:
+        try:
+            rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
+            node = make()
+            if stop.signal:
+                node.finish()
+            spin([node], node.done)
+            node.close()
+            return node.exit_status
+        except (
+            ParameterException,
+            InvalidParameterTypeException,
+            InvalidParameterValueException,
+        ) as error:
+            print(f'error: {one_line(error)}', file=sys.stderr)
+            return 2
+        except BallbotError as error:
+            name = f'{node.get_name()}: ' if node else ''
+            print(f'error: {name}{error}', file=sys.stderr)
+            return 2 if node is None else 1
+        except RuntimeError as error:  # what rclpy raises on malformed --ros-args
+            if node is not None:
+                raise
+            print(f'error: {one_line(error)}', file=sys.stderr)
+            return 2
+        finally:
+            if node is not None:
+                node.destroy_node()
+            rclpy.try_shutdown()
+
+
+def spin(nodes: Sequence[BallbotNode], done: rclpy.Future) -> None:
+    """Run the nodes' callbacks until `done`.
+
+    Unlike ``spin_once`` this stays in C++ from one callback to the next. Where there are no
+    callbacks it comes back now and then, so that a signal is noticed.
+    """
+    executor = EventsExecutor()
+    for node in nodes:
         executor.add_node(node)
-        while not (stop.signal or node.finished):
-            # Unlike spin_once it stays in C++ from one callback to the next.
-            executor.spin_until_future_complete(node.done, SPIN_S)
-        node.close()
-        return node.exit_status
-    except (
-        ParameterException,
-        InvalidParameterTypeException,
-        InvalidParameterValueException,
-    ) as error:
-        print(f'error: {one_line(error)}', file=sys.stderr)
-        return 2
-    except BallbotError as error:
-        print(f'error: {name}{error}', file=sys.stderr)
-        return 2 if node is None or node.exit_status == 0 else node.exit_status
-    except ExternalShutdownException:
-        return 0
-    except RuntimeError as error:  # what rclpy raises on malformed --ros-args
-        if node is not None:
-            raise
-        print(f'error: {one_line(error)}', file=sys.stderr)
-        return 2
-    finally:
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
+    while not done.done():
+        executor.spin_until_future_complete(done, SPIN_S)

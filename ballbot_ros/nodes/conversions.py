@@ -23,7 +23,7 @@ from ballbot_ros.brick.units import (
     radians_of,
 )
 from ballbot_ros.controller.axis import Axis
-from ballbot_ros.plant.plant import Pair, Truth
+from ballbot_ros.plant.truth import Pair, Truth
 
 _SECOND = 1_000_000_000
 

@@ -42,7 +42,8 @@ from ballbot_ros.nodes.topics import (
     WALL_HIT,
 )
 from ballbot_ros.parameters import PLANT, RECORDER
-from ballbot_ros.plant.plant import Plant, Push
+from ballbot_ros.plant.plant import Plant
+from ballbot_ros.plant.truth import Push
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.pacer import Pacer
@@ -52,6 +53,7 @@ from ballbot_ros.simulation.trajectory import TrajectoryLog, save_trajectory
 RESEND_S = 0.1
 WARN_S = 0.3
 SILENCE_S = 0.5
+SETTLE_S = 0.4
 FREE_RUNNING_TICK_S = 4e-3
 
 
@@ -86,7 +88,8 @@ class PlantSim(BallbotNode):
         self.pacer = Pacer()
         self._resent = self._free_overruns = 0
         self._ack_ns: int | None = None
-        self._begin(FIRST_TICK_NS)
+        self._made_at = time.monotonic()
+        self._reset_to(FIRST_TICK_NS)
         self.listen(MOTOR_DUTY, self._on_duty)
         self.listen(RECORDER_ACK, self._on_ack)
         self.listen(PUSH, self._on_push, depth=10)
@@ -99,9 +102,8 @@ class PlantSim(BallbotNode):
         """Return a publisher and the message that it sends again and again."""
         return self.advertise(topic), topic.message_class()
 
-    def _begin(self, start_ns: int) -> None:
-        """Begin a run whose first tick is at `start_ns`."""
-        self._run_number += 1
+    def _reset_to(self, start_ns: int) -> None:
+        """Put everything at the start of a run whose first tick is at `start_ns`."""
         self._start_ns = start_ns
         self._plant = Plant(self.values, start_ns)
         for push in self._scenario.pushes_from(start_ns):
@@ -114,15 +116,20 @@ class PlantSim(BallbotNode):
         self._draining = False
         self._begun_at = self._ended_at = time.monotonic()
         self.pacer.restart()
+
+    def _begin(self) -> None:
+        """Announce a run and publish its first truth."""
+        self._run_number += 1
         publisher, header = self._run
-        fill_header(header, start_ns, f'{self._run_number} {self._token}')
+        fill_header(header, self._start_ns, f'{self._run_number} {self._token}')
         publisher.publish(header)
         self._wall_hit[0].publish(self._wall_hit[1])
         self._publish_truth()
 
     def reset(self) -> None:
         """Begin a new run at the next multiple of 100 ms."""
-        self._begin(next_start_ns(self._plant.time_ns))
+        self._reset_to(next_start_ns(self._plant.time_ns))
+        self._begin()
 
     def _publish_truth(self) -> None:
         truth = self._truth = self._plant.truth()
@@ -208,10 +215,17 @@ class PlantSim(BallbotNode):
     def _watch(self) -> None:
         """Ask again after a silence; in the end find out who is silent."""
         now = time.monotonic()
-        if not self._lockstep or self.finished:
+        if self.finished:
             return
         if self.log.ticks == 0 and self.count_publishers(CLOCK.name) > 1:
             self._end('failed', 'another plant publishes /clock in this ROS domain', status=2)
+            return
+        if self._run_number == 0:
+            # Time to discover another plant, whose run a second clock would disturb.
+            if now - self._made_at > SETTLE_S:
+                self._begin()
+            return
+        if not self._lockstep:
             return
         if self.control.paused and self._duty is not None:
             return
@@ -262,7 +276,7 @@ class PlantSim(BallbotNode):
 
     def _end(self, outcome: str, reason: str, status: int) -> None:
         """End the run: report it and finish."""
-        if self.finished:
+        if self.summary:
             return
         if not self._draining:
             self._ended_at = time.monotonic()

@@ -5,71 +5,16 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from ballbot_ros.parameters import select
 from ballbot_ros.plant.actuator import Actuator
 from ballbot_ros.plant.battery import Battery, BatteryParameters
 from ballbot_ros.plant.integration import State, linear_step, nonlinear_step
 from ballbot_ros.plant.model import PhysicalParameters
-
-STEP_NS = 1_000_000
-STEPS_PER_TICK = 4
-TICK_NS = STEPS_PER_TICK * STEP_NS
-
-Pair = tuple[float, float]
-"""A value of plane x and one of plane y, in plane signs (docs/frames.md)."""
+from ballbot_ros.plant.truth import STEP_NS, STEPS_PER_TICK, Pair, Push, Truth
 
 _FLOAT32 = struct.Struct('<f')
-
-
-class Truth(NamedTuple):
-    """What is true of the robot at one instant; every pair is (plane x, plane y).
-
-    Attributes
-    ----------
-    stamp_ns : int
-        Sim time [ns].
-    motor_angle, motor_rate, motor_torque : tuple of float
-        Motor shafts: rad from the start pose, rad/s, N·m.
-    psi, psi_rate : tuple of float
-        Body pitch [rad] and its rate [rad/s].
-    position, velocity : tuple of float
-        Ball centre [m] and [m/s]: Rs theta from the start position.
-    battery_voltage : float
-        Terminal voltage [V], a single-precision number, as its message carries it.
-    """
-
-    stamp_ns: int
-    motor_angle: Pair
-    motor_rate: Pair
-    motor_torque: Pair
-    psi: Pair
-    psi_rate: Pair
-    position: Pair
-    velocity: Pair
-    battery_voltage: float
-
-
-@dataclass(frozen=True)
-class Push:
-    """A disturbance at the body's centre, in plane signs.
-
-    Attributes
-    ----------
-    start_ns, end_ns : int
-        Sim time [ns]; it acts in the steps that begin in [start, end).
-    force : tuple of float
-        Horizontal force [N] on plane x, y.
-    torque : tuple of float
-        Torque [N·m] that tips plane x, y.
-    """
-
-    start_ns: int
-    end_ns: int
-    force: Pair
-    torque: Pair = (0.0, 0.0)
 
 
 class Plant:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import yaml
 
 from ballbot_ros.recording.qos import QosProfile
 
@@ -14,19 +15,32 @@ METADATA_NAME = 'rosbag2'
 
 _VERSION = 9
 _NO_TIME = 2**63 - 1
-_PLAIN = re.compile(r'[A-Za-z/][\w/.-]*', re.ASCII)
-
-_Yaml = dict[str, '_Yaml'] | list['_Yaml'] | str | int | bool | None
 
 
-class RecordedTopic(Protocol):
-    """What the metadata says of a topic."""
+@dataclass(slots=True, eq=False)
+class Topic:
+    """A topic of a recording.
 
+    Attributes
+    ----------
+    channel : int
+        The MCAP channel's number.
+    name, type_name : str
+        The topic's full name, and its type, such as ``sensor_msgs/msg/Imu``.
+    type_hash : str
+        The type's REP 2011 hash; may be empty.
+    qos : sequence of QosProfile
+        What each of its publishers offers.
+    count : int
+        Number of messages.
+    """
+
+    channel: int
     name: str
     type_name: str
     type_hash: str
     qos: Sequence[QosProfile]
-    count: int
+    count: int = 0
 
 
 class TimeRange(NamedTuple):
@@ -38,55 +52,45 @@ class TimeRange(NamedTuple):
 
 def offered_qos_profiles(profiles: Iterable[QosProfile]) -> str:
     """Write `profiles`, one for each publisher, as the channel metadata of that name."""
-    return '\n'.join(_lines(_qos(profiles)))
+    return _yaml(_qos(profiles))
 
 
-def serialized_metadata(
-    file_name: str, topics: Iterable[RecordedTopic], times: TimeRange | None
-) -> str:
+def serialized_metadata(file_name: str, topics: Iterable[Topic], times: TimeRange | None) -> str:
     """Write the bag's description as the metadata record's value of that name.
 
     Parameters
     ----------
     file_name : str
         The recording's name without its directory.
-    topics : iterable of RecordedTopic
+    topics : iterable of Topic
         Everything recorded, with the number of messages.
     times : TimeRange or None
         None if there are no messages.
     """
     topics = list(topics)
-    start: _Yaml = {'nanoseconds_since_epoch': times.start if times else _NO_TIME}
-    duration: _Yaml = {'nanoseconds': times.end - times.start if times else 0}
-    count = sum(topic.count for topic in topics)
-    return '\n'.join(
-        _lines(
-            {
-                'version': _VERSION,
-                'storage_identifier': 'mcap',
-                'duration': duration,
-                'starting_time': start,
-                'message_count': count,
-                'topics_with_message_count': [_topic(topic) for topic in topics],
-                'compression_format': '',
-                'compression_mode': '',
-                'relative_file_paths': [file_name],
-                'files': [
-                    {
-                        'path': file_name,
-                        'starting_time': start,
-                        'duration': duration,
-                        'message_count': count,
-                    }
-                ],
-                'custom_data': None,
-                'ros_distro': 'jazzy',
-            }
-        )
+    start, end = times or (_NO_TIME, _NO_TIME)
+    extent = {
+        'starting_time': {'nanoseconds_since_epoch': start},
+        'duration': {'nanoseconds': end - start},
+        'message_count': sum(topic.count for topic in topics),
+    }
+    return _yaml(
+        {
+            'version': _VERSION,
+            'storage_identifier': 'mcap',
+            **extent,
+            'topics_with_message_count': [_topic(topic) for topic in topics],
+            'compression_format': '',
+            'compression_mode': '',
+            'relative_file_paths': [file_name],
+            'files': [{'path': file_name, **extent}],
+            'custom_data': None,
+            'ros_distro': 'jazzy',
+        }
     )
 
 
-def _topic(topic: RecordedTopic) -> _Yaml:
+def _topic(topic: Topic) -> dict[str, Any]:
     return {
         'topic_metadata': {
             'name': topic.name,
@@ -99,7 +103,7 @@ def _topic(topic: RecordedTopic) -> _Yaml:
     }
 
 
-def _qos(profiles: Iterable[QosProfile]) -> list[_Yaml]:
+def _qos(profiles: Iterable[QosProfile]) -> list[dict[str, Any]]:
     return [
         {
             'history': profile.history,
@@ -116,31 +120,15 @@ def _qos(profiles: Iterable[QosProfile]) -> list[_Yaml]:
     ]
 
 
-def _duration(nanoseconds: int) -> _Yaml:
+def _duration(nanoseconds: int) -> dict[str, int]:
     sec, nsec = divmod(nanoseconds, 10**9)
     return {'sec': sec, 'nsec': nsec}
 
 
-def _lines(value: _Yaml) -> list[str]:
-    """Lay `value` out in blocks, as yaml-cpp does."""
-    if isinstance(value, dict):
-        lines = []
-        for key, item in value.items():
-            nested = _lines(item)
-            if isinstance(item, dict | list):
-                lines += [f'{key}:', *(f'  {line}' for line in nested)]
-            else:
-                lines.append(f'{key}: {nested[0]}')
-        return lines
-    if isinstance(value, list):
-        items = [_lines(item) for item in value]
-        return [
-            f'{"  " if number else "- "}{line}'
-            for item in items
-            for number, line in enumerate(item)
-        ] or ['[]']
-    if value is None:
-        return ['~']
-    if isinstance(value, str) and _PLAIN.fullmatch(value):
-        return [value]
-    return [json.dumps(value, ensure_ascii=False)]
+class _Dumper(yaml.SafeDumper):
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _yaml(value: Any) -> str:
+    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True)

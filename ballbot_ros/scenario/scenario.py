@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ballbot_ros.parameters import ParameterSet
-from ballbot_ros.plant.plant import Push
+from ballbot_ros.plant.truth import Push
 from ballbot_ros.scenario.signal import Signal
 
 

@@ -16,7 +16,8 @@ from ballbot_ros.brick.gyro import Gyro
 from ballbot_ros.brick.sonar import Sonar
 from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
-from ballbot_ros.plant.plant import Plant, Truth
+from ballbot_ros.plant.plant import Plant
+from ballbot_ros.plant.truth import Truth
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.timing import BATTERY_NS, FIRST_TICK_NS, MILLISECOND_NS, SLOW_NS
 

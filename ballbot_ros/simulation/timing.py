@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ballbot_ros.plant.plant import TICK_NS
+from ballbot_ros.plant.truth import TICK_NS
 
 FIRST_TICK_NS = 1_000_000_000
 """Start of the first run. Zero means 'no time yet' to ROS."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.plant.plant import Truth
+from ballbot_ros.plant.truth import Truth
 
 _INT8 = 0xFF
 

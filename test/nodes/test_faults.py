@@ -5,7 +5,6 @@ import signal
 import time
 
 import pytest
-
 from graph import NODES, alive, wait_for
 
 from ballbot_ros.recording.reader import RecordingReader
@@ -23,9 +22,7 @@ def first_ticks_are_recorded(path):
 @pytest.mark.parametrize('victim', NODES)
 def test_a_lost_node_is_named_within_3_s(start_run, tmp_path, victim, number):
     recording = tmp_path / 'stationary.mcap'
-    run = start_run(
-        'stationary', '--output', tmp_path, '--set', f'plant_sim.duration={SIM_TIME_S}'
-    )
+    run = start_run('stationary', '--output', tmp_path, '--set', f'plant_sim.duration={SIM_TIME_S}')
     pids = run.nodes()
     wait_for(lambda: first_ticks_are_recorded(recording), what='the recording')
 

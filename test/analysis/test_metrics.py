@@ -1,0 +1,138 @@
+"""Metrics of trajectories whose answers are known."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+
+from ballbot_ros.analysis.metrics import measure
+from ballbot_ros.parameters import PLANT
+from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.simulation.trajectory import Trajectory
+from laws import given
+from robot import values_of
+
+TICK = 0.004
+
+
+def trajectory(pitch_deg=(0.0,), position=(0.0,), duty=(0,), pitch_y_deg=None, position_y=None):
+    """Return a trajectory of plane x, and of plane y where it is given; short lists are padded."""
+    columns = [pitch_deg, pitch_y_deg or [0.0], position, position_y or [0.0], duty]
+    count = max(map(len, columns))
+    padded = [[*column, *[column[-1]] * (count - len(column))] for column in columns]
+    psi_x, psi_y, x, y, duties = map(np.array, padded)
+    return Trajectory(
+        time=np.arange(count) * TICK,
+        position=np.column_stack([x, y]).astype(float),
+        psi=np.radians(np.column_stack([psi_x, psi_y])),
+        duty=np.column_stack([duties, duties]).astype(np.int8),
+    )
+
+
+def metrics(run, **plant):
+    return measure(run, values_of(PLANT, **{'hold_time': 0.0, **plant}))
+
+
+def test_a_robot_at_rest_has_nothing_to_measure():
+    measured = metrics(trajectory([0.0] * 100))
+    assert list(measured) == list(METRICS)
+    assert set(measured.values()) == {0.0}
+
+
+def test_it_settles_when_no_pitch_leaves_the_band_any_more():
+    pitch = [4.0] * 25 + [0.5] * 25 + [-1.5] * 25 + [0.9] * 25
+    assert metrics(trajectory(pitch))['settling_time_s'] == pytest.approx(75 * TICK)
+
+
+def test_either_plane_can_unsettle_it():
+    run = trajectory([4.0] * 10 + [0.0] * 90, pitch_y_deg=[0.0] * 50 + [-2.0] + [0.0] * 49)
+    assert metrics(run)['settling_time_s'] == pytest.approx(51 * TICK)
+
+
+def test_the_band_belongs_to_the_settled_robot():
+    assert metrics(trajectory([0.999999] * 10))['settling_time_s'] == 0.0
+    assert metrics(trajectory([1.000001] + [0.0] * 10))['settling_time_s'] == pytest.approx(TICK)
+
+
+def test_a_robot_that_never_settles_has_no_settling_time():
+    assert math.isnan(metrics(trajectory([0.0] * 99 + [2.0]))['settling_time_s'])
+
+
+def test_the_peak_pitch_is_that_of_either_plane_and_sign():
+    run = trajectory([4.0, -6.0, 1.0], pitch_y_deg=[0.0, 5.0, -5.5])
+    assert metrics(run)['peak_pitch_deg'] == pytest.approx(6.0)
+
+
+def test_steady_pitch_is_that_of_the_second_half():
+    run = trajectory([9.0] * 50 + [3.0, -3.0] * 25 + [3.0])
+    assert metrics(run)['steady_pitch_rms_deg'] == pytest.approx(3.0 / math.sqrt(2.0))
+
+
+def test_distances_are_from_the_start_in_both_planes():
+    run = trajectory(position=[2.0, 5.0], position_y=[-1.0, 3.0])
+    measured = metrics(run, start_position_x=2.0, start_position_y=-1.0)
+    assert measured['peak_position_m'] == pytest.approx(5.0)
+    assert measured['position_rms_m'] == pytest.approx(5.0 / math.sqrt(2.0))
+    assert measured['final_position_x_m'] == pytest.approx(3.0)
+    assert measured['final_position_y_m'] == pytest.approx(4.0)
+
+
+def test_duties_count_in_both_motors():
+    measured = metrics(trajectory(duty=[100, -100, 60, 0]))
+    assert measured['duty_rms_percent'] == pytest.approx(math.sqrt((2 * 100**2 + 60**2) / 4))
+    assert measured['duty_saturated_share'] == pytest.approx(0.5)
+
+
+def test_a_sine_has_its_known_mean_square():
+    time = np.arange(1001) * TICK
+    sine = list(2.0 * np.sin(2.0 * math.pi * time / 0.4))
+    measured = metrics(trajectory(sine, pitch_y_deg=sine))
+    assert measured['steady_pitch_rms_deg'] == pytest.approx(2.0 / math.sqrt(2.0), rel=1e-2)
+    assert measured['peak_pitch_deg'] == pytest.approx(2.0, rel=1e-4)
+
+
+def test_nothing_before_the_release_counts():
+    held = {'pitch_deg': [9.0] * 50, 'position': [9.0] * 50, 'duty': [100] * 50}
+    free = {'pitch_deg': [2.0] * 10 + [0.0] * 40, 'position': [0.1] * 50, 'duty': [10] * 50}
+    both = {name: held[name] + free[name] for name in held}
+    after = metrics(trajectory(**both), hold_time=50 * TICK)
+    assert after == pytest.approx(metrics(trajectory(**free)))
+    assert after['settling_time_s'] == pytest.approx(10 * TICK)
+
+
+def test_the_tick_of_the_release_counts():
+    run = trajectory([9.0] * 10 + [7.0] + [0.0] * 10)
+    assert metrics(run, hold_time=10 * TICK)['peak_pitch_deg'] == pytest.approx(7.0)
+
+
+@pytest.mark.parametrize('count', [0, 5])
+def test_a_run_that_ended_before_the_release_has_no_metrics(count):
+    run = trajectory([1.0] * 5)
+    run = Trajectory(*(column[:count] for column in vars(run).values()))
+    measured = metrics(run, hold_time=1.0)
+    assert list(measured) == list(METRICS)
+    assert all(math.isnan(value) for value in measured.values())
+
+
+def test_a_run_of_one_tick_can_be_measured():
+    measured = metrics(trajectory([0.5], position=[0.25], duty=[-20]))
+    assert measured['settling_time_s'] == 0.0
+    assert measured['steady_pitch_rms_deg'] == pytest.approx(0.5 / math.sqrt(2.0))
+    assert measured['peak_position_m'] == 0.25
+    assert measured['duty_rms_percent'] == 20.0
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(-60, 60), st.floats(-5, 5), st.integers(-100, 100)),
+        min_size=1,
+        max_size=30,
+    )
+)
+def test_the_mirrored_run_has_the_same_metrics(rows):
+    pitch, position, duty = (list(column) for column in zip(*rows, strict=True))
+    one = metrics(trajectory(pitch, position, duty))
+    other = metrics(trajectory(*([-x for x in column] for column in (pitch, position, duty))))
+    other['final_position_x_m'] *= -1.0
+    assert other == pytest.approx(one, nan_ok=True)

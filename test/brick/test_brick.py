@@ -1,0 +1,104 @@
+"""The brick: what tasks see of the inputs, and what leaves as outputs."""
+
+from ballbot_ros.brick.brick import Brick, DeviceInputs, DeviceOutputs, Tone
+
+STILL = DeviceInputs(gyro=(600, 601), revolutions=(10, -20))
+
+
+def tick(brick, inputs=STILL, task=lambda: None, systick_ms=0):
+    return brick.tick(systick_ms, inputs, task)
+
+
+def test_inputs_are_latched_before_the_tasks_and_outputs_taken_after():
+    brick, seen = Brick(), []
+
+    def task():
+        seen.append((brick.gyro, brick.revolutions, brick.sonar_cm, brick.battery_mv))
+        brick.duty = (7, -8)
+
+    outputs = tick(brick, DeviceInputs((598, 602), (1, 2), 40, 8005, (0, 0)), task)
+    assert seen == [((598, 602), (1, 2), 40, 8005)]
+    assert outputs.duty == (7, -8)
+
+
+def test_before_the_first_sample_the_sonar_has_no_data():
+    assert Brick().sonar_cm == -1
+
+
+def test_a_slow_device_keeps_its_newest_sample():
+    brick = Brick()
+    tick(brick, DeviceInputs((600, 600), (0, 0), 40, 8005))
+    tick(brick)
+    assert (brick.sonar_cm, brick.battery_mv) == (40, 8005)
+    tick(brick, DeviceInputs((600, 600), (0, 0), 41, 7991))
+    assert (brick.sonar_cm, brick.battery_mv) == (41, 7991)
+
+
+def test_motors_keep_their_duty_until_it_is_set_again():
+    brick = Brick()
+
+    def task():
+        brick.duty = (30, 40)
+
+    tick(brick, task=task)
+    assert tick(brick).duty == (30, 40)
+
+
+def test_a_bluetooth_packet_is_read_once():
+    brick = Brick()
+    tick(brick, STILL._replace(sticks=(-100, 50)))
+    assert brick.read_sticks((1, 2)) == (-100, 50)
+    assert brick.read_sticks((1, 2)) == (1, 2)
+
+
+def test_a_newer_packet_replaces_one_that_was_not_read():
+    brick = Brick()
+    tick(brick, STILL._replace(sticks=(-100, 50)))
+    tick(brick, STILL._replace(sticks=(3, 4)))
+    assert brick.read_sticks((0, 0)) == (3, 4)
+
+
+def test_the_system_time_is_a_32_bit_number():
+    brick = Brick()
+    tick(brick, systick_ms=2**32 + 5)
+    assert brick.systick_ms == 5
+
+
+def test_a_log_record_holds_the_devices_of_its_tick():
+    brick = Brick()
+    inputs = DeviceInputs((598, 602), (12, -34), 200, 8005)
+    [record] = tick(brick, inputs, lambda: brick.log(5, -6), systick_ms=1234).log
+    assert (record.time_ms, record.battery_mv, record.sonar_cm) == (1234, 8005, 200)
+    assert (record.rev_a, record.rev_b, record.rev_c) == (0, 12, -34)
+    assert (record.adc1, record.adc2, record.adc3, record.adc4) == (5, -6, 0, 0)
+
+
+def test_outputs_are_those_of_one_tick():
+    brick = Brick()
+
+    def task():
+        brick.sound_tone(440, 500, 70)
+        brick.show_status('NAME')
+        brick.log(0, 0)
+
+    first = tick(brick, task=task)
+    assert first.tones == [Tone(440, 500, 70)]
+    assert len(first.pages) == len(first.log) == 1
+    assert tick(brick) == DeviceOutputs()
+    assert len(first.pages) == 1
+
+
+def test_the_display_shows_ports_and_connection():
+    brick = Brick()
+    inputs = DeviceInputs((598, 602), (12, -34), 200, 8005, (0, 0))
+    [page] = tick(brick, inputs, lambda: brick.show_status('BALL'), systick_ms=5000).pages
+    assert [line.split() for line in page.split('\n')] == [
+        ['BALL'],
+        ['TIME:', '5'],
+        ['BATT:', '80'],
+        ['REV:', '0', '12'],
+        ['-34'],
+        ['ADC:', '598', '602'],
+        ['0', '0'],
+        ['BT/DST:', '1', '200'],
+    ]

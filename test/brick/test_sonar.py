@@ -1,0 +1,99 @@
+"""The ultrasonic sensor."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+from laws import given
+from robot import values_of
+
+from ballbot_ros.brick.sonar import Sonar
+from ballbot_ros.parameters import SONAR
+
+SAMPLE_NS = 20_000_000
+NO_ECHO = 255
+
+
+def make_sonar(**changes):
+    return Sonar(values_of(SONAR, **changes))
+
+
+def readings(sonar, distance, count=20_000):
+    return np.array([sonar.read(distance, n * SAMPLE_NS) for n in range(count)])
+
+
+@given(st.integers(0, 254))
+def test_an_ideal_sonar_reads_whole_centimetres(distance):
+    assert make_sonar().read(distance / 100.0, 0) == distance
+
+
+@pytest.mark.parametrize(
+    ('distance', 'reading'), [(0.004, 0), (0.005, 1), (1.2349, 123), (1.2351, 124), (2.54, 254)]
+)
+def test_it_rounds_to_the_nearest_centimetre(distance, reading):
+    assert make_sonar().read(distance, 0) == reading
+
+
+@pytest.mark.parametrize('distance', [2.55, 10.0, math.inf])
+def test_what_is_too_far_gives_no_echo(distance):
+    assert make_sonar().read(distance, 0) == NO_ECHO
+
+
+def test_the_range_is_where_the_echo_ends():
+    sonar = make_sonar(max_range_cm=160.0)
+    assert sonar.read(1.59, 0) == 159
+    assert sonar.read(1.60, 0) == NO_ECHO
+
+
+def test_dropouts_have_their_share():
+    share = np.mean(readings(make_sonar(dropout_probability=0.15), 1.0) == NO_ECHO)
+    assert share == pytest.approx(0.15, abs=0.01)
+
+
+def test_a_sonar_may_miss_every_echo_or_none():
+    assert (readings(make_sonar(dropout_probability=1.0), 1.0, 1000) == NO_ECHO).all()
+    assert (readings(make_sonar(dropout_probability=0.0), 1.0, 1000) == 100).all()
+
+
+def test_errors_fill_their_bounds_evenly():
+    errors = readings(make_sonar(noise_cm=3.0), 1.0) - 100
+    assert errors.min() == -3
+    assert errors.max() == 3
+    assert errors.mean() == pytest.approx(0.0, abs=0.05)
+    assert errors.var() == pytest.approx(3.0**2 / 3 + 1 / 12, rel=0.03)
+
+
+def test_dropouts_tell_nothing_of_the_errors():
+    drawn = readings(make_sonar(noise_cm=3.0, dropout_probability=0.5), 1.0)
+    errors = drawn[drawn != NO_ECHO] - 100
+    assert errors.min() == -3
+    assert errors.max() == 3
+    assert errors.mean() == pytest.approx(0.0, abs=0.1)
+
+
+@given(
+    st.floats(0.0, 10.0), st.floats(0.0, 50.0), st.floats(0.0, 1.0), st.integers(0, 10**6)
+)  # fmt: skip
+def test_a_reading_is_an_unsigned_byte(distance, noise, dropout, sample):
+    sonar = make_sonar(noise_cm=noise, dropout_probability=dropout)
+    reading = sonar.read(distance, sample * SAMPLE_NS)
+    assert isinstance(reading, int)
+    assert 0 <= reading <= NO_ECHO
+
+
+def test_noise_depends_on_seed_and_stamp_alone():
+    settings = {'noise_cm': 3.0, 'dropout_probability': 0.2}
+    whole = readings(make_sonar(**settings), 1.0, 1000)
+    restarted = make_sonar(**settings)
+    late = [restarted.read(1.0, n * SAMPLE_NS) for n in (999, 500, 0)]
+    assert late == [whole[999], whole[500], whole[0]]
+    assert (readings(make_sonar(**settings, seed=2), 1.0, 1000) != whole).any()
+
+
+def test_an_echo_that_is_missed_leaves_those_after_it_as_they_were():
+    settings = {'noise_cm': 3.0, 'dropout_probability': 0.2}
+    far_first, near = make_sonar(**settings), make_sonar(**settings)
+    far_first.read(math.inf, 0)
+    near.read(1.0, 0)
+    assert far_first.read(1.0, SAMPLE_NS) == near.read(1.0, SAMPLE_NS)

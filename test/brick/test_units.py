@@ -1,0 +1,83 @@
+"""Conversions that are exact both ways, and the one way to round."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import example
+from hypothesis import strategies as st
+from laws import given
+
+from ballbot_ros.brick.battery_monitor import battery_mv
+from ballbot_ros.brick.units import (
+    NO_DATA_CM,
+    NO_ECHO_CM,
+    centimetres_of,
+    degrees_of,
+    metres_of,
+    quantise,
+    radians_of,
+)
+from ballbot_ros.nodes.conversions import fill_sticks, stick_values
+
+INT32 = st.integers(-(2**31), 2**31 - 1)
+
+
+@pytest.mark.parametrize(
+    ('value', 'rounded'),
+    [(0.5, 1), (-0.5, 0), (1.5, 2), (-1.5, -1), (2.5, 3), (-2.5, -2), (0.4, 0), (-0.6, -1)],
+)
+def test_halves_round_up_on_either_side_of_zero(value, rounded):
+    assert quantise(value) == rounded
+
+
+@given(st.floats(-1e9, 1e9))
+def test_rounding_errs_by_half_at_most(value):
+    assert value - 0.5 <= quantise(value) <= value + 0.5
+
+
+@given(st.integers(-(2**40), 2**40))
+def test_whole_numbers_round_to_themselves(value):
+    assert quantise(float(value)) == value
+
+
+@given(INT32)
+@example(-(2**31))
+@example(2**31 - 1)
+def test_every_angle_in_degrees_comes_back_from_radians(degrees):
+    assert degrees_of(radians_of(degrees)) == degrees
+
+
+def test_every_gyro_reading_and_every_encoder_angle_of_a_run_comes_back():
+    for degrees in range(-100_000, 100_000):
+        assert degrees_of(radians_of(degrees)) == degrees
+
+
+def test_a_turn_is_two_pi():
+    assert radians_of(360) == pytest.approx(2.0 * math.pi, rel=1e-15)
+
+
+@pytest.mark.parametrize('precision', [np.float32, np.float64])
+def test_every_sonar_reading_comes_back_through_a_message(precision):
+    for reading in range(-1, 256):
+        assert centimetres_of(float(precision(metres_of(reading)))) == reading
+
+
+def test_what_is_no_distance_is_told_as_rep_117_has_it():
+    assert metres_of(NO_ECHO_CM) == math.inf
+    assert math.isnan(metres_of(NO_DATA_CM))
+    assert metres_of(254) == 2.54
+
+
+def test_every_stick_value_comes_back_through_a_joy_message():
+    for vertical in range(-128, 128):
+        message = SimpleNamespace(header=SimpleNamespace(stamp=SimpleNamespace()))
+        fill_sticks(message, 0, (vertical, -vertical))
+        message.axes = np.array(message.axes, dtype=np.float32).tolist()
+        assert stick_values(message) == (vertical, -vertical)
+
+
+@given(st.floats(0.0, 12.0, width=32))
+def test_the_battery_reads_the_same_through_a_message(voltage):
+    assert battery_mv(float(np.float32(voltage))) == battery_mv(voltage)

@@ -1,0 +1,168 @@
+"""`ballbot run` as a user types it: outcome, files, errors, signals."""
+
+import json
+import signal
+import time
+
+import numpy as np
+import pytest
+from graph import NODES, alive, wait_for
+from matplotlib.image import imread
+
+from ballbot_ros.recording.reader import RecordingReader
+
+FAST = ['--processes=none', '--set=plant_sim.duration=3']
+
+
+def test_a_run_leaves_a_recording_a_picture_and_a_verdict(start_run, tmp_path):
+    run = start_run('stationary', '--json', '--processes=none', '--output', tmp_path)
+    assert run.finish() == 0
+    result = run.result
+    assert result['outcome'] == 'passed'
+    assert result['ticks'] == 2500
+    assert len(result['duty_sha256']) == 64
+    assert all(each['holds'] for each in result['expectations'])
+    assert {'settling_time_s', 'peak_pitch_deg', 'position_rms_m'} <= set(result['metrics'])
+    picture = imread(result['figure'])
+    assert picture.shape[0] >= 600
+    assert np.unique(picture[..., :3].reshape(-1, 3), axis=0).shape[0] > 10
+
+
+def test_the_table_names_metrics_verdict_and_files(start_run, tmp_path):
+    run = start_run('stationary', '--processes=none', '--output', tmp_path)
+    assert run.finish() == 0
+    for words in ('settling time', 'peak pitch', 'position rms', 'duty rms', 'real-time factor',
+                  'missed ticks', 'passed', 'stationary.mcap', 'stationary.png'):  # fmt: skip
+        assert words in run.stdout
+    assert run.stderr == ''
+
+
+def test_a_missed_expectation_is_exit_status_1(start_run, tmp_path):
+    scenario = tmp_path / 'strict.yaml'
+    scenario.write_text(
+        'purpose: can not be met\nduration: 2\nexpectations:\n  peak_pitch_deg: {min: 50}\n'
+    )
+    run = start_run(scenario, '--processes=none', '--no-record', '--json')
+    assert run.finish() == 1
+    assert run.result['outcome'] == 'expectations not met'
+    assert 'peak_pitch_deg' in run.result['reason']
+
+
+def test_a_fallen_robot_misses_every_expectation(start_run):
+    run = start_run('stationary', '--processes=none', '--no-record', '--json',
+                    '--set=plant_sim.start_pitch_x=0.5')  # fmt: skip
+    assert run.finish() == 1
+    assert run.result['metrics']['settling_time_s'] is None
+
+
+def _full_folder(tmp_path):
+    (tmp_path / 'stationary.mcap').write_text('an older recording')
+    return ['--output', tmp_path, *FAST]
+
+
+MISTAKES = {
+    'unknown scenario': (lambda tmp_path: ['nosuch'], 'nosuch'),
+    'missing scenario file': (lambda tmp_path: [tmp_path / 'no.yaml'], 'no.yaml'),
+    'unknown node': (lambda tmp_path: ['stationary', '--set=nonode.x=1'], 'nonode'),
+    'unknown parameter': (lambda tmp_path: ['stationary', '--set=controller.a_z=1'], 'a_z'),
+    'out of range': (lambda tmp_path: ['stationary', '--set=controller.a_b=2'], '0 … 1'),
+    'not a number': (lambda tmp_path: ['stationary', '--set=plant_sim.gravity=big'], 'big'),
+    'not an assignment': (lambda tmp_path: ['stationary', '--set=gravity'], 'node.param=value'),
+    'unknown option': (lambda tmp_path: ['stationary', '--nosuch'], '--nosuch'),
+    'unknown way': (lambda tmp_path: ['stationary', '--processes=two'], 'separate'),
+    'negative factor': (lambda tmp_path: ['stationary', '--real-time-factor=-1'], '-1'),
+    'existing recording': (lambda tmp_path: ['stationary', *_full_folder(tmp_path)], 'exists'),
+    'folder is a file': (lambda tmp_path: ['stationary', '--output', '/dev/null'], '/dev/null'),
+}
+
+
+@pytest.mark.parametrize('mistake', MISTAKES)
+def test_a_mistake_is_one_line_and_exit_status_2(start_run, tmp_path, mistake):
+    arguments, hint = MISTAKES[mistake]
+    run = start_run(*arguments(tmp_path))
+    assert run.finish() == 2
+    assert len(run.stderr.splitlines()) == 1, run.stderr
+    assert hint in run.stderr
+    assert run.stdout == ''
+
+
+def test_malformed_yaml_names_file_and_line(start_run, tmp_path):
+    scenario = tmp_path / 'bad.yaml'
+    scenario.write_text('purpose: x\nduration: [1\n')
+    run = start_run(scenario)
+    assert run.finish() == 2
+    assert f'{scenario}:3' in run.stderr
+
+
+def test_an_existing_recording_is_left_alone(start_run, tmp_path):
+    run = start_run('stationary', *_full_folder(tmp_path))
+    assert run.finish() == 2
+    assert (tmp_path / 'stationary.mcap').read_text() == 'an older recording'
+
+
+def test_without_rclpy_there_is_a_hint_and_a_way(start_run, tmp_path):
+    (tmp_path / 'rclpy.py').write_text('raise ImportError("no rclpy here")')
+    import os
+
+    os.environ['PYTHONPATH'], before = str(tmp_path), os.environ.get('PYTHONPATH')
+    try:
+        run = start_run('stationary')
+        assert run.finish() == 2
+        assert '--processes none' in run.stderr
+        assert len(run.stderr.splitlines()) == 1
+        run = start_run('stationary', '--no-record', '--processes=none')
+        assert run.finish() == 0
+    finally:
+        if before is None:
+            del os.environ['PYTHONPATH']
+        else:
+            os.environ['PYTHONPATH'] = before
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
+@pytest.mark.parametrize('processes', ['separate', 'one', 'none'])
+def test_a_signal_stops_everything_within_3_s(start_run, tmp_path, processes, number):
+    recording = tmp_path / 'stationary.mcap'
+    run = start_run('stationary', '--json', '--processes', processes, '--output', tmp_path,
+                    '--set=plant_sim.duration=600', '--real-time-factor=4')  # fmt: skip
+    pids = run.nodes() if processes == 'separate' else {}
+    wait_for(lambda: recording.exists() and recording.stat().st_size > 20_000, what='recording')
+    run.process.send_signal(number)
+    at = time.monotonic()
+    assert run.finish(timeout=10.0) == 128 + number
+    assert time.monotonic() - at < 3.0
+    assert not any(alive(pid) for pid in pids.values())
+    assert run.result['outcome'] == 'stopped'
+    assert 'Traceback' not in run.stderr
+    with RecordingReader(recording) as reader:
+        assert reader.complete
+        assert reader.topics()['/motor_duty'].message_count > 10
+
+
+@pytest.mark.graph
+def test_nodes_end_with_the_run_that_started_them(start_run, tmp_path):
+    run = start_run('stationary', '--output', tmp_path, '--set=plant_sim.duration=600')
+    pids = run.nodes()
+    wait_for((tmp_path / 'stationary.mcap').exists, what='the recording')
+    run.process.kill()
+    wait_for(lambda: not any(alive(pid) for pid in pids.values()), what='the end of all nodes')
+    assert set(pids) == set(NODES)
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize('processes', ['separate', 'one', 'none'])
+def test_a_full_disk_is_one_line_and_a_failed_run(start_run, tmp_path, processes):
+    import resource
+
+    def small_files():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+
+    run = start_run('stationary', '--json', '--processes', processes, '--output', tmp_path,
+                    '--set=plant_sim.duration=20', preexec_fn=small_files)  # fmt: skip
+    assert run.finish() == 1
+    assert 'File too large' in run.stderr
+    assert 'Traceback' not in run.stderr
+    assert json.loads(run.stdout)['outcome'] == 'failed'
+    with RecordingReader(tmp_path / 'stationary.mcap') as reader:
+        assert sum(1 for _ in reader.messages(['/plant/imu'])) > 10

@@ -1,0 +1,82 @@
+"""The duties are a function of scenario and seed alone, however the run is made."""
+
+import os
+import random
+import signal
+import time
+
+import pytest
+from graph import NODES
+
+pytestmark = pytest.mark.graph
+
+DURATION_S = 2.0
+NOISY = [
+    f'--set=plant_sim.duration={DURATION_S}',
+    '--set=gyro_driver.noise=0.7',
+    '--set=plant_sim.battery_model=draining',
+]
+REPETITIONS = 20
+
+
+@pytest.fixture(scope='session')
+def expected_sha256():
+    from ballbot_ros.parameters import GYRO, PLANT
+    from ballbot_ros.scenario.library import load_scenario
+    from ballbot_ros.simulation.closed_loop import ClosedLoop
+    from ballbot_ros.simulation.trajectory import TrajectoryLog
+
+    scenario = load_scenario('stationary')
+    scenario.parameters.set(GYRO, 'noise', 0.7)
+    scenario.parameters.set(PLANT, 'battery_model', 'draining')
+    loop, log = ClosedLoop(scenario.parameters, scenario), TrajectoryLog()
+    for _ in range(round(DURATION_S * 250)):
+        tick = loop.tick()
+        log.add(tick.truth, *tick.outputs.duty)
+    return log.duty_sha256
+
+
+def sha256_of(run):
+    assert run.finish() in (0, 1), run.stderr  # so short a run may miss the expectations
+    assert run.result['ticks'] == round(DURATION_S * 250)
+    return run.result['duty_sha256']
+
+
+@pytest.mark.parametrize('record', [True, False], ids=['recorded', 'not recorded'])
+@pytest.mark.parametrize('processes', ['separate', 'one', 'none'])
+def test_every_way_of_running_gives_the_same_duties(
+    start_run, tmp_path, expected_sha256, processes, record
+):
+    where = ['--output', tmp_path] if record else ['--no-record']
+    run = start_run('stationary', '--processes', processes, '--json', *where, *NOISY)
+    assert sha256_of(run) == expected_sha256
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('repetition', range(REPETITIONS))
+def test_every_repetition_gives_the_same_duties(start_run, expected_sha256, repetition):
+    run = start_run('stationary', '--no-record', '--json', *NOISY)
+    assert sha256_of(run) == expected_sha256
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_delays_in_any_node_change_no_duty(start_run, tmp_path, expected_sha256, seed):
+    """Nodes are stopped and continued at random, each for longer than many ticks take."""
+    choose = random.Random(seed)
+    run = start_run('stationary', '--json', '--output', tmp_path, *NOISY)
+    pids = run.nodes()
+    while run.process.poll() is None:
+        pid = pids[choose.choice(NODES)]
+        try:
+            os.kill(pid, signal.SIGSTOP)
+            time.sleep(choose.uniform(0.001, 0.25))
+            os.kill(pid, signal.SIGCONT)
+        except ProcessLookupError:
+            break
+        time.sleep(choose.uniform(0.0, 0.1))
+    assert sha256_of(run) == expected_sha256
+
+
+def test_another_seed_gives_other_duties(start_run, expected_sha256):
+    run = start_run('stationary', '--processes=none', '--no-record', '--json', '--seed=2', *NOISY)
+    assert sha256_of(run) != expected_sha256

@@ -1,0 +1,52 @@
+"""From duty to motor voltage."""
+
+import pytest
+from hypothesis import strategies as st
+from laws import given
+from robot import values_of
+
+from ballbot_ros.parameters import PLANT, select
+from ballbot_ros.plant.actuator import Actuator
+
+duties = st.integers(-100, 100)
+batteries = st.floats(0.0, 12.0)
+dead_zones = st.floats(0.0, 50.0)
+
+
+def actuator(**changes):
+    return select(Actuator, values_of(PLANT, **changes))
+
+
+def test_full_duty_at_8000_mv_gives_equation_6_1():
+    assert actuator().voltage(100, 8.0) == pytest.approx(0.001089 * 8000 - 0.625, rel=1e-15)
+
+
+@given(duties, batteries)
+def test_voltage_is_in_proportion_to_duty(duty, battery):
+    motor = actuator()
+    full = motor.max_voltage(battery)
+    assert motor.voltage(duty, battery) == pytest.approx(duty / 100 * full, rel=1e-12)
+
+
+@given(duties, batteries, dead_zones)
+def test_voltage_is_odd_in_duty(duty, battery, dead_zone):
+    motor = actuator(dead_zone=dead_zone)
+    assert motor.voltage(-duty, battery) == -motor.voltage(duty, battery)
+
+
+@given(st.integers(-100, 99), batteries, dead_zones)
+def test_more_duty_never_gives_less_voltage(duty, battery, dead_zone):
+    motor = actuator(dead_zone=dead_zone)
+    assert motor.voltage(duty + 1, battery) >= motor.voltage(duty, battery)
+
+
+@given(duties, dead_zones)
+def test_the_dead_zone_swallows_its_share_of_every_duty(duty, dead_zone):
+    left = actuator(dead_zone=dead_zone).effective_duty(duty)
+    assert abs(left) == pytest.approx(max(0.0, abs(duty) - dead_zone))
+    assert left * duty >= 0.0
+
+
+@given(st.floats(0.0, 0.57))
+def test_an_empty_battery_does_not_drive_the_motor_backwards(battery):
+    assert actuator().voltage(100, battery) == 0.0

@@ -1,0 +1,75 @@
+"""The battery pack."""
+
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+from laws import given
+from robot import make_plant, run_plant, values_of
+
+from ballbot_ros.parameters import PLANT, select
+from ballbot_ros.plant.battery import Battery, BatteryParameters
+
+DRAINING = {'battery_model': 'draining'}
+
+
+def make_battery(**changes):
+    return Battery(select(BatteryParameters, values_of(PLANT, **changes)))
+
+
+def test_a_constant_battery_ignores_the_load():
+    battery = make_battery()
+    battery.draw(5.0, 3600.0)
+    assert battery.voltage == 8.0
+
+
+@given(st.lists(st.floats(0.0, 3.0), min_size=1, max_size=20))
+def test_charge_that_is_drawn_never_comes_back(currents):
+    battery = make_battery(**DRAINING)
+    idle = []
+    for current in currents:
+        battery.draw(current, 1.0)
+        battery.draw(0.0, 1e-6)
+        idle.append(battery.voltage)
+    assert (np.diff(idle) <= 0.0).all()
+
+
+@given(st.floats(0.0, 3.0), st.floats(0.001, 3.0))
+def test_a_larger_current_sags_the_voltage_more(current, more):
+    light, heavy = make_battery(**DRAINING), make_battery(**DRAINING)
+    light.draw(current, 1e-3)
+    heavy.draw(current + more, 1e-3)
+    assert light.voltage - heavy.voltage == pytest.approx(0.6 * more, rel=1e-3)
+
+
+def test_the_capacity_takes_a_fresh_battery_to_a_low_one():
+    battery = make_battery(**DRAINING, battery_voltage=9.5, battery_resistance=0.0, idle_current=1)
+    battery.draw(0.0, 7200.0)
+    assert battery.voltage == pytest.approx(7.0)
+
+
+def test_a_braking_motor_does_not_charge_the_battery():
+    battery = make_battery(**DRAINING)
+    battery.draw(-2.0, 100.0)
+    assert battery.voltage < 8.0
+
+
+def test_an_empty_battery_stays_at_zero_volts():
+    battery = make_battery(**DRAINING)
+    for _ in range(100):
+        battery.draw(10.0, 3600.0)
+    assert battery.voltage == 0.0
+
+
+def test_a_robot_that_is_held_at_full_duty_drains_its_battery_without_pause():
+    truths = run_plant(make_plant(**DRAINING, hold_time=10.0), [(100, -100)] * 500)
+    voltages = [truth.battery_voltage for truth in truths]
+    assert voltages[1] < voltages[0] - 0.5
+    assert (np.diff(voltages) <= 0.0).all()
+    assert voltages[-1] < voltages[1]
+
+
+@given(st.lists(st.integers(-100, 100), min_size=1, max_size=5), st.floats(1.0, 12.0))
+def test_the_published_voltage_is_a_single_precision_number(duties, voltage):
+    plant = make_plant(**DRAINING, battery_voltage=voltage)
+    for truth in run_plant(plant, [(duty, 0) for duty in duties]):
+        assert float(np.float32(truth.battery_voltage)) == truth.battery_voltage

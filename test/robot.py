@@ -1,0 +1,45 @@
+"""Parts of the robot with the table's parameters, but for those that a test names."""
+
+from ballbot_ros.parameters import PLANT, ParameterSet, select
+from ballbot_ros.plant.model import PhysicalParameters
+from ballbot_ros.plant.plant import Plant
+from ballbot_ros.simulation.closed_loop import ClosedLoop
+
+START_NS = 1_000_000_000
+
+
+def values_of(node, **changes):
+    parameters = ParameterSet()
+    for name, value in changes.items():
+        parameters.set(node, name, value)
+    return parameters.values(node)
+
+
+def physical(**changes):
+    return select(PhysicalParameters, values_of(PLANT, **changes))
+
+
+def make_plant(**changes):
+    return Plant(values_of(PLANT, **{'hold_time': 0.0, **changes}), START_NS)
+
+
+def run_plant(plant, duties):
+    """Return the truths at the start and after each duty pair."""
+    truths = [plant.truth()]
+    for duty in duties:
+        plant.tick(*duty)
+        truths.append(plant.truth())
+    return truths
+
+
+def make_loop(settings, scenario=None):
+    """Return the closed loop with `settings`, a dict of 'node.parameter': value."""
+    parameters = ParameterSet()
+    for key, value in settings.items():
+        parameters.set(*key.split('.'), value)
+    return ClosedLoop(parameters, scenario)
+
+
+def run_loop(loop, seconds):
+    """Return the ticks of the next `seconds` of sim time."""
+    return [loop.tick() for _ in range(round(seconds * 250))]

@@ -1,0 +1,240 @@
+"""Reading scenario files."""
+
+import math
+
+import pytest
+from hypothesis import strategies as st
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR
+from ballbot_ros.scenario.library import (
+    ScenarioError,
+    load_profile,
+    load_scenario,
+    scenario_names,
+)
+from ballbot_ros.scenario.scenario import Expectation, ScheduledPush
+from laws import given
+
+HEAD = 'purpose: a test\nduration: 5\n'
+FULL = """\
+purpose: everything at once
+duration: 12.5
+seed: 7
+profile: ideal
+start: {pitch_x_deg: 4, pitch_y_deg: -2.0, position_x: 0.5, position_y: -1}
+sticks:
+  vertical: [[0, 0], [2, -100]]
+  horizontal: [[3.5, 20.0]]
+pushes:
+  - {time: 2, duration: 0.1, force_x: 1.5}
+  - {time: 4, duration: 0.2, force_y: -0.5}
+parameters:
+  plant_sim: {plant_model: nonlinear}
+  /**: {ball_radius: 0.03}
+expectations:
+  settling_time_s: {max: 3}
+  final_position_x_m: {min: 0.1, max: 2.0}
+"""
+
+
+@pytest.fixture(scope='module')
+def load(tmp_path_factory):
+    """Load a scenario of the given text."""
+    path = tmp_path_factory.mktemp('scenarios') / 'mine.yaml'
+
+    def load_text(text):
+        path.write_bytes(text.encode(errors='replace'))
+        return load_scenario(str(path))
+
+    return load_text
+
+
+def test_a_scenario_sets_all_that_it_names(load):
+    scenario = load(FULL)
+    assert (scenario.name, scenario.purpose) == ('mine', 'everything at once')
+    assert scenario.text == FULL
+    plant = scenario.parameters.values(PLANT)
+    assert plant['duration'] == 12.5
+    assert plant['start_pitch_x'] == math.radians(4.0)
+    assert plant['start_pitch_y'] == math.radians(-2.0)
+    assert (plant['start_position_x'], plant['start_position_y']) == (0.5, -1.0)
+    assert plant['plant_model'] == 'nonlinear'
+    assert plant['ball_radius'] == 0.03
+    assert scenario.parameters.values(CONTROLLER)['ball_radius'] == 0.03
+    for node in (GYRO, SONAR):
+        assert scenario.parameters.values(node)['seed'] == 7
+    assert scenario.sticks_at(2.0) == (-100, 0)
+    assert scenario.sticks_at(3.5) == (-100, 20)
+    assert scenario.pushes == (
+        ScheduledPush(2.0, 0.1, force_x=1.5),
+        ScheduledPush(4.0, 0.2, force_y=-0.5),
+    )
+    assert scenario.expectations == (
+        Expectation('settling_time_s', maximum=3.0),
+        Expectation('final_position_x_m', 0.1, 2.0),
+    )
+
+
+def test_purpose_and_duration_are_enough(load):
+    scenario = load(HEAD)
+    assert list(scenario.parameters) == [(PLANT, 'duration', 5.0)]
+    assert scenario.profile == 'ideal'
+    assert scenario.sticks_at(1.0) == (0, 0)
+    assert scenario.pushes == scenario.expectations == ()
+
+
+@pytest.mark.parametrize('name', scenario_names())
+def test_shipped_scenarios_load_by_name(name):
+    scenario = load_scenario(name)
+    assert scenario.name == name
+    assert scenario.purpose
+    assert scenario.expectations
+
+
+def test_the_documents_scenario_is_shipped():
+    scenario = load_scenario('stationary')
+    plant = scenario.parameters.values(PLANT)
+    assert plant['start_pitch_x'] == math.radians(4.0)
+    assert plant['start_pitch_y'] == 0.0
+    assert plant['hold_time'] == 1.0
+
+
+def test_the_ideal_profile_is_the_table():
+    assert list(load_profile('ideal')) == []
+
+
+def test_the_hardware_profile_has_all_the_faults_of_the_devices():
+    hardware = load_profile('hardware')
+    gyro, sonar, plant = (hardware.values(node) for node in (GYRO, SONAR, PLANT))
+    assert gyro['noise'] == 0.7
+    # Faster drift makes the pitch estimate ramp until the robot stops itself.
+    assert 0.0 < gyro['drift'] < 2.0
+    assert sonar['noise_cm'] == 3.0
+    assert sonar['dropout_probability'] == 0.15
+    assert plant['dead_zone'] > 0.0
+    assert plant['backlash'] == pytest.approx(math.radians(4.0), rel=0.1)
+    assert plant['battery_model'] == 'draining'
+
+
+@pytest.mark.parametrize('name', ['', 'nothing', 'Stationary', 'two\nlines', '..'])
+def test_an_unknown_scenario_is_told_with_the_known_ones(name):
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(name)
+    assert '\n' not in str(error.value)
+    assert repr(name) in str(error.value)
+    assert 'stationary' in str(error.value)
+
+
+@pytest.mark.parametrize('name', ['nothing.yaml', './nothing', 'a/b.yml', '/'])
+def test_a_missing_file_is_told_by_its_path(name):
+    with pytest.raises(BallbotError, match=r'^[^\n]+: [^\n]+$'):
+        load_scenario(name)
+
+
+@pytest.mark.parametrize('name', ['', 'real', 'two\nlines', '../ballbot'])
+def test_an_unknown_profile_is_told_with_the_known_ones(name):
+    with pytest.raises(ScenarioError, match='ideal') as error:
+        load_profile(name)
+    assert '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ('text', 'line', 'told'),
+    [
+        ('', None, 'the scenario is not a mapping'),
+        ('- a\n', 1, 'the scenario is not a mapping'),
+        ('duration: 1\n', 1, 'purpose is missing'),
+        ('purpose: x\n', 1, 'duration is missing'),
+        ('purpose: x\nduration: 0\n', 2, 'longer than 0 s'),
+        ('purpose: x\nduration: -1\n', 2, '-1 is not within'),
+        ('purpose: x\nduration: long\n', 2, "'long' is not a number"),
+        (HEAD + 'goal: 1\n', 3, "unknown key 'goal'; known: duration, "),
+        (HEAD + 'seed: -1\n', 3, '-1 is not within'),
+        (HEAD + 'seed: 1.5\n', 3, '1.5 is not a whole number'),
+        (HEAD + 'profile: real\n', 3, "unknown profile 'real'"),
+        (HEAD + 'start: 4\n', 3, 'start is not a mapping'),
+        (HEAD + 'start:\n  pitch_x_deg: 90\n', 4, 'is not within'),
+        (HEAD + 'start:\n  pitch_deg: 4\n', 4, "unknown key 'pitch_deg'"),
+        (HEAD + 'start:\n  pitch_x_deg: .nan\n', 4, 'nan is not finite'),
+        (HEAD + 'start:\n  pitch_x_deg: x\n', 4, "'x' is not a number"),
+        (HEAD + 'sticks:\n  left: []\n', 4, "unknown key 'left'"),
+        (HEAD + 'sticks:\n  vertical: 1\n', 4, 'vertical is not a list'),
+        (HEAD + 'sticks:\n  vertical:\n    - [0, 1]\n    - [1]\n', 6, '[1] is not a pair'),
+        (HEAD + 'sticks:\n  vertical:\n    - [0, 101]\n', 5, '101 is not within -100 … 100'),
+        (HEAD + 'sticks:\n  vertical:\n    - [0, .nan]\n', 5, 'nan is not finite'),
+        (HEAD + 'sticks:\n  vertical:\n    - [-1, 0]\n', 5, '-1 s is before the start'),
+        (HEAD + 'sticks:\n  vertical:\n    - [2, 0]\n    - [1, 0]\n', 6, 'time goes back to 1 s'),
+        (HEAD + 'pushes: {time: 1}\n', 3, 'pushes is not a list'),
+        (HEAD + 'pushes:\n  - {duration: 1}\n', 4, 'a push has a time of 0 s or more'),
+        (HEAD + 'pushes:\n  - {time: 1}\n', 4, 'a push has a duration of 0 s or more'),
+        (HEAD + 'pushes:\n  - {time: -1, duration: 1}\n', 4, 'a push has a time'),
+        (HEAD + 'pushes:\n  - {time: 1, duration: 1, force: 1}\n', 4, "unknown key 'force'"),
+        (HEAD + 'pushes:\n  - time: 1\n    duration: .inf\n', 5, 'inf is not finite'),
+        (HEAD + 'pushes:\n  - {time: 1.0e+300, duration: 1}\n', 4, ''),
+        (HEAD + 'pushes:\n  - {time: 1, duration: 1, force_x: 1.0e+308}\n', 4, ''),
+        (HEAD + 'parameters:\n  plant_sim: {grafity: 1}\n', 4, "no parameter 'grafity'"),
+        (HEAD + 'parameters:\n  plant_sim:\n    gravity: -1\n', 5, '-1 is not within'),
+        (HEAD + 'parameters:\n  plant: {gravity: 1}\n', 4, "unknown node 'plant'"),
+        (HEAD + 'parameters:\n  plant_sim: 1\n', 4, 'plant_sim is not a mapping'),
+        (HEAD + 'parameters:\n  "two\\nlines": 1\n', 4, 'is not a mapping'),
+        (HEAD + 'expectations:\n  peak: {max: 1}\n', 4, "unknown metric 'peak'; known: settling"),
+        (HEAD + 'expectations:\n  peak_pitch_deg: {}\n', 4, 'neither min nor max'),
+        (HEAD + 'expectations:\n  peak_pitch_deg: {most: 1}\n', 4, "unknown key 'most'"),
+        (HEAD + 'expectations:\n  peak_pitch_deg: {max: .nan}\n', 4, 'nan is not finite'),
+        (HEAD + 'duration: 6\n', 3, "'duration' is there twice"),
+        (HEAD + 'start: {\n', 4, 'not YAML'),
+    ],
+)
+def test_mistakes_are_told_in_one_line_with_file_and_line(load, text, line, told):
+    with pytest.raises(BallbotError) as error:
+        load(text)
+    message = str(error.value)
+    assert '\n' not in message
+    assert message.startswith('/')
+    assert f'mine.yaml:{line}: ' in message if line else 'mine.yaml: ' in message
+    assert told in message
+
+
+@pytest.mark.parametrize('number', ['9' * 400, '0x' + 'f' * 400, '1.0e+999'])
+@pytest.mark.parametrize(
+    'key',
+    [
+        'start: {{position_x: {}}}',
+        'sticks: {{vertical: [[{}, 1]]}}',
+        'pushes: [{{time: 1, duration: {}}}]',
+        'expectations: {{peak_pitch_deg: {{max: {}}}}}',
+    ],
+)
+def test_a_number_beyond_all_floats_is_refused_like_any_other(load, key, number):
+    with pytest.raises(BallbotError, match=r'^[^\n]*mine\.yaml:3: [^\n]*$'):
+        load(HEAD + key.format(number) + '\n')
+
+
+@pytest.mark.parametrize('text', ['purpose:\nduration: 1\n', 'purpose: []\nduration: 1\n'])
+def test_a_purpose_is_text(load, text):
+    with pytest.raises(BallbotError, match=r'mine\.yaml:1: '):
+        load(text)
+
+
+fragments = st.sampled_from(
+    ['purpose: x\n', 'duration: 1\n', 'seed: ', 'start:', 'sticks:', 'pushes:', 'parameters:', '\n  ']
+    + ['expectations:', 'vertical: ', 'time: ', 'max: ', 'plant_sim: ', 'gravity: ', '{', '}', '[', ']']
+    + [',', '1', '-1', '1e999', '.nan', 'null', 'true', '"', '&a ', '*a', '- ', '\n', '#', '2024-99-99']
+)  # fmt: skip
+
+
+@given(st.lists(fragments, max_size=30).map(''.join) | st.text(max_size=60))
+def test_whatever_the_text_it_is_read_or_refused_in_one_line(load, text):
+    try:
+        load(text)
+    except BallbotError as error:
+        assert '\n' not in str(error)
+
+
+@given(st.text(st.characters(exclude_characters='\0', exclude_categories=('Cs',)), max_size=300))
+def test_whatever_the_name_it_is_found_or_refused_in_one_line(name):
+    try:
+        load_scenario(name)
+    except BallbotError as error:
+        assert '\n' not in str(error) or '\n' in name

@@ -1,0 +1,60 @@
+"""What a scenario expects, and what it does to the robot."""
+
+import math
+
+import pytest
+
+from ballbot_ros.plant.plant import Push
+from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush
+from ballbot_ros.scenario.signal import Signal
+
+
+@pytest.mark.parametrize(
+    ('minimum', 'maximum', 'within', 'without'),
+    [
+        (1.0, 3.0, (1.0, 2.0, 3.0), (0.999, 3.001, math.nan, math.inf)),
+        (None, 3.0, (-math.inf, 3.0), (3.001, math.nan)),
+        (1.0, None, (1.0, math.inf), (0.999, math.nan)),
+        (None, None, (0.0, math.inf), (math.nan,)),
+    ],
+)
+def test_an_expectation_holds_within_its_bounds_and_never_for_nan(
+    minimum, maximum, within, without
+):
+    expectation = Expectation('settling_time_s', minimum, maximum)
+    assert all(expectation.holds(value) for value in within)
+    assert not any(expectation.holds(value) for value in without)
+
+
+def test_an_expectation_says_what_it_expects():
+    assert str(Expectation('x', 1.0, 2.5)) == '≥ 1 and ≤ 2.5'
+    assert str(Expectation('x', maximum=2.5)) == '≤ 2.5'
+    assert str(Expectation('x', minimum=0.0)) == '≥ 0'
+
+
+def test_failures_are_the_expectations_that_are_not_met():
+    slow, low = Expectation('settling_time_s', maximum=3.0), Expectation('peak_pitch_deg', 1.0)
+    scenario = Scenario(expectations=(slow, low))
+    assert scenario.failures({'settling_time_s': 2.0, 'peak_pitch_deg': 4.0}) == []
+    assert scenario.failures({'settling_time_s': math.nan, 'peak_pitch_deg': 4.0}) == [slow]
+    assert scenario.failures({'settling_time_s': 9.0, 'peak_pitch_deg': 0.0}) == [slow, low]
+
+
+def test_sticks_are_vertical_then_horizontal():
+    scenario = Scenario(vertical=Signal([(1.0, -100)]), horizontal=Signal([(2.0, 40)]))
+    assert [scenario.sticks_at(time) for time in (0.0, 1.0, 2.0)] == [(0, 0), (-100, 0), (-100, 40)]
+
+
+def test_pushes_count_from_the_start_of_the_run():
+    scenario = Scenario(pushes=(ScheduledPush(1.5, 0.1, 2.0, -3.0), ScheduledPush(0.0, 0.004)))
+    assert scenario.pushes_from(10**9) == [
+        Push(2_500_000_000, 2_600_000_000, (2.0, -3.0)),
+        Push(1_000_000_000, 1_004_000_000, (0.0, 0.0)),
+    ]
+
+
+def test_every_metric_names_its_unit_and_says_what_it_is():
+    for name, meaning in METRICS.items():
+        assert name.endswith(('_s', '_deg', '_m', '_percent', '_share'))
+        assert meaning

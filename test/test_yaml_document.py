@@ -1,0 +1,153 @@
+"""YAML with line numbers."""
+
+import pytest
+from hypothesis import strategies as st
+from laws import given
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.yaml_document import YamlDocument, YamlError
+
+FRAGMENTS = st.sampled_from(
+    ['a', 'b: ', '- ', '? ', ': ', '\n', '  ', '[', ']', '{', '}', ',', '&x ', '*x', '!!int ', '!!map ']
+    + ['!!float ', '!!bool ', '!!timestamp ', '<<: ', '"', "'", '|', '>', '#', '%', '---\n', '...\n']
+    + ['0x', '1e9', '.nan', '2024-13-45', '12:60', 'null', 'yes', '\t', '\0', '\x85', '\ufeff', 'é', '=']
+)  # fmt: skip
+texts = st.text(max_size=60) | st.lists(FRAGMENTS, max_size=25).map(''.join)
+
+
+@pytest.fixture(scope='module')
+def read(tmp_path_factory):
+    """Read a document of the given text or bytes."""
+    path = tmp_path_factory.mktemp('yaml') / 'file.yaml'
+
+    def read_content(content):
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return YamlDocument(path)
+
+    return read_content
+
+
+def refusal(read, content):
+    """Return what follows the file's name in the one line of the refusal."""
+    with pytest.raises(YamlError) as error:
+        read(content)
+    line = str(error.value)
+    assert '\n' not in line
+    assert 'file.yaml:' in line
+    return line.split('file.yaml:')[1]
+
+
+def test_a_document_is_plain_data(read):
+    document = read('a: 1\nb: [x, 2.5, true, null]\nc: {d: "e"}\n')
+    assert document.data == {'a': 1, 'b': ['x', 2.5, True, None], 'c': {'d': 'e'}}
+
+
+@pytest.mark.parametrize('content', ['', '# nothing\n', '---\n'])
+def test_an_empty_document_is_none(read, content):
+    assert read(content).data is None
+
+
+def test_every_part_knows_its_line(read):
+    document = read('# comment\na: 1\nb:\n  - x\n  - y\nc:\n  d:\n    e: 2\n')
+    lines = {('a',): 2, ('b',): 3, ('b', 0): 4, ('b', 1): 5, ('c', 'd'): 7, ('c', 'd', 'e'): 8}
+    for keys, line in lines.items():
+        assert document.where(*keys) == f'{document.path}:{line}'
+
+
+def test_a_part_that_is_not_there_is_looked_for_at_its_parent(read):
+    document = read('a: 1\nc:\n  d: 2\n')
+    assert document.where('c', 'x', 'y') == f'{document.path}:2'
+    assert document.where('x') == f'{document.path}:1'
+    assert read('').where('x') == str(document.path)
+
+
+@pytest.mark.parametrize(
+    ('content', 'line'),
+    [
+        ('a: 1\nb: [1, 2\n', 3),
+        ('a: 1\n  b: 2\n', 2),
+        ('a: 1\n\tb: 2\n', 2),
+        ('a: "open\n', 2),
+        ('a: 1\nb: *unknown\n', 2),
+        ('a: 1\n--- \nb: 2\n', 2),
+        ('a: 1\nb: !mine x\n', 2),
+        ('a: 1\nb: !!python/name:os.getcwd x\n', 2),
+    ],
+)
+def test_malformed_text_is_refused_with_its_line(read, content, line):
+    assert refusal(read, content).startswith(f'{line}: not YAML: ')
+
+
+@pytest.mark.parametrize(
+    ('content', 'line', 'told'),
+    [
+        ('a: 1\nb: 2\na: 3\n', 3, "'a' is there twice"),
+        ('a:\n  b: 1\n  b: 1\n', 3, "'b' is there twice"),
+        ('1: x\n1: y\n', 2, '1 is there twice'),
+        ('a: 1\n? [b]\n: 2\n', 2, 'a key must be plain text'),
+        ('{a: 1}: 2\n', 1, 'a key must be plain text'),
+    ],
+)
+def test_keys_are_plain_and_unique(read, content, line, told):
+    assert refusal(read, content) == f'{line}: {told}'
+
+
+@pytest.mark.parametrize('content', [b'a: \xff\n', b'\xfe\xff\x00a'])
+def test_what_is_not_utf_8_is_refused(read, content):
+    assert 'not UTF-8' in refusal(read, content)
+
+
+def test_control_characters_are_refused(read):
+    assert 'not YAML' in refusal(read, 'a: \0\n')
+
+
+@pytest.mark.parametrize(
+    'content',
+    [
+        'a: 1\nb: 2024-13-45\n',
+        'a: 1\nb: 2024-01-01T99:00:00Z\n',
+        'a: 1\nb: 0x_\n',
+        'a: 1\nb: 0b_\n',
+        'a: 1\nb: !!int x\n',
+        'a: 1\nb: !!float x\n',
+        'a: 1\nb: !!bool x\n',
+        'a: 1\nb: !!timestamp x\n',
+        f'a: 1\nb: {"1" * 5000}\n',
+        'a: 1\nb: !mine {c: 2}\n',
+        'a: 1\n? !!map b\n: 2\n',
+    ],
+    ids=lambda content: content[5:30],
+)
+def test_a_value_that_is_not_what_it_looks_like_is_refused_with_its_line(read, content):
+    assert refusal(read, content).startswith('2: ')
+
+
+@pytest.mark.parametrize(
+    'content', ['[' * 3000, '{a: ' * 3000, 'a: &x [*x]\n', 'a: &x {b: *x}\n'], ids=range(4)
+)
+def test_a_document_without_end_is_refused(read, content):
+    refusal(read, content)
+
+
+@pytest.mark.parametrize('name', ['missing.yaml', '.', 'x' * 300 + '.yaml'])
+def test_a_file_that_can_not_be_read_is_refused_by_its_name(tmp_path, name):
+    with pytest.raises(YamlError) as error:
+        YamlDocument(tmp_path / name)
+    assert str(error.value).startswith(f'{tmp_path / name}: ')
+    assert '\n' not in str(error.value)
+
+
+@given(texts)
+def test_whatever_the_text_it_is_read_or_refused_in_one_line(read, text):
+    try:
+        read(text.encode(errors='replace'))
+    except BallbotError as error:
+        assert '\n' not in str(error)
+
+
+@given(st.binary(max_size=60))
+def test_whatever_the_bytes_they_are_read_or_refused_in_one_line(read, data):
+    try:
+        read(data)
+    except BallbotError as error:
+        assert '\n' not in str(error)
