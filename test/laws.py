@@ -2,7 +2,18 @@
 
 from hypothesis import given, settings
 
-__all__ = ['given']
+from ballbot_ros.errors import BallbotError
+
+__all__ = ['given', 'is_read_or_refused_in_one_line']
 
 settings.register_profile('laws', derandomize=True, max_examples=60, deadline=None, database=None)
 settings.load_profile('laws')
+
+
+def is_read_or_refused_in_one_line(read, *arguments):
+    """Tell whether reading gave no error, or one of our own with a text of one line."""
+    try:
+        read(*arguments)
+    except BallbotError as error:
+        return '\n' not in str(error)
+    return True

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import platform
+import sys
 import tempfile
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -108,6 +110,7 @@ def run_scenario(
     with ExitStack() as stack:
         scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='ballbot_')))
         progress = stack.enter_context(Progress(scenario.name, duration))
+        stack.enter_context(_stdout_to_stderr())
         finished = _run(processes, experiment, scratch, progress)
 
     summary = finished.summary
@@ -151,6 +154,19 @@ def _run(processes: str, experiment: Experiment, scratch: Path, progress: Progre
     from ballbot_ros.cli.separate_processes import run_in_separate_processes
 
     return run_in_separate_processes(experiment, scratch, progress)
+
+
+@contextmanager
+def _stdout_to_stderr() -> Iterator[None]:
+    """Keep standard output for the result: the middleware prints its complaints there."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
 
 
 def _require_rclpy() -> None:

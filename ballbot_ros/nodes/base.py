@@ -44,14 +44,22 @@ END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 _PR_SET_PDEATHSIG = 1
 
 
-def latched(depth: int) -> QoSProfile:
-    """Return the graph's QoS: reliable and transient-local, so that start-up order is free."""
+def offered_qos(depth: int) -> QoSProfile:
+    """Return what publishers offer: reliable and latched, so that start-up order is free."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
     )
+
+
+def requested_qos(topic: Topic, depth: int) -> QoSProfile:
+    """Return what subscriptions ask for: latched from our own nodes, not of any other tool."""
+    profile = offered_qos(depth)
+    if topic.publisher is None:
+        profile.durability = DurabilityPolicy.VOLATILE
+    return profile
 
 
 class BallbotNode(Node):
@@ -154,7 +162,7 @@ class BallbotNode(Node):
 
     def advertise(self, topic: Topic, depth: int = HISTORY) -> Any:
         """Return a publisher of `topic`."""
-        return self.create_publisher(topic.message_class, topic.name, latched(depth))
+        return self.create_publisher(topic.message_class, topic.name, offered_qos(depth))
 
     def listen(
         self, topic: Topic, callback: Callable[..., None], *, depth: int = 1, raw: bool = False
@@ -173,7 +181,7 @@ class BallbotNode(Node):
                 callback(decode(data))
 
         return self.create_subscription(
-            topic.message_class, topic.name, receive, latched(depth), raw=True
+            topic.message_class, topic.name, receive, requested_qos(topic, depth), raw=True
         )
 
     def sampled(self, now_ns: int) -> None:

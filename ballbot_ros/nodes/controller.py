@@ -174,12 +174,7 @@ class Controller(BallbotNode):
         self.sampled(now_ns)
 
     def _publish(self, now_ns: int, outputs: DeviceOutputs) -> None:
-        publisher, message = self._duty
-        fill_duty(message, now_ns, outputs.duty)
-        publisher.publish(message)
-        publisher, message = self._state
-        fill_controller_state(message, now_ns, self._program.x, self._program.y)
-        publisher.publish(message)
+        # What has no stamp goes first: no reader then sees it after the next tick.
         if self._program.drive_state != self._drive_state:
             self._drive_state = self._program.drive_state
             publisher, message = self._operating_state
@@ -197,6 +192,12 @@ class Controller(BallbotNode):
             publisher, message = self._lcd
             message.data = page
             publisher.publish(message)
+        publisher, message = self._duty
+        fill_duty(message, now_ns, outputs.duty)
+        publisher.publish(message)
+        publisher, message = self._state
+        fill_controller_state(message, now_ns, self._program.x, self._program.y)
+        publisher.publish(message)
 
     def _free_tick(self) -> None:
         """Run a tick on the newest samples; the wall clock is the time."""

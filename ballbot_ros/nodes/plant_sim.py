@@ -52,6 +52,7 @@ from ballbot_ros.simulation.trajectory import TrajectoryLog, save_trajectory
 
 RESEND_S = 0.1
 WARN_S = 0.3
+STARTUP_WARN_S = 5.0
 SILENCE_S = 0.5
 SETTLE_S = 0.4
 FREE_RUNNING_TICK_S = 4e-3
@@ -233,8 +234,9 @@ class PlantSim(BallbotNode):
         silence = now - (self._duty_at if waits_for_recorder else self._sent_at)
         if waits_for_recorder and self._recorder_left():
             return
-        if silence > WARN_S:
-            self.warn(f'no answer for {self._plant.time_ns * 1e-9:.3f} s since {WARN_S} s')
+        if silence > (WARN_S if self.log.ticks else STARTUP_WARN_S):
+            what = RECORDER if waits_for_recorder else 'the duty'
+            self.warn(f'waiting for {what} at sim time {self._plant.time_ns * 1e-9:.3f} s')
         if not waits_for_recorder and now - self._asked_at > RESEND_S:
             sent_at = self._sent_at
             self._resent += 1
@@ -312,7 +314,7 @@ class PlantSim(BallbotNode):
     def _free_tick(self) -> None:
         """Advance on the wall clock with the newest duty, or none after a silence."""
         now = time.monotonic()
-        if self.finished or self.control.paused:
+        if self.finished or self.control.paused or self._run_number == 0:
             return
         factor = self.values['real_time_factor'] or 1.0
         if self.log.ticks == 0:

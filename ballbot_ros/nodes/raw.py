@@ -10,17 +10,26 @@ import struct
 from collections.abc import Callable
 from typing import Any
 
+from rosbags.interfaces import Nodetype
+
 from ballbot_ros.recording.schemas import typestore
 from ballbot_ros.simulation.timing import SECOND_NS
 
 # After the four bytes that tell the encoding, CDR has the first field: here a time.
 _STAMP = struct.Struct('<4xiI')
+_STAMPS = ('std_msgs/msg/Header', 'builtin_interfaces/msg/Time')
 
 
 def stamp_of(data: bytes) -> int:
     """Return the stamp [ns] of a serialised message that begins with a header or a time."""
     seconds, nanoseconds = _STAMP.unpack_from(data)
     return int(seconds) * SECOND_NS + int(nanoseconds)
+
+
+def has_stamp(type_name: str) -> bool:
+    """Tell whether messages of that type begin with a header or a time."""
+    kind, detail = typestore().fielddefs[type_name][1][0][1]
+    return kind == Nodetype.NAME and detail in _STAMPS
 
 
 def decoder(type_name: str) -> Callable[[bytes], Any]:

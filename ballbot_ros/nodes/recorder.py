@@ -12,9 +12,9 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from ballbot_ros.nodes.base import BallbotNode, latched, run_node
+from ballbot_ros.nodes.base import BallbotNode, requested_qos, run_node
 from ballbot_ros.nodes.conversions import fill_time
-from ballbot_ros.nodes.raw import stamp_of
+from ballbot_ros.nodes.raw import has_stamp, stamp_of
 from ballbot_ros.nodes.topics import HISTORY, RECORDER_ACK, TOPICS, Topic, message_class
 from ballbot_ros.parameters import RECORDER
 from ballbot_ros.recording.errors import RecordingError
@@ -53,11 +53,12 @@ class Recorder(BallbotNode):
         )
         self._channels: dict[str, _Channel] = {}
         for topic in TOPICS:
-            self._subscribe(topic, latched(HISTORY))
+            self._subscribe(topic, requested_qos(topic, HISTORY))
         self._periodic = [c for c in self._channels.values() if c.topic.period_ns]
         self._refused: set[str] = set()
         self._acked_ns = 0
         self._lost = 0
+        self._early: list[tuple[_Channel, bytes, int]] = []
         self._ack = self.advertise(RECORDER_ACK)
         self._ack_message = RECORDER_ACK.message_class()
         self.every(POLL_S, self._poll)
@@ -94,14 +95,23 @@ class Recorder(BallbotNode):
         if channel.lost_before(sequence):
             self._lost += 1
             self.warn(f'{channel.topic.name}: messages before number {sequence} were lost')
-        stamp = self.now_ns
+        stamp = stamp_of(data) if channel.is_stamped else 0
         if channel.topic.period_ns:
-            stamp = stamp_of(data)
             if stamp <= channel.newest_ns:
                 return
             channel.newest_ns = stamp
             if stamp > self.now_ns:
                 self.sampled(stamp)
+        if self.now_ns == 0:
+            # There is no time yet to log it with.
+            self._early.append((channel, data, sequence))
+            return
+        for early in self._early:
+            self._keep(self.now_ns, *early)
+        self._early.clear()
+        self._keep(stamp or self.now_ns, channel, data, sequence)
+
+    def _keep(self, stamp: int, channel: _Channel, data: bytes, sequence: int) -> None:
         if channel.recorded is None:
             channel.recorded = self._announce(channel)
         self._writer.write(channel.recorded, stamp, data, sequence)
@@ -172,6 +182,7 @@ class _Channel:
         self.topic = topic
         self.subscription = subscription
         self.recorded: Any = None
+        self.is_stamped = has_stamp(topic.type_name)
         self.newest_ns = 0
         self._sequence = 0
 

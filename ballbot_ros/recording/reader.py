@@ -81,10 +81,14 @@ class RecordingReader:
             magic = self._file.read(len(MCAP0_MAGIC))
         except OSError as error:
             raise RecordingError(f'{self.path}: {error.strerror}') from None
-        if magic != MCAP0_MAGIC:
-            raise RecordingError(f'{self.path}: {"not an MCAP" if magic else "empty"} file')
-        if not self._scan(unpack=False):
-            self._scan(unpack=True)
+        try:
+            if magic != MCAP0_MAGIC:
+                raise RecordingError(f'{self.path}: {"not an MCAP" if magic else "empty"} file')
+            if not self._scan(unpack=False):
+                self._scan(unpack=True)
+        except BaseException:
+            self.close()
+            raise
 
     def __enter__(self) -> RecordingReader:
         return self

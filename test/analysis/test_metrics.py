@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 from hypothesis import strategies as st
+from laws import given
+from robot import values_of
 
 from ballbot_ros.analysis.metrics import measure
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.simulation.trajectory import Trajectory
-from laws import given
-from robot import values_of
 
 TICK = 0.004
 

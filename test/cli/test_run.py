@@ -1,6 +1,7 @@
 """`ballbot run` as a user types it: outcome, files, errors, signals."""
 
 import json
+import resource
 import signal
 import time
 
@@ -100,23 +101,15 @@ def test_an_existing_recording_is_left_alone(start_run, tmp_path):
     assert (tmp_path / 'stationary.mcap').read_text() == 'an older recording'
 
 
-def test_without_rclpy_there_is_a_hint_and_a_way(start_run, tmp_path):
+def test_without_rclpy_there_is_a_hint_and_a_way(start_run, tmp_path, monkeypatch):
     (tmp_path / 'rclpy.py').write_text('raise ImportError("no rclpy here")')
-    import os
-
-    os.environ['PYTHONPATH'], before = str(tmp_path), os.environ.get('PYTHONPATH')
-    try:
-        run = start_run('stationary')
-        assert run.finish() == 2
-        assert '--processes none' in run.stderr
-        assert len(run.stderr.splitlines()) == 1
-        run = start_run('stationary', '--no-record', '--processes=none')
-        assert run.finish() == 0
-    finally:
-        if before is None:
-            del os.environ['PYTHONPATH']
-        else:
-            os.environ['PYTHONPATH'] = before
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    run = start_run('stationary')
+    assert run.finish() == 2
+    assert '--processes none' in run.stderr
+    assert len(run.stderr.splitlines()) == 1
+    run = start_run('stationary', '--no-record', '--processes=none')
+    assert run.finish() == 0
 
 
 @pytest.mark.graph
@@ -153,13 +146,14 @@ def test_nodes_end_with_the_run_that_started_them(start_run, tmp_path):
 @pytest.mark.graph
 @pytest.mark.parametrize('processes', ['separate', 'one', 'none'])
 def test_a_full_disk_is_one_line_and_a_failed_run(start_run, tmp_path, processes):
-    import resource
-
-    def small_files():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
-
+    recording = tmp_path / 'stationary.mcap'
     run = start_run('stationary', '--json', '--processes', processes, '--output', tmp_path,
-                    '--set=plant_sim.duration=20', preexec_fn=small_files)  # fmt: skip
+                    '--set=plant_sim.duration=600', '--real-time-factor=4')  # fmt: skip
+    pid = run.nodes()['recorder'] if processes == 'separate' else run.process.pid
+    wait_for(lambda: recording.exists() and recording.stat().st_size > 20_000, what='recording')
+    # Files of this process may grow no further: its disk is full.
+    full = recording.stat().st_size + 10_000
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (full, full))
     assert run.finish() == 1
     assert 'File too large' in run.stderr
     assert 'Traceback' not in run.stderr

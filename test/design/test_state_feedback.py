@@ -71,7 +71,7 @@ def test_poles_that_can_not_be_had_are_refused_in_one_line(poles):
         (np.eye(2), [[0.0]]),
         (np.eye(2), [[-1.0]]),
         (np.eye(2), [[np.nan]]),
-        (np.full((2, 2), np.inf), [[1.0]]),
+        (-np.eye(2), [[1.0]]),
     ],
 )
 def test_weights_without_a_solution_are_refused_in_one_line(q, r):

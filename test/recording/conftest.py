@@ -44,7 +44,10 @@ def random_value(description, chance):
     if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
         element, count = detail
         count = count if kind == Nodetype.ARRAY else chance.randint(0, min(count or 3, 3))
-        return [random_value(element, chance) for _ in range(count)]
+        values = [random_value(element, chance) for _ in range(count)]
+        if element[0] == Nodetype.NAME or element[1][0] == 'string':
+            return values
+        return np.array(values, 'uint8' if element[1][0] == 'char' else element[1][0])
     name = detail[0]
     if name == 'string':
         return ''.join(chance.choice('aZ/ ö€') for _ in range(chance.randint(0, 9)))
@@ -100,26 +103,6 @@ def plain():
 
 
 @pytest.fixture(scope='session')
-def with_arrays():
-    """Return a function that gives a message the arrays that rosbags' own serialiser wants."""
-
-    def convert(value, description):
-        kind, detail = description
-        if kind == Nodetype.NAME:
-            fields = typestore().fielddefs[detail][1]
-            return type(value)(*(convert(getattr(value, name), field) for name, field in fields))
-        if kind not in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            return value
-        element = detail[0]
-        if element[0] == Nodetype.NAME or element[1][0] == 'string':
-            return [convert(item, element) for item in value]
-        names = {'bool': 'bool_', 'char': 'uint8', 'byte': 'int8'}
-        return np.array(value, names.get(element[1][0], element[1][0]))
-
-    return lambda message, type_name: convert(message, (Nodetype.NAME, type_name))
-
-
-@pytest.fixture(scope='session')
 def to_rclpy():
     """Return a function that converts a message to rclpy's class; skip without rclpy."""
     pytest.importorskip('rclpy')
@@ -134,7 +117,9 @@ def to_rclpy():
             return message
         if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
             return [convert(item, detail[0]) for item in value]
-        return bytes([value & 0xFF]) if detail[0] == 'byte' else value
+        if detail[0] == 'byte':
+            return bytes([value & 0xFF])
+        return value.item() if isinstance(value, np.generic) else value
 
     return lambda message, type_name: convert(message, (Nodetype.NAME, type_name))
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ballbot_ros.plant.plant import Push
+from ballbot_ros.plant.truth import Push
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush
 from ballbot_ros.scenario.signal import Signal

@@ -1,9 +1,9 @@
 """Stick signals."""
 
 from hypothesis import strategies as st
+from laws import given
 
 from ballbot_ros.scenario.signal import Signal
-from laws import given
 
 whole = st.integers(-100, 100)
 times = st.lists(st.integers(0, 10_000), min_size=1, max_size=8).map(sorted)
@@ -30,7 +30,14 @@ def test_it_is_straight_between_two_points():
 
 def test_two_points_at_one_time_are_a_step():
     signal = Signal([(0.0, 0), (1.0, 0), (1.0, 80), (2.0, 80), (2.0, -80)])
-    assert [signal.at(time) for time in (0.999, 1.0, 1.5, 1.999, 2.0, 3.0)] == [0, 80, 80, 80, -80, -80]
+    assert [signal.at(time) for time in (0.999, 1.0, 1.5, 1.999, 2.0, 3.0)] == [
+        0,
+        80,
+        80,
+        80,
+        -80,
+        -80,
+    ]
 
 
 def test_values_between_are_rounded_half_up():

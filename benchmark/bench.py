@@ -1,0 +1,211 @@
+"""Measures how fast the robot runs in each arrangement: ``python -m benchmark.bench``.
+
+Speeds on a machine that does other work besides vary with that work. So what is compared is run in
+turn, A B A B …, and compared run by run.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import click
+from rich.console import Console
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.parameters import CONTROLLER, NODES
+from benchmark.figures import MILLISECONDS, RATIO, REAL_TIME, Figure, as_json, table_of
+from benchmark.runs import SCENARIO, Run, RunError, run_ballbot, run_nodes, run_relay
+
+Measurements = dict[str, list[Run]]
+
+SEPARATE = 'separate'
+RELAY = 'relay'
+ONE = 'one'
+NONE = 'none'
+NONE_RECORDED = 'none_recorded'
+EVENTS = 'events_executor'
+CONTROLLER_SINGLE = 'controller_single_threaded'
+ALL_SINGLE = 'all_single_threaded'
+
+ARRANGEMENTS: dict[str, tuple[str, Callable[[float], Run]]] = {
+    SEPARATE: (
+        'separate processes, recording',
+        partial(run_ballbot, processes='separate', record=True),
+    ),
+    RELAY: ('bare relay graph', run_relay),
+    ONE: ('one process, recording', partial(run_ballbot, processes='one', record=True)),
+    NONE: ('without ROS', partial(run_ballbot, processes='none', record=False)),
+    NONE_RECORDED: (
+        'without ROS, recording',
+        partial(run_ballbot, processes='none', record=True),
+    ),
+    EVENTS: ('all nodes on EventsExecutor', partial(run_nodes, single_threaded=())),
+    CONTROLLER_SINGLE: (
+        'controller on SingleThreadedExecutor',
+        partial(run_nodes, single_threaded=(CONTROLLER,)),
+    ),
+    ALL_SINGLE: (
+        'all nodes on SingleThreadedExecutor',
+        partial(run_nodes, single_threaded=NODES),
+    ),
+}
+"""What can be run: a description, and the function that runs it for a time [s]."""
+
+BARS = {
+    SEPARATE: (3.0, 5.0),
+    ONE: (8.0, 15.0),
+    NONE: (100.0, None),
+    NONE_RECORDED: (30.0, None),
+}
+"""Bar and aim of the real-time factors."""
+RELAY_BAR = 0.7
+
+PARTS = {
+    'separate': (SEPARATE,),
+    'relay': (SEPARATE, RELAY),
+    'one': (ONE,),
+    'none': (NONE, NONE_RECORDED),
+    'executors': (EVENTS, CONTROLLER_SINGLE, ALL_SINGLE),
+}
+"""What must be run for each part of the benchmark, in this order."""
+
+
+@click.command(context_settings={'help_option_names': ['-h', '--help'], 'max_content_width': 100})
+@click.option('--json', 'print_json', is_flag=True, help='Print a JSON object to stdout.')
+@click.option(
+    '--repeat',
+    type=click.IntRange(1, 100),
+    default=3,
+    show_default=True,
+    help='Runs of each arrangement.',
+)
+@click.option(
+    '--duration',
+    type=click.FloatRange(1.0, 600.0),
+    default=10.0,
+    show_default=True,
+    help='Length of a run in sim time [s].',
+)
+@click.option(
+    '--only',
+    type=click.Choice(list(PARTS)),
+    multiple=True,
+    help='Measure this part; may be given again.  [default: all parts]',
+)
+def bench(print_json: bool, repeat: int, duration: float, only: tuple[str, ...]) -> None:
+    """Measure how fast the robot runs in each arrangement, and compare that with the bars.
+
+    Prints a table, with --json to stderr. The exit status is 1 if a run fails or its duties differ
+    from another's, else 0, whether the bars are reached or not.
+    """
+    load_average = os.getloadavg()[0]
+    wanted = [name for part in only or PARTS for name in PARTS[part]]
+    arrangements = [name for name in ARRANGEMENTS if name in wanted]
+    progress = Console(stderr=True, highlight=False)
+    measurements = measure(arrangements, repeat, duration, progress)
+    duty_sha256 = common_hash(measurements)
+    figures = figures_of(measurements)
+
+    console = progress if print_json else Console(highlight=False)
+    console.print(table_of(figures, f'{SCENARIO}, {duration:g} s, {repeat} runs each'))
+    console.print(f'all runs but the relay: duty_sha256 {duty_sha256}', soft_wrap=True)
+    if load_average > 0.5:
+        console.print(f'[yellow]the machine was busy: load average {load_average:.1f}[/]')
+    if print_json:
+        result = {
+            'scenario': SCENARIO,
+            'duration_s': duration,
+            'repeat': repeat,
+            'cpus': os.cpu_count(),
+            'python': platform.python_version(),
+            'load_average_before': load_average,
+            'duty_sha256': duty_sha256,
+            'figures': as_json(figures),
+        }
+        print(json.dumps(result, indent=2, allow_nan=False))
+
+
+def measure(
+    arrangements: Sequence[str], repeat: int, duration: float, progress: Console
+) -> Measurements:
+    """Run each arrangement in turn, `repeat` times round."""
+    measurements: Measurements = {name: [] for name in arrangements}
+    for number in range(1, repeat + 1):
+        for name in arrangements:
+            label, run = ARRANGEMENTS[name]
+            progress.print(f'{number}/{repeat} {label}: ', end='')
+            result = run(duration)
+            progress.print(f'{result.real_time_factor:.1f} × real time')
+            measurements[name].append(result)
+    return measurements
+
+
+def common_hash(measurements: Measurements) -> str | None:
+    """Return the hash of the duties that all runs have in common.
+
+    Raises
+    ------
+    RunError
+        If two runs differ.
+    """
+    found = {
+        run.duty_sha256: name
+        for name, runs in measurements.items()
+        for run in runs
+        if run.duty_sha256
+    }
+    if len(found) > 1:
+        raise RunError(f'the duties differ: {", ".join(f"{found[h]} {h}" for h in found)}')
+    return next(iter(found), None)
+
+
+def figures_of(measurements: Measurements) -> list[Figure]:
+    """Return the figures that the runs give."""
+    figures = []
+    for name, runs in measurements.items():
+        bar, aim = BARS.get(name, (None, None))
+        speeds = [run.real_time_factor for run in runs]
+        figures.append(Figure(name, ARRANGEMENTS[name][0], REAL_TIME, speeds, bar, aim))
+    if RELAY in measurements:
+        ratios = _ratios(measurements, SEPARATE, RELAY)
+        figures.append(Figure('separate_to_relay', 'separate / relay', RATIO, ratios, RELAY_BAR))
+    if EVENTS in measurements:
+        for name in (CONTROLLER_SINGLE, ALL_SINGLE):
+            label = f'EventsExecutor / {ARRANGEMENTS[name][0]}'
+            ratios = _ratios(measurements, EVENTS, name)
+            figures.append(Figure(f'events_to_{name}', label, RATIO, ratios))
+    for name in (SEPARATE, ONE):
+        trips = [run.round_trip_ms for run in measurements.get(name, []) if run.round_trip_ms]
+        for key in ('p50', 'p99', 'max') if trips else ():
+            label = f'round trip of a tick, {name}, {key}'
+            values = [trip[key] for trip in trips]
+            figures.append(Figure(f'round_trip_{name}_{key}', label, MILLISECONDS, values))
+    return figures
+
+
+def _ratios(measurements: Measurements, name: str, other: str) -> list[float]:
+    pairs = zip(measurements[name], measurements[other], strict=True)
+    return [one.real_time_factor / two.real_time_factor for one, two in pairs]
+
+
+def main() -> None:
+    """Run the command; what goes wrong is told in one line."""
+    try:
+        bench(prog_name='scripts/bench', standalone_mode=False)
+    except click.ClickException as error:
+        click.echo(f'error: {" ".join(error.format_message().split())}', err=True)
+        sys.exit(2)
+    except BallbotError as error:
+        click.echo(f'\nerror: {error}', err=True)
+        sys.exit(1)
+    except (click.Abort, KeyboardInterrupt):
+        sys.exit(130)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,102 @@
+"""What the benchmark tells: figures with their bars, as a table and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
+from typing import Any
+
+from rich.table import Table
+
+REAL_TIME = '× real time'
+MILLISECONDS = 'ms'
+RATIO = ''
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A measured figure.
+
+    Attributes
+    ----------
+    name : str
+        Its key in the JSON object.
+    label : str
+    unit : str
+    values : sequence of float
+        One of each repeat.
+    bar, aim : float or None
+        What it should reach at least, and what would be better still.
+    """
+
+    name: str
+    label: str
+    unit: str
+    values: Sequence[float]
+    bar: float | None = None
+    aim: float | None = None
+
+    @property
+    def median(self) -> float:
+        """The value that is compared with the bar."""
+        return median(self.values)
+
+    @property
+    def verdict(self) -> str | None:
+        """``reached``, ``aim reached`` or ``missed``; None without a bar."""
+        if self.bar is None:
+            return None
+        if self.median < self.bar:
+            return 'missed'
+        return 'aim reached' if self.aim and self.median >= self.aim else 'reached'
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the figure for the JSON object."""
+        return {
+            'label': self.label,
+            'unit': self.unit,
+            'values': list(self.values),
+            'median': self.median,
+            'min': min(self.values),
+            'max': max(self.values),
+            'bar': self.bar,
+            'aim': self.aim,
+            'verdict': self.verdict,
+        }
+
+
+_COLOURS = {'missed': 'red', 'reached': 'green', 'aim reached': 'green'}
+
+
+def table_of(figures: Sequence[Figure], title: str) -> Table:
+    """Return the figures as a table."""
+    table = Table(title=title, title_justify='left')
+    table.add_column('figure')
+    table.add_column('median', justify='right')
+    table.add_column('min – max', justify='right')
+    table.add_column('unit')
+    table.add_column('bar (aim)')
+    table.add_column('verdict')
+    for figure in figures:
+        bar = '' if figure.bar is None else f'≥ {figure.bar:g}'
+        aim = '' if figure.aim is None else f' ({figure.aim:g})'
+        verdict = figure.verdict or ''
+        table.add_row(
+            figure.label,
+            _short(figure.median),
+            f'{_short(min(figure.values))} – {_short(max(figure.values))}',
+            figure.unit,
+            bar + aim,
+            f'[{_COLOURS[verdict]}]{verdict}[/]' if verdict else '',
+        )
+    return table
+
+
+def _short(value: float) -> str:
+    return f'{value:.1f}' if value >= 10.0 else f'{value:.2f}'
+
+
+def as_json(figures: Sequence[Figure]) -> Mapping[str, Any]:
+    """Return the figures by name."""
+    return {figure.name: figure.as_json() for figure in figures}

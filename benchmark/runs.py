@@ -1,0 +1,179 @@
+"""The ways of running that the benchmark compares, each run in a ROS domain of its own."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.parameter_file import write_parameter_file
+from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet
+from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
+from ballbot_ros.simulation.trajectory import load_trajectory
+
+SCENARIO = 'stationary'
+
+# Neither the default domain nor those that the tests use, and not those of another benchmark.
+_DOMAINS = itertools.cycle([1 + (os.getpid() + number) % 100 for number in range(100)])
+
+_START_S = 30.0
+_SLOWEST_FACTOR = 0.2
+"""A run that is slower is given up."""
+_STOP_S = 5.0
+
+
+class RunError(BallbotError):
+    """A run did not come to its end."""
+
+
+class Run(NamedTuple):
+    """What a run measured.
+
+    Attributes
+    ----------
+    real_time_factor : float
+    round_trip_ms : dict or None
+        Of a tick, from truth to duty: ``p50``, ``p99``, ``max``; None without messages.
+    duty_sha256 : str or None
+        None of a relay, which has no duties.
+    """
+
+    real_time_factor: float
+    round_trip_ms: Mapping[str, float] | None
+    duty_sha256: str | None
+
+    @classmethod
+    def of(cls, result: Mapping[str, Any]) -> Run:
+        """Take from a result what is compared."""
+        return cls(
+            float(result['real_time_factor']),
+            result.get('round_trip_ms'),
+            result.get('duty_sha256'),
+        )
+
+
+def run_ballbot(duration: float, *, processes: str, record: bool) -> Run:
+    """Run the scenario by ``ballbot run``."""
+    with _scratch_folder() as folder:
+        command = [
+            sys.executable, '-m', 'ballbot_ros.cli.main', 'run', SCENARIO, '--json',
+            '--processes', processes, '--set', f'{PLANT}.duration={duration}',
+        ]  # fmt: skip
+        command += ['--output', folder] if record else ['--no-record']
+        try:
+            ended = subprocess.run(
+                command,
+                check=False,
+                env=_environment(),
+                capture_output=True,
+                text=True,
+                timeout=_time_limit_s(duration),
+            )
+        except subprocess.TimeoutExpired as error:
+            raise RunError(f'ballbot run --processes {processes}: {error}') from None
+    result = json.loads(ended.stdout) if ended.stdout else {'outcome': 'failed', 'reason': ''}
+    # Whether a short run fulfils the scenario's expectations is not asked here.
+    if result['outcome'] in ('failed', 'stopped'):
+        reason = result['reason'] or ' '.join(ended.stderr.split())
+        raise RunError(f'ballbot run --processes {processes}: {reason}')
+    return Run.of(result)
+
+
+def run_relay(duration: float) -> Run:
+    """Run the bare relay graph."""
+    ticks = round(duration * SECOND_NS) // TICK_NS
+    commands = {name: ['benchmark.relay', name, '--ticks', str(ticks)] for name in NODES}
+    return Run.of(json.loads(_run_graph(commands, duration)))
+
+
+def run_nodes(duration: float, *, single_threaded: Sequence[str]) -> Run:
+    """Run the scenario on nodes, those in `single_threaded` on a SingleThreadedExecutor."""
+    with _scratch_folder() as folder:
+        parameter_file = Path(folder, 'parameters.yaml')
+        trajectory_file = Path(folder, 'trajectory.npz')
+        parameters = ParameterSet()
+        parameters.update(load_scenario(SCENARIO).parameters)
+        parameters.set(GAMEPAD, 'scenario', SCENARIO)
+        parameters.set(PLANT, 'duration', duration)
+        parameters.set(PLANT, 'real_time_factor', 0.0)
+        parameters.set(PLANT, 'require_recorder', True)
+        parameters.set(PLANT, 'trajectory_file', str(trajectory_file))
+        parameters.set(RECORDER, 'output', str(Path(folder, 'run.mcap')))
+        write_parameter_file(parameter_file, parameters)
+        commands = {}
+        for name in NODES:
+            node = [f'ballbot_ros.nodes.{name}']
+            if name in single_threaded:
+                node = ['benchmark.single_threaded', name]
+            commands[name] = [*node, '--ros-args', '--params-file', str(parameter_file)]
+        _run_graph(commands, duration)
+        _, summary = load_trajectory(trajectory_file)
+    return Run.of(summary)
+
+
+def _run_graph(commands: Mapping[str, Sequence[str]], duration: float) -> str:
+    """Run Python modules as processes until the plant's ends; return what that printed."""
+    environment = _environment()
+    with tempfile.TemporaryFile('w+') as messages:
+        processes = {
+            name: subprocess.Popen(
+                [sys.executable, '-m', *command],
+                env=environment,
+                stdout=subprocess.PIPE if name == PLANT else messages,
+                stderr=messages,
+                text=True,
+            )
+            for name, command in commands.items()
+        }
+        plant = processes[PLANT]
+        try:
+            output, _ = plant.communicate(timeout=_time_limit_s(duration))
+        except subprocess.TimeoutExpired:
+            gone = [name for name, process in processes.items() if process.poll() is not None]
+            raise RunError(f'the graph hangs; ended: {", ".join(gone) or "none"}') from None
+        finally:
+            _stop(list(processes.values()))
+        if plant.returncode:
+            messages.seek(0)
+            raise RunError(f'{PLANT} failed: {messages.read().strip()}')
+    return output
+
+
+def _stop(processes: Sequence[subprocess.Popen[str]]) -> None:
+    for process in processes:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+    deadline = time.monotonic() + _STOP_S
+    for process in processes:
+        try:
+            process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _environment() -> dict[str, str]:
+    return {
+        **os.environ,
+        'ROS_DOMAIN_ID': str(next(_DOMAINS)),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'OPENBLAS_NUM_THREADS': '1',
+    }
+
+
+def _scratch_folder() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix='ballbot_bench_')
+
+
+def _time_limit_s(duration: float) -> float:
+    return _START_S + duration / _SLOWEST_FACTOR

@@ -1,0 +1,30 @@
+"""Runs a node of the robot on rclpy's SingleThreadedExecutor instead of its own choice.
+
+``python -m benchmark.single_threaded NODE --ros-args …`` is like ``python -m
+ballbot_ros.nodes.NODE --ros-args …`` but for the executor.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+
+from ballbot_ros.nodes import base
+
+
+def spin(nodes: Sequence[base.BallbotNode], done: rclpy.Future) -> None:
+    """Run the nodes' callbacks until `done`."""
+    executor = SingleThreadedExecutor()
+    for node in nodes:
+        executor.add_node(node)
+    while not done.done():
+        executor.spin_until_future_complete(done, base.SPIN_S)
+
+
+if __name__ == '__main__':
+    base.spin = spin
+    import_module(f'ballbot_ros.nodes.{sys.argv[1]}').main()

@@ -1,0 +1,242 @@
+"""The control program's states, commands, log and sound, on made-up device inputs."""
+
+import numpy as np
+import pytest
+from robot import values_of
+
+from ballbot_ros.brick.brick import DeviceInputs, Tone
+from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.parameters import CONTROLLER
+
+AT_REST = DeviceInputs(
+    gyro=(600, 600), revolutions=(0, 0), sonar_cm=255, battery_mv=8005, sticks=(0, 0)
+)
+SHORT = {'time_start': 100, 'time_auto': 300, 'time_stop': 200}
+
+
+def make_program(**changes):
+    return ControlProgram(values_of(CONTROLLER, **changes))
+
+
+class Clock:
+    """Runs a program tick by tick."""
+
+    def __init__(self, program, systick_ms=1000):
+        self.program = program
+        self.elapsed_ms = 0
+        self._systick_ms = systick_ms
+
+    def run(self, until_ms, **inputs):
+        """Return the outputs of the ticks up to and including `until_ms`, by their time."""
+        outputs = {}
+        while self.elapsed_ms <= until_ms:
+            outputs[self.elapsed_ms] = self.program.tick(
+                self.elapsed_ms, self._systick_ms + self.elapsed_ms, AT_REST._replace(**inputs)
+            )
+            self.elapsed_ms += 4
+        return outputs
+
+
+def commands(mode, sonar_cm, sticks):
+    """Return the signs of the speed references of planes x and y that are driven after 0.5 s."""
+    program = make_program(mode=mode, **SHORT)
+    Clock(program).run(500, sonar_cm=sonar_cm, sticks=sticks)
+    return np.sign(program.x.theta_ref_dot), np.sign(program.y.theta_ref_dot)
+
+
+def test_calibration_ends_at_the_first_task_ts3_after_time_start():
+    program = make_program()
+    clock = Clock(program)
+    clock.run(996)
+    assert program.drive_state == 'calibration'
+    clock.run(1000)
+    assert program.drive_state == 'remote'
+
+
+def test_calibration_learns_the_gyros_offsets():
+    program = make_program()
+    clock = Clock(program)
+    clock.run(0, gyro=(600, 600))
+    clock.run(996, gyro=(596, 622))
+    assert program.x.gyro_offset == pytest.approx(596, abs=1e-3)
+    assert program.y.gyro_offset == pytest.approx(622, abs=1e-3)
+
+
+def test_autonomous_drive_balances_until_time_auto():
+    program = make_program(mode='autonomous')
+    clock = Clock(program)
+    states = {}
+    for until_ms in (996, 1000, 4996, 5000):
+        clock.run(until_ms)
+        states[until_ms] = program.drive_state
+    assert states == {996: 'calibration', 1000: 'balance', 4996: 'balance', 5000: 'forward'}
+
+
+@pytest.mark.parametrize(
+    ('mode', 'sonar_cm', 'state'),
+    [
+        ('remote', 255, 'remote'),
+        ('remote', 31, 'remote'),
+        ('remote', 30, 'backward'),
+        ('autonomous', 255, 'forward'),
+        ('autonomous', 31, 'forward'),
+        ('autonomous', 30, 'rightward'),
+        ('autonomous', 0, 'rightward'),
+    ],
+)
+def test_an_obstacle_at_the_threshold_or_nearer_changes_the_state(mode, sonar_cm, state):
+    program = make_program(mode=mode, **SHORT)
+    Clock(program).run(500, sonar_cm=sonar_cm)
+    assert program.drive_state == state
+
+
+def test_obstacles_are_looked_for_every_20_ms():
+    program = make_program(**SHORT)
+    clock = Clock(program)
+    clock.run(300)
+    clock.run(316, sonar_cm=10)
+    assert program.drive_state == 'remote'
+    clock.run(320, sonar_cm=10)
+    assert program.drive_state == 'backward'
+
+
+@pytest.mark.parametrize(
+    ('sticks', 'signs'),
+    [
+        ((-100, 0), (1, 0)),
+        ((100, 0), (-1, 0)),
+        ((0, 100), (0, 1)),
+        ((0, -100), (0, -1)),
+        ((-50, -50), (1, -1)),
+        ((0, 0), (0, 0)),
+    ],
+)
+def test_stick_up_is_forward_and_stick_right_is_rightward(sticks, signs):
+    assert commands('remote', 255, sticks) == signs
+
+
+@pytest.mark.parametrize('vertical', [-100, 0, 100])
+def test_at_an_obstacle_remote_drive_backs_off_and_still_steers(vertical):
+    assert commands('remote', 20, (vertical, 40)) == (-1, 1)
+
+
+def test_autonomous_drive_goes_forward_and_turns_rightward_at_an_obstacle():
+    assert commands('autonomous', 255, (0, 0)) == (1, 0)
+    assert commands('autonomous', 20, (0, 0)) == (0, 1)
+
+
+def test_autonomous_drive_does_not_heed_the_sticks():
+    assert commands('autonomous', 255, (100, -100)) == (1, 0)
+
+
+def test_the_last_stick_is_kept_while_no_packet_comes():
+    program = make_program(**SHORT)
+    clock = Clock(program)
+    clock.run(300, sticks=(-100, 0))
+    reference = program.x.theta_ref_dot
+    clock.run(500, sticks=None)
+    assert program.x.theta_ref_dot > reference
+
+
+def test_a_lean_that_lasts_stops_the_motors_for_good():
+    program = make_program(**SHORT)
+    clock = Clock(program)
+    clock.run(300)
+    leaning = clock.run(496, gyro=(900, 600))
+    assert program.drive_state == 'remote'
+    assert any(output.duty != (0, 0) for output in leaning.values())
+    clock.run(900, gyro=(900, 600))
+    assert program.drive_state == 'out_of_control'
+    later = clock.run(3000)
+    assert program.drive_state == 'out_of_control'
+    assert all(output.duty == (0, 0) for output in list(later.values())[1:])
+
+
+@pytest.mark.parametrize('inputs', [{'revolutions': (800, 0)}, {'revolutions': (0, -800)}])
+def test_a_ball_that_is_far_from_its_reference_is_out_of_control(inputs):
+    program = make_program(**SHORT)
+    clock = Clock(program)
+    clock.run(300)
+    clock.run(700, **inputs)
+    assert program.drive_state == 'out_of_control'
+
+
+def test_a_short_loss_of_control_is_forgiven():
+    program = make_program(**SHORT)
+    clock = Clock(program)
+    clock.run(300)
+    clock.run(396, revolutions=(800, 0))
+    clock.run(900)
+    assert program.drive_state == 'remote'
+
+
+@pytest.mark.parametrize('log_count', [1, 5, 25])
+def test_a_log_record_leaves_every_log_count_ticks_from_the_first_controlled_one_on(log_count):
+    clock = Clock(make_program(log_count=log_count))
+    logged = [time for time, output in clock.run(2000).items() if output.log]
+    assert logged == list(range(1004, 2001, 4 * log_count))
+
+
+def test_a_log_record_holds_the_time_and_the_pitches_in_bits():
+    program = make_program(**SHORT, lsb=0.001)
+    clock = Clock(program)
+    outputs = clock.run(400, gyro=(600, 600))
+    outputs |= clock.run(600, gyro=(610, 595))
+    time, record = [(time, out.log[0]) for time, out in outputs.items() if out.log][-1]
+    assert record.time_ms == 1000 + time
+    assert record.battery_mv == 8005
+    assert record.adc1 > 500
+    assert record.adc2 < -250
+    assert record.adc3 == record.adc4 == 0
+
+
+def test_it_beeps_once_when_the_calibration_ends():
+    clock = Clock(make_program(sound_freq=880, sound_dur=250, sound_volume=10))
+    tones = {time: output.tones for time, output in clock.run(5000).items() if output.tones}
+    assert tones == {1000: [Tone(880, 250, 10)]}
+
+
+def test_the_display_is_refreshed_every_half_second():
+    pages = {time: out.pages for time, out in Clock(make_program()).run(1600).items() if out.pages}
+    assert list(pages) == [0, 500, 1000, 1500]
+    assert all(len(page) == 1 for page in pages.values())
+    assert pages[0][0].startswith('NXT BALLBOT')
+
+
+def test_the_tasks_are_those_of_the_oil_file():
+    tasks = {task.name: (task.priority, task.period_ms) for task in make_program().schedule.tasks}
+    assert tasks == {
+        'task_init': (5, 0),
+        'task_ts1': (4, 4),
+        'task_ts2': (3, 20),
+        'task_ts3': (2, 100),
+        'task_lcd': (1, 500),
+    }
+
+
+def test_the_battery_is_averaged_ten_times_a_second():
+    program = make_program()
+    clock = Clock(program)
+    clock.run(96)
+    assert program.battery == 8005
+    clock.run(196, battery_mv=7005)
+    assert program.battery == pytest.approx(7805)
+    clock.run(5000, battery_mv=7005)
+    assert program.battery == pytest.approx(7005, abs=0.1)
+
+
+def test_a_weaker_battery_is_answered_by_more_duty():
+    def duty(battery_mv):
+        clock = Clock(make_program(**SHORT))
+        clock.run(200, battery_mv=battery_mv)
+        return clock.run(240, battery_mv=battery_mv, revolutions=(20, 0))[240].duty[0]
+
+    assert duty(7000) > duty(8000) > 0
+
+
+def test_the_run_may_begin_at_any_system_time():
+    def outputs(systick_ms):
+        clock = Clock(make_program(**SHORT), systick_ms)
+        return [out.duty for out in clock.run(600, gyro=(601, 600)).values()]
+
+    assert outputs(0) == outputs(1000) == outputs(2**32 - 300)

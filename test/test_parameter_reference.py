@@ -1,0 +1,51 @@
+"""The files made from the parameter table are up to date and true."""
+
+from pathlib import Path
+
+import pytest
+
+from ballbot_ros.parameter_file import read_parameter_file
+from ballbot_ros.parameter_reference import default_file, reference_page
+from ballbot_ros.parameters import NODES, TABLE, ParameterSet
+
+ROOT = Path(__file__).parent.parent
+
+
+def test_the_default_file_is_the_table():
+    assert (ROOT / 'config/ballbot.yaml').read_text(encoding='utf-8') == default_file()
+
+
+def test_the_reference_page_is_the_table():
+    page = (ROOT / 'docs/parameters.md').read_text(encoding='utf-8')
+    assert page == reference_page()
+    for row in TABLE:
+        assert f'| `{row.name}` |' in page
+
+
+def test_the_default_file_sets_every_default():
+    read = read_parameter_file(ROOT / 'config/ballbot.yaml')
+    for node in NODES:
+        assert read.values(node) == ParameterSet().values(node)
+
+
+def test_ros_takes_every_value_of_the_default_file(domain):
+    rclpy = pytest.importorskip('rclpy')
+    context = rclpy.Context()
+    arguments = ['--ros-args', '--params-file', str(ROOT / 'config/ballbot.yaml')]
+    rclpy.init(args=arguments, context=context, domain_id=domain)
+    try:
+        for name in NODES:
+            node = rclpy.create_node(
+                name,
+                context=context,
+                allow_undeclared_parameters=True,
+                automatically_declare_parameters_from_overrides=True,
+            )
+            for key, value in ParameterSet().values(name).items():
+                got = node.get_parameter(key).value
+                got = tuple(got) if isinstance(value, tuple) else got
+                assert got == value, f'{name}.{key}'
+                assert type(got) is type(value), f'{name}.{key}'
+            node.destroy_node()
+    finally:
+        context.try_shutdown()
