@@ -44,13 +44,13 @@ ARRANGEMENTS: dict[str, tuple[str, Callable[[float], Run]]] = {
         'without ROS, recording',
         partial(run_ballbot, processes='none', record=True),
     ),
-    EVENTS: ('all nodes on EventsExecutor', partial(run_nodes, single_threaded=())),
+    EVENTS: ('EventsExecutor everywhere', partial(run_nodes, single_threaded=())),
     CONTROLLER_SINGLE: (
-        'controller on SingleThreadedExecutor',
+        'SingleThreadedExecutor in the controller',
         partial(run_nodes, single_threaded=(CONTROLLER,)),
     ),
     ALL_SINGLE: (
-        'all nodes on SingleThreadedExecutor',
+        'SingleThreadedExecutor everywhere',
         partial(run_nodes, single_threaded=NODES),
     ),
 }
@@ -64,6 +64,12 @@ BARS = {
 }
 """Bar and aim of the real-time factors."""
 RELAY_BAR = 0.7
+
+WIDTH = 100
+"""Of the table where there is no terminal."""
+
+BUSY = 0.5
+"""A load average above it before the start makes the figures doubtful."""
 
 PARTS = {
     'separate': (SEPARATE,),
@@ -111,11 +117,15 @@ def bench(print_json: bool, repeat: int, duration: float, only: tuple[str, ...])
     duty_sha256 = common_hash(measurements)
     figures = figures_of(measurements)
 
-    console = progress if print_json else Console(highlight=False)
-    console.print(table_of(figures, f'{SCENARIO}, {duration:g} s, {repeat} runs each'))
-    console.print(f'all runs but the relay: duty_sha256 {duty_sha256}', soft_wrap=True)
-    if load_average > 0.5:
-        console.print(f'[yellow]the machine was busy: load average {load_average:.1f}[/]')
+    console = Console(stderr=print_json, highlight=False)
+    if not console.is_terminal:
+        console.width = WIDTH
+    title = f'{SCENARIO}, {duration:g} s, {repeat} runs each; × is the real-time factor'
+    console.print(table_of(figures, title))
+    if duty_sha256:
+        console.print(f'the duties of all runs are the same: {duty_sha256}', soft_wrap=True)
+    if load_average > BUSY:
+        console.print(f'[yellow]the machine was busy before: load average {load_average:.1f}[/]')
     if print_json:
         result = {
             'scenario': SCENARIO,
@@ -175,14 +185,14 @@ def figures_of(measurements: Measurements) -> list[Figure]:
         ratios = _ratios(measurements, SEPARATE, RELAY)
         figures.append(Figure('separate_to_relay', 'separate / relay', RATIO, ratios, RELAY_BAR))
     if EVENTS in measurements:
-        for name in (CONTROLLER_SINGLE, ALL_SINGLE):
-            label = f'EventsExecutor / {ARRANGEMENTS[name][0]}'
+        for name, where in ((CONTROLLER_SINGLE, 'in the controller'), (ALL_SINGLE, 'everywhere')):
+            label = f'gain of EventsExecutor {where}'
             ratios = _ratios(measurements, EVENTS, name)
-            figures.append(Figure(f'events_to_{name}', label, RATIO, ratios))
-    for name in (SEPARATE, ONE):
+            figures.append(Figure(f'{EVENTS}_to_{name}', label, RATIO, ratios))
+    for name, where in ((SEPARATE, 'separate processes'), (ONE, 'one process')):
         trips = [run.round_trip_ms for run in measurements.get(name, []) if run.round_trip_ms]
         for key in ('p50', 'p99', 'max') if trips else ():
-            label = f'round trip of a tick, {name}, {key}'
+            label = f'round trip of a tick, {where}, {key}'
             values = [trip[key] for trip in trips]
             figures.append(Figure(f'round_trip_{name}_{key}', label, MILLISECONDS, values))
     return figures

@@ -9,9 +9,7 @@ from typing import Any
 
 from rich.table import Table
 
-REAL_TIME = '× real time'
-MILLISECONDS = 'ms'
-RATIO = ''
+REAL_TIME, MILLISECONDS, RATIO = '×', 'ms', ''
 
 
 @dataclass(frozen=True)
@@ -72,21 +70,20 @@ _COLOURS = {'missed': 'red', 'reached': 'green', 'aim reached': 'green'}
 def table_of(figures: Sequence[Figure], title: str) -> Table:
     """Return the figures as a table."""
     table = Table(title=title, title_justify='left')
-    table.add_column('figure')
-    table.add_column('median', justify='right')
-    table.add_column('min – max', justify='right')
-    table.add_column('unit')
-    table.add_column('bar (aim)')
-    table.add_column('verdict')
+    table.add_column('figure', no_wrap=True)
+    table.add_column('median', justify='right', no_wrap=True)
+    table.add_column('min – max', justify='right', no_wrap=True)
+    table.add_column('bar (aim)', no_wrap=True)
+    table.add_column('verdict', no_wrap=True)
     for figure in figures:
+        least, most = _short(min(figure.values)), _short(max(figure.values))
         bar = '' if figure.bar is None else f'≥ {figure.bar:g}'
         aim = '' if figure.aim is None else f' ({figure.aim:g})'
         verdict = figure.verdict or ''
         table.add_row(
             figure.label,
-            _short(figure.median),
-            f'{_short(min(figure.values))} – {_short(max(figure.values))}',
-            figure.unit,
+            f'{_short(figure.median)} {figure.unit}'.rstrip(),
+            f'{least} – {most}',
             bar + aim,
             f'[{_COLOURS[verdict]}]{verdict}[/]' if verdict else '',
         )

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 from ballbot_ros.nodes.base import END_WITH_PARENT
@@ -109,13 +109,14 @@ class NodeProcess:
         self._process.wait()
 
 
-def stop_all(processes: Sequence[NodeProcess]) -> None:
-    """Stop the processes, the last one after all the others; all have ended then."""
-    deadline = time.monotonic() + GRACE_S
-    *others, last = processes
-    for process in others:
-        process.request_stop()
-    for process in others:
-        process.wait_until(deadline)
-    last.request_stop()
-    last.wait_until(time.monotonic() + GRACE_S)
+def stop_all(processes: Collection[NodeProcess], last: str) -> None:
+    """Stop the processes; the one named `last` after the others, so that it has everything."""
+    for batch in (
+        [process for process in processes if process.name != last],
+        [process for process in processes if process.name == last],
+    ):
+        for process in batch:
+            process.request_stop()
+        deadline = time.monotonic() + GRACE_S
+        for process in batch:
+            process.wait_until(deadline)

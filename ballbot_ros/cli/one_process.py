@@ -45,11 +45,11 @@ def run_in_one_process(experiment: Experiment, scratch: Path, progress: Progress
     nodes: list[BallbotNode] = []
     rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
     try:
-        if experiment.recording:
-            nodes.append(Recorder(parameters.values(RECORDER)))
-        nodes += [make(parameters.values(name)) for name, make in _DRIVERS.items()]
         plant = PlantSim(parameters.values(PLANT))
         nodes.append(plant)
+        nodes += [make(parameters.values(name)) for name, make in _DRIVERS.items()]
+        if experiment.recording:
+            nodes.append(Recorder(parameters.values(RECORDER)))
         plant.every(UPDATE_S, lambda: progress.update(plant.log.ticks * TICK_NS / SECOND_NS))
         with StopRequest(plant.finish) as stop:
             spin(nodes, plant.done)
@@ -59,7 +59,7 @@ def run_in_one_process(experiment: Experiment, scratch: Path, progress: Progress
             summary['exit_status'] = 2
         return Finished(summary, plant.log.trajectory())
     finally:
-        for node in reversed(nodes):
+        for node in nodes:
             node.close()
             node.destroy_node()
         rclpy.try_shutdown()

@@ -12,6 +12,8 @@ from ballbot_ros.cli.graph_monitor import GraphMonitor
 from ballbot_ros.cli.node_process import NodeProcess, stop_all
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.run import Experiment, Finished
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.parameter_file import write_parameter_file
 from ballbot_ros.parameters import NODES, PLANT, RECORDER
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS
@@ -35,19 +37,29 @@ def run_in_separate_processes(
     parameter_file = scratch / 'parameters.yaml'
     write_parameter_file(parameter_file, parameters)
     names = [name for name in NODES if name != RECORDER or experiment.recording]
+    processes: dict[str, NodeProcess] = {}
+    # Nodes that were started into another plant's graph would answer its samples.
+    DomainLock(_domain()).release()
     with StopRequest() as stop:
-        processes = {name: NodeProcess(name, parameter_file, progress.notice) for name in names}
         try:
+            for name in names:
+                processes[name] = NodeProcess(name, parameter_file, progress.notice)
             with GraphMonitor() as monitor:
                 failure = _watch(processes, monitor, progress, stop)
         finally:
-            # The recorder is the last to go, so that it has everything.
-            stop_all([processes[name] for name in sorted(names, key=RECORDER.__eq__)])
+            stop_all(processes.values(), last=RECORDER)
         if trajectory_file.exists():
             trajectory, summary = load_trajectory(trajectory_file)
         else:
             trajectory, summary = None, {'outcome': 'failed', 'reason': '', 'ticks': 0}
         return Finished(_judged(summary, failure, processes, stop), trajectory)
+
+
+def _domain() -> int:
+    text = os.environ.get('ROS_DOMAIN_ID') or '0'
+    if not text.isdecimal():
+        raise BallbotError(f'ROS_DOMAIN_ID={text}: not a number')
+    return int(text)
 
 
 def _watch(

@@ -26,6 +26,7 @@ from ballbot_ros.nodes.conversions import (
     stamp_ns,
     time_ns,
 )
+from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.participants import Participants
 from ballbot_ros.nodes.plant_services import PlantServices
 from ballbot_ros.nodes.topics import (
@@ -74,6 +75,7 @@ class PlantSim(BallbotNode):
         self._lockstep = self.values['lockstep']
         name = self.values['scenario']
         self._scenario = load_scenario(name) if name else Scenario()
+        self._lock = DomainLock(self.context.get_domain_id())
         self._token = f'{time.time_ns():x}'
         self._run_number = 0
         self.summary: dict[str, Any] = {}
@@ -351,6 +353,7 @@ class PlantSim(BallbotNode):
                 raise BallbotError(f'{path}: {error.strerror}') from None
         for publisher, _ in (self._clock_out, self._body, self._motors, self._odometry):
             publisher.wait_for_all_acked(Duration(seconds=0.1))
+        self._lock.release()
 
 
 def main() -> None:

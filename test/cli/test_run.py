@@ -11,6 +11,9 @@ from graph import NODES, alive, wait_for
 from matplotlib.image import imread
 
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.simulation.closed_loop import ClosedLoop
+from ballbot_ros.simulation.trajectory import TrajectoryLog
 
 FAST = ['--processes=none', '--set=plant_sim.duration=3']
 
@@ -131,6 +134,29 @@ def test_a_signal_stops_everything_within_3_s(start_run, tmp_path, processes, nu
     with RecordingReader(recording) as reader:
         assert reader.complete
         assert reader.topics()['/motor_duty'].message_count > 10
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize('processes', ['separate', 'one'])
+def test_a_second_run_in_the_domain_is_refused_at_once(start_run, tmp_path, processes):
+    first = start_run('stationary', '--json', '--output', tmp_path)
+    first.nodes()
+    wait_for((tmp_path / 'stationary.mcap').exists, what='recording')
+    second = start_run('stationary', '--no-record', '--processes', processes)
+    assert second.finish() == 2
+    assert 'another plant' in second.stderr
+    assert len(second.stderr.splitlines()) == 1, second.stderr
+    assert first.finish() == 0, first.stderr
+    assert first.result['duty_sha256'] == _undisturbed_sha256()
+
+
+def _undisturbed_sha256():
+    scenario = load_scenario('stationary')
+    loop, log = ClosedLoop(scenario.parameters, scenario), TrajectoryLog()
+    for _ in range(2500):
+        tick = loop.tick()
+        log.add(tick.truth, *tick.outputs.duty)
+    return log.duty_sha256
 
 
 @pytest.mark.graph

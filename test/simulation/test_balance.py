@@ -8,7 +8,7 @@ from robot import make_loop, run_loop
 
 from ballbot_ros.analysis.metrics import measure
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.scenario.library import load_profile, load_scenario
 from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
 from ballbot_ros.scenario.signal import Signal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
@@ -86,6 +86,15 @@ def test_standing_for_a_minute_never_trips(settings):
     assert np.hypot(*loop.plant.truth().position) < 0.05
 
 
+def test_a_robot_with_all_the_faults_of_the_hardware_recovers_and_stands():
+    parameters = load_profile('hardware')
+    parameters.set(PLANT, 'start_pitch_x', math.radians(4.0))
+    loop = ClosedLoop(parameters)
+    states = {(loop.tick(), loop.program.drive_state)[1] for _ in range(250 * 60)}
+    assert states == {'calibration', 'remote'}
+    assert np.hypot(*loop.plant.truth().position) < 0.2
+
+
 @pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize(
     ('sticks', 'direction'),
@@ -106,15 +115,17 @@ def test_a_full_stick_drives_its_way_at_17_cm_a_second(sticks, direction, model)
     assert loop.program.drive_state == 'remote'
 
 
+@pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('volts', [8.0, 7.0])
-def test_full_stick_reversals_in_any_order_do_not_trip(volts):
+def test_full_stick_reversals_in_any_order_do_not_trip(volts, model):
     times = np.cumsum([2.0, 1.0, 0.6, 2.0, 0.4, 1.5, 3.0, 0.8]).repeat(2)[1:]
     values = np.repeat([-100, 100, -100, 100, 0, 100, -100, 0], 2)[:-1]
     steps = list(zip(times.tolist(), values.tolist(), strict=True))
     scenario = Scenario(
         vertical=Signal(steps), horizontal=Signal([(t + 0.3, -v) for t, v in steps])
     )
-    loop = make_loop({'plant_sim.battery_voltage': volts, **NOISY}, scenario)
+    settings = {'plant_sim.battery_voltage': volts, 'plant_sim.plant_model': model, **NOISY}
+    loop = make_loop(settings, scenario)
     ticks = run_loop(loop, 14.0)
     assert not loop.plant.fallen
     assert loop.program.drive_state == 'remote'
