@@ -13,7 +13,8 @@ from pathlib import Path
 
 from ballbot_ros.nodes.base import END_WITH_PARENT
 
-GRACE_S = 1.5
+GRACE_S = 0.8
+LAST_GRACE_S = 1.5
 
 
 class NodeProcess:
@@ -111,12 +112,11 @@ class NodeProcess:
 
 def stop_all(processes: Collection[NodeProcess], last: str) -> None:
     """Stop the processes; the one named `last` after the others, so that it has everything."""
-    for batch in (
-        [process for process in processes if process.name != last],
-        [process for process in processes if process.name == last],
-    ):
+    others = [process for process in processes if process.name != last]
+    rest = [process for process in processes if process.name == last]
+    for batch, grace_s in ((others, GRACE_S), (rest, LAST_GRACE_S)):
         for process in batch:
             process.request_stop()
-        deadline = time.monotonic() + GRACE_S
+        deadline = time.monotonic() + grace_s
         for process in batch:
             process.wait_until(deadline)

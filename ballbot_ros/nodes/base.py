@@ -201,7 +201,7 @@ class BallbotNode(Node):
         self._level, self._problem = DiagnosticStatus.WARN, problem
 
     def fail(self, problem: str) -> None:
-        """Log an error, report it at once, and end the node with status 1."""
+        """Log an error and report it at once; the node's exit status is then 1."""
         self.get_logger().error(problem)
         self._level, self._problem = DiagnosticStatus.ERROR, problem
         self.exit_status = 1

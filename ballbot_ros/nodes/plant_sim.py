@@ -111,7 +111,7 @@ class PlantSim(BallbotNode):
         self._plant = Plant(self.values, start_ns)
         for push in self._scenario.pushes_from(start_ns):
             self._plant.push(push)
-        self.log = TrajectoryLog()
+        self.log = TrajectoryLog(keep=self.values['duration'] > 0.0)
         self._round_trips = array('d')
         self._duty: tuple[int, int] | None = None
         self._duty_at = 0.0
@@ -166,7 +166,8 @@ class PlantSim(BallbotNode):
             return
         self._duty = duty
         self._duty_at = time.monotonic()
-        self._round_trips.append(self._duty_at - self._asked_at)
+        if self.values['duration']:
+            self._round_trips.append(self._duty_at - self._asked_at)
         self.advance()
 
     def _on_ack(self, header: Any) -> None:
@@ -184,9 +185,9 @@ class PlantSim(BallbotNode):
 
     def advance(self) -> None:
         """Move on by a tick if its duty is here and nothing holds the plant back."""
-        if self._duty is None or self._draining or not self.control.may_advance():
+        if self._duty is None or self._draining or self._recorder_lags():
             return
-        if self._recorder_lags():
+        if not self.control.may_advance():
             return
         if self.log.ticks == 0:
             self._begun_at = time.monotonic()
@@ -316,7 +317,7 @@ class PlantSim(BallbotNode):
     def _free_tick(self) -> None:
         """Advance on the wall clock with the newest duty, or none after a silence."""
         now = time.monotonic()
-        if self.finished or self.control.paused or self._run_number == 0:
+        if self._draining or self.control.paused or self._run_number == 0:
             return
         factor = self.values['real_time_factor'] or 1.0
         if self.log.ticks == 0:

@@ -136,6 +136,7 @@ class TimerAudit:
             return
         if (now_ns - start_ns) % self._period or now_ns == self._last_ns:
             self.disagreements += 1
-        elif self._last_ns is not None and now_ns > self._last_ns:
+            return
+        if self._last_ns is not None and now_ns > self._last_ns:
             self.disagreements += (now_ns - self._last_ns) // self._period - 1
         self._last_ns = now_ns

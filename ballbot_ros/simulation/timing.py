@@ -28,5 +28,9 @@ __all__ = [
 
 
 def next_start_ns(now_ns: int) -> int:
-    """Return the start of a new run: the next multiple of 100 ms after `now_ns`."""
-    return (now_ns // BATTERY_NS + 1) * BATTERY_NS
+    """Return the start of a new run: the next multiple of 100 ms after `now_ns`.
+
+    It is more than 20 ms ahead, so that nobody takes its first sample for the next one of the
+    run before.
+    """
+    return ((now_ns + SLOW_NS) // BATTERY_NS + 1) * BATTERY_NS

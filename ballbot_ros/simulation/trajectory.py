@@ -40,26 +40,39 @@ class Trajectory:
 
 
 class TrajectoryLog:
-    """Collects the trajectory and the hash of the duties, tick by tick."""
+    """Collects the trajectory and the hash of the duties, tick by tick.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    keep : bool
+        False: only count and hash, for a run without end.
+
+    Attributes
+    ----------
+    ticks : int
+        Number of ticks so far.
+    """
+
+    def __init__(self, *, keep: bool = True) -> None:
+        self._keep = keep
         self._numbers = array('d')
         self._duties = bytearray()
+        self._hash = hashlib.sha256()
+        self.ticks = 0
 
     def add(self, truth: Truth, duty_x: int, duty_y: int) -> None:
         """Add the tick of `truth` and the duties that answer it."""
-        self._numbers.extend((truth.stamp_ns * 1e-9, *truth.position, *truth.psi))
-        self._duties += bytes((duty_x & _INT8, duty_y & _INT8))
-
-    @property
-    def ticks(self) -> int:
-        """Number of ticks so far."""
-        return len(self._duties) // 2
+        duties = bytes((duty_x & _INT8, duty_y & _INT8))
+        self._hash.update(duties)
+        self.ticks += 1
+        if self._keep:
+            self._numbers.extend((truth.stamp_ns * 1e-9, *truth.position, *truth.psi))
+            self._duties += duties
 
     @property
     def duty_sha256(self) -> str:
         """SHA-256 over the int8 duty pairs from the first tick on, as hexadecimal text."""
-        return hashlib.sha256(self._duties).hexdigest()
+        return self._hash.hexdigest()
 
     def trajectory(self) -> Trajectory:
         """Return what was collected."""
