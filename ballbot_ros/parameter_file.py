@@ -39,7 +39,7 @@ def read_parameter_file(path: str | Path) -> ParameterSet:
 
 def _mapping(document: YamlDocument, data: Any, *keys: Any) -> dict[Any, Any]:
     if not isinstance(data, dict):
-        what = ' '.join(map(str, keys)) or 'the file'
+        what = ' '.join(map(repr, keys)) or 'the file'
         raise ParameterError(f'{document.where(*keys)}: {what} is not a mapping of names')
     return data
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,24 @@ import yaml
 
 from ballbot_ros.errors import BallbotError
 
+_COLLECTIONS = ('tag:yaml.org,2002:seq', 'tag:yaml.org,2002:map')
+_INTEGER_BITS = 64
+
 
 class YamlError(BallbotError):
     """A file that can't be read or is not YAML."""
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML without aliases, which ROS refuses too: a few lines of them fill any memory."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            event = self.peek_event()  # type: ignore[no-untyped-call]
+            raise yaml.MarkedYAMLError(
+                problem='aliases are not allowed', problem_mark=event.start_mark
+            )
+        return super().compose_node(parent, index)
 
 
 class YamlDocument:
@@ -39,7 +55,7 @@ class YamlDocument:
         self._lines: dict[tuple[Hashable, ...], int] = {}
         loader: yaml.SafeLoader | None = None
         try:
-            loader = yaml.SafeLoader(self.path.read_text(encoding='utf-8'))
+            loader = _Loader(self.path.read_text(encoding='utf-8'))
             root = loader.get_single_node()
             self.data = None if root is None else self._convert(loader, root, ())
         except OSError as error:
@@ -50,6 +66,8 @@ class YamlDocument:
             mark = error.problem_mark or error.context_mark
             line = '' if mark is None else f':{mark.line + 1}'
             raise YamlError(f'{path}{line}: not YAML: {error.problem}') from None
+        except RecursionError:
+            raise YamlError(f'{path}: nested too deeply') from None
         except yaml.YAMLError as error:
             text = ' '.join(str(error).split())
             raise YamlError(f'{path}: not YAML: {text}') from None
@@ -67,6 +85,8 @@ class YamlDocument:
 
     def _convert(self, loader: yaml.SafeLoader, node: yaml.Node, keys: tuple[Hashable, ...]) -> Any:
         self._lines.setdefault(keys, node.start_mark.line + 1)
+        if isinstance(node, yaml.CollectionNode) and node.tag not in _COLLECTIONS:
+            raise self._error(node, f'unknown tag {node.tag!r}')
         if isinstance(node, yaml.SequenceNode):
             return [
                 self._convert(loader, item, (*keys, index)) for index, item in enumerate(node.value)
@@ -77,10 +97,25 @@ class YamlDocument:
                 line = key_node.start_mark.line + 1
                 if not isinstance(key_node, yaml.ScalarNode):
                     raise YamlError(f'{self.path}:{line}: a key must be plain text')
-                key = loader.construct_object(key_node)
+                key = self._scalar(loader, key_node)
                 if key in mapping:
                     raise YamlError(f'{self.path}:{line}: {key!r} is there twice')
                 self._lines[(*keys, key)] = line
                 mapping[key] = self._convert(loader, value_node, (*keys, key))
             return mapping
-        return loader.construct_object(node)
+        return self._scalar(loader, node)
+
+    def _scalar(self, loader: yaml.SafeLoader, node: yaml.Node) -> Any:
+        try:
+            value = loader.construct_object(node)
+        except (AttributeError, LookupError, ValueError):
+            value = []
+        if isinstance(value, dict | list | set):
+            kind = node.tag.rpartition(':')[2]
+            raise self._error(node, f'{reprlib.repr(node.value)} is no {kind}')
+        if isinstance(value, int) and value.bit_length() > _INTEGER_BITS:
+            raise self._error(node, f'{reprlib.repr(node.value)} is too large')
+        return value
+
+    def _error(self, node: yaml.Node, text: str) -> YamlError:
+        return YamlError(f'{self.path}:{node.start_mark.line + 1}: {text}')

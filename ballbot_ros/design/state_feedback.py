@@ -19,8 +19,7 @@ class DesignError(BallbotError):
 def controllability_rank(a: Any, b: Any) -> int:
     """Return the rank of the controllability matrix [B, AB, ..., A^(n-1) B] (A.5).
 
-    The states are scaled by a power of two each, which leaves the rank alone and keeps stiff
-    systems (this robot's poles span a factor of forty) from losing it to rounding.
+    Its columns are scaled to one size, which leaves the rank alone.
 
     Parameters
     ----------
@@ -30,17 +29,27 @@ def controllability_rank(a: Any, b: Any) -> int:
     matrix = np.asarray(control.ctrb(np.asarray(a, float), np.asarray(b, float)))
     largest = np.abs(matrix).max(axis=0)
     largest[largest == 0.0] = 1.0
-    return int(np.linalg.matrix_rank(matrix / 2.0 ** np.round(np.log2(largest))))
+    return int(np.linalg.matrix_rank(matrix / largest))
 
 
 def require_controllable(a: Any, b: Any) -> None:
-    """Raise DesignError unless the pair (A, B) is controllable."""
-    order = np.asarray(a).shape[0]
-    rank = controllability_rank(a, b)
-    if rank < order:
-        raise DesignError(
-            f'the system is not controllable: its controllability matrix has rank {rank} of {order}'
-        )
+    """Raise DesignError unless the pair (A, B) is controllable.
+
+    By Hautus' test, [A - sI, B] has full rank at every pole s of A: unlike the powers of A in
+    the controllability matrix it does not lose a stiff system to rounding.
+    """
+    a, b = np.asarray(a, float), np.asarray(b, float)
+    if a.ndim != 2 or a.shape[0] != a.shape[1] or b.shape[:1] != a.shape[:1]:
+        raise DesignError(f'A {a.shape} and B {b.shape} are not the matrices of one system')
+    if not (np.isfinite(a).all() and np.isfinite(b).all()):
+        raise DesignError('A and B must be finite')
+    inputs = b * (np.linalg.norm(a) or 1.0) / (np.linalg.norm(b) or 1.0)
+    for pole in np.linalg.eigvals(a):
+        rank = np.linalg.matrix_rank(np.hstack([a - pole * np.eye(len(a)), inputs]))
+        if rank < len(a):
+            raise DesignError(
+                f'the system is not controllable: no input reaches its pole {complex(pole):.4g} 1/s'
+            )
 
 
 def lqr(a: Any, b: Any, q: Any, r: Any) -> Matrix:
@@ -52,6 +61,9 @@ def lqr(a: Any, b: Any, q: Any, r: Any) -> Matrix:
         If (A, B) is not controllable, or the weights admit no solution.
     """
     require_controllable(a, b)
+    for name, weight, least in (('Q', q, 0.0), ('R', r, np.finfo(float).tiny)):
+        if not (np.linalg.eigvalsh(np.nan_to_num(weight, nan=-1.0)) >= least).all():
+            raise DesignError(f'no linear quadratic regulator: {name} must not be negative')
     try:
         gain, _, _ = control.lqr(a, b, q, r)
     except (control.ControlArgument, ValueError, np.linalg.LinAlgError) as error:

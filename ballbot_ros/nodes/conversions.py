@@ -26,6 +26,7 @@ from ballbot_ros.controller.axis import Axis
 from ballbot_ros.plant.truth import Pair, Truth
 
 _SECOND = 1_000_000_000
+_DUTIES = frozenset(map(float, range(-100, 101)))
 
 MOTOR_NAMES = ['motor_x', 'motor_y']
 STATE_NAMES = ['theta_x', 'psi_x', 'theta_y', 'psi_y', 'theta_ref_x', 'theta_ref_y']
@@ -192,9 +193,12 @@ def fill_duty(message: Any, stamp_ns: int, duty: tuple[int, int]) -> None:
     message.vector.x, message.vector.y = float(duty[0]), float(duty[1])
 
 
-def duty_values(message: Any) -> tuple[int, int]:
-    """Return the duties [%] from ``motor_duty``."""
-    return int(message.vector.x), int(message.vector.y)
+def duty_values(message: Any) -> tuple[int, int] | None:
+    """Return the duties [%] from ``motor_duty``; None unless they are whole and within ±100."""
+    x, y = message.vector.x, message.vector.y
+    if not (x in _DUTIES and y in _DUTIES):
+        return None
+    return int(x), int(y)
 
 
 def fill_controller_state(message: Any, stamp_ns: int, x: Axis, y: Axis) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from array import array
@@ -158,6 +159,9 @@ class PlantSim(BallbotNode):
 
     def _on_duty(self, message: Any) -> None:
         duty = duty_values(message)
+        if duty is None:
+            self.get_logger().warning(f'{MOTOR_DUTY.name}: not whole numbers within -100 … 100 %')
+            return
         if not self._lockstep:
             self._free_duty = duty
             self._duty_at = time.monotonic()
@@ -179,6 +183,9 @@ class PlantSim(BallbotNode):
 
     def _on_push(self, message: Any) -> None:
         force, torque = push_forces(message)
+        if not all(map(math.isfinite, (*force, *torque))):
+            self.get_logger().warning(f'{PUSH.name}: a push that is not finite is ignored')
+            return
         start = max(stamp_ns(message), self._plant.time_ns)
         end = start + round(self.values['push_duration'] * 1e9)
         self._plant.push(Push(start, end, force, torque))

@@ -82,6 +82,8 @@ class _Reader:
         for required in ('purpose', 'duration'):
             if required not in data:
                 raise self._error((), f'{required} is missing')
+        if not isinstance(data['purpose'], str):
+            raise self._error(('purpose',), f'{data["purpose"]!r} is not text')
         profile = str(data.get('profile', IDEAL))
         try:
             parameters = load_profile(profile)
@@ -142,6 +144,11 @@ class _Reader:
         for required in ('time', 'duration'):
             if numbers.get(required, -1.0) < 0.0:
                 raise self._error(keys, f'a push has a {required} of 0 s or more')
+            if numbers[required] > 1e6:
+                raise self._error(keys, f'a push has a {required} of 1e6 s or less')
+        for force in ('force_x', 'force_y'):
+            if abs(numbers.get(force, 0.0)) > 1e3:
+                raise self._error((*keys, force), 'a push has a force within -1000 … 1000 N')
         return ScheduledPush(**numbers)
 
     def _expectations(self, data: Any) -> list[Expectation]:
@@ -164,7 +171,7 @@ class _Reader:
         self, data: Any, keys: tuple[Any, ...], allowed: set[str] | None = None
     ) -> Mapping[Any, Any]:
         if not isinstance(data, dict):
-            what = keys[-1] if keys else 'the scenario'
+            what = repr(keys[-1]) if keys else 'the scenario'
             raise self._error(keys, f'{what} is not a mapping of names')
         for key in data:
             if allowed is not None and key not in allowed:
