@@ -80,11 +80,13 @@ def run_ballbot(duration: float, *, processes: str, record: bool) -> Run:
                 timeout=_time_limit_s(duration),
             )
         except subprocess.TimeoutExpired as error:
-            raise RunError(f'ballbot run --processes {processes}: {error}') from None
+            raise RunError(
+                f'ballbot run --processes {processes}: not at its end after {error.timeout:.0f} s'
+            ) from None
     result = json.loads(ended.stdout) if ended.stdout else {'outcome': 'failed', 'reason': ''}
     # Whether a short run fulfils the scenario's expectations is not asked here.
     if result['outcome'] in ('failed', 'stopped'):
-        reason = result['reason'] or ' '.join(ended.stderr.split())
+        reason = result['reason'] or _last_line(ended.stderr)
         raise RunError(f'ballbot run --processes {processes}: {reason}')
     return Run.of(result)
 
@@ -124,28 +126,26 @@ def run_nodes(duration: float, *, single_threaded: Sequence[str]) -> Run:
 def _run_graph(commands: Mapping[str, Sequence[str]], duration: float) -> str:
     """Run Python modules as processes until the plant's ends; return what that printed."""
     environment = _environment()
-    with tempfile.TemporaryFile('w+') as messages:
-        processes = {
-            name: subprocess.Popen(
-                [sys.executable, '-m', *command],
-                env=environment,
-                stdout=subprocess.PIPE if name == PLANT else messages,
-                stderr=messages,
-                text=True,
-            )
-            for name, command in commands.items()
-        }
-        plant = processes[PLANT]
-        try:
-            output, _ = plant.communicate(timeout=_time_limit_s(duration))
-        except subprocess.TimeoutExpired:
-            gone = [name for name, process in processes.items() if process.poll() is not None]
-            raise RunError(f'the graph hangs; ended: {", ".join(gone) or "none"}') from None
-        finally:
-            _stop(list(processes.values()))
-        if plant.returncode:
-            messages.seek(0)
-            raise RunError(f'{PLANT} failed: {messages.read().strip()}')
+    processes = {
+        name: subprocess.Popen(
+            [sys.executable, '-m', *command],
+            env=environment,
+            stdout=subprocess.PIPE if name == PLANT else subprocess.DEVNULL,
+            stderr=subprocess.PIPE if name == PLANT else subprocess.DEVNULL,
+            text=True,
+        )
+        for name, command in commands.items()
+    }
+    plant = processes[PLANT]
+    try:
+        output, messages = plant.communicate(timeout=_time_limit_s(duration))
+    except subprocess.TimeoutExpired:
+        gone = [name for name, process in processes.items() if process.poll() is not None]
+        raise RunError(f'the graph hangs; ended: {", ".join(gone) or "none"}') from None
+    finally:
+        _stop(list(processes.values()))
+    if plant.returncode:
+        raise RunError(f'{PLANT} failed: {_last_line(messages)}')
     return output
 
 
@@ -169,6 +169,10 @@ def _environment() -> dict[str, str]:
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'OPENBLAS_NUM_THREADS': '1',
     }
+
+
+def _last_line(text: str) -> str:
+    return text.strip().rpartition('\n')[2]
 
 
 def _scratch_folder() -> tempfile.TemporaryDirectory[str]:

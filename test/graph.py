@@ -59,6 +59,11 @@ def wait_for(condition, timeout=20.0, what='it'):
     raise TimeoutError(f'{what} did not happen within {timeout} s')
 
 
+def bound_s(seconds):
+    """A bound that holds on a machine with a free core, widened by how overloaded this one is."""
+    return seconds * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+
+
 def alive(pid):
     try:
         state = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0]

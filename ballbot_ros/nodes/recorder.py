@@ -170,7 +170,7 @@ class Recorder(BallbotNode):
         """Take what has still come, and finish the file."""
         self._poll()
         self._inbox.destroy_node()
-        if self._lost:
+        if self._lost and self.exit_status == 0:
             self._writer.mark_incomplete(f'{self._lost} gaps in the sequence of messages')
         self._writer.close()
 

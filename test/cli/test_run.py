@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from graph import NODES, alive, wait_for
+from graph import NODES, alive, bound_s, wait_for
 from matplotlib.image import imread
 
 from ballbot_ros.recording.reader import RecordingReader
@@ -126,8 +126,8 @@ def test_a_signal_stops_everything_within_3_s(start_run, tmp_path, processes, nu
     wait_for(lambda: recording.exists() and recording.stat().st_size > 20_000, what='recording')
     run.process.send_signal(number)
     at = time.monotonic()
-    assert run.finish(timeout=10.0) == 128 + number
-    assert time.monotonic() - at < 3.0
+    assert run.finish(timeout=30.0) == 128 + number
+    assert time.monotonic() - at < bound_s(3.0)
     assert not any(alive(pid) for pid in pids.values())
     assert run.result['outcome'] == 'stopped'
     assert 'Traceback' not in run.stderr

@@ -5,7 +5,7 @@ import signal
 import time
 
 import pytest
-from graph import NODES, alive, wait_for
+from graph import NODES, alive, bound_s, wait_for
 
 from ballbot_ros.recording.reader import RecordingReader
 
@@ -32,8 +32,8 @@ def test_a_lost_node_is_named_within_3_s(start_run, tmp_path, victim, number):
     while victim not in line:
         line = run.process.stderr.readline()
         assert line, 'the run ended without naming the node'
-    assert time.monotonic() - at < 3.0
-    assert run.finish(timeout=10.0) == 1
+    assert time.monotonic() - at < bound_s(3.0)
+    assert run.finish(timeout=60.0) == 1
     assert f'failed: {victim}' in run.stdout
     assert 'Traceback' not in run.stderr + run.stdout
     assert not any(alive(pid) for pid in pids.values())
