@@ -143,10 +143,13 @@ TABLE: tuple[Parameter, ...] = (
          'scenario (name or file) whose stick signals and pushes act; empty: none', '5.1'),
     ),
     *_rows(
-        (PLANT, CONTROLLER),
+        (PLANT, CONTROLLER, GAMEPAD),
         ('lockstep', True, '', None,
          'true: each tick waits for its inputs; false: wall-clock timers, newest sample wins',
          'project'),
+    ),
+    *_rows(
+        (PLANT, CONTROLLER),
         ('ball_radius', 0.026, 'm', (1e-3, 1.0), 'spherical wheel radius Rs', '3.1'),
         ('wheel_radius', 0.021, 'm', (1e-3, 1.0), 'motor wheel (rubber tire) radius Rw', '3.1'),
     ),
@@ -309,12 +312,16 @@ class ParameterSet:
             row = _BY_NODE[each].get(name)
             if row is None:
                 raise ParameterError(
-                    f'{prefix}{each} has no parameter {name!r}; {_nearest(name, each)}'
+                    f'{prefix}{each} has no parameter {name!r}; {nearest(name, each)}'
                 )
             checked = row.check(value, f'{prefix}{each}.')
             # A shared parameter is one value: its nodes must never disagree.
             for sharer in row.nodes:
                 self._values[sharer, name] = checked
+
+    def is_set(self, node: str, name: str) -> bool:
+        """Tell whether a parameter was set, rather than left at its default."""
+        return (node, name) in self._values
 
     def update(self, other: ParameterSet) -> None:
         """Take over everything that was set in `other`."""
@@ -328,7 +335,8 @@ class ParameterSet:
         }
 
 
-def _nearest(name: str, node: str) -> str:
+def nearest(name: str, node: str) -> str:
+    """Return a hint at what `name` may have meant, or what `node` has."""
     known = sorted(_BY_NODE[node])
     close = get_close_matches(name, known)
     if close:

@@ -1,11 +1,13 @@
 """Launches the whole graph: plant, drivers, controller, gamepad and, if wanted, the recorder."""
 
+import shutil
 import tempfile
 from pathlib import Path
 
+import yaml
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
-from launch.event_handlers import OnProcessExit
+from launch.event_handlers import OnProcessExit, OnShutdown
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -13,11 +15,12 @@ from launch_ros.actions import Node
 from ballbot_ros.parameter_file import read_parameter_file, write_parameter_file
 from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet
 from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.scenario.scenario import Scenario
 
 ARGUMENTS = {
     'scenario': ('', 'name or file of a scenario; empty: balance until stopped'),
     'params_file': ('', 'parameter file whose values come on top'),
-    'real_time_factor': ('1.0', '1: real time, 0: as fast as it can'),
+    'real_time_factor': ('', '1: real time, 0: as fast as it can; empty: as the files say, or 1'),
     'record': ('false', 'true: record the run'),
     'output': ('', 'recording to write; empty: a new one under runs/'),
     'namespace': ('', 'namespace of the nodes'),
@@ -27,17 +30,26 @@ ARGUMENTS = {
 def launch_graph(context):
     """Return the nodes, with the parameters of the scenario and of the arguments."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    record = given['record'].lower() == 'true'
+    record = given['record'] == 'true'
     parameters = ParameterSet()
+    scenario = load_scenario(given['scenario']) if given['scenario'] else Scenario()
     if given['scenario']:
-        parameters.update(load_scenario(given['scenario']).parameters)
+        parameters.update(scenario.parameters)
         parameters.set(GAMEPAD, 'scenario', given['scenario'])
     if given['params_file']:
         parameters.update(read_parameter_file(given['params_file']))
-    parameters.set(PLANT, 'real_time_factor', float(given['real_time_factor']))
+    if given['real_time_factor']:
+        factor = yaml.safe_load(given['real_time_factor'])
+        parameters.set(PLANT, 'real_time_factor', factor, 'real_time_factor:=')
     parameters.set(PLANT, 'require_recorder', record)
-    parameters.set(RECORDER, 'output', given['output'])
+    if given['output']:
+        parameters.set(RECORDER, 'output', given['output'])
     folder = Path(tempfile.mkdtemp(prefix='ballbot_'))
+    attachments = folder / 'attachments'
+    attachments.mkdir()
+    (attachments / 'scenario.yaml').write_text(scenario.text, encoding='utf-8')
+    write_parameter_file(attachments / 'parameters.yaml', parameters)
+    parameters.set(RECORDER, 'attachments', str(attachments))
     write_parameter_file(folder / 'parameters.yaml', parameters)
     nodes = {
         name: Node(
@@ -55,13 +67,19 @@ def launch_graph(context):
     end = RegisterEventHandler(
         OnProcessExit(target_action=nodes[PLANT], on_exit=[EmitEvent(event=Shutdown())])
     )
-    return [*nodes.values(), end]
+    tidy = RegisterEventHandler(OnShutdown(on_shutdown=lambda *_: shutil.rmtree(folder, True)))
+    return [*nodes.values(), end, tidy]
 
 
 def generate_launch_description():
     """Return the arguments and the graph."""
     arguments = [
-        DeclareLaunchArgument(name, default_value=default, description=description)
+        DeclareLaunchArgument(
+            name,
+            default_value=default,
+            description=description,
+            choices=['true', 'false'] if name == 'record' else None,
+        )
         for name, (default, description) in ARGUMENTS.items()
     ]
     return LaunchDescription([*arguments, OpaqueFunction(function=launch_graph)])

@@ -40,6 +40,7 @@ def draw_motion(trajectory: Trajectory, path: Path, title: str, hold_time: float
         (pitch_axes, np.degrees(trajectory.psi), 'body pitch [°]'),
         (duty_axes, trajectory.duty, 'duty [%]'),
     ):
+        axes.margins(x=0.0)
         axes.plot(time, values[:, 1], color=ORANGE, linewidth=1.0, linestyle='--', label='plane y')
         axes.plot(time, values[:, 0], color=BLUE, linewidth=1.4, label='plane x')
         axes.set_ylabel(label)
@@ -54,7 +55,6 @@ def draw_motion(trajectory: Trajectory, path: Path, title: str, hold_time: float
             xycoords=('data', 'axes fraction'), textcoords='offset points', va='bottom',
         )  # fmt: skip
     duty_axes.set_xlabel('time [s]')
-    duty_axes.margins(x=0.0)
     # By way of memory: a full disk then ends in one error, not in a half-written picture.
     buffer = BytesIO()
     figure.savefig(buffer, dpi=150)

@@ -22,9 +22,8 @@ from ballbot_ros.scenario.library import load_scenario, scenario_names
 @click.option(
     '--real-time-factor',
     type=click.FloatRange(0.0, 1000.0),
-    default=0.0,
-    show_default=True,
-    help='Pace against the wall clock: 1 real time, 0.1 slow motion, 0 as fast as it can.',
+    help='Pace against the wall clock: 1 real time, 0.1 slow motion, 0 as fast as it can.  '
+    '[default: 0, unless the scenario sets it]',
 )
 @click.option(
     '--output',
@@ -44,7 +43,7 @@ from ballbot_ros.scenario.library import load_scenario, scenario_names
 def run(
     scenario: str,
     processes: str,
-    real_time_factor: float,
+    real_time_factor: float | None,
     output: Path | None,
     seed: int | None,
     no_record: bool,

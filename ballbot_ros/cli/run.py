@@ -26,6 +26,7 @@ from ballbot_ros.parameter_file import format_parameters
 from ballbot_ros.parameters import GAMEPAD, GYRO, PLANT, ParameterError, ParameterSet
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.simulation.pacer import SLOWEST
 from ballbot_ros.simulation.trajectory import Trajectory
 
 RECORDED_VERSIONS = ('numpy', 'scipy', 'control', 'mcap', 'ros-rclpy', 'ros-rmw-fastrtps-cpp')
@@ -74,7 +75,7 @@ def run_scenario(
     reference: str,
     *,
     processes: str,
-    real_time_factor: float,
+    real_time_factor: float | None,
     output: Path | None,
     seed: int | None,
     record: bool,
@@ -85,7 +86,12 @@ def run_scenario(
     scenario = load_scenario(reference)
     parameters = ParameterSet()
     parameters.update(scenario.parameters)
-    parameters.set(PLANT, 'real_time_factor', real_time_factor)
+    if real_time_factor is not None and 0.0 < real_time_factor < SLOWEST:
+        raise ParameterError(f'--real-time-factor {real_time_factor}: 0, or {SLOWEST} and more')
+    if real_time_factor is None and not parameters.is_set(PLANT, 'real_time_factor'):
+        real_time_factor = 0.0
+    if real_time_factor is not None:
+        parameters.set(PLANT, 'real_time_factor', real_time_factor)
     if seed is not None:
         parameters.set(GYRO, 'seed', seed, '--seed')
     for assignment in assignments:
@@ -222,8 +228,12 @@ def _attachments(experiment: Experiment) -> dict[str, bytes]:
             versions[package] = version(package)
         except PackageNotFoundError:
             continue
+    # The scenario is attached itself; where its file lies on this machine is nobody's business.
+    parameters = ParameterSet()
+    parameters.update(experiment.parameters)
+    parameters.set(GAMEPAD, 'scenario', '')
     return {
         'scenario.yaml': experiment.scenario.text.encode(),
-        'parameters.yaml': format_parameters(experiment.parameters).encode(),
+        'parameters.yaml': format_parameters(parameters).encode(),
         'versions.yaml': yaml.safe_dump(versions, sort_keys=False).encode(),
     }

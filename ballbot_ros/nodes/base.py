@@ -22,7 +22,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
-    ParameterException,
 )
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -33,10 +32,13 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.conversions import fill_time
 from ballbot_ros.nodes.raw import decoder
 from ballbot_ros.nodes.topics import DIAGNOSTICS, HISTORY, Topic
-from ballbot_ros.parameters import Parameter, ParameterError, parameters_of
+from ballbot_ros.parameters import TABLE, Parameter, ParameterError, nearest, parameters_of
 from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
+ROS_PARAMETERS = {'use_sim_time', 'start_type_description_service'}
+"""What every node of ROS has."""
+
 SPIN_S = 0.2
 END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 """Environment variable: the process with which the node ends, the one that started it."""
@@ -97,6 +99,7 @@ class BallbotNode(Node):
         self.values: dict[str, Any] = {}
         for row in parameters_of(name).values():
             self.values[row.name] = self._declare(row)
+        self._refuse_unknown()
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.done = rclpy.Future()
         self.exit_status = 0
@@ -128,11 +131,23 @@ class BallbotNode(Node):
             low, high = row.bounds
             descriptor.additional_constraints = f'each within {low:g} … {high:g}'
         default = list(row.default) if isinstance(row.default, tuple) else row.default
-        parameter = self.declare_parameter(row.name, default, descriptor)
+        try:
+            parameter = self.declare_parameter(row.name, default, descriptor)
+        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+            raise ParameterError(f'{self.get_name()}.{row.name}: {one_line(error)}') from None
         value = parameter.value
         return row.check(
             value.tolist() if hasattr(value, 'tolist') else value, f'{self.get_name()}.'
         )
+
+    def _refuse_unknown(self) -> None:
+        """Raise ParameterError for a parameter that no node has: a slip of the pen."""
+        known = {row.name for row in TABLE} | ROS_PARAMETERS
+        for name in self._parameter_overrides:
+            if name not in known and not name.startswith('qos_overrides.'):
+                raise ParameterError(
+                    f'{self.get_name()} has no parameter {name!r}; {nearest(name, self.get_name())}'
+                )
 
     def _on_set_parameters(self, parameters: list[RosParameter]) -> SetParametersResult:
         rows = parameters_of(self.get_name())
@@ -271,13 +286,6 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
             spin([node], node.done)
             node.close()
             return node.exit_status
-        except (
-            ParameterException,
-            InvalidParameterTypeException,
-            InvalidParameterValueException,
-        ) as error:
-            print(f'error: {one_line(error)}', file=sys.stderr)
-            return 2
         except BallbotError as error:
             name = f'{node.get_name()}: ' if node else ''
             print(f'error: {name}{error}', file=sys.stderr)

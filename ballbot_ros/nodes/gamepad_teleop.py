@@ -25,6 +25,8 @@ class GamepadTeleop(BallbotNode):
         name = self.values['scenario']
         self._scenario = load_scenario(name) if name else Scenario()
         self._run = RunFollower()
+        # Free running, samples may be left out without a new run.
+        self._period_ns = SLOW_NS if self.values['lockstep'] else sys.maxsize
         self._held_ns: int | None = None
         self._publisher = self.advertise(GAMEPAD_JOY)
         self._message = GAMEPAD_JOY.message_class()
@@ -41,7 +43,7 @@ class GamepadTeleop(BallbotNode):
             self._answer(now)
 
     def _answer(self, now_ns: int) -> None:
-        elapsed = self._run.elapsed_ns(now_ns, SLOW_NS)
+        elapsed = self._run.elapsed_ns(now_ns, self._period_ns)
         if elapsed is None:
             self._held_ns = now_ns
             return

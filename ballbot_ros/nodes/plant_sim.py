@@ -43,12 +43,12 @@ from ballbot_ros.nodes.topics import (
     RUN,
     WALL_HIT,
 )
-from ballbot_ros.parameters import PLANT, RECORDER
+from ballbot_ros.parameters import PLANT, RECORDER, ParameterError
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.plant.truth import Push
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.pacer import Pacer
+from ballbot_ros.simulation.pacer import SLOWEST, Pacer
 from ballbot_ros.simulation.timing import BATTERY_NS, FIRST_TICK_NS, TICK_NS, next_start_ns
 from ballbot_ros.simulation.trajectory import TrajectoryLog, save_trajectory
 
@@ -90,6 +90,8 @@ class PlantSim(BallbotNode):
         self._participants = Participants(self)
         self.control = PlantServices(self)
         self.pacer = Pacer()
+        if 0.0 < self.values['real_time_factor'] < SLOWEST:
+            raise ParameterError(f'{PLANT}.real_time_factor: not 0, and slower than {SLOWEST}')
         self._resent = self._free_overruns = 0
         self._ack_ns: int | None = None
         self._made_at = time.monotonic()
@@ -283,7 +285,7 @@ class PlantSim(BallbotNode):
 
     def _finish_when_recorded(self) -> None:
         last = self._truth.stamp_ns
-        if self._ack_ns is None or self._ack_ns >= last:
+        if not self._lockstep or self._ack_ns is None or self._ack_ns >= last:
             self._end('completed', '', status=0)
 
     def _end(self, outcome: str, reason: str, status: int) -> None:
@@ -328,6 +330,11 @@ class PlantSim(BallbotNode):
             return
         factor = self.values['real_time_factor'] or 1.0
         if self.log.ticks == 0:
+            # Plant and controller begin together, or the calibration is cut short.
+            if not self._duty_at and now - self._made_at < self.values['startup_timeout']:
+                if now - self._sent_at > RESEND_S:
+                    self._publish_truth()
+                return
             self._begun_at = now
         elif now - self._sent_at > 2.0 * FREE_RUNNING_TICK_S / factor:
             self._free_overruns += 1

@@ -39,7 +39,10 @@ class Recorder(BallbotNode):
         super().__init__(RECORDER, values)
         path = Path(self.values['output'] or _new_path())
         attachments = _read_folder(self.values['attachments'])
-        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RecordingError(f'{path}: {error.strerror}') from None
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
             self._writer.add_attachment(name, 'application/yaml', data)

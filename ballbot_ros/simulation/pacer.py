@@ -6,6 +6,9 @@ import time
 
 from ballbot_ros.simulation.timing import TICK_NS
 
+SLOWEST = 0.01
+"""The smallest factor: a tick then takes 0.4 s, in which the plant answers nobody."""
+
 
 class Pacer:
     """Delays each tick until the wall clock has reached it.
