@@ -9,6 +9,7 @@ rclpy has decoded. So it is what a plain rclpy graph of that shape gives on this
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -285,10 +286,11 @@ def main(name: str, ticks: int) -> None:
     relay = make_relay(name, ticks)
     with StopRequest(relay.finish) as stop:
         spin([relay.node], relay.done)
-        if isinstance(relay, PlantRelay) and not stop.signal:
-            print(json.dumps(relay.result()))
+    if isinstance(relay, PlantRelay) and not stop.signal:
+        print(json.dumps(relay.result()))
     relay.node.destroy_node()
     rclpy.try_shutdown()
+    sys.exit(128 + stop.signal if stop.signal else 0)
 
 
 if __name__ == '__main__':

@@ -145,7 +145,7 @@ def _run_graph(commands: Mapping[str, Sequence[str]], duration: float) -> str:
     finally:
         _stop(list(processes.values()))
     if plant.returncode:
-        raise RunError(f'{PLANT} failed: {_last_line(messages)}')
+        raise RunError(f'{PLANT} ended with status {plant.returncode}: {_last_line(messages)}')
     return output
 
 
