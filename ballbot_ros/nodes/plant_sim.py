@@ -248,6 +248,8 @@ class PlantSim(BallbotNode):
             return
         if silence > (WARN_S if self.log.ticks else STARTUP_WARN_S):
             what = RECORDER if waits_for_recorder else 'the duty'
+            # Early, for the samples to have come when they are asked for.
+            self._participants.look()
             self.warn(f'waiting for {what} at sim time {self._plant.time_ns * 1e-9:.3f} s')
         if not waits_for_recorder and now - self._asked_at > RESEND_S:
             sent_at = self._sent_at
@@ -255,8 +257,6 @@ class PlantSim(BallbotNode):
             self._publish_truth()
             self._sent_at = sent_at
         limit = float(self.values['timeout' if self.log.ticks else 'startup_timeout'])
-        if silence > limit / 2:
-            self._participants.look()
         if silence > limit:
             self._silent(RECORDER if waits_for_recorder else '', limit)
 
