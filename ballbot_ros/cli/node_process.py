@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 from ballbot_ros.nodes.base import END_WITH_PARENT
+from ballbot_ros.nodes.domain_lock import HANDED_ON, DomainLock
 
 GRACE_S = 0.8
 LAST_GRACE_S = 1.5
@@ -27,9 +28,17 @@ class NodeProcess:
     parameter_file : Path
     notice : callable
         Takes each line that the node writes.
+    lock : DomainLock or None
+        The lock of the domain, for a plant to hold on.
     """
 
-    def __init__(self, name: str, parameter_file: Path, notice: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        name: str,
+        parameter_file: Path,
+        notice: Callable[[str], None],
+        lock: DomainLock | None = None,
+    ) -> None:
         self.name = name
         self._process = subprocess.Popen(
             [
@@ -43,7 +52,9 @@ class NodeProcess:
                 'RCUTILS_CONSOLE_OUTPUT_FORMAT': '{name}: {message}',
                 'RCUTILS_COLORIZED_OUTPUT': '0',
                 END_WITH_PARENT: str(os.getpid()),
+                **({HANDED_ON: str(lock.file)} if lock else {}),
             },
+            pass_fds=(lock.file,) if lock else (),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

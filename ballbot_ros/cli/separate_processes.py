@@ -39,11 +39,14 @@ def run_in_separate_processes(
     names = [name for name in NODES if name != RECORDER or experiment.recording]
     processes: dict[str, NodeProcess] = {}
     # Nodes that were started into another plant's graph would answer its samples.
-    DomainLock(_domain()).release()
+    lock = DomainLock(_domain())
     with StopRequest() as stop:
         try:
             for name in names:
-                processes[name] = NodeProcess(name, parameter_file, progress.notice)
+                processes[name] = NodeProcess(
+                    name, parameter_file, progress.notice, lock if name == PLANT else None
+                )
+            lock.release()
             with GraphMonitor() as monitor:
                 failure = _watch(processes, monitor, progress, stop)
         finally:
