@@ -1,8 +1,11 @@
 """Parts of the robot with the table's parameters, but for those that a test names."""
 
+import math
+
 from ballbot_ros.parameters import PLANT, ParameterSet, select
 from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.plant.plant import Plant
+from ballbot_ros.scenario.signal import Segment, Signal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 
 START_NS = 1_000_000_000
@@ -30,6 +33,22 @@ def run_plant(plant, duties):
         plant.tick(*duty)
         truths.append(plant.truth())
     return truths
+
+
+def step(time, value):
+    """Return a stick signal that jumps to `value` at `time` and stays there."""
+    return Signal([Segment('step', [(time, value), (math.inf, value)])])
+
+
+def steps(*points):
+    """Return a stick signal that jumps to a value at each (time, value) and keeps the last."""
+    ends = [time for time, _ in points[1:]] + [math.inf]
+    return Signal(
+        [
+            Segment('step', [(time, value), (end, value)])
+            for (time, value), end in zip(points, ends, strict=True)
+        ]
+    )
 
 
 def make_loop(settings, scenario=None):

@@ -12,8 +12,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from ballbot_ros.analysis.metrics import Judgement
 from ballbot_ros.scenario.metrics import METRICS
-from ballbot_ros.scenario.scenario import Expectation, Scenario
 
 PASSED, NOT_MET, FAILED, STOPPED = 'passed', 'expectations not met', 'failed', 'stopped'
 
@@ -27,26 +27,27 @@ class Verdict:
     exit_status: int
 
     @classmethod
-    def of(
-        cls, summary: Mapping[str, Any], scenario: Scenario, metrics: Mapping[str, float]
-    ) -> Verdict:
-        """Judge a run by the plant's summary and the scenario's expectations."""
+    def of(cls, summary: Mapping[str, Any], judgements: Sequence[Judgement]) -> Verdict:
+        """Judge a run by the plant's summary and what came of the scenario's expectations."""
         if summary['outcome'] == STOPPED:
             return cls(STOPPED, summary['reason'], int(summary.get('exit_status', 130)))
         if summary['outcome'] == FAILED:
             return cls(FAILED, summary['reason'], int(summary.get('exit_status', 1)))
-        failures = scenario.failures(metrics)
+        failures = [judgement for judgement in judgements if not judgement.holds]
         if failures:
-            reason = ', '.join(
-                f'{each.metric} {metrics[each.metric]:.4g} is not {each}' for each in failures
-            )
-            return cls(NOT_MET, reason, 1)
+            return cls(NOT_MET, ', '.join(map(_failure, failures)), 1)
         return cls(PASSED, '', 0)
 
     def without_picture(self, reason: str) -> Verdict:
         """Return the verdict of a run whose picture could not be written."""
         outcome = FAILED if self.exit_status == 0 else self.outcome
         return Verdict(outcome, f'{self.reason}; {reason}'.lstrip('; '), self.exit_status or 1)
+
+
+def _failure(judgement: Judgement) -> str:
+    expectation = judgement.expectation
+    window = f' ({expectation.window})' if expectation.window else ''
+    return f'{expectation.metric}{window} {judgement.value:.4g} is not {expectation}'
 
 
 @dataclass
@@ -61,7 +62,7 @@ class Result:
     metrics: Mapping[str, float]
     verdict: Verdict
     summary: Mapping[str, Any]
-    expectations: Sequence[Expectation]
+    judgements: Sequence[Judgement]
 
 
 def print_json(result: Result) -> None:
@@ -81,17 +82,18 @@ def print_json(result: Result) -> None:
         'round_trip_ms': summary.get('round_trip_ms'),
         'recording': None if result.recording is None else str(result.recording),
         'figure': None if result.figure is None else str(result.figure),
-        'metrics': {
-            name: None if math.isnan(value) else value for name, value in result.metrics.items()
-        },
+        'metrics': {name: _number(value) for name, value in result.metrics.items()},
         'expectations': [
             {
-                'metric': each.metric,
-                'min': each.minimum,
-                'max': each.maximum,
-                'holds': each.metric in result.metrics and each.holds(result.metrics[each.metric]),
+                'metric': each.expectation.metric,
+                'from': each.expectation.start,
+                'to': _number(each.expectation.end),
+                'min': each.expectation.minimum,
+                'max': each.expectation.maximum,
+                'value': _number(each.value),
+                'holds': each.holds,
             }
-            for each in result.expectations
+            for each in result.judgements
         ],
     }
     print(json.dumps(content, indent=2, allow_nan=False))
@@ -105,15 +107,16 @@ def print_table(result: Result) -> None:
     table.add_column('value', justify='right')
     table.add_column('expected')
     table.add_column('')
-    expected = {each.metric: each for each in result.expectations}
+    whole = {
+        each.expectation.metric: each
+        for each in result.judgements
+        if each.expectation.is_of_the_whole_run
+    }
     for name, value in result.metrics.items():
-        expectation = expected.get(name)
-        mark = ''
-        if expectation:
-            mark = '[green]✓[/]' if expectation.holds(value) else '[red]✗[/]'
-        label, unit = _label(name)
-        shown = 'never' if math.isnan(value) else f'{value:.3f}{unit}'
-        table.add_row(label, shown, str(expectation or ''), mark)
+        _add_metric(table, name, value, whole.get(name))
+    for each in result.judgements:
+        if not each.expectation.is_of_the_whole_run:
+            _add_metric(table, each.expectation.metric, each.value, each)
     summary = result.summary
     table.add_section()
     if summary.get('real_time_factor'):
@@ -134,13 +137,30 @@ def print_table(result: Result) -> None:
             console.print(f'{label}  {path}', markup=False, soft_wrap=True)
 
 
-_UNITS = {'s': ' s', 'deg': '°', 'm': ' m', 'percent': ' %'}
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _add_metric(table: Table, name: str, value: float, judgement: Judgement | None) -> None:
+    label, unit = _label(name)
+    shown, expected, mark = f'{value:.3f}{unit}', '', ''
+    if math.isnan(value):
+        shown = 'never' if name == 'settling_time_s' else '–'
+    if judgement:
+        expected = str(judgement.expectation)
+        mark = '[green]✓[/]' if judgement.holds else '[red]✗[/]'
+        if judgement.expectation.window:
+            label = f'{label}, {judgement.expectation.window}'
+    table.add_row(label, shown, expected, mark)
+
+
+_UNITS = {'m_s': ' m/s', 's': ' s', 'deg': '°', 'm': ' m', 'percent': ' %'}
 
 
 def _label(name: str) -> tuple[str, str]:
     """Return a metric's name in words, and its unit."""
     assert name in METRICS
-    stem, _, unit = name.rpartition('_')
-    if unit in _UNITS:
-        return stem.replace('_', ' '), _UNITS[unit]
+    for ending, unit in _UNITS.items():
+        if name.endswith(f'_{ending}'):
+            return name.removesuffix(f'_{ending}').replace('_', ' '), unit
     return name.replace('_', ' '), ''

@@ -18,7 +18,7 @@ import yaml
 
 from ballbot_ros import __version__
 from ballbot_ros.analysis.figures import draw_motion
-from ballbot_ros.analysis.metrics import measure
+from ballbot_ros.analysis.metrics import Judgement, judge, measure
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
 from ballbot_ros.errors import BallbotError
@@ -120,7 +120,11 @@ def run_scenario(
         finished = _run(processes, experiment, scratch, progress)
 
     summary = finished.summary
-    metrics = measure(finished.trajectory, plant_values) if finished.trajectory else {}
+    metrics: dict[str, float] = {}
+    judgements: list[Judgement] = []
+    if finished.trajectory:
+        metrics = measure(finished.trajectory, plant_values)
+        judgements = judge(scenario.expectations, finished.trajectory, plant_values)
     result = Result(
         scenario=scenario.name,
         processes=processes,
@@ -128,9 +132,9 @@ def run_scenario(
         recording=recording if recording and recording.exists() else None,
         figure=None,
         metrics=metrics,
-        verdict=Verdict.of(summary, scenario, metrics),
+        verdict=Verdict.of(summary, judgements),
         summary=summary,
-        expectations=scenario.expectations,
+        judgements=judgements,
     )
     # Who interrupts a run wants it to end; the recording has everything.
     if folder and finished.trajectory and result.verdict.outcome != STOPPED:

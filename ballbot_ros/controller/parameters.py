@@ -35,12 +35,14 @@ class ControllerParameters:
     autonomous: bool
     gp_max: int
     dst_thr: int
+    sonar_hold: int
     time_start: int
     time_auto: int
     time_stop: int
     sound_freq: int
     sound_dur: int
     sound_volume: int
+    tone_gain: int
     log_count: int
 
     @classmethod

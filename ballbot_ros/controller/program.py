@@ -8,6 +8,7 @@ from typing import Any
 
 from ballbot_ros.brick.brick import UINT32, Brick, DeviceInputs, DeviceOutputs
 from ballbot_ros.brick.schedule import Schedule, Task
+from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controller.axis import ONE, ZERO, Axis
 from ballbot_ros.controller.parameters import (
     LCD_MS,
@@ -19,6 +20,7 @@ from ballbot_ros.controller.parameters import (
 )
 
 STOP, CALIBRATION, CONTROL = 0, 1, 2
+LOWEST_TONE_HZ = 31
 
 _VOLTAGE_SLOPE = Single(1.089000027e-3)
 _VOLTAGE_OFFSET = Single(0.625)
@@ -43,6 +45,8 @@ class ControlProgram:
         ``STOP``, ``CALIBRATION`` or ``CONTROL``.
     battery : Single
         Averaged battery voltage [mV].
+    distance_cm : int
+        Distance to an obstacle [cm], 255 for none: the sonar's, or its echo of a moment ago.
     flag_avoid, flag_auto : bool
         An obstacle is near; the time of autonomous drive has come.
     """
@@ -53,6 +57,7 @@ class ControlProgram:
         self.x, self.y = Axis(p), Axis(p)
         self.operating_state = CALIBRATION
         self.battery = ZERO
+        self.distance_cm = NO_ECHO_CM
         self.flag_avoid = False
         self.flag_auto = False
         self._start_time = 0
@@ -60,6 +65,7 @@ class ControlProgram:
         self._calibrated = False
         self._log_counter = 0
         self._sticks = (0, 0)
+        self._echo_time = 0
         self.schedule = Schedule(
             (
                 Task('task_init', 5, 0, self.task_init),
@@ -113,8 +119,13 @@ class ControlProgram:
         brick.duty = (0, 0)
 
     def task_ts2(self) -> None:
-        """Look for an obstacle (section 7.5)."""
-        self.flag_avoid = self.brick.sonar_cm <= self._p.dst_thr
+        """Look for an obstacle (section 7.5); a missed echo is bridged by the one before."""
+        brick = self.brick
+        if brick.sonar_cm != NO_ECHO_CM:
+            self.distance_cm, self._echo_time = brick.sonar_cm, brick.systick_ms
+        elif (brick.systick_ms - self._echo_time) & UINT32 > self._p.sonar_hold:
+            self.distance_cm = NO_ECHO_CM
+        self.flag_avoid = self.distance_cm <= self._p.dst_thr
 
     def task_ts3(self) -> None:
         """Decide the operating state, average the battery voltage, sound (section 7.6)."""
@@ -132,6 +143,15 @@ class ControlProgram:
         if calibrated and not self._calibrated:
             self.brick.sound_tone(p.sound_freq, p.sound_dur, p.sound_volume)
         self._calibrated = calibrated
+        if calibrated and elapsed - p.time_start >= p.sound_dur:
+            self._sound_distance()
+
+    def _sound_distance(self) -> None:
+        """Sound a tone in proportion to the distance of an obstacle (section 10)."""
+        p = self._p
+        if p.tone_gain > 0 and 0 <= self.distance_cm < NO_ECHO_CM:
+            frequency = max(LOWEST_TONE_HZ, p.tone_gain * self.distance_cm)
+            self.brick.sound_tone(frequency, TS3_MS, p.sound_volume)
 
     def task_lcd(self) -> None:
         """Refresh the display."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
 from dataclasses import dataclass, field
 
 from ballbot_ros.parameters import ParameterSet
@@ -12,7 +12,7 @@ from ballbot_ros.scenario.signal import Signal
 
 @dataclass(frozen=True)
 class Expectation:
-    """A bound on a metric of the run.
+    """A bound on a metric of the run, or of a part of it.
 
     Attributes
     ----------
@@ -20,17 +20,33 @@ class Expectation:
         Name of the metric, with its unit (``settling_time_s``).
     minimum, maximum : float or None
         Inclusive bounds; None where there is none.
+    start, end : float
+        The window in which it is measured [s] from the start of the run.
     """
 
     metric: str
     minimum: float | None = None
     maximum: float | None = None
+    start: float = 0.0
+    end: float = math.inf
 
     def holds(self, value: float) -> bool:
         """Tell whether `value` is within the bounds; NaN never is."""
         low = self.minimum is None or value >= self.minimum
         high = self.maximum is None or value <= self.maximum
         return low and high and value == value
+
+    @property
+    def is_of_the_whole_run(self) -> bool:
+        """Whether it is measured without a window."""
+        return self.start == 0.0 and self.end == math.inf
+
+    @property
+    def window(self) -> str:
+        """The window in words, empty for the whole run."""
+        if self.is_of_the_whole_run:
+            return ''
+        return f'{self.start:g} s to ' + ('the end' if self.end == math.inf else f'{self.end:g} s')
 
     def __str__(self) -> str:
         """Return the bounds in words."""
@@ -96,7 +112,3 @@ class Scenario:
             )
             for push in self.pushes
         ]
-
-    def failures(self, metrics: Mapping[str, float]) -> list[Expectation]:
-        """Return the expectations that the metrics do not meet."""
-        return [each for each in self.expectations if not each.holds(metrics[each.metric])]

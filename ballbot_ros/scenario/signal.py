@@ -1,4 +1,4 @@
-"""Stick signals: straight lines between points of time (the document's Signal Builder)."""
+"""Stick signals: named steps and straight lines in time (the document's Signal Builder)."""
 
 from __future__ import annotations
 
@@ -10,25 +10,54 @@ from ballbot_ros.brick.units import quantise
 
 
 @dataclass(frozen=True)
-class Signal:
-    """A piecewise linear signal; two points at one time are a step.
+class Segment:
+    """A part of a signal.
 
     Attributes
     ----------
+    name : str
+        What it is for; pictures show it.
     points : sequence of (float, float)
-        Times [s], never decreasing, and values. Before the first point the signal is zero,
-        after the last it keeps the last value.
+        Two or more times [s], never decreasing, and values, joined by straight lines; two points
+        at one time are a step.
     """
 
-    points: Sequence[tuple[float, float]] = ()
+    name: str
+    points: Sequence[tuple[float, float]]
+
+    @property
+    def start(self) -> float:
+        """Time of the first point [s]."""
+        return self.points[0][0]
+
+    @property
+    def end(self) -> float:
+        """Time of the last point [s]; infinite for a segment without end."""
+        return self.points[-1][0]
+
+    def at(self, time: float) -> int:
+        """Return the value at `time` [s] in [start, end), rounded to a whole number."""
+        index = bisect_right(self.points, time, key=lambda point: point[0])
+        (t0, v0), (t1, v1) = self.points[index - 1], self.points[index]
+        # Of equal values no fraction is taken, as the end may be infinite.
+        return quantise(v0 if v0 == v1 else v0 + (v1 - v0) * (time - t0) / (t1 - t0))
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A stick's signal: its segments, and neutral between them.
+
+    Attributes
+    ----------
+    segments : sequence of Segment
+        In order of time; none begins before the end of the one before.
+    """
+
+    segments: Sequence[Segment] = ()
 
     def at(self, time: float) -> int:
         """Return the value at `time` [s], rounded to a whole number."""
-        index = bisect_right(self.points, time, key=lambda point: point[0])
-        if index == 0:
+        index = bisect_right(self.segments, time, key=lambda segment: segment.start)
+        if index == 0 or time >= self.segments[index - 1].end:
             return 0
-        t0, v0 = self.points[index - 1]
-        if index == len(self.points):
-            return quantise(v0)
-        t1, v1 = self.points[index]
-        return quantise(v0 + (v1 - v0) * (time - t0) / (t1 - t0))
+        return self.segments[index - 1].at(time)

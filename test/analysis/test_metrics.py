@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from laws import given
 from robot import values_of
 
-from ballbot_ros.analysis.metrics import measure
+from ballbot_ros.analysis.metrics import judge, measure
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.scenario.scenario import Expectation
 from ballbot_ros.simulation.trajectory import Trajectory
 
 TICK = 0.004
@@ -30,13 +31,15 @@ def trajectory(pitch_deg=(0.0,), position=(0.0,), duty=(0,), pitch_y_deg=None, p
     )
 
 
-def metrics(run, **plant):
-    return measure(run, values_of(PLANT, **{'hold_time': 0.0, **plant}))
+def metrics(run, *, clearance=None, start=0.0, end=math.inf, **plant):
+    values = values_of(PLANT, **{'hold_time': 0.0, **plant})
+    return measure(run, values, clearance, start=start, end=end)
 
 
 def test_a_robot_at_rest_has_nothing_to_measure():
     measured = metrics(trajectory([0.0] * 100))
     assert list(measured) == list(METRICS)
+    assert math.isnan(measured.pop('wall_clearance_m'))
     assert set(measured.values()) == {0.0}
 
 
@@ -97,7 +100,7 @@ def test_nothing_before_the_release_counts():
     free = {'pitch_deg': [2.0] * 10 + [0.0] * 40, 'position': [0.1] * 50, 'duty': [10] * 50}
     both = {name: held[name] + free[name] for name in held}
     after = metrics(trajectory(**both), hold_time=50 * TICK)
-    assert after == pytest.approx(metrics(trajectory(**free)))
+    assert after == pytest.approx(metrics(trajectory(**free)), nan_ok=True)
     assert after['settling_time_s'] == pytest.approx(10 * TICK)
 
 
@@ -121,6 +124,44 @@ def test_a_run_of_one_tick_can_be_measured():
     assert measured['steady_pitch_rms_deg'] == pytest.approx(0.5 / math.sqrt(2.0))
     assert measured['peak_position_m'] == 0.25
     assert measured['duty_rms_percent'] == 20.0
+
+
+def test_the_path_counts_every_way_there_and_back():
+    measured = metrics(trajectory(position=[0.0, 0.3, 0.0], position_y=[0.0, 0.4, 0.0]))
+    assert measured['distance_driven_m'] == pytest.approx(1.0)
+    assert measured['peak_speed_m_s'] == pytest.approx(0.5 / TICK)
+
+
+def test_the_clearance_is_the_least_on_the_way():
+    run = trajectory(position=np.linspace(0.0, 1.0, 101).tolist())
+    measured = metrics(run, clearance=lambda position: 2.0 - position[:, 0])
+    assert measured['wall_clearance_m'] == pytest.approx(1.0)
+
+
+def test_a_window_counts_its_own_ticks_and_both_ends():
+    run = trajectory([1.0] * 10 + [2.0] * 10 + [3.0] * 10, position=[float(n) for n in range(30)])
+    window = metrics(run, start=10 * TICK, end=19 * TICK)
+    assert window['peak_pitch_deg'] == pytest.approx(2.0)
+    assert window['final_position_x_m'] == 19.0
+    assert window['distance_driven_m'] == pytest.approx(9.0)
+    assert metrics(run, start=10 * TICK)['peak_pitch_deg'] == pytest.approx(3.0)
+
+
+def test_a_window_before_the_release_or_after_the_end_has_no_metrics():
+    run = trajectory([1.0] * 10)
+    for window in ({'start': 1.0}, {'end': 0.5, 'hold_time': 0.6}):
+        assert all(math.isnan(value) for value in metrics(run, **window).values())
+
+
+def test_an_expectation_is_judged_by_its_metric_in_its_window():
+    run = trajectory([5.0] * 10 + [1.0] * 10)
+    whole = Expectation('peak_pitch_deg', maximum=4.0)
+    late = Expectation('peak_pitch_deg', maximum=4.0, start=10 * TICK)
+    never = Expectation('peak_pitch_deg', maximum=4.0, start=1.0)
+    judged = judge([whole, late, never], run, values_of(PLANT, hold_time=0.0))
+    assert [each.expectation for each in judged] == [whole, late, never]
+    assert [each.holds for each in judged] == [False, True, False]
+    assert judged[1].value == pytest.approx(1.0)
 
 
 @given(

@@ -8,33 +8,40 @@ from laws import given, is_read_or_refused_in_one_line
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR
-from ballbot_ros.scenario.library import (
-    ScenarioError,
-    load_profile,
-    load_scenario,
-    scenario_names,
-)
+from ballbot_ros.scenario.errors import ScenarioError
+from ballbot_ros.scenario.library import load_profile, load_scenario, scenario_names
 from ballbot_ros.scenario.scenario import Expectation, ScheduledPush
 
 HEAD = 'purpose: a test\nduration: 5\n'
+STICK = HEAD + 'sticks:\n  vertical:\n'
+LATER = '    - {name: b, from: 2, value: 1}\n'
+PUSH = HEAD + 'pushes:\n  - '
 FULL = """\
 purpose: everything at once
 duration: 12.5
 seed: 7
 profile: ideal
 start: {pitch_x_deg: 4, pitch_y_deg: -2.0, position_x: 0.5, position_y: -1}
+plant_model: nonlinear
+mode: autonomous
 sticks:
-  vertical: [[0, 0], [2, -100]]
-  horizontal: [[3.5, 20.0]]
+  vertical:
+    - {name: ahead, points: [[0, 0], [2, -100]]}
+    - {name: back, from: 2, to: 4, value: 50}
+  horizontal:
+    - {name: right, from: 3.5, value: 20.0}
 pushes:
-  - {time: 2, duration: 0.1, force_x: 1.5}
-  - {time: 4, duration: 0.2, force_y: -0.5}
+  - {time: 2, duration: 0.1, force: 1.5, direction: forward}
+  - {time: 4, duration: 0.2, force: 0.5, direction: left}
+  - {time: 5, duration: 0.2, force: 2, direction: 30}
 parameters:
-  plant_sim: {plant_model: nonlinear}
+  plant_sim: {gravity: 9.8}
   /**: {ball_radius: 0.03}
 expectations:
   settling_time_s: {max: 3}
-  final_position_x_m: {min: 0.1, max: 2.0}
+  final_position_x_m:
+    - {min: 0.1, max: 2.0}
+    - {max: 0.5, from: 2, to: 6}
 """
 
 
@@ -64,15 +71,21 @@ def test_a_scenario_sets_all_that_it_names(load):
     assert scenario.parameters.values(CONTROLLER)['ball_radius'] == 0.03
     for node in (GYRO, SONAR):
         assert scenario.parameters.values(node)['seed'] == 7
-    assert scenario.sticks_at(2.0) == (-100, 0)
-    assert scenario.sticks_at(3.5) == (-100, 20)
-    assert scenario.pushes == (
-        ScheduledPush(2.0, 0.1, force_x=1.5),
-        ScheduledPush(4.0, 0.2, force_y=-0.5),
-    )
+    assert plant['gravity'] == 9.8
+    assert scenario.parameters.values(CONTROLLER)['mode'] == 'autonomous'
+    assert [segment.name for segment in scenario.vertical.segments] == ['ahead', 'back']
+    assert scenario.sticks_at(1.0) == (-50, 0)
+    assert scenario.sticks_at(2.0) == (50, 0)
+    assert scenario.sticks_at(3.5) == (50, 20)
+    assert scenario.sticks_at(1e6) == (0, 20)
+    forward, left, slanting = scenario.pushes
+    assert forward == ScheduledPush(2.0, 0.1, 1.5, 0.0)
+    assert left == ScheduledPush(4.0, 0.2, 0.0, -0.5)
+    assert (slanting.force_x, slanting.force_y) == pytest.approx((math.sqrt(3.0), -1.0))
     assert scenario.expectations == (
         Expectation('settling_time_s', maximum=3.0),
         Expectation('final_position_x_m', 0.1, 2.0),
+        Expectation('final_position_x_m', None, 0.5, 2.0, 6.0),
     )
 
 
@@ -160,19 +173,52 @@ def test_an_unknown_profile_is_told_with_the_known_ones(name):
         (HEAD + 'start:\n  pitch_x_deg: x\n', 4, "'x' is not a number"),
         (HEAD + 'sticks:\n  left: []\n', 4, "unknown key 'left'"),
         (HEAD + 'sticks:\n  vertical: 1\n', 4, 'is not a list'),
-        (HEAD + 'sticks:\n  vertical:\n    - [0, 1]\n    - [1]\n', 6, '[1] is not a pair'),
-        (HEAD + 'sticks:\n  vertical:\n    - [0, 101]\n', 5, '101 is not within -100 … 100'),
-        (HEAD + 'sticks:\n  vertical:\n    - [0, .nan]\n', 5, 'nan is not finite'),
-        (HEAD + 'sticks:\n  vertical:\n    - [-1, 0]\n', 5, '-1 s is before the start'),
-        (HEAD + 'sticks:\n  vertical:\n    - [2, 0]\n    - [1, 0]\n', 6, 'time goes back to 1 s'),
+        (HEAD + 'mode: manual\n', 3, "'manual' is not one of remote, autonomous"),
+        (HEAD + 'plant_model: 1\n', 3, '1 is not text'),
+        (STICK + '    - [0, 1]\n', 5, 'is not a mapping'),
+        (STICK + '    - {from: 1, value: 1}\n', 5, 'a segment has a name'),
+        (STICK + '    - {name: "", from: 1, value: 1}\n', 5, 'a segment has a name'),
+        (STICK + '    - {name: a, to: 1, value: 1}\n', 5, "'a' has no 'from'"),
+        (STICK + '    - {name: a, from: 1}\n', 5, "'a' has no 'value'"),
+        (STICK + '    - {name: a, from: 1, at: 1}\n', 5, "unknown key 'at'"),
+        (STICK + '    - {name: a, from: 1, points: []}\n', 5, 'points, or from, to and value'),
+        (STICK + '    - {name: a, points: [[1, 1]]}\n', 5, 'two points or more'),
+        (STICK + '    - {name: a, points: [[1, 1], [1, 2]]}\n', 5, 'lasts no time'),
+        (STICK + '    - {name: a, points: [[1, 1], [2]]}\n', 5, '[2] is not a pair'),
+        (
+            STICK + '    - name: a\n      points:\n      - [2, 1]\n      - [1, 1]\n',
+            8,
+            'back to 1 s',
+        ),
+        (STICK + '    - {name: a, from: 2, to: 1, value: 1}\n', 5, 'goes back from 2 to 1 s'),
+        (STICK + '    - {name: a, from: 2, to: 2, value: 1}\n', 5, 'goes back from 2 to 2 s'),
+        (STICK + '    - {name: a, from: -1, value: 1}\n', 5, '-1 s is not within 0'),
+        (STICK + '    - {name: a, from: 0, value: 101}\n', 5, '101 is not within -100 … 100'),
+        (STICK + '    - {name: a, points: [[0, 0], [1, -101]]}\n', 5, '-101 is not within'),
+        (STICK + '    - {name: a, from: 0, value: .nan}\n', 5, 'nan is not finite'),
+        (
+            STICK
+            + '    - {name: a, from: 1, to: 3, value: 1}\n    - {name: b, from: 2, value: 1}\n',
+            6,
+            "time goes back: 'b' begins at 2 s, 'a' lasts until 3 s",
+        ),
+        (
+            STICK + '    - {name: a, from: 1, value: 1}\n' + LATER,
+            6,
+            "'a' lasts until inf s",
+        ),
         (HEAD + 'pushes: {time: 1}\n', 3, 'is not a list'),
-        (HEAD + 'pushes:\n  - {duration: 1}\n', 4, 'a push has a time of 0 s or more'),
-        (HEAD + 'pushes:\n  - {time: 1}\n', 4, 'a push has a duration of 0 s or more'),
-        (HEAD + 'pushes:\n  - {time: -1, duration: 1}\n', 4, 'a push has a time'),
-        (HEAD + 'pushes:\n  - {time: 1, duration: 1, force: 1}\n', 4, "unknown key 'force'"),
-        (HEAD + 'pushes:\n  - time: 1\n    duration: .inf\n', 5, 'inf is not finite'),
-        (HEAD + 'pushes:\n  - {time: 1.0e+300, duration: 1}\n', 4, ''),
-        (HEAD + 'pushes:\n  - {time: 1, duration: 1, force_x: 1.0e+308}\n', 4, ''),
+        (PUSH + '{duration: 1, force: 1, direction: left}\n', 4, 'a push has a time'),
+        (PUSH + '{time: 1, force: 1, direction: left}\n', 4, 'a push has a duration'),
+        (PUSH + '{time: 1, duration: 1, direction: left}\n', 4, 'a push has a force'),
+        (PUSH + '{time: 1, duration: 1, force: 1}\n', 4, 'a push has a direction'),
+        (PUSH + '{time: -1, duration: 1, force: 1, direction: 0}\n', 4, '-1 s is not within'),
+        (PUSH + '{time: 1, duration: 1, force: -1, direction: 0}\n', 4, '-1 is not within 0'),
+        (PUSH + '{time: 1, duration: 1, force: 1, direction: up}\n', 4, "'up' is not one of"),
+        (PUSH + '{time: 1, duration: 1, force_x: 1}\n', 4, "unknown key 'force_x'"),
+        (PUSH + '{time: 1, duration: .inf, force: 1, direction: 0}\n', 4, 'inf is not finite'),
+        (PUSH + '{time: 1.0e+300, duration: 1, force: 1, direction: 0}\n', 4, ''),
+        (PUSH + '{time: 1, duration: 1, force: 1.0e+308, direction: 0}\n', 4, ''),
         (HEAD + 'parameters:\n  plant_sim: {grafity: 1}\n', 4, "no parameter 'grafity'"),
         (HEAD + 'parameters:\n  plant_sim:\n    gravity: -1\n', 5, '-1 is not within'),
         (HEAD + 'parameters:\n  plant: {gravity: 1}\n', 4, "unknown node 'plant'"),
@@ -180,6 +226,10 @@ def test_an_unknown_profile_is_told_with_the_known_ones(name):
         (HEAD + 'parameters:\n  "two\\nlines": 1\n', 4, 'is not a mapping'),
         (HEAD + 'expectations:\n  peak: {max: 1}\n', 4, "unknown metric 'peak'; known: settling"),
         (HEAD + 'expectations:\n  peak_pitch_deg: {}\n', 4, 'neither min nor max'),
+        (HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, from: 3, to: 2}\n', 4, 'no window'),
+        (HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, from: 5}\n', 4, 'a run of 5 s'),
+        (HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, to: 6}\n', 4, 'a run of 5 s'),
+        (HEAD + 'expectations:\n  peak_pitch_deg:\n  - {max: 1}\n  - 1\n', 6, 'not a mapping'),
         (HEAD + 'expectations:\n  peak_pitch_deg: {most: 1}\n', 4, "unknown key 'most'"),
         (HEAD + 'expectations:\n  peak_pitch_deg: {max: .nan}\n', 4, 'nan is not finite'),
         (HEAD + 'duration: 6\n', 3, "'duration' is there twice"),
@@ -201,8 +251,8 @@ def test_mistakes_are_told_in_one_line_with_file_and_line(load, text, line, told
     'key',
     [
         'start: {{position_x: {}}}',
-        'sticks: {{vertical: [[{}, 1]]}}',
-        'pushes: [{{time: 1, duration: {}}}]',
+        'sticks: {{vertical: [{{name: a, from: {}, value: 1}}]}}',
+        'pushes: [{{time: 1, duration: {}, force: 1, direction: 0}}]',
         'expectations: {{peak_pitch_deg: {{max: {}}}}}',
     ],
 )
@@ -229,6 +279,9 @@ FRAGMENTS = [
     'expectations:',
     'vertical: ',
     'time: ',
+    'name: a',
+    'from: ',
+    'points: ',
     'max: ',
     'plant_sim: ',
     'gravity: ',

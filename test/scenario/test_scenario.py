@@ -3,11 +3,11 @@
 import math
 
 import pytest
+from robot import step
 
 from ballbot_ros.plant.truth import Push
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush
-from ballbot_ros.scenario.signal import Signal
 
 
 @pytest.mark.parametrize(
@@ -33,16 +33,14 @@ def test_an_expectation_says_what_it_expects():
     assert str(Expectation('x', minimum=0.0)) == '≥ 0'
 
 
-def test_failures_are_the_expectations_that_are_not_met():
-    slow, low = Expectation('settling_time_s', maximum=3.0), Expectation('peak_pitch_deg', 1.0)
-    scenario = Scenario(expectations=(slow, low))
-    assert scenario.failures({'settling_time_s': 2.0, 'peak_pitch_deg': 4.0}) == []
-    assert scenario.failures({'settling_time_s': math.nan, 'peak_pitch_deg': 4.0}) == [slow]
-    assert scenario.failures({'settling_time_s': 9.0, 'peak_pitch_deg': 0.0}) == [slow, low]
+def test_an_expectation_says_in_which_window_it_holds():
+    assert Expectation('x', 1.0).window == ''
+    assert Expectation('x', 1.0, start=2.0).window == '2 s to the end'
+    assert Expectation('x', 1.0, start=2.0, end=3.5).window == '2 s to 3.5 s'
 
 
 def test_sticks_are_vertical_then_horizontal():
-    scenario = Scenario(vertical=Signal([(1.0, -100)]), horizontal=Signal([(2.0, 40)]))
+    scenario = Scenario(vertical=step(1.0, -100), horizontal=step(2.0, 40))
     assert [scenario.sticks_at(time) for time in (0.0, 1.0, 2.0)] == [(0, 0), (-100, 0), (-100, 40)]
 
 

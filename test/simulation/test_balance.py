@@ -4,13 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from robot import make_loop, run_loop
+from robot import make_loop, run_loop, step, steps
 
-from ballbot_ros.analysis.metrics import measure
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.scenario.library import load_profile, load_scenario
+from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
-from ballbot_ros.scenario.signal import Signal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 
@@ -107,7 +105,7 @@ def test_a_robot_with_all_the_faults_of_the_hardware_recovers_and_stands():
     ids=['up', 'down', 'right', 'left'],
 )
 def test_a_full_stick_drives_its_way_at_17_cm_a_second(sticks, direction, model):
-    signals = {name: Signal([(2.0, value)]) for name, value in sticks.items()}
+    signals = {name: step(2.0, value) for name, value in sticks.items()}
     loop = make_loop({'plant_sim.plant_model': model}, Scenario(**signals))
     before, after = run_loop(loop, 7.0)[-1].truth, run_loop(loop, 3.0)[-1].truth
     speed = np.subtract(after.position, before.position) / 3.0
@@ -118,11 +116,10 @@ def test_a_full_stick_drives_its_way_at_17_cm_a_second(sticks, direction, model)
 @pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('volts', [8.0, 7.0])
 def test_full_stick_reversals_in_any_order_do_not_trip(volts, model):
-    times = np.cumsum([2.0, 1.0, 0.6, 2.0, 0.4, 1.5, 3.0, 0.8]).repeat(2)[1:]
-    values = np.repeat([-100, 100, -100, 100, 0, 100, -100, 0], 2)[:-1]
-    steps = list(zip(times.tolist(), values.tolist(), strict=True))
+    times = np.cumsum([2.0, 1.0, 0.6, 2.0, 0.4, 1.5, 3.0, 0.8]).tolist()
+    points = list(zip(times, [-100, 100, -100, 100, 0, 100, -100, 0], strict=True))
     scenario = Scenario(
-        vertical=Signal(steps), horizontal=Signal([(t + 0.3, -v) for t, v in steps])
+        vertical=steps(*points), horizontal=steps(*[(t + 0.3, -v) for t, v in points])
     )
     settings = {'plant_sim.battery_voltage': volts, 'plant_sim.plant_model': model, **NOISY}
     loop = make_loop(settings, scenario)
@@ -171,15 +168,3 @@ def test_without_noise_the_seed_changes_nothing():
     start = {'plant_sim.start_pitch_x': 0.05}
     hashes = {duty_hash(make_loop({**start, 'gyro_driver.seed': seed})) for seed in range(3)}
     assert len(hashes) == 1
-
-
-def test_the_documents_scenario_meets_its_expectations():
-    scenario = load_scenario('stationary')
-    plant = scenario.parameters.values(PLANT)
-    loop, log = ClosedLoop(scenario.parameters, scenario), TrajectoryLog()
-    for tick in run_loop(loop, plant['duration']):
-        log.add(tick.truth, *tick.outputs.duty)
-    metrics = measure(log.trajectory(), plant)
-    assert scenario.failures(metrics) == []
-    assert metrics['peak_pitch_deg'] >= 4.0
-    assert metrics['settling_time_s'] < 3.0

@@ -1,10 +1,9 @@
 """The order and the times of the closed loop."""
 
 import pytest
-from robot import START_NS, make_loop, run_loop
+from robot import START_NS, make_loop, run_loop, step
 
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.scenario.signal import Signal
 
 
 def test_the_run_begins_at_one_second_and_ticks_every_four_milliseconds():
@@ -41,7 +40,7 @@ def test_a_duty_acts_from_its_tick_on():
 
 
 def test_sticks_and_time_count_from_the_start_of_the_run():
-    loop = make_loop({}, Scenario(vertical=Signal([(0.02, 60)])))
+    loop = make_loop({}, Scenario(vertical=step(0.02, 60)))
     ticks = run_loop(loop, 0.04)
     assert [tick.inputs.sticks for tick in ticks[::5]] == [(0, 0), (60, 0)]
     assert loop.program.brick.systick_ms == 1000 + 36

@@ -100,6 +100,69 @@ def test_obstacles_are_looked_for_every_20_ms():
     assert program.drive_state == 'backward'
 
 
+def states(clock, readings):
+    """Return the drive state after each reading of the sonar [cm], 20 ms apart."""
+    found = []
+    for sonar_cm in readings:
+        clock.run(clock.elapsed_ms + 16, sonar_cm=sonar_cm)
+        found.append(clock.program.drive_state)
+    return found
+
+
+def test_without_a_hold_a_missed_echo_counts_as_free_like_in_the_document():
+    clock = Clock(make_program(**SHORT))
+    clock.run(296)
+    assert states(clock, [20, 255, 20]) == ['backward', 'remote', 'backward']
+
+
+def test_with_a_hold_the_last_echo_counts_until_it_is_too_old():
+    clock = Clock(make_program(sonar_hold=40, **SHORT))
+    clock.run(296)
+    there, gone = 'backward', 'remote'
+    assert states(clock, [20, 255, 255, 255, 255]) == [there, there, there, gone, gone]
+    assert states(clock, [20, 255, 20, 255, 255, 255]) == [there] * 5 + [gone]
+
+
+def test_a_held_echo_gives_way_to_a_new_one_at_once():
+    clock = Clock(make_program(sonar_hold=1000, **SHORT))
+    clock.run(296)
+    assert states(clock, [20, 255, 31, 255, 254]) == ['backward'] * 2 + ['remote'] * 3
+
+
+def test_the_hold_does_not_mind_the_wrap_of_the_system_time():
+    clock = Clock(make_program(sonar_hold=40, **SHORT), systick_ms=2**32 - 320)
+    clock.run(296)
+    assert states(clock, [20, 255, 255, 255]) == ['backward'] * 3 + ['remote']
+
+
+def test_the_tone_of_the_distance_is_off_by_default():
+    outputs = Clock(make_program(**SHORT)).run(1000, sonar_cm=20)
+    assert [tone for output in outputs.values() for tone in output.tones] == [Tone(440, 500, 70)]
+
+
+def test_the_tone_of_the_distance_is_in_proportion_to_it_once_the_beep_is_over():
+    clock = Clock(make_program(tone_gain=10, **{**SHORT, 'sound_dur': 200}))
+    tones = {
+        time: output.tones[0]
+        for time, output in clock.run(500, sonar_cm=42).items()
+        if output.tones
+    }
+    assert tones == {
+        100: Tone(440, 200, 70),
+        300: Tone(420, 100, 70),
+        400: Tone(420, 100, 70),
+        500: Tone(420, 100, 70),
+    }
+    for sonar_cm, frequency in ((254, 2540), (3, 31), (0, 31)):
+        outputs = clock.run(clock.elapsed_ms + 200, sonar_cm=sonar_cm).values()
+        assert [output.tones for output in outputs if output.tones][-1][0].frequency_hz == frequency
+
+
+def test_where_there_is_no_obstacle_there_is_no_tone():
+    outputs = Clock(make_program(tone_gain=10, **SHORT)).run(2000, sonar_cm=255)
+    assert sum(len(output.tones) for output in outputs.values()) == 1
+
+
 @pytest.mark.parametrize(
     ('sticks', 'signs'),
     [

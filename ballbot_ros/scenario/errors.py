@@ -1,0 +1,7 @@
+"""What scenario files do wrong."""
+
+from ballbot_ros.errors import BallbotError
+
+
+class ScenarioError(BallbotError):
+    """An unknown scenario, or a file that does not describe one."""

@@ -1,0 +1,265 @@
+"""From a scenario file to a scenario; every complaint names file and line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, ParameterSet
+from ballbot_ros.scenario.errors import ScenarioError
+from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush
+from ballbot_ros.scenario.signal import Segment, Signal
+from ballbot_ros.yaml_document import YamlDocument
+
+IDEAL = 'ideal'
+STICK_LIMIT = 100
+FORCE_LIMIT = 1000.0
+TIME_LIMIT = 1e6
+
+# Unit vectors in plane signs: forward, rightward.
+_DIRECTIONS = {
+    'forward': (1.0, 0.0),
+    'backward': (-1.0, 0.0),
+    'left': (0.0, -1.0),
+    'right': (0.0, 1.0),
+}
+_PARAMETERS = {
+    'duration': (PLANT, 'duration'),
+    'seed': (GYRO, 'seed'),
+    'plant_model': (PLANT, 'plant_model'),
+    'mode': (CONTROLLER, 'mode'),
+}
+_START = {
+    'pitch_x_deg': 'start_pitch_x',
+    'pitch_y_deg': 'start_pitch_y',
+    'position_x': 'start_position_x',
+    'position_y': 'start_position_y',
+}
+SCENARIO_KEYS = {
+    'purpose', *_PARAMETERS, 'profile', 'map', 'start', 'sticks', 'pushes', 'parameters',
+    'expectations',
+}  # fmt: skip
+
+Keys = tuple[Any, ...]
+
+
+class ScenarioReader:
+    """Checks one document.
+
+    Parameters
+    ----------
+    document : YamlDocument
+    load_profile : callable
+        Returns the parameters of the profile of a name.
+    """
+
+    def __init__(self, document: YamlDocument, load_profile: Callable[[str], ParameterSet]) -> None:
+        self._document = document
+        self._load_profile = load_profile
+
+    def scenario(self) -> Scenario:
+        """Return the scenario that the document describes.
+
+        Raises
+        ------
+        ScenarioError, ParameterError
+            One line with file and line.
+        """
+        data = self._mapping(self._document.data, (), SCENARIO_KEYS)
+        for required in ('purpose', 'duration'):
+            if required not in data:
+                raise self._error((), f'{required} is missing')
+        if not isinstance(data['purpose'], str):
+            raise self._error(('purpose',), f'{data["purpose"]!r} is not text')
+        profile = str(data.get('profile', IDEAL))
+        parameters = self._parameters(data, profile)
+        duration = parameters.values(PLANT)['duration']
+        sticks = self._mapping(data.get('sticks', {}), ('sticks',), ('vertical', 'horizontal'))
+        return Scenario(
+            name=self._document.path.stem,
+            purpose=str(data['purpose']),
+            profile=profile,
+            parameters=parameters,
+            vertical=self._signal(sticks.get('vertical', []), ('sticks', 'vertical')),
+            horizontal=self._signal(sticks.get('horizontal', []), ('sticks', 'horizontal')),
+            pushes=tuple(self._each(data.get('pushes', []), ('pushes',), self._push)),
+            expectations=tuple(self._expectations(data.get('expectations', {}), duration)),
+            text=self._document.path.read_text(encoding='utf-8'),
+        )
+
+    def _parameters(self, data: Mapping[Any, Any], profile: str) -> ParameterSet:
+        try:
+            parameters = self._load_profile(profile)
+        except ScenarioError as error:
+            raise self._error(('profile',), str(error)) from None
+        for key, (node, name) in _PARAMETERS.items():
+            if key in data:
+                self._set(parameters, node, name, data[key], (key,))
+        if parameters.values(PLANT)['duration'] == 0.0:
+            raise self._error(('duration',), 'a scenario lasts longer than 0 s')
+        if 'map' in data:
+            self._set(parameters, PLANT, 'map', self._map(data['map']), ('map',))
+        for key, value in self._mapping(data.get('start', {}), ('start',), _START).items():
+            number = self._number(value, ('start', key))
+            if key.endswith('_deg'):
+                number = math.radians(number)
+            self._set(parameters, PLANT, _START[key], number, ('start', key))
+        for node, values in self._mapping(data.get('parameters', {}), ('parameters',)).items():
+            for name, value in self._mapping(values, ('parameters', node)).items():
+                self._set(parameters, node, name, value, ('parameters', node, name))
+        return parameters
+
+    def _map(self, value: Any) -> Any:
+        """Return a map's name as it is, and a file's path as seen from the scenario's folder."""
+        if isinstance(value, str) and ('/' in value or '.' in value):
+            return str((self._document.path.parent / value).resolve())
+        return value
+
+    def _signal(self, data: Any, keys: Keys) -> Signal:
+        segments = self._each(data, keys, self._segment)
+        for index in range(1, len(segments)):
+            before, after = segments[index - 1], segments[index]
+            if after.start < before.end:
+                raise self._error(
+                    (*keys, index),
+                    f'time goes back: {after.name!r} begins at {after.start:g} s, '
+                    f'{before.name!r} lasts until {before.end:g} s',
+                )
+        return Signal(tuple(segments))
+
+    def _segment(self, data: Any, keys: Keys) -> Segment:
+        values = self._mapping(data, keys, ('name', 'from', 'to', 'value', 'points'))
+        name = values.get('name')
+        if not isinstance(name, str) or not name.strip():
+            raise self._error(keys, 'a segment has a name')
+        if 'points' in values:
+            if 'value' in values or 'from' in values or 'to' in values:
+                raise self._error(keys, 'a segment has points, or from, to and value')
+            points = self._each(values['points'], (*keys, 'points'), self._point)
+            if len(points) < 2:
+                raise self._error((*keys, 'points'), 'a line has two points or more')
+            for index in range(1, len(points)):
+                if points[index][0] < points[index - 1][0]:
+                    raise self._error(
+                        (*keys, 'points', index), f'time goes back to {points[index][0]:g} s'
+                    )
+            if points[-1][0] <= points[0][0]:
+                raise self._error((*keys, 'points'), f'{name!r} lasts no time')
+            return Segment(name, tuple(points))
+        for required in ('from', 'value'):
+            if required not in values:
+                raise self._error(keys, f'{name!r} has no {required!r} and no points')
+        start = self._time(values['from'], (*keys, 'from'))
+        end = self._time(values['to'], (*keys, 'to')) if 'to' in values else math.inf
+        if end <= start:
+            raise self._error((*keys, 'to'), f'time goes back from {start:g} to {end:g} s')
+        value = self._stick(values['value'], (*keys, 'value'))
+        return Segment(name, ((start, value), (end, value)))
+
+    def _point(self, data: Any, keys: Keys) -> tuple[float, float]:
+        if not isinstance(data, list) or len(data) != 2:
+            raise self._error(keys, f'{data!r} is not a pair [time, value]')
+        return self._time(data[0], keys), self._stick(data[1], keys)
+
+    def _time(self, value: Any, keys: Keys) -> float:
+        time = self._number(value, keys)
+        if not 0.0 <= time <= TIME_LIMIT:
+            raise self._error(keys, f'{time:g} s is not within 0 … {TIME_LIMIT:g} s')
+        return time
+
+    def _stick(self, value: Any, keys: Keys) -> float:
+        number = self._number(value, keys)
+        if abs(number) > STICK_LIMIT:
+            raise self._error(keys, f'{number:g} is not within -{STICK_LIMIT} … {STICK_LIMIT}')
+        return number
+
+    def _push(self, data: Any, keys: Keys) -> ScheduledPush:
+        names = ('time', 'duration', 'force', 'direction')
+        values = self._mapping(data, keys, names)
+        for required in names:
+            if required not in values:
+                raise self._error(keys, f'a push has a {required}')
+        force = self._number(values['force'], (*keys, 'force'))
+        if not 0.0 <= force <= FORCE_LIMIT:
+            raise self._error((*keys, 'force'), f'{force:g} is not within 0 … {FORCE_LIMIT:g} N')
+        forward, rightward = self._direction(values['direction'], (*keys, 'direction'))
+        return ScheduledPush(
+            self._time(values['time'], (*keys, 'time')),
+            self._time(values['duration'], (*keys, 'duration')),
+            force * forward,
+            force * rightward,
+        )
+
+    def _direction(self, value: Any, keys: Keys) -> tuple[float, float]:
+        if isinstance(value, str):
+            if value not in _DIRECTIONS:
+                words = ', '.join(_DIRECTIONS)
+                raise self._error(keys, f'{value!r} is not one of {words}, or degrees')
+            return _DIRECTIONS[value]
+        angle = math.radians(self._number(value, keys))
+        # Counterclockwise from forward, as REP 103 has it; plane y is positive to the right.
+        return math.cos(angle), -math.sin(angle)
+
+    def _expectations(self, data: Any, duration: float) -> list[Expectation]:
+        expectations: list[Expectation] = []
+        for metric, bounds in self._mapping(data, ('expectations',)).items():
+            keys: Keys = ('expectations', metric)
+            if metric not in METRICS:
+                known = ', '.join(METRICS)
+                raise self._error(keys, f'unknown metric {metric!r}; known: {known}')
+
+            def read(item: Any, at: Keys) -> Expectation:
+                return self._expectation(at, item, duration)
+
+            if isinstance(bounds, list):
+                expectations += self._each(bounds, keys, read)
+            else:
+                expectations.append(read(bounds, keys))
+        return expectations
+
+    def _expectation(self, keys: Keys, data: Any, duration: float) -> Expectation:
+        metric = keys[1]
+        limits = {
+            key: self._number(value, (*keys, key))
+            for key, value in self._mapping(data, keys, ('min', 'max', 'from', 'to')).items()
+        }
+        if 'min' not in limits and 'max' not in limits:
+            raise self._error(keys, f'{metric} has neither min nor max')
+        start, end = limits.get('from', 0.0), limits.get('to', math.inf)
+        if not 0.0 <= start < min(end, duration) or duration < end < math.inf:
+            raise self._error(
+                keys, f'{metric}: {start:g} … {end:g} s is no window of a run of {duration:g} s'
+            )
+        return Expectation(metric, limits.get('min'), limits.get('max'), start, end)
+
+    def _mapping(
+        self, data: Any, keys: Keys, allowed: Collection[str] | None = None
+    ) -> Mapping[Any, Any]:
+        if not isinstance(data, dict):
+            what = repr(keys[-1]) if keys else 'the scenario'
+            raise self._error(keys, f'{what} is not a mapping of names')
+        for key in data:
+            if allowed is not None and key not in allowed:
+                words = ', '.join(sorted(allowed))
+                raise self._error((*keys, key), f'unknown key {key!r}; known: {words}')
+        return data
+
+    def _each(self, data: Any, keys: Keys, read: Callable[[Any, Keys], Any]) -> list[Any]:
+        if not isinstance(data, list):
+            raise self._error(keys, f'{keys[-1]} is not a list')
+        return [read(item, (*keys, index)) for index, item in enumerate(data)]
+
+    def _number(self, value: Any, keys: Keys) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self._error(keys, f'{value!r} is not a number')
+        if not math.isfinite(value):
+            raise self._error(keys, f'{value!r} is not finite')
+        return float(value)
+
+    def _set(self, parameters: ParameterSet, node: Any, name: Any, value: Any, keys: Keys) -> None:
+        parameters.set(str(node), str(name), value, self._document.where(*keys))
+
+    def _error(self, keys: Keys, text: str) -> ScenarioError:
+        return ScenarioError(f'{self._document.where(*keys)}: {text}')
