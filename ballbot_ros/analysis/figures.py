@@ -2,19 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ballbot_ros.scenario.signal import Segment
 from ballbot_ros.simulation.trajectory import Trajectory
 
 # Okabe and Ito's colours: told apart by the colour-blind, and by their lightness in print.
 BLUE, ORANGE, GRAY = '#0072B2', '#D55E00', '#666666'
 
 
-def draw_motion(trajectory: Trajectory, path: Path, title: str, hold_time: float) -> None:
-    """Draw position and body pitch against time, like the document's figure 8-2.
+MANY_CM = 5.0
+"""Motion in plane y from which on the track says more than the two positions against time."""
+
+
+def draw_motion(
+    trajectory: Trajectory,
+    path: Path,
+    title: str,
+    hold_time: float,
+    segments: Iterable[Segment] = (),
+) -> None:
+    """Draw position, body pitch and duty against time, like the document's figures 8-2 and 8-3.
+
+    Where the ball moves in both planes, its track is drawn beside them.
 
     Parameters
     ----------
@@ -24,38 +39,75 @@ def draw_motion(trajectory: Trajectory, path: Path, title: str, hold_time: float
     title : str
         Heading.
     hold_time : float
-        End of the gyro calibration [s], marked where it is within the run.
+        End of the gyro calibration [s], shaded from the start.
+    segments : iterable of Segment
+        Stick segments, shaded and named.
     """
     # Here, not above: the import takes a second that no run should wait for at its start.
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8.0, 6.0), layout='constrained')
-    position_axes, pitch_axes, duty_axes = figure.subplots(
-        3, 1, sharex=True, height_ratios=(3, 3, 2)
-    )
+    sideways = trajectory.position[:, 1] * 100.0
+    with_track = len(sideways) > 0 and np.ptp(sideways) > MANY_CM
+    figure = Figure(figsize=(12.0 if with_track else 8.0, 6.0), layout='constrained')
     figure.suptitle(title)
+    history = figure
+    if with_track:
+        history, beside = figure.subfigures(1, 2, width_ratios=(8, 5))
+        _draw_track(beside.subplots(), trajectory)
+    _draw_history(
+        history.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2)),
+        trajectory,
+        hold_time,
+        segments,
+    )
+    # By way of memory: a full disk then ends in one error, not in a half-written picture.
+    buffer = BytesIO()
+    figure.savefig(buffer, dpi=150)
+    path.write_bytes(buffer.getvalue())
+
+
+def _draw_history(
+    rows: Any, trajectory: Trajectory, hold_time: float, segments: Iterable[Segment]
+) -> None:
     time = trajectory.time
+    last = float(time[-1]) if len(time) else 0.0
+    spans = [(segment.start, segment.end, segment.name) for segment in segments]
+    spans = [(0.0, hold_time, 'calibration'), *spans]
+    spans = [(start, min(end, last), name) for start, end, name in spans if start < min(end, last)]
     for axes, values, label in (
-        (position_axes, trajectory.position * 100.0, 'position [cm]'),
-        (pitch_axes, np.degrees(trajectory.psi), 'body pitch [°]'),
-        (duty_axes, trajectory.duty, 'duty [%]'),
+        (rows[0], trajectory.position * 100.0, 'position [cm]'),
+        (rows[1], np.degrees(trajectory.psi), 'body pitch [°]'),
+        (rows[2], trajectory.duty, 'duty [%]'),
     ):
         axes.margins(x=0.0)
         axes.plot(time, values[:, 1], color=ORANGE, linewidth=1.0, linestyle='--', label='plane y')
         axes.plot(time, values[:, 0], color=BLUE, linewidth=1.4, label='plane x')
         axes.set_ylabel(label)
-        axes.grid(alpha=0.3)
-        axes.spines[['top', 'right']].set_visible(False)
-        if len(time) and 0.0 < hold_time < time[-1]:
-            axes.axvline(hold_time, color=GRAY, linewidth=0.8, linestyle=':')
-    position_axes.legend(loc='upper right', ncols=2, frameon=False)
-    if len(time) and 0.0 < hold_time < time[-1]:
-        position_axes.annotate(
-            'gyro calibration ends', (hold_time, 0.0), (4, 3), color=GRAY, fontsize='small',
-            xycoords=('data', 'axes fraction'), textcoords='offset points', va='bottom',
+        _tidy(axes)
+        for start, end, _ in spans:
+            axes.axvspan(start, end, color=GRAY, alpha=0.12, linewidth=0.0)
+    rows[0].legend(loc='upper right', ncols=2, frameon=False)
+    for start, end, name in spans:
+        rows[0].annotate(
+            name, ((start + end) / 2.0, 1.0), (0, 3), color=GRAY, fontsize='small',
+            xycoords=('data', 'axes fraction'), textcoords='offset points', ha='center',
         )  # fmt: skip
-    duty_axes.set_xlabel('time [s]')
-    # By way of memory: a full disk then ends in one error, not in a half-written picture.
-    buffer = BytesIO()
-    figure.savefig(buffer, dpi=150)
-    path.write_bytes(buffer.getvalue())
+    rows[2].set_xlabel('time [s]')
+
+
+def _draw_track(axes: Any, trajectory: Trajectory) -> None:
+    """Draw the ball's way from above, forward to the right, as in the frame `map`."""
+    x, y = trajectory.position[:, 0] * 100.0, trajectory.position[:, 1] * -100.0
+    axes.plot(x, y, color=BLUE, linewidth=1.4)
+    axes.plot(x[0], y[0], marker='o', color=GRAY, linestyle='', label='start')
+    axes.plot(x[-1], y[-1], marker='s', color=ORANGE, linestyle='', label='end')
+    axes.set_aspect('equal', adjustable='datalim')
+    axes.set_xlabel('x of map [cm]')
+    axes.set_ylabel('y of map [cm]')
+    axes.legend(loc='best', frameon=False)
+    _tidy(axes)
+
+
+def _tidy(axes: Any) -> None:
+    axes.grid(alpha=0.3)
+    axes.spines[['top', 'right']].set_visible(False)

@@ -141,7 +141,8 @@ def run_scenario(
         figure = folder / f'{scenario.name}.png'
         title = f'{scenario.name}: {scenario.purpose}'
         try:
-            draw_motion(finished.trajectory, figure, title, plant_values['hold_time'])
+            segments = (*scenario.vertical.segments, *scenario.horizontal.segments)
+            draw_motion(finished.trajectory, figure, title, plant_values['hold_time'], segments)
             result.figure = figure
         except OSError as error:
             figure.unlink(missing_ok=True)
