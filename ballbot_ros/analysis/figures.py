@@ -50,9 +50,9 @@ def draw_motion(
     with_track = len(sideways) > 0 and np.ptp(sideways) > MANY_CM
     figure = Figure(figsize=(12.0 if with_track else 8.0, 6.0), layout='constrained')
     figure.suptitle(title)
-    history = figure
+    history: Any = figure
     if with_track:
-        history, beside = figure.subfigures(1, 2, width_ratios=(8, 5))
+        history, beside = np.asarray(figure.subfigures(1, 2, width_ratios=(8, 5)))
         _draw_track(beside.subplots(), trajectory)
     _draw_history(
         history.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2)),
