@@ -78,6 +78,7 @@ setup(
         'zstandard>=0.20',
         'rosbags>=0.11.9',
         'matplotlib>=3.6',
+        'pillow>=10.2',
         'PyYAML>=6.0',
         'click>=8.1',
         'rich>=13.7',

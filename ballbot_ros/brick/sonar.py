@@ -9,6 +9,8 @@ from ballbot_ros.brick.noise import DeviceNoise, uniform
 from ballbot_ros.brick.units import NO_ECHO_CM, quantise
 
 SAMPLE_NS = 20_000_000
+NEAR_DROPOUT = 0.5
+"""Share of the echoes of an obstacle nearer than the least range that are missed."""
 
 
 class Sonar:
@@ -24,6 +26,7 @@ class Sonar:
         self._error: float = values['noise_cm']
         self._dropout: float = values['dropout_probability']
         self._max_range: float = values['max_range_cm']
+        self._min_range: float = values['min_range_cm']
         self._noise = DeviceNoise(values['seed'], 'sonar', 2, uniform)
 
     def read(self, distance_m: float, stamp_ns: int) -> int:
@@ -32,6 +35,7 @@ class Sonar:
         if distance >= self._max_range:
             return NO_ECHO_CM
         chance, error = self._noise.row(stamp_ns // SAMPLE_NS)
-        if chance < self._dropout:
+        near = distance < self._min_range
+        if chance < (max(self._dropout, NEAR_DROPOUT) if near else self._dropout):
             return NO_ECHO_CM
         return max(0, min(NO_ECHO_CM, quantise(distance + self._error * (2.0 * error - 1.0))))

@@ -91,6 +91,25 @@ def design(params: Path | None) -> None:
     print_design(params)
 
 
+@click.command('map', short_help='Check a map image; write it for other programs.')
+@click.argument('image')
+@click.option('--wrl', type=click.Path(path_type=Path), help='VRML 2.0 file to write.')
+@click.option(
+    '--yaml',
+    'nav2',
+    type=click.Path(path_type=Path),
+    help="File for nav2's map server to write; its .pgm goes beside it.",
+)
+@click.option('--check', is_flag=True, help='Only say whether the image is a map.')
+def map_command(image: str, wrl: Path | None, nav2: Path | None, check: bool) -> None:
+    """Check IMAGE, a PNG or BMP file or a shipped map's name, and print what is on it."""
+    from ballbot_ros.cli.map import inspect_map
+
+    if check and (wrl or nav2):
+        raise click.UsageError('--check writes nothing: leave out --wrl and --yaml')
+    inspect_map(image, wrl=wrl, nav2=nav2, check=check)
+
+
 @click.command(short_help='Check that this machine is ready.')
 def doctor() -> int:
     """Check Python, rclpy, discovery, disk and ports; say what to do where one is not OK."""

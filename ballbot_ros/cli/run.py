@@ -23,11 +23,16 @@ from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameter_file import format_parameters
-from ballbot_ros.parameters import GAMEPAD, GYRO, PLANT, ParameterError, ParameterSet
+from ballbot_ros.parameters import GAMEPAD, GYRO, PLANT, SONAR, ParameterError, ParameterSet
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.pacer import SLOWEST
 from ballbot_ros.simulation.trajectory import Trajectory
+from ballbot_ros.world.errors import WorldError
+from ballbot_ros.world.image import image_suffix
+from ballbot_ros.world.library import is_file_name, map_path
+from ballbot_ros.world.sonar_beam import SonarBeam
+from ballbot_ros.world.world import World
 
 RECORDED_VERSIONS = ('numpy', 'scipy', 'control', 'mcap', 'ros-rclpy', 'ros-rmw-fastrtps-cpp')
 
@@ -99,6 +104,7 @@ def run_scenario(
     if '/' in reference or reference.endswith(('.yaml', '.yml')):
         reference = str(Path(reference).resolve())
     parameters.set(GAMEPAD, 'scenario', reference)
+    _settle_map(parameters)
 
     folder = output
     if folder is None and record:
@@ -202,6 +208,15 @@ def _assign(parameters: ParameterSet, assignment: str) -> None:
     parameters.set(node, name, value, f'--set {assignment}')
 
 
+def _settle_map(parameters: ParameterSet) -> None:
+    """Find out here, before anything starts, whether map and start position are of use."""
+    World.of(parameters.values(PLANT))
+    SonarBeam(parameters.values(SONAR))
+    name = parameters.values(PLANT)['map']
+    if is_file_name(name):
+        parameters.set(PLANT, 'map', str(Path.cwd() / name))
+
+
 def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -233,12 +248,24 @@ def _attachments(experiment: Experiment) -> dict[str, bytes]:
             versions[package] = version(package)
         except PackageNotFoundError:
             continue
-    # The scenario is attached itself; where its file lies on this machine is nobody's business.
+    # Scenario and map are attached; where their files lie on this machine is nobody's business.
     parameters = ParameterSet()
     parameters.update(experiment.parameters)
     parameters.set(GAMEPAD, 'scenario', '')
+    attached_map = {}
+    if name := experiment.parameters.values(PLANT)['map']:
+        path = map_path(name)
+        try:
+            image = path.read_bytes()
+        except OSError as error:
+            raise WorldError(f'{path}: {error.strerror}') from None
+        attached = f'map{image_suffix(image)}'
+        attached_map[attached] = image
+        if is_file_name(name):
+            parameters.set(PLANT, 'map', attached)
     return {
         'scenario.yaml': experiment.scenario.text.encode(),
         'parameters.yaml': format_parameters(parameters).encode(),
         'versions.yaml': yaml.safe_dump(versions, sort_keys=False).encode(),
+        **attached_map,
     }

@@ -14,6 +14,7 @@ from ballbot_ros.simulation.pacer import Pacer
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.world.world import World
 
 
 def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
@@ -23,12 +24,12 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
     factor = plant['real_time_factor']
     loop = ClosedLoop(experiment.parameters, experiment.scenario)
     log, pacer = TrajectoryLog(), Pacer()
-    recording = _recording(experiment, float(plant['ball_radius']))
+    recording = _recording(experiment, loop.world)
     failure = ''
     begun = time.monotonic()
     with StopRequest() as stop:
         try:
-            while log.ticks < ticks and not stop.signal:
+            while log.ticks < ticks and not stop.signal and not loop.plant.stopped:
                 pacer.wait(factor)
                 tick = loop.tick()
                 log.add(tick.truth, *tick.outputs.duty)
@@ -36,6 +37,11 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
                     recording.add(tick, loop.program)
                 progress.update(log.ticks * TICK_NS / SECOND_NS)
             wall = time.monotonic() - begun
+            if loop.plant.stopped:
+                failure = str(loop.plant.newest_hit)
+                progress.notice(failure)
+                if recording:
+                    recording.add_truth(loop.plant.truth(), loop.plant.wall_hit)
             if recording:
                 recording.close()
         except RecordingError as error:
@@ -56,9 +62,10 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
     return Finished(summary, log.trajectory())
 
 
-def _recording(experiment: Experiment, ball_radius: float) -> SimulatedRecording | None:
+def _recording(experiment: Experiment, world: World | None) -> SimulatedRecording | None:
     if experiment.recording is None:
         return None
+    ball_radius = experiment.parameters.values(PLANT)['ball_radius']
     recording = SimulatedRecording(experiment.recording, experiment.attachments, ball_radius)
-    recording.begin(FIRST_TICK_NS)
+    recording.begin(FIRST_TICK_NS, world)
     return recording

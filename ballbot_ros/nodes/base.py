@@ -215,16 +215,25 @@ class BallbotNode(Node):
             self.get_logger().warning(problem)
         self._level, self._problem = DiagnosticStatus.WARN, problem
 
-    def fail(self, problem: str) -> None:
-        """Log an error and report it at once; the node's exit status is then 1."""
+    def alarm(self, problem: str) -> None:
+        """Log an error and show it in the diagnostics, at once, until :meth:`end_alarm`."""
         self.get_logger().error(problem)
         self._level, self._problem = DiagnosticStatus.ERROR, problem
-        self.exit_status = 1
         self.report()
+
+    def fail(self, problem: str) -> None:
+        """Log an error and report it at once; the node's exit status is then 1."""
+        self.alarm(problem)
+        self.exit_status = 1
 
     def recover(self) -> None:
         """Take back a warning."""
         if self._level == DiagnosticStatus.WARN:
+            self._level, self._problem = DiagnosticStatus.OK, ''
+
+    def end_alarm(self) -> None:
+        """Take back an error that has passed."""
+        if self._level == DiagnosticStatus.ERROR:
             self._level, self._problem = DiagnosticStatus.OK, ''
 
     def report(self) -> None:

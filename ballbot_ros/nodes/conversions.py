@@ -9,6 +9,7 @@ rotation about +x and a motion along -y.
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Iterable
 from typing import Any
 
@@ -24,6 +25,7 @@ from ballbot_ros.brick.units import (
 )
 from ballbot_ros.controller.axis import Axis
 from ballbot_ros.plant.truth import Pair, Truth
+from ballbot_ros.world.exports import OccupancyGrid
 
 _SECOND = 1_000_000_000
 _DUTIES = frozenset(map(float, range(-100, 101)))
@@ -133,6 +135,17 @@ def fill_battery(message: Any, truth: Truth) -> None:
         setattr(message, unknown, math.nan)
     message.power_supply_status = BATTERY_DISCHARGING
     message.present = True
+
+
+def fill_map(message: Any, stamp_ns: int, grid: OccupancyGrid) -> None:
+    """Write ``map``: the walls of the floor."""
+    fill_header(message.header, stamp_ns, 'map')
+    fill_time(message.info.map_load_time, stamp_ns)
+    message.info.resolution = grid.resolution
+    message.info.width, message.info.height = grid.width, grid.height
+    corner = message.info.origin.position
+    corner.x, corner.y = grid.origin
+    message.data = array('b', grid.cells.tobytes())
 
 
 def fill_gyro(message: Any, stamp_ns: int, counts: tuple[int, int]) -> None:

@@ -21,6 +21,7 @@ from ballbot_ros.nodes.conversions import (
     fill_body,
     fill_clock,
     fill_header,
+    fill_map,
     fill_motors,
     fill_odometry,
     push_forces,
@@ -33,6 +34,7 @@ from ballbot_ros.nodes.plant_services import PlantServices
 from ballbot_ros.nodes.topics import (
     BATTERY_STATE,
     CLOCK,
+    MAP,
     MAX_LEAD_TICKS,
     MOTOR_DUTY,
     PLANT_IMU,
@@ -51,6 +53,8 @@ from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.pacer import SLOWEST, Pacer
 from ballbot_ros.simulation.timing import BATTERY_NS, FIRST_TICK_NS, TICK_NS, next_start_ns
 from ballbot_ros.simulation.trajectory import TrajectoryLog, save_trajectory
+from ballbot_ros.world.exports import occupancy_grid
+from ballbot_ros.world.world import World
 
 RESEND_S = 0.1
 WARN_S = 0.3
@@ -76,6 +80,7 @@ class PlantSim(BallbotNode):
         self._lockstep = self.values['lockstep']
         name = self.values['scenario']
         self._scenario = load_scenario(name) if name else Scenario()
+        self._world = World.of(self.values)
         self._lock = DomainLock(self.context.get_domain_id())
         self._token = f'{time.time_ns():x}'
         self._run_number = 0
@@ -87,6 +92,7 @@ class PlantSim(BallbotNode):
         self._odometry = self._publish_to(PLANT_ODOM)
         self._battery = self._publish_to(BATTERY_STATE)
         self._wall_hit = self._publish_to(WALL_HIT)
+        self._map = self.advertise(MAP, depth=1), MAP.message_class()
         self._participants = Participants(self)
         self.control = PlantServices(self)
         self.pacer = Pacer()
@@ -111,7 +117,7 @@ class PlantSim(BallbotNode):
     def _reset_to(self, start_ns: int) -> None:
         """Put everything at the start of a run whose first tick is at `start_ns`."""
         self._start_ns = start_ns
-        self._plant = Plant(self.values, start_ns)
+        self._plant = Plant(self.values, start_ns, self._world)
         for push in self._scenario.pushes_from(start_ns):
             self._plant.push(push)
         self.log = TrajectoryLog(keep=self.values['duration'] > 0.0)
@@ -129,7 +135,14 @@ class PlantSim(BallbotNode):
         publisher, header = self._run
         fill_header(header, self._start_ns, f'{self._run_number} {self._token}')
         publisher.publish(header)
-        self._wall_hit[0].publish(self._wall_hit[1])
+        if self._world:
+            publisher, message = self._map
+            fill_map(message, self._start_ns, occupancy_grid(self._world.map))
+            publisher.publish(message)
+        publisher, wall_hit = self._wall_hit
+        wall_hit.data = False
+        publisher.publish(wall_hit)
+        self.end_alarm()
         self._publish_truth()
 
     def reset(self) -> None:
@@ -156,8 +169,21 @@ class PlantSim(BallbotNode):
         publisher, odometry = self._odometry
         fill_odometry(odometry, truth, self.values['ball_radius'])
         publisher.publish(odometry)
+        self._tell_wall_hit()
         self._asked_at = self._sent_at = time.monotonic()
         self.sampled(now)
+
+    def _tell_wall_hit(self) -> None:
+        """Publish ``wall_hit`` at a change; a hit that does not end the run is an alarm."""
+        publisher, message = self._wall_hit
+        if message.data == self._plant.wall_hit:
+            return
+        message.data = self._plant.wall_hit
+        publisher.publish(message)
+        if not message.data:
+            self.end_alarm()
+        elif not self._plant.stopped:
+            self.alarm(str(self._plant.newest_hit))
 
     def _on_duty(self, message: Any) -> None:
         duty = duty_values(message)
@@ -208,7 +234,10 @@ class PlantSim(BallbotNode):
         self._plant.tick(*duty)
         self._duty = None
         self.recover()
-        if self._plant.time_ns - self._start_ns >= self._duration_ns():
+        if self._plant.stopped:
+            self._publish_truth()
+            self._end('failed', str(self._plant.newest_hit), status=1)
+        elif self._plant.time_ns - self._start_ns >= self._duration_ns():
             self._draining = True
             self._duty_at = self._ended_at = time.monotonic()
             self._finish_when_recorded()
@@ -294,6 +323,8 @@ class PlantSim(BallbotNode):
             return
         if not self._draining:
             self._ended_at = time.monotonic()
+        # A duty may still come; it is of no tick of this run.
+        self._draining = True
         wall = self._ended_at - self._begun_at
         trips = np.array(self._round_trips[1:]) * 1e3 if len(self._round_trips) > 1 else None
         self.summary = {
@@ -366,7 +397,8 @@ class PlantSim(BallbotNode):
                 save_trajectory(Path(path), self.log.trajectory(), self.summary)
             except OSError as error:
                 raise BallbotError(f'{path}: {error.strerror}') from None
-        for publisher, _ in (self._clock_out, self._body, self._motors, self._odometry):
+        last_truth = (self._clock_out, self._body, self._motors, self._odometry, self._wall_hit)
+        for publisher, _ in last_truth:
             publisher.wait_for_all_acked(Duration(seconds=0.1))
         self._lock.release()
 

@@ -17,6 +17,7 @@ from ballbot_ros.nodes.conversions import fill_time
 from ballbot_ros.nodes.raw import has_stamp, stamp_of
 from ballbot_ros.nodes.topics import HISTORY, RECORDER_ACK, TOPICS, Topic, message_class
 from ballbot_ros.parameters import RECORDER
+from ballbot_ros.recording.attachments import media_type
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.writer import RecordingWriter
@@ -45,7 +46,7 @@ class Recorder(BallbotNode):
             raise RecordingError(f'{path}: {error.strerror}') from None
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
-            self._writer.add_attachment(name, 'application/yaml', data)
+            self._writer.add_attachment(name, media_type(name), data)
         # A node that no executor spins: its subscriptions are ours to empty.
         self._inbox = Node(
             f'_{RECORDER}_inbox',

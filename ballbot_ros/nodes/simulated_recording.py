@@ -17,6 +17,7 @@ from ballbot_ros.nodes.conversions import (
     fill_gyro,
     fill_header,
     fill_log,
+    fill_map,
     fill_motors,
     fill_odometry,
     fill_sonar,
@@ -32,6 +33,7 @@ from ballbot_ros.nodes.topics import (
     GYRO_IMU,
     JOINT_STATES,
     LCD,
+    MAP,
     MOTOR_DUTY,
     OPERATING_STATE,
     PLANT_IMU,
@@ -43,10 +45,14 @@ from ballbot_ros.nodes.topics import (
     WALL_HIT,
     Topic,
 )
+from ballbot_ros.plant.truth import Truth
+from ballbot_ros.recording.attachments import media_type
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.simulation.closed_loop import Tick
-from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.simulation.timing import BATTERY_NS, SECOND_NS
+from ballbot_ros.world.exports import occupancy_grid
+from ballbot_ros.world.world import World
 
 
 class SimulatedRecording:
@@ -65,7 +71,7 @@ class SimulatedRecording:
     def __init__(self, path: Path, attachments: Mapping[str, bytes], ball_radius: float) -> None:
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
-            self._writer.add_attachment(name, 'application/yaml', data)
+            self._writer.add_attachment(name, media_type(name), data)
         self._ball_radius = ball_radius
         self._flushed_ns = 0
         self._drive_state = ''
@@ -87,16 +93,19 @@ class SimulatedRecording:
         self._sound = _Output(self._writer, SOUND)
         self._lcd = _Output(self._writer, LCD)
 
-    def begin(self, start_ns: int) -> None:
+    def begin(self, start_ns: int, world: World | None) -> None:
         """Write what a run begins with."""
         fill_header(self._run.message, start_ns, '1')
         self._run.write(start_ns)
+        if world:
+            output = _Output(self._writer, MAP)
+            fill_map(output.message, start_ns, occupancy_grid(world.map))
+            output.write(start_ns)
         self._wall_hit.write(start_ns)
         self._flushed_ns = start_ns
 
-    def add(self, tick: Tick, program: ControlProgram) -> None:
-        """Write the messages of a tick."""
-        truth, inputs, outputs = tick
+    def add_truth(self, truth: Truth, wall_hit: bool) -> None:
+        """Write what the plant publishes at a tick."""
         now = truth.stamp_ns
         fill_clock(self._clock.message, now)
         self._clock.write(now)
@@ -104,11 +113,20 @@ class SimulatedRecording:
         self._body.write(now)
         fill_motors(self._motors.message, truth)
         self._motors.write(now)
-        if inputs.battery_mv is not None:
+        if now % BATTERY_NS == 0:
             fill_battery(self._battery.message, truth)
             self._battery.write(now)
         fill_odometry(self._odometry.message, truth, self._ball_radius)
         self._odometry.write(now)
+        if wall_hit != self._wall_hit.message.data:
+            self._wall_hit.message.data = wall_hit
+            self._wall_hit.write(now)
+
+    def add(self, tick: Tick, program: ControlProgram) -> None:
+        """Write the messages of a tick."""
+        inputs, outputs = tick.inputs, tick.outputs
+        now = tick.truth.stamp_ns
+        self.add_truth(tick.truth, tick.wall_hit)
         fill_gyro(self._gyro.message, now, inputs.gyro)
         self._gyro.write(now)
         fill_encoders(self._encoders.message, now, inputs.revolutions)

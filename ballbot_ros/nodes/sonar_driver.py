@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Mapping
 from typing import Any
 
 from ballbot_ros.brick.sonar import Sonar
 from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.conversions import fill_sonar
-from ballbot_ros.nodes.raw import stamp_of
+from ballbot_ros.nodes.conversions import ball_position, fill_sonar
+from ballbot_ros.nodes.raw import decoder, stamp_of
 from ballbot_ros.nodes.topics import PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.parameters import SONAR
 from ballbot_ros.simulation.timing import SLOW_NS
+from ballbot_ros.world.sonar_beam import SonarBeam
 
 
 class SonarDriver(BallbotNode):
@@ -22,6 +22,8 @@ class SonarDriver(BallbotNode):
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(SONAR, values)
         self._device = Sonar(self.values)
+        self._beam = SonarBeam(self.values)
+        self._decode = decoder(PLANT_ODOM.type_name)
         self._publisher = self.advertise(SONAR_RANGE)
         self._message = SONAR_RANGE.message_class()
         self.listen(PLANT_ODOM, self._on_truth, raw=True)
@@ -30,8 +32,8 @@ class SonarDriver(BallbotNode):
         now = stamp_of(truth)
         if now % SLOW_NS:
             return
-        # There is no obstacle anywhere yet.
-        fill_sonar(self._message, now, self._device.read(math.inf, now))
+        distance = self._beam.distance_m(ball_position(self._decode(truth)))
+        fill_sonar(self._message, now, self._device.read(distance, now))
         self._publisher.publish(self._message)
         self.sampled(now)
 

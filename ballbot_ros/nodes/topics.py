@@ -47,6 +47,7 @@ PLANT_IMU = Topic('plant/imu', 'sensor_msgs/msg/Imu', PLANT, TICK_NS)
 PLANT_ODOM = Topic('plant/odom', 'nav_msgs/msg/Odometry', PLANT, TICK_NS)
 BATTERY_STATE = Topic('battery_state', 'sensor_msgs/msg/BatteryState', PLANT, BATTERY_NS)
 WALL_HIT = Topic('wall_hit', 'std_msgs/msg/Bool', PLANT)
+MAP = Topic('map', 'nav_msgs/msg/OccupancyGrid', PLANT)
 PUSH = Topic('plant/push', 'geometry_msgs/msg/WrenchStamped', None)
 GYRO_IMU = Topic('gyro', 'sensor_msgs/msg/Imu', GYRO, TICK_NS)
 JOINT_STATES = Topic('joint_states', 'sensor_msgs/msg/JointState', ENCODER, TICK_NS)
@@ -62,7 +63,8 @@ RECORDER_ACK = Topic('recorder/ack', 'std_msgs/msg/Header', RECORDER)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None)
 
 TOPICS = (
-    CLOCK, RUN, PLANT_JOINT_STATES, PLANT_IMU, PLANT_ODOM, BATTERY_STATE, WALL_HIT, PUSH,
+    CLOCK, RUN, PLANT_JOINT_STATES, PLANT_IMU, PLANT_ODOM, BATTERY_STATE, WALL_HIT, MAP,
+    PUSH,
     GYRO_IMU, JOINT_STATES, SONAR_RANGE, GAMEPAD_JOY,
     MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD,
     RECORDER_ACK, DIAGNOSTICS,

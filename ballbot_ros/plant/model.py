@@ -113,6 +113,16 @@ def state_space(p: PhysicalParameters) -> tuple[Matrix, Matrix]:
     return a, b
 
 
+def impulse_ratio(p: PhysicalParameters, psi: float) -> float:
+    """Return m12/m22 of the mass matrix of (3.11)-(3.12) at the pitch `psi`; the linear one's at 0.
+
+    An impulse on theta alone changes psi_dot by minus this ratio times the change of theta_dot.
+    """
+    arm = p.body_mass * p.body_height
+    m12 = arm * p.ball_radius * math.cos(psi) - p.drive_inertia
+    return m12 / (arm * p.body_height + p.body_inertia + p.drive_inertia)
+
+
 def energy(p: PhysicalParameters, state: tuple[float, float, float, float]) -> float:
     """Return the mechanical energy T1 + T2 + U [J] of one plane, (3.5)-(3.7).
 

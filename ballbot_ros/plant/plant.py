@@ -1,4 +1,4 @@
-"""The robot as a physical object: both planes, motors, battery, pushes and falls."""
+"""The robot as a physical object: both planes, motors, battery, pushes, walls and falls."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ballbot_ros.plant.battery import Battery, BatteryParameters
 from ballbot_ros.plant.integration import State, linear_step, nonlinear_step
 from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.plant.truth import STEP_NS, STEPS_PER_TICK, Pair, Push, Truth
+from ballbot_ros.plant.wall_contact import Floor, WallContact, WallHit
 
 _FLOAT32 = struct.Struct('<f')
 
@@ -26,14 +27,28 @@ class Plant:
         The parameters of ``plant_sim``.
     start_ns : int
         Sim time [ns] of the first tick.
+    floor : Floor or None
+        Where walls are; None for a free floor without end.
+
+    Attributes
+    ----------
+    time_ns : int
+        Sim time [ns].
+    fallen : bool
+        The body lies on the floor.
+    stopped : bool
+        A wall hit has ended the run (``on_wall_hit: stop``); the motors are off.
     """
 
-    def __init__(self, values: Mapping[str, Any], start_ns: int) -> None:
+    def __init__(
+        self, values: Mapping[str, Any], start_ns: int, floor: Floor | None = None
+    ) -> None:
         p = select(PhysicalParameters, values)
         self._physical = p
         self._actuator = select(Actuator, values)
         self._battery = Battery(select(BatteryParameters, values))
-        make = linear_step if values['plant_model'] == 'linear' else nonlinear_step
+        linear = values['plant_model'] == 'linear'
+        make = linear_step if linear else nonlinear_step
         self._step = make(p, STEP_NS * 1e-9)
         self._hold_until = start_ns + round(values['hold_time'] * 1e9)
         self._fall_angle: float = values['fall_angle']
@@ -44,6 +59,11 @@ class Plant:
         self._shaft = [0.0, 0.0]
         self._voltage = (0.0, 0.0)
         self._pushes: list[Push] = []
+        self._contact: WallContact | None = None
+        if floor is not None:
+            self._contact = WallContact(floor, p, linear=linear, start=self._start)
+        self._stops_at_hit = values['on_wall_hit'] == 'stop'
+        self.stopped = False
         self.time_ns = start_ns
         self.fallen = False
 
@@ -63,6 +83,21 @@ class Plant:
             if self.time_ns >= self._hold_until and not self.fallen:
                 self._move()
             self.time_ns += STEP_NS
+        if self._contact:
+            self._contact.sample(self.time_ns)
+            if self._contact.sampled and self._stops_at_hit:
+                self.stopped = True
+                self._voltage = (0.0, 0.0)
+
+    @property
+    def wall_hit(self) -> bool:
+        """Whether a wall was hit in the 20 ms up to the newest multiple of 20 ms."""
+        return self._contact is not None and self._contact.sampled
+
+    @property
+    def newest_hit(self) -> WallHit | None:
+        """Where the newest wall hit began; None before the first."""
+        return self._contact.newest if self._contact else None
 
     def _apply(self, duties: tuple[int, int]) -> None:
         volts = self._battery.voltage
@@ -80,6 +115,9 @@ class Plant:
         else:
             x = self._step(x, voltage_x, 0.0, 0.0)
             y = self._step(y, voltage_y, 0.0, 0.0)
+        if self._contact:
+            before = self._planes[0], self._planes[1]
+            x, y = self._contact.stop(before, (x, y), self.time_ns + STEP_NS)
         limit = self._fall_angle
         if not (-limit < x[1] < limit and -limit < y[1] < limit):
             self.fallen = True

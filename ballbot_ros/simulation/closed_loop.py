@@ -6,7 +6,6 @@ run them, so its duties equal the graph's to the bit.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 from ballbot_ros.brick.battery_monitor import battery_mv
@@ -20,12 +19,15 @@ from ballbot_ros.plant.plant import Plant
 from ballbot_ros.plant.truth import Truth
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.timing import BATTERY_NS, FIRST_TICK_NS, MILLISECOND_NS, SLOW_NS
+from ballbot_ros.world.sonar_beam import SonarBeam
+from ballbot_ros.world.world import World
 
 
 class Tick(NamedTuple):
     """One tick of the loop: the truth, what the devices made of it, and the answer."""
 
     truth: Truth
+    wall_hit: bool
     inputs: DeviceInputs
     outputs: DeviceOutputs
 
@@ -43,14 +45,23 @@ class ClosedLoop:
     ----------
     plant : Plant
     program : ControlProgram
+    world : World or None
+        None for a free floor without end.
+
+    Raises
+    ------
+    WorldError
+        If the map can't be read, or the robot can't start where it is to.
     """
 
     def __init__(self, parameters: ParameterSet, scenario: Scenario | None = None) -> None:
         self._start_ns = FIRST_TICK_NS
-        self.plant = Plant(parameters.values(PLANT), self._start_ns)
+        self.world = World.of(parameters.values(PLANT))
+        self.plant = Plant(parameters.values(PLANT), self._start_ns, self.world)
         self._gyro = Gyro(parameters.values(GYRO))
         self._encoder = Encoder()
         self._sonar = Sonar(parameters.values(SONAR))
+        self._beam = SonarBeam(parameters.values(SONAR))
         self.program = ControlProgram(parameters.values(CONTROLLER))
         self._scenario = scenario or Scenario()
         for push in self._scenario.pushes_from(self._start_ns):
@@ -58,17 +69,20 @@ class ClosedLoop:
 
     def tick(self) -> Tick:
         """Run one tick: sample the devices, run the tasks due, move the plant by 4 ms."""
-        truth = self.plant.truth()
+        truth, wall_hit = self.plant.truth(), self.plant.wall_hit
         now = truth.stamp_ns
         slow = now % SLOW_NS == 0
         elapsed = now - self._start_ns
         inputs = DeviceInputs(
             gyro=self._gyro.read(truth.psi_rate, now),
             revolutions=self._encoder.read(truth.motor_angle),
-            sonar_cm=self._sonar.read(math.inf, now) if slow else None,
+            sonar_cm=self._read_sonar(truth) if slow else None,
             battery_mv=battery_mv(truth.battery_voltage) if now % BATTERY_NS == 0 else None,
             sticks=self._scenario.sticks_at(elapsed * 1e-9) if slow else None,
         )
         outputs = self.program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, inputs)
         self.plant.tick(*outputs.duty)
-        return Tick(truth, inputs, outputs)
+        return Tick(truth, wall_hit, inputs, outputs)
+
+    def _read_sonar(self, truth: Truth) -> int:
+        return self._sonar.read(self._beam.distance_m(truth.position), truth.stamp_ns)

@@ -20,6 +20,7 @@ ROSDEP_KEYS = {
     'matplotlib': 'python3-matplotlib',
     'mcap': 'mcap-ros2-support',
     'numpy': 'python3-numpy',
+    'pillow': 'python3-pil',
     'rich': 'python3-rich',
     'rosbags': 'python3-rosbags-pip',
     'scipy': 'python3-scipy',
@@ -41,7 +42,7 @@ ROSDEP_TEST_KEYS = {
     'ruff': 'python3-ruff-pip',
     'types-PyYAML': 'python3-types-pyyaml',
 }
-MODULES = {'PyYAML': 'yaml'}
+MODULES = {'PyYAML': 'yaml', 'pillow': 'PIL'}
 
 
 @pytest.fixture

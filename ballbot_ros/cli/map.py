@@ -1,0 +1,52 @@
+"""`ballbot map`: whether an image is a map, what is on it, and the map for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from ballbot_ros.world.exports import write_files
+from ballbot_ros.world.floor_map import CELL_M, LINE, FloorMap
+from ballbot_ros.world.library import load_map
+
+
+def inspect_map(image: str, *, wrl: Path | None, nav2: Path | None, check: bool) -> None:
+    """Check a map, print what it has, and write it to files.
+
+    Raises
+    ------
+    WorldError
+        If the image is not one of a map, or a file can't be written.
+    """
+    floor_map = load_map(image)
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    # A cell is a centimetre.
+    size = f'{floor_map.columns} × {floor_map.rows}'
+    if check:
+        console.print(f'{image}: OK, {size} cm')
+        return
+    written = write_files(floor_map, wrl=wrl, nav2=nav2)
+    console.print(_table(floor_map, image, size))
+    for path in written:
+        console.print(f'wrote  {path}')
+
+
+def _table(floor_map: FloorMap, image: str, size: str) -> Table:
+    walls = int(np.count_nonzero(floor_map.walls))
+    lines = int(np.count_nonzero(floor_map.cells == LINE))
+    free_area = (floor_map.cells.size - walls) * CELL_M**2
+    table = Table(title=image, title_justify='left', show_header=False)
+    table.add_column()
+    table.add_column(justify='right')
+    for name, value in (
+        ('size', f'{size} cm'),
+        ('cells', str(floor_map.cells.size)),
+        ('free area', f'{free_area:.4f} m²'),
+        ('wall cells', str(walls)),
+        ('black line cells', str(lines)),
+    ):
+        table.add_row(name, value)
+    return table

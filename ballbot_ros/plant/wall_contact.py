@@ -1,0 +1,137 @@
+"""What a wall does to the robot, and what is known of a hit."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+from ballbot_ros.plant.integration import State
+from ballbot_ros.plant.model import PhysicalParameters, impulse_ratio
+from ballbot_ros.plant.truth import Pair
+
+SAMPLE_NS = 20_000_000
+"""Period at which a wall hit is noticed (Appendix B.3)."""
+
+Planes = tuple[State, State]
+
+
+class Floor(Protocol):
+    """Where the robot can be; positions of the ball's centre [m] in plane signs."""
+
+    def blocked(self, position: Pair) -> bool:
+        """Tell whether the body can't be there."""
+        ...
+
+    def touching(self, position: Pair) -> tuple[str, ...]:
+        """Name the parts of the body that are in a wall there."""
+        ...
+
+
+class WallHit(NamedTuple):
+    """The beginning of a contact with a wall.
+
+    Attributes
+    ----------
+    time_ns : int
+        Sim time [ns].
+    position : tuple of float
+        The ball's centre [m], in plane signs, at which it was stopped.
+    parts : tuple of str
+        The parts of the body that would have been in the wall.
+    """
+
+    time_ns: int
+    position: Pair
+    parts: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Return one line for the log, in the axes of ``map``."""
+        x, y = round(self.position[0], 2) + 0.0, round(-self.position[1], 2) + 0.0
+        return (
+            f'wall hit at sim time {self.time_ns * 1e-9:.3f} s: ball at x {x:.2f} m, y {y:.2f} m '
+            f'(map), {", ".join(self.parts)}'
+        )
+
+
+class WallContact:
+    """Stops the planes at walls.
+
+    Parameters
+    ----------
+    floor : Floor
+    physical : PhysicalParameters
+    linear : bool
+        Whether the planes follow the linear model.
+    start : tuple of float
+        The ball's position [m] where both theta are zero.
+
+    Attributes
+    ----------
+    sampled : bool
+        Whether there was a contact in the 20 ms up to the newest multiple of 20 ms.
+    newest : WallHit or None
+        The newest hit; one that lasts is one hit.
+    """
+
+    def __init__(
+        self, floor: Floor, physical: PhysicalParameters, *, linear: bool, start: Pair
+    ) -> None:
+        self._floor = floor
+        self._physical = physical
+        self._linear = linear
+        self._start = start
+        self._since_sample = False
+        self.sampled = False
+        self.newest: WallHit | None = None
+
+    def stop(self, before: Planes, after: Planes, time_ns: int) -> Planes:
+        """Return the planes after a step, stopped where the body would be in a wall.
+
+        Parameters
+        ----------
+        before, after : tuple of State
+            The planes before the step and as they would be after it.
+        time_ns : int
+            Sim time of the end of the step [ns].
+        """
+        attempted = self._position(after)
+        if not self._floor.blocked(attempted):
+            return after
+        x, y = after
+        stopped_x, stopped_y = (
+            self._stopped(*states) for states in zip(before, after, strict=True)
+        )
+        for planes in ((x, stopped_y), (stopped_x, y)):
+            if not self._floor.blocked(self._position(planes)):
+                break
+        else:
+            planes = stopped_x, stopped_y
+        if not (self.sampled or self._since_sample):
+            parts = self._floor.touching(attempted)
+            self.newest = WallHit(time_ns, self._position(planes), parts)
+        self._since_sample = True
+        return planes
+
+    def sample(self, time_ns: int) -> None:
+        """At multiples of 20 ms, notice whether there was a contact since the last one."""
+        if time_ns % SAMPLE_NS == 0:
+            self.sampled, self._since_sample = self._since_sample, False
+
+    def _position(self, planes: Planes) -> Pair:
+        radius = self._physical.ball_radius
+        return (
+            self._start[0] + radius * planes[0][0],
+            self._start[1] + radius * planes[1][0],
+        )
+
+    def _stopped(self, before: State, after: State) -> State:
+        """Return the plane held at its place by an inelastic impulse at the ball's centre.
+
+        The impulse acts on theta alone, so that of M Δ(theta', psi') = (impulse, 0) the second
+        row ties the leap of psi' to that of theta'. A wall can't pull: a plane that has turned
+        round within the step keeps its velocity.
+        """
+        theta, psi, omega, rho = after
+        if (theta - before[0]) * omega > 0.0:
+            rho += omega * impulse_ratio(self._physical, 0.0 if self._linear else psi)
+            omega = 0.0
+        return before[0], psi, omega, rho

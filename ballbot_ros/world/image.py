@@ -1,0 +1,109 @@
+"""Map images: PNG and BMP, a pixel a square centimetre (Appendix B.2)."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from ballbot_ros.world.errors import WorldError
+from ballbot_ros.world.floor_map import FLOOR, LINE, WALL, FloorMap
+
+LARGEST_SIDE = 4000
+"""A map may be 40 m wide and long."""
+
+ALLOWED = (
+    f'allowed are white ({FLOOR}) for floor, gray ({WALL}) for wall and black ({LINE}) for a '
+    'black line'
+)
+_OPAQUE = 255
+_PNG_BIT_DEPTH = 24
+"""Where the PNG header has the number of bits of a sample."""
+
+
+def read_map(path: str | Path) -> FloorMap:
+    """Read a map image.
+
+    Raises
+    ------
+    WorldError
+        If the file can't be read, is not a whole PNG or BMP image of one frame and of at most
+        :data:`LARGEST_SIDE` pixels a side, or has a pixel of another colour; one line that names
+        the file and, of the pixels, the first.
+    """
+    path = Path(path)
+    try:
+        if path.exists() and not path.is_file():
+            raise WorldError(f'{path}: not a file')
+        with path.open('rb') as stream:
+            pixels = _pixels(stream, path)
+    except OSError as error:
+        raise WorldError(f'{path}: {error.strerror}') from None
+    except ValueError as error:  # a null character in the name
+        raise WorldError(f'{str(path)!r}: {error}') from None
+    gray = pixels[..., 0]
+    allowed = np.isin(gray, (FLOOR, WALL, LINE)) & (pixels[..., 3] == _OPAQUE)
+    for channel in (1, 2):
+        allowed &= pixels[..., channel] == gray
+    if not allowed.all():
+        row, column = np.unravel_index(np.argmin(allowed), allowed.shape)
+        *colour, alpha = map(int, pixels[row, column])
+        what = f'transparent (alpha {alpha})' if alpha != _OPAQUE else f'of colour {tuple(colour)}'
+        raise WorldError(
+            f'{path}: the pixel in column {column}, row {row} (from 0 at the top left) is {what}; '
+            f'{ALLOWED}'
+        )
+    return FloorMap(np.ascontiguousarray(gray))
+
+
+def image_suffix(data: bytes) -> str:
+    """Return the ending of a file name that fits a map image, whatever its own name is."""
+    return '.png' if data.startswith(b'\x89PNG') else '.bmp'
+
+
+def _pixels(stream: BinaryIO, path: Path) -> NDArray[np.uint8]:
+    """Return red, green, blue and alpha, shape (rows, columns, 4)."""
+    header = stream.read(_PNG_BIT_DEPTH + 1)
+    if not header:
+        raise WorldError(f'{path}: the file is empty')
+    stream.seek(0)
+    with _refusals(path), Image.open(stream, formats=('PNG', 'BMP')) as image:
+        if max(image.size) > LARGEST_SIDE:
+            raise _too_large(path, f'{image.width} × {image.height} pixels')
+        if image.format == 'PNG' and header[_PNG_BIT_DEPTH] > 8:
+            raise WorldError(f'{path}: 16 bits a colour; a map has 8 at most')
+        frames = getattr(image, 'n_frames', 1)
+        if frames > 1:
+            raise WorldError(f'{path}: {frames} frames; a map is a single picture')
+        return np.asarray(image.convert('RGBA'))
+
+
+@contextmanager
+def _refusals(path: Path) -> Iterator[None]:
+    """Turn whatever Pillow raises on a file into one line."""
+    try:
+        with warnings.catch_warnings():
+            # Pillow warns of some sizes and refuses others, all beyond what a map may have.
+            warnings.simplefilter('error', Image.DecompressionBombWarning)
+            yield
+    except WorldError:
+        raise
+    except UnidentifiedImageError:
+        raise WorldError(
+            f'{path}: not a PNG or BMP image; a map is one of them (JPEG loses colours)'
+        ) from None
+    except (Image.DecompressionBombWarning, Image.DecompressionBombError):
+        raise _too_large(path, 'far too many pixels') from None
+    except Exception as error:  # Damaged files bring forth errors of many types.
+        reason = ' '.join(str(error).split()) or type(error).__name__
+        raise WorldError(f'{path}: the image is damaged: {reason}') from None
+
+
+def _too_large(path: Path, size: str) -> WorldError:
+    return WorldError(f'{path}: {size}; a map has at most {LARGEST_SIDE} a side')

@@ -1,0 +1,55 @@
+"""The shipped maps, and maps of the user's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ballbot_ros.share import share_directory
+from ballbot_ros.world.errors import WorldError
+from ballbot_ros.world.floor_map import FloorMap
+from ballbot_ros.world.image import read_map
+
+SUFFIXES = ('.png', '.bmp')
+
+
+def map_names() -> list[str]:
+    """Return the names of the shipped maps."""
+    return sorted(path.stem for path in _folder().glob('*.png'))
+
+
+def is_file_name(name_or_file: str) -> bool:
+    """Tell whether a map is given by the path of its image rather than by its name."""
+    return '/' in name_or_file or name_or_file.lower().endswith(SUFFIXES)
+
+
+def map_path(name_or_file: str) -> Path:
+    """Return the image of a shipped map, given by its name, or the path that was given.
+
+    Raises
+    ------
+    WorldError
+        If no map of that name is shipped.
+    """
+    if is_file_name(name_or_file):
+        return Path(name_or_file)
+    if name_or_file in map_names():
+        return _folder() / f'{name_or_file}.png'
+    raise WorldError(
+        f'unknown map {name_or_file!r}; shipped: {", ".join(map_names())} '
+        '(a file of your own: give its path, ending in .png or .bmp)'
+    )
+
+
+def load_map(name_or_file: str) -> FloorMap:
+    """Read a shipped map by its name, or an image by its path.
+
+    Raises
+    ------
+    WorldError
+        If there is no such map, or the image is not one of a map.
+    """
+    return read_map(map_path(name_or_file))
+
+
+def _folder() -> Path:
+    return share_directory() / 'config/maps'

@@ -1,0 +1,62 @@
+"""What the ultrasonic sensor at the front face looks at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from ballbot_ros.plant.truth import Pair
+from ballbot_ros.world.distance import RAYS
+from ballbot_ros.world.errors import WorldError
+from ballbot_ros.world.floor_map import CELL_M
+from ballbot_ros.world.library import load_map
+
+
+class SonarBeam:
+    """A single ray along +x of ``map``, or a fan of rays of which the nearest echo counts.
+
+    The sensor is in the middle of the front face of the upright body: the robot has no yaw, and
+    its lean is neglected.
+
+    Parameters
+    ----------
+    values : mapping
+        The parameters of ``sonar_driver``. Without a ``map`` there is no wall anywhere.
+
+    Raises
+    ------
+    WorldError
+        If the map can't be read, or ``cone_rays`` is an even number.
+    """
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        self._to_front: float = values['body_depth'] / 2.0
+        opening: float = values['cone_angle']
+        count: int = values['cone_rays'] if opening else 1
+        if values['cone_rays'] % 2 == 0:
+            raise WorldError(
+                f'sonar_driver.cone_rays: {values["cone_rays"]} is even; '
+                'the middle one of an odd number of rays looks straight ahead'
+            )
+        middle = count // 2
+        self._directions = [
+            opening * (index - middle) / (count - 1) if index != middle else 0.0
+            for index in range(count)
+        ]
+        self._map = load_map(values['map']) if values['map'] else None
+        if self._map is not None:
+            self._ray = RAYS[values['distance_model']](self._map)
+
+    def distance_m(self, position: Pair) -> float:
+        """Return the distance [m] from the sensor to the nearest wall, inf if there is none.
+
+        Parameters
+        ----------
+        position : tuple of float
+            The ball's centre [m], in plane signs.
+        """
+        if self._map is None:
+            return math.inf
+        origin = self._map.point((position[0] + self._to_front, position[1]))
+        return CELL_M * min(self._ray(origin, direction) for direction in self._directions)

@@ -1,0 +1,154 @@
+"""The world as the plant meets it: a map, and the robot's body on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from ballbot_ros.plant.truth import Pair
+from ballbot_ros.world.errors import WorldError
+from ballbot_ros.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap
+from ballbot_ros.world.library import load_map
+
+
+class World:
+    """A floor with walls, and the outline of the upright body: a rectangle about the ball.
+
+    Only walls are in the way: off the map the floor is free. Positions are those of the ball's
+    centre [m], in plane signs (docs/frames.md).
+
+    Parameters
+    ----------
+    floor_map : FloorMap
+    body_depth, body_width : float
+        Sides of the body [m], along x and along y.
+
+    Attributes
+    ----------
+    map : FloorMap
+    """
+
+    def __init__(self, floor_map: FloorMap, body_depth: float, body_width: float) -> None:
+        self.map = floor_map
+        self._half_u = body_depth * CELLS_PER_METRE / 2.0
+        self._half_v = body_width * CELLS_PER_METRE / 2.0
+        sums = np.zeros((floor_map.rows + 1, floor_map.columns + 1), dtype=np.int32)
+        np.cumsum(np.cumsum(floor_map.walls, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
+        self._walls_before = sums.data
+        self._points = {
+            f'{end} {side}': (along * self._half_u, across * self._half_v)
+            for end, along in (('front', 1.0), ('rear', -1.0))
+            for side, across in (('left', -1.0), ('middle', 0.0), ('right', 1.0))
+        }
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> World | None:
+        """Make the world that the parameters of ``plant_sim`` name; None without a ``map``.
+
+        Raises
+        ------
+        WorldError
+            If the map can't be read, or the robot can't start where it is to.
+        """
+        if not values['map']:
+            return None
+        world = cls(load_map(values['map']), values['body_depth'], values['body_width'])
+        world.check_start((values['start_position_x'], values['start_position_y']))
+        return world
+
+    def check_start(self, position: Pair) -> None:
+        """Refuse a start position that is off the map or has the body in a wall.
+
+        Raises
+        ------
+        WorldError
+        """
+        x, y = position[0], -position[1] + 0.0
+        where = f'the start position x {x:g} m, y {y:g} m (map)'
+        if not self.map.holds(self.map.point(position)):
+            x_end, y_end = self.map.columns * CELL_M / 2.0, self.map.rows * CELL_M / 2.0
+            raise WorldError(f'{where} is off the map, x ±{x_end:g} m, y ±{y_end:g} m')
+        if self.blocked(position):
+            raise WorldError(
+                f'{where} has the body in a wall: {", ".join(self.touching(position))}'
+            )
+
+    def blocked(self, position: Pair) -> bool:
+        """Tell whether any part of the body is in a wall.
+
+        The number of wall cells in a rectangle follows from four sums, so that nothing, however
+        narrow, slips between the points of the outline.
+        """
+        u, v = self.map.point(position)
+        columns, rows = self.map.columns, self.map.rows
+        left = min(max(math.floor(u - self._half_u), 0), columns)
+        right = min(max(math.floor(u + self._half_u) + 1, 0), columns)
+        top = min(max(math.floor(v - self._half_v), 0), rows)
+        bottom = min(max(math.floor(v + self._half_v) + 1, 0), rows)
+        sums = self._walls_before
+        inside: int = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+        return inside > 0
+
+    def touching(self, position: Pair) -> tuple[str, ...]:
+        """Name those of the document's six points of the outline that are in a wall (B.3).
+
+        Returns
+        -------
+        tuple of str
+            Such as 'front left'; 'between two points of the outline' where the wall is only there;
+            empty if the body is in no wall.
+        """
+        if not self.blocked(position):
+            return ()
+        u, v = self.map.point(position)
+        names = tuple(
+            name
+            for name, (along, across) in self._points.items()
+            if self.map.is_wall((u + along, v + across))
+        )
+        return names or ('between two points of the outline',)
+
+    def clearance(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the distance [m] from the outline to the nearest wall, to about 1 cm.
+
+        Parameters
+        ----------
+        positions : ndarray, shape (n, 2)
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            inf where the map has no wall. Where the outline reaches beyond the map, a lower bound.
+        """
+        free = ~self.map.walls
+        nearest = np.full(len(positions), np.inf)
+        if free.all():
+            return nearest
+        # From the middle of a cell to the middle of the nearest wall cell, which begins half a
+        # cell before that.
+        field = np.maximum(distance_transform_edt(free) - 0.5, 0.0)
+        size = np.array([self.map.columns, self.map.rows])
+        centres = self.map.points(positions)
+        for corner in self._outline():
+            points = centres + corner
+            column, row = np.clip(np.floor(points), 0, size - 1).astype(int).T
+            # The map is convex: seen from off it, no wall is nearer than Pythagoras tells.
+            off = np.maximum(np.maximum(-points, points - size), 0.0)
+            np.minimum(nearest, np.hypot(field[row, column], np.hypot(*off.T)), out=nearest)
+        return nearest * CELL_M
+
+    def _outline(self) -> list[Pair]:
+        """Return points around the outline [cells], not more than a cell apart."""
+        us, vs = (
+            np.linspace(-half, half, math.ceil(2.0 * half) + 2).tolist()
+            for half in (self._half_u, self._half_v)
+        )
+        return [
+            *((u, v) for u in (-self._half_u, self._half_u) for v in vs),
+            *((u, v) for v in (-self._half_v, self._half_v) for u in us),
+        ]
