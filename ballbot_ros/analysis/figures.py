@@ -11,6 +11,7 @@ import numpy as np
 
 from ballbot_ros.scenario.signal import Segment
 from ballbot_ros.simulation.trajectory import Trajectory
+from ballbot_ros.world.floor_map import LINE, WALL, FloorMap
 
 # Okabe and Ito's colours: told apart by the colour-blind, and by their lightness in print.
 BLUE, ORANGE, GRAY = '#0072B2', '#D55E00', '#666666'
@@ -26,10 +27,11 @@ def draw_motion(
     title: str,
     hold_time: float,
     segments: Iterable[Segment] = (),
+    floor_map: FloorMap | None = None,
 ) -> None:
     """Draw position, body pitch and duty against time, like the document's figures 8-2 and 8-3.
 
-    Where the ball moves in both planes, its track is drawn beside them.
+    Where there is a map, or the ball moves in both planes, its track is drawn beside them.
 
     Parameters
     ----------
@@ -42,18 +44,20 @@ def draw_motion(
         End of the gyro calibration [s], shaded from the start.
     segments : iterable of Segment
         Stick segments, shaded and named.
+    floor_map : FloorMap or None
+        Walls and lines below the track.
     """
     # Here, not above: the import takes a second that no run should wait for at its start.
     from matplotlib.figure import Figure
 
     sideways = trajectory.position[:, 1] * 100.0
-    with_track = len(sideways) > 0 and np.ptp(sideways) > MANY_CM
+    with_track = len(sideways) > 0 and (floor_map is not None or np.ptp(sideways) > MANY_CM)
     figure = Figure(figsize=(12.0 if with_track else 8.0, 6.0), layout='constrained')
     figure.suptitle(title)
     history: Any = figure
     if with_track:
         history, beside = np.asarray(figure.subfigures(1, 2, width_ratios=(8, 5)))
-        _draw_track(beside.subplots(), trajectory)
+        _draw_track(beside.subplots(), trajectory, floor_map)
     _draw_history(
         history.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2)),
         trajectory,
@@ -95,13 +99,23 @@ def _draw_history(
     rows[2].set_xlabel('time [s]')
 
 
-def _draw_track(axes: Any, trajectory: Trajectory) -> None:
+def _draw_track(axes: Any, trajectory: Trajectory, floor_map: FloorMap | None) -> None:
     """Draw the ball's way from above, forward to the right, as in the frame `map`."""
+    if floor_map is not None:
+        # In a lighter gray than the image has, so that the track stands out.
+        shades = {WALL: 0.6, LINE: 0.8}
+        picture = np.ones(floor_map.cells.shape)
+        for kind, shade in shades.items():
+            picture[floor_map.cells == kind] = shade
+        columns, rows = floor_map.columns / 2.0, floor_map.rows / 2.0
+        axes.imshow(
+            picture, cmap='gray', vmin=0.0, vmax=1.0, extent=(-columns, columns, -rows, rows)
+        )
     x, y = trajectory.position[:, 0] * 100.0, trajectory.position[:, 1] * -100.0
     axes.plot(x, y, color=BLUE, linewidth=1.4)
     axes.plot(x[0], y[0], marker='o', color=GRAY, linestyle='', label='start')
     axes.plot(x[-1], y[-1], marker='s', color=ORANGE, linestyle='', label='end')
-    axes.set_aspect('equal', adjustable='datalim')
+    axes.set_aspect('equal', adjustable='datalim' if floor_map is None else 'box')
     axes.set_xlabel('x of map [cm]')
     axes.set_ylabel('y of map [cm]')
     axes.legend(loc='best', frameon=False)

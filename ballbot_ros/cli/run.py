@@ -104,7 +104,8 @@ def run_scenario(
     if '/' in reference or reference.endswith(('.yaml', '.yml')):
         reference = str(Path(reference).resolve())
     parameters.set(GAMEPAD, 'scenario', reference)
-    _settle_map(parameters)
+    world = _settle_map(parameters)
+    floor_map = world.map if world else None
 
     folder = output
     if folder is None and record:
@@ -129,8 +130,9 @@ def run_scenario(
     metrics: dict[str, float] = {}
     judgements: list[Judgement] = []
     if finished.trajectory:
-        metrics = measure(finished.trajectory, plant_values)
-        judgements = judge(scenario.expectations, finished.trajectory, plant_values)
+        clearance = world.clearance if world and world.map.walls.any() else None
+        metrics = measure(finished.trajectory, plant_values, clearance)
+        judgements = judge(scenario.expectations, finished.trajectory, plant_values, clearance)
     result = Result(
         scenario=scenario.name,
         processes=processes,
@@ -145,10 +147,15 @@ def run_scenario(
     # Who interrupts a run wants it to end; the recording has everything.
     if folder and finished.trajectory and result.verdict.outcome != STOPPED:
         figure = folder / f'{scenario.name}.png'
-        title = f'{scenario.name}: {scenario.purpose}'
         try:
-            segments = (*scenario.vertical.segments, *scenario.horizontal.segments)
-            draw_motion(finished.trajectory, figure, title, plant_values['hold_time'], segments)
+            draw_motion(
+                finished.trajectory,
+                figure,
+                f'{scenario.name}: {scenario.purpose}',
+                plant_values['hold_time'],
+                (*scenario.vertical.segments, *scenario.horizontal.segments),
+                floor_map,
+            )
             result.figure = figure
         except OSError as error:
             figure.unlink(missing_ok=True)
@@ -208,13 +215,14 @@ def _assign(parameters: ParameterSet, assignment: str) -> None:
     parameters.set(node, name, value, f'--set {assignment}')
 
 
-def _settle_map(parameters: ParameterSet) -> None:
+def _settle_map(parameters: ParameterSet) -> World | None:
     """Find out here, before anything starts, whether map and start position are of use."""
-    World.of(parameters.values(PLANT))
+    world = World.of(parameters.values(PLANT))
     SonarBeam(parameters.values(SONAR))
     name = parameters.values(PLANT)['map']
     if is_file_name(name):
         parameters.set(PLANT, 'map', str(Path.cwd() / name))
+    return world
 
 
 def _make_folder(folder: Path) -> None:
