@@ -123,7 +123,8 @@ class World:
         Returns
         -------
         ndarray, shape (n,)
-            inf where the map has no wall. Where the outline reaches beyond the map, a lower bound.
+            0 where the body is in a wall, inf where the map has none. Where the outline reaches
+            beyond the map, a lower bound.
         """
         free = ~self.map.walls
         nearest = np.full(len(positions), np.inf)
@@ -140,6 +141,8 @@ class World:
             # The map is convex: seen from off it, no wall is nearer than Pythagoras tells.
             off = np.maximum(np.maximum(-points, points - size), 0.0)
             np.minimum(nearest, np.hypot(field[row, column], np.hypot(*off.T)), out=nearest)
+        # A wall that is all below the body is near to no point of its outline.
+        nearest[[self.blocked((x, y)) for x, y in positions.tolist()]] = 0.0
         return nearest * CELL_M
 
     def _outline(self) -> list[Pair]:
