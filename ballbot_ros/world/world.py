@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from ballbot_ros.plant.truth import Pair
+from ballbot_ros.world.distance import wall_distance
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap
 from ballbot_ros.world.library import load_map
@@ -40,6 +41,9 @@ class World:
         sums = np.zeros((floor_map.rows + 1, floor_map.columns + 1), dtype=np.int32)
         np.cumsum(np.cumsum(floor_map.walls, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
         self._walls_before = sums.data
+        # About the ball in such a cell there is no wall as far as the body reaches.
+        reach = max(self._half_u, self._half_v) + 1.0
+        self._is_clear = (wall_distance(floor_map) > reach).data
         self._points = {
             f'{end} {side}': (along * self._half_u, across * self._half_v)
             for end, along in (('front', 1.0), ('rear', -1.0))
@@ -86,6 +90,8 @@ class World:
         """
         u, v = self.map.point(position)
         columns, rows = self.map.columns, self.map.rows
+        if 0.0 <= u < columns and 0.0 <= v < rows and self._is_clear[int(v), int(u)]:
+            return False
         left = min(max(math.floor(u - self._half_u), 0), columns)
         right = min(max(math.floor(u + self._half_u) + 1, 0), columns)
         top = min(max(math.floor(v - self._half_v), 0), rows)
