@@ -131,7 +131,7 @@ class WallContact:
         round within the step keeps its velocity.
         """
         theta, psi, omega, rho = after
-        if (theta - before[0]) * omega > 0.0:
+        if (theta > before[0]) == (omega > 0.0):
             rho += omega * impulse_ratio(self._physical, 0.0 if self._linear else psi)
             omega = 0.0
         return before[0], psi, omega, rho

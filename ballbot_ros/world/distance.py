@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_cdt
 
 from ballbot_ros.plant.truth import Pair
@@ -22,6 +23,20 @@ REACH = 255
 
 Ray = Callable[[Pair, float], float]
 """(origin, direction) -> distance."""
+
+
+def wall_distance(floor_map: FloorMap) -> NDArray[np.int32]:
+    """Return the chessboard distance [cells] from each cell to the nearest wall.
+
+    Returns
+    -------
+    ndarray, shape (rows, columns)
+        0 in a wall; without any wall, more than from side to side.
+    """
+    free = ~floor_map.walls
+    if free.all():
+        return np.full(free.shape, max(free.shape), dtype=np.int32)
+    return np.ascontiguousarray(distance_transform_cdt(free, 'chessboard'), dtype=np.int32)
 
 
 def stepped_ray(floor_map: FloorMap) -> Ray:
@@ -53,12 +68,8 @@ def exact_ray(floor_map: FloorMap) -> Ray:
     of Amanatides and Woo (1987). All points are reckoned from the origin, so errors do not add
     up.
     """
-    free = ~floor_map.walls
     columns, rows = floor_map.columns, floor_map.rows
-    field = distance_transform_cdt(free, 'chessboard') if not free.all() else (
-        np.full(free.shape, max(columns, rows))
-    )  # fmt: skip
-    sides = np.ascontiguousarray(field, dtype=np.int32).data
+    sides = wall_distance(floor_map).data
 
     def distance(origin: Pair, direction: float) -> float:
         (u, v), du, dv = origin, math.cos(direction), math.sin(direction)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from ballbot_ros.plant.truth import Pair
+from ballbot_ros.world.distance import wall_distance
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap
 from ballbot_ros.world.library import load_map
@@ -40,6 +41,9 @@ class World:
         sums = np.zeros((floor_map.rows + 1, floor_map.columns + 1), dtype=np.int32)
         np.cumsum(np.cumsum(floor_map.walls, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
         self._walls_before = sums.data
+        # About the ball in such a cell there is no wall as far as the body reaches.
+        reach = max(self._half_u, self._half_v) + 1.0
+        self._is_clear = (wall_distance(floor_map) > reach).data
         self._points = {
             f'{end} {side}': (along * self._half_u, across * self._half_v)
             for end, along in (('front', 1.0), ('rear', -1.0))
@@ -86,6 +90,8 @@ class World:
         """
         u, v = self.map.point(position)
         columns, rows = self.map.columns, self.map.rows
+        if 0.0 <= u < columns and 0.0 <= v < rows and self._is_clear[int(v), int(u)]:
+            return False
         left = min(max(math.floor(u - self._half_u), 0), columns)
         right = min(max(math.floor(u + self._half_u) + 1, 0), columns)
         top = min(max(math.floor(v - self._half_v), 0), rows)
@@ -123,7 +129,8 @@ class World:
         Returns
         -------
         ndarray, shape (n,)
-            inf where the map has no wall. Where the outline reaches beyond the map, a lower bound.
+            0 where the body is in a wall, inf where the map has none. Where the outline reaches
+            beyond the map, a lower bound.
         """
         free = ~self.map.walls
         nearest = np.full(len(positions), np.inf)
@@ -140,6 +147,8 @@ class World:
             # The map is convex: seen from off it, no wall is nearer than Pythagoras tells.
             off = np.maximum(np.maximum(-points, points - size), 0.0)
             np.minimum(nearest, np.hypot(field[row, column], np.hypot(*off.T)), out=nearest)
+        # A wall that is all below the body is near to no point of its outline.
+        nearest[[self.blocked((x, y)) for x, y in positions.tolist()]] = 0.0
         return nearest * CELL_M
 
     def _outline(self) -> list[Pair]:

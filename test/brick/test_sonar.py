@@ -97,3 +97,20 @@ def test_an_echo_that_is_missed_leaves_those_after_it_as_they_were():
     far_first.read(math.inf, 0)
     near.read(1.0, 0)
     assert far_first.read(1.0, SAMPLE_NS) == near.read(1.0, SAMPLE_NS)
+
+
+def test_below_the_least_range_half_of_the_echoes_are_missed():
+    sonar = make_sonar(min_range_cm=7.0)
+    assert np.mean(readings(sonar, 0.069) == NO_ECHO) == pytest.approx(0.5, abs=0.02)
+    assert (readings(sonar, 0.07, 1000) == 7).all()
+    worse = make_sonar(min_range_cm=7.0, dropout_probability=0.8)
+    assert np.mean(readings(worse, 0.05) == NO_ECHO) == pytest.approx(0.8, abs=0.02)
+
+
+def test_what_is_near_is_missed_where_it_would_be_missed_anyway():
+    settings = {'noise_cm': 3.0, 'dropout_probability': 0.15}
+    plain = readings(make_sonar(**settings), 0.05, 1000)
+    near = readings(make_sonar(**settings, min_range_cm=7.0), 0.05, 1000)
+    heard = near != NO_ECHO
+    np.testing.assert_array_equal(near[heard], plain[heard])
+    assert (near[plain == NO_ECHO] == NO_ECHO).all()

@@ -15,6 +15,7 @@ from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 
+AT_TRACK = ['--set=plant_sim.map=track', '--output=/dev/null/no']
 FAST = ['--processes=none', '--set=plant_sim.duration=3']
 
 
@@ -75,6 +76,23 @@ MISTAKES = {
     'unknown option': (lambda tmp_path: ['stationary', '--nosuch'], '--nosuch'),
     'unknown way': (lambda tmp_path: ['stationary', '--processes=two'], 'separate'),
     'negative factor': (lambda tmp_path: ['stationary', '--real-time-factor=-1'], '-1'),
+    'unknown map': (
+        lambda tmp_path: ['stationary', '--set=plant_sim.map=nosuch'],
+        'corridor, track',
+    ),
+    'no map file': (
+        lambda tmp_path: ['stationary', '--set=plant_sim.map=no.png'],
+        'no.png: No such',
+    ),
+    'start in a wall': (
+        lambda tmp_path: ['stationary', *AT_TRACK, '--set=plant_sim.start_position_x=0.9'],
+        'x 0.9 m, y 0 m (map) has the body in a wall: front left, front middle, front right',
+    ),
+    'start off the map': (
+        lambda tmp_path: ['stationary', *AT_TRACK, '--set=plant_sim.start_position_y=3'],
+        'x 0 m, y -3 m (map) is off the map, x ±1 m, y ±1 m',
+    ),
+    'even cone': (lambda tmp_path: ['stationary', '--set=sonar_driver.cone_rays=4'], '4 is even'),
     'existing recording': (lambda tmp_path: ['stationary', *_full_folder(tmp_path)], 'exists'),
     'folder is a file': (lambda tmp_path: ['stationary', '--output', '/dev/null'], '/dev/null'),
 }

@@ -1,0 +1,141 @@
+"""`ballbot map` as a user types it."""
+
+import resource
+import subprocess
+
+import numpy as np
+import pytest
+from graph import BALLBOT
+from maps import drawn, save
+from PIL import Image
+
+WHITE = np.full((20, 30), 255, dtype=np.uint8)
+
+
+def ballbot_map(*arguments, **options):
+    return subprocess.run(
+        [*BALLBOT, 'map', *map(str, arguments)],
+        capture_output=True, text=True, timeout=60.0, check=False, **options,
+    )  # fmt: skip
+
+
+def assert_one_line(done, *hints):
+    assert done.returncode == 2
+    assert done.stdout == ''
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    for hint in hints:
+        assert str(hint) in done.stderr
+
+
+def test_a_map_is_described(tmp_path):
+    path = save(drawn('.....', '.##-.', '.....'), tmp_path / 'map.bmp')
+    done = ballbot_map(path)
+    assert done.returncode == 0
+    assert done.stderr == ''
+    for words in (path, '5 × 3 cm', ' 15 ', '0.0013 m²', 'wall cells', ' 2 ', 'black line cells'):
+        assert str(words) in done.stdout
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_shipped_map_is_written(tmp_path):
+    done = ballbot_map('track', '--wrl', tmp_path / 'a.wrl', '--yaml', tmp_path / 'b.yaml')
+    assert done.returncode == 0
+    assert {path.name for path in tmp_path.iterdir()} == {'a.wrl', 'b.yaml', 'b.pgm'}
+    for path in tmp_path.iterdir():
+        assert f'wrote  {path}\n' in done.stdout
+
+
+def test_check_prints_one_line_and_writes_nothing():
+    done = ballbot_map('track', '--check')
+    assert (done.returncode, done.stdout, done.stderr) == (0, 'track: OK, 200 × 200 cm\n', '')
+
+
+def image_file(tmp_path, name, change=None, **options):
+    pixels = WHITE.copy()
+    image = Image.fromarray(pixels)
+    (change or (lambda _: None))(image)
+    image.save(tmp_path / name, **options)
+    return tmp_path / name
+
+
+def raw_file(tmp_path, data):
+    (tmp_path / 'map.png').write_bytes(data)
+    return tmp_path / 'map.png'
+
+
+def alpha(tmp_path):
+    image = Image.fromarray(WHITE).convert('LA')
+    image.putpixel((3, 2), (255, 0))
+    image.save(tmp_path / 'map.png')
+    return tmp_path / 'map.png'
+
+
+def half(tmp_path):
+    data = image_file(tmp_path, 'map.bmp').read_bytes()
+    return raw_file(tmp_path, data[: len(data) // 2])
+
+
+def sixteen_bits(tmp_path):
+    Image.fromarray(np.full((4, 4), 65535, np.uint16)).save(tmp_path / 'map.png')
+    return tmp_path / 'map.png'
+
+
+def animated(tmp_path):
+    frames = [Image.fromarray(WHITE), Image.fromarray(WHITE // 255 * 128)]
+    frames[0].save(tmp_path / 'map.png', save_all=True, append_images=frames[1:])
+    return tmp_path / 'map.png'
+
+
+def wide(tmp_path):
+    Image.new('1', (4001, 1), 1).save(tmp_path / 'map.png')
+    return tmp_path / 'map.png'
+
+
+BAD = {
+    'missing': (lambda tmp_path: tmp_path / 'no.png', 'No such file'),
+    'unknown name': (lambda tmp_path: 'nosuch', 'shipped: corridor, track'),
+    'folder': (lambda tmp_path: tmp_path, 'not a file'),
+    'empty': (lambda tmp_path: raw_file(tmp_path, b''), 'empty'),
+    'text': (lambda tmp_path: raw_file(tmp_path, b'hello'), 'not a PNG or BMP'),
+    'jpeg': (lambda tmp_path: image_file(tmp_path, 'map.jpg', format='JPEG').rename(
+        tmp_path / 'map.png'), 'JPEG loses colours'),
+    'truncated': (half, 'damaged'),
+    'too wide': (wide, '4001 × 1'),
+    '16 bits': (sixteen_bits, '16 bits'),
+    'transparent': (alpha, 'column 3, row 2'),
+    'animated': (animated, '2 frames'),
+    'gray': (lambda tmp_path: image_file(
+        tmp_path, 'map.png', lambda image: image.putpixel((7, 5), 200)),
+        'column 7, row 5 (from 0 at the top left) is of colour (200, 200, 200); allowed are white'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('name', BAD)
+def test_what_is_no_map_is_one_line(tmp_path, name):
+    make, hint = BAD[name]
+    image = make(tmp_path)
+    assert_one_line(ballbot_map(image, '--check'), image, hint)
+
+
+def test_check_and_writing_exclude_each_other(tmp_path):
+    assert_one_line(ballbot_map('track', '--check', '--wrl', tmp_path / 'a.wrl'), '--check')
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_file_is_left_alone(tmp_path):
+    (tmp_path / 'a.wrl').write_text('mine')
+    assert_one_line(ballbot_map('track', '--wrl', tmp_path / 'a.wrl'), 'a.wrl: exists already')
+    assert (tmp_path / 'a.wrl').read_text() == 'mine'
+
+
+def test_a_file_that_can_not_be_written_is_one_line(tmp_path):
+    assert_one_line(ballbot_map('track', '--wrl', tmp_path / 'no/a.wrl'), 'No such file')
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path):
+    def fill_disk():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+
+    done = ballbot_map('track', '--wrl', tmp_path / 'a.wrl', preexec_fn=fill_disk)
+    assert_one_line(done, 'a.wrl', 'File too large')
+    assert list(tmp_path.iterdir()) == []
