@@ -20,10 +20,9 @@ import rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ballbot_ros.nodes.base import offered_qos, requested_qos, spin
-from ballbot_ros.nodes.conversions import MOTOR_NAMES, STATE_NAMES, fill_time, time_ns
-from ballbot_ros.nodes.raw import stamp_of
-from ballbot_ros.nodes.topics import (
+from ballbot_ros.messages.conversions import MOTOR_NAMES, STATE_NAMES, fill_time, time_ns
+from ballbot_ros.messages.raw import stamp_of
+from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     BLUETOOTH_TX,
     CONTROLLER_STATE,
@@ -41,6 +40,7 @@ from ballbot_ros.nodes.topics import (
     TOPICS,
     Topic,
 )
+from ballbot_ros.nodes.base import offered_qos, requested_qos, spin
 from ballbot_ros.parameters import CONTROLLER, ENCODER, GAMEPAD, GYRO, NODES, PLANT, RECORDER, SONAR
 from ballbot_ros.simulation.lockstep import InputGate
 from ballbot_ros.simulation.timing import BATTERY_NS, FIRST_TICK_NS, SECOND_NS, TICK_NS

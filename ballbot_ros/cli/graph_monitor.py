@@ -10,8 +10,8 @@ import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from ballbot_ros.nodes.conversions import time_ns
-from ballbot_ros.nodes.topics import CLOCK, DIAGNOSTICS
+from ballbot_ros.messages.conversions import time_ns
+from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
 from ballbot_ros.parameters import PLANT
 
 

@@ -6,7 +6,7 @@ import time
 
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.run import Experiment, Finished
-from ballbot_ros.nodes.simulated_recording import SimulatedRecording
+from ballbot_ros.messages.simulated_recording import SimulatedRecording
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.simulation.closed_loop import ClosedLoop

@@ -29,9 +29,9 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.conversions import fill_time
-from ballbot_ros.nodes.raw import decoder
-from ballbot_ros.nodes.topics import DIAGNOSTICS, HISTORY, Topic
+from ballbot_ros.messages.conversions import fill_time
+from ballbot_ros.messages.raw import decoder
+from ballbot_ros.messages.topics import DIAGNOSTICS, HISTORY, Topic
 from ballbot_ros.parameters import TABLE, Parameter, ParameterError, nearest, parameters_of
 from ballbot_ros.stop_request import StopRequest
 

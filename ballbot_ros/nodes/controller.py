@@ -11,8 +11,7 @@ from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.controller.parameters import TS1_MS, TS2_MS, TS3_MS
 from ballbot_ros.controller.program import ControlProgram
-from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.conversions import (
+from ballbot_ros.messages.conversions import (
     encoder_counts,
     fill_controller_state,
     fill_duty,
@@ -24,7 +23,7 @@ from ballbot_ros.nodes.conversions import (
     stick_values,
     time_ns,
 )
-from ballbot_ros.nodes.topics import (
+from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     BLUETOOTH_TX,
     CONTROLLER_STATE,
@@ -39,6 +38,7 @@ from ballbot_ros.nodes.topics import (
     SOUND,
     Topic,
 )
+from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.simulation.lockstep import InputGate, TimerAudit
 from ballbot_ros.simulation.timing import MILLISECOND_NS, TICK_NS

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from ballbot_ros.brick.encoder import Encoder
+from ballbot_ros.messages.conversions import fill_encoders, motor_angles, stamp_ns
+from ballbot_ros.messages.topics import JOINT_STATES, PLANT_JOINT_STATES
 from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.conversions import fill_encoders, motor_angles, stamp_ns
-from ballbot_ros.nodes.topics import JOINT_STATES, PLANT_JOINT_STATES
 from ballbot_ros.parameters import ENCODER
 
 

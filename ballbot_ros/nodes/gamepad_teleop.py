@@ -6,10 +6,10 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
+from ballbot_ros.messages.conversions import fill_sticks, time_ns
+from ballbot_ros.messages.raw import stamp_of
+from ballbot_ros.messages.topics import GAMEPAD_JOY, PLANT_JOINT_STATES, RUN
 from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.conversions import fill_sticks, time_ns
-from ballbot_ros.nodes.raw import stamp_of
-from ballbot_ros.nodes.topics import GAMEPAD_JOY, PLANT_JOINT_STATES, RUN
 from ballbot_ros.parameters import GAMEPAD
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from ballbot_ros.brick.gyro import Gyro
+from ballbot_ros.messages.conversions import body_rates, fill_gyro, stamp_ns
+from ballbot_ros.messages.topics import GYRO_IMU, PLANT_IMU
 from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.conversions import body_rates, fill_gyro, stamp_ns
-from ballbot_ros.nodes.topics import GYRO_IMU, PLANT_IMU
 from ballbot_ros.parameters import GYRO
 
 

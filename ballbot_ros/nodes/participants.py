@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from ballbot_ros.messages.raw import stamp_of
+from ballbot_ros.messages.topics import GAMEPAD_JOY, GYRO_IMU, JOINT_STATES, SONAR_RANGE
 from ballbot_ros.nodes.base import BallbotNode
-from ballbot_ros.nodes.raw import stamp_of
-from ballbot_ros.nodes.topics import GAMEPAD_JOY, GYRO_IMU, JOINT_STATES, SONAR_RANGE
 from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.simulation.lockstep import InputGate
 

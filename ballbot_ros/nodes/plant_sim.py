@@ -14,8 +14,7 @@ import numpy as np
 from rclpy.duration import Duration
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.conversions import (
+from ballbot_ros.messages.conversions import (
     duty_values,
     fill_battery,
     fill_body,
@@ -28,10 +27,7 @@ from ballbot_ros.nodes.conversions import (
     stamp_ns,
     time_ns,
 )
-from ballbot_ros.nodes.domain_lock import DomainLock
-from ballbot_ros.nodes.participants import Participants
-from ballbot_ros.nodes.plant_services import PlantServices
-from ballbot_ros.nodes.topics import (
+from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CLOCK,
     MAP,
@@ -45,6 +41,10 @@ from ballbot_ros.nodes.topics import (
     RUN,
     WALL_HIT,
 )
+from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.domain_lock import DomainLock
+from ballbot_ros.nodes.participants import Participants
+from ballbot_ros.nodes.plant_services import PlantServices
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterError
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.plant.truth import Push

@@ -12,10 +12,10 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from ballbot_ros.messages.conversions import fill_time
+from ballbot_ros.messages.raw import has_stamp, stamp_of
+from ballbot_ros.messages.topics import HISTORY, RECORDER_ACK, TOPICS, Topic, message_class
 from ballbot_ros.nodes.base import BallbotNode, requested_qos, run_node
-from ballbot_ros.nodes.conversions import fill_time
-from ballbot_ros.nodes.raw import has_stamp, stamp_of
-from ballbot_ros.nodes.topics import HISTORY, RECORDER_ACK, TOPICS, Topic, message_class
 from ballbot_ros.parameters import RECORDER
 from ballbot_ros.recording.attachments import media_type
 from ballbot_ros.recording.errors import RecordingError

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from ballbot_ros.brick.sonar import Sonar
+from ballbot_ros.messages.conversions import ball_position, fill_sonar
+from ballbot_ros.messages.raw import decoder, stamp_of
+from ballbot_ros.messages.topics import PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.conversions import ball_position, fill_sonar
-from ballbot_ros.nodes.raw import decoder, stamp_of
-from ballbot_ros.nodes.topics import PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.parameters import SONAR
 from ballbot_ros.simulation.timing import SLOW_NS
 from ballbot_ros.world.sonar_beam import SonarBeam

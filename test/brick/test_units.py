@@ -19,7 +19,7 @@ from ballbot_ros.brick.units import (
     quantise,
     radians_of,
 )
-from ballbot_ros.nodes.conversions import fill_sticks, stick_values
+from ballbot_ros.messages.conversions import fill_sticks, stick_values
 
 INT32 = st.integers(-(2**31), 2**31 - 1)
 

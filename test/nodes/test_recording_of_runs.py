@@ -4,7 +4,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from ballbot_ros.nodes.topics import TOPICS
+from ballbot_ros.messages.topics import TOPICS
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.timing import TICK_NS
 

@@ -15,9 +15,9 @@ from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from std_msgs.msg import Header, String  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
+from ballbot_ros.messages.conversions import body_pitch, stamp_ns, time_ns  # noqa: E402
+from ballbot_ros.messages.topics import DIAGNOSTICS, OPERATING_STATE, PLANT_IMU, RUN  # noqa: E402
 from ballbot_ros.nodes.base import requested_qos  # noqa: E402
-from ballbot_ros.nodes.conversions import body_pitch, stamp_ns, time_ns  # noqa: E402
-from ballbot_ros.nodes.topics import DIAGNOSTICS, OPERATING_STATE, PLANT_IMU, RUN  # noqa: E402
 from ballbot_ros.parameters import NODES, RECORDER, parameters_of  # noqa: E402
 
 pytestmark = pytest.mark.graph

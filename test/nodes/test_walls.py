@@ -8,7 +8,7 @@ from graph import Run, free_domain
 from maps import save, with_walls
 
 from ballbot_ros.brick.sonar import Sonar
-from ballbot_ros.nodes.conversions import ball_position
+from ballbot_ros.messages.conversions import ball_position
 from ballbot_ros.parameters import SONAR
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_profile

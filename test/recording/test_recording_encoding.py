@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.serde import SerdeError
 
-from ballbot_ros.nodes.conversions import fill_encoders, fill_log, fill_sticks
+from ballbot_ros.messages.conversions import fill_encoders, fill_log, fill_sticks
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.schemas import typestore

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ballbot_ros.nodes.topics import TOPICS
+from ballbot_ros.messages.topics import TOPICS
 from ballbot_ros.recording.encoding import new_message
 from ballbot_ros.recording.schemas import schema, typestore
 

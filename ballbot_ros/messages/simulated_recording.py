@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ballbot_ros.controller.program import ControlProgram
-from ballbot_ros.nodes.conversions import (
+from ballbot_ros.messages.conversions import (
     fill_battery,
     fill_body,
     fill_clock,
@@ -24,7 +24,7 @@ from ballbot_ros.nodes.conversions import (
     fill_sticks,
     fill_tone,
 )
-from ballbot_ros.nodes.topics import (
+from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     BLUETOOTH_TX,
     CLOCK,
