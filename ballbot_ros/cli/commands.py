@@ -78,6 +78,30 @@ def scenarios() -> None:
         click.echo(f'{name:<{width}}  {load_scenario(name).purpose}')
 
 
+@click.command(short_help='Make a recorded run again and say where it differs.')
+@click.argument('recording', type=click.Path(path_type=Path))
+@click.option(
+    '--set',
+    'assignments',
+    multiple=True,
+    metavar='NODE.PARAM=VALUE',
+    help='Ask what the controller would have done with another parameter; may be given again.',
+)
+@click.option('--json', 'as_json', is_flag=True, help='Print JSON.')
+def replay(recording: Path, assignments: tuple[str, ...], as_json: bool) -> int:
+    """Make the runs of RECORDING again, from what the file itself holds.
+
+    The controller first, on the recorded samples of the devices; then the whole robot, on its
+    parameters and seed, the recorded sticks and pushes. Every message is compared.
+
+    Exit status: 0 if all are identical, 1 if one differs, 2 if there is nothing to replay. With
+    --set only the controller's duties are compared, and the status is 0.
+    """
+    from ballbot_ros.cli.replay import replay_recording
+
+    return replay_recording(recording, assignments=assignments, as_json=as_json)
+
+
 @click.command(short_help='Print the model, its poles and the servo gains.')
 @click.option(
     '--params',

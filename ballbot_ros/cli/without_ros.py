@@ -14,7 +14,6 @@ from ballbot_ros.simulation.pacer import Pacer
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.stop_request import StopRequest
-from ballbot_ros.world.world import World
 
 
 def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
@@ -24,7 +23,7 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
     factor = plant['real_time_factor']
     loop = ClosedLoop(experiment.parameters, experiment.scenario)
     log, pacer = TrajectoryLog(), Pacer()
-    recording = _recording(experiment, loop.world)
+    recording = _recording(experiment, loop)
     failure = ''
     begun = time.monotonic()
     with StopRequest() as stop:
@@ -41,7 +40,7 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
                 failure = str(loop.plant.newest_hit)
                 progress.notice(failure)
                 if recording:
-                    recording.add_truth(loop.plant.truth(), loop.plant.wall_hit)
+                    recording.add_truth(loop.plant.truth(), wall_hit=loop.plant.wall_hit)
             if recording:
                 recording.close()
         except RecordingError as error:
@@ -62,10 +61,10 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
     return Finished(summary, log.trajectory())
 
 
-def _recording(experiment: Experiment, world: World | None) -> SimulatedRecording | None:
+def _recording(experiment: Experiment, loop: ClosedLoop) -> SimulatedRecording | None:
     if experiment.recording is None:
         return None
     ball_radius = experiment.parameters.values(PLANT)['ball_radius']
     recording = SimulatedRecording(experiment.recording, experiment.attachments, ball_radius)
-    recording.begin(FIRST_TICK_NS, world)
+    recording.begin(FIRST_TICK_NS, loop.world, loop.pushes)
     return recording

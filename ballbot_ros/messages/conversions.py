@@ -24,7 +24,7 @@ from ballbot_ros.brick.units import (
     radians_of,
 )
 from ballbot_ros.controller.axis import Axis
-from ballbot_ros.plant.truth import Pair, Truth
+from ballbot_ros.plant.truth import Pair, Push, Truth
 from ballbot_ros.world.exports import OccupancyGrid
 
 _SECOND = 1_000_000_000
@@ -238,6 +238,14 @@ def fill_tone(message: Any, stamp_ns: int, tone: Tone) -> None:
     fill_header(message.header, stamp_ns, '')
     sound = message.vector
     sound.x, sound.y, sound.z = map(float, tone)
+
+
+def fill_accepted_push(message: Any, stamp_ns: int, push: Push, number: int, *, acts: bool) -> None:
+    """Write ``plant/accepted_push``: the wrench of push `number` that acts from the stamp on."""
+    fill_header(message.header, stamp_ns, f'push {number}')
+    force, torque = message.wrench.force, message.wrench.torque
+    force.x, force.y = (push.force[0], -push.force[1]) if acts else (0.0, 0.0)
+    torque.y, torque.x = push.torque if acts else (0.0, 0.0)
 
 
 def push_forces(message: Any) -> tuple[Pair, Pair]:

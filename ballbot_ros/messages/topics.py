@@ -49,6 +49,7 @@ BATTERY_STATE = Topic('battery_state', 'sensor_msgs/msg/BatteryState', PLANT, BA
 WALL_HIT = Topic('wall_hit', 'std_msgs/msg/Bool', PLANT)
 MAP = Topic('map', 'nav_msgs/msg/OccupancyGrid', PLANT)
 PUSH = Topic('plant/push', 'geometry_msgs/msg/WrenchStamped', None)
+ACCEPTED_PUSH = Topic('plant/accepted_push', 'geometry_msgs/msg/WrenchStamped', PLANT)
 GYRO_IMU = Topic('gyro', 'sensor_msgs/msg/Imu', GYRO, TICK_NS)
 JOINT_STATES = Topic('joint_states', 'sensor_msgs/msg/JointState', ENCODER, TICK_NS)
 SONAR_RANGE = Topic('sonar', 'sensor_msgs/msg/Range', SONAR, SLOW_NS)

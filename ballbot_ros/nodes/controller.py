@@ -7,22 +7,18 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ballbot_ros.brick.battery_monitor import battery_mv
-from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
+from ballbot_ros.brick.brick import DeviceOutputs
 from ballbot_ros.controller.parameters import TS1_MS, TS2_MS, TS3_MS
 from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.messages.conversions import (
-    encoder_counts,
     fill_controller_state,
     fill_duty,
     fill_log,
     fill_tone,
-    gyro_counts,
-    sonar_reading,
     stamp_ns,
-    stick_values,
     time_ns,
 )
+from ballbot_ros.messages.inputs import INPUTS, device_inputs
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     BLUETOOTH_TX,
@@ -34,7 +30,6 @@ from ballbot_ros.messages.topics import (
     MOTOR_DUTY,
     OPERATING_STATE,
     RUN,
-    SONAR_RANGE,
     SOUND,
     Topic,
 )
@@ -44,14 +39,6 @@ from ballbot_ros.simulation.lockstep import InputGate, TimerAudit
 from ballbot_ros.simulation.timing import MILLISECOND_NS, TICK_NS
 
 SILENCE_S = 0.5
-
-_READERS: dict[Topic, Callable[[Any], Any]] = {
-    GYRO_IMU: gyro_counts,
-    JOINT_STATES: encoder_counts,
-    SONAR_RANGE: sonar_reading,
-    GAMEPAD_JOY: stick_values,
-    BATTERY_STATE: lambda message: battery_mv(message.voltage),
-}
 
 
 class Controller(BallbotNode):
@@ -65,7 +52,7 @@ class Controller(BallbotNode):
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(CONTROLLER, values, use_sim_time=True)
         self._lockstep = self.values['lockstep']
-        self._gate = InputGate({topic.name: topic.period_ns for topic in _READERS})
+        self._gate = InputGate({topic.name: topic.period_ns for topic in INPUTS})
         self._run_name: str | None = None
         self._start_ns = 0
         self._next_ns: int | None = None
@@ -87,7 +74,7 @@ class Controller(BallbotNode):
         if not self._lockstep:
             self.every(TS1_MS * 1e-3, self._free_tick)
         self.listen(RUN, self._on_run)
-        for topic, reader in _READERS.items():
+        for topic, reader in INPUTS.items():
             self.listen(topic, self._input_callback(topic.name, reader))
 
     def _publish_to(self, topic: Topic) -> tuple[Any, Any]:
@@ -161,14 +148,7 @@ class Controller(BallbotNode):
         return True
 
     def _tick(self, now_ns: int, elapsed_ns: int) -> None:
-        gate = self._gate
-        inputs = DeviceInputs(
-            gate.newest(GYRO_IMU.name),
-            gate.newest(JOINT_STATES.name),
-            gate.newest(SONAR_RANGE.name),
-            gate.newest(BATTERY_STATE.name),
-            gate.newest(GAMEPAD_JOY.name),
-        )
+        inputs = device_inputs(lambda topic: self._gate.newest(topic.name))
         outputs = self._program.tick(elapsed_ns // MILLISECOND_NS, now_ns // MILLISECOND_NS, inputs)
         self._publish(now_ns, outputs)
         self.sampled(now_ns)

@@ -16,6 +16,7 @@ from rclpy.duration import Duration
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import (
     duty_values,
+    fill_accepted_push,
     fill_battery,
     fill_body,
     fill_clock,
@@ -28,6 +29,7 @@ from ballbot_ros.messages.conversions import (
     time_ns,
 )
 from ballbot_ros.messages.topics import (
+    ACCEPTED_PUSH,
     BATTERY_STATE,
     CLOCK,
     MAP,
@@ -92,6 +94,7 @@ class PlantSim(BallbotNode):
         self._odometry = self._publish_to(PLANT_ODOM)
         self._battery = self._publish_to(BATTERY_STATE)
         self._wall_hit = self._publish_to(WALL_HIT)
+        self._accepted_push = self._publish_to(ACCEPTED_PUSH)
         self._map = self.advertise(MAP, depth=1), MAP.message_class()
         self._participants = Participants(self)
         self.control = PlantServices(self)
@@ -118,8 +121,7 @@ class PlantSim(BallbotNode):
         """Put everything at the start of a run whose first tick is at `start_ns`."""
         self._start_ns = start_ns
         self._plant = Plant(self.values, start_ns, self._world)
-        for push in self._scenario.pushes_from(start_ns):
-            self._plant.push(push)
+        self._pushes = 0
         self.log = TrajectoryLog(keep=self.values['duration'] > 0.0)
         self._round_trips = array('d')
         self._duty: tuple[int, int] | None = None
@@ -143,7 +145,18 @@ class PlantSim(BallbotNode):
         wall_hit.data = False
         publisher.publish(wall_hit)
         self.end_alarm()
+        for push in self._scenario.pushes_from(self._start_ns):
+            self._accept(push)
         self._publish_truth()
+
+    def _accept(self, push: Push) -> None:
+        """Let a push act, and tell what acts when, for the run to be repeated."""
+        self._plant.push(push)
+        self._pushes += 1
+        publisher, message = self._accepted_push
+        for stamp, acts in ((push.start_ns, True), (push.end_ns, False)):
+            fill_accepted_push(message, stamp, push, self._pushes, acts=acts)
+            publisher.publish(message)
 
     def reset(self) -> None:
         """Begin a new run at the next multiple of 100 ms."""
@@ -216,7 +229,7 @@ class PlantSim(BallbotNode):
             return
         start = max(stamp_ns(message), self._plant.time_ns)
         end = start + round(self.values['push_duration'] * 1e9)
-        self._plant.push(Push(start, end, force, torque))
+        self._accept(Push(start, end, force, torque))
 
     def advance(self) -> None:
         """Move on by a tick if its duty is here and nothing holds the plant back."""

@@ -62,7 +62,7 @@ class Recorder(BallbotNode):
         self._refused: set[str] = set()
         self._acked_ns = 0
         self._lost = 0
-        self._early: list[tuple[_Channel, bytes, int]] = []
+        self._early: list[tuple[int, tuple[_Channel, bytes, int]]] = []
         self._ack = self.advertise(RECORDER_ACK)
         self._ack_message = RECORDER_ACK.message_class()
         self.every(POLL_S, self._poll)
@@ -108,10 +108,10 @@ class Recorder(BallbotNode):
                 self.sampled(stamp)
         if self.now_ns == 0:
             # There is no time yet to log it with.
-            self._early.append((channel, data, sequence))
+            self._early.append((stamp, (channel, data, sequence)))
             return
-        for early in self._early:
-            self._keep(self.now_ns, *early)
+        for early_stamp, early in self._early:
+            self._keep(early_stamp or self.now_ns, *early)
         self._early.clear()
         self._keep(stamp or self.now_ns, channel, data, sequence)
 

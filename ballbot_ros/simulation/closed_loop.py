@@ -6,7 +6,8 @@ run them, so its duties equal the graph's to the bit.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
 from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
@@ -16,7 +17,7 @@ from ballbot_ros.brick.sonar import Sonar
 from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
 from ballbot_ros.plant.plant import Plant
-from ballbot_ros.plant.truth import Truth
+from ballbot_ros.plant.truth import Push, Truth
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.timing import BATTERY_NS, FIRST_TICK_NS, MILLISECOND_NS, SLOW_NS
 from ballbot_ros.world.sonar_beam import SonarBeam
@@ -32,14 +33,28 @@ class Tick(NamedTuple):
     outputs: DeviceOutputs
 
 
+class Inputs(Protocol):
+    """What comes from outside: a scenario, or what a recording has of it."""
+
+    def sticks_at(self, time: float) -> tuple[int, int]:
+        """Return the sticks at `time` [s] from the start of the run."""
+        ...
+
+    def pushes_from(self, start_ns: int) -> Sequence[Push]:
+        """Return the pushes of a run that begins at sim time `start_ns`."""
+        ...
+
+
 class ClosedLoop:
     """The whole robot.
 
     Parameters
     ----------
     parameters : ParameterSet
-    scenario : Scenario or None
+    scenario : Scenario or the like, or None
         Stick signals and pushes; None for a neutral stick and no push.
+    start_ns : int
+        Sim time of the first tick [ns].
 
     Attributes
     ----------
@@ -47,6 +62,8 @@ class ClosedLoop:
     program : ControlProgram
     world : World or None
         None for a free floor without end.
+    pushes : sequence of Push
+        What disturbs it.
 
     Raises
     ------
@@ -54,8 +71,13 @@ class ClosedLoop:
         If the map can't be read, or the robot can't start where it is to.
     """
 
-    def __init__(self, parameters: ParameterSet, scenario: Scenario | None = None) -> None:
-        self._start_ns = FIRST_TICK_NS
+    def __init__(
+        self,
+        parameters: ParameterSet,
+        scenario: Inputs | None = None,
+        start_ns: int = FIRST_TICK_NS,
+    ) -> None:
+        self._start_ns = start_ns
         self.world = World.of(parameters.values(PLANT))
         self.plant = Plant(parameters.values(PLANT), self._start_ns, self.world)
         self._gyro = Gyro(parameters.values(GYRO))
@@ -64,7 +86,8 @@ class ClosedLoop:
         self._beam = SonarBeam(parameters.values(SONAR))
         self.program = ControlProgram(parameters.values(CONTROLLER))
         self._scenario = scenario or Scenario()
-        for push in self._scenario.pushes_from(self._start_ns):
+        self.pushes = self._scenario.pushes_from(self._start_ns)
+        for push in self.pushes:
             self.plant.push(push)
 
     def tick(self) -> Tick:

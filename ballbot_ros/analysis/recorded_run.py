@@ -1,0 +1,113 @@
+"""The runs of a recording: when each began and ended, and what came from outside."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from typing import Any
+
+from ballbot_ros.messages.conversions import push_forces, stamp_ns, stick_values, time_ns
+from ballbot_ros.messages.topics import ACCEPTED_PUSH, GAMEPAD_JOY, MOTOR_DUTY, RUN, TOPICS, Topic
+from ballbot_ros.plant.truth import Push
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.simulation.timing import TICK_NS
+
+
+@dataclass
+class RecordedRun:
+    """A run, and what it depends on beside its parameters.
+
+    Attributes
+    ----------
+    start_ns, last_ns : int
+        Sim time [ns] of its first tick, and of its last one that has a duty.
+    end_ns : int
+        Beginning of the next run [ns], or later than any.
+    sticks : dict of int to tuple of int
+        The gamepad's sticks by stamp [ns].
+    duties : dict of int to tuple of int
+        The duties [%] by stamp [ns].
+    pushes : list of Push
+        The pushes that acted, from the scenario or from outside.
+    """
+
+    start_ns: int
+    last_ns: int
+    end_ns: int
+    sticks: dict[int, tuple[int, int]] = field(default_factory=dict)
+    duties: dict[int, tuple[int, int]] = field(default_factory=dict)
+    pushes: list[Push] = field(default_factory=list)
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks that have a duty."""
+        return max(0, (self.last_ns - self.start_ns) // TICK_NS + 1)
+
+    def sticks_at(self, time: float) -> tuple[int, int]:
+        """Return the sticks at `time` [s] from the start of the run."""
+        return self.sticks.get(self.start_ns + round(time * 1e9), (0, 0))
+
+    def pushes_from(self, start_ns: int) -> list[Push]:
+        """Return the pushes of the run."""
+        return self.pushes
+
+
+def recorded_topics(reader: RecordingReader) -> dict[str, Topic]:
+    """Return the graph's topics by the names that they have in a recording, namespace included.
+
+    Raises
+    ------
+    RecordingError
+        If it has no duties: it is no recording of this robot.
+    """
+    suffix = f'/{MOTOR_DUTY.name}'
+    name = next((name for name in reader.topics() if name.endswith(suffix)), None)
+    if name is None:
+        raise RecordingError(f'{reader.path}: no topic {suffix}: not a recording of this robot')
+    prefix = name.removesuffix(MOTOR_DUTY.name)
+    names = {t.name if t.name.startswith('/') else prefix + t.name: t for t in TOPICS}
+    return {name: names[name] for name in reader.topics() if name in names}
+
+
+def recorded_runs(reader: RecordingReader) -> list[RecordedRun]:
+    """Return the runs of a recording, in the order of time.
+
+    Raises
+    ------
+    RecordingError
+        If it has none, or its beginning is missing.
+    """
+    wanted = (RUN, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY)
+    topics = {name: topic for name, topic in recorded_topics(reader).items() if topic in wanted}
+    starts: set[int] = set()
+    sticks: dict[int, tuple[int, int]] = {}
+    duties: dict[int, tuple[int, int]] = {}
+    begun: dict[str, Any] = {}
+    pushes: list[Push] = []
+    for name, _, message in reader.messages(topics):
+        topic = topics[name]
+        if topic is RUN:
+            starts.add(time_ns(message.stamp))
+        elif topic is GAMEPAD_JOY:
+            sticks[stamp_ns(message)] = stick_values(message)
+        elif topic is MOTOR_DUTY:
+            duties[stamp_ns(message)] = int(message.vector.x), int(message.vector.y)
+        elif start := begun.pop(message.header.frame_id, None):
+            pushes.append(Push(stamp_ns(start), stamp_ns(message), *push_forces(start)))
+        else:
+            begun[message.header.frame_id] = message
+    if not starts or (duties and min(duties) < min(starts)):
+        raise RecordingError(f'{reader.path}: begins in mid-run')
+    # Several topics come in no fixed order, so what belongs to which run follows from the stamps.
+    order = sorted(starts)
+    runs = [
+        RecordedRun(start, start - TICK_NS, end, sticks, duties)
+        for start, end in zip(order, [*order[1:], 2**63], strict=True)
+    ]
+    for stamp in duties:
+        run = runs[bisect_right(order, stamp) - 1]
+        run.last_ns = max(run.last_ns, stamp)
+    for push in pushes:
+        runs[bisect_right(order, push.start_ns) - 1].pushes.append(push)
+    return runs
