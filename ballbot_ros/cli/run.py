@@ -29,8 +29,7 @@ from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.pacer import SLOWEST
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.world.errors import WorldError
-from ballbot_ros.world.image import image_suffix
-from ballbot_ros.world.library import is_file_name, map_path
+from ballbot_ros.world.library import image_suffix, is_file_name, map_path
 from ballbot_ros.world.sonar_beam import SonarBeam
 from ballbot_ros.world.world import World
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.brick.brick import Tone
@@ -25,7 +25,9 @@ from ballbot_ros.brick.units import (
 )
 from ballbot_ros.controller.axis import Axis
 from ballbot_ros.plant.truth import Pair, Push, Truth
-from ballbot_ros.world.exports import OccupancyGrid
+
+if TYPE_CHECKING:
+    from ballbot_ros.world.exports import OccupancyGrid
 
 _SECOND = 1_000_000_000
 _DUTIES = frozenset(map(float, range(-100, 101)))

@@ -62,11 +62,6 @@ def read_map(path: str | Path) -> FloorMap:
     return FloorMap(np.ascontiguousarray(gray))
 
 
-def image_suffix(data: bytes) -> str:
-    """Return the ending of a file name that fits a map image, whatever its own name is."""
-    return '.png' if data.startswith(b'\x89PNG') else '.bmp'
-
-
 def _pixels(stream: BinaryIO, path: Path) -> NDArray[np.uint8]:
     """Return red, green, blue and alpha, shape (rows, columns, 4)."""
     header = stream.read(_PNG_BIT_DEPTH + 1)

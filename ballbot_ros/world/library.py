@@ -7,7 +7,6 @@ from pathlib import Path
 from ballbot_ros.share import share_directory
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import FloorMap
-from ballbot_ros.world.image import read_map
 
 SUFFIXES = ('.png', '.bmp')
 
@@ -48,7 +47,15 @@ def load_map(name_or_file: str) -> FloorMap:
     WorldError
         If there is no such map, or the image is not one of a map.
     """
+    # Here, so that the nodes of a run without a map start sooner.
+    from ballbot_ros.world.image import read_map
+
     return read_map(map_path(name_or_file))
+
+
+def image_suffix(data: bytes) -> str:
+    """Return the ending of a file name that fits a map image, whatever its own name is."""
+    return '.png' if data.startswith(b'\x89PNG') else '.bmp'
 
 
 def _folder() -> Path:

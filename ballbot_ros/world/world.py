@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from ballbot_ros.plant.truth import Pair
 from ballbot_ros.world.distance import wall_distance
@@ -132,6 +131,9 @@ class World:
             0 where the body is in a wall, inf where the map has none. Where the outline reaches
             beyond the map, a lower bound.
         """
+        # Here, so that the nodes of a run without a map start sooner.
+        from scipy.ndimage import distance_transform_edt
+
         free = ~self.map.walls
         nearest = np.full(len(positions), np.inf)
         if free.all():
