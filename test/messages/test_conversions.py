@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot_ros.brick.bluetooth import LogPacket
+from ballbot_ros.messages import conversions as c
 from ballbot_ros.messages.raw import decoder, stamp_of
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
@@ -20,7 +21,6 @@ from ballbot_ros.messages.topics import (
     PLANT_ODOM,
     SONAR_RANGE,
 )
-from ballbot_ros.nodes import conversions as c
 from ballbot_ros.plant.truth import Truth
 from ballbot_ros.recording.encoding import encoder, new_message
 

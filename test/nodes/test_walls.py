@@ -26,7 +26,7 @@ purpose: runs into a wall
 duration: 4.0
 profile: hardware
 start: {{pitch_x_deg: 3.0}}
-pushes: [{{time: 1.2, duration: 0.1, force_x: 2.0}}]
+pushes: [{{time: 1.2, duration: 0.1, force: 2.0, direction: forward}}]
 parameters: {{plant_sim: {{map: {map}, on_wall_hit: {on_wall_hit}}}}}
 """
 
