@@ -47,6 +47,7 @@ from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.simulation.closed_loop import Tick
 from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.teleop.arbiter import SCENARIO
 
 
 class SimulatedRecording:
@@ -117,7 +118,7 @@ class SimulatedRecording:
             fill_sonar(self._sonar.message, now, inputs.sonar_cm)
             self._sonar.write(now)
         if inputs.sticks is not None:
-            fill_sticks(self._gamepad.message, now, inputs.sticks)
+            fill_sticks(self._gamepad.message, now, inputs.sticks, SCENARIO)
             self._gamepad.write(now)
         fill_duty(self._duty.message, now, outputs.duty)
         self._duty.write(now)
