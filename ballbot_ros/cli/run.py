@@ -95,21 +95,24 @@ def run_scenario(
     if seed is not None:
         parameters.set(GYRO, 'seed', seed, '--seed')
     for assignment in assignments:
-        _assign(parameters, assignment)
+        assign(parameters, assignment)
     if '/' in reference or reference.endswith(('.yaml', '.yml')):
         reference = str(Path(reference).resolve())
     parameters.set(GAMEPAD, 'scenario', reference)
+    if not parameters.is_set(GAMEPAD, 'device'):
+        # Whatever lies plugged in must not disturb a scenario.
+        parameters.set(GAMEPAD, 'device', '')
 
     folder = output
     if folder is None and record:
-        folder = _new_folder(scenario.name)
+        folder = new_folder(scenario.name)
     elif folder is not None:
-        _make_folder(folder)
+        make_folder(folder)
     recording = folder / f'{scenario.name}.mcap' if folder and record else None
     if recording and recording.exists():
         raise BallbotError(f'{recording}: exists already; choose another --output')
     experiment = Experiment(scenario, reference, parameters, recording)
-    experiment.attachments = _attachments(experiment)
+    experiment.attachments = attachments_of(experiment)
 
     plant_values = parameters.values(PLANT)
     duration = plant_values['duration']
@@ -185,7 +188,8 @@ def _require_rclpy() -> None:
         ) from None
 
 
-def _assign(parameters: ParameterSet, assignment: str) -> None:
+def assign(parameters: ParameterSet, assignment: str) -> None:
+    """Set the parameter that a `--set node.param=value` names."""
     target, equals, text = assignment.partition('=')
     node, dot, name = target.partition('.')
     if not (equals and dot and node and name):
@@ -197,7 +201,8 @@ def _assign(parameters: ParameterSet, assignment: str) -> None:
     parameters.set(node, name, value, f'--set {assignment}')
 
 
-def _make_folder(folder: Path) -> None:
+def make_folder(folder: Path) -> None:
+    """Make the folder that `--output` names, and see that it can be written to."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / '.ballbot_probe'
@@ -207,7 +212,8 @@ def _make_folder(folder: Path) -> None:
         raise BallbotError(f'--output {folder}: {error.strerror}') from None
 
 
-def _new_folder(name: str) -> Path:
+def new_folder(name: str) -> Path:
+    """Make a folder under ``runs`` that is named after the time and `name`."""
     stem = f'{datetime.now():%Y-%m-%d_%H-%M-%S}_{name}'
     for suffix in ('', *(f'_{number}' for number in range(2, 1000))):
         folder = Path('runs') / (stem + suffix)
@@ -221,7 +227,8 @@ def _new_folder(name: str) -> Path:
     raise BallbotError(f'runs/{stem}: exists already')
 
 
-def _attachments(experiment: Experiment) -> dict[str, bytes]:
+def attachments_of(experiment: Experiment) -> dict[str, bytes]:
+    """Return the files that make a recording enough to run it again, by name."""
     versions = {'ballbot_ros': __version__, 'python': platform.python_version()}
     for package in RECORDED_VERSIONS:
         try:

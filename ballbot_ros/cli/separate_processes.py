@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -39,13 +40,13 @@ def run_in_separate_processes(
     names = [name for name in NODES if name != RECORDER or experiment.recording]
     processes: dict[str, NodeProcess] = {}
     # Nodes that were started into another plant's graph would answer its samples.
-    DomainLock(_domain()).release()
+    DomainLock(ros_domain()).release()
     with StopRequest() as stop:
         try:
             for name in names:
                 processes[name] = NodeProcess(name, parameter_file, progress.notice)
             with GraphMonitor() as monitor:
-                failure = _watch(processes, monitor, progress, stop)
+                failure = watch(processes, monitor, progress, lambda: bool(stop.signal))
         finally:
             stop_all(processes.values(), last=RECORDER)
         if trajectory_file.exists():
@@ -55,23 +56,24 @@ def run_in_separate_processes(
         return Finished(_judged(summary, failure, processes, stop), trajectory)
 
 
-def _domain() -> int:
+def ros_domain() -> int:
+    """Return the number of the ROS domain."""
     text = os.environ.get('ROS_DOMAIN_ID') or '0'
     if not text.isdecimal():
         raise BallbotError(f'ROS_DOMAIN_ID={text}: not a number')
     return int(text)
 
 
-def _watch(
+def watch(
     processes: dict[str, NodeProcess],
     monitor: GraphMonitor,
     progress: Progress,
-    stop: StopRequest,
+    is_told_to_stop: Callable[[], bool],
 ) -> str:
     """Wait until the plant has ended; return what went wrong where it can't tell itself."""
     reported: set[str] = set()
     plant = processes[PLANT]
-    while not stop.signal:
+    while not is_told_to_stop():
         monitor.poll()
         if monitor.now_ns:
             progress.update((monitor.now_ns - FIRST_TICK_NS) / SECOND_NS)

@@ -27,9 +27,15 @@ REPORT_S = 0.02
 REDRAW_S = 0.1
 
 
-def has_terminal() -> bool:
-    """Tell whether there is a terminal to read keys from and to show the panel on."""
-    return os.isatty(0) and os.isatty(1)
+def why_no_keyboard() -> str:
+    """Return why the keyboard cannot drive here; empty if it can."""
+    if not (os.isatty(0) and os.isatty(1)):
+        return 'standard input and output are no terminal'
+    try:
+        import prompt_toolkit  # noqa: F401
+    except ImportError:
+        return INSTALL_HINT
+    return ''
 
 
 class Terminal:
@@ -66,12 +72,8 @@ class Terminal:
         on_quit: Callable[[], None],
         on_gone: Callable[[], None],
     ) -> None:
-        if not has_terminal():
-            raise TeleopError('keyboard: standard input and output are no terminal')
-        try:
-            import prompt_toolkit  # noqa: F401
-        except ImportError:
-            raise TeleopError(INSTALL_HINT) from None
+        if obstacle := why_no_keyboard():
+            raise TeleopError(f'keyboard: {obstacle}')
         self._keys, self._status = keys, status
         self._on_sticks, self._on_reset = on_sticks, on_reset
         self._on_quit, self._on_gone = on_quit, on_gone

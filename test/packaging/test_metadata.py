@@ -20,6 +20,8 @@ ROSDEP_KEYS = {
     'matplotlib': 'python3-matplotlib',
     'mcap': 'mcap-ros2-support',
     'numpy': 'python3-numpy',
+    'prompt_toolkit': 'python3-prompt-toolkit',
+    'pygame-ce': 'python3-pygame',
     'rich': 'python3-rich',
     'rosbags': 'python3-rosbags-pip',
     'scipy': 'python3-scipy',
@@ -41,7 +43,7 @@ ROSDEP_TEST_KEYS = {
     'ruff': 'python3-ruff-pip',
     'types-PyYAML': 'python3-types-pyyaml',
 }
-MODULES = {'PyYAML': 'yaml'}
+MODULES = {'PyYAML': 'yaml', 'pygame-ce': 'pygame'}
 
 
 @pytest.fixture
