@@ -28,15 +28,15 @@ class CsvLog:
     path : Path
         The first file.
 
-    Raises
-    ------
-    TeleopError
-        If a file exists already or cannot be written; the text begins with its path.
-
     Attributes
     ----------
     paths : list of Path
         The files so far.
+
+    Raises
+    ------
+    TeleopError
+        If a file exists already or cannot be written; the text begins with its path.
     """
 
     def __init__(self, path: Path) -> None:
