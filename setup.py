@@ -92,6 +92,11 @@ setup(
             'ros-jazzy-rmw-fastrtps-cpp==8.4.3',
             'ros-jazzy-rosgraph-msgs==2.0.3',
         ],
+        # Gamepads and the keyboard.
+        'drive': [
+            'pygame-ce>=2.5',
+            'prompt_toolkit>=3.0.36',
+        ],
         # The two that judge style and types stay in one minor series, as each new one judges
         # more strictly.
         'test': [

@@ -1,20 +1,22 @@
-"""SIGINT and SIGTERM as a request instead of an interruption."""
+"""Signals as a request instead of an interruption."""
 
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import FrameType, TracebackType
 from typing import Any
 
 
 class StopRequest:
-    """Within the block, SIGINT and SIGTERM are noted instead of interrupting.
+    """Within the block, signals are noted instead of interrupting.
 
     Parameters
     ----------
     then : callable, optional
         Called with the first of them; a loop may look at `signal` instead.
+    numbers : sequence of int
+        The signals.
 
     Attributes
     ----------
@@ -22,13 +24,18 @@ class StopRequest:
         The signal that came, or 0.
     """
 
-    def __init__(self, then: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self,
+        then: Callable[[], None] = lambda: None,
+        numbers: Sequence[int] = (signal.SIGINT, signal.SIGTERM),
+    ) -> None:
         self.signal = 0
+        self._numbers = numbers
         self._then = then
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> StopRequest:
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in self._numbers:
             self._before[number] = signal.signal(number, self._note)
         return self
 

@@ -38,6 +38,9 @@ def launch_graph(context):
         parameters.set(GAMEPAD, 'scenario', given['scenario'])
     if given['params_file']:
         parameters.update(read_parameter_file(given['params_file']))
+    if given['scenario'] and not parameters.is_set(GAMEPAD, 'device'):
+        # Whatever lies plugged in must not disturb a scenario.
+        parameters.set(GAMEPAD, 'device', '')
     if given['real_time_factor']:
         factor = yaml.safe_load(given['real_time_factor'])
         parameters.set(PLANT, 'real_time_factor', factor, 'real_time_factor:=')

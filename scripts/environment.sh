@@ -234,9 +234,9 @@ make_environment() {
 }
 
 install_project() {
-  local purpose=$1 extras=$2 purposes=run constraints=()
+  local purpose=$1 extras=${2:+$2,}drive purposes=run constraints=()
   if [[ $purpose == test ]]; then
-    extras=${extras:+$extras,}test
+    extras=$extras,test
     purposes='run test'
   fi
   if [[ $venv == *-jazzy ]]; then
@@ -254,7 +254,7 @@ install_project() {
   if ! (
     cd "$project" &&
       "$venv/bin/python" -m pip install --no-input --disable-pip-version-check \
-        "${constraints[@]}" --editable ".${extras:+[$extras]}" >>"$venv/setup.log" 2>&1
+        "${constraints[@]}" --editable ".[$extras]" >>"$venv/setup.log" 2>&1
   ); then
     [[ ! -e $venv/setup.stamp.before ]] || mv "$venv/setup.stamp.before" "$venv/setup.stamp"
     explain_failure

@@ -191,7 +191,8 @@ def test_what_is_set_is_what_is_listed():
     [
         (GYRO, 'seed', 9, (GYRO, SONAR)),
         (GAMEPAD, 'scenario', 'x', (PLANT, GAMEPAD)),
-        (CONTROLLER, 'ball_radius', 0.03, (PLANT, CONTROLLER)),
+        (CONTROLLER, 'ball_radius', 0.03, (PLANT, CONTROLLER, GAMEPAD)),
+        (GAMEPAD, 'gp_max', 50, (CONTROLLER, GAMEPAD)),
         ('/**', 'lockstep', False, (PLANT, CONTROLLER, GAMEPAD)),
         ('/**', 'gravity', 1.0, (PLANT,)),
     ],

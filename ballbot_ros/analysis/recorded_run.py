@@ -26,6 +26,8 @@ class RecordedRun:
         Beginning of the next run [ns], or later than any.
     sticks : dict of int to tuple of int
         The gamepad's sticks by stamp [ns].
+    sources : dict of int to str
+        Who was in command, by stamp [ns].
     duties : dict of int to tuple of int
         The duties [%] by stamp [ns].
     pushes : list of Push
@@ -36,6 +38,7 @@ class RecordedRun:
     last_ns: int
     end_ns: int
     sticks: dict[int, tuple[int, int]] = field(default_factory=dict)
+    sources: dict[int, str] = field(default_factory=dict)
     duties: dict[int, tuple[int, int]] = field(default_factory=dict)
     pushes: list[Push] = field(default_factory=list)
 
@@ -82,6 +85,7 @@ def recorded_runs(reader: RecordingReader) -> list[RecordedRun]:
     topics = {name: topic for name, topic in recorded_topics(reader).items() if topic in wanted}
     starts: set[int] = set()
     sticks: dict[int, tuple[int, int]] = {}
+    sources: dict[int, str] = {}
     duties: dict[int, tuple[int, int]] = {}
     begun: dict[str, Any] = {}
     pushes: list[Push] = []
@@ -91,6 +95,7 @@ def recorded_runs(reader: RecordingReader) -> list[RecordedRun]:
             starts.add(time_ns(message.stamp))
         elif topic is GAMEPAD_JOY:
             sticks[stamp_ns(message)] = stick_values(message)
+            sources[stamp_ns(message)] = message.header.frame_id
         elif topic is MOTOR_DUTY:
             duties[stamp_ns(message)] = int(message.vector.x), int(message.vector.y)
         elif start := begun.pop(message.header.frame_id, None):
@@ -102,7 +107,7 @@ def recorded_runs(reader: RecordingReader) -> list[RecordedRun]:
     # Several topics come in no fixed order, so what belongs to which run follows from the stamps.
     order = sorted(starts)
     runs = [
-        RecordedRun(start, start - TICK_NS, end, sticks, duties)
+        RecordedRun(start, start - TICK_NS, end, sticks, sources, duties)
         for start, end in zip(order, [*order[1:], 2**63], strict=True)
     ]
     for stamp in duties:

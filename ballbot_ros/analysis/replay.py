@@ -120,7 +120,7 @@ def replay_run(
             tick = loop.tick()
             now = tick.truth.stamp_ns
             messages.truth(tick.truth, wall_hit=tick.wall_hit)
-            messages.devices(now, tick.inputs)
+            messages.devices(now, tick.inputs, run.sources.get(now, ''))
             messages.controller(now, tick.outputs, loop.program)
             yield tick
 

@@ -69,6 +69,81 @@ def run(
     )
 
 
+@click.command(short_help='Drive the robot by hand.')
+@click.option('--map', 'map_name', help='Map to drive in, by name or file.')
+@click.option(
+    '--start', nargs=2, type=float, metavar='X Y', help='Start position in the frame map [m].'
+)
+@click.option('--profile', help='Profile of the devices, such as hardware.  [default: ideal]')
+@click.option('--device', help='Gamepad, by its number or part of its name.  [default: any]')
+@click.option('--no-keyboard', is_flag=True, help='Leave the keys of the terminal alone.')
+@click.option(
+    '--output',
+    type=click.Path(path_type=Path),
+    help='Folder for the recording.  [default: runs/<date>_drive]',
+)
+@click.option('--no-record', is_flag=True, help='Write no recording.')
+@click.option(
+    '--log', type=click.Path(path_type=Path), help='File for the data log of the brick, as CSV.'
+)
+@click.option(
+    '--set',
+    'assignments',
+    multiple=True,
+    metavar='NODE.PARAM=VALUE',
+    help='Set a parameter, such as controller.k_thetadot=300; may be given again.',
+)
+@click.option('--list-devices', is_flag=True, help='List the gamepads, show their input, and end.')
+def drive(
+    map_name: str | None,
+    start: tuple[float, float] | None,
+    profile: str | None,
+    device: str | None,
+    no_keyboard: bool,
+    output: Path | None,
+    no_record: bool,
+    log: Path | None,
+    assignments: tuple[str, ...],
+    list_devices: bool,
+) -> int:
+    """Drive the robot by hand: gamepad, keyboard, or the topics joy and cmd_vel.
+
+    It runs in real time until q, Ctrl-C or SIGTERM.
+    """
+    if list_devices:
+        from ballbot_ros.teleop import device_list
+
+        device_list.list_devices()
+        return 0
+    from ballbot_ros.cli.drive import drive_by_hand
+
+    return drive_by_hand(
+        map_name=map_name,
+        start=start,
+        profile=profile,
+        device=device,
+        keyboard=not no_keyboard,
+        output=output,
+        record=not no_record,
+        log=log,
+        assignments=assignments,
+    )
+
+
+@click.command(short_help='Write the data log of a recording as CSV.')
+@click.argument('recording', type=click.Path(path_type=Path))
+@click.option(
+    '--output',
+    type=click.Path(path_type=Path),
+    help='File to write.  [default: RECORDING with the suffix .csv]',
+)
+def log2csv(recording: Path, output: Path | None) -> None:
+    """Write the data log that the brick sent in RECORDING as CSV, a file for each run in it."""
+    from ballbot_ros.cli.log2csv import write_csv
+
+    write_csv(recording, output or recording.with_suffix('.csv'))
+
+
 @click.command()
 def scenarios() -> None:
     """List the shipped scenarios."""

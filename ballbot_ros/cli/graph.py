@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot_ros.cli.run import Experiment
+from ballbot_ros.cli.experiment import Experiment
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
 
 

@@ -11,7 +11,16 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 import click
 
 from ballbot_ros import __version__
-from ballbot_ros.cli.commands import design, doctor, map_command, replay, run, scenarios
+from ballbot_ros.cli.commands import (
+    design,
+    doctor,
+    drive,
+    log2csv,
+    map_command,
+    replay,
+    run,
+    scenarios,
+)
 from ballbot_ros.errors import BallbotError
 
 
@@ -35,7 +44,7 @@ def ballbot() -> None:
     """Simulate, measure and record the LEGO NXT Ballbot."""
 
 
-for command in (run, scenarios, replay, map_command, design, doctor):
+for command in (run, drive, scenarios, replay, log2csv, map_command, design, doctor):
     ballbot.add_command(command)
 
 

@@ -103,9 +103,9 @@ class NodeProcess:
         return f'ended with status {status}'
 
     def request_stop(self) -> None:
-        """Send SIGINT."""
+        """Send SIGTERM, which also ends a node that is still starting without a word."""
         if self.running:
-            self._process.send_signal(signal.SIGINT)
+            self._process.terminate()
 
     def wait_until(self, deadline: float) -> None:
         """Wait for the end until `deadline` (monotonic), then kill."""

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import rclpy
 
+from ballbot_ros.cli.experiment import Experiment, Finished
 from ballbot_ros.cli.graph import graph_parameters, write_attachments
 from ballbot_ros.cli.progress import UPDATE_S, Progress
-from ballbot_ros.cli.run import Experiment, Finished
 from ballbot_ros.nodes.base import BallbotNode, spin
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.encoder_driver import EncoderDriver

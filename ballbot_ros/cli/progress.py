@@ -21,9 +21,11 @@ class Progress:
         What runs.
     duration : float
         Its length in sim time [s]; 0 has no end.
+    bar : bool
+        Whether there is a bar; the terminal may be somebody else's.
     """
 
-    def __init__(self, name: str, duration: float) -> None:
+    def __init__(self, name: str, duration: float, *, bar: bool = True) -> None:
         self._console = Console(stderr=True, highlight=False)
         self._bar = Bar(
             TextColumn('{task.description}'),
@@ -31,7 +33,7 @@ class Progress:
             TextColumn('{task.fields[text]}'),
             console=self._console,
             transient=True,
-            disable=not self._console.is_terminal,
+            disable=not (bar and self._console.is_terminal),
         )
         self._duration = duration
         self._task = self._bar.add_task(name, total=duration or None, text='starting')

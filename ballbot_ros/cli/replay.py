@@ -23,8 +23,8 @@ from ballbot_ros.analysis.replay import (
     replay_controller,
     replay_run,
 )
+from ballbot_ros.cli.experiment import assign
 from ballbot_ros.cli.progress import Progress
-from ballbot_ros.cli.run import _assign as assign
 from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.messages.topics import Topic
 from ballbot_ros.parameter_file import read_parameter_file

@@ -3,76 +3,28 @@
 from __future__ import annotations
 
 import os
-import platform
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
-from datetime import datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
-import yaml
-
-from ballbot_ros import __version__
 from ballbot_ros.analysis.figures import draw_motion
 from ballbot_ros.analysis.metrics import Judgement, judge, measure
+from ballbot_ros.cli.experiment import (
+    Experiment,
+    Finished,
+    assign,
+    attachments_of,
+    output_of,
+    settle_map,
+)
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.parameter_file import format_parameters
-from ballbot_ros.parameters import GAMEPAD, GYRO, PLANT, SONAR, ParameterError, ParameterSet
+from ballbot_ros.parameters import GAMEPAD, GYRO, PLANT, ParameterError, ParameterSet
 from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.pacer import SLOWEST
-from ballbot_ros.simulation.trajectory import Trajectory
-from ballbot_ros.world.errors import WorldError
-from ballbot_ros.world.library import image_suffix, is_file_name, map_path
-from ballbot_ros.world.sonar_beam import SonarBeam
-from ballbot_ros.world.world import World
-
-RECORDED_VERSIONS = ('numpy', 'scipy', 'control', 'mcap', 'ros-rclpy', 'ros-rmw-fastrtps-cpp')
-
-
-@dataclass
-class Experiment:
-    """A run as it is to be made.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    reference : str
-        Name or path by which the nodes load the scenario.
-    parameters : ParameterSet
-    recording : Path or None
-        The file to write.
-    attachments : dict
-        Files that make the recording enough to run it again, by name.
-    """
-
-    scenario: Scenario
-    reference: str
-    parameters: ParameterSet
-    recording: Path | None
-    attachments: dict[str, bytes] = field(default_factory=dict)
-
-
-@dataclass
-class Finished:
-    """What a way of running hands back.
-
-    Attributes
-    ----------
-    summary : dict
-        The plant's own account: outcome, reason, ticks, duty_sha256 and measurements.
-    trajectory : Trajectory or None
-        None where the plant died.
-    """
-
-    summary: dict[str, Any]
-    trajectory: Trajectory | None
 
 
 def run_scenario(
@@ -99,23 +51,19 @@ def run_scenario(
     if seed is not None:
         parameters.set(GYRO, 'seed', seed, '--seed')
     for assignment in assignments:
-        _assign(parameters, assignment)
+        assign(parameters, assignment)
     if '/' in reference or reference.endswith(('.yaml', '.yml')):
         reference = str(Path(reference).resolve())
     parameters.set(GAMEPAD, 'scenario', reference)
-    world = _settle_map(parameters)
+    if not parameters.is_set(GAMEPAD, 'device'):
+        # Whatever lies plugged in must not disturb a scenario.
+        parameters.set(GAMEPAD, 'device', '')
+    world = settle_map(parameters)
     floor_map = world.map if world else None
 
-    folder = output
-    if folder is None and record:
-        folder = _new_folder(scenario.name)
-    elif folder is not None:
-        _make_folder(folder)
-    recording = folder / f'{scenario.name}.mcap' if folder and record else None
-    if recording and recording.exists():
-        raise BallbotError(f'{recording}: exists already; choose another --output')
+    folder, recording = output_of(scenario.name, output, record=record)
     experiment = Experiment(scenario, reference, parameters, recording)
-    experiment.attachments = _attachments(experiment)
+    experiment.attachments = attachments_of(experiment)
 
     plant_values = parameters.values(PLANT)
     duration = plant_values['duration']
@@ -200,79 +148,3 @@ def _require_rclpy() -> None:
             f'ROS 2 is not there ({error}): source ROS 2 Jazzy, install "ballbot_ros[ros]", or use '
             '--processes none'
         ) from None
-
-
-def _assign(parameters: ParameterSet, assignment: str) -> None:
-    target, equals, text = assignment.partition('=')
-    node, dot, name = target.partition('.')
-    if not (equals and dot and node and name):
-        raise ParameterError(f'--set {assignment}: not of the form node.param=value')
-    try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError:
-        value = text
-    parameters.set(node, name, value, f'--set {assignment}')
-
-
-def _settle_map(parameters: ParameterSet) -> World | None:
-    """Find out here, before anything starts, whether map and start position are of use."""
-    world = World.of(parameters.values(PLANT))
-    SonarBeam(parameters.values(SONAR))
-    name = parameters.values(PLANT)['map']
-    if is_file_name(name):
-        parameters.set(PLANT, 'map', str(Path.cwd() / name))
-    return world
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / '.ballbot_probe'
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise BallbotError(f'--output {folder}: {error.strerror}') from None
-
-
-def _new_folder(name: str) -> Path:
-    stem = f'{datetime.now():%Y-%m-%d_%H-%M-%S}_{name}'
-    for suffix in ('', *(f'_{number}' for number in range(2, 1000))):
-        folder = Path('runs') / (stem + suffix)
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise BallbotError(f'{folder}: {error.strerror}') from None
-        return folder
-    raise BallbotError(f'runs/{stem}: exists already')
-
-
-def _attachments(experiment: Experiment) -> dict[str, bytes]:
-    versions = {'ballbot_ros': __version__, 'python': platform.python_version()}
-    for package in RECORDED_VERSIONS:
-        try:
-            versions[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    # Scenario and map are attached; where their files lie on this machine is nobody's business.
-    parameters = ParameterSet()
-    parameters.update(experiment.parameters)
-    parameters.set(GAMEPAD, 'scenario', '')
-    attached_map = {}
-    if name := experiment.parameters.values(PLANT)['map']:
-        path = map_path(name)
-        try:
-            image = path.read_bytes()
-        except OSError as error:
-            raise WorldError(f'{path}: {error.strerror}') from None
-        attached = f'map{image_suffix(image)}'
-        attached_map[attached] = image
-        if is_file_name(name):
-            parameters.set(PLANT, 'map', attached)
-    return {
-        'scenario.yaml': experiment.scenario.text.encode(),
-        'parameters.yaml': format_parameters(parameters).encode(),
-        'versions.yaml': yaml.safe_dump(versions, sort_keys=False).encode(),
-        **attached_map,
-    }

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from ballbot_ros.cli.experiment import Experiment, Finished
 from ballbot_ros.cli.graph import graph_parameters, write_attachments
 from ballbot_ros.cli.graph_monitor import GraphMonitor
 from ballbot_ros.cli.node_process import NodeProcess, stop_all
 from ballbot_ros.cli.progress import Progress
-from ballbot_ros.cli.run import Experiment, Finished
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.parameter_file import write_parameter_file
@@ -38,17 +39,11 @@ def run_in_separate_processes(
     write_parameter_file(parameter_file, parameters)
     names = [name for name in NODES if name != RECORDER or experiment.recording]
     processes: dict[str, NodeProcess] = {}
-    # Nodes that were started into another plant's graph would answer its samples.
-    lock = DomainLock(_domain())
     with StopRequest() as stop:
         try:
-            for name in names:
-                processes[name] = NodeProcess(
-                    name, parameter_file, progress.notice, lock if name == PLANT else None
-                )
-            lock.release()
+            start_nodes(names, parameter_file, progress.notice, processes)
             with GraphMonitor() as monitor:
-                failure = _watch(processes, monitor, progress, stop)
+                failure = watch(processes, monitor, progress, lambda: bool(stop.signal))
         finally:
             stop_all(processes.values(), last=RECORDER)
         if trajectory_file.exists():
@@ -58,23 +53,46 @@ def run_in_separate_processes(
         return Finished(_judged(summary, failure, processes, stop), trajectory)
 
 
-def _domain() -> int:
+def start_nodes(
+    names: Iterable[str],
+    parameter_file: Path,
+    notice: Callable[[str], None],
+    processes: dict[str, NodeProcess],
+) -> None:
+    """Start nodes as processes, which are added to `processes` one by one.
+
+    Raises
+    ------
+    BallbotError
+        If another plant has the domain: nodes started into its graph would answer its samples.
+    """
+    lock = DomainLock(_ros_domain())
+    try:
+        for name in names:
+            handed_on = lock if name == PLANT else None
+            processes[name] = NodeProcess(name, parameter_file, notice, handed_on)
+    finally:
+        lock.release()
+
+
+def _ros_domain() -> int:
+    """Return the number of the ROS domain."""
     text = os.environ.get('ROS_DOMAIN_ID') or '0'
     if not text.isdecimal():
         raise BallbotError(f'ROS_DOMAIN_ID={text}: not a number')
     return int(text)
 
 
-def _watch(
+def watch(
     processes: dict[str, NodeProcess],
     monitor: GraphMonitor,
     progress: Progress,
-    stop: StopRequest,
+    is_told_to_stop: Callable[[], bool],
 ) -> str:
     """Wait until the plant has ended; return what went wrong where it can't tell itself."""
     reported: set[str] = set()
     plant = processes[PLANT]
-    while not stop.signal:
+    while not is_told_to_stop():
         monitor.poll()
         if monitor.now_ns:
             progress.update((monitor.now_ns - FIRST_TICK_NS) / SECOND_NS)

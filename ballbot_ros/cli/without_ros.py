@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 
+from ballbot_ros.cli.experiment import Experiment, Finished
 from ballbot_ros.cli.progress import Progress
-from ballbot_ros.cli.run import Experiment, Finished
 from ballbot_ros.messages.simulated_recording import SimulatedRecording
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.recording.errors import RecordingError

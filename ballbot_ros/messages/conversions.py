@@ -191,15 +191,28 @@ def sonar_reading(message: Any) -> int:
     return centimetres_of(message.range)
 
 
-def fill_sticks(message: Any, stamp_ns: int, sticks: tuple[int, int]) -> None:
-    """Write ``gamepad``: left stick vertical and right stick horizontal, each n/100."""
-    fill_header(message.header, stamp_ns, '')
+def fill_sticks(message: Any, stamp_ns: int, sticks: tuple[int, int], source: str) -> None:
+    """Write ``gamepad``: left stick vertical and right stick horizontal, each n/100.
+
+    The frame names the source in command.
+    """
+    fill_header(message.header, stamp_ns, source)
     message.axes = [sticks[0] / 100.0, sticks[1] / 100.0]
 
 
 def stick_values(message: Any) -> tuple[int, int]:
     """Return the packet's integers from ``gamepad``."""
     return quantise(message.axes[0] * 100.0), quantise(message.axes[1] * 100.0)
+
+
+def planar_velocity(twist: Any) -> Pair:
+    """Return the velocity [m/s] forward and to the left from a ``geometry_msgs/Twist``."""
+    return twist.linear.x, twist.linear.y
+
+
+def log_packet(message: Any) -> LogPacket:
+    """Return the packet of ``bluetooth/tx``; PacketError if it is none."""
+    return LogPacket.decode(bytes(message.data))
 
 
 def fill_duty(message: Any, stamp_ns: int, duty: tuple[int, int]) -> None:

@@ -50,6 +50,7 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.plant.truth import Push, Truth
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.simulation.timing import BATTERY_NS
+from ballbot_ros.teleop.arbiter import SCENARIO
 from ballbot_ros.world.exports import occupancy_grid
 from ballbot_ros.world.world import World
 
@@ -121,8 +122,8 @@ class RunMessages:
             hit.data = wall_hit
             self._send(WALL_HIT, now)
 
-    def devices(self, now: int, inputs: DeviceInputs) -> None:
-        """Make what the drivers publish at a tick."""
+    def devices(self, now: int, inputs: DeviceInputs, source: str = SCENARIO) -> None:
+        """Make what the drivers publish at a tick; `source` has the gamepad's command."""
         fill_gyro(self._message(GYRO_IMU), now, inputs.gyro)
         self._send(GYRO_IMU, now)
         fill_encoders(self._message(JOINT_STATES), now, inputs.revolutions)
@@ -131,7 +132,7 @@ class RunMessages:
             fill_sonar(self._message(SONAR_RANGE), now, inputs.sonar_cm)
             self._send(SONAR_RANGE, now)
         if inputs.sticks is not None:
-            fill_sticks(self._message(GAMEPAD_JOY), now, inputs.sticks)
+            fill_sticks(self._message(GAMEPAD_JOY), now, inputs.sticks, source)
             self._send(GAMEPAD_JOY, now)
 
     def controller(self, now: int, outputs: DeviceOutputs, program: ControlProgram) -> None:

@@ -54,6 +54,10 @@ GYRO_IMU = Topic('gyro', 'sensor_msgs/msg/Imu', GYRO, TICK_NS)
 JOINT_STATES = Topic('joint_states', 'sensor_msgs/msg/JointState', ENCODER, TICK_NS)
 SONAR_RANGE = Topic('sonar', 'sensor_msgs/msg/Range', SONAR, SLOW_NS)
 GAMEPAD_JOY = Topic('gamepad', 'sensor_msgs/msg/Joy', GAMEPAD, SLOW_NS)
+JOY = Topic('joy', 'sensor_msgs/msg/Joy', None)
+VIEWER_JOY = Topic('viewer/joy', 'sensor_msgs/msg/Joy', None)
+CMD_VEL = Topic('cmd_vel', 'geometry_msgs/msg/Twist', None)
+CMD_VEL_STAMPED = Topic('cmd_vel', 'geometry_msgs/msg/TwistStamped', None)
 MOTOR_DUTY = Topic('motor_duty', 'geometry_msgs/msg/Vector3Stamped', CONTROLLER, TICK_NS)
 CONTROLLER_STATE = Topic('controller/state', 'sensor_msgs/msg/JointState', CONTROLLER, TICK_NS)
 OPERATING_STATE = Topic('operating_state', 'std_msgs/msg/String', CONTROLLER)
@@ -70,6 +74,8 @@ TOPICS = (
     MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD,
     RECORDER_ACK, DIAGNOSTICS,
 )  # fmt: skip
+"""What the graph itself publishes. What others offer for driving is found by discovery, as the
+quality of service, and of ``cmd_vel`` even the type, is theirs to choose."""
 
 
 def message_class(type_name: str) -> Any:

@@ -210,10 +210,14 @@ class BallbotNode(Node):
         return {}
 
     def warn(self, problem: str) -> None:
-        """Log a problem once and show it in the diagnostics until :meth:`recover`."""
+        """Log a problem once and show it in the diagnostics until :meth:`recover`.
+
+        An error stays in the diagnostics.
+        """
         if problem != self._problem:
             self.get_logger().warning(problem)
-        self._level, self._problem = DiagnosticStatus.WARN, problem
+        if self._level != DiagnosticStatus.ERROR:
+            self._level, self._problem = DiagnosticStatus.WARN, problem
 
     def alarm(self, problem: str) -> None:
         """Log an error and show it in the diagnostics, at once, until :meth:`end_alarm`."""

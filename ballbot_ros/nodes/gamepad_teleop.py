@@ -1,20 +1,35 @@
-"""The gamepad: stick signals of a scenario, or a neutral stick."""
+"""The gamepad: the sticks of whoever is in command, live inputs before a scenario's signals."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
-from ballbot_ros.messages.conversions import fill_sticks, time_ns
+from ballbot_ros.brick.bluetooth import PacketError
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.messages.conversions import fill_sticks, log_packet, time_ns
 from ballbot_ros.messages.raw import stamp_of
-from ballbot_ros.messages.topics import GAMEPAD_JOY, PLANT_JOINT_STATES, RUN
+from ballbot_ros.messages.topics import BLUETOOTH_TX, GAMEPAD_JOY, HISTORY, PLANT_JOINT_STATES, RUN
 from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.teleop_inputs import TeleopInputs
+from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GAMEPAD
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.lockstep import RunFollower
-from ballbot_ros.simulation.timing import SLOW_NS
+from ballbot_ros.simulation.timing import MILLISECOND_NS, SLOW_NS
+from ballbot_ros.teleop.arbiter import SCENARIO, Arbiter, Command
+from ballbot_ros.teleop.complaints import Complaints
+from ballbot_ros.teleop.csv_log import CsvLog
+from ballbot_ros.teleop.device_list import list_devices
+from ballbot_ros.teleop.errors import TeleopError
+from ballbot_ros.teleop.sticks import NEUTRAL
+
+LIST_DEVICES = '--list-devices'
+FLUSH_S = 0.5
 
 
 class GamepadTeleop(BallbotNode):
@@ -28,13 +43,31 @@ class GamepadTeleop(BallbotNode):
         # Free running, samples may be left out without a new run.
         self._period_ns = SLOW_NS if self.values['lockstep'] else sys.maxsize
         self._held_ns: int | None = None
+        self._answered_ns: int | None = None
+        self._command = Command(SCENARIO, NEUTRAL)
         self._publisher = self.advertise(GAMEPAD_JOY)
         self._message = GAMEPAD_JOY.message_class()
+        self._sources = Arbiter()
+        self._complaints = Complaints()
+        self._log = CsvLog(Path(self.values['log_csv'])) if self.values['log_csv'] else None
+        self._inputs = TeleopInputs(self, self._sources, self._complaints)
+        self.terminal: TeleopTerminal | None = None
+        if self.values['keyboard']:
+            self.terminal = TeleopTerminal(self, self._sources, lambda: self._command)
+        if self._log:
+            self.listen(BLUETOOTH_TX, self._on_log, depth=HISTORY)
+            self.every(FLUSH_S, self._flush_log)
         self.listen(RUN, self._on_run)
         self.listen(PLANT_JOINT_STATES, self._on_truth, raw=True)
 
     def _on_run(self, header: Any) -> None:
-        if self._run.announced(time_ns(header.stamp), header.frame_id) and self._held_ns:
+        start_ns = time_ns(header.stamp)
+        if not self._run.announced(start_ns, header.frame_id):
+            return
+        self._answered_ns = None
+        if self._log:
+            self._log.begin_run(start_ns // MILLISECOND_NS)
+        if self._held_ns:
             self._answer(self._held_ns)
 
     def _on_truth(self, truth: Any) -> None:
@@ -48,13 +81,82 @@ class GamepadTeleop(BallbotNode):
             self._held_ns = now_ns
             return
         self._held_ns = None
-        fill_sticks(self._message, now_ns, self._scenario.sticks_at(elapsed * 1e-9))
+        # Asked again, it says the same again, whatever the live inputs say by now.
+        if now_ns != self._answered_ns:
+            self._answered_ns = now_ns
+            self._decide(elapsed * 1e-9)
+            fill_sticks(self._message, now_ns, self._command.sticks, self._command.source)
         self._publisher.publish(self._message)
         self.sampled(now_ns)
 
+    def _decide(self, elapsed_s: float) -> None:
+        before = self._command.source
+        scenario = self._scenario.sticks_at(elapsed_s)
+        self._command = self._sources.decide(time.monotonic(), scenario)
+        if self._command.source != before:
+            self.get_logger().info(f'in command: {self._command.source}, before: {before}')
+
+    def _on_log(self, message: Any) -> None:
+        if self._log is None:
+            return
+        try:
+            self._log.write(log_packet(message))
+            self._complaints.heal(BLUETOOTH_TX.name)
+        except PacketError as error:
+            self._inputs.complain(BLUETOOTH_TX.name, f'{error}; it is left out')
+        except TeleopError as error:
+            self._give_up_log(error)
+
+    def _flush_log(self) -> None:
+        if self._log:
+            try:
+                self._log.flush()
+            except TeleopError as error:
+                self._give_up_log(error)
+
+    def _give_up_log(self, error: BallbotError) -> None:
+        self._log = None
+        self.fail(f'log_csv: {error}')
+
+    def report(self) -> None:
+        """Publish the diagnostics; what has healed is no warning in the next ones."""
+        super().report()
+        self._complaints.reported()
+        if str(self._complaints):
+            self.warn(str(self._complaints))
+        else:
+            self.recover()
+
+    def diagnose(self) -> Mapping[str, Any]:
+        """Return who is in command."""
+        vertical, horizontal = self._command.sticks
+        return {
+            'in command': self._command.source,
+            'sticks': f'{vertical} {horizontal}',
+            'gamepad': self._inputs.gamepad or 'none',
+        }
+
+    def close(self) -> None:
+        """Give back the terminal and the gamepad, and finish the log."""
+        if self.terminal:
+            self.terminal.close()
+        self._inputs.close()
+        if self._log:
+            try:
+                self._log.close()
+            except TeleopError as error:
+                self._give_up_log(error)
+
 
 def main() -> None:
-    """Run the node."""
+    """Run the node, or list the gamepads."""
+    if LIST_DEVICES in sys.argv[1:]:
+        try:
+            list_devices()
+        except BallbotError as error:
+            print(f'error: {error}', file=sys.stderr)
+            sys.exit(2)
+        return
     sys.exit(run_node(GamepadTeleop))
 
 

@@ -141,16 +141,17 @@ class Recorder(BallbotNode):
 
     def _discover(self) -> None:
         """Subscribe to topics that the graph has beside its own."""
-        for name, types in self.get_topic_names_and_types():
+        for name, _ in self.get_topic_names_and_types():
             offers = self.get_publishers_info_by_topic(name)
             if name in self._channels or name in self._refused or not offers:
                 continue
-            topic = Topic(name, types[0], None)
+            # Not the graph's types, which are also those that somebody would like to read.
+            topic = Topic(name, offers[0].topic_type, None)
             try:
                 message_class(topic.type_name)
             except (ImportError, AttributeError):
                 self._refused.add(name)
-                self.get_logger().warning(f'{name}: no type {types[0]} here: not recorded')
+                self.get_logger().warning(f'{name}: no type {topic.type_name} here: not recorded')
                 continue
             self._subscribe(
                 topic,
@@ -186,7 +187,8 @@ class _Channel:
         self.topic = topic
         self.subscription = subscription
         self.recorded: Any = None
-        self.is_stamped = has_stamp(topic.type_name)
+        # Other publishers stamp with clocks of their own.
+        self.is_stamped = topic.publisher is not None and has_stamp(topic.type_name)
         self.newest_ns = 0
         self._sequence = 0
 

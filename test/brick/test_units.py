@@ -73,7 +73,7 @@ def test_what_is_no_distance_is_told_as_rep_117_has_it():
 def test_every_stick_value_comes_back_through_a_joy_message():
     for vertical in range(-128, 128):
         message = SimpleNamespace(header=SimpleNamespace(stamp=SimpleNamespace()))
-        fill_sticks(message, 0, (vertical, -vertical))
+        fill_sticks(message, 0, (vertical, -vertical), '')
         message.axes = np.array(message.axes, dtype=np.float32).tolist()
         assert stick_values(message) == (vertical, -vertical)
 

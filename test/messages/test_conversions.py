@@ -82,7 +82,7 @@ def test_no_echo_is_infinite_and_no_data_is_not_a_number(through):
 
 @pytest.mark.parametrize('value', range(-128, 128))
 def test_every_stick_value_comes_back(value):
-    message, _ = through_rosbags(GAMEPAD_JOY, c.fill_sticks, STAMP, (value, -value))
+    message, _ = through_rosbags(GAMEPAD_JOY, c.fill_sticks, STAMP, (value, -value), 'joy')
     assert c.stick_values(message) == (value, -value)
 
 

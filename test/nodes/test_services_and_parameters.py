@@ -11,60 +11,17 @@ rclpy = pytest.importorskip('rclpy')
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import WrenchStamped  # noqa: E402
 from rcl_interfaces.srv import DescribeParameters, SetParameters  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from ros_client import Client  # noqa: E402
 from std_msgs.msg import Header, String  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
-from ballbot_ros.messages.conversions import body_pitch, stamp_ns, time_ns  # noqa: E402
+from ballbot_ros.messages.conversions import body_pitch, time_ns  # noqa: E402
 from ballbot_ros.messages.topics import DIAGNOSTICS, OPERATING_STATE, PLANT_IMU, RUN  # noqa: E402
-from ballbot_ros.nodes.base import requested_qos  # noqa: E402
 from ballbot_ros.parameters import NODES, RECORDER, parameters_of  # noqa: E402
 
 pytestmark = pytest.mark.graph
 
 GRAPH = [name for name in NODES if name != RECORDER]
-
-
-class Client:
-    """A node of the test's own beside the graph."""
-
-    def __init__(self, domain):
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node('test_client', context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.newest = {}
-        self.seen = {}
-
-    def close(self):
-        self.node.destroy_node()
-        self.context.try_shutdown()
-
-    def watch(self, topic, depth=1):
-        def keep(message):
-            self.newest[topic.name] = message
-            self.seen.setdefault(topic.name, []).append(message)
-
-        self.node.create_subscription(
-            topic.message_class, topic.name, keep, requested_qos(topic, depth)
-        )
-
-    def spin_until(self, condition, timeout=20.0):
-        deadline = time.monotonic() + timeout
-        while not condition():
-            assert time.monotonic() < deadline, 'timeout'
-            self.executor.spin_once(timeout_sec=0.1)
-
-    def call(self, kind, name, request):
-        client = self.node.create_client(kind, name)
-        assert client.wait_for_service(20.0)
-        future = client.call_async(request)
-        self.spin_until(future.done)
-        return future.result()
-
-    def now_ns(self):
-        return stamp_ns(self.newest[PLANT_IMU.name])
 
 
 @pytest.fixture

@@ -21,6 +21,8 @@ ROSDEP_KEYS = {
     'mcap': 'mcap-ros2-support',
     'numpy': 'python3-numpy',
     'pillow': 'python3-pil',
+    'prompt_toolkit': 'python3-prompt-toolkit',
+    'pygame-ce': 'python3-pygame',
     'rich': 'python3-rich',
     'rosbags': 'python3-rosbags-pip',
     'scipy': 'python3-scipy',
@@ -42,7 +44,7 @@ ROSDEP_TEST_KEYS = {
     'ruff': 'python3-ruff-pip',
     'types-PyYAML': 'python3-types-pyyaml',
 }
-MODULES = {'PyYAML': 'yaml', 'pillow': 'PIL'}
+MODULES = {'PyYAML': 'yaml', 'pillow': 'PIL', 'pygame-ce': 'pygame'}
 
 
 @pytest.fixture

@@ -91,7 +91,7 @@ def test_what_the_nodes_fill_in_is_taken():
     log = new_message('std_msgs/msg/UInt8MultiArray')
     for number in (1, 2):
         fill_encoders(encoders, number, (180, -180))
-        fill_sticks(sticks, number, (number, 0))
+        fill_sticks(sticks, number, (number, 0), '')
         fill_log(log, Packet())
         read = decoded(encoders, 'sensor_msgs/msg/JointState')
         assert read.position.tolist() == [np.pi, -np.pi]

@@ -1,0 +1,161 @@
+"""What is prepared alike for every run: parameters, map, folder, attachments."""
+
+from __future__ import annotations
+
+import platform
+from dataclasses import dataclass, field
+from datetime import datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ballbot_ros import __version__
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.parameter_file import format_parameters
+from ballbot_ros.parameters import GAMEPAD, PLANT, SONAR, ParameterError, ParameterSet
+from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.simulation.trajectory import Trajectory
+from ballbot_ros.world.errors import WorldError
+from ballbot_ros.world.library import image_suffix, is_file_name, map_path
+from ballbot_ros.world.sonar_beam import SonarBeam
+from ballbot_ros.world.world import World
+
+RECORDED_VERSIONS = ('numpy', 'scipy', 'control', 'mcap', 'ros-rclpy', 'ros-rmw-fastrtps-cpp')
+
+
+@dataclass
+class Experiment:
+    """A run as it is to be made.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    reference : str
+        Name or path by which the nodes load the scenario.
+    parameters : ParameterSet
+    recording : Path or None
+        The file to write.
+    attachments : dict
+        Files that make the recording enough to run it again, by name.
+    """
+
+    scenario: Scenario
+    reference: str
+    parameters: ParameterSet
+    recording: Path | None
+    attachments: dict[str, bytes] = field(default_factory=dict)
+
+
+@dataclass
+class Finished:
+    """What a way of running hands back.
+
+    Attributes
+    ----------
+    summary : dict
+        The plant's own account: outcome, reason, ticks, duty_sha256 and measurements.
+    trajectory : Trajectory or None
+        None where the plant died.
+    """
+
+    summary: dict[str, Any]
+    trajectory: Trajectory | None
+
+
+def assign(parameters: ParameterSet, assignment: str) -> None:
+    """Set the parameter that a `--set node.param=value` names."""
+    target, equals, text = assignment.partition('=')
+    node, dot, name = target.partition('.')
+    if not (equals and dot and node and name):
+        raise ParameterError(f'--set {assignment}: not of the form node.param=value')
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError:
+        value = text
+    parameters.set(node, name, value, f'--set {assignment}')
+
+
+def settle_map(parameters: ParameterSet) -> World | None:
+    """Find out here, before anything starts, whether map and start position are of use."""
+    world = World.of(parameters.values(PLANT))
+    SonarBeam(parameters.values(SONAR))
+    name = parameters.values(PLANT)['map']
+    if is_file_name(name):
+        parameters.set(PLANT, 'map', str(Path.cwd() / name))
+    return world
+
+
+def output_of(name: str, output: Path | None, *, record: bool) -> tuple[Path | None, Path | None]:
+    """Make the folder of a run, and return it and the recording to write; None for none.
+
+    Raises
+    ------
+    BallbotError
+        If the folder can't be written to, or has a recording of that name already.
+    """
+    if output is None and not record:
+        return None, None
+    folder = output or _new_folder(name)
+    if output is not None:
+        _make_folder(output)
+    recording = folder / f'{name}.mcap' if record else None
+    if recording and recording.exists():
+        raise BallbotError(f'{recording}: exists already; choose another --output')
+    return folder, recording
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / '.ballbot_probe'
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise BallbotError(f'--output {folder}: {error.strerror}') from None
+
+
+def _new_folder(name: str) -> Path:
+    stem = f'{datetime.now():%Y-%m-%d_%H-%M-%S}_{name}'
+    for suffix in ('', *(f'_{number}' for number in range(2, 1000))):
+        folder = Path('runs') / (stem + suffix)
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise BallbotError(f'{folder}: {error.strerror}') from None
+        return folder
+    raise BallbotError(f'runs/{stem}: exists already')
+
+
+def attachments_of(experiment: Experiment) -> dict[str, bytes]:
+    """Return the files that make a recording enough to run it again, by name."""
+    versions = {'ballbot_ros': __version__, 'python': platform.python_version()}
+    for package in RECORDED_VERSIONS:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    # Scenario and map are attached; where their files lie on this machine is nobody's business.
+    parameters = ParameterSet()
+    parameters.update(experiment.parameters)
+    parameters.set(GAMEPAD, 'scenario', '')
+    attached_map = {}
+    if name := experiment.parameters.values(PLANT)['map']:
+        path = map_path(name)
+        try:
+            image = path.read_bytes()
+        except OSError as error:
+            raise WorldError(f'{path}: {error.strerror}') from None
+        attached = f'map{image_suffix(image)}'
+        attached_map[attached] = image
+        if is_file_name(name):
+            parameters.set(PLANT, 'map', attached)
+    return {
+        'scenario.yaml': experiment.scenario.text.encode(),
+        'parameters.yaml': format_parameters(parameters).encode(),
+        'versions.yaml': yaml.safe_dump(versions, sort_keys=False).encode(),
+        **attached_map,
+    }

@@ -1,0 +1,59 @@
+"""`ballbot log2csv`: the data log of a recording, as the gamepad node writes it live."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ballbot_ros.brick.bluetooth import PacketError
+from ballbot_ros.messages.conversions import log_packet, time_ns
+from ballbot_ros.messages.topics import BLUETOOTH_TX, RUN
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.simulation.timing import MILLISECOND_NS
+from ballbot_ros.teleop.csv_log import CsvLog
+
+
+def write_csv(recording: Path, output: Path) -> None:
+    """Write the log packets of `recording` to `output`, those of further runs beside it.
+
+    Raises
+    ------
+    RecordingError
+        If that is no recording, or has no log packets.
+    TeleopError
+        If a file exists already or cannot be written.
+    """
+    with RecordingReader(recording) as reader:
+        packets = _topic(reader, BLUETOOTH_TX.name)
+        runs = packets.removesuffix(BLUETOOTH_TX.name) + RUN.name
+        topics = {packets, runs} & reader.topics().keys()
+        log = CsvLog(output)
+        malformed = 0
+        for topic, _, message in reader.messages(topics):
+            if topic == runs:
+                log.begin_run(time_ns(message.stamp) // MILLISECOND_NS)
+                continue
+            try:
+                log.write(log_packet(message))
+            except PacketError:
+                malformed += 1
+        log.close()
+        if malformed:
+            click.echo(f'{packets}: {malformed} messages are no log packets: left out', err=True)
+        if reader.damage:
+            click.echo(f'{recording}: {reader.damage}', err=True)
+    for path in log.paths:
+        click.echo(f'data log  {path}')
+
+
+def _topic(reader: RecordingReader, name: str) -> str:
+    """Return the topic of that name, whatever the namespace."""
+    known = reader.topics()
+    found = [topic for topic in known if topic.endswith(f'/{name}')]
+    if len(found) != 1:
+        what = f'{len(found)} topics' if found else 'no topic'
+        names = ', '.join(sorted(found or known)) or 'none'
+        raise RecordingError(f'{reader.path}: {what} {name!r}, one is needed; there are {names}')
+    return found[0]

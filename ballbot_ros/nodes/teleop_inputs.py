@@ -1,0 +1,154 @@
+"""The live inputs of the gamepad node: topics and a gamepad, each handed to the arbiter."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from ballbot_ros.messages.conversions import planar_velocity
+from ballbot_ros.messages.raw import decoder
+from ballbot_ros.messages.topics import CMD_VEL, CMD_VEL_STAMPED, JOY, VIEWER_JOY, Topic
+from ballbot_ros.nodes.base import BallbotNode, one_line
+from ballbot_ros.parameters import select
+from ballbot_ros.teleop import arbiter
+from ballbot_ros.teleop.arbiter import Arbiter
+from ballbot_ros.teleop.complaints import Complaints
+from ballbot_ros.teleop.errors import TeleopError
+from ballbot_ros.teleop.gamepad import ANY, Gamepad, PadState
+from ballbot_ros.teleop.joy_mapping import JoyMapping
+from ballbot_ros.teleop.sdl import SdlBackend
+from ballbot_ros.teleop.sticks import Sticks
+from ballbot_ros.teleop.velocity import VelocityMapping
+
+LOOK_S = 0.2
+"""How often the type of ``cmd_vel`` is looked up."""
+
+NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Fits whatever a publisher offers; of samples that wait only the newest matters."""
+
+
+class TeleopInputs:
+    """Listens to ``joy``, ``viewer/joy`` and ``cmd_vel``, and reads a gamepad.
+
+    Parameters
+    ----------
+    node : BallbotNode
+    sources : Arbiter
+        Gets each input's sticks.
+    complaints : Complaints
+        Gets what is wrong with an input, under the name of its topic.
+    """
+
+    def __init__(self, node: BallbotNode, sources: Arbiter, complaints: Complaints) -> None:
+        self._node, self._sources, self._complaints = node, sources, complaints
+        mapping = select(JoyMapping, node.values)
+        self._listen_to_joy(JOY, arbiter.JOY, mapping)
+        self._listen_to_joy(VIEWER_JOY, arbiter.VIEWER, JoyMapping(node.values['gp_max']))
+        self._velocity = select(VelocityMapping, node.values)
+        self._cmd_vel: Topic | None = None
+        self._cmd_vel_subscription: Any = None
+        node.every(LOOK_S, self._look_for_cmd_vel)
+        self._gamepad = self._open_gamepad(node.values['device'], mapping)
+
+    @property
+    def gamepad(self) -> str:
+        """Name of the gamepad that is read directly, or nothing."""
+        return self._gamepad.name if self._gamepad else ''
+
+    def close(self) -> None:
+        """Close the gamepad."""
+        if self._gamepad:
+            self._gamepad.close()
+
+    def _take(self, source: str, name: str, sticks: Callable[[], Sticks | None]) -> None:
+        """Hand on what an input says, or release it where that is of no use."""
+        try:
+            values = sticks()
+        except TeleopError as error:
+            self._sources.release(source)
+            self.complain(name, str(error))
+            return
+        self._complaints.heal(name)
+        if values is None:
+            self._sources.release(source)
+        else:
+            self._sources.report(source, values, time.monotonic())
+
+    def complain(self, name: str, text: str) -> None:
+        """Log what is wrong with an input, and show it in the diagnostics."""
+        if self._complaints.add(name, text):
+            self._node.warn(str(self._complaints))
+
+    def _subscribe(self, topic: Topic, take: Callable[[Any], None]) -> Any:
+        decode = decoder(topic.type_name)
+        return self._node.create_subscription(
+            topic.message_class, topic.name, lambda data: take(decode(data)), NEWEST, raw=True
+        )
+
+    def _listen_to_joy(self, topic: Topic, source: str, mapping: JoyMapping) -> None:
+        def take(message: Any) -> None:
+            self._take(source, topic.name, lambda: mapping.sticks(message.axes, message.buttons))
+
+        self._subscribe(topic, take)
+
+    def _look_for_cmd_vel(self) -> None:
+        """Subscribe to ``cmd_vel`` as it is published: the middleware allows one type only."""
+        offers = self._node.get_publishers_info_by_topic(CMD_VEL.name)
+        types = {offer.topic_type for offer in offers}
+        if not types or (self._cmd_vel and types == {self._cmd_vel.type_name}):
+            self._complaints.heal(f'{CMD_VEL.name} type')
+            return
+        known = [topic for topic in (CMD_VEL, CMD_VEL_STAMPED) if topic.type_name in types]
+        if len(types) > 1 or not known:
+            self.complain(
+                f'{CMD_VEL.name} type',
+                f'published as {", ".join(sorted(types))}; '
+                f'{known[0].type_name if known else "none of them"} is read',
+            )
+        if self._cmd_vel in known or not known:
+            return
+        if self._cmd_vel_subscription is not None:
+            # The middleware has let go of the old type by the next look.
+            self._node.destroy_subscription(self._cmd_vel_subscription)
+            self._cmd_vel = self._cmd_vel_subscription = None
+            self._sources.release(arbiter.CMD_VEL)
+            return
+        self._listen_to_cmd_vel(known[0])
+
+    def _listen_to_cmd_vel(self, topic: Topic) -> None:
+        def take(message: Any) -> None:
+            twist = message.twist if topic is CMD_VEL_STAMPED else message
+            forward, left = planar_velocity(twist)
+            self._take(arbiter.CMD_VEL, CMD_VEL.name, lambda: self._velocity.sticks(forward, left))
+
+        try:
+            self._cmd_vel_subscription = self._subscribe(topic, take)
+            self._cmd_vel = topic
+        except RuntimeError as error:
+            # Another node of this process reads it with another type.
+            self.complain(f'{CMD_VEL.name} type', one_line(error))
+
+    def _open_gamepad(self, wanted: str, mapping: JoyMapping) -> Gamepad | None:
+        if not wanted:
+            return None
+        try:
+            backend = SdlBackend()
+        except TeleopError as error:
+            if wanted != ANY:
+                raise
+            self._node.get_logger().info(f'no gamepad is read: {error}')
+            return None
+
+        def take(state: PadState) -> None:
+            self._take(arbiter.DEVICE, 'gamepad', lambda: mapping.sticks(*state))
+
+        return Gamepad(
+            wanted,
+            backend,
+            on_state=take,
+            on_gone=lambda: self._sources.release(arbiter.DEVICE),
+            on_problem=lambda text: self.complain('device', text),
+        )

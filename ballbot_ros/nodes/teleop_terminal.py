@@ -1,0 +1,78 @@
+"""The keyboard of the gamepad node: the terminal, what it shows, and the reset key."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from std_srvs.srv import Trigger
+
+from ballbot_ros.messages.topics import OPERATING_STATE
+from ballbot_ros.nodes.base import BallbotNode
+from ballbot_ros.parameters import PLANT
+from ballbot_ros.teleop.arbiter import KEYBOARD, SCENARIO, Arbiter, Command
+from ballbot_ros.teleop.keyboard import KeyboardSticks
+from ballbot_ros.teleop.terminal import Terminal
+
+OUT_OF_CONTROL = 'out_of_control'
+
+
+class TeleopTerminal:
+    """Drives from the keyboard.
+
+    Parameters
+    ----------
+    node : BallbotNode
+    sources : Arbiter
+        Gets the keyboard's sticks.
+    command : callable
+        Returns who is in command and with which sticks.
+
+    Attributes
+    ----------
+    gone : bool
+        Whether the terminal has vanished.
+    """
+
+    def __init__(self, node: BallbotNode, sources: Arbiter, command: Callable[[], Command]) -> None:
+        self._node, self._sources, self._command = node, sources, command
+        self._state = ''
+        self.gone = False
+        node.listen(OPERATING_STATE, self._on_state)
+        self._reset = node.create_client(Trigger, f'{PLANT}/reset')
+        if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
+            # A terminal that vanishes is an input that is gone, not the end of the node.
+            signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        self._terminal = Terminal(
+            KeyboardSticks(node.values['gp_max']),
+            self._status,
+            on_sticks=lambda sticks: sources.report(KEYBOARD, sticks, time.monotonic()),
+            on_reset=lambda: self._reset.call_async(Trigger.Request()),
+            on_quit=node.finish,
+            on_gone=self._leave,
+        )
+
+    def close(self) -> None:
+        """Give the terminal back."""
+        self._terminal.close()
+
+    def _on_state(self, message: Any) -> None:
+        self._state = message.data
+
+    def _leave(self) -> None:
+        self._sources.release(KEYBOARD)
+        self.gone = True
+
+    def _status(self) -> Mapping[str, str]:
+        command = self._command()
+        vertical, horizontal = command.sticks
+        nobody = command.source == SCENARIO and not self._node.values['scenario']
+        fallen = '   press r to start anew' if self._state == OUT_OF_CONTROL else ''
+        return {
+            'sim time': f'{self._node.now_ns * 1e-9:.1f} s',
+            'state': self._state + fallen,
+            'in command': 'nobody' if nobody else command.source,
+            'sticks': f'vertical {vertical:+d}   horizontal {horizontal:+d}',
+        }

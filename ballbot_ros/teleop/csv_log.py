@@ -1,0 +1,107 @@
+"""The brick's data log as CSV, in the form of the PC tool."""
+
+from __future__ import annotations
+
+from dataclasses import astuple
+from pathlib import Path
+from typing import TextIO
+
+from ballbot_ros.brick.bluetooth import LogPacket
+from ballbot_ros.teleop.errors import TeleopError
+
+HEADER = (
+    'Time,Data1,Data2,Battery,Motor Rev A,Motor Rev B,Motor Rev C,ADC S1,ADC S2,ADC S3,ADC S4,I2C'
+)
+
+_UINT32 = 2**32
+
+
+class CsvLog:
+    """Writes log packets, each run to a file of its own.
+
+    The first file is made at once. A further run gets ``…_2.csv`` and so on when its first packet
+    comes: the announcement of a run can overtake the last packets of the run before, which are told
+    by their time. No file is ever overwritten.
+
+    Parameters
+    ----------
+    path : Path
+        The first file.
+
+    Attributes
+    ----------
+    paths : list of Path
+        The files so far.
+
+    Raises
+    ------
+    TeleopError
+        If a file exists already or cannot be written; the text begins with its path.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.paths = [path]
+        self._run_start_ms: int | None = None
+        self._next_start_ms: int | None = None
+        try:
+            self._file = _create(path)
+        except FileExistsError:
+            raise TeleopError(f'{path}: exists already; choose another file') from None
+        except OSError as error:
+            raise TeleopError(f'{path}: {error.strerror}') from None
+
+    def begin_run(self, start_ms: int) -> None:
+        """Take the announcement of a run by the sim time of its first tick [ms]."""
+        if self._run_start_ms is None:
+            self._run_start_ms = start_ms
+        else:
+            self._next_start_ms = start_ms
+
+    def write(self, packet: LogPacket) -> None:
+        """Write a packet."""
+        try:
+            if self._next_start_ms is not None and _is_since(packet.time_ms, self._next_start_ms):
+                self._run_start_ms, self._next_start_ms = self._next_start_ms, None
+                self._file.close()
+                self._file = self._create_next()
+            self._file.write(','.join(map(str, astuple(packet))) + '\n')
+        except OSError as error:
+            raise TeleopError(f'{self.paths[-1]}: {error.strerror}') from None
+
+    def flush(self) -> None:
+        """Hand everything to the operating system."""
+        try:
+            self._file.flush()
+        except OSError as error:
+            raise TeleopError(f'{self.paths[-1]}: {error.strerror}') from None
+
+    def close(self) -> None:
+        """Finish the file."""
+        try:
+            self._file.close()
+        except OSError as error:
+            raise TeleopError(f'{self.paths[-1]}: {error.strerror}') from None
+
+    def _create_next(self) -> TextIO:
+        first, number = self.paths[0], len(self.paths) + 1
+        while True:
+            path = first.with_name(f'{first.stem}_{number}{first.suffix}')
+            self.paths.append(path)
+            try:
+                return _create(path)
+            except FileExistsError:
+                self.paths.pop()
+                number += 1
+
+
+def _create(path: Path) -> TextIO:
+    file = path.open('x', encoding='ascii', newline='')
+    file.write(HEADER + '\n')
+    # A disk that is full, or a limit that is reached, is to show at once.
+    file.flush()
+    return file
+
+
+def _is_since(time_ms: int, start_ms: int) -> bool:
+    """Compare times of the brick's clock, which wraps around."""
+    return (time_ms - start_ms) % _UINT32 < _UINT32 // 2

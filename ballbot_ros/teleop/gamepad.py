@@ -1,0 +1,142 @@
+"""A gamepad read directly: found by its name, opened when it is plugged in, polled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from threading import Event, Thread
+from typing import NamedTuple, Protocol
+
+from ballbot_ros.teleop.errors import TeleopError
+
+ANY = 'any'
+POLL_S = 0.008
+
+NO_MAPPING = 'SDL has no mapping for it: set SDL_GAMECONTROLLERCONFIG'
+
+
+class Device(NamedTuple):
+    """A device that is plugged in: its number, its name, and whether its layout is known."""
+
+    number: int
+    name: str
+    has_mapping: bool
+
+
+class PadState(NamedTuple):
+    """Axes and buttons in the order of :class:`~ballbot_ros.teleop.joy_mapping.JoyMapping`."""
+
+    axes: Sequence[float]
+    buttons: Sequence[int]
+
+
+class Pad(Protocol):
+    """An open gamepad."""
+
+    def attached(self) -> bool:
+        """Tell whether it is still plugged in."""
+
+    def read(self) -> PadState:
+        """Return its present state."""
+
+
+class Backend(Protocol):
+    """The library that reads gamepads; used from one thread only."""
+
+    def start(self) -> None:
+        """Begin to look for devices."""
+
+    def pump(self) -> None:
+        """Take what has happened since the last call."""
+
+    def devices(self) -> list[Device]:
+        """Return what is plugged in."""
+
+    def open(self, device: Device) -> Pad:
+        """Open a device that has a mapping; TeleopError if that fails."""
+
+    def stop(self) -> None:
+        """Close everything."""
+
+
+class Gamepad:
+    """Polls one gamepad on a thread of its own.
+
+    Parameters
+    ----------
+    wanted : str
+        ``any``, the number of a device, or part of its name.
+    backend : Backend
+    on_state : callable
+        Takes the state at every poll.
+    on_gone : callable
+        Called when the gamepad is unplugged, and at the end.
+    on_problem : callable
+        Takes one line on a device that cannot be used.
+    """
+
+    def __init__(
+        self,
+        wanted: str,
+        backend: Backend,
+        *,
+        on_state: Callable[[PadState], None],
+        on_gone: Callable[[], None],
+        on_problem: Callable[[str], None],
+    ) -> None:
+        self._wanted = wanted
+        self._backend = backend
+        self._on_state, self._on_gone, self._on_problem = on_state, on_gone, on_problem
+        self._pad: Pad | None = None
+        self._refused: set[Device] = set()
+        self.name = ''
+        self._stop = Event()
+        self._thread = Thread(target=self._run, name='gamepad', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._stop.set()
+        self._thread.join(2.0)
+
+    def _run(self) -> None:
+        try:
+            self._backend.start()
+            while not self._stop.wait(POLL_S):
+                self._backend.pump()
+                self._poll()
+        except TeleopError as error:
+            self._on_problem(str(error))
+        finally:
+            self._on_gone()
+            self._backend.stop()
+
+    def _poll(self) -> None:
+        if self._pad is not None and not self._pad.attached():
+            self._pad, self.name = None, ''
+            self._on_gone()
+        if self._pad is None:
+            self._look()
+        if self._pad is not None:
+            self._on_state(self._pad.read())
+
+    def _look(self) -> None:
+        present = self._backend.devices()
+        self._refused.intersection_update(present)
+        for device in present:
+            if not self._is_wanted(device) or device in self._refused:
+                continue
+            try:
+                if not device.has_mapping:
+                    raise TeleopError(NO_MAPPING)
+                self._pad = self._backend.open(device)
+            except TeleopError as error:
+                self._refused.add(device)
+                self._on_problem(f'{device.name}: {error}')
+                continue
+            self.name = device.name
+            return
+
+    def _is_wanted(self, device: Device) -> bool:
+        if self._wanted.isdecimal():
+            return device.number == int(self._wanted)
+        return self._wanted == ANY or self._wanted.lower() in device.name.lower()

@@ -1,0 +1,100 @@
+"""From the axes and buttons of a gamepad to the two sticks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ballbot_ros.teleop.errors import TeleopError
+from ballbot_ros.teleop.sticks import Sticks, sticks_of
+
+NOT_USED = -1
+"""Number of an axis or button that the mapping leaves out."""
+
+_ROUNDING = 1e-6
+"""Drivers compute in single precision: so much beyond ±1 is still a full stick."""
+
+
+@dataclass(frozen=True)
+class JoyMapping:
+    """Which axes and buttons drive, and how.
+
+    Axes and buttons are numbered as ``game_controller_node`` of the package joy does it: axes 0, 1
+    left stick, 2, 3 right stick, each left and up positive; buttons 9 and 10 the shoulders. The
+    other fields are named and act as in ``teleop_twist_joy``. The turbo button enables, too.
+
+    Attributes
+    ----------
+    gp_max : int
+        Value of a stick that is pushed to its end.
+    require_enable_button : bool
+        Whether the sticks count only while a button is pressed.
+    enable_button, enable_turbo_button : int
+        Buttons that enable the sticks, with the plain and with the turbo scales.
+    deadzone : float
+        Share of an axis around its middle that is neutral; what remains counts from zero to full.
+    axis_forward, axis_rightward : int
+    scale_forward, scale_rightward, scale_forward_turbo, scale_rightward_turbo : float
+        Share of the full stick at a full axis, 0 ... 1.
+    invert_forward, invert_rightward : bool
+    """
+
+    gp_max: int
+    require_enable_button: bool = False
+    enable_button: int = 9
+    enable_turbo_button: int = NOT_USED
+    deadzone: float = 0.0
+    axis_forward: int = 1
+    axis_rightward: int = 2
+    scale_forward: float = 1.0
+    scale_rightward: float = 1.0
+    scale_forward_turbo: float = 1.0
+    scale_rightward_turbo: float = 1.0
+    invert_forward: bool = False
+    invert_rightward: bool = False
+
+    def sticks(self, axes: Sequence[float], buttons: Sequence[int]) -> Sticks | None:
+        """Return the sticks, or None while the enable button they need is not pressed.
+
+        Parameters
+        ----------
+        axes : sequence of float, shape (n,)
+            -1 ... 1, left and up positive.
+        buttons : sequence of int, shape (m,)
+            1 where pressed.
+
+        Raises
+        ------
+        TeleopError
+            If an axis or button that is used is not there, or an axis is not within ±1.
+        """
+        forward = self._axis(axes, self.axis_forward)
+        rightward = -self._axis(axes, self.axis_rightward)
+        turbo = self._pressed(buttons, self.enable_turbo_button)
+        if self.require_enable_button and not (self._pressed(buttons, self.enable_button) or turbo):
+            return None
+        scale_forward = self.scale_forward_turbo if turbo else self.scale_forward
+        scale_rightward = self.scale_rightward_turbo if turbo else self.scale_rightward
+        return sticks_of(
+            forward * scale_forward * (-1.0 if self.invert_forward else 1.0),
+            rightward * scale_rightward * (-1.0 if self.invert_rightward else 1.0),
+            self.gp_max,
+        )
+
+    def _axis(self, axes: Sequence[float], number: int) -> float:
+        if number == NOT_USED:
+            return 0.0
+        if number >= len(axes):
+            raise TeleopError(f'no axis {number}, only {len(axes)} axes')
+        value = float(axes[number])
+        if not abs(value) <= 1.0 + _ROUNDING:
+            raise TeleopError(f'axis {number} is {value:g}, not within -1 … 1')
+        beyond = max(0.0, min(abs(value), 1.0) - self.deadzone) / (1.0 - self.deadzone)
+        return beyond if value > 0.0 else -beyond
+
+    def _pressed(self, buttons: Sequence[int], number: int) -> bool:
+        if number == NOT_USED:
+            return False
+        if number >= len(buttons):
+            raise TeleopError(f'no button {number}, only {len(buttons)} buttons')
+        return bool(buttons[number])

@@ -1,0 +1,23 @@
+"""The two sticks as the gamepad packet has them."""
+
+from __future__ import annotations
+
+from ballbot_ros.brick.units import quantise
+
+Sticks = tuple[int, int]
+"""Left stick vertical (up, forward, is negative) and right stick horizontal (right is positive)."""
+
+NEUTRAL: Sticks = (0, 0)
+
+
+def sticks_of(forward: float, rightward: float, full: int) -> Sticks:
+    """Return the sticks that ask for shares of the full speed.
+
+    Parameters
+    ----------
+    forward, rightward : float
+        Shares, -1 ... 1.
+    full : int
+        Value of a stick that is pushed to its end (``gp_max``).
+    """
+    return -quantise(forward * full), quantise(rightward * full)

@@ -1,0 +1,217 @@
+"""Driving from the keyboard of a terminal: keys in, a small panel out."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+import termios
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from threading import Thread
+from typing import TYPE_CHECKING, Any
+
+from ballbot_ros.teleop.errors import TeleopError
+from ballbot_ros.teleop.keyboard import KeyboardSticks
+from ballbot_ros.teleop.sticks import Sticks
+
+if TYPE_CHECKING:
+    from prompt_toolkit.application import Application
+
+INSTALL_HINT = 'prompt_toolkit is not installed: pip install "ballbot_ros[drive]"'
+
+HELP = 'arrows drive   space stop   h hold   + - key speed   r reset   q quit'
+
+REPORT_S = 0.02
+REDRAW_S = 0.1
+
+
+def why_no_keyboard() -> str:
+    """Return why the keyboard cannot drive here; empty if it can."""
+    if not (os.isatty(0) and os.isatty(1)):
+        return 'standard input and output are no terminal'
+    try:
+        import prompt_toolkit  # noqa: F401
+    except ImportError:
+        return INSTALL_HINT
+    return ''
+
+
+class Terminal:
+    """Reads the keys on a thread of its own.
+
+    While it runs, what the process writes to the terminal otherwise appears above the panel. At
+    the end the terminal is as it was.
+
+    Parameters
+    ----------
+    keys : KeyboardSticks
+    status : callable
+        Returns what the panel shows, as names and texts.
+    on_sticks : callable
+        Takes the sticks, 50 times a second.
+    on_reset, on_quit : callable
+        Called for these keys.
+    on_gone : callable
+        Called when the keyboard is no more: after quitting, or as the terminal has vanished.
+
+    Raises
+    ------
+    TeleopError
+        If there is no terminal, or prompt_toolkit is not installed.
+    """
+
+    def __init__(
+        self,
+        keys: KeyboardSticks,
+        status: Callable[[], Mapping[str, str]],
+        *,
+        on_sticks: Callable[[Sticks], None],
+        on_reset: Callable[[], None],
+        on_quit: Callable[[], None],
+        on_gone: Callable[[], None],
+    ) -> None:
+        if obstacle := why_no_keyboard():
+            raise TeleopError(f'keyboard: {obstacle}')
+        self._keys, self._status = keys, status
+        self._on_sticks, self._on_reset = on_sticks, on_reset
+        self._on_quit, self._on_gone = on_quit, on_gone
+        self._app: Application[None] | None = None
+        self._thread = Thread(target=self._run, name='keyboard', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread and give the terminal back."""
+        app = self._app
+        if app is not None and app.loop is not None and app.is_running:
+            app.loop.call_soon_threadsafe(_exit, app)
+        self._thread.join(1.0)
+
+    def _run(self) -> None:
+        try:
+            with _Redirected() as others:
+                self._app = self._application(others.terminal)
+
+                def begin() -> None:
+                    assert self._app is not None
+                    self._app.create_background_task(self._report())
+                    self._app.create_background_task(_show_above(others))
+
+                self._app.run(pre_run=begin, handle_sigint=False, set_exception_handler=False)
+        except (EOFError, OSError, termios.error):
+            pass  # The terminal has vanished.
+        finally:
+            self._on_gone()
+
+    def _application(self, terminal: Any) -> Application[None]:
+        from prompt_toolkit.application import Application
+        from prompt_toolkit.input import create_input
+        from prompt_toolkit.layout import FormattedTextControl, Layout, Window
+        from prompt_toolkit.output.vt100 import Vt100_Output
+
+        output = Vt100_Output.from_pty(terminal)
+        output.enable_cpr = False  # The panel needs no cursor position, and asking shows.
+        return Application(
+            layout=Layout(Window(FormattedTextControl(self._panel), dont_extend_height=True)),
+            key_bindings=self._bindings(),
+            input=create_input(sys.stdin),
+            output=output,
+            refresh_interval=REDRAW_S,
+            erase_when_done=True,
+        )
+
+    def _bindings(self) -> Any:
+        from prompt_toolkit.key_binding import KeyBindings
+
+        keys, bindings = self._keys, KeyBindings()
+
+        def bind(names: str, act: Callable[[], None]) -> None:
+            for name in names.split():
+                bindings.add(name)(lambda event: act())
+
+        for name in ('up', 'down', 'left', 'right'):
+            bind(name, lambda name=name: keys.arrow(name, time.monotonic()))  # type: ignore[misc]
+        bind('space', keys.stop)
+        bind('h H', lambda: keys.hold(time.monotonic()))
+        bind('+ =', lambda: keys.change_speed(1))
+        bind('-', lambda: keys.change_speed(-1))
+        bind('r R', self._reset)
+        bind('q Q c-c', self._quit)
+        return bindings
+
+    def _reset(self) -> None:
+        self._keys.stop()
+        self._on_reset()
+
+    def _quit(self) -> None:
+        self._keys.stop()
+        assert self._app is not None
+        _exit(self._app)
+        self._on_quit()
+
+    async def _report(self) -> None:
+        while True:
+            self._on_sticks(self._keys.sticks(time.monotonic()))
+            await asyncio.sleep(REPORT_S)
+
+    def _panel(self) -> str:
+        keys = {'key speed': f'{self._keys.speed_percent} %{"  held" * self._keys.holds}'}
+        lines = [f'{name:<11} {text}' for name, text in {**self._status(), **keys}.items()]
+        return '\n'.join([*lines, HELP])
+
+
+def _exit(app: Application[None]) -> None:
+    if app.is_running and app.future is not None and not app.future.done():
+        app.exit()
+
+
+async def _show_above(others: _Redirected) -> None:
+    """Show what others write to the terminal above the panel."""
+    from prompt_toolkit.application import run_in_terminal
+
+    reader = asyncio.StreamReader()
+    loop = asyncio.get_running_loop()
+    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), others.pipe)
+    while text := await reader.readline():
+        await run_in_terminal(lambda: others.show(text))
+
+
+class _Redirected:
+    """Catches what the process writes to the terminal, but for the panel.
+
+    Attributes
+    ----------
+    terminal : file
+        The terminal.
+    pipe : file
+        What others write.
+    """
+
+    def __enter__(self) -> _Redirected:
+        sys.stdout.flush()
+        self._kept = {fd: os.dup(fd) for fd in (1, 2) if os.isatty(fd)}
+        self.terminal = os.fdopen(os.dup(1), 'w', encoding='utf-8')
+        end, begin = os.pipe()
+        self.pipe = os.fdopen(end, 'rb', buffering=0)
+        self._left = os.dup(end)
+        for fd in self._kept:
+            os.dup2(begin, fd)
+        os.close(begin)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for fd, kept in self._kept.items():
+            os.dup2(kept, fd)
+            os.close(kept)
+        os.set_blocking(self._left, False)
+        with suppress(OSError):  # Nothing is left, or the terminal has vanished.
+            self.show(os.read(self._left, 2**16))
+        os.close(self._left)
+        with suppress(OSError):
+            self.terminal.close()
+
+    def show(self, text: bytes) -> None:
+        """Write to the terminal."""
+        self.terminal.write(text.decode(errors='replace'))
+        self.terminal.flush()

@@ -1,0 +1,57 @@
+"""From a velocity to the two sticks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ballbot_ros.teleop.errors import TeleopError
+from ballbot_ros.teleop.sticks import NEUTRAL, Sticks, sticks_of
+
+
+@dataclass(frozen=True)
+class VelocityMapping:
+    """What the controller makes of a full stick, turned round.
+
+    Attributes
+    ----------
+    k_thetadot : float
+        Ball rate at a full stick [deg/s].
+    ball_radius : float
+        Rs [m].
+    gp_max : int
+        Value of a full stick.
+    """
+
+    k_thetadot: float
+    ball_radius: float
+    gp_max: int
+
+    @property
+    def full_speed(self) -> float:
+        """Speed at a full stick [m/s]."""
+        return math.radians(self.k_thetadot) * self.ball_radius
+
+    def sticks(self, forward: float, left: float) -> Sticks:
+        """Return the sticks for a velocity in the axes of REP 103.
+
+        A velocity that a stick cannot ask for is scaled down in both planes, so that its direction
+        stays.
+
+        Parameters
+        ----------
+        forward, left : float
+            [m/s]
+
+        Raises
+        ------
+        TeleopError
+            If a component is not finite.
+        """
+        for name, value in (('linear.x', forward), ('linear.y', left)):
+            if not math.isfinite(value):
+                raise TeleopError(f'{name} is {value:g}, not a finite number')
+        full = max(self.full_speed, abs(forward), abs(left))
+        if not full or not self.full_speed:
+            return NEUTRAL
+        return sticks_of(forward / full, -left / full, self.gp_max)

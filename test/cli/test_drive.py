@@ -1,0 +1,214 @@
+"""`ballbot drive` as a user types it, on a terminal that the test holds."""
+
+import contextlib
+import fcntl
+import os
+import pty
+import signal
+import struct
+import subprocess
+import termios
+import threading
+import time
+
+import pytest
+from graph import BALLBOT, NODES, alive, bound_s, children, environment, wait_for
+
+from ballbot_ros.recording.reader import RecordingReader
+
+pytestmark = pytest.mark.graph
+
+pytest.importorskip('rclpy')
+
+UP = b'\x1b[A'
+CHILDREN = set(NODES) - {'gamepad_teleop'}
+
+
+class Drive:
+    """`ballbot drive` on a pseudo terminal."""
+
+    def __init__(self, domain, folder, *arguments):
+        self.terminal, side = pty.openpty()
+        fcntl.ioctl(side, termios.TIOCSWINSZ, struct.pack('HHHH', 24, 100, 0, 0))
+        self.settings = termios.tcgetattr(side)
+        self.side = side
+        self.folder = folder
+        self.process = subprocess.Popen(
+            [*BALLBOT, 'drive', '--device', '', '--output', str(folder), *map(str, arguments)],
+            env=environment(domain) | {'TERM': 'xterm'},
+            stdin=side,
+            stdout=side,
+            stderr=side,
+            preexec_fn=_take_terminal,  # noqa: PLW1509
+        )
+        self.screen = b''
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self):
+        with contextlib.suppress(OSError):
+            while data := os.read(self.terminal, 4096):
+                self.screen += data
+
+    def press(self, keys):
+        os.write(self.terminal, keys)
+
+    def wait_for_text(self, text, since=0):
+        wait_for(lambda: text in self.screen[since:], what=f'{text!r} on the screen')
+
+    def begin(self, names=CHILDREN):
+        """Wait until it can be driven; return the pids of the nodes."""
+        pids = wait_for(lambda: _started(self.process, names), what='the start')
+        self.wait_for_text(b'remote')
+        return pids
+
+    def finish(self):
+        begun = time.monotonic()
+        status = self.process.wait(20.0)
+        assert time.monotonic() - begun < bound_s(3.0)
+        return status
+
+    def kill(self):
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+    def recorded(self):
+        """Return source and sticks of the recording, in order, without repetitions."""
+        with RecordingReader(self.folder / 'drive.mcap') as reader:
+            assert reader.complete
+            found = []
+            for _, _, message in reader.messages({'/gamepad'}):
+                entry = (message.header.frame_id, *map(float, message.axes))
+                if not found or found[-1] != entry:
+                    found.append(entry)
+            return found
+
+
+def _take_terminal():
+    os.setsid()
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
+def _started(process, names=CHILDREN):
+    found = children(process.pid)
+    return found if set(found) >= names else None
+
+
+@pytest.fixture
+def start_drive(domain, tmp_path):
+    with contextlib.ExitStack() as stack:
+
+        def start(*arguments):
+            drive = Drive(domain, tmp_path / 'drive', *arguments)
+            stack.callback(drive.kill)
+            return drive
+
+        yield start
+
+
+def test_keys_drive_reset_and_quit(start_drive, tmp_path):
+    live = tmp_path / 'live.csv'
+    drive = start_drive('--log', live, '--start', '1.5', '0.5')
+    pids = drive.begin()
+    drive.press(UP)
+    drive.wait_for_text(b'keyboard')
+    drive.wait_for_text(b'-50')
+    drive.press(b'+')
+    drive.wait_for_text(b'60 %')
+    since = len(drive.screen)
+    drive.press(b'r')
+    drive.wait_for_text(b'calibration', since)
+    since = len(drive.screen)
+    drive.wait_for_text(b'remote', since)
+    wait_for((tmp_path / 'live_2.csv').exists, what='the log of the second run')
+    drive.press(b'q')
+    assert drive.finish() == 0
+    assert not any(alive(pid) for pid in pids.values())
+    assert termios.tcgetattr(drive.side) == drive.settings
+    assert str(drive.folder / 'drive.mcap').encode() in drive.screen.replace(b'\r\n', b'')
+    assert ('keyboard', -0.5, 0.0) in drive.recorded()
+    assert drive.recorded()[0] == ('scenario', 0.0, 0.0)
+    with RecordingReader(drive.folder / 'drive.mcap') as reader:
+        _, _, odometry = next(reader.messages({'/plant/odom'}))
+    point = odometry.pose.pose.position
+    assert (point.x, point.y) == (1.5, 0.5)
+    command = [*BALLBOT, 'log2csv', str(drive.folder / 'drive.mcap')]
+    subprocess.run(command, check=True, capture_output=True)
+    for name in ('', '_2'):
+        written = (drive.folder / f'drive{name}.csv').read_bytes()
+        assert written == (tmp_path / f'live{name}.csv').read_bytes()
+        assert written.count(b'\n') > 1
+
+
+def test_ctrl_c_quits(start_drive):
+    drive = start_drive('--no-record')
+    pids = drive.begin(CHILDREN - {'recorder'})
+    drive.press(b'\x03')
+    assert drive.finish() == 0
+    assert not any(alive(pid) for pid in pids.values())
+    assert termios.tcgetattr(drive.side) == drive.settings
+
+
+def test_sigterm_ends_a_drive_and_its_recording_is_complete(start_drive):
+    drive = start_drive()
+    pids = drive.begin()
+    drive.process.send_signal(signal.SIGTERM)
+    assert drive.finish() == 0
+    assert not any(alive(pid) for pid in pids.values())
+    assert termios.tcgetattr(drive.side) == drive.settings
+    drive.recorded()
+
+
+def test_a_terminal_that_vanishes_ends_the_drive(start_drive):
+    drive = start_drive()
+    pids = drive.begin()
+    drive.press(UP + b'h')
+    drive.wait_for_text(b'held')
+    os.close(drive.side)
+    os.close(drive.terminal)
+    drive.finish()
+    assert not any(alive(pid) for pid in pids.values())
+    assert ('keyboard', -0.5, 0.0) in drive.recorded()
+
+
+def test_without_a_terminal_it_says_how_to_drive(domain, tmp_path):
+    command = [*BALLBOT, 'drive', '--device', '', '--output', str(tmp_path)]
+    process = subprocess.Popen(
+        command, env=environment(domain), stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        wait_for(lambda: _started(process), what='the start')
+        wait_for((tmp_path / 'drive.mcap').exists, what='the recording')
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=20.0)
+    finally:
+        process.kill()
+    assert process.returncode == 0
+    assert err == (
+        'no keyboard (standard input and output are no terminal): a gamepad, joy or cmd_vel '
+        'drives\n'
+    )
+    assert out == f'recording  {tmp_path / "drive.mcap"}\n'
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'told'),
+    [
+        (['--log', '/nowhere/log.csv'], '/nowhere/log.csv: No such file or directory'),
+        (['--profile', 'steel'], "unknown profile 'steel'; known: ideal, hardware"),
+        (
+            ['--set', 'gamepad_teleop.deadzone=2'],
+            '--set gamepad_teleop.deadzone=2: gamepad_teleop.deadzone: 2 is not within 0 … 0.95',
+        ),
+    ],
+)
+def test_a_mistake_is_one_line(domain, arguments, told):
+    done = subprocess.run(
+        [*BALLBOT, 'drive', '--no-record', *arguments],
+        check=False, env=environment(domain), stdin=subprocess.DEVNULL,
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr == f'error: {told}\n'

@@ -1,0 +1,95 @@
+"""`ballbot log2csv`: the data log of a recording, and what is refused."""
+
+import subprocess
+
+import pytest
+from graph import BALLBOT
+
+from ballbot_ros.brick.bluetooth import LogPacket
+from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.writer import RecordingWriter
+from ballbot_ros.teleop.csv_log import HEADER
+
+
+def log2csv(*arguments):
+    command = [*BALLBOT, 'log2csv', *map(str, arguments)]
+    return subprocess.run(command, check=False, capture_output=True, text=True)
+
+
+def write_recording(path, events, prefix=''):
+    """Write runs, given by their start in s, and packets, given as bytes."""
+    header, array = new_message('std_msgs/msg/Header'), new_message('std_msgs/msg/UInt8MultiArray')
+    writer = RecordingWriter(path)
+    run = writer.add_topic(f'{prefix}/plant/run', 'std_msgs/msg/Header')
+    packets = writer.add_topic(f'{prefix}/bluetooth/tx', 'std_msgs/msg/UInt8MultiArray')
+    for number, event in enumerate(events, 1):
+        if isinstance(event, bytes):
+            array.data = event
+            data = encoder('std_msgs/msg/UInt8MultiArray')(array)
+            writer.write(packets, number, data, number)
+        else:
+            header.stamp.sec = event
+            writer.write(run, number, encoder('std_msgs/msg/Header')(header), number)
+    writer.close()
+
+
+def packet(time_ms):
+    return LogPacket(time_ms, 0, 0, 8005, 0, 1, 2, 3, 4, 0, 0, 255).encode()
+
+
+def row(time_ms):
+    return f'{time_ms},0,0,8005,0,1,2,3,4,0,0,255'
+
+
+@pytest.mark.parametrize('prefix', ['', '/robot'])
+def test_each_run_becomes_a_file(tmp_path, prefix):
+    recording = tmp_path / 'drive.mcap'
+    write_recording(recording, [1, packet(1100), 5, packet(1200), packet(5100)], prefix)
+    done = log2csv(recording)
+    assert (done.returncode, done.stderr) == (0, '')
+    first, second = tmp_path / 'drive.csv', tmp_path / 'drive_2.csv'
+    assert done.stdout == f'data log  {first}\ndata log  {second}\n'
+    assert first.read_text() == f'{HEADER}\n{row(1100)}\n{row(1200)}\n'
+    assert second.read_text() == f'{HEADER}\n{row(5100)}\n'
+
+
+def test_messages_that_are_no_packets_are_left_out_and_counted(tmp_path):
+    recording = tmp_path / 'drive.mcap'
+    write_recording(recording, [1, packet(1100), b'short', packet(1200)])
+    done = log2csv(recording, '--output', tmp_path / 'log.csv')
+    assert done.returncode == 0
+    assert done.stderr == '/bluetooth/tx: 1 messages are no log packets: left out\n'
+    assert (tmp_path / 'log.csv').read_text() == f'{HEADER}\n{row(1100)}\n{row(1200)}\n'
+
+
+def test_nothing_is_overwritten(tmp_path):
+    recording = tmp_path / 'drive.mcap'
+    write_recording(recording, [1, packet(1100)])
+    (tmp_path / 'drive.csv').write_text('precious')
+    done = log2csv(recording)
+    assert done.returncode == 2
+    assert done.stderr == (
+        f'error: {tmp_path / "drive.csv"}: exists already; choose another file\n'
+    )
+    assert (tmp_path / 'drive.csv').read_text() == 'precious'
+
+
+def test_what_is_no_recording_or_has_no_log_is_named(tmp_path):
+    done = log2csv(tmp_path / 'none.mcap')
+    assert done.returncode == 2
+    assert done.stderr == f'error: {tmp_path / "none.mcap"}: No such file or directory\n'
+    text = tmp_path / 'text.mcap'
+    text.write_text('this is text, and more of it')
+    assert log2csv(text).stderr == f'error: {text}: not an MCAP file\n'
+    other = tmp_path / 'other.mcap'
+    writer = RecordingWriter(other)
+    topic = writer.add_topic('/plant/run', 'std_msgs/msg/Header')
+    header = new_message('std_msgs/msg/Header')
+    writer.write(topic, 1, encoder('std_msgs/msg/Header')(header), 1)
+    writer.close()
+    done = log2csv(other)
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"error: {other}: no topic 'bluetooth/tx', one is needed; there are /plant/run\n"
+    )
+    assert sorted(p.name for p in tmp_path.iterdir()) == ['other.mcap', 'text.mcap']

@@ -1,0 +1,267 @@
+"""Live inputs over topics: they drive, they are arbitrated, and their end is the robot's rest."""
+
+import contextlib
+import math
+import subprocess
+import sys
+import time
+
+import pytest
+from graph import BALLBOT, Node, bound_s, environment, free_domain
+
+rclpy = pytest.importorskip('rclpy')
+
+from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
+from geometry_msgs.msg import Twist, TwistStamped  # noqa: E402
+from rclpy.qos import qos_profile_sensor_data  # noqa: E402
+from ros_client import Client  # noqa: E402
+from sensor_msgs.msg import Joy  # noqa: E402
+
+from ballbot_ros.messages.conversions import ball_position, stick_values  # noqa: E402
+from ballbot_ros.messages.topics import (  # noqa: E402
+    DIAGNOSTICS,
+    GAMEPAD_JOY,
+    OPERATING_STATE,
+    PLANT_IMU,
+    PLANT_ODOM,
+)
+from ballbot_ros.parameters import GAMEPAD, NODES, RECORDER, ParameterSet  # noqa: E402
+from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
+from ballbot_ros.scenario.library import load_scenario  # noqa: E402
+from ballbot_ros.scenario.scenario import Scenario  # noqa: E402
+from ballbot_ros.simulation.closed_loop import ClosedLoop  # noqa: E402
+from ballbot_ros.simulation.trajectory import TrajectoryLog  # noqa: E402
+
+pytestmark = pytest.mark.graph
+
+PERIOD_S = 0.05
+SILENCE_S = 0.5
+TICK_S = 0.02
+
+JOYSTICK = f"""
+import rclpy
+from sensor_msgs.msg import Joy
+rclpy.init()
+node = rclpy.create_node('joystick')
+publisher = node.create_publisher(Joy, 'joy', 10)
+message = Joy(axes=[0.0, 1.0, 0.0, 0.0], buttons=[])
+node.create_timer({PERIOD_S}, lambda: publisher.publish(message))
+rclpy.spin(node)
+"""
+
+
+class Driver(Client):
+    """Publishes what drives, and looks at what comes of it."""
+
+    def __init__(self, domain):
+        super().__init__(domain)
+        self.domain = domain
+        for topic in (PLANT_IMU, PLANT_ODOM, GAMEPAD_JOY, OPERATING_STATE, DIAGNOSTICS):
+            self.watch(topic)
+        self.last_sent = 0.0
+
+    @contextlib.contextmanager
+    def sending(self, topic, message, qos=10):
+        """Publish a message every PERIOD_S within the block."""
+        publisher = self.node.create_publisher(type(message), topic, qos)
+
+        def send():
+            publisher.publish(message)
+            self.last_sent = time.monotonic()
+
+        timer = self.node.create_timer(PERIOD_S, send)
+        try:
+            yield
+        finally:
+            self.node.destroy_timer(timer)
+            self.node.destroy_publisher(publisher)
+
+    @property
+    def sticks(self):
+        return stick_values(self.newest[GAMEPAD_JOY.name])
+
+    @property
+    def source(self):
+        return self.newest[GAMEPAD_JOY.name].header.frame_id
+
+    def await_command(self, source, sticks):
+        self.spin_until(lambda: (self.source, self.sticks) == (source, sticks))
+
+    def await_rest(self):
+        self.await_command('scenario', (0, 0))
+
+    def status(self):
+        """The newest diagnostics of the gamepad node."""
+        reports = self.seen.get(DIAGNOSTICS.name, [])
+        for report in reversed(reports):
+            for status in report.status:
+                if status.name.startswith(GAMEPAD):
+                    return status
+        return DiagnosticStatus()
+
+
+def joy(forward=0.0, left=0.0):
+    return Joy(axes=[0.0, forward, left, 0.0, 0.0, 0.0], buttons=[0] * 15)
+
+
+def twist(forward=0.0, left=0.0, stamped=False):
+    message = TwistStamped() if stamped else Twist()
+    target = message.twist if stamped else message
+    target.linear.x, target.linear.y = forward, left
+    return message
+
+
+@pytest.fixture(scope='module')
+def graph():
+    """A graph in real time for all tests of this module."""
+    with contextlib.ExitStack() as stack:
+        domain = stack.enter_context(free_domain())
+        for name in NODES:
+            if name != RECORDER:
+                node = Node(domain, name, **({'device': "''"} if name == GAMEPAD else {}))
+                stack.callback(node.kill)
+        driver = stack.enter_context(contextlib.closing(Driver(domain)))
+        needed = {PLANT_ODOM.name, GAMEPAD_JOY.name, OPERATING_STATE.name, DIAGNOSTICS.name}
+        driver.spin_until(lambda: needed <= set(driver.newest))
+        driver.spin_until(lambda: driver.newest[OPERATING_STATE.name].data == 'remote')
+        yield driver
+
+
+@pytest.fixture
+def driver(graph):
+    graph.await_rest()
+    graph.seen.clear()
+    return graph
+
+
+def test_joy_drives_the_robot_forward_and_silence_stops_it(driver):
+    start, _ = ball_position(driver.newest[PLANT_ODOM.name])
+    with driver.sending('joy', joy(forward=1.0), qos_profile_sensor_data):
+        driver.await_command('joy', (-100, 0))
+        driver.spin_until(lambda: ball_position(driver.newest[PLANT_ODOM.name])[0] > start + 0.05)
+    driver.spin_until(lambda: driver.sticks == (0, 0))
+    assert time.monotonic() - driver.last_sent < bound_s(SILENCE_S + TICK_S + 0.1)
+    assert driver.source == 'joy'  # nobody else is, for half a second
+
+
+def test_a_publisher_that_is_killed_stops_the_robot(driver):
+    joystick = subprocess.Popen(
+        [sys.executable, '-c', JOYSTICK], env=environment(driver.domain), stderr=subprocess.DEVNULL
+    )
+    try:
+        driver.await_command('joy', (-100, 0))
+        joystick.kill()
+        killed = time.monotonic()
+        driver.spin_until(lambda: driver.sticks == (0, 0))
+        assert time.monotonic() - killed < bound_s(SILENCE_S + PERIOD_S + TICK_S + 0.1)
+    finally:
+        joystick.kill()
+        joystick.wait()
+
+
+@pytest.mark.parametrize('stamped', [False, True])
+def test_cmd_vel_of_either_type_drives(driver, stamped):
+    with driver.sending('cmd_vel', twist(0.0862, -10.0 * 0.0862, stamped)):
+        driver.await_command('cmd_vel', (-10, 100))
+
+
+def test_cmd_vel_that_is_not_finite_stops_the_robot_and_is_reported(driver):
+    with driver.sending('cmd_vel', twist(1.0)):
+        driver.await_command('cmd_vel', (-100, 0))
+    with driver.sending('cmd_vel', twist(math.nan)):
+        sent = time.monotonic()
+        driver.spin_until(lambda: driver.sticks == (0, 0))
+        assert time.monotonic() - sent < bound_s(SILENCE_S)
+        driver.spin_until(lambda: driver.status().level == DiagnosticStatus.WARN)
+        assert driver.status().message == 'cmd_vel: linear.x is nan, not a finite number'
+        assert {v.key: v.value for v in driver.status().values}['in command'] in (
+            'cmd_vel',
+            'scenario',
+        )
+    with driver.sending('cmd_vel', twist()):
+        driver.spin_until(lambda: driver.status().level == DiagnosticStatus.OK)
+
+
+def test_joy_of_no_use_is_reported(driver):
+    with driver.sending('viewer/joy', Joy(axes=[0.0])):
+        driver.spin_until(lambda: driver.status().level == DiagnosticStatus.WARN)
+        assert driver.status().message == 'viewer/joy: no axis 1, only 1 axes'
+    with driver.sending('viewer/joy', joy()):
+        driver.spin_until(lambda: driver.status().level == DiagnosticStatus.OK)
+
+
+def test_priorities_over_topics_and_the_pause_between(driver):
+    with driver.sending('cmd_vel', twist(1.0)):
+        driver.await_command('cmd_vel', (-100, 0))
+        with driver.sending('viewer/joy', joy(left=1.0)):
+            driver.await_command('viewer', (0, -100))
+            with driver.sending('joy', joy(forward=-1.0)):
+                driver.await_command('joy', (100, 0))
+            driver.seen[GAMEPAD_JOY.name].clear()
+            driver.await_command('viewer', (0, -100))
+        driver.await_command('cmd_vel', (-100, 0))
+    seen = [(m.header.frame_id, stick_values(m)) for m in driver.seen[GAMEPAD_JOY.name]]
+    # Half a second of 20 ms, with the sticks neutral, before each change to a lower priority.
+    for before, after in (('joy', 'viewer'), ('viewer', 'cmd_vel')):
+        change = next(n for n, (source, _) in enumerate(seen) if source == after)
+        assert seen[change - 20 : change] == [(before, (0, 0))] * 20
+
+
+class Recorded(Scenario):
+    """The sticks of a recording."""
+
+    def __init__(self, sticks):
+        super().__init__()
+        object.__setattr__(self, '_sticks', sticks)
+
+    def sticks_at(self, time):
+        return self._sticks[round(time * 1e9)]
+
+
+def test_the_recorded_sticks_give_the_same_duties_again(domain, start_run, tmp_path):
+    run = start_run('stationary', '--json', '--output', tmp_path, '--real-time-factor', 2,
+                    '--set=plant_sim.duration=5', '--set=gyro_driver.noise=0.7')  # fmt: skip
+    with contextlib.closing(Client(domain)) as client:
+        publisher = client.node.create_publisher(Joy, 'joy', 10)
+        stick = iter(range(10_000))
+        client.node.create_timer(
+            0.01, lambda: publisher.publish(joy(math.sin(next(stick) / 7), math.cos(next(stick))))
+        )
+        client.spin_until(lambda: run.process.poll() is not None, 60.0)
+    assert run.finish() in (0, 1), run.stderr
+    with RecordingReader(tmp_path / 'stationary.mcap') as reader:
+        assert reader.complete
+        messages = list(reader.messages({'/gamepad'}))
+        assert reader.topics()['/joy'].message_count > 50
+        # They come from elsewhere, with stamps of another clock or none.
+        stamps = [stamp for _, stamp, _ in reader.messages({'/joy'})]
+    assert 1e9 <= min(stamps) <= max(stamps) <= 6e9
+    assert 'joy' in {message.header.frame_id for _, _, message in messages}
+    assert len({stick_values(message) for _, _, message in messages}) > 20
+    sticks = {stamp - 1_000_000_000: stick_values(message) for _, stamp, message in messages}
+
+    parameters = ParameterSet()
+    parameters.update(load_scenario('stationary').parameters)
+    parameters.set('gyro_driver', 'noise', 0.7)
+    loop, log = ClosedLoop(parameters, Recorded(sticks)), TrajectoryLog()
+    for _ in range(1250):
+        tick = loop.tick()
+        log.add(tick.truth, *tick.outputs.duty)
+    assert log.duty_sha256 == run.result['duty_sha256']
+
+
+def test_a_keyboard_without_a_terminal_and_a_log_that_is_there_are_mistakes(start_node, tmp_path):
+    node = start_node(GAMEPAD, keyboard='true')
+    assert node.finish() == 2
+    assert node.output == 'error: keyboard: standard input and output are no terminal\n'
+    path = tmp_path / 'log.csv'
+    path.touch()
+    node = start_node(GAMEPAD, log_csv=path)
+    assert node.finish() == 2
+    assert node.output == f'error: {path}: exists already; choose another file\n'
+
+
+def test_list_devices_tells_that_there_is_none():
+    pytest.importorskip('pygame')
+    for command in ([sys.executable, '-m', f'ballbot_ros.nodes.{GAMEPAD}'], [*BALLBOT, 'drive']):
+        assert subprocess.check_output([*command, '--list-devices']) == b'no gamepad found\n'

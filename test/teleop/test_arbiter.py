@@ -1,0 +1,116 @@
+"""Who is in command, and that nobody is for half a second in between."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot_ros.teleop.arbiter import (
+    LIVE_SOURCES,
+    PAUSE_S,
+    SCENARIO,
+    SILENCE_S,
+    Arbiter,
+    Command,
+)
+from ballbot_ros.teleop.sticks import NEUTRAL
+
+DEVICE, JOY, VIEWER, KEYBOARD, CMD_VEL = LIVE_SOURCES
+RANK = {source: rank for rank, source in enumerate((*LIVE_SOURCES, SCENARIO))}
+PLAYED = (7, -7)
+
+sticks = st.tuples(st.integers(-100, 100), st.integers(-100, 100)) | st.just(NEUTRAL)
+reports = st.tuples(st.just('report'), st.sampled_from(LIVE_SOURCES), sticks)
+releases = st.tuples(st.just('release'), st.sampled_from(LIVE_SOURCES), st.just(NEUTRAL))
+steps = st.lists(st.tuples(st.sampled_from([0.0, 0.02, 0.1, 0.3, 0.6]), reports | releases))
+
+
+def play(events):
+    """Yield time, decision, and the newest report of each source, after each event."""
+    arbiter, newest, now = Arbiter(), {}, 100.0
+    for wait, (kind, source, value) in events:
+        now += wait
+        if kind == 'report':
+            arbiter.report(source, value, now)
+            newest[source] = (value, now)
+        else:
+            arbiter.release(source)
+            newest.pop(source, None)
+        yield now, arbiter.decide(now, PLAYED), dict(newest)
+
+
+def drives(source, newest, now):
+    value, at = newest.get(source, (NEUTRAL, now))
+    return value != NEUTRAL and now - at <= SILENCE_S
+
+
+@given(steps)
+def test_the_sticks_are_those_of_a_source_that_speaks_or_neutral(events):
+    for now, command, newest in play(events):
+        if command.source == SCENARIO:
+            assert command.sticks == PLAYED
+            assert not any(drives(source, newest, now) for source in LIVE_SOURCES)
+        elif command.sticks != NEUTRAL:
+            assert drives(command.source, newest, now)
+            assert command.sticks == newest[command.source][0]
+
+
+@given(steps)
+def test_no_source_of_higher_priority_is_kept_waiting(events):
+    for now, command, newest in play(events):
+        higher = LIVE_SOURCES[: RANK[command.source]]
+        assert not any(drives(source, newest, now) for source in higher)
+
+
+@given(steps)
+def test_the_sticks_are_neutral_before_a_source_of_lower_priority_takes_over(events):
+    before, last_driven = Command(SCENARIO, PLAYED), None
+    for now, command, _ in play(events):
+        if RANK[command.source] > RANK[before.source]:
+            assert before.sticks == NEUTRAL
+            assert last_driven is None or now - last_driven >= PAUSE_S
+        if command.sticks != NEUTRAL:
+            last_driven = now
+        before = command
+
+
+@given(st.lists(sticks, min_size=1))
+def test_without_a_live_input_the_scenario_acts_as_it_is(signals):
+    arbiter = Arbiter()
+    for number, signal in enumerate(signals):
+        assert arbiter.decide(number * 0.02, signal) == (SCENARIO, signal)
+
+
+def test_a_source_that_falls_silent_is_neutral_at_once_and_free_after_the_pause():
+    arbiter = Arbiter()
+    arbiter.report(JOY, (-50, 0), 0.0)
+    assert arbiter.decide(0.5, PLAYED) == (JOY, (-50, 0))
+    assert arbiter.decide(0.51, PLAYED) == (JOY, NEUTRAL)
+    assert arbiter.decide(1.0, PLAYED) == (JOY, NEUTRAL)
+    assert arbiter.decide(1.02, PLAYED) == (SCENARIO, PLAYED)
+
+
+def test_a_source_that_passes_through_neutral_stays_in_command():
+    arbiter = Arbiter()
+    arbiter.report(CMD_VEL, (9, 9), 0.0)
+    for now, value in ((0.0, (-50, 0)), (0.02, NEUTRAL), (0.04, (50, 0))):
+        arbiter.report(JOY, value, now)
+        assert arbiter.decide(now, PLAYED) == (JOY, value)
+
+
+def test_a_source_of_higher_priority_takes_over_at_once_even_in_the_pause():
+    arbiter = Arbiter()
+    arbiter.report(CMD_VEL, (9, 9), 0.0)
+    assert arbiter.decide(0.0, PLAYED) == (CMD_VEL, (9, 9))
+    arbiter.release(CMD_VEL)
+    assert arbiter.decide(0.1, PLAYED) == (CMD_VEL, NEUTRAL)
+    arbiter.report(KEYBOARD, (1, 0), 0.2)
+    assert arbiter.decide(0.2, PLAYED) == (KEYBOARD, (1, 0))
+    arbiter.report(DEVICE, (2, 0), 0.3)
+    assert arbiter.decide(0.3, PLAYED) == (DEVICE, (2, 0))
+
+
+@pytest.mark.parametrize('source', LIVE_SOURCES)
+def test_a_neutral_source_does_not_keep_the_scenario_from_acting(source):
+    arbiter = Arbiter()
+    arbiter.report(source, NEUTRAL, 0.0)
+    assert arbiter.decide(0.0, PLAYED) == (SCENARIO, PLAYED)

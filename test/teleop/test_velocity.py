@@ -1,0 +1,60 @@
+"""From a velocity to sticks, by what the controller makes of a stick."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot_ros.parameters import GAMEPAD, ParameterSet, select
+from ballbot_ros.teleop.errors import TeleopError
+from ballbot_ros.teleop.velocity import VelocityMapping
+
+MAPPING = select(VelocityMapping, ParameterSet().values(GAMEPAD))
+FULL = MAPPING.full_speed
+finite = st.floats(allow_nan=False, allow_infinity=False)
+
+
+def test_the_full_stick_is_the_speed_that_the_controller_makes_of_it():
+    assert pytest.approx(0.1724, abs=1e-4) == FULL
+
+
+@pytest.mark.parametrize(
+    ('forward', 'left', 'sticks'),
+    [
+        (0.0, 0.0, (0, 0)),
+        (FULL, 0.0, (-100, 0)),
+        (-FULL / 2, 0.0, (50, 0)),
+        (0.0, FULL, (0, -100)),
+        (0.0, -FULL / 4, (0, 25)),
+        (2 * FULL, FULL, (-100, -50)),  # the direction stays
+        (1e308, -1e308, (-100, 100)),
+    ],
+)
+def test_velocities_become_sticks(forward, left, sticks):
+    assert MAPPING.sticks(forward, left) == sticks
+
+
+@given(finite, finite)
+def test_no_velocity_asks_for_more_than_a_full_stick(forward, left):
+    assert all(abs(value) <= 100 for value in MAPPING.sticks(forward, left))
+
+
+@given(st.floats(0.5, 50.0), st.floats(-math.pi, math.pi))
+def test_the_direction_stays(speed, angle):
+    forward, left = speed * math.cos(angle), speed * math.sin(angle)
+    vertical, horizontal = MAPPING.sticks(forward, left)
+    # Two vectors point the same way within what rounding to whole sticks allows.
+    assert abs(-vertical * left - -horizontal * forward) <= 0.5 * (abs(forward) + abs(left)) + 1e-9
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
+def test_what_is_not_finite_is_refused(value):
+    with pytest.raises(TeleopError, match=rf'linear.x is {value:g}, not a finite number'):
+        MAPPING.sticks(value, 0.0)
+    with pytest.raises(TeleopError, match=rf'linear.y is {value:g}, not a finite number'):
+        MAPPING.sticks(0.0, value)
+
+
+def test_a_controller_that_makes_nothing_of_a_stick_gets_none():
+    assert VelocityMapping(0.0, 0.026, 100).sticks(1.0, 1.0) == (0, 0)
