@@ -86,6 +86,7 @@ class RecordingReader:
                 raise RecordingError(f'{self.path}: {"not an MCAP" if magic else "empty"} file')
             if not self._scan(unpack=False):
                 self._scan(unpack=True)
+            self._types = {name: topic.type_name for name, topic in self.topics().items()}
         except BaseException:
             self.close()
             raise
@@ -141,17 +142,25 @@ class RecordingReader:
         RecordingError
             If there is no such topic, its type is unknown, or a message is not of that type.
         """
-        type_names = {topic: summary.type_name for topic, summary in self.topics().items()}
-        for topic, stamp_ns, _, data in self.raw_messages(topics):
-            type_name = type_names.get(topic, '')
-            try:
-                schema(type_name)
-                message = typestore().deserialize_cdr(data, type_name)
-            except (RecordingError, SerdeError) as error:
-                raise RecordingError(
-                    f'{self.path}: {topic} at {stamp_ns} ns is no {type_name}: {error}'
-                ) from None
-            yield topic, stamp_ns, message
+        for raw in self.raw_messages(topics):
+            yield raw.topic, raw.stamp_ns, self.decode(raw)
+
+    def decode(self, raw: RawMessage) -> Any:
+        """Return a message of this recording as a rosbags object.
+
+        Raises
+        ------
+        RecordingError
+            If its type is unknown, or it is not of that type.
+        """
+        type_name = self._types.get(raw.topic, '')
+        try:
+            schema(type_name)
+            return typestore().deserialize_cdr(raw.data, type_name)
+        except (RecordingError, SerdeError) as error:
+            raise RecordingError(
+                f'{self.path}: {raw.topic} at {raw.stamp_ns} ns is no {type_name}: {error}'
+            ) from None
 
     def raw_messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """Iterate over the messages of `topics`, or all, as they were recorded.
