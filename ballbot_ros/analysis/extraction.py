@@ -178,7 +178,9 @@ class Extraction:
             if not starts:
                 pieces = (columns.epoch(epoch)[0] for columns in self.columns.values())
                 starts = [min(int(stamps[0]) for stamps in pieces if len(stamps))]
-            runs += list(zip([epoch] * len(starts), starts, [*starts[1:], _FOREVER_NS], strict=True))
+            runs += list(
+                zip([epoch] * len(starts), starts, [*starts[1:], _FOREVER_NS], strict=True)
+            )
         return runs
 
     def announce(self, start: int) -> None:
@@ -207,7 +209,7 @@ def extract(recording: RecordingReader, progress: Callable[[int, int], None]) ->
         stamp = log_ns = raw.stamp_ns
         newest_log = max(newest_log, log_ns)
         topic = wanted.get(raw.topic)
-        if topic in TICKED:
+        if topic is not None and topic in TICKED:
             message = recording.decode(raw)
             stamp = stamp_ns(message)
             columns = extraction.columns[topic]

@@ -22,7 +22,11 @@ from ballbot_ros.simulation.timing import SECOND_NS
 from ballbot_ros.simulation.trajectory import Trajectory
 
 Integers = NDArray[np.int64]
-NO_TRAJECTORY = 'the body, the ball and the duty'
+
+
+def seconds(stamps: Integers) -> Floats:
+    """Return stamps [ns] in seconds."""
+    return np.asarray(stamps * 1e-9, np.float64)
 
 
 @dataclass(frozen=True)
@@ -232,16 +236,14 @@ def read_run(
     )
 
 
-def _cut(
-    extraction: Extraction, topic: Topic, epoch: int, start: int, end: int
-) -> Series | None:
+def _cut(extraction: Extraction, topic: Topic, epoch: int, start: int, end: int) -> Series | None:
     stamps, values = extraction.columns[topic].epoch(epoch)
     first, last = np.searchsorted(stamps, [start, end])
     if first == last:
         return None
     stamps = stamps[first:last]
     # As the log of a run without recording reckons it, for the same numbers.
-    return Series(stamps, stamps * 1e-9 - start * 1e-9, values[first:last])
+    return Series(stamps, seconds(stamps) - start * 1e-9, values[first:last])
 
 
 def _trajectory(
@@ -272,7 +274,7 @@ def _trajectory(
     missing = 0
     if len(stamps):
         missing = int((stamps[-1] - start) // TICK_NS + 1 - len(stamps))
-    return Trajectory(stamps * 1e-9 - start * 1e-9, position, psi, duties), max(0, missing)
+    return Trajectory(seconds(stamps) - start * 1e-9, position, psi, duties), max(0, missing)
 
 
 def _states(

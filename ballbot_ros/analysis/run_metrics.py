@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.metrics import Floats
-from ballbot_ros.analysis.run_data import RunData
+from ballbot_ros.analysis.run_data import RunData, seconds
 from ballbot_ros.nodes.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -77,7 +77,7 @@ def estimate(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
     radius = run.attached.parameters.values(CONTROLLER)['ball_radius']
     start = [run.plant['start_position_x'], run.plant['start_position_y']]
     believed = np.column_stack([radius * state[:, [0, 2]] + start, state[:, [1, 3]]])
-    time = stamps * 1e-9 - _start(run)
+    time = seconds(stamps) - _start(run)
     believed[~run.balancing(time)] = np.nan
     return believed
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ballbot_ros.analysis.metrics import Judgement
-from ballbot_ros.scenario.metrics import label
+from ballbot_ros.scenario.metrics import label as metric_label
 
 PASSED, NOT_MET, FAILED, STOPPED = 'passed', 'expectations not met', 'failed', 'stopped'
 
@@ -136,7 +136,7 @@ def _number(value: float) -> float | None:
 
 
 def _add_metric(table: Table, name: str, value: float, judgement: Judgement | None) -> None:
-    words, unit = label(name)
+    words, unit = metric_label(name)
     space = '' if unit in ('', '°') else ' '
     shown, expected, mark = f'{value:.3f}{space}{unit}', '', ''
     if math.isnan(value):

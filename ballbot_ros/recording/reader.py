@@ -7,7 +7,7 @@ import struct
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from io import FileIO
-from mmap import ACCESS_READ, mmap
+from mmap import ACCESS_READ, ALLOCATIONGRANULARITY, MADV_DONTNEED, mmap
 from pathlib import Path
 from typing import IO, Any, NamedTuple, TypeVar, cast
 
@@ -28,6 +28,9 @@ _DAMAGE = (McapError, struct.error, ValueError, OverflowError, RuntimeError, Mem
 """What mcap, lz4 and zstandard raise on bytes that are not what they should be."""
 
 _Item = TypeVar('_Item')
+
+_LET_GO = 64 * ALLOCATIONGRANULARITY
+"""Bytes read after which their memory is given back, so that a large file does not fill it."""
 
 
 class TopicSummary(NamedTuple):
@@ -224,8 +227,13 @@ class RecordingReader:
         except ValueError:
             raise RecordingError(f'{self.path}: the recording is closed') from None
         with stream:
+            kept = 0
             try:
-                yield from parse(cast('IO[bytes]', stream))
+                for item in parse(cast('IO[bytes]', stream)):
+                    yield item
+                    if stream.tell() - kept >= _LET_GO:
+                        stream.madvise(MADV_DONTNEED, kept, _LET_GO)
+                        kept += _LET_GO
             except _DAMAGE:
                 end = stream.tell()
                 kind = 'cut off at' if end == len(stream) else 'corrupt before'

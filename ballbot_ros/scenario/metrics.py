@@ -12,7 +12,7 @@ METRICS: Mapping[str, str] = {
     'steady_pitch_rms_deg': 'root mean square of both pitches over the second half',
     'position_rms_m': "root mean square of the ball's distance from its start",
     'peak_position_m': 'largest distance of the ball from its start',
-    'overshoot_m': 'how far the ball passes its final place, coming from where it was farthest away',
+    'overshoot_m': 'how far the ball passes its final place, coming from the farthest from it',
     'station_rms_m': "root mean square of the ball's distance from its mean place, second half",
     'station_radius_m': 'largest distance of the ball from its mean place, second half',
     'final_position_x_m': 'position on plane x at the end, from the start',
@@ -35,6 +35,7 @@ UNITS: Mapping[str, str] = {
     'percent': '%',
     'j': 'J',
     'v': 'V',
+    'hz': 'Hz',
 }
 """The units with which the names of metrics end, the longer endings first."""
 
