@@ -10,17 +10,14 @@ from typing import Any
 
 from ballbot_ros.analysis.assessment import Assessment, number
 from ballbot_ros.analysis.conditions import Condition
+from ballbot_ros.analysis.figure_tables import duty_table, pitch_table, position_table, track_table
 from ballbot_ros.analysis.page import number_text, render, write_folder
 from ballbot_ros.analysis.report import MEANINGS, banner, metric_row
 from ballbot_ros.analysis.run_data import Grid, RunData
 from ballbot_ros.analysis.run_figures import (
     Drawn,
     draw_map,
-    duty_table,
     label_track,
-    pitch_table,
-    position_table,
-    track_table,
 )
 from ballbot_ros.analysis.style import (
     BLUE,

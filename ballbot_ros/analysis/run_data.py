@@ -285,10 +285,10 @@ def _states(
         for each, stamp, state in extraction.states
         if each == epoch and start <= stamp < end
     ]
-    ends = [time for time, _ in changes[1:]] + [last + TICK_NS / SECOND_NS]
+    ends = [time for time, _ in changes[1:]] + [float(last) + TICK_NS / SECOND_NS]
     return tuple(
         Interval(state, time, until)
-        for (time, state), until in zip(changes, ends, strict=True)
+        for (time, state), until in zip(changes, ends, strict=False)  # one end more than none
         if until > time
     )
 

@@ -7,10 +7,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot_ros.analysis.figure_tables import (
+    battery_table,
+    duty_table,
+    estimate_table,
+    gyro_table,
+    motion_table,
+    sonar_table,
+    state_table,
+    track_table,
+)
 from ballbot_ros.analysis.run_data import Grid, RunData
-from ballbot_ros.analysis.run_metrics import STATES, estimate, gyro_offsets
+from ballbot_ros.analysis.run_metrics import STATES
 from ballbot_ros.analysis.style import (
     BLUE,
     GRAY,
@@ -24,7 +33,7 @@ from ballbot_ros.analysis.style import (
     png_of,
     tidy,
 )
-from ballbot_ros.analysis.table import Table, envelope, every_nth
+from ballbot_ros.analysis.table import Table
 from ballbot_ros.nodes.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -89,94 +98,6 @@ def draw_figures(run: RunData) -> list[Drawn]:
             png = png_of(figure.draw(run, table))
             drawn.append(Drawn(figure.name, figure.title, figure.caption, png, table))
     return drawn
-
-
-def _planes(name: str, unit: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    return {f'{name}_x_{unit}': values[:, 0], f'{name}_y_{unit}': values[:, 1]}
-
-
-def position_table(run: RunData) -> Table:
-    """Return the true position [cm]."""
-    series = run.series[PLANT_ODOM]
-    return envelope(series.time, _planes('position', 'cm', series.values * 100.0))
-
-
-def pitch_table(run: RunData) -> Table:
-    """Return the true body pitch [°]."""
-    series = run.series[PLANT_IMU]
-    return envelope(series.time, _planes('pitch', 'deg', np.degrees(series.values[:, :2])))
-
-
-def track_table(run: RunData) -> Table:
-    """Return the way of the ball in ``map`` [cm]."""
-    series = run.series[PLANT_ODOM]
-    x, y = series.values.T * 100.0
-    return every_nth(series.time, {'map_x_cm': x, 'map_y_cm': -y})
-
-
-def duty_table(run: RunData) -> Table:
-    """Return the duties [%]."""
-    series = run.series[MOTOR_DUTY]
-    return envelope(series.time, _planes('duty', 'percent', series.values))
-
-
-def _motion_table(run: RunData) -> Table:
-    position, pitch = position_table(run), pitch_table(run)
-    if not np.array_equal(position['time_s'], pitch['time_s']):
-        stamps = np.intersect1d(run.series[PLANT_ODOM].stamps, run.series[PLANT_IMU].stamps)
-        odometry, body = run.series[PLANT_ODOM], run.series[PLANT_IMU]
-        time = odometry.time[np.isin(odometry.stamps, stamps)]
-        return envelope(
-            time,
-            _planes('position', 'cm', odometry.at(stamps) * 100.0)
-            | _planes('pitch', 'deg', np.degrees(body.at(stamps)[:, :2])),
-        )
-    return {**position, **pitch}
-
-
-def _estimate_table(run: RunData) -> Table:
-    body = run.series[PLANT_IMU]
-    believed = estimate(run, body.stamps)
-    return envelope(
-        body.time,
-        _planes('true_pitch', 'deg', np.degrees(body.values[:, :2]))
-        | _planes('estimated_pitch', 'deg', np.degrees(believed[:, 2:]))
-        | _planes('true_position', 'cm', run.series[PLANT_ODOM].at(body.stamps) * 100.0)
-        | _planes('estimated_position', 'cm', believed[:, :2] * 100.0),
-    )
-
-
-def _gyro_table(run: RunData) -> Table:
-    gyro = run.series[GYRO_IMU]
-    rates = np.degrees(run.series[PLANT_IMU].at(gyro.stamps)[:, 2:])
-    _, believed, true = gyro_offsets(run) or (None, rates, rates)
-    measured = np.degrees(gyro.values) - believed
-    return envelope(
-        gyro.time,
-        _planes('true_rate', 'deg_s', rates)
-        | _planes('read_rate', 'deg_s', measured)
-        | _planes('true_offset', 'deg_s', true)
-        | _planes('estimated_offset', 'deg_s', believed),
-    )
-
-
-def _sonar_table(run: RunData) -> Table:
-    series = run.series[SONAR_RANGE]
-    distance = series.values[:, 0].astype(float) * 100.0
-    return every_nth(series.time, {'distance_cm': distance})
-
-
-def _battery_table(run: RunData) -> Table:
-    series = run.series[BATTERY_STATE]
-    return envelope(series.time, {'voltage_v': series.values[:, 0]})
-
-
-def _state_table(run: RunData) -> Table:
-    return {
-        'start_s': np.array([each.start for each in run.states]),
-        'end_s': np.array([each.end for each in run.states]),
-        'state': np.array([each.state for each in run.states]),
-    }
 
 
 def draw_planes(axes: Any, table: Table, first: str, second: str, label: str) -> None:
@@ -257,10 +178,10 @@ def _draw_duty(run: RunData, table: Table) -> Any:
     return figure
 
 
-def _draw_pairs(run: RunData, table: Table, rows: Any) -> Any:
+def _draw_pairs(run: RunData, table: Table, rows: Any, share: str) -> Any:
     """Draw pairs of a true and an estimated column: a row a quantity, a column a plane."""
     figure = new_figure(_WIDTH, 5.0)
-    grid = figure.subplots(2, 2, sharex=True, sharey='row')
+    grid = figure.subplots(2, 2, sharex=True, sharey=share)
     for line, (true, other, label, name) in zip(grid, rows, strict=True):
         for axes, plane in zip(line, 'xy', strict=True):
             time = table['time_s']
@@ -287,6 +208,7 @@ def _draw_estimate(run: RunData, table: Table) -> Any:
             ('true_pitch_{}_deg', 'estimated_pitch_{}_deg', 'body pitch [°]', 'estimated'),
             ('true_position_{}_cm', 'estimated_position_{}_cm', 'position [cm]', 'estimated'),
         ),
+        'row',
     )
 
 
@@ -303,6 +225,7 @@ def _draw_gyro(run: RunData, table: Table) -> Any:
             ),
             ('true_offset_{}_deg_s', 'estimated_offset_{}_deg_s', 'gyro offset [°/s]', 'estimated'),
         ),
+        'none',  # each gyro has an offset of its own
     )
 
 
@@ -366,7 +289,7 @@ FIGURES = (
         'Position of the ball and body pitch against time, as figures 8-2, 8-3, 9-2 and 9-3 of the '
         'document; forward and rightward are positive. The gyro calibration is shaded.',
         (PLANT_ODOM, PLANT_IMU),
-        _motion_table,
+        motion_table,
         _draw_motion,
     ),
     RunFigure(
@@ -382,7 +305,7 @@ FIGURES = (
         'Operating state',
         'The state of the control program against time.',
         (),
-        _state_table,
+        state_table,
         _draw_states,
     ),
     RunFigure(
@@ -399,7 +322,7 @@ FIGURES = (
         'Body pitch and position as the controller estimates them, beside the truth. It estimates '
         'from the end of the calibration on.',
         (PLANT_IMU, PLANT_ODOM, CONTROLLER_STATE),
-        _estimate_table,
+        estimate_table,
         _draw_estimate,
     ),
     RunFigure(
@@ -408,7 +331,7 @@ FIGURES = (
         'Above: the gyro less the offset that the controller estimates, beside the true pitch '
         'rate. Below: that offset beside the true one, the 1 s mean of reading less true rate.',
         (GYRO_IMU, PLANT_IMU, CONTROLLER_STATE),
-        _gyro_table,
+        gyro_table,
         _draw_gyro,
     ),
     RunFigure(
@@ -416,7 +339,7 @@ FIGURES = (
         'Ultrasonic sensor',
         'The distance that the sensor reads against time.',
         (SONAR_RANGE,),
-        _sonar_table,
+        sonar_table,
         _draw_sonar,
     ),
     RunFigure(
@@ -424,7 +347,7 @@ FIGURES = (
         'Battery',
         'Terminal voltage of the battery against time.',
         (BATTERY_STATE,),
-        _battery_table,
+        battery_table,
         _draw_battery,
     ),
 )
