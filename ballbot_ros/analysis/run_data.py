@@ -211,6 +211,11 @@ def read_run(
         plant['start_position_x'], plant['start_position_y'] = map(
             float, series[PLANT_ODOM].values[0]
         )
+    if not plant['lockstep']:
+        notices.append(
+            'A free-running run: the duties that acted are not in the file; of each tick the newest '
+            'one is taken.'
+        )
     ticks = round(plant['duration'] * SECOND_NS) // TICK_NS
     reached_end = (len(trajectory.time) and round(last * SECOND_NS) // TICK_NS + 1 >= ticks) > 0
     return RunData(

@@ -110,6 +110,13 @@ def test_a_run_that_ends_before_the_release_proves_nothing(make_run):
     assert assessment.outcome not in ('passed', 'incomplete')
 
 
+def test_a_free_running_recording_says_that_its_duties_are_not_certain(make_run):
+    path, _ = make_run('stationary', '--set=plant_sim.duration=2', '--set=plant_sim.lockstep=false')
+    run = read_run(path)
+    assert run.complete
+    assert any('free-running' in notice for notice in run.notices)
+
+
 def test_a_run_that_was_stopped_early_is_incomplete(short, copy):
     path = copy(short[0], edit=lambda raw: raw.data if raw.stamp_ns < 3_000_000_000 else None)
     assessment = assess(read_run(path))
