@@ -68,7 +68,7 @@ def _is_true_of_the_beginning(part, whole):
             assert one.verdict == other.verdict
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(st.floats(0.0, 1.0))
 @example(0.5)
 @example(0.995)
@@ -87,7 +87,7 @@ def test_a_truncated_recording_is_never_taken_for_the_run(
         _is_true_of_the_beginning(part, driven_whole)
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(st.floats(0.0, 1.0, exclude_max=True), st.integers(1, 255))
 def test_a_flipped_byte_is_harmless_or_told(short, short_whole, tmp_path_factory, place, value):
     content = bytearray(short[0].read_bytes())
