@@ -213,8 +213,8 @@ def read_run(
         )
     if not plant['lockstep']:
         notices.append(
-            'A free-running run: the duties that acted are not in the file; of each tick the newest '
-            'one is taken.'
+            'A free-running run: the duties that acted are not in the file; of each tick the '
+            'newest one is taken.'
         )
     ticks = round(plant['duration'] * SECOND_NS) // TICK_NS
     reached_end = (len(trajectory.time) and round(last * SECOND_NS) // TICK_NS + 1 >= ticks) > 0
