@@ -62,7 +62,7 @@ setup(
     ],
     python_requires='>=3.10',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed']},
+    package_data={PACKAGE: ['py.typed', 'analysis/templates/*.html']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
@@ -79,6 +79,7 @@ setup(
         'rosbags>=0.11.9',
         'matplotlib>=3.6',
         'pillow>=10.2',
+        'Jinja2>=3.1',
         'PyYAML>=6.0',
         'click>=8.1',
         'rich>=13.7',

@@ -1,147 +1,290 @@
-"""Comparing recorded messages with those of a run that is made again."""
+"""Recorded runs side by side; the first one is the reference."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Iterable
-from dataclasses import fields, is_dataclass
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
-import numpy as np
+from ballbot_ros.analysis.assessment import Assessment, number
+from ballbot_ros.analysis.conditions import Condition
+from ballbot_ros.analysis.figure_tables import duty_table, pitch_table, position_table, track_table
+from ballbot_ros.analysis.page import number_text, render, write_folder
+from ballbot_ros.analysis.report import MEANINGS, banner, metric_row
+from ballbot_ros.analysis.run_data import Grid, RunData
+from ballbot_ros.analysis.run_figures import (
+    Drawn,
+    draw_map,
+    label_track,
+)
+from ballbot_ros.analysis.style import (
+    BLUE,
+    GRAY,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    new_figure,
+    png_of,
+    tidy,
+)
+from ballbot_ros.analysis.table import Table, csv_text
+from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 
-from ballbot_ros.messages.topics import Topic
-from ballbot_ros.recording.schemas import typestore
+_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, GRAY)
+_DASHES = ('-', '--', '-.', ':')
+_WIDTH = 8.0
 
 
-class Difference(NamedTuple):
-    """A recorded message that the replayed one does not equal.
+@dataclass(frozen=True)
+class _Quantity:
+    """What a figure of two rows, one a plane, shows."""
+
+    name: str
+    title: str
+    topic: Topic
+    table: Callable[[RunData], Table]
+    columns: tuple[str, str]
+    label: str
+
+
+_QUANTITIES = (
+    _Quantity('pitch', 'Body pitch', PLANT_IMU, pitch_table,
+              ('pitch_x_deg', 'pitch_y_deg'), 'body pitch [°]'),
+    _Quantity('position', 'Position', PLANT_ODOM, position_table,
+              ('position_x_cm', 'position_y_cm'), 'position [cm]'),
+    _Quantity('duty', 'Duty', MOTOR_DUTY, duty_table,
+              ('duty_x_percent', 'duty_y_percent'), 'duty [%]'),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What a comparison keeps of a run: not its ticks, so that many runs fit into memory.
 
     Attributes
     ----------
-    stamp_ns : int
-        Sim time of the tick [ns].
-    topic : str
-    what : str
-        The first field that differs and both values, or what is missing.
+    letter : str
+        ``A`` for the reference, ``B`` and so on.
+    path : Path
+    outcome, reason : str
+    trusted : bool
+        Whether it is complete and did not fail.
+    metrics : dict of str to float
+    tables : dict of str to Table
+        The numbers of each figure, by its name.
+    grid : Grid or None
+    notes : tuple of str
     """
 
-    stamp_ns: int
-    topic: str
-    what: str
+    letter: str
+    path: Path
+    outcome: str
+    reason: str
+    trusted: bool
+    metrics: dict[str, float]
+    tables: dict[str, Table]
+    grid: Grid | None
+    notes: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """Letter and name."""
+        return f'{self.letter} {self.path.stem}'
 
 
-class Comparison:
-    """Pairs recorded and replayed messages topic by topic, in their order.
-
-    Parameters
-    ----------
-    topics : iterable of Topic
-        What is compared, in the order in which a tick causes it.
-    last_ns : int
-        Messages stamped later are not compared: the run was over.
-
-    Attributes
-    ----------
-    compared : int
-        Number of pairs so far.
-    """
-
-    def __init__(self, topics: Iterable[Topic], last_ns: int) -> None:
-        self._topics = {topic: _Pairs(topic.type_name) for topic in topics}
-        self._last_ns = last_ns
-        self._first: dict[Topic, Difference] = {}
-        self.compared = 0
-
-    def recorded(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
-        """Take a recorded message."""
-        pairs = self._topics.get(topic)
-        if pairs is not None and stamp_ns <= self._last_ns:
-            pairs.recorded.append((stamp_ns, data))
-            self._compare(topic, pairs)
-
-    def replayed(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
-        """Take a message of the run that is made again."""
-        pairs = self._topics.get(topic)
-        if pairs is not None and stamp_ns <= self._last_ns:
-            pairs.replayed.append((stamp_ns, data))
-            self._compare(topic, pairs)
-
-    def _compare(self, topic: Topic, pairs: _Pairs) -> None:
-        if not (pairs.recorded and pairs.replayed):
-            return
-        _, recorded = pairs.recorded.popleft()
-        stamp_ns, replayed = pairs.replayed.popleft()
-        self.compared += 1
-        if topic in self._first or recorded == replayed:
-            return
-        # The middleware may pad in another way; what counts is the content.
-        if what := first_difference(pairs.decode(recorded), pairs.decode(replayed)):
-            self._first[topic] = Difference(stamp_ns, topic.name, what)
-
-    def first_difference(self, *, complete: bool) -> Difference | None:
-        """Return the earliest difference, of one tick the first in the order of cause.
-
-        Parameters
-        ----------
-        complete : bool
-            Whether the recording claims to have everything, so that a message without a
-            counterpart is a difference.
-        """
-        found = dict(self._first)
-        if complete:
-            for topic, pairs in self._topics.items():
-                for waiting, text in (
-                    (pairs.recorded, 'recorded, and not replayed'),
-                    (pairs.replayed, 'replayed, and not recorded'),
-                ):
-                    if waiting and topic not in found:
-                        found[topic] = Difference(waiting[0][0], topic.name, text)
-        order = list(self._topics)
-        first = min(
-            found, key=lambda topic: (found[topic].stamp_ns, order.index(topic)), default=None
-        )
-        return None if first is None else found[first]
+def compared(letter: str, assessment: Assessment) -> Compared:
+    """Return what a comparison needs of a run."""
+    run = assessment.run
+    tables = {each.name: each.table(run) for each in _QUANTITIES if each.topic in run.series}
+    if PLANT_ODOM in run.series:
+        tables['track'] = track_table(run)
+    return Compared(
+        letter=letter,
+        path=run.path,
+        outcome=assessment.outcome,
+        reason=assessment.reason,
+        trusted=run.complete and assessment.outcome != 'failed',
+        metrics=assessment.metrics,
+        tables=tables,
+        grid=run.grid,
+        notes=tuple(banner(run)),
+    )
 
 
-class _Pairs:
-    """The messages of a topic that wait for their counterparts."""
+def failures(runs: Sequence[Compared], conditions: Iterable[Condition]) -> list[str]:
+    """Return in words which conditions hold, and which runs are too incomplete to judge by."""
+    conditions = list(conditions)
+    if not conditions:
+        return []
+    found = [
+        f'{each.label} is {each.outcome} ({each.reason}): its metrics prove nothing'
+        for each in runs
+        if not each.trusted
+    ]
+    reference = runs[0]
+    for condition in conditions:
+        before = reference.metrics[condition.metric]
+        for each in runs[1:]:
+            value = each.metrics[condition.metric]
+            if condition.holds(before, value):
+                found.append(
+                    f'{condition}: {reference.letter} {number_text(before)}, '
+                    f'{each.letter} {number_text(value)}'
+                )
+    return found
 
-    def __init__(self, type_name: str) -> None:
-        self.recorded: deque[tuple[int, bytes]] = deque()
-        self.replayed: deque[tuple[int, bytes]] = deque()
-        self._type = type_name
 
-    def decode(self, data: bytes) -> Any:
-        return typestore().deserialize_cdr(data, self._type)
+def changes(reference: float, value: float) -> tuple[float, float]:
+    """Return the change, and in percent of the reference's magnitude; NaN where there is none."""
+    change = value - reference
+    if change == 0.0:
+        return 0.0, 0.0
+    return change, change / abs(reference) * 100.0 if reference else math.nan
 
 
-def first_difference(recorded: Any, replayed: Any, path: str = '') -> str:
-    """Return name and values of the first field in which two messages differ; '' if in none."""
-    if is_dataclass(recorded):
-        for each in fields(recorded):
-            name = f'{path}.{each.name}' if path else each.name
-            text = first_difference(
-                getattr(recorded, each.name), getattr(replayed, each.name), name
+def as_json(runs: Sequence[Compared], failed: Sequence[str]) -> dict[str, Any]:
+    """Return the comparison as one object; a number that is not there is None."""
+    reference = runs[0]
+    metrics: dict[str, Any] = {}
+    for name in MEANINGS:
+        before = reference.metrics[name]
+        differences = [changes(before, each.metrics[name]) for each in runs[1:]]
+        metrics[name] = {
+            'values': [number(each.metrics[name]) for each in runs],
+            'changes': [number(change) for change, _ in differences],
+            'changes_percent': [number(percent) for _, percent in differences],
+        }
+    return {
+        'runs': [
+            {
+                'recording': str(each.path),
+                'outcome': each.outcome,
+                'reason': each.reason,
+                'notes': list(each.notes),
+            }
+            for each in runs
+        ],
+        'metrics': metrics,
+        'failures': list(failed),
+    }
+
+
+def rows(runs: Sequence[Compared]) -> list[dict[str, Any]]:
+    """Return the metrics that any run has, in words, with the later runs' differences."""
+    reference = runs[0]
+    content = []
+    for name in MEANINGS:
+        values = [each.metrics[name] for each in runs]
+        nothing = all(math.isnan(value) for value in values)
+        if nothing or (name.startswith('time_in_') and not any(values)):
+            continue
+        others = []
+        for each in runs[1:]:
+            change, percent = changes(reference.metrics[name], each.metrics[name])
+            others.append(
+                {
+                    **metric_row(name, each.metrics[name]),
+                    'change': _signed(change),
+                    'percent': f'{_signed(percent)} %' if not math.isnan(percent) else '–',
+                }
             )
-            if text:
-                return text
-        return ''
-    if isinstance(recorded, list | np.ndarray):
-        if len(recorded) != len(replayed):
-            return f'{path} has {len(recorded)} elements recorded, {len(replayed)} replayed'
-        for index, pair in enumerate(zip(recorded, replayed, strict=True)):
-            if text := first_difference(*pair, f'{path}[{index}]'):
-                return text
-        return ''
-    if _same(recorded, replayed):
-        return ''
-    return f'{path}: recorded {recorded!r}, replayed {replayed!r}'
+        content.append({**metric_row(name, values[0]), 'others': others, 'name': name})
+    return content
 
 
-def _same(one: Any, other: Any) -> bool:
-    """Tell whether two values are the same to the bit, NaN and the sign of zero included."""
-    if isinstance(one, float | np.floating):
-        same_sign = math.copysign(1.0, one) == math.copysign(1.0, other)
-        return same_sign and bool(one == other or (one != one and other != other))
-    return bool(one == other)
+def _signed(value: float) -> str:
+    return f'+{number_text(value)}' if value > 0.0 else number_text(value)
+
+
+def write_comparison(runs: Sequence[Compared], failed: Sequence[str], folder: Path) -> None:
+    """Write the comparison as a page with figures, and its metrics as CSV.
+
+    Raises
+    ------
+    ReportError
+        If the folder cannot be written.
+    """
+    figures = list(_figures(runs))
+    page = render(
+        'compare.html',
+        title='Comparison of ' + ', '.join(each.label for each in runs),
+        runs=runs,
+        rows=rows(runs),
+        failed=failed,
+        figures=figures,
+    )
+    metrics = csv_text(
+        ('metric', *(each.letter for each in runs)),
+        (
+            (name, *('' if math.isnan(v) else repr(v) for v in (r.metrics[name] for r in runs)))
+            for name in MEANINGS
+        ),
+    )
+    write_folder(folder, page, figures, {'metrics.csv': metrics})
+
+
+def _figures(runs: Sequence[Compared]) -> Iterable[Drawn]:
+    for quantity in _QUANTITIES:
+        if any(quantity.name in each.tables for each in runs):
+            yield Drawn(
+                quantity.name,
+                quantity.title,
+                f'{quantity.title} of all runs against time, plane x above and plane y below.',
+                png_of(_draw_quantity(quantity, runs)),
+                {},
+            )
+    if any('track' in each.tables for each in runs):
+        yield Drawn(
+            'track',
+            'Track',
+            'The ways of the ball from above; a dot is where it starts, a square where it ends.',
+            png_of(_draw_tracks(runs)),
+            {},
+        )
+
+
+def _line(index: int) -> dict[str, Any]:
+    return {
+        'color': _COLOURS[index % len(_COLOURS)],
+        'linestyle': _DASHES[index % len(_DASHES)],
+        # The first lines are the wider ones, so that those above do not hide them.
+        'linewidth': 2.0 if index == 0 else 1.1,
+    }
+
+
+def _draw_quantity(quantity: _Quantity, runs: Sequence[Compared]) -> Any:
+    figure = new_figure(_WIDTH, 5.0)
+    both = figure.subplots(2, 1, sharex=True)
+    for axes, column, plane in zip(both, quantity.columns, 'xy', strict=True):
+        for index, each in enumerate(runs):
+            if table := each.tables.get(quantity.name):
+                axes.plot(table['time_s'], table[column], label=each.label, **_line(index))
+        axes.margins(x=0.0)
+        axes.set_ylabel(f'{quantity.label}, {plane}')
+        tidy(axes)
+    _legend(both[0])
+    both[1].set_xlabel('time [s]')
+    return figure
+
+
+def _draw_tracks(runs: Sequence[Compared]) -> Any:
+    figure = new_figure(_WIDTH, 5.0)
+    axes = figure.subplots()
+    draw_map(runs[0].grid, axes)
+    for index, each in enumerate(runs):
+        if table := each.tables.get('track'):
+            x, y = table['map_x_cm'], table['map_y_cm']
+            look = _line(index)
+            axes.plot(x, y, label=each.label, **look)
+            axes.plot(x[0], y[0], marker='o', color=look['color'], linestyle='')
+            axes.plot(x[-1], y[-1], marker='s', color=look['color'], linestyle='')
+    label_track(axes)
+    _legend(axes)
+    return figure
+
+
+def _legend(axes: Any) -> None:
+    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False)

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ballbot_ros.analysis.style import BLUE, GRAY, ORANGE, PLANES, new_figure, png_of, tidy
 from ballbot_ros.scenario.signal import Segment
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.world.floor_map import LINE, WALL, FloorMap
-
-# Okabe and Ito's colours: told apart by the colour-blind, and by their lightness in print.
-BLUE, ORANGE, GRAY = '#0072B2', '#D55E00', '#666666'
-
 
 MANY_CM = 5.0
 """Motion in plane y from which on the track says more than the two positions against time."""
@@ -47,13 +43,9 @@ def draw_motion(
     floor_map : FloorMap or None
         Walls and lines below the track.
     """
-    # Here, not above: the import takes a second that no run should wait for at its start.
-    from matplotlib.figure import Figure
-
     sideways = trajectory.position[:, 1] * 100.0
     with_track = len(sideways) > 0 and (floor_map is not None or np.ptp(sideways) > MANY_CM)
-    figure = Figure(figsize=(12.0 if with_track else 8.0, 6.0), layout='constrained')
-    figure.suptitle(title)
+    figure = new_figure(12.0 if with_track else 8.0, 6.0, title)
     history: Any = figure
     if with_track:
         history, beside = np.asarray(figure.subfigures(1, 2, width_ratios=(8, 5)))
@@ -64,10 +56,7 @@ def draw_motion(
         hold_time,
         segments,
     )
-    # By way of memory: a full disk then ends in one error, not in a half-written picture.
-    buffer = BytesIO()
-    figure.savefig(buffer, dpi=150)
-    path.write_bytes(buffer.getvalue())
+    path.write_bytes(png_of(figure))
 
 
 def _draw_history(
@@ -84,10 +73,10 @@ def _draw_history(
         (rows[2], trajectory.duty, 'duty [%]'),
     ):
         axes.margins(x=0.0)
-        axes.plot(time, values[:, 1], color=ORANGE, linewidth=1.0, linestyle='--', label='plane y')
-        axes.plot(time, values[:, 0], color=BLUE, linewidth=1.4, label='plane x')
+        for plane in (1, 0):
+            axes.plot(time, values[:, plane], **PLANES[plane])
         axes.set_ylabel(label)
-        _tidy(axes)
+        tidy(axes)
         for start, end, _ in spans:
             axes.axvspan(start, end, color=GRAY, alpha=0.12, linewidth=0.0)
     rows[0].legend(loc='upper right', ncols=2, frameon=False)
@@ -119,9 +108,4 @@ def _draw_track(axes: Any, trajectory: Trajectory, floor_map: FloorMap | None) -
     axes.set_xlabel('x of map [cm]')
     axes.set_ylabel('y of map [cm]')
     axes.legend(loc='best', frameon=False)
-    _tidy(axes)
-
-
-def _tidy(axes: Any) -> None:
-    axes.grid(alpha=0.3)
-    axes.spines[['top', 'right']].set_visible(False)
+    tidy(axes)

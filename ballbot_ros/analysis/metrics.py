@@ -34,6 +34,11 @@ class Judgement:
         """Whether the value is within the bounds."""
         return self.expectation.holds(self.value)
 
+    def __str__(self) -> str:
+        """Return in words that the value is not within the bounds."""
+        window = f' ({self.expectation.window})' if self.expectation.window else ''
+        return f'{self.expectation.metric}{window} {self.value:.4g} is not {self.expectation}'
+
 
 def judge(
     expectations: Iterable[Expectation],
@@ -61,6 +66,8 @@ def measure(
 ) -> dict[str, float]:
     """Return every metric of a run; NaN where there is nothing to measure it by.
 
+    A column of the trajectory that is NaN throughout was not recorded: what depends on it is NaN.
+
     Parameters
     ----------
     trajectory : Trajectory
@@ -84,20 +91,25 @@ def measure(
     steps = np.hypot(*np.diff(position, axis=0).T)
     duty = trajectory.duty[within].astype(float)
     # Its own half of the run: the transient has died away by then.
-    late = pitch[time >= (time[0] + time[-1]) / 2.0]
+    late = time >= (time[0] + time[-1]) / 2.0
+    wander = position[late] - position[late].mean(axis=0)
+    from_mean = np.hypot(wander[:, 0], wander[:, 1])
     values = (
         _settling_time(time, pitch),
         np.abs(pitch).max(),
-        _rms(late),
+        _rms(pitch[late]),
         _rms(distance),
         distance.max(),
+        _overshoot(position),
+        _rms(from_mean),
+        from_mean.max(),
         offset[-1, 0],
         offset[-1, 1],
         steps.sum(),
         (steps / np.diff(time)).max(initial=0.0),
         _least(clearance, position),
         _rms(duty),
-        np.mean(np.abs(duty) >= 100.0),
+        np.where(np.isnan(duty), math.nan, np.abs(duty) >= 100.0).mean(),
     )
     return dict(zip(METRICS, map(float, values), strict=True))
 
@@ -111,10 +123,26 @@ def _least(clearance: Clearance | None, position: Floats) -> float:
 def _settling_time(time: np.ndarray, pitch: np.ndarray) -> float:
     """Return the time from the first row on after which no pitch leaves the band; NaN if never."""
     outside = np.flatnonzero(np.abs(pitch).max(axis=1) > SETTLED_DEG)
+    if np.isnan(pitch).any():
+        return math.nan
     if outside.size == 0:
         return 0.0
     last = outside[-1]
     return math.nan if last == len(time) - 1 else float(time[last + 1] - time[0])
+
+
+def _overshoot(position: Floats) -> float:
+    """Return how far [m] the way goes beyond its end, seen from where it was farthest from it.
+
+    Driving to a place and staying, that is the start; swinging back to the start, the turn.
+    """
+    beyond = position - position[-1]
+    distance = np.hypot(beyond[:, 0], beyond[:, 1])
+    farthest = int(np.argmax(distance))
+    if not distance[farthest]:
+        return 0.0
+    direction = -beyond[farthest] / distance[farthest]
+    return float((beyond[farthest:] @ direction).max())
 
 
 def _rms(values: np.ndarray) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from ballbot_ros.analysis.comparison import Comparison
+from ballbot_ros.analysis.message_comparison import Comparison
 from ballbot_ros.analysis.recorded_run import RecordedRun, recorded_topics
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.controller.program import ControlProgram

@@ -215,3 +215,60 @@ def doctor() -> int:
     from ballbot_ros.cli.doctor import examine
 
     return examine()
+
+
+@click.command(short_help='Make a page with figures and metrics of a recorded run.')
+@click.argument('recording', type=click.Path(path_type=Path))
+@click.option(
+    '--output',
+    type=click.Path(path_type=Path),
+    help='Folder for page, pictures and tables; it must be new or empty.  '
+    '[default: <recording>_report beside it]',
+)
+@click.option(
+    '--run',
+    'number',
+    type=click.IntRange(1),
+    help='Which run of a file that holds several, from 1 on.  [default: the last]',
+)
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+def report(recording: Path, output: Path | None, number: int | None, as_json: bool) -> int:
+    """Write a report of RECORDING: index.html with everything in it, its PNGs and CSVs.
+
+    Exit status: 0 if the report was written, whatever its verdict; 2 for a mistake in the
+    arguments or a file that is no recording of a ballbot.
+    """
+    from ballbot_ros.cli.report import report as write
+
+    return write(recording, number=number, output=output, as_json=as_json)
+
+
+@click.command(short_help='Set the metrics of recorded runs side by side.')
+@click.argument(
+    'recordings', nargs=-1, required=True, type=click.Path(path_type=Path), metavar='A B...'
+)
+@click.option(
+    '--output',
+    type=click.Path(path_type=Path),
+    help='Folder for a page with the figures of all runs; it must be new or empty.',
+)
+@click.option(
+    '--fail-if',
+    'conditions',
+    multiple=True,
+    metavar="'METRIC>X%'",
+    help='Exit with 1 if METRIC of any later run is larger than that of the first by more than X '
+    'percent, or without % by more than X of its unit; < for smaller.  May be given again.',
+)
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+def compare(
+    recordings: tuple[Path, ...], output: Path | None, conditions: tuple[str, ...], as_json: bool
+) -> int:
+    """Compare recorded runs with the first one, A.
+
+    Exit status: 0; 1 if a --fail-if condition holds; 2 for a mistake in the arguments or a file
+    that is no recording of a ballbot.
+    """
+    from ballbot_ros.cli.compare import compare as compare_runs
+
+    return compare_runs(recordings, output=output, conditions=conditions, as_json=as_json)

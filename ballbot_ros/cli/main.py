@@ -11,16 +11,7 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 import click
 
 from ballbot_ros import __version__
-from ballbot_ros.cli.commands import (
-    design,
-    doctor,
-    drive,
-    log2csv,
-    map_command,
-    replay,
-    run,
-    scenarios,
-)
+from ballbot_ros.cli import commands
 from ballbot_ros.errors import BallbotError
 
 
@@ -44,7 +35,18 @@ def ballbot() -> None:
     """Simulate, measure and record the LEGO NXT Ballbot."""
 
 
-for command in (run, drive, scenarios, replay, log2csv, map_command, design, doctor):
+for command in (
+    commands.run,
+    commands.drive,
+    commands.scenarios,
+    commands.report,
+    commands.compare,
+    commands.replay,
+    commands.log2csv,
+    commands.map_command,
+    commands.design,
+    commands.doctor,
+):
     ballbot.add_command(command)
 
 

@@ -13,8 +13,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from ballbot_ros.analysis.comparison import Comparison, Difference
 from ballbot_ros.analysis.divergence import Divergence
+from ballbot_ros.analysis.message_comparison import Comparison, Difference
 from ballbot_ros.analysis.recorded_run import RecordedRun, recorded_runs, recorded_topics
 from ballbot_ros.analysis.replay import (
     ALL_TOPICS,

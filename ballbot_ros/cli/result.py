@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ballbot_ros.analysis.metrics import Judgement
-from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.scenario.metrics import label as metric_label
 
 PASSED, NOT_MET, FAILED, STOPPED = 'passed', 'expectations not met', 'failed', 'stopped'
 
@@ -35,19 +35,13 @@ class Verdict:
             return cls(FAILED, summary['reason'], int(summary.get('exit_status', 1)))
         failures = [judgement for judgement in judgements if not judgement.holds]
         if failures:
-            return cls(NOT_MET, ', '.join(map(_failure, failures)), 1)
+            return cls(NOT_MET, ', '.join(map(str, failures)), 1)
         return cls(PASSED, '', 0)
 
     def without_picture(self, reason: str) -> Verdict:
         """Return the verdict of a run whose picture could not be written."""
         outcome = FAILED if self.exit_status == 0 else self.outcome
         return Verdict(outcome, f'{self.reason}; {reason}'.lstrip('; '), self.exit_status or 1)
-
-
-def _failure(judgement: Judgement) -> str:
-    expectation = judgement.expectation
-    window = f' ({expectation.window})' if expectation.window else ''
-    return f'{expectation.metric}{window} {judgement.value:.4g} is not {expectation}'
 
 
 @dataclass
@@ -142,25 +136,14 @@ def _number(value: float) -> float | None:
 
 
 def _add_metric(table: Table, name: str, value: float, judgement: Judgement | None) -> None:
-    label, unit = _label(name)
-    shown, expected, mark = f'{value:.3f}{unit}', '', ''
+    words, unit = metric_label(name)
+    space = '' if unit in ('', '°') else ' '
+    shown, expected, mark = f'{value:.3f}{space}{unit}', '', ''
     if math.isnan(value):
         shown = 'never' if name == 'settling_time_s' else '–'
     if judgement:
         expected = str(judgement.expectation)
         mark = '[green]✓[/]' if judgement.holds else '[red]✗[/]'
         if judgement.expectation.window:
-            label = f'{label}, {judgement.expectation.window}'
-    table.add_row(label, shown, expected, mark)
-
-
-_UNITS = {'m_s': ' m/s', 's': ' s', 'deg': '°', 'm': ' m', 'percent': ' %'}
-
-
-def _label(name: str) -> tuple[str, str]:
-    """Return a metric's name in words, and its unit."""
-    assert name in METRICS
-    for ending, unit in _UNITS.items():
-        if name.endswith(f'_{ending}'):
-            return name.removesuffix(f'_{ending}').replace('_', ' '), unit
-    return name.replace('_', ' '), ''
+            words = f'{words}, {judgement.expectation.window}'
+    table.add_row(words, shown, expected, mark)

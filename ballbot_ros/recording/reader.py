@@ -7,7 +7,7 @@ import struct
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from io import FileIO
-from mmap import ACCESS_READ, mmap
+from mmap import ACCESS_READ, ALLOCATIONGRANULARITY, MADV_DONTNEED, mmap
 from pathlib import Path
 from typing import IO, Any, NamedTuple, TypeVar, cast
 
@@ -28,6 +28,9 @@ _DAMAGE = (McapError, struct.error, ValueError, OverflowError, RuntimeError, Mem
 """What mcap, lz4 and zstandard raise on bytes that are not what they should be."""
 
 _Item = TypeVar('_Item')
+
+_LET_GO = 64 * ALLOCATIONGRANULARITY
+"""Bytes read after which their memory is given back, so that a large file does not fill it."""
 
 
 class TopicSummary(NamedTuple):
@@ -86,6 +89,7 @@ class RecordingReader:
                 raise RecordingError(f'{self.path}: {"not an MCAP" if magic else "empty"} file')
             if not self._scan(unpack=False):
                 self._scan(unpack=True)
+            self._types = {name: topic.type_name for name, topic in self.topics().items()}
         except BaseException:
             self.close()
             raise
@@ -141,17 +145,25 @@ class RecordingReader:
         RecordingError
             If there is no such topic, its type is unknown, or a message is not of that type.
         """
-        type_names = {topic: summary.type_name for topic, summary in self.topics().items()}
-        for topic, stamp_ns, _, data in self.raw_messages(topics):
-            type_name = type_names.get(topic, '')
-            try:
-                schema(type_name)
-                message = typestore().deserialize_cdr(data, type_name)
-            except (RecordingError, SerdeError) as error:
-                raise RecordingError(
-                    f'{self.path}: {topic} at {stamp_ns} ns is no {type_name}: {error}'
-                ) from None
-            yield topic, stamp_ns, message
+        for raw in self.raw_messages(topics):
+            yield raw.topic, raw.stamp_ns, self.decode(raw)
+
+    def decode(self, raw: RawMessage) -> Any:
+        """Return a message of this recording as a rosbags object.
+
+        Raises
+        ------
+        RecordingError
+            If its type is unknown, or it is not of that type.
+        """
+        type_name = self._types.get(raw.topic, '')
+        try:
+            schema(type_name)
+            return typestore().deserialize_cdr(raw.data, type_name)
+        except (RecordingError, SerdeError) as error:
+            raise RecordingError(
+                f'{self.path}: {raw.topic} at {raw.stamp_ns} ns is no {type_name}: {error}'
+            ) from None
 
     def raw_messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """Iterate over the messages of `topics`, or all, as they were recorded.
@@ -215,8 +227,13 @@ class RecordingReader:
         except ValueError:
             raise RecordingError(f'{self.path}: the recording is closed') from None
         with stream:
+            kept = 0
             try:
-                yield from parse(cast('IO[bytes]', stream))
+                for item in parse(cast('IO[bytes]', stream)):
+                    yield item
+                    if stream.tell() - kept >= _LET_GO:
+                        stream.madvise(MADV_DONTNEED, kept, _LET_GO)
+                        kept += _LET_GO
             except _DAMAGE:
                 end = stream.tell()
                 kind = 'cut off at' if end == len(stream) else 'corrupt before'

@@ -14,6 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 # The rosdep keys of the distributions that setup.py names; None where rosdep has no key.
 ROSDEP_KEYS = {
+    'Jinja2': 'python3-jinja2',
     'PyYAML': 'python3-yaml',
     'click': 'python3-click',
     'control': None,
@@ -44,7 +45,7 @@ ROSDEP_TEST_KEYS = {
     'ruff': 'python3-ruff-pip',
     'types-PyYAML': 'python3-types-pyyaml',
 }
-MODULES = {'PyYAML': 'yaml', 'pillow': 'PIL', 'pygame-ce': 'pygame'}
+MODULES = {'Jinja2': 'jinja2', 'PyYAML': 'yaml', 'pillow': 'PIL', 'pygame-ce': 'pygame'}
 
 
 @pytest.fixture

@@ -1,0 +1,181 @@
+"""What a recorded run comes to: every metric, the expectations, and a verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ballbot_ros.analysis.metrics import Clearance, Judgement, judge, measure
+from ballbot_ros.analysis.run_data import RunData
+from ballbot_ros.analysis.run_metrics import measure_recording
+from ballbot_ros.parameters import GYRO, PLANT
+from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.world.floor_map import CELL_M, FLOOR, WALL, FloorMap
+from ballbot_ros.world.world import World
+
+_HALF_TICK = 0.002
+
+
+@dataclass(frozen=True)
+class Judged:
+    """An expectation and its verdict: ``met``, ``not met``, or ``not judged`` for want of data."""
+
+    judgement: Judgement
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """A recorded run with all that is computed of it.
+
+    Attributes
+    ----------
+    run : RunData
+    metrics : dict of str to float
+        Those of :data:`~ballbot_ros.scenario.metrics.METRICS`, then those of
+        :data:`~ballbot_ros.analysis.run_metrics.RUN_METRICS`; NaN where there is nothing to
+        measure it by.
+    expectations : tuple of Judged
+    outcome : str
+        ``passed``, ``expectations not met``, ``failed``, ``incomplete`` or ``not judged``.
+    reason : str
+        Why it did not pass; empty if it did.
+    """
+
+    run: RunData
+    metrics: dict[str, float]
+    expectations: tuple[Judged, ...]
+    outcome: str
+    reason: str
+
+    def as_json(self) -> dict[str, Any]:
+        """Return metrics, verdicts and what is known of the file; a missing number is None."""
+        run = self.run
+        return {
+            'recording': str(run.path),
+            'run': run.number,
+            'runs': run.count,
+            'outcome': self.outcome,
+            'reason': self.reason,
+            'complete': run.complete,
+            'damage': run.damage,
+            'notices': list(run.notices),
+            'ticks': len(run.trajectory.time),
+            'duration_s': run.end,
+            'seed': run.attached.parameters.values(GYRO)['seed']
+            if run.attached.has_parameters
+            else None,
+            'versions': run.attached.versions,
+            'metrics': {name: number(value) for name, value in self.metrics.items()},
+            'expectations': [
+                {
+                    'metric': each.judgement.expectation.metric,
+                    'from': each.judgement.expectation.start,
+                    'to': number(each.judgement.expectation.end),
+                    'min': each.judgement.expectation.minimum,
+                    'max': each.judgement.expectation.maximum,
+                    'value': number(each.judgement.value),
+                    'verdict': each.verdict,
+                }
+                for each in self.expectations
+            ],
+            'topics': [
+                {
+                    'topic': each.topic,
+                    'type': each.type_name,
+                    'messages': each.count,
+                    'rate_hz': number(each.rate),
+                    'longest_gap_s': each.gap_ns * 1e-9,
+                    'age_mean_ms': number(each.age_ms[0]),
+                    'age_max_ms': number(each.age_ms[1]),
+                }
+                for each in run.traffic
+            ],
+        }
+
+
+def number(value: float) -> float | None:
+    """Return a finite number, None for any other."""
+    return value if math.isfinite(value) else None
+
+
+def assess(run: RunData) -> Assessment:
+    """Measure a run and judge it by the scenario that is attached to it."""
+    clearance = _clearance(run)
+    metrics = {**measure(run.trajectory, run.plant, clearance), **measure_recording(run)}
+    scenario = run.attached.scenario
+    expectations = scenario.expectations if scenario else ()
+    judgements = judge(expectations, run.trajectory, run.plant, clearance)
+    judged = tuple(Judged(each, _verdict(run, each)) for each in judgements)
+    return Assessment(run, metrics, judged, *_outcome(run, judged))
+
+
+def _clearance(run: RunData) -> Clearance | None:
+    """Return the distances to the walls of the recorded map; None where it is not one of ours."""
+    grid = run.grid
+    if grid is None or not np.isclose(grid.resolution, CELL_M) or not grid.cells.any():
+        return None
+    walls = grid.cells[::-1] > 0
+    floor_map = FloorMap(np.where(walls, WALL, FLOOR).astype(np.uint8))
+    return World(floor_map, run.plant['body_depth'], run.plant['body_width']).clearance
+
+
+def shown_metrics(assessment: Assessment) -> dict[str, float]:
+    """Return the metrics but the times in states that never were."""
+    return {
+        name: value
+        for name, value in assessment.metrics.items()
+        if name in METRICS or not (name.startswith('time_in_') and value == 0.0)
+    }
+
+
+def _verdict(run: RunData, judgement: Judgement) -> str:
+    expectation, value = judgement.expectation, judgement.value
+    to_the_end = run.complete
+    within = run.intact and expectation.end < run.end + _HALF_TICK
+    # A robot that never settles is a finding; any other number that is not there is none.
+    known = not math.isnan(value) or expectation.metric == 'settling_time_s'
+    if not known or not (to_the_end or within):
+        return 'not judged'
+    return 'met' if judgement.holds else 'not met'
+
+
+def _outcome(run: RunData, judged: tuple[Judged, ...]) -> tuple[str, str]:
+    if failure := _failure(run):
+        return 'failed', failure
+    missed = [each.judgement for each in judged if each.verdict == 'not met']
+    if missed:
+        return 'expectations not met', ', '.join(map(str, missed))
+    if not run.complete:
+        return 'incomplete', _lack(run)
+    if run.attached.scenario is None:
+        return 'not judged', 'no scenario is attached'
+    unknown = [each.judgement.expectation.metric for each in judged if each.verdict != 'met']
+    if unknown:
+        return 'not judged', f'{", ".join(unknown)} cannot be computed from this recording'
+    return 'passed', ''
+
+
+def _lack(run: RunData) -> str:
+    if run.damage:
+        return run.damage
+    if run.missing_ticks:
+        return f'{run.missing_ticks} ticks are missing'
+    if not run.reached_end:
+        duration: Mapping[str, Any] = run.attached.parameters.values(PLANT)
+        return f'it ends at {run.end:.3f} s of {duration["duration"]:g} s'
+    return 'topics are missing'
+
+
+def _failure(run: RunData) -> str:
+    """Return the last error that a node has reported, empty if there is none."""
+    errors = [
+        f'{status.name.partition(":")[0]}: {status.message}'
+        for _, status in run.statuses
+        if status.level == 2
+    ]
+    return errors[-1] if errors else ''

@@ -1,0 +1,79 @@
+"""Conditions on the change of a metric, such as ``peak_pitch_deg>5%``."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from ballbot_ros.errors import BallbotError
+
+_FORM = re.compile(
+    r'\s*(?P<metric>\w+)\s*(?P<sign>[<>])\s*(?P<amount>\d+\.?\d*|\.\d+)\s*(?P<percent>%?)\s*'
+)
+
+
+class ConditionError(BallbotError):
+    """A condition that is not of that form, or on a metric that there is not."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A change that is too large.
+
+    Attributes
+    ----------
+    metric : str
+    sign : str
+        ``>``: the metric has risen by more than `amount`; ``<``: it has fallen by more.
+    amount : float
+        Percent of the reference's magnitude, or the metric's own unit; not negative.
+    percent : bool
+    """
+
+    metric: str
+    sign: str
+    amount: float
+    percent: bool
+
+    def __str__(self) -> str:
+        """Return the condition in the form in which it is given."""
+        return f'{self.metric}{self.sign}{self.amount:.12g}{"%" if self.percent else ""}'
+
+    def holds(self, reference: float, value: float) -> bool:
+        """Tell whether `value` has changed so from `reference`.
+
+        A value that is not there (NaN) though the reference's is has got worse: it holds. Without
+        a reference there is no change: it does not hold. From a reference of 0 any change is more
+        than any percentage.
+        """
+        if math.isnan(reference):
+            return False
+        if math.isnan(value):
+            return True
+        rise = value - reference if self.sign == '>' else reference - value
+        return rise > (abs(reference) * self.amount / 100.0 if self.percent else self.amount)
+
+
+def parse_condition(text: str, metrics: Iterable[str]) -> Condition:
+    """Return the condition that `text` says.
+
+    Raises
+    ------
+    ConditionError
+        If it is not of the form ``metric>5%`` or ``metric<0.1``, or none of the `metrics`.
+    """
+    match = _FORM.fullmatch(text)
+    if not match:
+        raise ConditionError(
+            f'--fail-if {text!r}: not of the form metric>5%, metric>0.1, metric<5% or metric<0.1'
+        )
+    known = list(metrics)
+    name = match['metric']
+    if name not in known:
+        close = get_close_matches(name, known)
+        hint = f'did you mean {" or ".join(close)}?' if close else f'known: {", ".join(known)}'
+        raise ConditionError(f'--fail-if {text!r}: unknown metric {name!r}; {hint}')
+    return Condition(name, match['sign'], float(match['amount']), bool(match['percent']))

@@ -1,0 +1,114 @@
+"""The numbers that the figures of a run show."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.analysis.run_data import RunData
+from ballbot_ros.analysis.run_metrics import estimate, gyro_offsets
+from ballbot_ros.analysis.table import Table, envelope, every_nth
+from ballbot_ros.messages.topics import (
+    BATTERY_STATE,
+    GYRO_IMU,
+    MOTOR_DUTY,
+    PLANT_IMU,
+    PLANT_ODOM,
+    SONAR_RANGE,
+)
+
+
+def _planes(name: str, unit: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    return {f'{name}_x_{unit}': values[:, 0], f'{name}_y_{unit}': values[:, 1]}
+
+
+def position_table(run: RunData) -> Table:
+    """Return the true position [cm]."""
+    series = run.series[PLANT_ODOM]
+    return envelope(series.time, _planes('position', 'cm', series.values * 100.0))
+
+
+def pitch_table(run: RunData) -> Table:
+    """Return the true body pitch [°]."""
+    series = run.series[PLANT_IMU]
+    return envelope(series.time, _planes('pitch', 'deg', np.degrees(series.values[:, :2])))
+
+
+def track_table(run: RunData) -> Table:
+    """Return the way of the ball in ``map`` [cm]."""
+    series = run.series[PLANT_ODOM]
+    x, y = series.values.T * 100.0
+    return every_nth(series.time, {'map_x_cm': x, 'map_y_cm': -y})
+
+
+def duty_table(run: RunData) -> Table:
+    """Return the duties [%]."""
+    series = run.series[MOTOR_DUTY]
+    return envelope(series.time, _planes('duty', 'percent', series.values))
+
+
+def motion_table(run: RunData) -> Table:
+    """Return position [cm] and body pitch [°] where there are both."""
+    position, pitch = position_table(run), pitch_table(run)
+    if not np.array_equal(position['time_s'], pitch['time_s']):
+        stamps = np.intersect1d(run.series[PLANT_ODOM].stamps, run.series[PLANT_IMU].stamps)
+        odometry, body = run.series[PLANT_ODOM], run.series[PLANT_IMU]
+        time = odometry.time[np.isin(odometry.stamps, stamps)]
+        return envelope(
+            time,
+            _planes('position', 'cm', odometry.at(stamps) * 100.0)
+            | _planes('pitch', 'deg', np.degrees(body.at(stamps)[:, :2])),
+        )
+    return {**position, **pitch}
+
+
+def estimate_table(run: RunData) -> Table:
+    """Return true and estimated pitch [°] and position [cm]."""
+    body = run.series[PLANT_IMU]
+    believed = estimate(run, body.stamps)
+    return envelope(
+        body.time,
+        _planes('true_pitch', 'deg', np.degrees(body.values[:, :2]))
+        | _planes('estimated_pitch', 'deg', np.degrees(believed[:, 2:]))
+        | _planes('true_position', 'cm', run.series[PLANT_ODOM].at(body.stamps) * 100.0)
+        | _planes('estimated_position', 'cm', believed[:, :2] * 100.0),
+    )
+
+
+def gyro_table(run: RunData) -> Table:
+    """Return true rate, reading less offset, true and estimated offset [°/s]."""
+    gyro = run.series[GYRO_IMU]
+    rates = np.degrees(run.series[PLANT_IMU].at(gyro.stamps)[:, 2:])
+    _, believed, true = gyro_offsets(run) or (None, rates, rates)
+    measured = np.degrees(gyro.values) - believed
+    return envelope(
+        gyro.time,
+        _planes('true_rate', 'deg_s', rates)
+        | _planes('read_rate', 'deg_s', measured)
+        | _planes('true_offset', 'deg_s', true)
+        | _planes('estimated_offset', 'deg_s', believed),
+    )
+
+
+def sonar_table(run: RunData) -> Table:
+    """Return the distances that were read [cm]; infinite: no echo."""
+    series = run.series[SONAR_RANGE]
+    distance = series.values[:, 0].astype(float) * 100.0
+    return every_nth(series.time, {'distance_cm': distance})
+
+
+def battery_table(run: RunData) -> Table:
+    """Return the voltage [V]."""
+    series = run.series[BATTERY_STATE]
+    return envelope(series.time, {'voltage_v': series.values[:, 0]})
+
+
+def state_table(run: RunData) -> Table:
+    """Return the operating states and their times [s]."""
+    return {
+        'start_s': np.array([each.start for each in run.states]),
+        'end_s': np.array([each.end for each in run.states]),
+        'state': np.array([each.state for each in run.states]),
+    }

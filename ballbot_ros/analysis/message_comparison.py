@@ -1,0 +1,147 @@
+"""Comparing recorded messages with those of a run that is made again."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import fields, is_dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ballbot_ros.messages.topics import Topic
+from ballbot_ros.recording.schemas import typestore
+
+
+class Difference(NamedTuple):
+    """A recorded message that the replayed one does not equal.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Sim time of the tick [ns].
+    topic : str
+    what : str
+        The first field that differs and both values, or what is missing.
+    """
+
+    stamp_ns: int
+    topic: str
+    what: str
+
+
+class Comparison:
+    """Pairs recorded and replayed messages topic by topic, in their order.
+
+    Parameters
+    ----------
+    topics : iterable of Topic
+        What is compared, in the order in which a tick causes it.
+    last_ns : int
+        Messages stamped later are not compared: the run was over.
+
+    Attributes
+    ----------
+    compared : int
+        Number of pairs so far.
+    """
+
+    def __init__(self, topics: Iterable[Topic], last_ns: int) -> None:
+        self._topics = {topic: _Pairs(topic.type_name) for topic in topics}
+        self._last_ns = last_ns
+        self._first: dict[Topic, Difference] = {}
+        self.compared = 0
+
+    def recorded(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
+        """Take a recorded message."""
+        pairs = self._topics.get(topic)
+        if pairs is not None and stamp_ns <= self._last_ns:
+            pairs.recorded.append((stamp_ns, data))
+            self._compare(topic, pairs)
+
+    def replayed(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
+        """Take a message of the run that is made again."""
+        pairs = self._topics.get(topic)
+        if pairs is not None and stamp_ns <= self._last_ns:
+            pairs.replayed.append((stamp_ns, data))
+            self._compare(topic, pairs)
+
+    def _compare(self, topic: Topic, pairs: _Pairs) -> None:
+        if not (pairs.recorded and pairs.replayed):
+            return
+        _, recorded = pairs.recorded.popleft()
+        stamp_ns, replayed = pairs.replayed.popleft()
+        self.compared += 1
+        if topic in self._first or recorded == replayed:
+            return
+        # The middleware may pad in another way; what counts is the content.
+        if what := first_difference(pairs.decode(recorded), pairs.decode(replayed)):
+            self._first[topic] = Difference(stamp_ns, topic.name, what)
+
+    def first_difference(self, *, complete: bool) -> Difference | None:
+        """Return the earliest difference, of one tick the first in the order of cause.
+
+        Parameters
+        ----------
+        complete : bool
+            Whether the recording claims to have everything, so that a message without a
+            counterpart is a difference.
+        """
+        found = dict(self._first)
+        if complete:
+            for topic, pairs in self._topics.items():
+                for waiting, text in (
+                    (pairs.recorded, 'recorded, and not replayed'),
+                    (pairs.replayed, 'replayed, and not recorded'),
+                ):
+                    if waiting and topic not in found:
+                        found[topic] = Difference(waiting[0][0], topic.name, text)
+        order = list(self._topics)
+        first = min(
+            found, key=lambda topic: (found[topic].stamp_ns, order.index(topic)), default=None
+        )
+        return None if first is None else found[first]
+
+
+class _Pairs:
+    """The messages of a topic that wait for their counterparts."""
+
+    def __init__(self, type_name: str) -> None:
+        self.recorded: deque[tuple[int, bytes]] = deque()
+        self.replayed: deque[tuple[int, bytes]] = deque()
+        self._type = type_name
+
+    def decode(self, data: bytes) -> Any:
+        return typestore().deserialize_cdr(data, self._type)
+
+
+def first_difference(recorded: Any, replayed: Any, path: str = '') -> str:
+    """Return name and values of the first field in which two messages differ; '' if in none."""
+    if is_dataclass(recorded):
+        for each in fields(recorded):
+            name = f'{path}.{each.name}' if path else each.name
+            text = first_difference(
+                getattr(recorded, each.name), getattr(replayed, each.name), name
+            )
+            if text:
+                return text
+        return ''
+    if isinstance(recorded, list | np.ndarray):
+        if len(recorded) != len(replayed):
+            return f'{path} has {len(recorded)} elements recorded, {len(replayed)} replayed'
+        for index, pair in enumerate(zip(recorded, replayed, strict=True)):
+            if text := first_difference(*pair, f'{path}[{index}]'):
+                return text
+        return ''
+    if _same(recorded, replayed):
+        return ''
+    return f'{path}: recorded {recorded!r}, replayed {replayed!r}'
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Tell whether two values are the same to the bit, NaN and the sign of zero included."""
+    if isinstance(one, float | np.floating):
+        same_sign = math.copysign(1.0, one) == math.copysign(1.0, other)
+        return same_sign and bool(one == other or (one != one and other != other))
+    return bool(one == other)

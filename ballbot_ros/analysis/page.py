@@ -1,0 +1,83 @@
+"""HTML pages that need nothing but themselves, and the folder they go to."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from ballbot_ros import __version__
+from ballbot_ros.analysis.run_figures import Drawn
+from ballbot_ros.analysis.table import csv_of
+from ballbot_ros.errors import BallbotError
+
+
+class ReportError(BallbotError):
+    """A report that cannot be written."""
+
+
+def render(template: str, **content: Any) -> str:
+    """Return a page of this package's templates; whatever it shows is escaped."""
+    environment = Environment(
+        loader=PackageLoader('ballbot_ros.analysis'),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters['base64'] = lambda data: base64.b64encode(data).decode()
+    environment.filters['number'] = number_text
+    return environment.get_template(template).render(version=__version__, **content)
+
+
+def number_text(value: float, missing: str = '–') -> str:
+    """Return a number with at most five digits, of a large one all before the point."""
+    if math.isnan(value):
+        return missing
+    if math.isinf(value):
+        return '∞' if value > 0 else '−∞'
+    digits = 3 if abs(value) < 1000.0 else 0
+    text = f'{value:.{digits}f}'
+    small = value != 0.0 and abs(value) < 0.1
+    if small:
+        text = f'{value:.3g}'
+    elif float(value).is_integer():
+        text = f'{value:.0f}'
+    return text.replace('-', '−')
+
+
+def check_folder(folder: Path) -> None:
+    """Raise ReportError unless `folder` is empty or not there, for nothing is written over."""
+    try:
+        taken = folder.exists() and any(folder.iterdir())
+    except OSError as error:
+        raise ReportError(f'{folder}: {error.strerror}') from None
+    if taken:
+        raise ReportError(f'{folder}: exists already and is not empty; choose another --output')
+
+
+def write_folder(
+    folder: Path, page: str, figures: Iterable[Drawn], files: Mapping[str, bytes]
+) -> None:
+    """Write the page as ``index.html``, the figures with their tables, and other files.
+
+    Raises
+    ------
+    ReportError
+        If the folder cannot be written.
+    """
+    content = {'index.html': page.encode(), **files}
+    for figure in figures:
+        content[f'{figure.name}.png'] = figure.png
+        if figure.table:
+            content[f'{figure.name}.csv'] = csv_of(figure.table)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, data in content.items():
+            (folder / name).write_bytes(data)
+    except OSError as error:
+        raise ReportError(f'{folder}: {error.strerror}') from None

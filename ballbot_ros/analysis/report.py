@@ -1,0 +1,159 @@
+"""The report of a run: a page, its figures and its numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from ballbot_ros.analysis.assessment import Assessment, Judged, shown_metrics
+from ballbot_ros.analysis.page import number_text, render, write_folder
+from ballbot_ros.analysis.run_data import RunData
+from ballbot_ros.analysis.run_figures import Drawn, draw_figures
+from ballbot_ros.analysis.run_metrics import RUN_METRICS
+from ballbot_ros.analysis.table import csv_text
+from ballbot_ros.parameters import GYRO, NODES, PLANT, parameters_of
+from ballbot_ros.scenario.metrics import METRICS, label
+
+MEANINGS: Mapping[str, str] = {**METRICS, **RUN_METRICS}
+
+
+def write_report(assessment: Assessment, folder: Path) -> None:
+    """Write the report of a run into `folder`, which is made if it is not there.
+
+    Raises
+    ------
+    ReportError
+        If the folder cannot be written.
+    """
+    figures = draw_figures(assessment.run)
+    page = report_page(assessment, figures)
+    metrics = csv_text(
+        ('metric', 'value', 'meaning'),
+        (
+            (name, '' if math.isnan(value) else repr(value), MEANINGS[name])
+            for name, value in assessment.metrics.items()
+        ),
+    )
+    write_folder(folder, page, figures, {'metrics.csv': metrics})
+
+
+def report_page(assessment: Assessment, figures: list[Drawn]) -> str:
+    """Return the report as HTML."""
+    run = assessment.run
+    scenario = run.attached.scenario
+    statuses = {status.name.partition(':')[0]: status for _, status in run.statuses}
+    return render(
+        'report.html',
+        title=f'{run.name}, run {run.number}' if run.count > 1 else run.name,
+        purpose=scenario.purpose if scenario else '',
+        assessment=assessment,
+        banner=banner(run),
+        facts=_facts(run),
+        extent='' if run.complete else f'They are those of the ticks up to {run.end:.3f} s.',
+        expectations=[_expectation(each) for each in assessment.expectations],
+        metrics=[
+            {**metric_row(name, value), 'meaning': MEANINGS[name]}
+            for name, value in shown_metrics(assessment).items()
+        ],
+        figures=figures,
+        traffic=run.traffic,
+        nodes=[
+            {
+                'name': name,
+                'message': status.message,
+                # Where the file lay on its machine is nobody's business.
+                'content': ', '.join(
+                    f'{each.key} {each.value}' for each in status.values if each.key != 'file'
+                ),
+            }
+            for name, status in statuses.items()
+        ],
+        problems=list(_problems(run)),
+        parameters=sorted(_parameters(run), key=lambda row: not row['changed']),
+        versions=run.attached.versions,
+    )
+
+
+def banner(run: RunData) -> list[str]:
+    """Return what the reader has to know before any number."""
+    lines = list(run.notices)
+    if run.damage:
+        lines.insert(0, f'This recording is damaged: {run.damage}. The report covers what stands '
+                        f'before the damage, up to {run.end:.3f} s.')  # fmt: skip
+    if run.missing_ticks:
+        lines.append(f'{run.missing_ticks} ticks are missing.')
+    if not run.reached_end:
+        duration = run.attached.parameters.values(PLANT)['duration']
+        lines.append(f'The run ends at {run.end:.3f} s; its duration is {duration:g} s.')
+    return lines
+
+
+def metric_row(name: str, value: float) -> dict[str, str]:
+    """Return name, value and unit of a metric in words."""
+    words, unit = label(name)
+    missing = 'never' if name == 'settling_time_s' else '–'
+    return {'label': words, 'value': number_text(value, missing), 'unit': unit}
+
+
+def _facts(run: RunData) -> list[tuple[str, str]]:
+    attached = run.attached
+    facts = [
+        ('Recording', run.path.name),
+        ('Run', f'{run.number} of {run.count}'),
+        ('Length', f'{run.end:.3f} s'),
+        ('Ticks', str(len(run.trajectory.time))),
+    ]
+    if attached.scenario:
+        facts.append(('Profile', attached.scenario.profile))
+    if attached.has_parameters:
+        facts.append(('Plant model', str(run.plant['plant_model'])))
+        facts.append(('Seed', str(attached.parameters.values(GYRO)['seed'])))
+    return facts
+
+
+def _expectation(judged: Judged) -> dict[str, str]:
+    expectation = judged.judgement.expectation
+    mark = {'met': '✓ ', 'not met': '✗ '}.get(judged.verdict, '')
+    return {
+        **metric_row(expectation.metric, judged.judgement.value),
+        'window': expectation.window or 'whole run',
+        'bounds': str(expectation).replace('-', '−'),
+        'verdict': f'{mark}{judged.verdict}',
+    }
+
+
+def _problems(run: RunData) -> Iterator[dict[str, Any]]:
+    """Yield each warning and error once, with the time of its first report."""
+    seen = set()
+    for time, status in run.statuses:
+        name = status.name.partition(':')[0]
+        if status.level in (1, 2) and (name, status.message) not in seen:
+            seen.add((name, status.message))
+            yield {'time': time, 'name': name, 'message': status.message}
+
+
+def _parameters(run: RunData) -> Iterator[dict[str, Any]]:
+    if not run.attached.has_parameters:
+        return
+    for node in NODES:
+        values = run.attached.parameters.values(node)
+        for name, row in parameters_of(node).items():
+            yield {
+                'node': node,
+                'name': name,
+                'value': _text(values[name]),
+                'default': _text(row.default),
+                'unit': '' if row.unit == '1' else row.unit,
+                'meaning': row.description,
+                'changed': values[name] != row.default,
+            }
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return ', '.join(map(_text, value))
+    return f'{value:.9g}' if isinstance(value, float) else str(value)

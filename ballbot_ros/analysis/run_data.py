@@ -1,0 +1,310 @@
+"""A run as its recording holds it: the series of each topic as compact columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.analysis.attached import Attached, read_attached
+from ballbot_ros.analysis.extraction import TICKED, Extraction, Traffic, extract
+from ballbot_ros.analysis.metrics import Floats
+from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
+from ballbot_ros.parameters import CONTROLLER, PLANT
+from ballbot_ros.plant.truth import TICK_NS
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.simulation.trajectory import Trajectory
+
+Integers = NDArray[np.int64]
+
+
+def seconds(stamps: Integers) -> Floats:
+    """Return stamps [ns] in seconds."""
+    return np.asarray(stamps * 1e-9, np.float64)
+
+
+@dataclass(frozen=True)
+class Series:
+    """Samples of one topic in one run.
+
+    Attributes
+    ----------
+    stamps : ndarray, shape (n,)
+        Sim time [ns], rising.
+    time : ndarray, shape (n,)
+        Time since the first tick of the run [s].
+    values : ndarray, shape (n, k)
+        The columns that :mod:`ballbot_ros.analysis.extraction` names.
+    """
+
+    stamps: Integers
+    time: Floats
+    values: NDArray[Any]
+
+    def at(self, stamps: Integers) -> NDArray[Any]:
+        """Return the values at `stamps`, shape (m, k); NaN where there is no sample."""
+        if np.array_equal(stamps, self.stamps):
+            return self.values
+        places = np.searchsorted(self.stamps, stamps).clip(max=len(self.stamps) - 1)
+        missing = self.stamps[places] != stamps
+        return np.where(missing[:, np.newaxis], np.nan, self.values[places])
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An operating state and its time in the run [s]."""
+
+    state: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The recorded map: `cells` is 0 for free and 100 for a wall, row 0 at the lowest y.
+
+    Attributes
+    ----------
+    cells : ndarray, shape (height, width)
+    resolution : float
+        Width of a cell [m].
+    origin : tuple of float
+        x and y of the lower left corner in ``map`` [m].
+    """
+
+    cells: NDArray[np.int8]
+    resolution: float
+    origin: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class RunData:
+    """One run of a recording.
+
+    Attributes
+    ----------
+    path : Path
+    number, count : int
+        Which run of the file it is, from 1 on, and how many there are.
+    trajectory : Trajectory
+        The ticks of which everything is there that the file has topics for; a column without a
+        topic is NaN.
+    series : mapping of Topic to Series
+        The topics of :data:`ballbot_ros.analysis.extraction.TICKED` that have samples.
+    states : tuple of Interval
+    grid : Grid or None
+    statuses : tuple
+        The diagnostics: time [s] and the rosbags ``DiagnosticStatus``.
+    traffic : tuple of Traffic
+        Every topic of the file.
+    attached : Attached
+        Scenario, parameters and versions.
+    damage : str or None
+        What the reader found missing in the file.
+    missing_ticks : int
+        Ticks between the first and the last that are not there.
+    reached_end : bool
+        Whether the run is as long as its parameter `duration` says, or none is known.
+    notices : tuple of str
+        What the reader of a report has to know.
+    """
+
+    path: Path
+    number: int
+    count: int
+    trajectory: Trajectory
+    series: Mapping[Topic, Series]
+    states: tuple[Interval, ...]
+    grid: Grid | None
+    statuses: tuple[tuple[float, Any], ...]
+    traffic: tuple[Traffic, ...]
+    attached: Attached
+    damage: str | None
+    missing_ticks: int
+    reached_end: bool
+    notices: tuple[str, ...]
+    plant: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The recording's name, which `ballbot run` makes that of the scenario."""
+        return self.path.stem
+
+    @property
+    def end(self) -> float:
+        """Time of the last tick [s]; 0 without one."""
+        return float(self.trajectory.time[-1]) if len(self.trajectory.time) else 0.0
+
+    @property
+    def intact(self) -> bool:
+        """Whether every tick up to the last has its truth and its duty."""
+        return self.missing_ticks == 0 and all(
+            topic in self.series for topic in (PLANT_IMU, PLANT_ODOM, MOTOR_DUTY)
+        )
+
+    @property
+    def complete(self) -> bool:
+        """Whether the run is there from the first to the last tick."""
+        return self.intact and self.reached_end and self.damage is None
+
+    def balancing(self, time: Floats) -> NDArray[np.bool_]:
+        """Tell at which `time` [s] the controller ran: calibrated, and not out of control."""
+        calibrated = self.attached.parameters.values(CONTROLLER)['time_start'] * 1e-3
+        runs = np.asarray(time >= calibrated)
+        for each in self.states:
+            if each.state in ('calibration', 'out_of_control'):
+                runs &= (time < each.start) | (time > each.end)
+        return runs
+
+
+def read_run(
+    path: str | Path,
+    number: int | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> RunData:
+    """Read a run of a recording; of a damaged file what stands before the damage.
+
+    Parameters
+    ----------
+    path : path-like
+        The MCAP file.
+    number : int or None
+        Which run of the file, from 1 on; None is the last.
+    progress : callable
+        Called now and then with the messages read so far and all that there are.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read, is no recording of a ballbot, or has no such run.
+    """
+    with RecordingReader(path) as recording:
+        attached = read_attached(recording)
+        extraction = extract(recording, progress)
+        damage = recording.damage
+    runs = extraction.runs()
+    if number is None:
+        number = len(runs)
+    if not 1 <= number <= len(runs):
+        raise RecordingError(f'{path}: there is no run {number}, only 1 … {len(runs)}')
+    epoch, start, end = runs[number - 1]
+    notices = [*extraction.notices, *attached.notices]
+    if len(runs) > 1:
+        notices.append(f'The file holds {len(runs)} runs; this is run {number}.')
+    series = {
+        topic: piece
+        for topic in TICKED
+        if (piece := _cut(extraction, topic, epoch, start, end)) is not None
+    }
+    if not series:
+        raise RecordingError(f'{path}: run {number} of {len(runs)} has no ticks')
+    plant = dict(attached.parameters.values(PLANT))
+    trajectory, missing = _trajectory(series, start, bool(plant['lockstep']))
+    last = trajectory.time[-1] if len(trajectory.time) else 0.0
+    if not attached.has_parameters and PLANT_ODOM in series:
+        plant['start_position_x'], plant['start_position_y'] = map(
+            float, series[PLANT_ODOM].values[0]
+        )
+    if not plant['lockstep']:
+        notices.append(
+            'A free-running run: the duties that acted are not in the file; of each tick the '
+            'newest one is taken.'
+        )
+    ticks = round(plant['duration'] * SECOND_NS) // TICK_NS
+    reached_end = (len(trajectory.time) and round(last * SECOND_NS) // TICK_NS + 1 >= ticks) > 0
+    return RunData(
+        path=Path(path),
+        number=number,
+        count=len(runs),
+        trajectory=trajectory,
+        series=series,
+        states=_states(extraction, epoch, start, end, last),
+        grid=_grid(extraction.map),
+        statuses=tuple(
+            ((stamp - start) / SECOND_NS, status)
+            for each, stamp, status in extraction.statuses
+            if each == epoch and start <= stamp < end
+        ),
+        traffic=tuple(extraction.traffic.values()),
+        attached=attached,
+        damage=damage,
+        missing_ticks=missing,
+        reached_end=bool(reached_end),
+        notices=tuple(notices),
+        plant=plant,
+    )
+
+
+def _cut(extraction: Extraction, topic: Topic, epoch: int, start: int, end: int) -> Series | None:
+    stamps, values = extraction.columns[topic].epoch(epoch)
+    first, last = np.searchsorted(stamps, [start, end])
+    if first == last:
+        return None
+    stamps = stamps[first:last]
+    # As the log of a run without recording reckons it, for the same numbers.
+    return Series(stamps, seconds(stamps) - start * 1e-9, values[first:last])
+
+
+def _trajectory(
+    series: Mapping[Topic, Series], start: int, lockstep: bool
+) -> tuple[Trajectory, int]:
+    """Return the ticks that are whole, and how many are missing between first and last."""
+    sources = [topic for topic in (PLANT_IMU, PLANT_ODOM, MOTOR_DUTY) if topic in series]
+    duty = series.get(MOTOR_DUTY)
+    if not lockstep and len(sources) > 1 and duty is not None:
+        sources.remove(MOTOR_DUTY)  # it has stamps of its own; the newest acts
+    if not sources:
+        nothing = np.full((0, 2), np.nan)
+        return Trajectory(np.zeros(0), nothing, nothing, nothing), 0
+    stamps = series[sources[0]].stamps
+    for topic in sources[1:]:
+        if not np.array_equal(stamps, series[topic].stamps):
+            stamps = np.intersect1d(stamps, series[topic].stamps, assume_unique=True)
+    absent = np.broadcast_to(np.nan, (len(stamps), 2))
+    psi = series[PLANT_IMU].at(stamps)[:, :2] if PLANT_IMU in series else absent
+    position = series[PLANT_ODOM].at(stamps) if PLANT_ODOM in series else absent
+    duties: NDArray[Any] = absent
+    if duty is not None:
+        held = stamps
+        if MOTOR_DUTY not in sources:
+            places = np.searchsorted(duty.stamps, stamps, side='right') - 1
+            held = duty.stamps[places.clip(min=0)]
+        duties = duty.at(held)
+    missing = 0
+    if len(stamps):
+        missing = int((stamps[-1] - start) // TICK_NS + 1 - len(stamps))
+    return Trajectory(seconds(stamps) - start * 1e-9, position, psi, duties), max(0, missing)
+
+
+def _states(
+    extraction: Extraction, epoch: int, start: int, end: int, last: float
+) -> tuple[Interval, ...]:
+    changes = [
+        ((stamp - start) / SECOND_NS, state)
+        for each, stamp, state in extraction.states
+        if each == epoch and start <= stamp < end
+    ]
+    ends = [time for time, _ in changes[1:]] + [float(last) + TICK_NS / SECOND_NS]
+    return tuple(
+        Interval(state, time, until)
+        for (time, state), until in zip(changes, ends, strict=False)  # one end more than none
+        if until > time
+    )
+
+
+def _grid(message: Any) -> Grid | None:
+    if message is None:
+        return None
+    info = message.info
+    if message.data.size != info.width * info.height or not info.resolution > 0.0:
+        return None
+    origin = info.origin.position
+    return Grid(
+        message.data.reshape(info.height, info.width), float(info.resolution), (origin.x, origin.y)
+    )

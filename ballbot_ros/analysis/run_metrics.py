@@ -1,0 +1,206 @@
+"""The metrics that need more of a recording than the true motion and the duties."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.analysis.metrics import Floats
+from ballbot_ros.analysis.run_data import RunData, seconds
+from ballbot_ros.messages.topics import (
+    BATTERY_STATE,
+    CONTROLLER_STATE,
+    GYRO_IMU,
+    MOTOR_DUTY,
+    PLANT_IMU,
+    PLANT_JOINT_STATES,
+    PLANT_ODOM,
+)
+from ballbot_ros.parameters import CONTROLLER, PLANT
+from ballbot_ros.plant.truth import TICK_NS
+
+STATES = (
+    'calibration', 'balance', 'remote', 'forward', 'rightward', 'backward', 'out_of_control'
+)  # fmt: skip
+
+RUN_METRICS: Mapping[str, str] = {
+    'energy_j': 'electrical energy that the motors took from the release on: voltage times '
+    'current, from true torque and rate at every tick; braking gives none back',
+    'lowest_battery_v': 'lowest terminal voltage',
+    'pitch_error_rms_deg': "root mean square of the controller's pitch less the true one",
+    'position_error_rms_m': "root mean square of the controller's ball angle, as a way, less the "
+    'true way from the start',
+    'gyro_offset_error_x_deg_s': "root mean square of the controller's gyro offset (reading less "
+    'its pitch rate) less the true one (reading less true rate, mean of 1 s), plane x',
+    'gyro_offset_error_y_deg_s': 'the same of plane y',
+    **{f'time_in_{state}_s': f'time in the state {state}' for state in STATES},
+    'missing_ticks': 'ticks up to the last that are not in the file',
+    'tick_jitter_ms': 'standard deviation of the time from duty to duty, in sim time: 0 in '
+    'lockstep, whatever the wall clock did',
+    'late_ticks': 'ticks that came late by the wall clock, as the plant counts them in '
+    '/diagnostics; in free running those of the controller too',
+    'truth_sent_again': 'times that the plant asked again after 0.1 s of silence (/diagnostics)',
+    'tick_rate_hz': 'ticks a second of the wall clock, median of what the plant reports each '
+    'second (/diagnostics)',
+}
+"""Names and what they are, in addition to those of the scenario's expectations."""
+
+_MEAN_S = 1.0
+
+
+def measure_recording(run: RunData) -> dict[str, float]:
+    """Return every metric of :data:`RUN_METRICS`; NaN where the file lacks what it needs."""
+    values = {
+        'energy_j': _energy(run),
+        'lowest_battery_v': _lowest_voltage(run),
+        'pitch_error_rms_deg': _rms(np.degrees(pitch_error(run))),
+        'position_error_rms_m': _rms(position_error(run)),
+        **_offset_errors(run),
+        **_times(run),
+        'missing_ticks': float(run.missing_ticks),
+        'tick_jitter_ms': _jitter(run),
+        **_counters(run),
+    }
+    return {name: float(values[name]) for name in RUN_METRICS}
+
+
+def estimate(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
+    """Return what the controller believes at `stamps`, shape (n, 4), and NaN where it does not run.
+
+    The columns are position x, y [m], from the start, and pitch x, y [rad].
+    """
+    state = run.series[CONTROLLER_STATE].at(stamps)
+    radius = run.attached.parameters.values(CONTROLLER)['ball_radius']
+    start = [run.plant['start_position_x'], run.plant['start_position_y']]
+    believed = np.column_stack([radius * state[:, [0, 2]] + start, state[:, [1, 3]]])
+    time = seconds(stamps) - _start(run)
+    believed[~run.balancing(time)] = np.nan
+    return believed
+
+
+def pitch_error(run: RunData) -> NDArray[Any]:
+    """Return the error of the estimated pitch [rad], shape (n, 2)."""
+    if not {CONTROLLER_STATE, PLANT_IMU} <= run.series.keys():
+        return np.zeros((0, 2))
+    truth = run.series[PLANT_IMU]
+    return np.asarray(estimate(run, truth.stamps)[:, 2:] - truth.values[:, :2])
+
+
+def position_error(run: RunData) -> NDArray[Any]:
+    """Return the error of the estimated position [m], shape (n, 2)."""
+    if not {CONTROLLER_STATE, PLANT_ODOM} <= run.series.keys():
+        return np.zeros((0, 2))
+    truth = run.series[PLANT_ODOM]
+    return np.asarray(estimate(run, truth.stamps)[:, :2] - truth.values)
+
+
+def gyro_offsets(run: RunData) -> tuple[Floats, NDArray[Any], NDArray[Any]] | None:
+    """Return time [s], estimated and true gyro offset [deg/s], shape (n, 2); None without them.
+
+    The controller does not publish its offset, but its pitch rate is the reading less the offset.
+    The true offset is the reading less the true rate; the mean of 1 s takes noise and rounding
+    from it.
+    """
+    if not {CONTROLLER_STATE, GYRO_IMU, PLANT_IMU} <= run.series.keys():
+        return None
+    gyro = run.series[GYRO_IMU]
+    believed = gyro.values - run.series[CONTROLLER_STATE].at(gyro.stamps)[:, 6:]
+    believed[~run.balancing(gyro.time)] = np.nan
+    true = gyro.values - run.series[PLANT_IMU].at(gyro.stamps)[:, 2:]
+    return gyro.time, np.degrees(believed), np.degrees(_moving_mean(true))
+
+
+def _moving_mean(values: NDArray[Any]) -> NDArray[Any]:
+    """Return the mean over the second around each row; at the ends of what there is of it."""
+    half = int(_MEAN_S * 1e9 / TICK_NS) // 2
+    sums = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    rows = np.arange(len(values))
+    first, last = (rows - half).clip(min=0), (rows + half + 1).clip(max=len(values))
+    return np.asarray((sums[last] - sums[first]) / (last - first)[:, np.newaxis])
+
+
+def _start(run: RunData) -> float:
+    series = next(iter(run.series.values()))
+    return float(series.stamps[0] * 1e-9 - series.time[0])
+
+
+def _energy(run: RunData) -> float:
+    """Return the energy [J]: with torque = Kt i and voltage = Rm i + Kb rate, both as (3.16)."""
+    if PLANT_JOINT_STATES not in run.series:
+        return math.nan
+    motors, plant = run.series[PLANT_JOINT_STATES], run.plant
+    if len(motors.time) < 2 or not plant['torque_constant']:
+        return math.nan
+    rate, current = motors.values[:, :2], motors.values[:, 2:] / plant['torque_constant']
+    voltage = plant['motor_resistance'] * current + plant['back_emf_constant'] * rate
+    power = (voltage * current).sum(axis=1).clip(min=0.0)[:-1]
+    released = motors.time[:-1] >= plant['hold_time'] - TICK_NS * 0.5e-9
+    return float((power * np.diff(motors.time))[released].sum())
+
+
+def _lowest_voltage(run: RunData) -> float:
+    if BATTERY_STATE not in run.series:
+        return math.nan
+    return float(run.series[BATTERY_STATE].values.min())
+
+
+def _offset_errors(run: RunData) -> dict[str, float]:
+    offsets = gyro_offsets(run)
+    names = ('gyro_offset_error_x_deg_s', 'gyro_offset_error_y_deg_s')
+    if offsets is None:
+        return dict.fromkeys(names, math.nan)
+    error = offsets[1] - offsets[2]
+    return {name: _rms(error[:, plane]) for plane, name in enumerate(names)}
+
+
+def _times(run: RunData) -> dict[str, float]:
+    unknown = not run.states
+    return {
+        f'time_in_{state}_s': math.nan
+        if unknown
+        else sum(each.end - each.start for each in run.states if each.state == state)
+        for state in STATES
+    }
+
+
+def _jitter(run: RunData) -> float:
+    duty = run.series.get(MOTOR_DUTY)
+    if duty is None or len(duty.stamps) < 2:
+        return math.nan
+    return float(np.diff(duty.stamps).std() * 1e-6)
+
+
+def _counters(run: RunData) -> dict[str, float]:
+    """Return what the nodes have counted; NaN without diagnostics of the plant."""
+    newest: dict[str, dict[str, str]] = {}
+    rates = []
+    for _, status in run.statuses:
+        node = status.name.partition(':')[0].rpartition('/')[2]
+        newest[node] = {each.key: each.value for each in status.values}
+        if node == PLANT and (rate := _read(newest[node], 'rate [Hz]')) > 0.0:
+            rates.append(rate)
+    plant, controller = newest.get(PLANT, {}), newest.get(CONTROLLER, {})
+    late = _read(plant, 'overruns')
+    if not run.plant['lockstep']:
+        late += _read(controller, 'overruns')
+    return {
+        'late_ticks': late,
+        'truth_sent_again': _read(plant, 'asked again'),
+        'tick_rate_hz': float(np.median(rates)) if rates else math.nan,
+    }
+
+
+def _read(values: Mapping[str, str], key: str) -> float:
+    try:
+        return float(values[key])
+    except (KeyError, ValueError):
+        return math.nan
+
+
+def _rms(values: NDArray[Any]) -> float:
+    known = values[~np.isnan(values)]
+    return math.sqrt(float(np.mean(np.square(known, dtype=float)))) if known.size else math.nan

@@ -1,0 +1,228 @@
+"""The report: a page that is whole by itself, its figures, its numbers."""
+
+import base64
+import csv
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from io import BytesIO
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+from laws import given
+from matplotlib.image import imread
+
+from ballbot_ros.analysis.page import number_text
+from ballbot_ros.analysis.report import report_page, write_report
+from ballbot_ros.analysis.run_data import Grid, read_run
+from ballbot_ros.analysis.run_figures import FIGURES, draw_figures
+from ballbot_ros.analysis.table import MANY, envelope, every_nth
+from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.scenario.scenario import Scenario
+
+VOID = {'meta', 'img', 'br', 'link'}
+
+
+class Page(HTMLParser):
+    """Reads a page, and fails where its elements are not nested."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.seen, self.text = [], [], []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.seen.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.seen if name == tag]
+
+
+@pytest.fixture(scope='module')
+def folder(driven_whole, tmp_path_factory):
+    folder = tmp_path_factory.mktemp('report') / 'new'
+    write_report(driven_whole, folder)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def page(folder):
+    return Page((folder / 'index.html').read_text(encoding='utf-8'))
+
+
+def test_the_page_needs_nothing_but_itself(page, folder):
+    assert not page.all('script')
+    assert not page.all('link')
+    assert all(each['src'].startswith('data:image/png;base64,') for each in page.all('img'))
+    for link in page.all('a'):
+        target = link['href']
+        assert target.startswith('#') or (folder / target).is_file()
+    style = (folder / 'index.html').read_text(encoding='utf-8').partition('</style>')[0]
+    assert '@media print' in style
+    assert not re.search(r'https?:|url\(|@import', style)
+
+
+def test_the_page_can_be_read_aloud(page):
+    headings = [int(tag[1]) for tag, _ in page.seen if re.fullmatch(r'h[1-6]', tag)]
+    assert headings[0] == 1
+    assert headings.count(1) == 1
+    assert all(after - before <= 1 for before, after in pairwise(headings))
+    assert all(len(each['alt']) > 20 for each in page.all('img'))
+    assert all('scope' in each for each in page.all('th'))
+    assert page.all('html')[0]['lang'] == 'en'
+    targets = {each.get('id') for _, each in page.seen}
+    assert all(each['href'][1:] in targets for each in page.all('a') if each['href'][0] == '#')
+
+
+def test_every_figure_is_there_as_image_file_and_table(page, folder):
+    names = [figure.name for figure in FIGURES]
+    assert [each['id'] for each in page.all('figure')] == names
+    for name, image in zip(names, page.all('img'), strict=True):
+        png = base64.b64decode(image['src'].partition(',')[2])
+        assert png == (folder / f'{name}.png').read_bytes()
+        picture = imread(BytesIO(png))
+        assert picture.shape[1] == 1200
+        assert np.ptp(picture[..., :3]) > 0.5
+        header, *rows = csv.reader((folder / f'{name}.csv').read_text().splitlines())
+        assert rows
+        assert all(len(row) == len(header) for row in rows)
+        unit = re.compile(r'.*_(s|cm|deg|percent|v|deg_s)')
+        assert all(unit.fullmatch(column) or column == 'state' for column in header)
+
+
+def test_every_axis_has_a_unit(driven_whole):
+    unit = re.compile(r'.* \[(s|cm|°|%|V|°/s)\]')
+    for figure in FIGURES:
+        drawn = figure.draw(driven_whole.run, figure.table(driven_whole.run))
+        labels = [
+            label
+            for axes in drawn.axes
+            for label in (axes.get_xlabel(), axes.get_ylabel())
+            if label not in ('', 'operating state')
+        ]
+        assert len(labels) >= 1
+        assert all(unit.fullmatch(label) for label in labels), labels
+
+
+def test_the_table_of_metrics_is_the_run_s(folder, driven):
+    with (folder / 'metrics.csv').open(encoding='utf-8') as file:
+        rows = {row['metric']: row['value'] for row in csv.DictReader(file)}
+    for name in METRICS:
+        expected = driven[1]['metrics'][name]
+        assert (rows[name] == '') == (expected is None)
+        if expected is not None:
+            assert float(rows[name]) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+def test_the_page_shows_parameters_versions_and_verdicts(page):
+    text = ' '.join(' '.join(page.text).split())
+    for words in ('k_thetadot', 'motor_resistance', 'ballbot_ros', '✓ met', 'peak pitch', 'energy'):
+        assert words in text
+    assert text.index('noise') < text.index('k_thetadot'), 'the changed parameters come first'
+
+
+def test_what_a_file_says_is_text_not_markup(short_whole):
+    purpose = '<script>alert("x")</script> & more'
+    attached = replace(short_whole.run.attached, scenario=Scenario(purpose=purpose))
+    run = replace(short_whole.run, attached=attached, notices=('<b>bold</b>',))
+    page = Page(report_page(replace(short_whole, run=run), []))
+    assert not page.all('script')
+    assert not page.all('b')
+    assert purpose in ''.join(page.text)
+
+
+def test_a_missing_topic_leaves_out_its_figure(short, copy):
+    run = read_run(copy(short[0], wanted=lambda name: name not in ('/gyro', '/operating_state')))
+    names = {each.name for each in draw_figures(run)}
+    assert names == {figure.name for figure in FIGURES} - {'gyro', 'operating_state'}
+
+
+def test_the_track_is_drawn_over_the_recorded_map(short_whole):
+    cells = np.zeros((40, 60), np.int8)
+    cells[:, -10:] = 100  # a wall from 20 cm to 30 cm ahead
+    grid = Grid(cells, 0.01, (-0.3, -0.2))
+    track = next(figure for figure in FIGURES if figure.name == 'track')
+    drawn = track.draw(replace(short_whole.run, grid=grid), track.table(short_whole.run))
+    (walls,) = drawn.axes[0].get_images()
+    assert walls.get_extent() == pytest.approx([-30.0, 30.0, -20.0, 20.0])
+    assert walls.get_array()[:, -10:].count() == cells[:, -10:].size
+    assert walls.get_array()[:, :-10].count() == 0
+
+
+@given(st.integers(MANY + 1, 3 * MANY), st.integers(0, 2**32 - 1))
+def test_a_long_series_keeps_its_extremes(count, seed):
+    values = np.random.default_rng(seed).normal(size=count)
+    time = np.arange(count) * 0.004
+    table = envelope(time, {'x': values})
+    assert len(table['x']) < MANY
+    assert (table['x'].min(), table['x'].max()) == (values.min(), values.max())
+    assert np.all(np.diff(table['time_s']) >= 0.0)
+    way = every_nth(time, {'x': values})
+    assert len(way['x']) <= MANY + 1
+    assert (way['x'][0], way['x'][-1]) == (values[0], values[-1])
+
+
+@given(st.floats(allow_nan=False))
+def test_a_number_s_text_is_that_number(value):
+    text = number_text(value).replace('−', '-').replace('∞', 'inf')
+    assert float(text) == pytest.approx(value, rel=5e-3, abs=0.0 if abs(value) < 0.1 else 6e-4)
+
+
+def test_the_command_writes_beside_the_recording_and_never_over_it(command, short, copy):
+    path = copy(short[0])
+    status, stdout, stderr = command('report', path, '--json')
+    assert (status, stderr) == (0, '')
+    content = json.loads(stdout)
+    assert content['outcome'] == short[1]['outcome']
+    assert content['report'] == str(path.with_name('copy_report') / 'index.html')
+    before = (path.with_name('copy_report') / 'index.html').read_bytes()
+    status, stdout, stderr = command('report', path)
+    assert status == 2
+    assert len(stderr.splitlines()) == 1
+    assert 'copy_report' in stderr
+    assert (path.with_name('copy_report') / 'index.html').read_bytes() == before
+
+
+def test_a_damaged_recording_is_reported_with_a_banner(command, short, tmp_path):
+    path = tmp_path / 'cut.mcap'
+    content = short[0].read_bytes()
+    path.write_bytes(content[: len(content) * 3 // 4])
+    status, stdout, stderr = command('report', path, '--output', tmp_path / 'out')
+    assert status == 0
+    assert 'damaged: cut off at byte' in stderr
+    assert stdout.startswith('incomplete')
+    page = Page((tmp_path / 'out/index.html').read_text(encoding='utf-8'))
+    assert any('damaged' in text for text in page.text)
+
+
+def test_a_mistake_is_one_line_and_status_2(command, short, tmp_path):
+    other = tmp_path / 'other.mcap'
+    other.write_text('text')
+    (tmp_path / 'empty.mcap').touch()
+    for arguments, words in (
+        ([tmp_path / 'none.mcap'], 'No such file'),
+        ([other], 'not an MCAP file'),
+        ([tmp_path / 'empty.mcap'], 'empty file'),
+        ([tmp_path], 'directory'),
+        ([short[0], '--output', other], 'other.mcap'),
+        ([short[0], '--run', '2', '--output', tmp_path / 'x'], 'no run 2'),
+        ([short[0], '--run', '0'], '--run'),
+        ([], 'RECORDING'),
+    ):
+        status, stdout, stderr = command('report', *arguments)
+        assert (status, stdout) == (2, ''), arguments
+        assert len(stderr.splitlines()) == 1
+        assert words in stderr

@@ -1,0 +1,130 @@
+"""Metrics of series whose answers are known."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ballbot_ros.analysis.run_data import Interval, Series
+from ballbot_ros.analysis.run_metrics import RUN_METRICS, measure_recording
+from ballbot_ros.messages.topics import (
+    BATTERY_STATE,
+    CONTROLLER_STATE,
+    GYRO_IMU,
+    PLANT_IMU,
+    PLANT_JOINT_STATES,
+    PLANT_ODOM,
+)
+
+COUNT = 1000
+STAMPS = 1_000_000_000 + 4_000_000 * np.arange(COUNT)
+
+
+def series(*columns):
+    values = np.column_stack([np.broadcast_to(column, COUNT) for column in columns])
+    return Series(STAMPS, STAMPS * 1e-9 - 1.0, values)
+
+
+@pytest.fixture
+def metrics(short_whole):
+    """Measure the run `short` with the series given instead of its own."""
+
+    def measure(given=None, **changes):
+        return measure_recording(replace(short_whole.run, series=given or {}, **changes))
+
+    return measure
+
+
+def test_without_topics_there_is_nothing_but_times_and_ticks(metrics):
+    known = {name for name, value in metrics().items() if not math.isnan(value)}
+    assert known == {name for name in RUN_METRICS if name.startswith('time_in')} | {'missing_ticks'}
+
+
+def test_constant_current_at_constant_rate_takes_its_energy(metrics):
+    # 0.1 A through 6.69 ohm, and 0.468 V·s/rad at 2 rad/s, in both motors, from 1 s on.
+    given = {PLANT_JOINT_STATES: series(2.0, 2.0, 0.0317, 0.0317)}
+    power = 2 * (6.69 * 0.1 + 0.468 * 2.0) * 0.1
+    assert metrics(given)['energy_j'] == pytest.approx(power * (COUNT - 1 - 250) * 0.004)
+
+
+def test_braking_gives_nothing_back(metrics):
+    given = {PLANT_JOINT_STATES: series(-20.0, 0.0, 0.0317, 0.0)}
+    assert metrics(given)['energy_j'] == 0.0
+
+
+def test_the_gyro_offset_is_reading_less_believed_rate(metrics):
+    given = {
+        GYRO_IMU: series(*np.radians([600.0, 597.0])),
+        PLANT_IMU: series(0.0, 0.0, *np.radians([-1.0, 0.0])),
+        CONTROLLER_STATE: series(*[0.0] * 6, *np.radians([-3.0, 0.5])),
+    }
+    measured = metrics(given)
+    assert measured['gyro_offset_error_x_deg_s'] == pytest.approx(2.0)
+    assert measured['gyro_offset_error_y_deg_s'] == pytest.approx(0.5)
+
+
+def test_the_estimate_is_compared_with_the_truth_where_it_is_made(metrics):
+    believed = np.where(np.arange(COUNT) < 250, 0.0, 0.02)
+    given = {
+        PLANT_IMU: series(0.0, 0.0, 0.0, 0.0),
+        PLANT_ODOM: series(0.026, 0.0),
+        CONTROLLER_STATE: series(1.0, believed, 0.0, believed, 0.0, 0.0, 0.0, 0.0),
+    }
+    measured = metrics(given)
+    assert measured['pitch_error_rms_deg'] == pytest.approx(math.degrees(0.02))
+    assert measured['position_error_rms_m'] == pytest.approx(0.0, abs=1e-12)
+    stopped = metrics(given, states=(Interval('out_of_control', 0.0, 4.0),))
+    assert math.isnan(stopped['pitch_error_rms_deg'])
+
+
+def test_states_are_timed_and_the_lowest_voltage_is_found(metrics):
+    states = (
+        Interval('calibration', 0.0, 1.0),
+        Interval('forward', 1.0, 2.5),
+        Interval('rightward', 2.5, 3.0),
+        Interval('forward', 3.0, 4.0),
+    )
+    volts = 8.0 - 0.5 * (np.arange(COUNT) == 700)
+    measured = metrics({BATTERY_STATE: series(volts)}, states=states)
+    assert measured['time_in_forward_s'] == pytest.approx(2.5)
+    assert measured['time_in_balance_s'] == 0.0
+    assert measured['lowest_battery_v'] == 7.5
+
+
+def test_counters_are_the_last_that_the_plant_reported(metrics):
+    def status(node, **values):
+        pairs = [SimpleNamespace(key=k.replace('_', ' '), value=v) for k, v in values.items()]
+        return SimpleNamespace(name=f'{node}: loop', level=0, message='OK', values=pairs)
+
+    def rate(value):
+        return SimpleNamespace(key='rate [Hz]', value=value)
+
+    statuses = []
+    for second, hertz in enumerate(('0.0', '200.0', '240.0', '250.0')):
+        each = status('plant_sim', overruns=str(second), asked_again='7')
+        each.values.append(rate(hertz))
+        statuses.append((float(second), each))
+    statuses.append((4.0, status('controller', overruns='100')))
+    measured = metrics(statuses=tuple(statuses))
+    assert measured['late_ticks'] == 3.0
+    assert measured['truth_sent_again'] == 7.0
+    assert measured['tick_rate_hz'] == 240.0
+
+
+def test_the_numbers_of_the_shipped_run(short_whole):
+    """Golden: the document's stationary robot, for three seconds."""
+    golden = {
+        'settling_time_s': 1.132,
+        'peak_pitch_deg': 4.061,
+        'time_in_calibration_s': 1.0,
+        'time_in_remote_s': 2.0,
+        'lowest_battery_v': 8.0,
+        'missing_ticks': 0.0,
+        'tick_jitter_ms': 0.0,
+    }
+    measured = {name: short_whole.metrics[name] for name in golden}
+    assert measured == pytest.approx(golden, rel=2e-3)
+    assert 0.5 < short_whole.metrics['energy_j'] < 5.0
+    assert short_whole.metrics['position_error_rms_m'] < 1e-3
