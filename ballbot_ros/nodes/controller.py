@@ -9,8 +9,8 @@ from typing import Any
 
 from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
-from ballbot_ros.controller.parameters import TS1_MS, TS2_MS, TS3_MS
 from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controller.tasks import TS1_MS, TS2_MS, TS3_MS
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.conversions import (
     encoder_counts,
