@@ -16,8 +16,8 @@ from ballbot_ros.controller.tasks import PROGRAM_NAME, TASKS, TS3_MS
 STOP, CALIBRATION, CONTROL = 0, 1, 2
 LOWEST_TONE_HZ = 31
 
-_VOLTAGE_SLOPE = Single(1.089000027e-3)
-_VOLTAGE_OFFSET = Single(0.625)
+VOLTAGE_SLOPE = Single(1.089000027e-3)
+VOLTAGE_OFFSET = Single(0.625)
 _INT16_MIN, _INT16_MAX = -32768, 32767
 
 
@@ -109,7 +109,7 @@ class ControlProgram:
         if self.operating_state == CONTROL:
             self.sticks = brick.read_sticks(self.sticks)
             stick_x, stick_y = self._command()
-            max_voltage = _VOLTAGE_SLOPE * self.battery - _VOLTAGE_OFFSET
+            max_voltage = VOLTAGE_SLOPE * self.battery - VOLTAGE_OFFSET
             brick.duty = (
                 self.x.control(brick.gyro[0], brick.revolutions[0], stick_x, max_voltage),
                 self.y.control(brick.gyro[1], brick.revolutions[1], stick_y, max_voltage),
@@ -179,7 +179,7 @@ class ControlProgram:
 
     def _log(self) -> None:
         if self.log_counter == 0:
-            self.brick.log(self._logged(self.x.psi), self._logged(self.y.psi))
+            self.brick.log(0, 0, self._logged(self.x.psi), self._logged(self.y.psi))
         self.log_counter = (self.log_counter + 1) & 0xFF
         if self.log_counter == self._p.log_count:
             self.log_counter = 0

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controller.interface import Program
 from ballbot_ros.nodes.conversions import (
     fill_battery,
     fill_body,
@@ -94,7 +94,7 @@ class SimulatedRecording:
         self._wall_hit.write(start_ns)
         self._flushed_ns = start_ns
 
-    def add(self, tick: Tick, program: ControlProgram) -> None:
+    def add(self, tick: Tick, program: Program) -> None:
         """Write the messages of a tick."""
         truth, inputs, outputs = tick
         now = truth.stamp_ns
@@ -128,7 +128,7 @@ class SimulatedRecording:
             self._writer.flush()
             self._flushed_ns = now
 
-    def _add_events(self, tick: Tick, program: ControlProgram) -> None:
+    def _add_events(self, tick: Tick, program: Program) -> None:
         now, outputs = tick.truth.stamp_ns, tick.outputs
         if program.drive_state != self._drive_state:
             self._drive_state = self._operating_state.message.data = program.drive_state
