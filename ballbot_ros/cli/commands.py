@@ -39,6 +39,12 @@ from ballbot_ros.scenario.library import load_scenario, scenario_names
     metavar='NODE.PARAM=VALUE',
     help='Set a parameter, such as controller.k_thetadot=300; may be given again.',
 )
+@click.option(
+    '--controller',
+    type=click.Choice(['python', 'c', 'arm']),
+    help='What computes: the Python program, the C generated from it, or that on an emulated ARM '
+    'processor.  [default: python, unless the scenario sets it]',
+)
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def run(
     scenario: str,
@@ -48,6 +54,7 @@ def run(
     seed: int | None,
     no_record: bool,
     assignments: tuple[str, ...],
+    controller: str | None,
     as_json: bool,
 ) -> int:
     """Run SCENARIO, a name or a YAML file, and judge it by its expectations.
@@ -65,6 +72,7 @@ def run(
         seed=seed,
         record=not no_record,
         assignments=assignments,
+        controller=controller,
         as_json=as_json,
     )
 
@@ -89,6 +97,46 @@ def design(params: Path | None) -> None:
     from ballbot_ros.cli.design import print_design
 
     print_design(params)
+
+
+@click.command(short_help='Write the controller as C for the brick, or check it.')
+@click.option('--output', type=click.Path(path_type=Path), help='Folder to write.')
+@click.option(
+    '--params',
+    type=click.Path(path_type=Path),
+    help="Parameter file whose controller values are used, with --output.  [default: the table's]",
+)
+@click.option(
+    '--mode',
+    type=click.Choice(['remote', 'autonomous']),
+    help="Drive mode, with --output.  [default: the parameter file's, or remote]",
+)
+@click.option(
+    '--check',
+    'checked',
+    type=click.Path(path_type=Path),
+    help='Folder to compare with the Python controller, bit for bit, on this machine and on an '
+    'emulated ARM processor, and to measure.',
+)
+def codegen(
+    output: Path | None, params: Path | None, mode: str | None, checked: Path | None
+) -> int:
+    """Write the controller as C, an nxtOSEK application; or check such a folder.
+
+    Exit status: 0 if it was written, or is equal; 1 if it differs; 2 for a mistake in the
+    arguments, or if a tool that a check needs is missing.
+    """
+    if (output is None) == (checked is None):
+        raise click.UsageError('give either --output DIR or --check DIR')
+    if checked and (params or mode):
+        raise click.UsageError('--params and --mode go with --output; a folder has its own')
+    from ballbot_ros.cli.codegen import check, generate
+
+    if checked:
+        return check(checked)
+    assert output
+    generate(output, params, mode)
+    return 0
 
 
 @click.command(short_help='Check that this machine is ready.')

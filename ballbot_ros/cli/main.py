@@ -11,7 +11,7 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 import click
 
 from ballbot_ros import __version__
-from ballbot_ros.cli.commands import design, doctor, run, scenarios
+from ballbot_ros.cli.commands import codegen, design, doctor, run, scenarios
 from ballbot_ros.errors import BallbotError
 
 
@@ -35,7 +35,7 @@ def ballbot() -> None:
     """Simulate, measure and record the LEGO NXT Ballbot."""
 
 
-for command in (run, scenarios, design, doctor):
+for command in (run, scenarios, design, codegen, doctor):
     ballbot.add_command(command)
 
 

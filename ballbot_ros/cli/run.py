@@ -23,7 +23,7 @@ from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameter_file import format_parameters
-from ballbot_ros.parameters import GAMEPAD, GYRO, PLANT, ParameterError, ParameterSet
+from ballbot_ros.parameters import CONTROLLER, GAMEPAD, GYRO, PLANT, ParameterError, ParameterSet
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.pacer import SLOWEST
@@ -80,6 +80,7 @@ def run_scenario(
     seed: int | None,
     record: bool,
     assignments: Sequence[str],
+    controller: str | None,
     as_json: bool,
 ) -> int:
     """Run a scenario as the command line says, print its result, return the exit status."""
@@ -96,6 +97,9 @@ def run_scenario(
         parameters.set(GYRO, 'seed', seed, '--seed')
     for assignment in assignments:
         _assign(parameters, assignment)
+    if controller:
+        parameters.set(CONTROLLER, 'implementation', controller, '--controller')
+    _require_toolchain(parameters)
     if '/' in reference or reference.endswith(('.yaml', '.yml')):
         reference = str(Path(reference).resolve())
     parameters.set(GAMEPAD, 'scenario', reference)
@@ -188,6 +192,14 @@ def _require_rclpy() -> None:
             f'ROS 2 is not there ({error}): source ROS 2 Jazzy, install "ballbot_ros[ros]", or use '
             '--processes none'
         ) from None
+
+
+def _require_toolchain(parameters: ParameterSet) -> None:
+    implementation = parameters.values(CONTROLLER)['implementation']
+    if implementation != 'python':
+        from ballbot_ros.codegen.toolchain import TARGETS, require_tools
+
+        require_tools(TARGETS[implementation])
 
 
 def _assign(parameters: ParameterSet, assignment: str) -> None:

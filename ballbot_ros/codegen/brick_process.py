@@ -23,6 +23,7 @@ _HEAD = struct.Struct(f'<bbBBBB{MAX_DUE}Hbbhhhh6I16s')
 ANSWER_SIZE = _HEAD.size + STATE_SIZE
 _SIZES = struct.Struct('<HH')
 _LONGEST_REASON = 200
+GRACE_S = 1.0
 
 
 class Log(NamedTuple):
@@ -117,7 +118,12 @@ class BrickProcess:
         errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the process)
         try:
             self._process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                # A Ctrl-C is for the run, which then ends the program by closing its input.
+                start_new_session=True,
             )
         except OSError as error:
             errors.close()
@@ -181,6 +187,9 @@ def _end(process: subprocess.Popen[bytes], errors: IO[bytes]) -> None:
         if pipe:
             with contextlib.suppress(BrokenPipeError):
                 pipe.close()
-    process.kill()
-    process.wait()
+    try:
+        process.wait(GRACE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
     errors.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Protocol
 
 from ballbot_ros.brick.brick import Brick, DeviceInputs, DeviceOutputs
@@ -59,9 +60,10 @@ class CompiledProgram:
         self._machine = machine
         self._autonomous = autonomous
         self._due: list[int] = []
+        # Bound to the list alone: without a reference to itself the program, and with it the
+        # machine's process, ends as soon as nobody has it.
         self._schedule = Schedule(
-            Task(*timing, lambda number=number: self._due.append(number))  # type: ignore[misc]
-            for number, timing in enumerate(tasks)
+            Task(*timing, partial(self._due.append, number)) for number, timing in enumerate(tasks)
         )
         self.brick = Brick()
         self.x, self.y = Plane(), Plane()

@@ -40,7 +40,7 @@ BallbotState ballbot = {
 /* Moves the offset estimate towards a reading at rest. */
 static void calibrate(BallbotPlane *plane, U16 gyro)
 {
-    plane->gyro_offset = (float)gyro * (1.0f - a_gc) + a_gc * plane->gyro_offset;
+    plane->gyro_offset = ((float)gyro * (1.0f - a_gc)) + (a_gc * plane->gyro_offset);
 }
 
 /* Returns a duty within -100 ... 100 %, truncated toward zero. */
@@ -48,15 +48,15 @@ static S8 whole_duty(float duty)
 {
     S8 percent;
 
-    if (duty > 100.0f) {
+    if (isnan(duty) != 0) {
+        /* No voltage and no error (0/0), or no voltage and no gain. */
+        percent = 0;
+    } else if (duty > 100.0f) {
         percent = 100;
     } else if (duty < -100.0f) {
         percent = -100;
-    } else if (duty >= -100.0f) {
-        percent = (S8)duty;
     } else {
-        /* Not a number: no voltage and no error (0/0), or no voltage and no gain. */
-        percent = 0;
+        percent = (S8)duty;
     }
     return percent;
 }
@@ -66,15 +66,15 @@ static S8 control(BallbotPlane *plane, U16 gyro, S32 revolution, S32 stick, floa
 {
     /* Speed command through a low pass, and its integral. */
     const float theta_ref = ts1 * plane->sum_theta_ref_dot / 1000.0f;
-    const float theta_ref_dot = (float)stick / (float)gp_max * k_thetadot * (1.0f - a_r)
-                                + plane->theta_ref_dot * a_r;
+    const float theta_ref_dot = ((float)stick / (float)gp_max * k_thetadot * (1.0f - a_r))
+                                + (plane->theta_ref_dot * a_r);
 
     /* Estimates: pitch from the gyro, ball angle from encoder and pitch. */
     const float reading = (float)gyro;
     const float psi = ts1 * plane->sum_psi_dot / 1000.0f;
-    const float theta = wheel_radius / ball_radius * (float)revolution + psi;
-    const float theta_smooth = theta * (1.0f - a_d) + plane->theta_smooth * a_d;
-    const float gyro_offset = reading * (1.0f - a_gd) + a_gd * plane->gyro_offset;
+    const float theta = (wheel_radius / ball_radius * (float)revolution) + psi;
+    const float theta_smooth = (theta * (1.0f - a_d)) + (plane->theta_smooth * a_d);
+    const float gyro_offset = (reading * (1.0f - a_gd)) + (a_gd * plane->gyro_offset);
     const float psi_dot = reading - gyro_offset;
     const float theta_dot = (theta_smooth - plane->theta_smooth) * 1000.0f / ts1;
 
@@ -86,10 +86,10 @@ static S8 control(BallbotPlane *plane, U16 gyro, S32 revolution, S32 stick, floa
     float duty;
     float sign = 0.0f;
 
-    feedback = feedback + k_f[0] * theta_diff;
-    feedback = feedback + k_f[1] * psi_diff;
-    feedback = feedback + k_f[2] * (theta_ref_dot - theta_dot);
-    feedback = feedback + k_f[3] * (0.0f - psi_dot);
+    feedback = feedback + (k_f[0] * theta_diff);
+    feedback = feedback + (k_f[1] * psi_diff);
+    feedback = feedback + (k_f[2] * (theta_ref_dot - theta_dot));
+    feedback = feedback + (k_f[3] * (0.0f - psi_dot));
     duty = (integral + feedback) / max_voltage * 100.0f;
 
     /* Friction compensation. */
@@ -100,7 +100,7 @@ static S8 control(BallbotPlane *plane, U16 gyro, S32 revolution, S32 stick, floa
     } else {
         /* A duty of zero stays zero. */
     }
-    duty = pwm_offset * sign + pwm_gain * duty;
+    duty = (pwm_offset * sign) + (pwm_gain * duty);
 
     plane->gyro_offset = gyro_offset;
     plane->theta = theta;
@@ -158,7 +158,8 @@ static void command(S32 *stick_x, S32 *stick_y)
 /* Returns a pitch [deg] in units of lsb, rounded to nearest and limited to 16 bits. */
 static S16 logged(float psi)
 {
-    const double rounded = floor((double)(psi / lsb) + 0.5);
+    const float counts = psi / lsb;
+    const double rounded = floor((double)counts + 0.5);
     S16 value;
 
     if (rounded > 32767.0) {
@@ -200,7 +201,7 @@ TASK(task_ts1)
     S8 duty_y = 0;
 
     if (ballbot.operating_state == BALLBOT_CONTROL) {
-        const float max_voltage = VOLTAGE_SLOPE * ballbot.battery - VOLTAGE_OFFSET;
+        const float max_voltage = (VOLTAGE_SLOPE * ballbot.battery) - VOLTAGE_OFFSET;
         S32 stick_x;
         S32 stick_y;
 
@@ -234,7 +235,7 @@ TASK(task_ts2)
     if (sonar_cm != NO_ECHO_CM) {
         ballbot.distance_cm = sonar_cm;
         ballbot.echo_time = now;
-    } else if (now - ballbot.echo_time > sonar_hold) {
+    } else if ((now - ballbot.echo_time) > sonar_hold) {
         ballbot.distance_cm = NO_ECHO_CM;
     } else {
         /* The last echo still counts. */
@@ -251,12 +252,12 @@ TASK(task_ts3)
     const U32 elapsed = ecrobot_get_systick_ms() - ballbot.start_time;
     const U8 calibrated = (elapsed >= time_start) ? 1U : 0U;
 
-    ballbot.battery = (1.0f - a_b) * voltage + a_b * ballbot.battery;
+    ballbot.battery = ((1.0f - a_b) * voltage) + (a_b * ballbot.battery);
     ballbot.flag_auto = (elapsed >= time_auto) ? 1U : 0U;
     if (in_control(&ballbot.x) && in_control(&ballbot.y)) {
         ballbot.timer_stop = elapsed;
     }
-    if (elapsed - ballbot.timer_stop >= time_stop) {
+    if ((elapsed - ballbot.timer_stop) >= time_stop) {
         ballbot.operating_state = BALLBOT_STOP;
     } else if (calibrated != 0U) {
         ballbot.operating_state = BALLBOT_CONTROL;
@@ -269,7 +270,7 @@ TASK(task_ts3)
     }
     ballbot.calibrated = calibrated;
     /* A tone in proportion to the distance, once the beep is over (section 10). */
-    if ((tone_gain > 0U) && (calibrated != 0U) && (elapsed - time_start >= sound_dur)
+    if ((tone_gain > 0U) && (calibrated != 0U) && ((elapsed - time_start) >= sound_dur)
         && (ballbot.distance_cm >= 0) && (ballbot.distance_cm < NO_ECHO_CM)) {
         U32 frequency = (U32)tone_gain * (U32)ballbot.distance_cm;
 
