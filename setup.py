@@ -62,7 +62,10 @@ setup(
     ],
     python_requires='>=3.10',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed']},
+    package_data={
+        PACKAGE: ['py.typed'],
+        f'{PACKAGE}.codegen': ['templates/*', 'target/*'],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
@@ -78,6 +81,7 @@ setup(
         'zstandard>=0.20',
         'rosbags>=0.11.9',
         'matplotlib>=3.6',
+        'Jinja2>=3.1',
         'PyYAML>=6.0',
         'click>=8.1',
         'rich>=13.7',

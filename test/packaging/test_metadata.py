@@ -14,6 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 # The rosdep keys of the distributions that setup.py names; None where rosdep has no key.
 ROSDEP_KEYS = {
+    'Jinja2': 'python3-jinja2',
     'PyYAML': 'python3-yaml',
     'click': 'python3-click',
     'control': None,
@@ -41,7 +42,7 @@ ROSDEP_TEST_KEYS = {
     'ruff': 'python3-ruff-pip',
     'types-PyYAML': 'python3-types-pyyaml',
 }
-MODULES = {'PyYAML': 'yaml'}
+MODULES = {'Jinja2': 'jinja2', 'PyYAML': 'yaml'}
 
 
 @pytest.fixture
@@ -127,3 +128,14 @@ def test_every_subpackage_is_installed(setup):
         for file in (ROOT / 'ballbot_ros').rglob('*.py')
     }
     assert folders == set(setup['packages'])
+
+
+def test_every_file_that_the_c_is_made_from_is_installed(setup):
+    folder = ROOT / 'ballbot_ros/codegen'
+    patterns = setup['package_data']['ballbot_ros.codegen']
+    installed = {file for pattern in patterns for file in folder.glob(pattern)}
+    there = {
+        file for file in folder.rglob('*') if file.is_file() and file.suffix not in ('.py', '.pyc')
+    }
+    assert there == installed
+    assert len(there) > 10

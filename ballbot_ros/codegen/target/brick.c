@@ -18,8 +18,8 @@
 #define MAX_TONES 2
 #define NAME_LENGTH 16
 #define PACKET_SIZE 32
-#define STACK_BYTES 2048
-#define STACK_PAINT 0xA5U
+#define STACK_WORDS 256U
+#define STACK_PAINT 0xA5A5A5A5U
 
 typedef struct {
     U32 systick_ms;
@@ -205,7 +205,7 @@ StatusType SignalCounter(CounterType counter)
 #ifdef __arm__
 
 /* As on the brick every task has a stack of its own; painted, it shows how deep it was used. */
-static U8 stack[STACK_BYTES] __attribute__((aligned(8)));
+static U32 stack[STACK_WORDS] __attribute__((aligned(8)));
 
 void call_on_stack(void (*function)(void), void *top);
 
@@ -227,15 +227,19 @@ __asm__(".arm\n"
 
 static void run(unsigned task)
 {
-    U16 unused = 0;
+    U32 unused = 0;
+    U32 depth;
 
-    memset(stack, STACK_PAINT, STACK_BYTES);
-    call_on_stack(tasks[task], stack + STACK_BYTES);
-    while (unused < STACK_BYTES && stack[unused] == STACK_PAINT) {
+    for (depth = 0; depth < STACK_WORDS; depth++) {
+        stack[depth] = STACK_PAINT;
+    }
+    call_on_stack(tasks[task], stack + STACK_WORDS);
+    while (unused < STACK_WORDS && stack[unused] == STACK_PAINT) {
         unused++;
     }
-    if (STACK_BYTES - unused > answer.stack[task]) {
-        answer.stack[task] = (U16)(STACK_BYTES - unused);
+    depth = (STACK_WORDS - unused) * sizeof(U32);
+    if (depth > answer.stack[task]) {
+        answer.stack[task] = (U16)depth;
     }
 }
 
