@@ -76,8 +76,8 @@ def check(folder: Path) -> int:
             console.print(f'[yellow]skipped[/]  {name} in the loop: {reason}')
             continue
         with tempfile.TemporaryDirectory(prefix='ballbot_codegen_') as scratch:
-            check = _Check(folder, target, parameters, Path(scratch))
-            ticks, difference = check.compare(sequences)
+            built = _Check(folder, target, parameters, Path(scratch))
+            ticks, difference = built.compare(sequences)
             title = f'{name} in the loop ({target.title})'
             if difference:
                 console.print(f'[red]DIFFERS[/]  {title}: {difference}')
@@ -86,7 +86,7 @@ def check(folder: Path) -> int:
                 f'[green]equal[/]    {title}: {ticks} ticks of {len(sequences)} sequences'
             )
             if target is ARM:
-                check.print_cost(console, sequences[-2:])
+                built.print_cost(console, sequences[-2:])
     if skipped:
         raise CodegenError(skipped)
     return 0
