@@ -62,7 +62,11 @@ setup(
     ],
     python_requires='>=3.10',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed', 'analysis/templates/*.html']},
+    package_data={
+        PACKAGE: ['py.typed'],
+        f'{PACKAGE}.analysis': ['templates/*.html'],
+        f'{PACKAGE}.codegen': ['templates/*', 'target/*'],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

@@ -253,6 +253,9 @@ TABLE: tuple[Parameter, ...] = (
     ),
     *_rows(
         CONTROLLER,
+        ('implementation', 'python', '', ('python', 'c', 'arm'),
+         'what computes: the Python program, the C generated from it, or that on an emulated ARM',
+         'project'),
         ('mode', 'remote', '', ('remote', 'autonomous'), 'drive mode (task_init)', '7.3'),
         ('k_f', (-0.01504899, -1.56981134, -0.02700482, -0.23249821), 'V/deg, V·s/deg', _ANY,
          'servo control feedback gain of θ, ψ, θ˙, ψ˙', '4.2'),

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from ballbot_ros.analysis.message_comparison import Comparison
 from ballbot_ros.analysis.recorded_run import RecordedRun, recorded_topics
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.inputs import INPUTS, device_inputs
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.run_messages import RunMessages
@@ -65,7 +65,7 @@ class ReplayedTick(NamedTuple):
 
 
 def replay_controller(
-    reader: RecordingReader, run: RecordedRun, program: ControlProgram, comparison: Comparison
+    reader: RecordingReader, run: RecordedRun, program: Program, comparison: Comparison
 ) -> Iterator[ReplayedTick]:
     """Give a controller the recorded samples, and compare what it publishes.
 

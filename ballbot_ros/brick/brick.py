@@ -115,14 +115,16 @@ class Brick:
         waiting, self._waiting = self._waiting, None
         return latest if waiting is None else waiting
 
-    def log(self, adc1: int, adc2: int) -> None:
-        """Send a record of the data logger with two 16-bit values."""
+    def log(
+        self, data1: int, data2: int, adc1: int, adc2: int, adc3: int = 0, adc4: int = 0
+    ) -> None:
+        """Send a record of the data logger with two 8-bit and four 16-bit values."""
         rev_b, rev_c = self.revolutions
         self._outputs.log.append(
             LogPacket(
-                time_ms=self.systick_ms, data1=0, data2=0, battery_mv=self.battery_mv,
+                time_ms=self.systick_ms, data1=data1, data2=data2, battery_mv=self.battery_mv,
                 rev_a=0, rev_b=rev_b, rev_c=rev_c,
-                adc1=adc1, adc2=adc2, adc3=0, adc4=0, sonar_cm=self.sonar_cm,
+                adc1=adc1, adc2=adc2, adc3=adc3, adc4=adc4, sonar_cm=self.sonar_cm,
             )
         )  # fmt: skip
 

@@ -39,6 +39,12 @@ from ballbot_ros.scenario.library import load_scenario, scenario_names
     metavar='NODE.PARAM=VALUE',
     help='Set a parameter, such as controller.k_thetadot=300; may be given again.',
 )
+@click.option(
+    '--controller',
+    type=click.Choice(['python', 'c', 'arm']),
+    help='What computes: the Python program, the C generated from it, or that on an emulated ARM '
+    'processor.  [default: python, unless the scenario sets it]',
+)
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def run(
     scenario: str,
@@ -48,6 +54,7 @@ def run(
     seed: int | None,
     no_record: bool,
     assignments: tuple[str, ...],
+    controller: str | None,
     as_json: bool,
 ) -> int:
     """Run SCENARIO, a name or a YAML file, and judge it by its expectations.
@@ -65,6 +72,7 @@ def run(
         seed=seed,
         record=not no_record,
         assignments=assignments,
+        controller=controller,
         as_json=as_json,
     )
 
@@ -156,6 +164,13 @@ def scenarios() -> None:
 @click.command(short_help='Make a recorded run again and say where it differs.')
 @click.argument('recording', type=click.Path(path_type=Path))
 @click.option(
+    '--controller',
+    type=click.Choice(['python', 'c', 'arm']),
+    default='python',
+    show_default=True,
+    help='The control program in Python, or its generated C on this machine or an emulated ARM.',
+)
+@click.option(
     '--set',
     'assignments',
     multiple=True,
@@ -163,7 +178,7 @@ def scenarios() -> None:
     help='Ask what the controller would have done with another parameter; may be given again.',
 )
 @click.option('--json', 'as_json', is_flag=True, help='Print JSON.')
-def replay(recording: Path, assignments: tuple[str, ...], as_json: bool) -> int:
+def replay(recording: Path, controller: str, assignments: tuple[str, ...], as_json: bool) -> int:
     """Make the runs of RECORDING again, from what the file itself holds.
 
     The controller first, on the recorded samples of the devices; then the whole robot, on its
@@ -174,7 +189,9 @@ def replay(recording: Path, assignments: tuple[str, ...], as_json: bool) -> int:
     """
     from ballbot_ros.cli.replay import replay_recording
 
-    return replay_recording(recording, assignments=assignments, as_json=as_json)
+    return replay_recording(
+        recording, controller=controller, assignments=assignments, as_json=as_json
+    )
 
 
 @click.command(short_help='Print the model, its poles and the servo gains.')
@@ -207,6 +224,46 @@ def map_command(image: str, wrl: Path | None, nav2: Path | None, check: bool) ->
     if check and (wrl or nav2):
         raise click.UsageError('--check writes nothing: leave out --wrl and --yaml')
     inspect_map(image, wrl=wrl, nav2=nav2, check=check)
+
+
+@click.command(short_help='Write the controller as C for the brick, or check it.')
+@click.option('--output', type=click.Path(path_type=Path), help='Folder to write.')
+@click.option(
+    '--params',
+    type=click.Path(path_type=Path),
+    help="Parameter file whose controller values are used, with --output.  [default: the table's]",
+)
+@click.option(
+    '--mode',
+    type=click.Choice(['remote', 'autonomous']),
+    help="Drive mode, with --output.  [default: the parameter file's, or remote]",
+)
+@click.option(
+    '--check',
+    'checked',
+    type=click.Path(path_type=Path),
+    help='Folder to compare with the Python controller, bit for bit, on this machine and on an '
+    'emulated ARM processor, and to measure.',
+)
+def codegen(
+    output: Path | None, params: Path | None, mode: str | None, checked: Path | None
+) -> int:
+    """Write the controller as C, an nxtOSEK application; or check such a folder.
+
+    Exit status: 0 if it was written, or is equal; 1 if it differs; 2 for a mistake in the
+    arguments, or if a tool that a check needs is missing.
+    """
+    if (output is None) == (checked is None):
+        raise click.UsageError('give either --output DIR or --check DIR')
+    if checked and (params or mode):
+        raise click.UsageError('--params and --mode go with --output; a folder has its own')
+    from ballbot_ros.cli.codegen import check, generate
+
+    if checked:
+        return check(checked)
+    assert output
+    generate(output, params, mode)
+    return 0
 
 
 @click.command(short_help='Check that this machine is ready.')

@@ -13,7 +13,14 @@ from threading import Thread
 import click
 import rclpy
 
-from ballbot_ros.cli.experiment import Experiment, assign, attachments_of, output_of, settle_map
+from ballbot_ros.cli.experiment import (
+    Experiment,
+    assign,
+    attachments_of,
+    output_of,
+    require_toolchain,
+    settle_map,
+)
 from ballbot_ros.cli.graph import graph_parameters, write_attachments
 from ballbot_ros.cli.graph_monitor import GraphMonitor
 from ballbot_ros.cli.node_process import NodeProcess, stop_all
@@ -60,6 +67,7 @@ def drive_by_hand(
     for assignment in assignments:
         assign(parameters, assignment)
 
+    require_toolchain(parameters)
     settle_map(parameters)
     _, recording = output_of(NAME, output, record=record)
     experiment = Experiment(Scenario(NAME), '', parameters, recording)

@@ -14,7 +14,7 @@ import yaml
 from ballbot_ros import __version__
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameter_file import format_parameters
-from ballbot_ros.parameters import GAMEPAD, PLANT, SONAR, ParameterError, ParameterSet
+from ballbot_ros.parameters import CONTROLLER, GAMEPAD, PLANT, SONAR, ParameterError, ParameterSet
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.world.errors import WorldError
@@ -75,6 +75,21 @@ def assign(parameters: ParameterSet, assignment: str) -> None:
     except yaml.YAMLError:
         value = text
     parameters.set(node, name, value, f'--set {assignment}')
+
+
+def require_toolchain(parameters: ParameterSet) -> None:
+    """Find out here, before anything starts, whether the controller can be built.
+
+    Raises
+    ------
+    CodegenError
+        If a tool is missing; the Debian package is named.
+    """
+    implementation = parameters.values(CONTROLLER)['implementation']
+    if implementation != 'python':
+        from ballbot_ros.codegen.toolchain import TARGETS, require_tools
+
+        require_tools(TARGETS[implementation])
 
 
 def settle_map(parameters: ParameterSet) -> World | None:

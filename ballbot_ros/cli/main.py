@@ -45,6 +45,7 @@ for command in (
     commands.log2csv,
     commands.map_command,
     commands.design,
+    commands.codegen,
     commands.doctor,
 ):
     ballbot.add_command(command)

@@ -23,9 +23,10 @@ from ballbot_ros.analysis.replay import (
     replay_controller,
     replay_run,
 )
-from ballbot_ros.cli.experiment import assign
+from ballbot_ros.cli.experiment import assign, require_toolchain
 from ballbot_ros.cli.progress import Progress
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.codegen.implementation import program_maker
+from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.topics import Topic
 from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet
@@ -64,7 +65,9 @@ class Outcome:
     around: list[ReplayedTick] = field(default_factory=list)
 
 
-def replay_recording(path: Path, *, assignments: Sequence[str], as_json: bool) -> int:
+def replay_recording(
+    path: Path, *, controller: str, assignments: Sequence[str], as_json: bool
+) -> int:
     """Replay every run of a recording, print what came of it, return the exit status.
 
     With `assignments` another controller is asked what it would have done with the same inputs.
@@ -73,6 +76,8 @@ def replay_recording(path: Path, *, assignments: Sequence[str], as_json: bool) -
         runs = [run for run in recorded_runs(reader) if run.ticks]
         if not runs:
             raise RecordingError(f'{path}: no tick in it has a duty: nothing to replay')
+        parameters.set(CONTROLLER, 'implementation', controller)
+        require_toolchain(parameters)
         if assignments:
             for assignment in assignments:
                 assign(parameters, assignment)
@@ -139,8 +144,8 @@ def _comparison(reader: RecordingReader, run: RecordedRun, topics: Sequence[Topi
     return Comparison([topic for topic in topics if topic in recorded], run.last_ns)
 
 
-def _program(parameters: ParameterSet) -> ControlProgram:
-    return ControlProgram(parameters.values(CONTROLLER))
+def _program(parameters: ParameterSet) -> Program:
+    return program_maker(parameters.values(CONTROLLER))()
 
 
 def _around(

@@ -17,12 +17,13 @@ from ballbot_ros.cli.experiment import (
     assign,
     attachments_of,
     output_of,
+    require_toolchain,
     settle_map,
 )
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.parameters import GAMEPAD, GYRO, PLANT, ParameterError, ParameterSet
+from ballbot_ros.parameters import CONTROLLER, GAMEPAD, GYRO, PLANT, ParameterError, ParameterSet
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.pacer import SLOWEST
 
@@ -36,6 +37,7 @@ def run_scenario(
     seed: int | None,
     record: bool,
     assignments: Sequence[str],
+    controller: str | None,
     as_json: bool,
 ) -> int:
     """Run a scenario as the command line says, print its result, return the exit status."""
@@ -52,6 +54,9 @@ def run_scenario(
         parameters.set(GYRO, 'seed', seed, '--seed')
     for assignment in assignments:
         assign(parameters, assignment)
+    if controller:
+        parameters.set(CONTROLLER, 'implementation', controller, '--controller')
+    require_toolchain(parameters)
     if '/' in reference or reference.endswith(('.yaml', '.yml')):
         reference = str(Path(reference).resolve())
     parameters.set(GAMEPAD, 'scenario', reference)

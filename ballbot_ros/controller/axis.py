@@ -6,7 +6,8 @@ addition is not associative, and the duties must come out the same to the bit.
 
 from __future__ import annotations
 
-from ballbot_ros.controller.parameters import TS1_MS, ControllerParameters, Single
+from ballbot_ros.controller.parameters import ControllerParameters, Single
+from ballbot_ros.controller.tasks import TS1_MS
 
 ZERO, ONE, HUNDRED, THOUSAND = Single(0), Single(1), Single(100), Single(1000)
 TS1 = Single(TS1_MS)
@@ -90,6 +91,8 @@ class Axis:
         sign = ONE if duty > ZERO else -ONE if duty < ZERO else ZERO
         duty = p.pwm_offset * sign + p.pwm_gain * duty
         duty = HUNDRED if duty > HUNDRED else -HUNDRED if duty < -HUNDRED else duty
+        if duty != duty:  # no voltage and no error (0/0), or no voltage and no gain (inf·0)
+            duty = ZERO
 
         self.sum_theta_ref_dot = theta_ref_dot + self.sum_theta_ref_dot
         self.sum_psi_dot = psi_dot + self.sum_psi_dot

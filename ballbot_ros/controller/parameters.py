@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 
-TS1_MS, TS2_MS, TS3_MS, LCD_MS = 4, 20, 100, 500
-
 Single = np.float32
 
 

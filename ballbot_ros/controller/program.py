@@ -10,21 +10,28 @@ from ballbot_ros.brick.brick import UINT32, Brick, DeviceInputs, DeviceOutputs
 from ballbot_ros.brick.schedule import Schedule, Task
 from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controller.axis import ONE, ZERO, Axis
-from ballbot_ros.controller.parameters import (
-    LCD_MS,
-    TS1_MS,
-    TS2_MS,
-    TS3_MS,
-    ControllerParameters,
-    Single,
-)
+from ballbot_ros.controller.parameters import ControllerParameters, Single
+from ballbot_ros.controller.tasks import PROGRAM_NAME, TASKS, TS3_MS
 
 STOP, CALIBRATION, CONTROL = 0, 1, 2
 LOWEST_TONE_HZ = 31
 
-_VOLTAGE_SLOPE = Single(1.089000027e-3)
-_VOLTAGE_OFFSET = Single(0.625)
+VOLTAGE_SLOPE = Single(1.089000027e-3)
+VOLTAGE_OFFSET = Single(0.625)
 _INT16_MIN, _INT16_MAX = -32768, 32767
+
+
+def drive_state(operating_state: int, autonomous: bool, flag_avoid: bool, flag_auto: bool) -> str:
+    """Return the state of figure 7-1 in one word."""
+    if operating_state == CALIBRATION:
+        return 'calibration'
+    if operating_state != CONTROL:
+        return 'out_of_control'
+    if not autonomous:
+        return 'backward' if flag_avoid else 'remote'
+    if not flag_auto:
+        return 'balance'
+    return 'rightward' if flag_avoid else 'forward'
 
 
 class ControlProgram:
@@ -49,6 +56,16 @@ class ControlProgram:
         Distance to an obstacle [cm], 255 for none: the sonar's, or its echo of a moment ago.
     flag_avoid, flag_auto : bool
         An obstacle is near; the time of autonomous drive has come.
+    start_time, echo_time : int
+        System time [ms] of task_init and of the last echo.
+    timer_stop : int
+        Time since task_init [ms] at which the errors were last below their thresholds.
+    calibrated : bool
+        ``time_start`` had passed at the last task_ts3.
+    log_counter : int
+        Ticks since the last log packet.
+    sticks : tuple of int
+        Left vertical and right horizontal of the newest packet read.
     """
 
     def __init__(self, values: Mapping[str, Any]) -> None:
@@ -60,21 +77,13 @@ class ControlProgram:
         self.distance_cm = NO_ECHO_CM
         self.flag_avoid = False
         self.flag_auto = False
-        self._start_time = 0
-        self._timer_stop = 0
-        self._calibrated = False
-        self._log_counter = 0
-        self._sticks = (0, 0)
-        self._echo_time = 0
-        self.schedule = Schedule(
-            (
-                Task('task_init', 5, 0, self.task_init),
-                Task('task_ts1', 4, TS1_MS, self.task_ts1),
-                Task('task_ts2', 3, TS2_MS, self.task_ts2),
-                Task('task_ts3', 2, TS3_MS, self.task_ts3),
-                Task('task_lcd', 1, LCD_MS, self.task_lcd),
-            )
-        )
+        self.start_time = 0
+        self.timer_stop = 0
+        self.calibrated = False
+        self.log_counter = 0
+        self.sticks = (0, 0)
+        self.echo_time = 0
+        self.schedule = Schedule(Task(*timing, getattr(self, timing.name)) for timing in TASKS)
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
@@ -83,30 +92,24 @@ class ControlProgram:
     @property
     def drive_state(self) -> str:
         """The state of figure 7-1 in one word, as published."""
-        if self.operating_state == CALIBRATION:
-            return 'calibration'
-        if self.operating_state != CONTROL:
-            return 'out_of_control'
-        if not self._p.autonomous:
-            return 'backward' if self.flag_avoid else 'remote'
-        if not self.flag_auto:
-            return 'balance'
-        return 'rightward' if self.flag_avoid else 'forward'
+        return drive_state(
+            self.operating_state, self._p.autonomous, self.flag_avoid, self.flag_auto
+        )
 
     def task_init(self) -> None:
         """Set the initial values (section 7.3)."""
         self.battery = Single(self.brick.battery_mv)
         self.x.gyro_offset = Single(self.brick.gyro[0])
         self.y.gyro_offset = Single(self.brick.gyro[1])
-        self._start_time = self.brick.systick_ms
+        self.start_time = self.brick.systick_ms
 
     def task_ts1(self) -> None:
         """Calibrate, balance and drive, log; or stop the motors (section 7.4)."""
         brick = self.brick
         if self.operating_state == CONTROL:
-            self._sticks = brick.read_sticks(self._sticks)
+            self.sticks = brick.read_sticks(self.sticks)
             stick_x, stick_y = self._command()
-            max_voltage = _VOLTAGE_SLOPE * self.battery - _VOLTAGE_OFFSET
+            max_voltage = VOLTAGE_SLOPE * self.battery - VOLTAGE_OFFSET
             brick.duty = (
                 self.x.control(brick.gyro[0], brick.revolutions[0], stick_x, max_voltage),
                 self.y.control(brick.gyro[1], brick.revolutions[1], stick_y, max_voltage),
@@ -122,8 +125,8 @@ class ControlProgram:
         """Look for an obstacle (section 7.5); a missed echo is bridged by the one before."""
         brick = self.brick
         if brick.sonar_cm != NO_ECHO_CM:
-            self.distance_cm, self._echo_time = brick.sonar_cm, brick.systick_ms
-        elif (brick.systick_ms - self._echo_time) & UINT32 > self._p.sonar_hold:
+            self.distance_cm, self.echo_time = brick.sonar_cm, brick.systick_ms
+        elif (brick.systick_ms - self.echo_time) & UINT32 > self._p.sonar_hold:
             self.distance_cm = NO_ECHO_CM
         self.flag_avoid = self.distance_cm <= self._p.dst_thr
 
@@ -131,18 +134,18 @@ class ControlProgram:
         """Decide the operating state, average the battery voltage, sound (section 7.6)."""
         p = self._p
         self.battery = (ONE - p.a_b) * Single(self.brick.battery_mv) + p.a_b * self.battery
-        elapsed = (self.brick.systick_ms - self._start_time) & UINT32
+        elapsed = (self.brick.systick_ms - self.start_time) & UINT32
         self.flag_auto = elapsed >= p.time_auto
         calibrated = elapsed >= p.time_start
         if self.x.in_control() and self.y.in_control():
-            self._timer_stop = elapsed
-        if (elapsed - self._timer_stop) & UINT32 < p.time_stop:
+            self.timer_stop = elapsed
+        if (elapsed - self.timer_stop) & UINT32 < p.time_stop:
             self.operating_state = CONTROL if calibrated else CALIBRATION
         else:
             self.operating_state = STOP
-        if calibrated and not self._calibrated:
+        if calibrated and not self.calibrated:
             self.brick.sound_tone(p.sound_freq, p.sound_dur, p.sound_volume)
-        self._calibrated = calibrated
+        self.calibrated = calibrated
         if calibrated and elapsed - p.time_start >= p.sound_dur:
             self._sound_distance()
 
@@ -155,7 +158,7 @@ class ControlProgram:
 
     def task_lcd(self) -> None:
         """Refresh the display."""
-        self.brick.show_status('NXT BALLBOT')
+        self.brick.show_status(PROGRAM_NAME)
 
     def _command(self) -> tuple[int, int]:
         """Return the speed command of planes x and y (section 7.5, figure 7-1).
@@ -165,7 +168,7 @@ class ControlProgram:
         """
         p = self._p
         if not p.autonomous:
-            vertical, horizontal = self._sticks
+            vertical, horizontal = self.sticks
             if self.flag_avoid:
                 vertical = p.gp_max
             # An int8 negation: -128 stays itself.
@@ -175,11 +178,11 @@ class ControlProgram:
         return (0, p.gp_max) if self.flag_avoid else (p.gp_max, 0)
 
     def _log(self) -> None:
-        if self._log_counter == 0:
-            self.brick.log(self._logged(self.x.psi), self._logged(self.y.psi))
-        self._log_counter = (self._log_counter + 1) & 0xFF
-        if self._log_counter == self._p.log_count:
-            self._log_counter = 0
+        if self.log_counter == 0:
+            self.brick.log(0, 0, self._logged(self.x.psi), self._logged(self.y.psi))
+        self.log_counter = (self.log_counter + 1) & 0xFF
+        if self.log_counter == self._p.log_count:
+            self.log_counter = 0
 
     def _logged(self, psi: Single) -> int:
         """Return a pitch [deg] in units of lsb: rounded in double, saturated to 16 bits."""

@@ -23,7 +23,7 @@ from ballbot_ros.brick.units import (
     quantise,
     radians_of,
 )
-from ballbot_ros.controller.axis import Axis
+from ballbot_ros.controller.interface import Estimates
 from ballbot_ros.plant.truth import Pair, Push, Truth
 
 if TYPE_CHECKING:
@@ -229,7 +229,7 @@ def duty_values(message: Any) -> tuple[int, int] | None:
     return int(x), int(y)
 
 
-def fill_controller_state(message: Any, stamp_ns: int, x: Axis, y: Axis) -> None:
+def fill_controller_state(message: Any, stamp_ns: int, x: Estimates, y: Estimates) -> None:
     """Write ``controller/state``: the controller's estimates and references in SI."""
     fill_header(message.header, stamp_ns, '')
     message.name = STATE_NAMES

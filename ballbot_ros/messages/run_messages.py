@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.conversions import (
     fill_accepted_push,
     fill_battery,
@@ -135,7 +135,7 @@ class RunMessages:
             fill_sticks(self._message(GAMEPAD_JOY), now, inputs.sticks, source)
             self._send(GAMEPAD_JOY, now)
 
-    def controller(self, now: int, outputs: DeviceOutputs, program: ControlProgram) -> None:
+    def controller(self, now: int, outputs: DeviceOutputs, program: Program) -> None:
         """Make what the controller publishes at a tick."""
         fill_duty(self._message(MOTOR_DUTY), now, outputs.duty)
         self._send(MOTOR_DUTY, now)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import Topic
 from ballbot_ros.plant.truth import Push, Truth
@@ -52,7 +52,7 @@ class SimulatedRecording:
             self._messages.push(push, number)
         self._flushed_ns = start_ns
 
-    def add(self, tick: Tick, program: ControlProgram) -> None:
+    def add(self, tick: Tick, program: Program) -> None:
         """Write the messages of a tick."""
         now = tick.truth.stamp_ns
         self._messages.truth(tick.truth, wall_hit=tick.wall_hit)

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ballbot_ros.brick.brick import DeviceOutputs
-from ballbot_ros.controller.parameters import TS1_MS, TS2_MS, TS3_MS
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.codegen.implementation import program_maker
+from ballbot_ros.controller.tasks import TS1_MS, TS2_MS, TS3_MS
 from ballbot_ros.messages.conversions import (
     fill_controller_state,
     fill_duty,
@@ -56,7 +56,8 @@ class Controller(BallbotNode):
         self._run_name: str | None = None
         self._start_ns = 0
         self._next_ns: int | None = None
-        self._program = ControlProgram(self.values)
+        self._make_program = program_maker(self.values)
+        self._program = self._make_program()
         self._drive_state = ''
         self._overruns = 0
         self._resent = 0
@@ -110,7 +111,7 @@ class Controller(BallbotNode):
         self._run_name = header.frame_id
         self._start_ns = time_ns(header.stamp)
         self._next_ns = None
-        self._program = ControlProgram(self.values)
+        self._program = self._make_program()
         for audit in self._audits.values():
             audit.restart()
         if restarted and (self._gate.stamp(GYRO_IMU.name) or 0) > self._start_ns:

@@ -14,7 +14,7 @@ from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.brick.encoder import Encoder
 from ballbot_ros.brick.gyro import Gyro
 from ballbot_ros.brick.sonar import Sonar
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.codegen.implementation import program_maker
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.plant.truth import Push, Truth
@@ -59,7 +59,8 @@ class ClosedLoop:
     Attributes
     ----------
     plant : Plant
-    program : ControlProgram
+    program : Program
+        What the controller's parameter `implementation` names.
     world : World or None
         None for a free floor without end.
     pushes : sequence of Push
@@ -84,7 +85,7 @@ class ClosedLoop:
         self._encoder = Encoder()
         self._sonar = Sonar(parameters.values(SONAR))
         self._beam = SonarBeam(parameters.values(SONAR))
-        self.program = ControlProgram(parameters.values(CONTROLLER))
+        self.program = program_maker(parameters.values(CONTROLLER))()
         self._scenario = scenario or Scenario()
         self.pushes = self._scenario.pushes_from(self._start_ns)
         for push in self.pushes:

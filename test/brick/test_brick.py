@@ -67,7 +67,7 @@ def test_the_system_time_is_a_32_bit_number():
 def test_a_log_record_holds_the_devices_of_its_tick():
     brick = Brick()
     inputs = DeviceInputs((598, 602), (12, -34), 200, 8005)
-    [record] = tick(brick, inputs, lambda: brick.log(5, -6), systick_ms=1234).log
+    [record] = tick(brick, inputs, lambda: brick.log(0, 0, 5, -6), systick_ms=1234).log
     assert (record.time_ms, record.battery_mv, record.sonar_cm) == (1234, 8005, 200)
     assert (record.rev_a, record.rev_b, record.rev_c) == (0, 12, -34)
     assert (record.adc1, record.adc2, record.adc3, record.adc4) == (5, -6, 0, 0)
@@ -79,7 +79,7 @@ def test_outputs_are_those_of_one_tick():
     def task():
         brick.sound_tone(440, 500, 70)
         brick.show_status('NAME')
-        brick.log(0, 0)
+        brick.log(0, 0, 0, 0)
 
     first = tick(brick, task=task)
     assert first.tones == [Tone(440, 500, 70)]

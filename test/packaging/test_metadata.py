@@ -131,3 +131,14 @@ def test_every_subpackage_is_installed(setup):
         for file in (ROOT / 'ballbot_ros').rglob('*.py')
     }
     assert folders == set(setup['packages'])
+
+
+def test_every_file_that_the_c_is_made_from_is_installed(setup):
+    folder = ROOT / 'ballbot_ros/codegen'
+    patterns = setup['package_data']['ballbot_ros.codegen']
+    installed = {file for pattern in patterns for file in folder.glob(pattern)}
+    there = {
+        file for file in folder.rglob('*') if file.is_file() and file.suffix not in ('.py', '.pyc')
+    }
+    assert there == installed
+    assert len(there) > 10

@@ -1,0 +1,202 @@
+"""`ballbot codegen`: write the C for the brick, or prove a folder equal to the simulation."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rich.console import Console
+from rich.table import Table
+
+from ballbot_ros.codegen.application import (
+    PARAMETER_FILE,
+    STACK_BYTES,
+    read_tasks,
+    write_application,
+)
+from ballbot_ros.codegen.back_to_back import compare
+from ballbot_ros.codegen.brick_process import Answer, BrickProcess
+from ballbot_ros.codegen.c_parameters import parameter_hash
+from ballbot_ros.codegen.compiled_program import CompiledProgram
+from ballbot_ros.codegen.errors import CodegenError
+from ballbot_ros.codegen.measure import (
+    CLOCK_HZ,
+    CYCLES_PER_INSTRUCTION,
+    FLASH_BYTES,
+    FLASH_FACTOR,
+    SRAM_BYTES,
+    count_instructions,
+    measure_memory,
+)
+from ballbot_ros.codegen.steps import Step, random_steps
+from ballbot_ros.codegen.toolchain import ARM, HOST, Target, build, missing_tool
+from ballbot_ros.controller.tasks import TS1_MS, TaskTiming
+from ballbot_ros.parameter_file import read_parameter_file
+from ballbot_ros.parameters import CONTROLLER, ParameterSet
+from ballbot_ros.scenario.library import load_scenario, scenario_names
+from ballbot_ros.simulation.device_inputs import recorded_steps
+
+RANDOM_SEQUENCES = 50
+RANDOM_TICKS = 150
+"""Length of a random sequence, beyond the calibration."""
+
+
+def generate(folder: Path, parameter_file: Path | None, mode: str | None) -> None:
+    """Write the application into `folder`."""
+    parameters = read_parameter_file(parameter_file) if parameter_file else ParameterSet()
+    if mode:
+        parameters.set(CONTROLLER, 'mode', mode)
+    values = parameters.values(CONTROLLER)
+    for path in write_application(folder, values):
+        print(path)
+    print(f'parameters {parameter_hash(values)}; check with: ballbot codegen --check {folder}')
+
+
+def check(folder: Path) -> int:
+    """Compare and measure the application in `folder`; return 0 if it is equal, else 1.
+
+    Raises
+    ------
+    CodegenError
+        If the folder is not complete, or a tool is missing, once all that is possible is done.
+    """
+    if not (folder / PARAMETER_FILE).is_file():
+        raise CodegenError(
+            f'{folder / PARAMETER_FILE}: no such file; not a folder of ballbot codegen'
+        )
+    parameters = read_parameter_file(folder / PARAMETER_FILE)
+    console = Console(highlight=False, soft_wrap=True)
+    sequences = _sequences(parameters)
+    skipped = ''
+    for name, target in (('software', HOST), ('processor', ARM)):
+        if reason := missing_tool(target):
+            skipped = skipped or f'{name} in the loop was not checked: {reason}'
+            console.print(f'[yellow]skipped[/]  {name} in the loop: {reason}')
+            continue
+        with tempfile.TemporaryDirectory(prefix='ballbot_codegen_') as scratch:
+            built = _Check(folder, target, parameters, Path(scratch))
+            ticks, difference = built.compare(sequences)
+            title = f'{name} in the loop ({target.title})'
+            if difference:
+                console.print(f'[red]DIFFERS[/]  {title}: {difference}')
+                return 1
+            console.print(
+                f'[green]equal[/]    {title}: {ticks} ticks of {len(sequences)} sequences'
+            )
+            if target is ARM:
+                built.print_cost(console, sequences[-2:])
+    if skipped:
+        raise CodegenError(skipped)
+    return 0
+
+
+class _Sequence(NamedTuple):
+    name: str
+    steps: Sequence[Step]
+
+
+def _sequences(parameters: ParameterSet) -> list[_Sequence]:
+    """Return the inputs of every shipped scenario, and random ones."""
+    sequences = []
+    for name in scenario_names():
+        scenario = load_scenario(name)
+        together = ParameterSet()
+        together.update(scenario.parameters)
+        together.update(parameters)
+        sequences.append(_Sequence(name, list(recorded_steps(together, scenario))))
+    calibration = int(parameters.values(CONTROLLER)['time_start']) // TS1_MS
+    ticks = min(calibration, 2500) + RANDOM_TICKS
+    for seed in range(RANDOM_SEQUENCES):
+        steps = list(random_steps(seed, ticks, wild=seed % 2 == 1))
+        sequences.append(_Sequence(f'random sequence {seed}', steps))
+    return sequences
+
+
+class _Tape:
+    """A machine that notes what it is asked."""
+
+    def __init__(self, machine: BrickProcess) -> None:
+        self._machine = machine
+        self.requests: list[bytes] = []
+
+    def exchange(self, request: bytes) -> Answer:
+        """Run a tick."""
+        self.requests.append(request)
+        return self._machine.exchange(request)
+
+
+class _Check:
+    """A folder built for a target."""
+
+    def __init__(
+        self, folder: Path, target: Target, parameters: ParameterSet, scratch: Path
+    ) -> None:
+        self._values: dict[str, Any] = parameters.values(CONTROLLER)
+        self._tasks: list[TaskTiming] = read_tasks(folder)
+        self._scratch = scratch
+        self._command = build(folder, target, scratch)
+        self._stack = [0] * len(self._tasks)
+
+    def _program(self, machine: BrickProcess | _Tape) -> CompiledProgram:
+        return CompiledProgram(machine, self._tasks, self._values['mode'] == 'autonomous')
+
+    def compare(self, sequences: Sequence[_Sequence]) -> tuple[int, str]:
+        """Return the ticks compared, and the first difference in words."""
+        ticks = 0
+        for sequence in sequences:
+            program = self._program(BrickProcess(self._command))
+            comparison = compare(self._values, program, sequence.steps)
+            ticks += comparison.ticks
+            if comparison.difference:
+                return ticks, f'{sequence.name}, {comparison.difference}'
+            self._stack = list(map(max, self._stack, program.stack_bytes))
+        return ticks, ''
+
+    def print_cost(self, console: Console, sequences: Sequence[_Sequence]) -> None:
+        """Print instructions, time and memory on the brick."""
+        worst = dict.fromkeys((task.name for task in self._tasks), 0)
+        for sequence in sequences:
+            tape = _Tape(BrickProcess(self._command))
+            program = self._program(tape)
+            for step in sequence.steps:
+                program.tick(*step)
+            counted = count_instructions(self._command, tape.requests, list(worst))
+            worst = {name: max(worst[name], counted[name]) for name in worst}
+
+        table = Table(title='On the brick, without the platform', title_justify='left')
+        table.add_column('task')
+        for heading in (
+            'instructions',
+            f'time at {CLOCK_HZ / 1e6:.0f} MHz',
+            f'of {TS1_MS} ms',
+            f'stack of {STACK_BYTES} B',
+        ):
+            table.add_column(heading, justify='right')
+        periodic = [task.name for task in self._tasks if task.period_ms]
+        for task, stack in zip(self._tasks, self._stack, strict=True):
+            table.add_row(task.name, *_time(worst[task.name]), f'{stack} B')
+        table.add_row('all periodic', *_time(sum(worst[name] for name in periodic)), '')
+        console.print(table)
+        console.print(
+            f'Most instructions that a call took, counted by qemu; {CYCLES_PER_INSTRUCTION:g} '
+            f'cycles each from SRAM, at most {FLASH_FACTOR:g} times that from flash.'
+        )
+        memory = measure_memory(self._scratch)
+        sram = memory.data + memory.bss + STACK_BYTES * len(self._tasks)
+        flash = memory.text + memory.rodata + memory.data
+        console.print(
+            f'text {memory.text} B, rodata {memory.rodata} B, data {memory.data} B, '
+            f'bss {memory.bss} B, stacks {STACK_BYTES * len(self._tasks)} B'
+        )
+        console.print(
+            f'SRAM {sram} B of {SRAM_BYTES} ({sram / SRAM_BYTES:.1%}), '
+            f'flash {flash} B of {FLASH_BYTES} ({flash / FLASH_BYTES:.1%})'
+        )
+
+
+def _time(instructions: int) -> tuple[str, str, str]:
+    seconds = instructions * CYCLES_PER_INSTRUCTION / CLOCK_HZ
+    share = seconds / (TS1_MS * 1e-3)
+    return str(instructions), f'{seconds * 1e6:.1f} µs', f'{share:.1%}'

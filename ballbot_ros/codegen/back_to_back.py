@@ -1,0 +1,87 @@
+"""The compiled program against the Python one, on the same inputs, bit for bit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ballbot_ros.brick.brick import DeviceOutputs
+from ballbot_ros.codegen.compiled_program import CompiledProgram
+from ballbot_ros.codegen.signals import members, named_values, state_bytes
+from ballbot_ros.codegen.steps import Step
+from ballbot_ros.controller.program import ControlProgram
+
+
+class Difference(NamedTuple):
+    """The first thing that is not equal."""
+
+    elapsed_ms: int
+    what: str
+    python: Any
+    compiled: Any
+
+    def __str__(self) -> str:
+        return (
+            f'at {self.elapsed_ms} ms {self.what} is {self.compiled!r} in C and {self.python!r} '
+            'in Python'
+        )
+
+
+class Comparison(NamedTuple):
+    """How many ticks were compared, and the first difference, with which it ended."""
+
+    ticks: int
+    difference: Difference | None
+
+
+def compare(
+    values: Mapping[str, Any], compiled: CompiledProgram, steps: Iterable[Step]
+) -> Comparison:
+    """Run both programs on the same inputs until they differ.
+
+    Duties, log packets, tones, display pages, and every bit of the shared data are compared
+    after each tick.
+
+    Parameters
+    ----------
+    values : mapping
+        The parameters of the node ``controller``, for the Python program.
+    compiled : CompiledProgram
+        Freshly made.
+    steps : iterable of Step
+
+    Raises
+    ------
+    CodegenError
+        If the compiled program has ended.
+    """
+    python = ControlProgram(values)
+    ticks = 0
+    # A battery far below its range makes voltages of zero: infinities are part of the test.
+    with np.errstate(all='ignore'):
+        for step in steps:
+            expected = python.tick(*step)
+            outputs = compiled.tick(*step)
+            ticks += 1
+            state = state_bytes(python)
+            if outputs != expected or members(compiled.state) != state:
+                return Comparison(ticks, _difference(step, expected, outputs, state, compiled))
+    return Comparison(ticks, None)
+
+
+def _difference(
+    step: Step,
+    expected: DeviceOutputs,
+    outputs: DeviceOutputs,
+    state: bytes,
+    compiled: CompiledProgram,
+) -> Difference:
+    """Return the first difference in the order in which the program computes: data, outputs."""
+    wanted = {**named_values(state), **asdict(expected)}
+    got = {**named_values(compiled.state), **asdict(outputs)}
+    # Zeros of either sign are equal as numbers: then the text of the value tells.
+    name = next(name for name in wanted if repr(wanted[name]) != repr(got[name]))
+    return Difference(step.elapsed_ms, name, wanted[name], got[name])

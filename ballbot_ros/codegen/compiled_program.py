@@ -1,0 +1,123 @@
+"""The compiled control program in place of the Python one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Protocol
+
+from ballbot_ros.brick.brick import Brick, DeviceInputs, DeviceOutputs
+from ballbot_ros.brick.schedule import Schedule, Task
+from ballbot_ros.codegen.brick_process import Answer, encode_request
+from ballbot_ros.codegen.errors import CodegenError
+from ballbot_ros.codegen.signals import named_values, plane_values
+from ballbot_ros.controller.program import drive_state
+from ballbot_ros.controller.tasks import TaskTiming
+
+
+class Machine(Protocol):
+    """Whatever runs the compiled program: a process on this machine or on an emulated one."""
+
+    def exchange(self, request: bytes) -> Answer:
+        """Run a tick."""
+
+
+class Plane:
+    """What the compiled program knows of a plane, under the Python program's names."""
+
+    def __init__(self) -> None:
+        self.theta = self.psi = self.theta_dot = self.psi_dot = 0.0
+        self.theta_ref = self.theta_ref_dot = 0.0
+
+
+class CompiledProgram:
+    """The generated C, with the interface of the Python ``ControlProgram``.
+
+    The brick around it is the same :class:`Brick`: what firmware does (the log packet's other
+    fields, the display's text) is not the program's.
+
+    Parameters
+    ----------
+    machine : Machine
+    tasks : sequence of TaskTiming
+        The tasks of the OIL file, in its order.
+    autonomous : bool
+        The drive mode.
+
+    Attributes
+    ----------
+    brick : Brick
+    x, y : Plane
+    operating_state : int
+    drive_state : str
+    state : bytes
+        The C structure ``ballbot`` after the last tick.
+    stack_bytes : tuple of int
+        Deepest use of each task's stack so far.
+    """
+
+    def __init__(self, machine: Machine, tasks: Sequence[TaskTiming], autonomous: bool) -> None:
+        self._machine = machine
+        self._autonomous = autonomous
+        self._due: list[int] = []
+        # Bound to the list alone: without a reference to itself the program, and with it the
+        # machine's process, ends as soon as nobody has it.
+        self._schedule = Schedule(
+            Task(*timing, partial(self._due.append, number)) for number, timing in enumerate(tasks)
+        )
+        self.brick = Brick()
+        self.x, self.y = Plane(), Plane()
+        self.operating_state = 1
+        self.drive_state = 'calibration'
+        self.state = b''
+        self.stack_bytes: tuple[int, ...] = ()
+
+    def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
+        """Run the tasks due `elapsed_ms` after the start on the inputs of that time.
+
+        Raises
+        ------
+        CodegenError
+            If the program has ended, or makes a call that does not fit the robot.
+        """
+        return self.brick.tick(systick_ms, inputs, lambda: self._run(elapsed_ms, inputs))
+
+    def _run(self, elapsed_ms: int, inputs: DeviceInputs) -> None:
+        brick = self.brick
+        self._due.clear()
+        self._schedule.run(elapsed_ms)
+        answer = self._machine.exchange(
+            encode_request(
+                systick_ms=brick.systick_ms,
+                revolutions=brick.revolutions,
+                sonar_cm=brick.sonar_cm,
+                gyro=brick.gyro,
+                battery_mv=brick.battery_mv,
+                sticks=inputs.sticks,
+                due=self._due,
+            )
+        )
+        if answer.faults:
+            raise CodegenError(f'the compiled controller misuses the brick: {answer.faults:#x}')
+        brick.duty = answer.duty
+        if answer.log:
+            brick.log(*answer.log)
+        for tone in answer.tones:
+            brick.sound_tone(*tone)
+        if answer.page is not None:
+            brick.show_status(answer.page)
+        self._take(answer)
+
+    def _take(self, answer: Answer) -> None:
+        self.state = answer.state
+        self.stack_bytes = answer.stack_bytes
+        for number, plane in enumerate((self.x, self.y)):
+            vars(plane).update(plane_values(answer.state, number))
+        values = named_values(answer.state)
+        self.operating_state = values['operating_state']
+        self.drive_state = drive_state(
+            self.operating_state,
+            self._autonomous,
+            bool(values['flag_avoid']),
+            bool(values['flag_auto']),
+        )

@@ -1,0 +1,49 @@
+"""Which control program computes: the Python one, or its generated C on some machine."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ballbot_ros.controller.interface import Program
+from ballbot_ros.controller.program import ControlProgram
+
+
+def program_maker(values: Mapping[str, Any]) -> Callable[[], Program]:
+    """Return what makes a fresh control program, as the parameter `implementation` says.
+
+    C is generated and compiled once, here; each program made is then a process of its own.
+
+    Parameters
+    ----------
+    values : mapping
+        The parameters of the node ``controller``.
+
+    Raises
+    ------
+    CodegenError
+        If a tool is missing or the C does not build.
+    """
+    if values['implementation'] == 'python':
+        return lambda: ControlProgram(values)
+
+    from ballbot_ros.codegen.application import read_tasks, write_application
+    from ballbot_ros.codegen.brick_process import BrickProcess
+    from ballbot_ros.codegen.compiled_program import CompiledProgram
+    from ballbot_ros.codegen.toolchain import TARGETS, build
+
+    scratch = tempfile.TemporaryDirectory(prefix='ballbot_codegen_')
+    folder = Path(scratch.name) / 'application'
+    write_application(folder, values)
+    target = TARGETS[values['implementation']]
+    command = build(folder, target, Path(scratch.name) / 'build')
+    tasks = read_tasks(folder)
+
+    def make() -> Program:
+        # Naming it here keeps the folder as long as a program may still be made.
+        assert scratch
+        return CompiledProgram(BrickProcess(command), tasks, values['mode'] == 'autonomous')
+
+    return make

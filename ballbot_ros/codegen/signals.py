@@ -1,0 +1,120 @@
+"""The generated program's shared data: one table for its C types, its dictionary and its test."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ballbot_ros.brick.bluetooth import PACKET_SIZE, GamepadPacket
+from ballbot_ros.controller.program import ControlProgram
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A variable of the generated program.
+
+    Attributes
+    ----------
+    name : str
+        Member of the C structure; the Python program's attribute has the same name.
+    c_type : str
+        Type of the member, or of its elements.
+    unit, scaling, description, source : str
+        For the data dictionary.
+    length : int
+        Number of elements.
+    """
+
+    name: str
+    c_type: str
+    unit: str
+    scaling: str
+    description: str
+    source: str
+    length: int = 1
+
+
+def _floats(*rows: tuple[str, str, str, str]) -> tuple[Signal, ...]:
+    return tuple(Signal(row[0], 'float', row[1], '1', *row[2:]) for row in rows)
+
+
+PLANE_SIGNALS = _floats(
+    ('gyro_offset', 'deg/s', 'estimate of the gyro reading at rest', '7.4'),
+    ('theta', 'deg', 'estimated ball angle', '7.4'),
+    ('psi', 'deg', 'estimated body pitch', '7.4'),
+    ('theta_dot', 'deg/s', 'estimated ball rate', '7.4'),
+    ('psi_dot', 'deg/s', 'estimated pitch rate', '7.4'),
+    ('theta_ref', 'deg', 'reference of the ball angle', '7.4'),
+    ('theta_ref_dot', 'deg/s', 'reference of the ball rate, low-passed', '7.4'),
+    ('theta_diff', 'deg', 'reference less estimate of the ball angle', '7.4'),
+    ('psi_diff', 'deg', 'reference less estimate of the pitch', '7.4'),
+    ('sum_theta_ref_dot', 'deg/s', 'sum whose product with the period is theta_ref', '7.4'),
+    ('sum_psi_dot', 'deg/s', 'sum whose product with the period is psi', '7.4'),
+    ('sum_theta_diff', 'deg', 'sum whose product with the period is the integral', '7.4'),
+    ('theta_smooth', 'deg', 'low-passed ball angle, whose difference is the rate', '7.4'),
+)
+"""One plane's data; `ballbot.x` and `ballbot.y` in C, `program.x` and `program.y` in Python."""
+
+PROGRAM_SIGNALS = (
+    Signal('battery', 'float', 'mV', '1', 'averaged battery voltage', '7.6'),
+    Signal('distance_cm', 'S32', 'cm', '1', 'distance to an obstacle; 255: none', '7.5'),
+    Signal('start_time', 'U32', 'ms', '1', 'system time of task_init', '7.3'),
+    Signal('timer_stop', 'U32', 'ms', '1', 'time at which control was last kept', '7.6'),
+    Signal('echo_time', 'U32', 'ms', '1', 'system time of the last echo', 'project'),
+    Signal('operating_state', 'U8', '', '0 stop, 1 calibration, 2 control', 'what ts1 does', '7.6'),
+    Signal('flag_avoid', 'U8', '', '0 no, 1 yes', 'an obstacle is near', '7.5'),
+    Signal('flag_auto', 'U8', '', '0 no, 1 yes', 'time_auto has passed', '7.6'),
+    Signal('calibrated', 'U8', '', '0 no, 1 yes', 'time_start had passed at the last ts3', '7.6'),
+    Signal('log_counter', 'U8', 'ticks', '1', 'ticks since the last log packet', '7.4'),
+    Signal('bluetooth_rx', 'U8', '%', 'int8 in bytes 0 and 1, the rest 0',
+           'newest gamepad packet: left vertical, right horizontal', '7.5', PACKET_SIZE),
+)  # fmt: skip
+
+_LETTERS = {'float': 'f', 'S32': 'i', 'U32': 'I', 'U8': 'B'}
+
+
+def _format(signals: Sequence[Signal]) -> str:
+    return ''.join(
+        f'{signal.length}s' if signal.length > 1 else _LETTERS[signal.c_type] for signal in signals
+    )
+
+
+_PLANE = struct.Struct('<' + _format(PLANE_SIGNALS))
+_MEMBERS = struct.Struct('<' + 2 * _format(PLANE_SIGNALS) + _format(PROGRAM_SIGNALS))
+STATE_SIZE = (_MEMBERS.size + 3) // 4 * 4
+"""Bytes of the C structure: its members and the padding behind them."""
+
+
+def state_bytes(program: ControlProgram) -> bytes:
+    """Return the Python program's data as the C structure would hold them, without padding."""
+    planes = [
+        getattr(plane, signal.name) for plane in (program.x, program.y) for signal in PLANE_SIGNALS
+    ]
+    rest = [_value(program, signal.name) for signal in PROGRAM_SIGNALS]
+    return _MEMBERS.pack(*planes, *rest)
+
+
+def _value(program: ControlProgram, name: str) -> Any:
+    if name == 'bluetooth_rx':
+        return GamepadPacket(*program.sticks).encode()
+    return getattr(program, name)
+
+
+def members(state: bytes) -> bytes:
+    """Return a C structure without its padding."""
+    return state[: _MEMBERS.size]
+
+
+def named_values(state: bytes) -> dict[str, Any]:
+    """Return every member of a C structure by its name in C, such as ``x.theta``."""
+    names = [f'{plane}.{signal.name}' for plane in 'xy' for signal in PLANE_SIGNALS]
+    names += [signal.name for signal in PROGRAM_SIGNALS]
+    return dict(zip(names, _MEMBERS.unpack(members(state)), strict=True))
+
+
+def plane_values(state: bytes, plane: int) -> dict[str, float]:
+    """Return one plane's members by name; plane 0 is x, 1 is y."""
+    values = _PLANE.unpack_from(state, plane * _PLANE.size)
+    return {signal.name: value for signal, value in zip(PLANE_SIGNALS, values, strict=True)}

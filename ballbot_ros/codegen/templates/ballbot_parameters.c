@@ -1,0 +1,12 @@
+/*
+ * Parameters of the ballbot's control program.
+ *
+ * {{ stamp }}
+ *
+ * A float is written with the fewest digits that give exactly the single of the simulation.
+ */
+#include "ballbot_parameters.h"
+
+{% for parameter in parameters %}
+const {{ parameter.c_type }} {{ parameter.declarator }} = {{ parameter.c_value }}; /* {{ parameter.comment }} */
+{% endfor %}

@@ -1,0 +1,47 @@
+"""A control program as the nodes and the closed loop see it, whatever computes it."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
+
+
+class Estimates(Protocol):
+    """One plane's estimates and references [deg, deg/s]."""
+
+    @property
+    def theta(self) -> Any: ...  # noqa: D102
+    @property
+    def psi(self) -> Any: ...  # noqa: D102
+    @property
+    def theta_dot(self) -> Any: ...  # noqa: D102
+    @property
+    def psi_dot(self) -> Any: ...  # noqa: D102
+    @property
+    def theta_ref(self) -> Any: ...  # noqa: D102
+    @property
+    def theta_ref_dot(self) -> Any: ...  # noqa: D102
+
+
+class Program(Protocol):
+    """A control program as a node or the closed loop runs it."""
+
+    @property
+    def x(self) -> Estimates:
+        """Plane x."""
+
+    @property
+    def y(self) -> Estimates:
+        """Plane y."""
+
+    @property
+    def operating_state(self) -> int:
+        """``STOP``, ``CALIBRATION`` or ``CONTROL``."""
+
+    @property
+    def drive_state(self) -> str:
+        """The state of figure 7-1 in one word."""
+
+    def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
+        """Run the tasks due."""

@@ -1,0 +1,245 @@
+"""`ballbot codegen` and `ballbot run --controller`."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+from generated import need
+
+from ballbot_ros.cli import codegen
+from ballbot_ros.codegen.errors import CodegenError
+from ballbot_ros.recording.reader import RecordingReader
+
+SHORT = ('--set=plant_sim.duration=2.0', '--set=gyro_driver.noise=0.7')
+
+
+def ballbot(*arguments, **environment):
+    return subprocess.run(
+        [sys.executable, '-m', 'ballbot_ros.cli.main', *map(str, arguments)],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture
+def few_sequences(monkeypatch):
+    monkeypatch.setattr(codegen, 'RANDOM_SEQUENCES', 2)
+    monkeypatch.setattr(codegen, 'RANDOM_TICKS', 50)
+    monkeypatch.setattr(codegen, 'scenario_names', lambda: ['stationary'])
+
+
+@pytest.fixture
+def parameters(tmp_path):
+    """A parameter file with a short calibration."""
+    path = tmp_path / 'parameters.yaml'
+    path.write_text('/**/controller:\n  ros__parameters: {k_i: -0.008, time_start: 100}\n')
+    return path
+
+
+def test_it_writes_the_folder(tmp_path, parameters):
+    done = ballbot(
+        'codegen', '--output', tmp_path / 'c', '--params', parameters, '--mode', 'autonomous'
+    )
+    assert done.returncode == 0, done.stderr
+    text = (tmp_path / 'c/ballbot_parameters.c').read_text()
+    assert 'const float k_i = -0.008f;' in text
+    assert 'const U8 autonomous = 1U;' in text
+    for line in done.stdout.splitlines()[:-1]:
+        assert line.startswith(str(tmp_path / 'c'))
+
+
+def test_an_untouched_folder_is_equal_and_is_measured(tmp_path, parameters, few_sequences, capsys):
+    need('c')
+    need('arm')
+    codegen.generate(tmp_path / 'c', parameters, None)
+    assert codegen.check(tmp_path / 'c') == 0
+    text = capsys.readouterr().out
+    for loop in ('software in the loop (this machine)',
+                 'processor in the loop (ARM7TDMI, emulated)'):  # fmt: skip
+        assert f'equal    {loop}: 2650 ticks of 3 sequences' in text
+    counts = {
+        words[1]: int(words[3])
+        for words in map(str.split, text.splitlines())
+        if len(words) > 3 and words[1].startswith('task_')
+    }
+    assert list(counts) == ['task_init', 'task_ts1', 'task_ts2', 'task_ts3', 'task_lcd']
+    # Two planes of some thirty soft-float operations, each tens of instructions or more.
+    assert 2000 < counts['task_ts1'] < 20000
+    assert 100 < counts['task_ts3'] < 2000
+    assert 'SRAM' in text
+    assert 'flash' in text
+
+
+@pytest.mark.parametrize(
+    ('file', 'right', 'wrong', 'what'),
+    [
+        ('ballbot_parameters.c', 'k_i = -0.008f', 'k_i = -0.0080001f', 'duty|sum|theta|psi'),
+        ('ballbot_controller.c', '(1.0f - a_r)', '(1.001f - a_r)', r'theta_ref_dot'),
+        ('ballbot_controller.c', '? vertical : -vertical', '? vertical : vertical', 'theta_ref'),
+        ('ballbot.oil', 'CYCLETIME = 100;', 'CYCLETIME = 200;', 'battery|operating_state'),
+    ],
+)
+def test_a_folder_that_was_edited_differs(
+    tmp_path, parameters, few_sequences, capsys, file, right, wrong, what
+):
+    need('c')
+    codegen.generate(tmp_path / 'c', parameters, None)
+    path = tmp_path / 'c' / file
+    text = path.read_text()
+    assert right in text
+    path.write_text(text.replace(right, wrong))
+    assert codegen.check(tmp_path / 'c') == 1
+    printed = capsys.readouterr().out
+    assert 'DIFFERS' in printed
+    assert ' in C and ' in printed
+
+
+def test_a_program_that_misuses_the_brick_is_refused(tmp_path, parameters, few_sequences):
+    need('c')
+    codegen.generate(tmp_path / 'c', parameters, None)
+    path = tmp_path / 'c/ballbot_controller.c'
+    path.write_text(path.read_text().replace('#define BRAKE 1', '#define BRAKE 0'))
+    with pytest.raises(CodegenError, match='misuses the brick: 0x2'):
+        codegen.check(tmp_path / 'c')
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        ((), ['either --output DIR or --check DIR']),
+        (('--output', 'a', '--check', 'b'), ['either --output DIR or --check DIR']),
+        (('--check', 'b', '--mode', 'remote'), ['--mode go with --output']),
+        (('--output', 'a', '--mode', 'flying'), ['flying', 'autonomous']),
+        (('--output', 'a', '--params', 'none.yaml'), ['none.yaml']),
+        (('--check', 'nowhere'), ['nowhere', 'no such file']),
+        (('--output', '/dev/null/c'), ['/dev/null/c', 'Not a directory']),
+    ],
+)
+def test_a_mistake_is_told_in_one_line(tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    done = ballbot('codegen', *arguments)
+    assert done.returncode == 2
+    [line] = done.stderr.splitlines()
+    for word in words:
+        assert word in line
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def tools(tmp_path):
+    """A folder for PATH with some commands only."""
+
+    def make(*commands):
+        folder = tmp_path / 'bin'
+        folder.mkdir()
+        for command in commands:
+            (folder / command).symlink_to(shutil.which(command))
+        return str(folder)
+
+    return make
+
+
+def test_without_compiler_a_run_names_the_package(tools, tmp_path):
+    done = ballbot('run', 'stationary', '--processes=none', '--controller=c', '--output',
+                   tmp_path / 'run', PATH=tools())  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr == 'error: gcc is not there: install the Debian package gcc\n'
+    assert not (tmp_path / 'run').exists()
+
+
+@pytest.mark.parametrize(
+    ('there', 'package'),
+    [((), 'gcc-arm-none-eabi'), (('arm-none-eabi-gcc',), 'qemu-user')],
+)
+def test_without_arm_tools_a_run_names_the_package(tools, there, package):
+    if there:
+        need('arm')
+    done = ballbot('run', 'stationary', '--processes=none', '--controller=arm', '--no-record',
+                   PATH=tools(*there))  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.endswith(f'install the Debian package {package}\n')
+
+
+def test_a_check_that_could_not_be_made_does_not_look_passed(
+    tmp_path, parameters, few_sequences, tools, monkeypatch, capsys
+):
+    need('c')
+    codegen.generate(tmp_path / 'c', parameters, None)
+    monkeypatch.setenv('PATH', tools('gcc', 'as', 'ld'))
+    with pytest.raises(CodegenError, match='processor in the loop was not checked: arm-none-eabi'):
+        codegen.check(tmp_path / 'c')
+    text = capsys.readouterr().out
+    assert 'equal' in text
+    assert 'skipped' in text
+    assert 'install the Debian package gcc-arm-none-eabi' in text
+
+
+def result_of(run):
+    assert run.finish() in (0, 1), run.stderr  # so short a run may miss the expectations
+    assert run.result['ticks'] == 500
+    return run.result['duty_sha256'], run.result['recording']
+
+
+def messages(path):
+    """Return the controller's messages: each topic's, in order."""
+    topics = ('controller/state', 'motor_duty', 'operating_state', 'bluetooth/tx', 'sound', 'lcd')
+    with RecordingReader(path) as reader:
+        found = {topic: [] for topic in topics}
+        for message in reader.raw_messages():
+            topic = message.topic.lstrip('/')
+            if topic in found:
+                found[topic].append(message.data)
+    return found
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize(
+    ('processes', 'controller'),
+    [('none', 'arm'), ('one', 'c'), ('separate', 'c'), ('separate', 'arm')],
+)
+def test_the_compiled_controller_leaves_run_and_recording_as_they_are(
+    start_run, tmp_path, processes, controller
+):
+    need(controller)
+    both = []
+    for name in ('python', controller):
+        run = start_run('stationary', f'--processes={processes}', '--json', *SHORT,
+                        '--output', tmp_path / name, f'--controller={name}')  # fmt: skip
+        sha256, recording = result_of(run)
+        both.append((sha256, messages(recording)))
+    assert both[0][0] == both[1][0]
+    for topic, python in both[0][1].items():
+        assert python, topic
+        assert python == both[1][1][topic], topic
+
+
+@pytest.mark.graph
+def test_a_node_takes_its_implementation_from_a_parameter_and_names_a_missing_tool(
+    start_node, tools, monkeypatch
+):
+    monkeypatch.setenv('PATH', tools())
+    node = start_node('controller', implementation='c')
+    assert node.finish() == 2
+    assert node.output == 'error: gcc is not there: install the Debian package gcc\n'
+
+
+@pytest.mark.graph
+def test_a_node_refuses_an_unknown_implementation(start_node):
+    node = start_node('controller', implementation='rust')
+    assert node.finish() == 2
+    assert "'rust' is not one of python, c, arm" in node.output
+
+
+def test_the_result_is_the_same_json_but_for_the_speed(tmp_path):
+    need('c')
+    results = []
+    for name in ('python', 'c'):
+        done = ballbot('run', 'stationary', '--processes=none', '--no-record', '--json',
+                       f'--controller={name}')  # fmt: skip
+        results.append({**json.loads(done.stdout), 'real_time_factor': None})
+    assert results[0] == results[1]

@@ -1,0 +1,250 @@
+"""The compiled program equals the Python one, bit for bit, on this machine and on ARM."""
+
+import json
+import subprocess
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from generated import need, random_values
+from robot import values_of
+
+from ballbot_ros.brick.brick import DeviceInputs
+from ballbot_ros.codegen.back_to_back import compare
+from ballbot_ros.codegen.steps import Step, random_steps
+from ballbot_ros.codegen.toolchain import TARGETS
+from ballbot_ros.controller.program import VOLTAGE_OFFSET, VOLTAGE_SLOPE, ControlProgram
+from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet
+from ballbot_ros.scenario.library import load_scenario, scenario_names
+from ballbot_ros.simulation.closed_loop import ClosedLoop
+from ballbot_ros.simulation.device_inputs import recorded_steps
+from ballbot_ros.simulation.trajectory import TrajectoryLog
+
+GOLDEN = sorted((Path(__file__).parents[1] / 'controller' / 'golden').glob('*.npz'))
+RANDOM_SETS, SEQUENCES = 10, 100
+TICKS = 50
+AT_REST = DeviceInputs(
+    gyro=(600, 600), revolutions=(0, 0), sonar_cm=255, battery_mv=8005, sticks=(0, 0)
+)
+
+
+def golden_values_and_steps(path):
+    with np.load(path, allow_pickle=False) as file:
+        data = {name: file[name].tolist() for name in file.files}
+    values = ParameterSet().values(CONTROLLER)
+    given = json.loads(str(data['parameters']))
+    given['wheel_radius'], given['ball_radius'] = given.pop('Rw'), given.pop('Rs')
+    values.update({name: value for name, value in given.items() if name in values})
+    steps = [
+        Step(
+            4 * n,
+            data['in_systick_ms'][n],
+            DeviceInputs(
+                (data['in_gyro_x'][n], data['in_gyro_y'][n]),
+                (data['in_rev_x'][n], data['in_rev_y'][n]),
+                data['in_sonar_cm'][n],
+                data['in_battery_mv'][n],
+                tuple(data['in_bt_packet'][n]) if data['in_bt_present'][n] else None,
+            ),
+        )
+        for n in range(len(data['in_systick_ms']))
+    ]
+    return values, steps
+
+
+def steps_of(ticks, systick_ms=1000, **inputs):
+    return [Step(4 * n, systick_ms + 4 * n, AT_REST._replace(**inputs)) for n in range(ticks)]
+
+
+def assert_equal(made, steps):
+    comparison = compare(made.values, made.program(), steps)
+    assert comparison.difference is None, str(comparison.difference)
+    return comparison.ticks
+
+
+@pytest.mark.parametrize('target', TARGETS)
+@pytest.mark.parametrize('name', scenario_names())
+def test_every_shipped_scenario(built, target, name):
+    scenario = load_scenario(name)
+    steps = recorded_steps(scenario.parameters, scenario)
+    made = built(target, values=scenario.parameters.values(CONTROLLER))
+    seconds = scenario.parameters.values(PLANT)['duration']
+    assert assert_equal(made, steps) == round(seconds * 250)
+
+
+@pytest.mark.parametrize('target', TARGETS)
+@pytest.mark.parametrize('path', GOLDEN, ids=lambda path: path.stem)
+def test_the_golden_inputs(built, target, path):
+    values, steps = golden_values_and_steps(path)
+    # What is written as a float and as an integer must have the table's types.
+    made = built(target, values=values_of(CONTROLLER, **values))
+    assert assert_equal(made, steps) == len(steps)
+
+
+@pytest.mark.parametrize('parameters', range(RANDOM_SETS))
+def test_a_thousand_random_sequences(built, parameters):
+    made = built('c', values=random_values(parameters))
+    for seed in range(SEQUENCES):
+        wild = seed % 2 == 1
+        assert_equal(made, random_steps(SEQUENCES * parameters + seed, TICKS, wild=wild))
+
+
+@pytest.mark.parametrize('parameters', range(5))
+def test_random_sequences_on_arm(built, parameters):
+    made = built('arm', values=random_values(parameters))
+    for seed in range(10):
+        assert_equal(made, random_steps(seed, 2 * TICKS, wild=seed % 2 == 1))
+
+
+def test_with_fused_multiply_add_in_the_processor(built):
+    if ' fma ' not in Path('/proc/cpuinfo').read_text():
+        pytest.skip('this processor has no FMA')
+    for level in ('-O2', '-O3'):
+        made = built('c', flags=(level, '-mfma'), name=level)
+        for seed in range(20):
+            assert_equal(made, random_steps(seed, 300, wild=seed % 2 == 1))
+
+
+def test_fused_operations_would_be_noticed(built):
+    """The test above can fail: with contraction allowed the states differ."""
+    if ' fma ' not in Path('/proc/cpuinfo').read_text():
+        pytest.skip('this processor has no FMA')
+    made = built('c', flags=('-O2', '-mfma', '-ffp-contract=fast'))
+    comparison = compare(made.values, made.program(), random_steps(0, 300, wild=False))
+    assert comparison.difference
+
+
+def battery_filter_for_no_voltage():
+    """Return a_b with which 573 and then 574 mV average to a motor voltage of exactly zero."""
+    coefficient = np.float32(574) - VOLTAGE_OFFSET / VOLTAGE_SLOPE
+    for _ in range(2000):
+        average = (np.float32(1) - coefficient) * np.float32(574) + coefficient * np.float32(573)
+        if VOLTAGE_SLOPE * average - VOLTAGE_OFFSET == 0:
+            return float(coefficient)
+        step = np.float32(1 if VOLTAGE_SLOPE * average > VOLTAGE_OFFSET else 0)
+        coefficient = np.nextafter(coefficient, step)
+    raise AssertionError('no such coefficient')
+
+
+def no_voltage_steps(revolution):
+    still = AT_REST._replace(gyro=(0, 0), revolutions=(revolution, -revolution))
+    return [
+        Step(4 * n, 4 * n, still._replace(battery_mv=574 if n == 25 else 573)) for n in range(30)
+    ]
+
+
+@pytest.mark.parametrize('target', TARGETS)
+@pytest.mark.parametrize(
+    ('pwm_gain', 'revolution', 'duty'), [(1.0, 0, 0), (0.0, 50, 0), (1.0, 50, 100)]
+)
+@pytest.mark.filterwarnings('ignore:divide by zero', 'ignore:invalid value')
+def test_no_voltage_gives_a_duty_and_never_what_is_not_a_number(
+    built, target, pwm_gain, revolution, duty
+):
+    made = built(target, a_b=battery_filter_for_no_voltage(), pwm_gain=pwm_gain, time_start=100)
+    steps = no_voltage_steps(revolution)
+    assert_equal(made, steps)
+    program = ControlProgram(made.values)
+    duties = [program.tick(*step).duty for step in steps]
+    assert VOLTAGE_SLOPE * program.battery - VOLTAGE_OFFSET == 0
+    assert duties[27] == (duty, -duty)
+
+
+@pytest.mark.parametrize('target', TARGETS)
+def test_the_log_counter_wraps(built, target):
+    made = built(target, time_start=0, log_count=255)
+    program = ControlProgram(made.values)
+    steps = steps_of(600)
+    logged = [step.elapsed_ms for step in steps if program.tick(*step).log]
+    assert logged == [4, 4 + 4 * 255, 4 + 8 * 255]
+    assert_equal(made, steps)
+
+
+@pytest.mark.parametrize('target', TARGETS)
+@pytest.mark.parametrize('before_wrap_ms', [4, 96, 300, 1000])
+def test_the_system_time_wraps(built, target, before_wrap_ms):
+    made = built(target, time_start=100, time_auto=400, mode='autonomous', sonar_hold=60)
+    start = 2**32 - before_wrap_ms
+    steps = [
+        Step(4 * n, (start + 4 * n) % 2**32,
+             AT_REST._replace(sonar_cm=20 if n % 25 == 0 else 255))
+        for n in range(400)
+    ]  # fmt: skip
+    assert_equal(made, steps)
+
+
+@pytest.mark.parametrize('target', TARGETS)
+def test_duty_and_logged_pitch_saturate(built, target):
+    made = built(target, time_start=0, time_stop=2**32 - 1, lsb=1e-9)
+    for sign in (1, -1):
+        turning = steps_of(60, gyro=(600 + 300 * sign, 600 - 300 * sign))
+        steps = [*steps_of(1), *turning[1:]]
+        program = ControlProgram(made.values)
+        outputs = [program.tick(*step) for step in steps]
+        assert outputs[-1].duty == (100 * sign, -100 * sign)
+        packet = [packet for output in outputs for packet in output.log][-1]
+        assert {packet.adc1, packet.adc2} == {32767, -32768}
+        assert_equal(made, steps)
+
+
+@pytest.mark.parametrize('target', TARGETS)
+def test_a_changed_gain_changes_both(built, target):
+    steps = list(random_steps(1, 300, wild=False))
+    made = built(target, k_i=-0.05)
+    assert_equal(made, steps)
+    comparison = compare(values_of(CONTROLLER), made.program(), steps)
+    assert comparison.difference
+    assert 'in C and' in str(comparison.difference)
+
+
+@pytest.mark.parametrize('target', TARGETS)
+@pytest.mark.parametrize('name', scenario_names())
+def test_in_the_closed_loop_the_duties_stay(target, name):
+    need(target)
+    hashes = set()
+    for implementation in ('python', target):
+        scenario = load_scenario(name)
+        scenario.parameters.set(CONTROLLER, 'implementation', implementation)
+        loop, log = ClosedLoop(scenario.parameters, scenario), TrajectoryLog()
+        seconds = 5 if target == 'arm' else scenario.parameters.values(PLANT)['duration']
+        for _ in range(round(seconds * 250)):
+            tick = loop.tick()
+            log.add(tick.truth, *tick.outputs.duty)
+        hashes.add(log.duty_sha256)
+    assert len(hashes) == 1
+
+
+def branch_counts(made, source):
+    """Return how often each branch of a source was taken, by line and number."""
+    done = subprocess.run(
+        ['gcov', '--json-format', '--stdout', '-b', source.replace('.c', '.o')],
+        cwd=made.scratch, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    files = json.loads(done.stdout)['files']
+    [file] = [file for file in files if Path(file['file']).name == source]
+    return {
+        (source, line['line_number'], number): branch['count']
+        for line in file['lines']
+        for number, branch in enumerate(line['branches'])
+    }
+
+
+def test_the_inputs_reach_the_branches_of_the_generated_c(built, capsys):
+    reached = Counter()
+    sets = [random_values(parameters) for parameters in range(RANDOM_SETS)]
+    sets.append(values_of(CONTROLLER, a_b=battery_filter_for_no_voltage(), time_start=100))
+    for index, values in enumerate(sets):
+        made = built('c', flags=('--coverage', '-O0'), values=values, name=f'_{index}')
+        sequences = [random_steps(seed, 2 * TICKS, wild=seed % 2 == 1) for seed in range(10)]
+        for steps in (*sequences, no_voltage_steps(0)):
+            program = made.program()
+            for step in steps:
+                program.tick(*step)
+            del program  # it writes its counts when it ends
+        for source in ('ballbot_controller.c', 'ballbot_app.c'):
+            reached.update(branch_counts(made, source))
+    taken = sum(count > 0 for count in reached.values())
+    with capsys.disabled():
+        print(f'\nbranches of the generated C reached: {taken} of {len(reached)}', flush=True)
+    assert taken >= 0.95 * len(reached), [key for key, count in reached.items() if not count]

@@ -1,0 +1,68 @@
+"""The compiled program as the nodes and the closed loop get it."""
+
+import gc
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from generated import need
+from robot import values_of
+
+from ballbot_ros.brick.brick import DeviceInputs
+from ballbot_ros.codegen.errors import CodegenError
+from ballbot_ros.codegen.implementation import program_maker
+from ballbot_ros.codegen.toolchain import TARGETS
+from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.parameters import CONTROLLER
+
+AT_REST = DeviceInputs((600, 600), (0, 0), 255, 8005, (0, 0))
+
+
+def own_children():
+    """Return the numbers of this process's children."""
+    tasks = Path('/proc/self/task').glob('*/children')
+    return {int(pid) for task in tasks for pid in task.read_text().split()}
+
+
+def test_python_is_the_default():
+    assert isinstance(program_maker(values_of(CONTROLLER))(), ControlProgram)
+
+
+@pytest.mark.parametrize('target', TARGETS)
+def test_each_program_begins_afresh_and_ends_with_its_owner(target):
+    need(target)
+    make = program_maker(values_of(CONTROLLER, implementation=target, time_start=0))
+    gc.collect()
+    before = own_children()
+    for _ in range(2):
+        program = make()
+        assert program.drive_state == 'calibration'
+        states = []
+        for elapsed_ms in range(0, 12, 4):
+            program.tick(elapsed_ms, 1000 + elapsed_ms, AT_REST)
+            states.append(program.drive_state)
+        assert states == ['remote'] * 3
+        assert len(own_children() - before) == 1
+        del program
+        assert own_children() == before
+
+
+@pytest.mark.parametrize('target', TARGETS)
+def test_a_program_that_dies_is_told(target):
+    need(target)
+    make = program_maker(values_of(CONTROLLER, implementation=target))
+    before = own_children()
+    program = make()
+    program.tick(0, 1000, AT_REST)
+    [pid] = own_children() - before
+    os.kill(pid, signal.SIGKILL)
+    with pytest.raises(CodegenError, match='the compiled controller ended with status -9'):
+        program.tick(4, 1004, AT_REST)
+
+
+def test_a_value_that_no_device_gives_is_refused():
+    need('c')
+    program = program_maker(values_of(CONTROLLER, implementation='c'))()
+    with pytest.raises(CodegenError, match='no device of the brick gives this'):
+        program.tick(0, 1000, AT_REST._replace(battery_mv=70000))

@@ -1,0 +1,69 @@
+"""Applications generated and built for tests, and parameters to build them for."""
+
+import random
+import shutil
+
+import pytest
+from robot import values_of
+
+from ballbot_ros.codegen.application import read_tasks, write_application
+from ballbot_ros.codegen.brick_process import BrickProcess
+from ballbot_ros.codegen.compiled_program import CompiledProgram
+from ballbot_ros.codegen.toolchain import TARGETS, build, missing_tool
+from ballbot_ros.parameters import CONTROLLER
+
+
+class Built:
+    """The application for some parameters, built for a target."""
+
+    def __init__(self, values, target, folder, flags=()):
+        self.values, self.folder, self.scratch = values, folder / 'application', folder / 'build'
+        write_application(self.folder, values)
+        self.tasks = read_tasks(self.folder)
+        self.command = build(self.folder, TARGETS[target], self.scratch, flags)
+
+    def program(self):
+        machine = BrickProcess(self.command)
+        return CompiledProgram(machine, self.tasks, self.values['mode'] == 'autonomous')
+
+
+def need(target):
+    if reason := missing_tool(TARGETS[target]):
+        pytest.skip(reason)
+
+
+def need_command(command, package):
+    if shutil.which(command) is None:
+        pytest.skip(f'{command} is not there: install the Debian package {package}')
+
+
+def random_values(seed):
+    """Return controller parameters from all over their ranges, with times short enough to end."""
+    draw = random.Random(seed)
+    coefficient = lambda: draw.choice((0.0, 1.0, draw.random()))  # noqa: E731
+    return values_of(
+        CONTROLLER,
+        mode=draw.choice(('remote', 'autonomous')),
+        k_f=[draw.gauss(0.0, scale) for scale in (0.02, 2.0, 0.03, 0.3)],
+        k_i=draw.gauss(0.0, 0.01),
+        k_thetadot=draw.uniform(0.0, 1000.0),
+        **{name: coefficient() for name in ('a_b', 'a_d', 'a_r', 'a_gc', 'a_gd')},
+        pwm_gain=draw.choice((0.0, 1.0, draw.uniform(0.0, 100.0))),
+        pwm_offset=draw.choice((0.0, draw.uniform(0.0, 20.0))),
+        dst_thr=draw.choice((-1, 0, 30, 255)),
+        sonar_hold=draw.choice((0, 40, 60000)),
+        gp_max=draw.choice((1, 100, 127)),
+        time_start=draw.choice((0, 20, 100)),
+        time_auto=draw.choice((0, 100, 2**32 - 1)),
+        time_stop=draw.choice((0, 100, 100, 400, 2**32 - 1)),
+        theta_diff_thr=draw.choice((100.0, 600.0, 1e6)),
+        psi_diff_thr=draw.choice((5.0, 15.0, 180.0)),
+        sound_freq=draw.randint(31, 14080),
+        sound_dur=draw.choice((0, 100, 65535)),
+        sound_volume=draw.randint(0, 100),
+        tone_gain=draw.choice((0, 1, 55)),
+        log_count=draw.choice((1, 2, 25, 255)),
+        lsb=draw.choice((2.0**-10, 1e-9, 1e3)),
+        wheel_radius=draw.uniform(0.001, 1.0),
+        ball_radius=draw.uniform(0.001, 1.0),
+    )
