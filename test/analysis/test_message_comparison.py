@@ -1,0 +1,93 @@
+"""Recorded messages beside those of a run that is made again."""
+
+import math
+
+import pytest
+
+from ballbot_ros.analysis.message_comparison import Comparison, first_difference
+from ballbot_ros.messages.conversions import fill_duty
+from ballbot_ros.messages.topics import LCD, MOTOR_DUTY
+from ballbot_ros.recording.encoding import encoder, new_message
+
+TICK = 4_000_000
+LAST = 100 * TICK
+
+
+def duty(stamp, x):
+    message = new_message(MOTOR_DUTY.type_name)
+    fill_duty(message, stamp, (x, 0))
+    return encoder(MOTOR_DUTY.type_name)(message)
+
+
+def compared(recorded, replayed):
+    """Compare the duties of plane x of ticks 0, 1, 2 ...; None leaves a message out."""
+    comparison = Comparison([MOTOR_DUTY], LAST)
+    for take, values in ((comparison.recorded, recorded), (comparison.replayed, replayed)):
+        for tick, value in enumerate(values):
+            if value is not None:
+                take(MOTOR_DUTY, tick * TICK, duty(tick * TICK, value))
+    return comparison
+
+
+def test_equal_messages_are_identical_however_they_take_turns():
+    comparison = compared([1, 2, 3], [1, 2, 3])
+    assert comparison.first_difference(complete=True) is None
+    assert comparison.compared == 3
+
+
+def test_the_first_difference_is_told_with_its_tick_field_and_values():
+    difference = compared([1, 2, 3], [1, -2, 4]).first_difference(complete=True)
+    assert difference.stamp_ns == TICK
+    assert difference.topic == 'motor_duty'
+    assert difference.what == 'vector.x: recorded 2.0, replayed -2.0'
+
+
+def test_a_message_without_counterpart_counts_only_where_the_recording_is_complete():
+    for recorded, replayed, what in (([1], [1, 2], 'not recorded'), ([1, 2], [1], 'not replayed')):
+        comparison = compared(recorded, replayed)
+        assert comparison.first_difference(complete=False) is None
+        difference = comparison.first_difference(complete=True)
+        assert difference.stamp_ns == TICK
+        assert what in difference.what
+
+
+def test_what_comes_after_the_last_tick_is_not_compared():
+    comparison = Comparison([MOTOR_DUTY], LAST)
+    comparison.recorded(MOTOR_DUTY, LAST + TICK, duty(LAST + TICK, 1))
+    assert comparison.first_difference(complete=True) is None
+
+
+def test_of_one_tick_the_cause_comes_before_its_effect():
+    text = new_message(LCD.type_name)
+    comparison = Comparison([LCD, MOTOR_DUTY], LAST)
+    for topic, one, other in (
+        (MOTOR_DUTY, duty(0, 1), duty(0, 2)),
+        (LCD, encoder(LCD.type_name)(text), None),
+    ):
+        comparison.recorded(topic, 0, one)
+        if other is None:
+            text.data = 'other'
+            other = encoder(LCD.type_name)(text)
+        comparison.replayed(topic, 0, other)
+    assert comparison.first_difference(complete=True).topic == 'lcd'
+
+
+@pytest.mark.parametrize(
+    ('one', 'other', 'told'),
+    [
+        (0.0, -0.0, True),
+        (math.nan, math.nan, False),
+        (1.0, math.nextafter(1.0, 2.0), True),
+        (1.0, 1.0, False),
+    ],
+)
+def test_numbers_are_compared_to_the_bit(one, other, told):
+    recorded, replayed = (new_message('geometry_msgs/msg/Vector3') for _ in range(2))
+    recorded.y, replayed.y = one, other
+    assert bool(first_difference(recorded, replayed)) == told
+
+
+def test_sequences_of_other_lengths_differ():
+    recorded, replayed = (new_message('sensor_msgs/msg/JointState') for _ in range(2))
+    recorded.name = ['a']
+    assert first_difference(recorded, replayed) == 'name has 1 elements recorded, 0 replayed'

@@ -1,0 +1,171 @@
+"""`ballbot replay`: identical, or the first difference."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+from graph import BALLBOT, Run, environment, free_domain
+
+from ballbot_ros.messages.conversions import fill_duty
+from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.writer import RecordingWriter
+from ballbot_ros.scenario.library import scenario_names
+
+DUTY = 'geometry_msgs/msg/Vector3Stamped'
+
+
+def replay(*arguments):
+    return subprocess.run(
+        [*BALLBOT, 'replay', *map(str, arguments)],
+        capture_output=True, text=True, env=environment(0), check=False, timeout=100,
+    )  # fmt: skip
+
+
+def record(folder, scenario, *arguments):
+    with free_domain() as domain:
+        run = Run(domain, scenario, '--json', '--output', folder, *arguments)
+        assert run.finish() in (0, 1), run.stderr
+    return run.result['recording']
+
+
+@pytest.fixture(scope='module')
+def push(tmp_path_factory):
+    """Two and a half seconds of pushes and noise, without a graph."""
+    return record(
+        tmp_path_factory.mktemp('push'), 'push', '--processes=none',
+        '--set=plant_sim.duration=4.5', '--set=gyro_driver.noise=0.7',
+    )  # fmt: skip
+
+
+def copy(recording, path, change):
+    """Copy a recording; `change` takes topic, stamp and data and returns the data, or None."""
+    with RecordingReader(recording) as reader, RecordingWriter(path) as writer:
+        for name, file in reader.attachments().items():
+            writer.add_attachment(name, file.media_type, file.data)
+        topics = {
+            name: writer.add_topic(name, topic.type_name) for name, topic in reader.topics().items()
+        }
+        for message in reader.raw_messages():
+            data = change(message.topic, message.stamp_ns, message.data)
+            if data is not None:
+                writer.write(topics[message.topic], message.stamp_ns, data, message.sequence)
+    return path
+
+
+@pytest.mark.parametrize('name', scenario_names())
+def test_every_shipped_scenario_is_identical(tmp_path, name):
+    recording = record(tmp_path, name, '--processes=none', '--set=plant_sim.duration=12')
+    done = replay(recording, '--json')
+    assert done.returncode == 0, done.stdout + done.stderr
+    controller, robot = json.loads(done.stdout)
+    assert controller['identical']
+    assert robot['identical']
+    assert controller['ticks'] == robot['ticks'] >= 2500
+
+
+@pytest.mark.graph
+def test_a_run_of_the_graph_is_identical(tmp_path):
+    recording = record(tmp_path, 'hardware_autonomous', '--set=plant_sim.duration=7')
+    done = replay(recording)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count('identical, 1750 ticks') == 2
+
+
+def test_one_bit_in_one_duty_is_found_at_its_tick(push, tmp_path):
+    def change(topic, stamp, data):
+        if topic == '/motor_duty' and stamp == 3_404_000_000:
+            return data[:-20] + bytes([data[-20] ^ 1]) + data[-19:]
+        return data
+
+    done = replay(copy(push, tmp_path / 'changed.mcap', change), '--json')
+    assert done.returncode == 1
+    for each in json.loads(done.stdout):
+        assert not each['identical']
+        assert each['first_difference']['sim_time_s'] == pytest.approx(3.404)
+        assert each['first_difference']['topic'] == 'motor_duty'
+
+
+def test_a_device_that_lied_is_told_apart_from_a_controller_that_erred(push, tmp_path):
+    def change(topic, stamp, data):
+        if topic == '/gyro' and stamp == 2_104_000_000:
+            with RecordingReader(push) as reader:
+                other = next(
+                    m for m in reader.raw_messages(['/gyro']) if m.stamp_ns > 2_900_000_000
+                )
+            # The reading of another tick under the stamp of this one.
+            return data[:12] + other.data[12:]
+        return data
+
+    done = replay(copy(push, tmp_path / 'changed.mcap', change))
+    assert done.returncode == 1
+    controller, robot = (line for line in done.stdout.splitlines() if line.startswith('run 1'))
+    assert '/motor_duty' in controller or '/controller/state' in controller
+    assert 'differs first at sim time 2.104 s, /gyro' in robot
+    assert 'recorded inputs' in done.stdout
+
+
+def test_a_missing_message_is_found(push, tmp_path):
+    def change(topic, stamp, data):
+        return None if (topic, stamp) == ('/bluetooth/tx', 3_004_000_000) else data
+
+    done = replay(copy(push, tmp_path / 'changed.mcap', change), '--json')
+    assert done.returncode == 1
+    for each in json.loads(done.stdout):
+        assert each['first_difference']['topic'] == 'bluetooth/tx'
+
+
+def test_another_parameter_asks_what_would_have_been(push):
+    same = json.loads(replay(push, '--set=controller.dst_thr=20', '--json').stdout)
+    assert [each['differing'] for each in same] == [0]
+    done = replay(push, '--set=controller.k_i=-0.1', '--json')
+    assert done.returncode == 0
+    (other,) = json.loads(done.stdout)
+    assert other['differing'] > 100
+    assert other['first_sim_time_s'] >= 2.0
+    assert max(other['largest_percent']) > 0
+
+
+def test_a_recording_that_was_cut_is_replayed_up_to_the_cut(push, tmp_path):
+    data = Path(push).read_bytes()
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(data[: len(data) // 2])
+    done = replay(cut, '--json')
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert all(each['identical'] and each['ticks'] > 100 for each in json.loads(done.stdout))
+
+
+def _foreign(path):
+    with RecordingWriter(path) as writer:
+        topic = writer.add_topic('/cmd', DUTY)
+        message = new_message(DUTY)
+        fill_duty(message, 0, (0, 0))
+        writer.write(topic, 0, encoder(DUTY)(message), 1)
+
+
+def _bare(path):
+    with RecordingWriter(path) as writer:
+        writer.add_topic('/motor_duty', DUTY)
+
+
+MISTAKES = {
+    'no file': (lambda path: None, 'No such file'),
+    'empty': (lambda path: path.write_bytes(b''), 'empty file'),
+    'not an MCAP': (lambda path: path.write_text('text ' * 10), 'not an MCAP'),
+    'foreign': (_foreign, 'parameters.yaml is not attached'),
+    'bare': (_bare, 'parameters.yaml is not attached'),
+}
+
+
+@pytest.mark.parametrize('mistake', MISTAKES)
+def test_what_can_not_be_replayed_is_told_in_one_line(tmp_path, mistake):
+    make, told = MISTAKES[mistake]
+    path = tmp_path / 'run.mcap'
+    make(path)
+    done = replay(path)
+    assert done.returncode == 2
+    assert done.stdout == ''
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert told in done.stderr
+    assert str(path) in done.stderr
