@@ -15,6 +15,7 @@ NODES = (
     'controller',
     'gamepad_teleop',
     'recorder',
+    'player',
 )
 
 
@@ -91,6 +92,9 @@ setup(
             'ros-jazzy-rmw-fastrtps-cpp==8.4.3',
             'ros-jazzy-rosgraph-msgs==2.0.3',
         ],
+        'parquet': [
+            'pyarrow>=14',
+        ],
         # The two that judge style and types stay in one minor series, as each new one judges
         # more strictly.
         'test': [
@@ -103,6 +107,7 @@ setup(
             'numpydoc>=1.8',
             'colcon-common-extensions>=0.3',
             'mcap-ros2-support>=0.5',
+            'pyarrow>=14',
             'types-PyYAML>=6.0',
         ],
     },

@@ -12,6 +12,7 @@ import click
 
 from ballbot_ros import __version__
 from ballbot_ros.cli.commands import design, doctor, run, scenarios
+from ballbot_ros.cli.recording_commands import export, info, play, repair
 from ballbot_ros.errors import BallbotError
 
 
@@ -35,7 +36,7 @@ def ballbot() -> None:
     """Simulate, measure and record the LEGO NXT Ballbot."""
 
 
-for command in (run, scenarios, design, doctor):
+for command in (run, scenarios, design, doctor, info, repair, export, play):
     ballbot.add_command(command)
 
 

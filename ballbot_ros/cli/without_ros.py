@@ -37,7 +37,15 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
                 progress.update(log.ticks * TICK_NS / SECOND_NS)
             wall = time.monotonic() - begun
             if recording:
-                recording.close()
+                outcome = 'stopped' if stop.signal else 'completed'
+                recording.close(
+                    {
+                        'outcome': outcome,
+                        'reason': '',
+                        'ticks': log.ticks,
+                        'duty_sha256': log.duty_sha256,
+                    }
+                )
         except RecordingError as error:
             wall = time.monotonic() - begun
             failure = str(error)

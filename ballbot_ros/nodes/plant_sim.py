@@ -366,7 +366,9 @@ class PlantSim(BallbotNode):
                 save_trajectory(Path(path), self.log.trajectory(), self.summary)
             except OSError as error:
                 raise BallbotError(f'{path}: {error.strerror}') from None
-        for publisher, _ in (self._clock_out, self._body, self._motors, self._odometry):
+        outputs = (self._clock_out, self._body, self._motors, self._odometry)
+        # The diagnostics hold the outcome, which the recorder notes.
+        for publisher in (*(publisher for publisher, _ in outputs), self._diagnostics):
             publisher.wait_for_all_acked(Duration(seconds=0.1))
         self._lock.release()
 

@@ -143,8 +143,9 @@ class SimulatedRecording:
             self._lcd.message.data = page
             self._lcd.write(now)
 
-    def close(self) -> None:
-        """Finish the file."""
+    def close(self, outcome: Mapping[str, Any]) -> None:
+        """Say how the run ended, and finish the file."""
+        self._writer.add_outcome(outcome)
         self._writer.close()
 
 

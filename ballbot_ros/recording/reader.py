@@ -26,14 +26,14 @@ from mcap.records import (
     Statistics,
 )
 from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.well_known import Profile
+from mcap.well_known import MessageEncoding, Profile
 from mcap.writer import MCAP0_MAGIC
 from rosbags.serde import SerdeError
 from zstandard import ZstdError
 
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import QosProfile
-from ballbot_ros.recording.rosbag2 import parse_offered_qos
+from ballbot_ros.recording.rosbag2 import TimeRange, parse_offered_qos
 from ballbot_ros.recording.schemas import decoder
 from ballbot_ros.recording.writer import INCOMPLETE, is_locked
 
@@ -91,6 +91,14 @@ class RecordingReader:
     path : path-like
         The file.
 
+    Attributes
+    ----------
+    path : Path
+    library : str
+        What wrote the file, as it says.
+    times : TimeRange or None
+        The oldest and the newest stamp [ns]; None if there are no messages.
+
     Raises
     ------
     RecordingError
@@ -99,6 +107,8 @@ class RecordingReader:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
+        self.library = ''
+        self.times: TimeRange | None = None
         self._broken = ''
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
@@ -140,6 +150,11 @@ class RecordingReader:
         return self.damage is None
 
     @property
+    def size(self) -> int:
+        """Size of the file [byte]."""
+        return os.fstat(self._file.fileno()).st_size
+
+    @property
     def being_written(self) -> bool:
         """Whether a recorder of this package is at work on the file."""
         return is_locked(self._file.fileno())
@@ -170,6 +185,20 @@ class RecordingReader:
     def attachments(self) -> dict[str, AttachedFile]:
         """Return the attached files by name; of equal names the last."""
         return self._attachments
+
+    def unreadable(self) -> dict[str, str]:
+        """Return the topics whose messages cannot be decoded, and why."""
+        reasons: dict[str, str] = {}
+        for channel in self._channels.values():
+            definition = self._schema(channel)
+            if channel.message_encoding != MessageEncoding.CDR:
+                reasons[channel.topic] = f'its encoding is {channel.message_encoding!r}, not cdr'
+                continue
+            try:
+                decoder(definition)
+            except RecordingError as error:
+                reasons[channel.topic] = str(error)
+        return reasons
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, Any]]:
         """Iterate over the messages of `topics`, or all, decoded.
@@ -254,6 +283,7 @@ class RecordingReader:
         self._counts: Counter[int] = Counter()
         self._gaps: list[str] = []
         statistics = None
+        oldest_ns, newest_ns = 2**64, -1
 
         def parse(stream: IO[bytes]) -> Iterator[McapRecord]:
             reader = StreamReader(stream, emit_chunks=not unpack, validate_crcs=True)
@@ -266,6 +296,8 @@ class RecordingReader:
             match record:
                 case Message():
                     self._counts[record.channel_id] += 1
+                    oldest_ns = min(oldest_ns, record.log_time)
+                    newest_ns = max(newest_ns, record.log_time)
                 case Schema():
                     self._schemas[record.id] = record
                 case Channel():
@@ -276,16 +308,22 @@ class RecordingReader:
                     self._metadata[record.name] = record.metadata
                     if record.name == INCOMPLETE:
                         self._gaps.append(record.metadata.get('reason', INCOMPLETE))
-                case Header(profile=profile) if profile != Profile.ROS2:
-                    raise RecordingError(f"{self.path}: profile {profile!r} is not 'ros2'")
+                case Header():
+                    if record.profile != Profile.ROS2:
+                        raise RecordingError(
+                            f"{self.path}: profile {record.profile!r} is not 'ros2'"
+                        )
+                    self.library = record.library
                 case Statistics():
                     statistics = record
-        if self._broken:
-            return unpack
-        if statistics and statistics.channel_message_counts.keys() <= self._channels.keys():
+        if not unpack:
+            known = statistics and statistics.channel_message_counts.keys() <= self._channels.keys()
+            if self._broken or not statistics or not known:
+                return False
             self._counts = Counter(statistics.channel_message_counts)
-            return True
-        return False
+            oldest_ns, newest_ns = statistics.message_start_time, statistics.message_end_time
+        self.times = TimeRange(oldest_ns, newest_ns) if self.count else None
+        return True
 
     def _read(self, parse: Callable[[IO[bytes]], Iterator[_Item]]) -> Iterator[_Item]:
         """Iterate over what `parse` finds in the file, until its end or damage."""

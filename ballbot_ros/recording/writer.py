@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
@@ -29,6 +30,8 @@ INCOMPLETE = 'incomplete'
 
 RUN_OUTCOME = 'ballbot_run'
 """Name of the metadata record that tells how the run ended, as its plant gave account of it."""
+
+_OUTCOME_KEYS = ('outcome', 'reason', 'ticks', 'duty_sha256')
 
 
 def is_locked(file: int) -> bool:
@@ -244,6 +247,10 @@ class RecordingWriter:
         """Add a named set of keys and values."""
         with self._writing():
             self._writer.add_metadata(name, dict(mapping))
+
+    def add_outcome(self, account: Mapping[str, Any]) -> None:
+        """Say how the recorded run ended: outcome, reason, ticks and duty_sha256 of `account`."""
+        self.add_metadata(RUN_OUTCOME, {key: str(account[key]) for key in _OUTCOME_KEYS})
 
     def mark_incomplete(self, reason: str) -> None:
         """Say in the recording that it lacks something."""
