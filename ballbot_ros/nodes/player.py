@@ -68,7 +68,7 @@ class Player(BallbotNode):
             self._made_clock = self.advertise(CLOCK)
         self._owned_clocks = int(CLOCK.name in self._outputs or self._made_clock is not None)
         if self._recording.damage:
-            self.warn(f'{self._recording.path}: {self._recording.damage}: it is played so far')
+            self.warn(f'{self._recording.path}: {self._recording.damage}: it is played up to there')
         self._begins_at = time.monotonic() + SETTLE_S
         self.playback.begin(self.values['start'], self._begins_at)
         name = self.get_name()

@@ -127,8 +127,8 @@ class Salvage:
                 else:
                     newest = chunk.newest_ns if chunk else self._newest_of_cut_chunk(position)
                     yield end, Damage(position, end, newest, in_summary)
-                if end == self.size:
-                    return
+                    if end == self.size:
+                        return
                 position = end
                 continue
             end, record = found
