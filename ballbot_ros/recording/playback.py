@@ -108,6 +108,8 @@ class Playback:
 
     def due(self, now: float) -> Iterator[RawMessage]:
         """Iterate over the messages that are due since the last call, in the order of the file."""
+        if now < self._anchor:
+            return
         until_ns = self.first_ns + round(self.position(now) * 1e9)
         while self._next is not None and self._next.stamp_ns <= until_ns:
             message, self._next = self._next, next(self._messages, None)
