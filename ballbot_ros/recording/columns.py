@@ -91,12 +91,13 @@ class Meaning:
 class Columns:
     """The columns of a topic, fixed by its first message.
 
-    Parameters
+    Attributes
     ----------
     first : object
         A message of the topic, as rosbags decodes it.
     meaning : Meaning
         What is known of the topic beyond its type.
+    columns : list of Column
     """
 
     first: Any

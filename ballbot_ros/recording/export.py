@@ -30,7 +30,7 @@ _OWN_STAMP = 'stamp_s'
 class Exporter:
     """Writes the tables of a recording.
 
-    Parameters
+    Attributes
     ----------
     reader : RecordingReader
     folder : Path
@@ -43,9 +43,6 @@ class Exporter:
         What is known of a topic and type beyond the type.
     progress : callable
         Told how many messages of how many are done.
-
-    Attributes
-    ----------
     files : list of Path
         The tables written so far.
     """
