@@ -15,6 +15,7 @@ NODES = (
     'controller',
     'gamepad_teleop',
     'recorder',
+    'player',
 )
 
 
@@ -102,6 +103,9 @@ setup(
             'pygame-ce>=2.5',
             'prompt_toolkit>=3.0.36',
         ],
+        'parquet': [
+            'pyarrow>=14',
+        ],
         # The two that judge style and types stay in one minor series, as each new one judges
         # more strictly.
         'test': [
@@ -114,6 +118,7 @@ setup(
             'numpydoc>=1.8',
             'colcon-common-extensions>=0.3',
             'mcap-ros2-support>=0.5',
+            'pyarrow>=14',
             'types-PyYAML>=6.0',
         ],
     },

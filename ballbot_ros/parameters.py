@@ -27,6 +27,10 @@ PLANT, GYRO, ENCODER, SONAR, CONTROLLER, GAMEPAD, RECORDER = NODES = (
     'gamepad_teleop',
     'recorder',
 )
+"""The nodes of a run."""
+
+PLAYER = 'player'
+ALL_NODES = (*NODES, PLAYER)
 
 
 class ParameterError(BallbotError):
@@ -320,10 +324,18 @@ TABLE: tuple[Parameter, ...] = (
         ('attachments', '', '', None,
          'folder whose files are attached to the recording; empty: none', 'project'),
     ),
+    *_rows(
+        PLAYER,
+        ('file', '', '', None, 'recording to play', 'project'),
+        ('rate', 1.0, '1', (0.01, 100.0), 'speed in times real time', 'project', True),
+        ('start', 0.0, 's', (0.0, 1e9), 'where to begin, after the first message', 'project'),
+        ('loop', False, '', None, 'true: begins again at the end', 'project'),
+        ('topics', '', '', None, 'topics to play, with commas between; empty: all', 'project'),
+    ),
 )  # fmt: skip
 
 _BY_NODE: dict[str, dict[str, Parameter]] = {
-    node: {row.name: row for row in TABLE if node in row.nodes} for node in NODES
+    node: {row.name: row for row in TABLE if node in row.nodes} for node in ALL_NODES
 }
 
 
@@ -354,13 +366,13 @@ class ParameterSet:
         """
         prefix = f'{where}: ' if where else ''
         if node == '/**':
-            nodes = [known for known in NODES if name in _BY_NODE[known]]
+            nodes = [known for known in ALL_NODES if name in _BY_NODE[known]]
             if not nodes:
                 raise ParameterError(f'{prefix}no node has a parameter {name!r}')
-        elif node in NODES:
+        elif node in ALL_NODES:
             nodes = [node]
         else:
-            raise ParameterError(f'{prefix}unknown node {node!r}; known: {", ".join(NODES)}')
+            raise ParameterError(f'{prefix}unknown node {node!r}; known: {", ".join(ALL_NODES)}')
         for each in nodes:
             row = _BY_NODE[each].get(name)
             if row is None:

@@ -11,7 +11,7 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 import click
 
 from ballbot_ros import __version__
-from ballbot_ros.cli import commands
+from ballbot_ros.cli import commands, recording_commands
 from ballbot_ros.errors import BallbotError
 
 
@@ -42,6 +42,10 @@ for command in (
     commands.report,
     commands.compare,
     commands.replay,
+    recording_commands.info,
+    recording_commands.play,
+    recording_commands.export,
+    recording_commands.repair,
     commands.log2csv,
     commands.map_command,
     commands.design,

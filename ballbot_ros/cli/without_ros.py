@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 from ballbot_ros.cli.experiment import Experiment, Finished
 from ballbot_ros.cli.progress import Progress
@@ -24,8 +25,22 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
     loop = ClosedLoop(experiment.parameters, experiment.scenario)
     log, pacer = TrajectoryLog(), Pacer()
     recording = _recording(experiment, loop)
-    failure = ''
     begun = time.monotonic()
+
+    def account(failure: str) -> dict[str, Any]:
+        wall = time.monotonic() - begun
+        return {
+            'outcome': 'failed' if failure else 'stopped' if stop.signal else 'completed',
+            'reason': failure,
+            'exit_status': 128 + stop.signal if stop.signal else 1,
+            'ticks': log.ticks,
+            'duty_sha256': log.duty_sha256,
+            'real_time_factor': log.ticks * TICK_NS / SECOND_NS / wall,
+            'missed_ticks': pacer.late,
+            'asked_again': 0,
+            'round_trip_ms': None,
+        }
+
     with StopRequest() as stop:
         try:
             while log.ticks < ticks and not stop.signal and not loop.plant.stopped:
@@ -35,29 +50,17 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
                 if recording:
                     recording.add(tick, loop.program)
                 progress.update(log.ticks * TICK_NS / SECOND_NS)
-            wall = time.monotonic() - begun
-            if loop.plant.stopped:
-                failure = str(loop.plant.newest_hit)
-                progress.notice(failure)
-                if recording:
-                    recording.add_truth(loop.plant.truth(), wall_hit=loop.plant.wall_hit)
+            hit = str(loop.plant.newest_hit) if loop.plant.stopped else ''
+            if hit:
+                progress.notice(hit)
+            summary = account(hit)
             if recording:
-                recording.close()
+                if hit:
+                    recording.add_truth(loop.plant.truth(), wall_hit=loop.plant.wall_hit)
+                recording.close(summary)
         except RecordingError as error:
-            wall = time.monotonic() - begun
-            failure = str(error)
-            progress.notice(failure)
-    summary = {
-        'outcome': 'failed' if failure else 'stopped' if stop.signal else 'completed',
-        'reason': failure,
-        'exit_status': 128 + stop.signal if stop.signal else 1,
-        'ticks': log.ticks,
-        'duty_sha256': log.duty_sha256,
-        'real_time_factor': log.ticks * TICK_NS / SECOND_NS / wall,
-        'missed_ticks': pacer.late,
-        'asked_again': 0,
-        'round_trip_ms': None,
-    }
+            summary = account(str(error))
+            progress.notice(str(error))
     return Finished(summary, log.trajectory())
 
 

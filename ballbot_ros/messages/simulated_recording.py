@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.run_messages import RunMessages
@@ -66,6 +67,7 @@ class SimulatedRecording:
         """Write the last truth of a run that has ended before its time."""
         self._messages.truth(truth, wall_hit=wall_hit)
 
-    def close(self) -> None:
-        """Finish the file."""
+    def close(self, outcome: Mapping[str, Any]) -> None:
+        """Say how the run ended, and finish the file."""
+        self._writer.add_outcome(outcome)
         self._writer.close()

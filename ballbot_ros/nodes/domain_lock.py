@@ -1,4 +1,4 @@
-"""One plant a ROS domain: it owns the domain's /clock."""
+"""One plant, or player in its place, a ROS domain: it owns the domain's /clock."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ class DomainLock:
         except BlockingIOError:
             os.close(self.file)
             raise BallbotError(
-                f'another plant is at work in ROS domain {domain}: wait for its end, or set '
-                'ROS_DOMAIN_ID to another number'
+                f'another plant or player is at work in ROS domain {domain}: wait for its end, or '
+                'set ROS_DOMAIN_ID to another number'
             ) from None
 
     def release(self) -> None:

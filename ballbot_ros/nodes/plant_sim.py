@@ -410,8 +410,9 @@ class PlantSim(BallbotNode):
                 save_trajectory(Path(path), self.log.trajectory(), self.summary)
             except OSError as error:
                 raise BallbotError(f'{path}: {error.strerror}') from None
-        last_truth = (self._clock_out, self._body, self._motors, self._odometry, self._wall_hit)
-        for publisher, _ in last_truth:
+        outputs = (self._clock_out, self._body, self._motors, self._odometry, self._wall_hit)
+        # The diagnostics hold the outcome, which the recorder notes.
+        for publisher in (*(publisher for publisher, _ in outputs), self._diagnostics):
             publisher.wait_for_all_acked(Duration(seconds=0.1))
         self._lock.release()
 

@@ -13,10 +13,17 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from ballbot_ros.messages.conversions import fill_time
-from ballbot_ros.messages.raw import has_stamp, stamp_of
-from ballbot_ros.messages.topics import HISTORY, RECORDER_ACK, TOPICS, Topic, message_class
+from ballbot_ros.messages.raw import decoder, has_stamp, stamp_of
+from ballbot_ros.messages.topics import (
+    DIAGNOSTICS,
+    HISTORY,
+    RECORDER_ACK,
+    TOPICS,
+    Topic,
+    message_class,
+)
 from ballbot_ros.nodes.base import BallbotNode, requested_qos, run_node
-from ballbot_ros.parameters import RECORDER
+from ballbot_ros.parameters import PLANT, RECORDER
 from ballbot_ros.recording.attachments import media_type
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
@@ -63,6 +70,8 @@ class Recorder(BallbotNode):
         self._acked_ns = 0
         self._lost = 0
         self._early: list[tuple[int, tuple[_Channel, bytes, int]]] = []
+        self._decode_diagnostics = decoder(DIAGNOSTICS.type_name)
+        self._outcome: dict[str, str] = {}
         self._ack = self.advertise(RECORDER_ACK)
         self._ack_message = RECORDER_ACK.message_class()
         self.every(POLL_S, self._poll)
@@ -77,7 +86,7 @@ class Recorder(BallbotNode):
 
     def _poll(self) -> None:
         """Write what has come, in the order in which it came, and acknowledge it."""
-        if self.finished:
+        if self.exit_status:
             return
         batch: list[_Item] = []
         for channel in self._channels.values():
@@ -119,6 +128,14 @@ class Recorder(BallbotNode):
         if channel.recorded is None:
             channel.recorded = self._announce(channel)
         self._writer.write(channel.recorded, stamp, data, sequence)
+        if channel.topic is DIAGNOSTICS:
+            self._note_outcome(data)
+
+    def _note_outcome(self, data: bytes) -> None:
+        for status in self._decode_diagnostics(data).status:
+            if status.name == f'{PLANT}: loop':
+                account = {item.key: item.value for item in status.values}
+                self._outcome = account if 'outcome' in account else {}
 
     def _announce(self, channel: _Channel) -> Any:
         """Add a topic to the file, with what its publishers offer."""
@@ -175,6 +192,8 @@ class Recorder(BallbotNode):
         """Take what has still come, and finish the file."""
         self._poll()
         self._inbox.destroy_node()
+        if self._outcome and self.exit_status == 0:
+            self._writer.add_outcome(self._outcome)
         if self._lost and self.exit_status == 0:
             self._writer.mark_incomplete(f'{self._lost} gaps in the sequence of messages')
         self._writer.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
+import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from io import FileIO
@@ -12,21 +13,38 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple, TypeVar, cast
 
 from mcap.exceptions import McapError
-from mcap.reader import NonSeekingReader
-from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema, Statistics
-from mcap.stream_reader import StreamReader
-from mcap.well_known import Profile
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    Footer,
+    Header,
+    McapRecord,
+    Message,
+    Metadata,
+    Schema,
+    Statistics,
+)
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.well_known import MessageEncoding, Profile
 from mcap.writer import MCAP0_MAGIC
 from rosbags.serde import SerdeError
 from zstandard import ZstdError
 
 from ballbot_ros.recording.errors import RecordingError
-from ballbot_ros.recording.schemas import schema, typestore
-from ballbot_ros.recording.writer import INCOMPLETE
+from ballbot_ros.recording.qos import QosProfile
+from ballbot_ros.recording.rosbag2 import TimeRange, parse_offered_qos
+from ballbot_ros.recording.schemas import decoder
+from ballbot_ros.recording.writer import INCOMPLETE, is_locked
 
-_DAMAGE = (McapError, struct.error, ValueError, OverflowError, RuntimeError, MemoryError, ZstdError)
+DAMAGE = (McapError, struct.error, ValueError, OverflowError, RuntimeError, MemoryError, ZstdError)
 """What mcap, lz4 and zstandard raise on bytes that are not what they should be."""
 
+_CRC_SIZE = 4
+_FOOTER_SIZE = 25
+"""The part of the footer that its checksum covers [byte]."""
+
+_NO_SCHEMA = Schema(id=0, data=b'', encoding='', name='')
 _Item = TypeVar('_Item')
 
 _LET_GO = 64 * ALLOCATIONGRANULARITY
@@ -56,6 +74,16 @@ class RawMessage(NamedTuple):
     data: bytes
 
 
+def summary_holds(data: mmap, footer: Footer) -> bool:
+    """Tell whether the summary of a whole file has the checksum that its footer names."""
+    if not footer.summary_crc:
+        return True
+    end = len(data) - len(MCAP0_MAGIC) - _CRC_SIZE
+    # Of a file without summary, the footer itself.
+    start = footer.summary_start or end - _FOOTER_SIZE
+    return zlib.crc32(data[start:end]) == footer.summary_crc
+
+
 class RecordingReader:
     """A recording, read message by message in the order of the file.
 
@@ -66,6 +94,14 @@ class RecordingReader:
     path : path-like
         The file.
 
+    Attributes
+    ----------
+    path : Path
+    library : str
+        What wrote the file, as it says.
+    times : TimeRange or None
+        The oldest and the newest stamp [ns]; None if there are no messages.
+
     Raises
     ------
     RecordingError
@@ -74,8 +110,10 @@ class RecordingReader:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
+        self.library = ''
+        self.times: TimeRange | None = None
         self._broken = ''
-        self._schemas: dict[int, str] = {}
+        self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._attachments: dict[str, AttachedFile] = {}
         self._metadata: dict[str, dict[str, str]] = {}
@@ -89,7 +127,10 @@ class RecordingReader:
                 raise RecordingError(f'{self.path}: {"not an MCAP" if magic else "empty"} file')
             if not self._scan(unpack=False):
                 self._scan(unpack=True)
-            self._types = {name: topic.type_name for name, topic in self.topics().items()}
+            self._types = {
+                channel.topic: self._schema(channel) for channel in self._channels.values()
+            }
+            self._decoders: dict[str, Callable[[bytes], Any]] = {}
         except BaseException:
             self.close()
             raise
@@ -106,9 +147,24 @@ class RecordingReader:
         return '; '.join(filter(None, [*self._gaps, self._broken])) or None
 
     @property
+    def broken(self) -> str | None:
+        """Where the file is cut off or corrupt, as far as it has been read."""
+        return self._broken or None
+
+    @property
     def complete(self) -> bool:
         """Whether nothing is known to be missing."""
         return self.damage is None
+
+    @property
+    def size(self) -> int:
+        """Size of the file [byte]."""
+        return os.fstat(self._file.fileno()).st_size
+
+    @property
+    def being_written(self) -> bool:
+        """Whether a recorder of this package is at work on the file."""
+        return is_locked(self._file.fileno())
 
     @property
     def count(self) -> int:
@@ -118,9 +174,14 @@ class RecordingReader:
     def topics(self) -> dict[str, TopicSummary]:
         """Return type and number of messages of each topic."""
         return {
-            channel.topic: TopicSummary(
-                self._schemas.get(channel.schema_id, ''), self._counts[channel.id]
-            )
+            channel.topic: TopicSummary(self._schema(channel).name, self._counts[channel.id])
+            for channel in self._channels.values()
+        }
+
+    def offered_qos(self) -> dict[str, list[QosProfile]]:
+        """Return what each topic's publishers offered; empty where the file does not tell."""
+        return {
+            channel.topic: parse_offered_qos(channel.metadata.get('offered_qos_profiles', ''))
             for channel in self._channels.values()
         }
 
@@ -131,6 +192,20 @@ class RecordingReader:
     def attachments(self) -> dict[str, AttachedFile]:
         """Return the attached files by name; of equal names the last."""
         return self._attachments
+
+    def unreadable(self) -> dict[str, str]:
+        """Return the topics whose messages cannot be decoded, and why."""
+        reasons: dict[str, str] = {}
+        for channel in self._channels.values():
+            definition = self._schema(channel)
+            if channel.message_encoding != MessageEncoding.CDR:
+                reasons[channel.topic] = f'its encoding is {channel.message_encoding!r}, not cdr'
+                continue
+            try:
+                decoder(definition)
+            except RecordingError as error:
+                reasons[channel.topic] = str(error)
+        return reasons
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, Any]]:
         """Iterate over the messages of `topics`, or all, decoded.
@@ -156,17 +231,21 @@ class RecordingReader:
         RecordingError
             If its type is unknown, or it is not of that type.
         """
-        type_name = self._types.get(raw.topic, '')
+        schema = self._types[raw.topic]
         try:
-            schema(type_name)
-            return typestore().deserialize_cdr(raw.data, type_name)
+            decode = self._decoders.get(raw.topic)
+            if decode is None:
+                decode = self._decoders[raw.topic] = decoder(schema)
+            return decode(raw.data)
         except (RecordingError, SerdeError) as error:
             raise RecordingError(
-                f'{self.path}: {raw.topic} at {raw.stamp_ns} ns is no {type_name}: {error}'
+                f'{self.path}: {raw.topic} at {raw.stamp_ns} ns is no {schema.name}: {error}'
             ) from None
 
-    def raw_messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        """Iterate over the messages of `topics`, or all, as they were recorded.
+    def raw_messages(
+        self, topics: Collection[str] | None = None, start_ns: int = 0
+    ) -> Iterator[RawMessage]:
+        """Iterate over the messages of `topics`, or all, from a stamp on, as they were recorded.
 
         Raises
         ------
@@ -178,30 +257,65 @@ class RecordingReader:
             if topic not in known:
                 names = ', '.join(sorted(known)) or 'none'
                 raise RecordingError(f'{self.path}: no topic {topic!r}, only {names}')
-        for _, channel, message in self._read(
-            lambda stream: NonSeekingReader(stream, validate_crcs=True).iter_messages(
-                topics, log_time_order=False
-            )
-        ):
-            yield RawMessage(channel.topic, message.log_time, message.sequence, message.data)
+        wanted = {
+            number: channel.topic
+            for number, channel in self._channels.items()
+            if topics is None or channel.topic in topics
+        }
+
+        def parse(stream: IO[bytes]) -> Iterator[RawMessage]:
+            reader = StreamReader(stream, emit_chunks=True, validate_crcs=True)
+            for record in reader.records:
+                if not isinstance(record, Chunk):
+                    records = [record]
+                elif record.message_end_time < start_ns:
+                    continue
+                else:
+                    records = breakup_chunk(record, validate_crc=True)
+                for message in records:
+                    if not isinstance(message, Message):
+                        continue
+                    if message.channel_id not in self._channels:
+                        raise McapError(f'no channel {message.channel_id}')
+                    if message.channel_id in wanted and message.log_time >= start_ns:
+                        yield RawMessage(
+                            wanted[message.channel_id],
+                            message.log_time,
+                            message.sequence,
+                            message.data,
+                        )
+
+        yield from self._read(parse)
 
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+    def _schema(self, channel: Channel) -> Schema:
+        return self._schemas.get(channel.schema_id, _NO_SCHEMA)
 
     def _scan(self, *, unpack: bool) -> bool:
         """Note what the file holds; return whether that tells the number of messages."""
         self._counts: Counter[int] = Counter()
         self._gaps: list[str] = []
         statistics = None
-        for record in self._read(
-            lambda stream: StreamReader(stream, emit_chunks=not unpack, validate_crcs=True).records
-        ):
+        oldest_ns, newest_ns = 2**64, -1
+
+        def parse(stream: IO[bytes]) -> Iterator[McapRecord]:
+            reader = StreamReader(stream, emit_chunks=not unpack, validate_crcs=True)
+            for record in reader.records:
+                if isinstance(record, Footer) and not summary_holds(cast('mmap', stream), record):
+                    raise McapError('the summary fails its checksum')
+                yield record
+
+        for record in self._read(parse):
             match record:
                 case Message():
                     self._counts[record.channel_id] += 1
+                    oldest_ns = min(oldest_ns, record.log_time)
+                    newest_ns = max(newest_ns, record.log_time)
                 case Schema():
-                    self._schemas[record.id] = record.name
+                    self._schemas[record.id] = record
                 case Channel():
                     self._channels[record.id] = record
                 case Attachment():
@@ -210,14 +324,22 @@ class RecordingReader:
                     self._metadata[record.name] = record.metadata
                     if record.name == INCOMPLETE:
                         self._gaps.append(record.metadata.get('reason', INCOMPLETE))
-                case Header(profile=profile) if profile != Profile.ROS2:
-                    raise RecordingError(f"{self.path}: profile {profile!r} is not 'ros2'")
+                case Header():
+                    if record.profile != Profile.ROS2:
+                        raise RecordingError(
+                            f"{self.path}: profile {record.profile!r} is not 'ros2'"
+                        )
+                    self.library = record.library
                 case Statistics():
                     statistics = record
-        if statistics and statistics.channel_message_counts.keys() <= self._channels.keys():
+        if not unpack:
+            known = statistics and statistics.channel_message_counts.keys() <= self._channels.keys()
+            if self._broken or not statistics or not known:
+                return False
             self._counts = Counter(statistics.channel_message_counts)
-            return True
-        return False
+            oldest_ns, newest_ns = statistics.message_start_time, statistics.message_end_time
+        self.times = TimeRange(oldest_ns, newest_ns) if self.count else None
+        return True
 
     def _read(self, parse: Callable[[IO[bytes]], Iterator[_Item]]) -> Iterator[_Item]:
         """Iterate over what `parse` finds in the file, until its end or damage."""
@@ -234,7 +356,7 @@ class RecordingReader:
                     if stream.tell() - kept >= _LET_GO:
                         stream.madvise(MADV_DONTNEED, kept, _LET_GO)
                         kept += _LET_GO
-            except _DAMAGE:
+            except DAMAGE:
                 end = stream.tell()
                 kind = 'cut off at' if end == len(stream) else 'corrupt before'
                 self._broken = f'{kind} byte {end}'

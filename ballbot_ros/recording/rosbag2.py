@@ -16,6 +16,14 @@ METADATA_NAME = 'rosbag2'
 _VERSION = 9
 _NO_TIME = 2**63 - 1
 
+_WORDS = {
+    'history': {0: 'system_default', 1: 'keep_last', 2: 'keep_all', 3: 'unknown'},
+    'reliability': {0: 'system_default', 1: 'reliable', 2: 'best_effort', 3: 'unknown'},
+    'durability': {0: 'system_default', 1: 'transient_local', 2: 'volatile', 3: 'unknown'},
+    'liveliness': {0: 'system_default', 1: 'automatic', 3: 'manual_by_topic', 4: 'unknown'},
+}
+"""The numbers of rmw for what Jazzy writes in words."""
+
 
 @dataclass(slots=True, eq=False)
 class Topic:
@@ -53,6 +61,42 @@ class TimeRange(NamedTuple):
 def offered_qos_profiles(profiles: Iterable[QosProfile]) -> str:
     """Write `profiles`, one for each publisher, as the channel metadata of that name."""
     return _yaml(_qos(profiles))
+
+
+def parse_offered_qos(text: str) -> list[QosProfile]:
+    """Read the channel metadata ``offered_qos_profiles`` of any ROS 2 release.
+
+    Returns
+    -------
+    list of QosProfile
+        Empty where the text is not what rosbag2 writes.
+    """
+    try:
+        return [_parse_profile(profile) for profile in yaml.safe_load(text) or ()]
+    except (yaml.YAMLError, TypeError, KeyError, ValueError, AttributeError):
+        return []
+
+
+def _parse_profile(profile: dict[str, Any]) -> QosProfile:
+    def word(key: str) -> str:
+        # Releases before Jazzy write the middleware's numbers.
+        value = profile[key]
+        return _WORDS[key][value] if isinstance(value, int) else str(value)
+
+    def duration(key: str) -> int:
+        return int(profile[key]['sec']) * 10**9 + int(profile[key]['nsec'])
+
+    return QosProfile(
+        history=word('history'),
+        depth=int(profile['depth']),
+        reliability=word('reliability'),
+        durability=word('durability'),
+        deadline=duration('deadline'),
+        lifespan=duration('lifespan'),
+        liveliness=word('liveliness'),
+        liveliness_lease_duration=duration('liveliness_lease_duration'),
+        avoid_ros_namespace_conventions=bool(profile['avoid_ros_namespace_conventions']),
+    )
 
 
 def serialized_metadata(file_name: str, topics: Iterable[Topic], times: TimeRange | None) -> str:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from rosbags.typesys import Stores, get_typestore
+from mcap import records
+from mcap.well_known import SchemaEncoding
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
 from ballbot_ros.recording.errors import RecordingError
@@ -51,3 +55,51 @@ def schema(type_name: str) -> Schema:
     text, _ = store.generate_msgdef(type_name, ros_version=2)
     type_hash = '' if _CHAR_FIELD.search(text) else store.hash_rihs01(type_name)
     return Schema(text, type_hash)
+
+
+def decoder(definition: records.Schema) -> Callable[[bytes], Any]:
+    """Return the function that decodes messages of a type as its recording defines it.
+
+    A type of that name in ROS 2 Jazzy may have other fields than it had where it was recorded.
+
+    Raises
+    ------
+    RecordingError
+        If the recording does not define the type, and ROS 2 Jazzy has none of its name.
+    """
+    name = definition.name
+    store = _typestore(definition)
+    return lambda data: store.deserialize_cdr(data, name)
+
+
+def _typestore(definition: records.Schema) -> Typestore:
+    ours = typestore()
+    name, text = definition.name, definition.data.decode(errors='replace')
+    if not text:
+        schema(name)
+        return ours
+    try:
+        if definition.encoding == SchemaEncoding.ROS2:
+            types = get_types_from_msg(text, name)
+        elif definition.encoding == 'ros2idl':
+            types = get_types_from_idl(text)
+        else:
+            raise RecordingError(f'{definition.encoding!r} defines no type of ROS 2')
+        if name not in types:
+            raise RecordingError('its definition is that of another type')
+        # rosbags gives a type without fields a dummy, as the middleware does.
+        others = {
+            known: definition
+            for known, definition in types.items()
+            if known not in ours.fielddefs
+            or (definition[1] and definition[1] != ours.fielddefs[known][1])
+        }
+        if not others:
+            return ours
+        store = get_typestore(Stores.EMPTY)
+        store.register({**ours.fielddefs, **others})
+        store.get_msgdef(name)
+    except (TypesysError, KeyError) as error:
+        reason = ' '.join(str(error).split())
+        raise RecordingError(f'its definition is not valid: {reason}') from None
+    return store

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
+from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import Writer
 
@@ -17,12 +20,28 @@ from ballbot_ros.recording.rosbag2 import (
     TimeRange,
     Topic,
     offered_qos_profiles,
+    parse_offered_qos,
     serialized_metadata,
 )
 from ballbot_ros.recording.schemas import schema
 
 INCOMPLETE = 'incomplete'
 """Name of the metadata record that says why a recording lacks something, under ``reason``."""
+
+RUN_OUTCOME = 'ballbot_run'
+"""Name of the metadata record that tells how the run ended, as its plant gave account of it."""
+
+_OUTCOME_KEYS = ('outcome', 'reason', 'ticks', 'duty_sha256')
+
+
+def is_locked(file: int) -> bool:
+    """Tell whether a :class:`RecordingWriter` is at work on an open file, in any process."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError as error:
+        return isinstance(error, BlockingIOError)
+    fcntl.flock(file, fcntl.LOCK_UN)
+    return False
 
 
 class RecordingWriter:
@@ -53,10 +72,13 @@ class RecordingWriter:
             raise RecordingError(f'{self.path}: already exists') from None
         except OSError as error:
             raise RecordingError(f'{self.path}: {error.strerror}') from None
+        with suppress(OSError):  # some network file systems have no locks
+            fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._open = True
         self._writer = Writer(self._stream, chunk_size, enable_data_crcs=True)
         self._schemas: dict[str, int] = {}
-        self._topics: dict[str, Topic] = {}
+        self._copied: dict[tuple[str, str, bytes], int] = {}
+        self._topics: dict[int, Topic] = {}
         self._oldest_ns = 2**63
         self._newest_ns = -1
         with self._writing():
@@ -104,7 +126,7 @@ class RecordingWriter:
             definition = schema(type_name)
         except RecordingError as error:
             raise RecordingError(f'{self.path}: topic {name}: {error}') from None
-        if name in self._topics:
+        if any(topic.name == name for topic in self._topics.values()):
             raise RecordingError(f'{self.path}: topic {name} is recorded already')
         type_hash = type_hash or definition.type_hash
         if definition.type_hash not in ('', type_hash):
@@ -127,10 +149,50 @@ class RecordingWriter:
                 },
             )
         topic = Topic(channel, name, type_name, type_hash, qos)
-        self._topics[name] = topic
+        self._topics[channel] = topic
         return topic
 
-    def write(self, topic: Topic, stamp_ns: int, data: bytes, sequence: int) -> None:
+    def copy_topic(self, channel: Channel, definition: Schema | None) -> Topic:
+        """Announce a topic of another recording as it stands there, whatever its type.
+
+        Parameters
+        ----------
+        channel : mcap.records.Channel
+        definition : mcap.records.Schema or None
+            The channel's schema, if it has one.
+
+        Returns
+        -------
+        Topic
+            What `write` wants to know of it.
+        """
+        name, encoding, text = (
+            (definition.name, definition.encoding, definition.data) if definition else ('', '', b'')
+        )
+        with self._writing():
+            key = (name, encoding, text)
+            if definition and key not in self._copied:
+                self._copied[key] = self._writer.register_schema(name, encoding, text)
+            number = self._writer.register_channel(
+                channel.topic,
+                channel.message_encoding,
+                self._copied[key] if definition else 0,
+                channel.metadata,
+            )
+        qos = parse_offered_qos(channel.metadata.get('offered_qos_profiles', ''))
+        type_hash = channel.metadata.get('topic_type_hash', '')
+        topic = Topic(number, channel.topic, name, type_hash, qos)
+        self._topics[number] = topic
+        return topic
+
+    def write(
+        self,
+        topic: Topic,
+        stamp_ns: int,
+        data: bytes,
+        sequence: int,
+        publish_ns: int | None = None,
+    ) -> None:
         """Record a message.
 
         Parameters
@@ -138,11 +200,13 @@ class RecordingWriter:
         topic : Topic
             From `add_topic` of this recording.
         stamp_ns : int
-            Sim time, becomes log time and publish time, 0 ... 2**63 - 1 [ns].
+            Sim time, becomes the log time, 0 ... 2**63 - 1 [ns].
         data : bytes
             The message in CDR with its encapsulation header.
         sequence : int
             The publisher's number of this message, 0 ... 2**32 - 1.
+        publish_ns : int, optional
+            Publish time [ns]; the log time by default.
 
         Raises
         ------
@@ -157,7 +221,8 @@ class RecordingWriter:
                 f'and the number {sequence}'
             )
         try:
-            self._writer.add_message(topic.channel, stamp_ns, data, stamp_ns, sequence)
+            publish_ns = stamp_ns if publish_ns is None else publish_ns
+            self._writer.add_message(topic.channel, stamp_ns, data, publish_ns, sequence)
         except OSError as error:
             raise self._failure(error) from None
         topic.count += 1
@@ -171,15 +236,21 @@ class RecordingWriter:
         with self._writing():
             self._writer.flush()  # type: ignore[no-untyped-call]
 
-    def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
-        """Attach a file, such as the scenario."""
+    def add_attachment(
+        self, name: str, media_type: str, data: bytes, create_ns: int = 0, log_ns: int = 0
+    ) -> None:
+        """Attach a file, such as the scenario; its times [ns] are 0 where they say nothing."""
         with self._writing():
-            self._writer.add_attachment(0, 0, name, media_type, data)
+            self._writer.add_attachment(create_ns, log_ns, name, media_type, data)
 
     def add_metadata(self, name: str, mapping: Mapping[str, str]) -> None:
         """Add a named set of keys and values."""
         with self._writing():
             self._writer.add_metadata(name, dict(mapping))
+
+    def add_outcome(self, account: Mapping[str, Any]) -> None:
+        """Say how the recorded run ended: outcome, reason, ticks and duty_sha256 of `account`."""
+        self.add_metadata(RUN_OUTCOME, {key: str(account[key]) for key in _OUTCOME_KEYS})
 
     def mark_incomplete(self, reason: str) -> None:
         """Say in the recording that it lacks something."""

@@ -39,12 +39,21 @@ def damaged(recording, tmp_path_factory):
     return read
 
 
-def write_foreign(path, *, encoding='cdr', type_name=STRING, profile='ros2', data=None, **options):
+def write_foreign(
+    path,
+    *,
+    encoding='cdr',
+    type_name=STRING,
+    definition=b'string data',
+    profile='ros2',
+    data=None,
+    **options,
+):
     with path.open('wb') as stream:
         writer = Writer(stream, **options)
         writer.start(profile)
-        definition = writer.register_schema(type_name, 'ros2msg', b'string data')
-        channel = writer.register_channel('/lcd', encoding, definition)
+        schema = writer.register_schema(type_name, 'ros2msg', definition)
+        channel = writer.register_channel('/lcd', encoding, schema)
         for number in range(10):
             writer.add_message(channel, number, data or string(str(number)), number, number)
         writer.finish()
@@ -216,7 +225,14 @@ def test_an_unknown_topic_is_an_error(recording):
 @pytest.mark.parametrize(
     ('options', 'reason'),
     [
-        ({'type_name': 'a/msg/B'}, "is no a/msg/B: 'a/msg/B' is not a message type of ROS 2 Jazzy"),
+        (
+            {'type_name': 'a/msg/B', 'definition': b''},
+            "is no a/msg/B: 'a/msg/B' is not a message type of ROS 2 Jazzy",
+        ),
+        (
+            {'type_name': 'a/msg/B', 'definition': b'a/Unknown data'},
+            'is no a/msg/B: its definition is not valid: ',
+        ),
         ({'encoding': 'json', 'data': b'{}'}, 'is no std_msgs/msg/String: '),
     ],
 )
@@ -278,6 +294,45 @@ def test_files_of_other_writers_are_read(tmp_path, options):
         assert [message.data for _, _, message in reader.messages()] == [
             str(number) for number in range(10)
         ]
+
+
+def test_the_definition_in_the_file_counts(tmp_path):
+    # A String as no release of ROS has it, and a type that is not installed.
+    for type_name in (STRING, 'a/msg/B'):
+        data = b'\0\1\0\0\7\0\0\0\2\0\0\0a\0'
+        path = write_foreign(
+            tmp_path / f'{type_name[0]}.mcap',
+            type_name=type_name,
+            definition=b'int32 number\nstring data',
+            data=data,
+        )
+        with RecordingReader(path) as reader:
+            _, _, message = next(reader.messages())
+        assert (message.number, message.data) == (7, 'a')
+
+
+def test_reading_begins_at_a_stamp(recording, sample):
+    start_ns = sample[150][2]
+    with RecordingReader(recording) as reader:
+        found = [message.stamp_ns for message in reader.raw_messages(start_ns=start_ns)]
+    assert found == [row[2] for row in sample[150:]]
+
+
+def test_a_corrupt_summary_is_not_believed(sample, damaged):
+    def change(content):
+        return flip(content, len(content) - 20)
+
+    raw, _, count, damage = damaged(change)
+    assert len(raw) == count == len(sample)
+    assert damage.startswith('corrupt before byte')
+
+
+def test_a_recording_in_the_making_says_so(tmp_path):
+    path = tmp_path / 'new.mcap'
+    with RecordingWriter(path) as writer, RecordingReader(path) as reader:
+        assert reader.being_written
+        writer.close()
+        assert not reader.being_written
 
 
 def test_a_closed_reader_says_so(recording):

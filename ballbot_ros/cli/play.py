@@ -1,0 +1,96 @@
+"""`ballbot play`: the player with keys and a status line."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import termios
+import time
+import tty
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Any
+
+from ballbot_ros.cli.run import require_rclpy
+
+KEYS_S = 0.05
+SKIP_S = 5.0
+FASTER = 1.25
+
+
+def play_file(values: Mapping[str, Any]) -> int:
+    """Play a recording with the parameters `values` of the player; return the exit status."""
+    require_rclpy()
+    from rclpy.parameter import Parameter
+
+    from ballbot_ros.nodes.base import run_node
+    from ballbot_ros.nodes.player import Player
+
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+    def make() -> Player:
+        player = Player(values)
+        if not sys.stdin.isatty():
+            return player
+
+        def press(key: str) -> None:
+            now = time.monotonic()
+            playback = player.playback
+            match key:
+                case ' ':
+                    playback.pause(not playback.paused, now)
+                case '+' | '-':
+                    rate = playback.rate * (FASTER if key == '+' else 1.0 / FASTER)
+                    player.set_parameters([Parameter('rate', value=rate)])
+                case '\x1b[C' | '\x1b[D':  # the arrows to the right and to the left
+                    step = SKIP_S if key.endswith('C') else -SKIP_S
+                    playback.seek(playback.position(now) + step, now)
+                case 'q':
+                    player.finish()
+            position = playback.position(now)
+            terminal.show(
+                f'{position:8.2f} / {playback.duration:.2f} s   {playback.rate:.2f} ×'
+                f'{"   paused" if playback.paused else ""}'
+            )
+
+        player.every(KEYS_S, lambda: press(terminal.key()))
+        return player
+
+    with _Terminal() as terminal:
+        return run_node(make)
+
+
+class _Terminal:
+    """Keys as they are pressed, and a line that is written again and again."""
+
+    def __enter__(self) -> _Terminal:
+        self._restore: Callable[[], None] = lambda: None
+        if sys.stdin.isatty():
+            file = sys.stdin.fileno()
+            before = termios.tcgetattr(file)
+            self._restore = lambda: termios.tcsetattr(file, termios.TCSADRAIN, before)
+            tty.setcbreak(file)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._restore()
+        if sys.stdin.isatty() and sys.stderr.isatty():
+            sys.stderr.write('\n')
+
+    def key(self) -> str:
+        """Return the key that was pressed, or an empty text."""
+        if not select.select([sys.stdin], [], [], 0.0)[0]:
+            return ''
+        return os.read(sys.stdin.fileno(), 3).decode(errors='replace')
+
+    def show(self, text: str) -> None:
+        """Write the status line anew."""
+        if sys.stderr.isatty():
+            sys.stderr.write(f'\r{text}\x1b[K')
+            sys.stderr.flush()

@@ -1,0 +1,176 @@
+"""Publishes a recording as its nodes published it, with its /clock."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool
+
+from ballbot_ros.messages.conversions import fill_clock
+from ballbot_ros.messages.topics import CLOCK, HISTORY, TOPICS, message_class
+from ballbot_ros.nodes.base import BallbotNode, offered_qos, run_node
+from ballbot_ros.nodes.domain_lock import DomainLock
+from ballbot_ros.parameters import PLANT, PLAYER
+from ballbot_ros.recording.playback import Playback
+from ballbot_ros.recording.qos import QosProfile
+from ballbot_ros.recording.reader import RecordingReader
+
+POLL_S = 2e-3
+SETTLE_S = 1.0
+"""Time to discover a plant elsewhere, and for readers to discover the player."""
+
+WATCH_S = 0.5
+
+
+class Player(BallbotNode):
+    """Plays a recording.
+
+    Attributes
+    ----------
+    playback : Playback
+    """
+
+    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
+        super().__init__(PLAYER, values)
+        self._recording = RecordingReader(self.values['file'])
+        chosen = [name.strip() for name in self.values['topics'].split(',') if name.strip()]
+        self.playback = Playback(
+            self._recording,
+            chosen or None,
+            rate=self.values['rate'],
+            loop=self.values['loop'],
+        )
+        recorded = self._recording.topics()
+        topics = {name: recorded[name].type_name for name in chosen or recorded}
+        self._lock = None
+        # Who plays everything plays the clock, even if the recording has none.
+        if not chosen or any(map(_is_truth, topics)):
+            self._lock = DomainLock(self.context.get_domain_id())
+        self._outputs = {
+            name: publisher
+            for name, type_name in topics.items()
+            if (publisher := self._publisher(name, type_name)) is not None
+        }
+        self._made_clock = None
+        if not chosen and CLOCK.name not in topics:
+            self._made_clock = self.advertise(CLOCK)
+        self._owned_clocks = int(CLOCK.name in self._outputs or self._made_clock is not None)
+        if self._recording.damage:
+            self.warn(f'{self._recording.path}: {self._recording.damage}: it is played up to there')
+        self._begins_at = time.monotonic() + SETTLE_S
+        self.playback.begin(self.values['start'], self._begins_at)
+        name = self.get_name()
+        self.create_service(SetBool, f'{name}/pause', self._pause)
+        self.create_subscription(Float64, f'{name}/seek', self._seek, 10)
+        self.every(POLL_S, self._play)
+        if self._lock:
+            self.every(WATCH_S, self._watch)
+
+    def _publisher(self, name: str, type_name: str) -> Any:
+        try:
+            kind = message_class(type_name)
+        except (ImportError, AttributeError, ValueError):
+            self.get_logger().warning(f'{name}: no type {type_name or "known"} here: not played')
+            return None
+        return self.create_publisher(kind, name, _qos(self._recording.offered_qos()[name]))
+
+    def _play(self) -> None:
+        """Publish what is due."""
+        now = time.monotonic()
+        if self.finished or now < self._begins_at:
+            return
+        if self.playback.rate != self.values['rate']:
+            self.playback.set_rate(self.values['rate'], now)
+        for topic, stamp_ns, _, data in self.playback.due(now):
+            if topic in self._outputs:
+                self._outputs[topic].publish(data)
+            self.sampled(stamp_ns)
+        if self._made_clock and not self.playback.paused:
+            message = CLOCK.message_class()
+            position_ns = round(self.playback.position(now) * 1e9)
+            fill_clock(message, self.playback.first_ns + position_ns)
+            self._made_clock.publish(message)
+        if self.playback.finished:
+            self.finish()
+
+    def _watch(self) -> None:
+        """End where a plant, or another player, comes into the domain."""
+        if self.count_publishers(CLOCK.name) > self._owned_clocks and not self.finished:
+            self.finish()
+            self.fail('a plant publishes /clock in this ROS domain: set ROS_DOMAIN_ID to another')
+            self.exit_status = 2
+
+    def _pause(self, request: Any, response: Any) -> Any:
+        self.playback.pause(request.data, time.monotonic())
+        response.success = True
+        response.message = 'paused' if request.data else 'playing'
+        return response
+
+    def _seek(self, message: Any) -> None:
+        self.playback.seek(message.data, time.monotonic())
+
+    def diagnose(self) -> Mapping[str, Any]:
+        """Return how far it has got."""
+        position = self.playback.position(time.monotonic())
+        return {
+            'file': self._recording.path,
+            'position [s]': f'{position:.3f}',
+            'duration [s]': f'{self.playback.duration:.3f}',
+            'paused': self.playback.paused,
+        }
+
+    def close(self) -> None:
+        """Let the last messages reach their readers."""
+        for publisher in self._outputs.values():
+            publisher.wait_for_all_acked(Duration(seconds=0.1))
+        self._recording.close()
+        if self._lock:
+            self._lock.release()
+
+
+def _is_truth(name: str) -> bool:
+    """Tell whether only a plant, or a player in its place, may publish that topic."""
+    own = {f'/{topic.name.lstrip("/")}' for topic in TOPICS if topic.publisher == PLANT}
+    return name in own or '/plant/' in name
+
+
+def _qos(offers: Sequence[QosProfile]) -> QoSProfile:
+    """Return the strongest of the recorded offers, which suits whom the others suit."""
+    if not offers:
+        return offered_qos(HISTORY)
+    offer = min(
+        offers,
+        key=lambda each: (each.reliability != 'reliable', each.durability != 'transient_local'),
+    )
+    # Discovery does not tell history and depth, so most recordings do not know them.
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_ALL if offer.history == 'keep_all' else HistoryPolicy.KEEP_LAST,
+        depth=offer.depth or HISTORY,
+        reliability=ReliabilityPolicy[offer.reliability.upper()],
+        durability=DurabilityPolicy[offer.durability.upper()],
+        deadline=Duration(nanoseconds=offer.deadline),
+        lifespan=Duration(nanoseconds=offer.lifespan),
+        liveliness=LivelinessPolicy[offer.liveliness.upper()],
+        liveliness_lease_duration=Duration(nanoseconds=offer.liveliness_lease_duration),
+    )
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(Player))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,229 @@
+"""Messages as rows of a table: one column a number, with its SI unit in the name."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ballbot_ros.recording.errors import RecordingError
+
+Value = bool | int | float | str
+Get = Callable[[Any], Any]
+Read = Callable[[Any], Value]
+Path = tuple[str, ...]
+Leaf = tuple[Path, str, Read]
+"""Field names on the way to a value, its unit, and how to read it from a message."""
+
+UNITS: dict[tuple[str, str], str] = {
+    ('geometry_msgs/msg/Pose', 'position'): 'm',
+    ('geometry_msgs/msg/PointStamped', 'point'): 'm',
+    ('geometry_msgs/msg/Transform', 'translation'): 'm',
+    ('geometry_msgs/msg/Twist', 'linear'): 'm_per_s',
+    ('geometry_msgs/msg/Twist', 'angular'): 'rad_per_s',
+    ('geometry_msgs/msg/Accel', 'linear'): 'm_per_s2',
+    ('geometry_msgs/msg/Accel', 'angular'): 'rad_per_s2',
+    ('geometry_msgs/msg/Wrench', 'force'): 'N',
+    ('geometry_msgs/msg/Wrench', 'torque'): 'N_m',
+    ('sensor_msgs/msg/Imu', 'angular_velocity'): 'rad_per_s',
+    ('sensor_msgs/msg/Imu', 'linear_acceleration'): 'm_per_s2',
+    ('sensor_msgs/msg/Range', 'field_of_view'): 'rad',
+    ('sensor_msgs/msg/Range', 'min_range'): 'm',
+    ('sensor_msgs/msg/Range', 'max_range'): 'm',
+    ('sensor_msgs/msg/Range', 'range'): 'm',
+    ('sensor_msgs/msg/Range', 'variance'): 'm2',
+    ('sensor_msgs/msg/BatteryState', 'voltage'): 'V',
+    ('sensor_msgs/msg/BatteryState', 'temperature'): 'degC',
+    ('sensor_msgs/msg/BatteryState', 'current'): 'A',
+    ('sensor_msgs/msg/BatteryState', 'charge'): 'Ah',
+    ('sensor_msgs/msg/BatteryState', 'capacity'): 'Ah',
+    ('sensor_msgs/msg/BatteryState', 'design_capacity'): 'Ah',
+    ('sensor_msgs/msg/MagneticField', 'magnetic_field'): 'T',
+    ('sensor_msgs/msg/Temperature', 'temperature'): 'degC',
+    ('sensor_msgs/msg/FluidPressure', 'fluid_pressure'): 'Pa',
+    ('sensor_msgs/msg/Illuminance', 'illuminance'): 'lx',
+    ('sensor_msgs/msg/NavSatFix', 'latitude'): 'deg',
+    ('sensor_msgs/msg/NavSatFix', 'longitude'): 'deg',
+    ('sensor_msgs/msg/NavSatFix', 'altitude'): 'm',
+}
+"""The unit that the definition of a type gives to a field, or to all numbers in it."""
+
+_JOINT_STATE = 'sensor_msgs/msg/JointState'
+_JOINT_UNITS = {'position': 'rad', 'velocity': 'rad_per_s', 'effort': 'N_m'}
+_JOY = 'sensor_msgs/msg/Joy'
+_TIMES = ('builtin_interfaces/msg/Time', 'builtin_interfaces/msg/Duration')
+
+_CONTAINERS = {'header', 'pose', 'twist', 'accel', 'wrench', 'transform', 'vector', 'quaternion'}
+"""Fields whose name says nothing that the names within do not say."""
+
+_NO_UNIT = {'w', 'covariance', 'frame_id', 'child_frame_id'}
+
+
+class Column(NamedTuple):
+    """A column's name, and how to read its value from a message; ``kind`` is its Python type."""
+
+    name: str
+    kind: type
+    read: Read
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What is known of a topic beyond its type.
+
+    Attributes
+    ----------
+    names : mapping of str to str
+        Names of columns by the path of the field, such as ``vector_x``.
+    more : mapping of str to callable
+        Further columns: name, and the function that reads the value from a message.
+    """
+
+    names: Mapping[str, str] = field(default_factory=dict)
+    more: Mapping[str, Read] = field(default_factory=dict)
+
+
+@dataclass
+class Columns:
+    """The columns of a topic, fixed by its first message.
+
+    Attributes
+    ----------
+    first : object
+        A message of the topic, as rosbags decodes it.
+    meaning : Meaning
+        What is known of the topic beyond its type.
+    columns : list of Column
+    """
+
+    first: Any
+    meaning: Meaning
+
+    def __post_init__(self) -> None:
+        self._shape = _shape(self.first)
+        found = [
+            (_name(path, unit), _name(filter(_says_something, path), unit), read)
+            for path, unit, read in _leaves(self.first, (), '', lambda message: message)
+        ]
+        times = Counter(short for _, short, _ in found)
+        self.columns = [
+            Column(
+                self.meaning.names.get(full) or (short if times[short] == 1 else full),
+                type(read(self.first)),
+                read,
+            )
+            for full, short, read in found
+        ]
+        self.columns += [
+            Column(name, type(read(self.first)), read) for name, read in self.meaning.more.items()
+        ]
+
+    def row(self, message: Any) -> list[Value]:
+        """Return the values of a message.
+
+        Raises
+        ------
+        RecordingError
+            If the message names other joints or has another number of axes than the first one.
+        """
+        if _shape(message) != self._shape:
+            raise RecordingError('the names or number of its elements change')
+        return [column.read(message) for column in self.columns]
+
+
+def _says_something(word: str) -> bool:
+    return word not in _CONTAINERS
+
+
+def _shape(message: Any) -> Any:
+    """Return what must not change from message to message, or columns would change meaning."""
+    kind = _type_name(message)
+    if kind == _JOINT_STATE:
+        return list(message.name), *(len(getattr(message, group)) for group in _JOINT_UNITS)
+    if kind == _JOY:
+        return len(message.axes), len(message.buttons)
+    return None
+
+
+def _leaves(value: Any, path: Path, unit: str, get: Get) -> list[Leaf]:
+    """Return everything within `value` that becomes a column; `get` finds `value` in a message."""
+    type_name = _type_name(value)
+    if type_name in _TIMES:
+        return [(path, 's', lambda message: _seconds(get(message)))]
+    if type_name == _JOINT_STATE:
+        leaves = _leaves(value.header, (*path, 'header'), '', _field(get, 'header'))
+        for group, joint_unit in _JOINT_UNITS.items():
+            values = _field(get, group)
+            count = len(getattr(value, group))
+            names = list(value.name) if len(value.name) == count else map(str, range(count))
+            leaves += _elements(names, (*path, group), joint_unit, values)
+        return leaves
+    if type_name == _JOY:
+        leaves = _leaves(value.header, (*path, 'header'), '', _field(get, 'header'))
+        for group in ('axes', 'buttons'):
+            numbers = map(str, range(len(getattr(value, group))))
+            leaves += _elements(numbers, (*path, group), '', _field(get, group))
+        return leaves
+    if type_name:
+        leaves = []
+        for name in _fields(value):
+            inner = '' if name in _NO_UNIT else UNITS.get((type_name, name), unit)
+            leaves += _leaves(getattr(value, name), (*path, name), inner, _field(get, name))
+        return leaves
+    if isinstance(value, list | np.ndarray):
+        return [(path, '', lambda message: _text(get(message)))]
+    return [(path, unit, lambda message: _plain(get(message)))]
+
+
+def _field(get: Get, name: str) -> Get:
+    return lambda message: getattr(get(message), name)
+
+
+def _elements(names: Iterable[str], path: Path, unit: str, get: Get) -> list[Leaf]:
+    def element(number: int) -> Read:
+        return lambda message: _plain(get(message)[number])
+
+    return [((*path, name), unit, element(number)) for number, name in enumerate(names)]
+
+
+def _name(path: Iterable[str], unit: str) -> str:
+    return '_'.join([*path, unit] if unit else path)
+
+
+def _type_name(value: Any) -> str:
+    return str(getattr(value, '__msgtype__', ''))
+
+
+def _fields(value: Any) -> list[str]:
+    # rosbags declares a type's constants as fields too, with a value in the class.
+    return [each.name for each in fields(value) if each.name not in vars(type(value))]
+
+
+def _seconds(time: Any) -> float:
+    return (int(time.sec) * 10**9 + int(time.nanosec)) / 1e9
+
+
+def _plain(value: Any) -> Value:
+    plain: Value = value.item() if isinstance(value, np.generic) else value
+    return plain
+
+
+def _text(value: Any) -> str:
+    """Write a list as JSON; bytes as two hexadecimal digits each."""
+    if isinstance(value, np.ndarray) and value.dtype == np.uint8:
+        return value.tobytes().hex()
+    return json.dumps(_nested(value), ensure_ascii=False)
+
+
+def _nested(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, list):
+        return [_nested(item) for item in value]
+    if _type_name(value):
+        return {name: _nested(getattr(value, name)) for name in _fields(value)}
+    return _plain(value)

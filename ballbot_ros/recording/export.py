@@ -1,0 +1,210 @@
+"""A recording as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ballbot_ros.recording.columns import Columns, Meaning, Value
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.tables import FORMATS, Table
+
+JOINED = 'joined'
+"""Name of the table of all topics."""
+
+LATENESS_S = 1
+"""How far behind the newest message another may come and still find its row [s]."""
+
+LONGEST_GAP_S = 3600
+"""A longer silence of all topics is no pause but another clock [s]."""
+
+_SECOND_NS = 10**9
+_OWN_STAMP = 'stamp_s'
+
+
+@dataclass
+class Exporter:
+    """Writes the tables of a recording.
+
+    Attributes
+    ----------
+    reader : RecordingReader
+    folder : Path
+        Where the tables go; it is made if need be, no file in it is overwritten.
+    file_format : str
+        A key of `tables.FORMATS`.
+    topics : list of str
+        The topics to take.
+    meanings : mapping of (str, str) to Meaning
+        What is known of a topic and type beyond the type.
+    progress : callable
+        Told how many messages of how many are done.
+    files : list of Path
+        The tables written so far.
+    """
+
+    reader: RecordingReader
+    folder: Path
+    file_format: str
+    topics: Sequence[str]
+    meanings: Mapping[tuple[str, str], Meaning]
+    progress: Callable[[int, int], None] = lambda done, total: None
+    files: list[Path] = field(default_factory=list)
+
+    def write_topics(self) -> None:
+        """Write a table for each topic that has messages: a row a message.
+
+        Raises
+        ------
+        RecordingError
+            If a table exists already or cannot be written, or messages cannot be put in columns.
+        """
+        tables: dict[str, tuple[Columns, Table]] = {}
+        with self._writing(), ExitStack() as stack:
+            for topic, stamp_ns, message in self._messages():
+                if topic not in tables:
+                    columns = self._columns(topic, message)
+                    named = [(column.name, column.kind) for column in columns.columns]
+                    table = self._table(_file_name(topic), [('time_s', float), *named])
+                    stack.callback(table.close)
+                    tables[topic] = columns, table
+                columns, table = tables[topic]
+                table.add([stamp_ns / _SECOND_NS, *self._row(topic, stamp_ns, columns, message)])
+
+    def write_joined(self, period_ns: int, texts: Sequence[str] = ()) -> None:
+        """Write one table of all topics: a row each `period_ns`.
+
+        A row has the newest value of each column at its time; before the first message of a topic
+        there is none. Of text only the columns of the topics `texts` are taken.
+
+        Raises
+        ------
+        RecordingError
+            As `write_topics`, and if the messages are not in the order of time.
+        """
+        columns = self._first_columns()
+        taken = {
+            topic: [
+                number
+                for number, column in enumerate(each.columns)
+                if column.name != _OWN_STAMP and (column.kind is not str or topic in texts)
+            ]
+            for topic, each in columns.items()
+        }
+        named = [
+            (f'{_file_name(topic)}_{columns[topic].columns[number].name}', each.kind)
+            for topic, numbers in taken.items()
+            for number in numbers
+            for each in (columns[topic].columns[number],)
+        ]
+        grid = _Grid({topic: len(numbers) for topic, numbers in taken.items()})
+        with self._writing(), ExitStack() as stack:
+            table = self._table(JOINED, [('time_s', float), *named])
+            stack.callback(table.close)
+            lateness = LATENESS_S * _SECOND_NS // period_ns
+            longest = LONGEST_GAP_S * _SECOND_NS // period_ns
+            for topic, stamp_ns, message in self._messages():
+                row = self._row(topic, stamp_ns, columns[topic], message)
+                tick = -(-stamp_ns // period_ns)
+                if not grid.put(tick, topic, [row[number] for number in taken[topic]], longest):
+                    raise RecordingError(
+                        f'{self.reader.path}: {topic} at {stamp_ns / _SECOND_NS:.3f} s does not '
+                        'follow what stands before it: no joined table'
+                    )
+                for ready, values in grid.rows(lateness):
+                    table.add([ready * period_ns / _SECOND_NS, *values])
+            for ready, values in grid.rows(0):
+                table.add([ready * period_ns / _SECOND_NS, *values])
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise RecordingError(f'{self.folder}: {error.strerror}') from None
+
+    def _messages(self) -> Iterator[tuple[str, int, Any]]:
+        for done, found in enumerate(self.reader.messages(self.topics), 1):
+            yield found
+            self.progress(done, self.reader.count)
+
+    def _columns(self, topic: str, message: Any) -> Columns:
+        type_name = self.reader.topics()[topic].type_name
+        return Columns(message, self.meanings.get((topic, type_name), Meaning()))
+
+    def _first_columns(self) -> dict[str, Columns]:
+        """Return the columns of each topic that has messages."""
+        missing = {topic for topic in self.topics if self.reader.topics()[topic].message_count > 0}
+        columns: dict[str, Columns] = {}
+        while missing:
+            found = next(self.reader.messages(sorted(missing)), None)
+            if found is None:
+                break
+            topic, _, message = found
+            columns[topic] = self._columns(topic, message)
+            missing.discard(topic)
+        return {topic: columns[topic] for topic in self.topics if topic in columns}
+
+    def _row(self, topic: str, stamp_ns: int, columns: Columns, message: Any) -> list[Value]:
+        try:
+            return columns.row(message)
+        except RecordingError as error:
+            raise RecordingError(
+                f'{self.reader.path}: {topic} at {stamp_ns / _SECOND_NS:.3f} s: {error}'
+            ) from None
+
+    def _table(self, name: str, columns: Sequence[tuple[str, type]]) -> Table:
+        taken = {path.stem for path in self.files}
+        while name in taken:
+            name += '_'
+        path = self.folder / f'{name}.{self.file_format}'
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            table = FORMATS[self.file_format](path, columns)
+        except FileExistsError:
+            raise RecordingError(f'{path}: exists already; choose another --output') from None
+        self.files.append(path)
+        return table
+
+
+def _file_name(topic: str) -> str:
+    return topic.strip('/').replace('/', '_')
+
+
+class _Grid:
+    """Values of all topics by tick, held until the next one comes."""
+
+    def __init__(self, widths: Mapping[str, int]) -> None:
+        self._held: dict[str, list[Value | None]] = {
+            topic: [None] * width for topic, width in widths.items()
+        }
+        self._pending: dict[int, dict[str, list[Value | None]]] = {}
+        self._newest: int | None = None
+        self._next: int | None = None
+
+    def put(self, tick: int, topic: str, values: list[Any], longest_gap: int) -> bool:
+        """Note the values of `topic` at `tick`; tell whether its row can still be written."""
+        if self._newest is None:
+            self._newest = tick
+        if abs(tick - self._newest) > longest_gap or (self._next is not None and tick < self._next):
+            return False
+        self._pending.setdefault(tick, {})[topic] = values
+        self._newest = max(self._newest, tick)
+        return True
+
+    def rows(self, lateness: int) -> Iterator[tuple[int, list[Value | None]]]:
+        """Iterate over the rows that are older than the newest by at least `lateness` ticks."""
+        if self._newest is None:
+            return
+        if self._next is None:
+            if self._newest - min(self._pending) < lateness:
+                return
+            self._next = min(self._pending)
+        while self._next <= self._newest - lateness:
+            self._held.update(self._pending.pop(self._next, {}))
+            self._next += 1
+            yield self._next - 1, [value for values in self._held.values() for value in values]

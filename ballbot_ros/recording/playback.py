@@ -1,0 +1,121 @@
+"""Which messages of a recording are due, at what moment."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RawMessage, RecordingReader
+
+
+class Playback:
+    """Walks through a recording at a pace, which may change on the way.
+
+    Time is handed in: `now` is any clock that does not jump [s].
+
+    Parameters
+    ----------
+    reader : RecordingReader
+    topics : collection of str or None
+        The topics to play; None for all.
+    rate : float
+        Speed in times real time.
+    loop : bool
+        Whether to begin again at the end, at the oldest message.
+
+    Attributes
+    ----------
+    first_ns, last_ns : int
+        The oldest and the newest stamp of the file, whatever topics are played [ns].
+    finished : bool
+        Whether everything has been played.
+
+    Raises
+    ------
+    RecordingError
+        If there are no messages, or the file has no such topic.
+    """
+
+    def __init__(
+        self,
+        reader: RecordingReader,
+        topics: Collection[str] | None,
+        *,
+        rate: float,
+        loop: bool,
+    ) -> None:
+        if reader.times is None:
+            raise RecordingError(f'{reader.path}: no messages to play')
+        self.first_ns, self.last_ns = reader.times
+        self._reader = reader
+        self._topics = topics
+        self._loop = loop
+        self._rate = rate
+        self._paused = False
+        self.seek(0.0, 0.0)
+
+    def begin(self, start: float, now: float) -> None:
+        """Begin to play at `start`, after the oldest message [s].
+
+        Raises
+        ------
+        RecordingError
+            If that is behind the end.
+        """
+        if start > self.duration:
+            raise RecordingError(
+                f'{self._reader.path}: start {start:g} s is behind the end, {self.duration:g} s'
+            )
+        self.seek(start, now)
+
+    @property
+    def duration(self) -> float:
+        """Time from the oldest to the newest message [s]."""
+        return (self.last_ns - self.first_ns) / 1e9
+
+    @property
+    def rate(self) -> float:
+        """Speed in times real time."""
+        return self._rate
+
+    @property
+    def paused(self) -> bool:
+        """Whether the playing is interrupted."""
+        return self._paused
+
+    def position(self, now: float) -> float:
+        """Return where it is, after the oldest message [s]."""
+        passed = 0.0 if self._paused else (now - self._anchor) * self._rate
+        return min(max(self._position + passed, 0.0), self.duration)
+
+    def set_rate(self, rate: float, now: float) -> None:
+        """Go on at another speed."""
+        self._position, self._anchor = self.position(now), now
+        self._rate = rate
+
+    def pause(self, paused: bool, now: float) -> None:
+        """Interrupt or go on."""
+        self._position, self._anchor = self.position(now), now
+        self._paused = paused
+
+    def seek(self, position: float, now: float) -> None:
+        """Go to another place, or to the nearest end [s]."""
+        self._position, self._anchor = min(max(position, 0.0), self.duration), now
+        start_ns = self.first_ns + round(self._position * 1e9)
+        self._messages = self._reader.raw_messages(self._topics, start_ns)
+        self._next = next(self._messages, None)
+        self.finished = False
+
+    def due(self, now: float) -> Iterator[RawMessage]:
+        """Iterate over the messages that are due since the last call, in the order of the file."""
+        if now < self._anchor:
+            return
+        until_ns = self.first_ns + round(self.position(now) * 1e9)
+        while self._next is not None and self._next.stamp_ns <= until_ns:
+            message, self._next = self._next, next(self._messages, None)
+            yield message
+        if self._next is None and not self._paused and self.position(now) >= self.duration:
+            if self._loop and self.duration > 0.0:
+                self.seek(0.0, now)
+            else:
+                self.finished = True

@@ -1,0 +1,315 @@
+"""Making a whole recording of a damaged one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    DataEnd,
+    Message,
+    Metadata,
+    Schema,
+    Statistics,
+)
+
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.rosbag2 import METADATA_NAME, Topic
+from ballbot_ros.recording.salvage import Damage, Salvage
+from ballbot_ros.recording.writer import RecordingWriter
+
+ShowProgress = Callable[[int, int], None]
+"""Told how many bytes of how many are done."""
+
+MOST_PLACES = 5
+"""Damaged places that are named one by one."""
+
+
+@dataclass
+class LostSpan:
+    """A stretch of time from which messages are missing.
+
+    Attributes
+    ----------
+    start_ns : int or None
+        Stamp of the newest message before it [ns]; None if there is none.
+    end_ns : int or None
+        Stamp of the first message behind it, or of the last one that is known to be missing
+        [ns]; None if nothing tells where it ends.
+    """
+
+    start_ns: int | None
+    end_ns: int | None = None
+
+    def __str__(self) -> str:
+        start = 'the beginning' if self.start_ns is None else f'{self.start_ns * 1e-9:.3f} s'
+        end = 'an unknown end' if self.end_ns is None else f'{self.end_ns * 1e-9:.3f} s'
+        return f'from {start} to {end}'
+
+
+@dataclass
+class LostMessages:
+    """How many messages of a topic are missing, and whether that is counted or estimated."""
+
+    count: int
+    counted: bool
+
+    def __str__(self) -> str:
+        return f'{self.count}' if self.counted else f'about {self.count}'
+
+
+@dataclass
+class Repair:
+    """What a repair found.
+
+    Attributes
+    ----------
+    output : Path or None
+        The repaired recording; None if there was nothing to repair.
+    message_count : int
+        Messages that are whole.
+    damage : list of str
+        The damaged places in words.
+    spans : list of LostSpan
+    lost : dict of str to LostMessages
+        By topic. Counted by the file's statistics or by the publisher's numbers, estimated from
+        the topic's mean rate otherwise.
+    nothing_lost : bool
+        Whether it is certain that no message is missing.
+    """
+
+    output: Path | None
+    message_count: int
+    damage: list[str]
+    spans: list[LostSpan]
+    lost: dict[str, LostMessages]
+    nothing_lost: bool
+
+    @property
+    def reason(self) -> str:
+        """All of it in one line."""
+        parts = list(self.damage)
+        if self.spans:
+            parts.append(f'messages lost {", ".join(map(str, self.spans))}')
+        if self.lost:
+            parts.append(', '.join(f'{count} of {topic}' for topic, count in self.lost.items()))
+        elif self.nothing_lost:
+            parts.append('no message lost')
+        else:
+            parts.append('how many messages are lost is not known')
+        return '; '.join(parts)
+
+
+def repair(
+    path: Path, output: Path | None = None, progress: ShowProgress = lambda done, total: None
+) -> Repair:
+    """Copy what is whole in a damaged recording to a new one.
+
+    Parameters
+    ----------
+    path : Path
+    output : Path, optional
+        The file to create; beside `path` with ``_repaired`` in its name by default.
+    progress : callable, optional
+        Told how many bytes of how many are done.
+
+    Raises
+    ------
+    RecordingError
+        If the file is no recording of ROS 2, cannot be read or is still being written, or the
+        new one exists already or cannot be written.
+    """
+    path = Path(path)
+    output = Path(output) if output else path.with_name(f'{path.stem}_repaired{path.suffix}')
+    with RecordingReader(path) as reader:
+        if reader.being_written:
+            raise RecordingError(
+                f'{path}: is being recorded; repair it when its recorder has ended'
+            )
+        broken = reader.broken
+    with Salvage(path) as salvage:
+        survey = _Survey(salvage, lambda done: progress(done, 2 * salvage.size))
+        if not broken and not survey.damage:
+            return Repair(None, survey.message_count, [], [], {}, True)
+        found = Repair(
+            output,
+            survey.message_count,
+            survey.describe(broken),
+            survey.spans,
+            survey.lost,
+            survey.nothing_lost,
+        )
+        writer = RecordingWriter(output)
+        try:
+            with writer:
+                _copy(
+                    salvage,
+                    survey,
+                    writer,
+                    lambda done: progress(salvage.size + done, 2 * salvage.size),
+                )
+                writer.mark_incomplete(f'repaired: {found.reason}')
+        except BaseException:
+            output.unlink(missing_ok=True)
+            raise
+    return found
+
+
+def _copy(
+    salvage: Salvage, survey: _Survey, writer: RecordingWriter, progress: Callable[[int], None]
+) -> None:
+    topics: dict[int, Topic] = {
+        number: writer.copy_topic(channel, survey.schemas.get(channel.schema_id))
+        for number, channel in sorted(survey.channels.items())
+    }
+    for place, record in salvage.read():
+        match record:
+            case Message(channel_id=number) if number in topics:
+                writer.write(
+                    topics[number],
+                    record.log_time,
+                    record.data,
+                    record.sequence,
+                    record.publish_time,
+                )
+            case Attachment():
+                writer.add_attachment(
+                    record.name, record.media_type, record.data, record.create_time, record.log_time
+                )
+            case Metadata(name=name) if name != METADATA_NAME:
+                writer.add_metadata(name, record.metadata)
+        progress(place)
+
+
+@dataclass
+class _Seen:
+    """What is known of a channel from its messages."""
+
+    count: int = 0
+    oldest_ns: int = 2**63
+    newest_ns: int = 0
+    sequence: int = 0
+    numbered: bool = True
+    missing: int = 0
+    damages: int = 0
+
+
+class _Survey:
+    """A first reading: what the file holds, and what it lacks."""
+
+    def __init__(self, salvage: Salvage, progress: Callable[[int], None]) -> None:
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.damage: list[Damage] = []
+        self._size = salvage.size
+        self._seen: dict[int, _Seen] = {}
+        self._statistics: Statistics | None = None
+        self._newest_ns: int | None = None
+        self._spans: list[LostSpan] = []
+        self._open: list[LostSpan] = []
+        data_holds = False
+        self._lost_attachments: set[str] = set()
+        attachments: set[str] = set()
+        for place, record in salvage.read():
+            match record:
+                case Message():
+                    self._add_message(record)
+                case Schema():
+                    self.schemas.setdefault(record.id, record)
+                case Channel():
+                    self.channels.setdefault(record.id, record)
+                case Statistics():
+                    self._statistics = record
+                case DataEnd():
+                    data_holds = salvage.data_holds(place)
+                case Attachment(name=name):
+                    attachments.add(name)
+                case AttachmentIndex(name=name) if name not in attachments:
+                    self._lost_attachments.add(name)
+                case Damage():
+                    self._add_damage(record)
+            progress(place)
+        undescribed = self._seen.keys() - self.channels.keys()
+        self._undescribed = sum(self._seen.pop(number).count for number in undescribed)
+        self.message_count = sum(seen.count for seen in self._seen.values())
+        self.lost = self._lost()
+        self.nothing_lost = not self.lost and (data_holds or self._statistics is not None)
+        self.spans = [] if self.nothing_lost else self._spans
+
+    def _add_message(self, message: Message) -> None:
+        stamp = message.log_time
+        for span in self._open:
+            span.end_ns = stamp
+        self._open.clear()
+        self._newest_ns = max(stamp, self._newest_ns or 0)
+        seen = self._seen.setdefault(message.channel_id, _Seen(damages=len(self.damage)))
+        step = message.sequence - seen.sequence
+        if seen.count and seen.damages == len(self.damage):
+            seen.numbered &= step == 1
+        elif seen.count:
+            seen.missing += max(0, step - 1)
+        seen.count += 1
+        seen.oldest_ns = min(seen.oldest_ns, stamp)
+        seen.newest_ns = max(seen.newest_ns, stamp)
+        seen.sequence = message.sequence
+        seen.damages = len(self.damage)
+
+    def _add_damage(self, damage: Damage) -> None:
+        self.damage.append(damage)
+        if damage.in_summary:
+            return
+        newest = damage.newest_ns
+        known = newest is not None and newest >= (self._newest_ns or 0)
+        span = LostSpan(self._newest_ns, newest if known else None)
+        self._open.append(span)
+        self._spans.append(span)
+
+    def describe(self, broken: str | None) -> list[str]:
+        """Say in words where the file is damaged."""
+        places = [self._describe(damage) for damage in self.damage[:MOST_PLACES]]
+        if len(self.damage) > MOST_PLACES:
+            places.append(f'{len(self.damage) - MOST_PLACES} more places')
+        if not places:
+            places.append(f'{broken}, in a part that has no checksum of its own')
+        if self._undescribed:
+            places.append(f'{self._undescribed} messages whose topic is lost')
+        places += [f'attachment {name} lost' for name in sorted(self._lost_attachments)]
+        return places
+
+    def _describe(self, damage: Damage) -> str:
+        if damage.in_summary:
+            return f'the summary from byte {damage.start} on is missing or corrupt'
+        if damage.end == self._size:
+            return f'cut off at byte {self._size}'
+        return f'corrupt from byte {damage.start} to {damage.end}'
+
+    def _lost(self) -> dict[str, LostMessages]:
+        lost: dict[str, LostMessages] = {}
+        for number, channel in self.channels.items():
+            missing = self._missing(number)
+            if missing.count:
+                lost[channel.topic] = missing
+        return lost
+
+    def _missing(self, number: int) -> LostMessages:
+        seen = self._seen.get(number, _Seen())
+        if self._statistics:
+            total = self._statistics.channel_message_counts.get(number, 0)
+            return LostMessages(max(0, total - seen.count), True)
+        counted = seen.missing if seen.numbered else 0
+        extent = seen.newest_ns - seen.oldest_ns
+        if seen.count < 2 or extent <= 0:
+            return LostMessages(counted, False)
+        guessed_spans = self._open if seen.numbered else self._spans
+        guessed_ns = sum(
+            span.end_ns - span.start_ns
+            for span in guessed_spans
+            if span.start_ns is not None and span.end_ns is not None
+        )
+        guessed = round(guessed_ns * (seen.count - 1) / extent)
+        return LostMessages(counted + guessed, seen.numbered and not self._open)

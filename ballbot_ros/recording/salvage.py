@@ -1,0 +1,263 @@
+"""Finding what is whole in a damaged MCAP file."""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from mmap import ACCESS_READ, mmap
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+from mcap import records
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.stream_reader import breakup_chunk
+from mcap.writer import MCAP0_MAGIC
+
+from ballbot_ros.recording.reader import DAMAGE, summary_holds
+
+_HEAD = struct.Struct('<BQ')
+_CHUNK_HEAD = struct.Struct('<QQQII')
+_LENGTH = struct.Struct('<Q')
+_CRC = struct.Struct('<I')
+_INDEX_HEAD = struct.Struct('<HI')
+_FOOTER_SIZE = _HEAD.size + 20
+
+_POSSIBLE_HEAD = re.compile(rb'[\x01-\x0f].{5}\0\0\0', re.DOTALL)
+"""An opcode and a length below a terabyte."""
+
+_POSSIBLE_CHUNK = re.compile(rb'\x06.{5}\0\0\0', re.DOTALL)
+
+_PARSERS: dict[int, Any] = {
+    Opcode.HEADER: records.Header,
+    Opcode.FOOTER: records.Footer,
+    Opcode.SCHEMA: records.Schema,
+    Opcode.CHANNEL: records.Channel,
+    Opcode.MESSAGE: records.Message,
+    Opcode.CHUNK_INDEX: records.ChunkIndex,
+    Opcode.ATTACHMENT: records.Attachment,
+    Opcode.ATTACHMENT_INDEX: records.AttachmentIndex,
+    Opcode.STATISTICS: records.Statistics,
+    Opcode.METADATA: records.Metadata,
+    Opcode.METADATA_INDEX: records.MetadataIndex,
+    Opcode.SUMMARY_OFFSET: records.SummaryOffset,
+    Opcode.DATA_END: records.DataEnd,
+}
+_KNOWN = {*_PARSERS, Opcode.MESSAGE_INDEX}
+_UNCHECKED = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+"""What looks like these within the remains of a chunk would escape the chunk's checksum."""
+
+
+class Damage(NamedTuple):
+    """A part of the file that is not what it should be.
+
+    Attributes
+    ----------
+    start, end : int
+        Where it begins, and where what follows is whole again [byte].
+    newest_ns : int or None
+        The newest stamp in it, if it is a chunk that still tells [ns].
+    in_summary : bool
+        Whether it lies behind all messages.
+    """
+
+    start: int
+    end: int
+    newest_ns: int | None
+    in_summary: bool
+
+
+class _Chunk(NamedTuple):
+    """A chunk's place; its content is None if it fails its checksum."""
+
+    end: int
+    newest_ns: int
+    content: list[records.McapRecord] | None
+
+
+class Salvage:
+    """A file that may be cut off or corrupt anywhere behind its first eight bytes.
+
+    Chunks and attachments are taken if their checksums hold. Behind a damaged place the reading
+    goes on with the next record whose parts fit together.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open('rb')
+        self._map = mmap(self._file.fileno(), 0, access=ACCESS_READ)
+        self.size = len(self._map)
+        self._chunked = any(
+            self._chunk_at(found.start()) for found in _POSSIBLE_CHUNK.finditer(self._map)
+        )
+
+    def __enter__(self) -> Salvage:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._map.close()
+        self._file.close()
+
+    def read(self) -> Iterator[tuple[int, records.McapRecord | Damage]]:
+        """Iterate over the records, those in chunks one by one, and the damaged places.
+
+        Yields
+        ------
+        tuple
+            The place behind the record or its chunk [byte], and the record or damage. What
+            stands in the summary at the file's end comes only if its checksum holds.
+        """
+        position = len(MCAP0_MAGIC)
+        in_summary = False
+        while position < self.size:
+            found = self._record_at(position)
+            if found is None:
+                chunk = self._chunk_at(position)
+                end = chunk.end if chunk else self._next_record(position + 1)
+                if chunk and chunk.content is not None:
+                    yield from ((end, record) for record in chunk.content)
+                else:
+                    newest = chunk.newest_ns if chunk else self._newest_of_cut_chunk(position)
+                    yield end, Damage(position, end, newest, in_summary)
+                    if end == self.size:
+                        return
+                position = end
+                continue
+            end, record = found
+            if isinstance(record, records.Footer):
+                return
+            yield end, record
+            position = end
+            if isinstance(record, records.DataEnd):
+                in_summary = True
+                if not self._summary_holds():
+                    break
+        yield self.size, Damage(position, self.size, None, in_summary)
+
+    def _record_at(self, position: int) -> tuple[int, records.McapRecord] | None:
+        """Return the end and content of the record at `position` if its parts fit together."""
+        if position + _HEAD.size > self.size:
+            return None
+        opcode, length = _HEAD.unpack_from(self._map, position)
+        begin = position + _HEAD.size
+        end = begin + length
+        if opcode not in _KNOWN or end > self.size:
+            return None
+        if opcode == Opcode.MESSAGE_INDEX:  # long, and of no use here
+            channel, size = _INDEX_HEAD.unpack_from(self._map, begin) if length >= 6 else (0, 0)
+            whole = length == _INDEX_HEAD.size + size
+            return (end, records.MessageIndex(channel, [])) if whole else None
+        content = self._map[begin:end]
+        stream = ReadDataStream(BytesIO(content))
+        try:
+            if opcode == Opcode.MESSAGE:
+                record = records.Message.read(stream, length)
+            else:
+                record = _PARSERS[opcode].read(stream)
+        except DAMAGE:
+            return None
+        if stream.count != length:
+            return None
+        match record:
+            case records.Attachment():
+                whole = _CRC.unpack(content[-4:])[0] in (0, zlib.crc32(content[:-4]))
+            case records.Metadata():
+                whole = bool(record.name)
+            case records.Message():
+                # Its data may be anything: the length is right if a record follows.
+                whole = self._may_begin_at(end)
+            case records.Footer():
+                whole = self._map[end:] == MCAP0_MAGIC
+            case _:
+                whole = True
+        return (end, record) if whole else None
+
+    def _may_begin_at(self, position: int) -> bool:
+        if position == self.size:
+            return True
+        return _POSSIBLE_HEAD.match(self._map, position) is not None
+
+    def _chunk_at(self, position: int) -> _Chunk | None:
+        """Return the chunk at `position`.
+
+        It is told by its checksum, or by its two lengths where they agree: its opcode or either
+        of them may be corrupt.
+        """
+        begin = position + _HEAD.size
+        if begin + _CHUNK_HEAD.size > self.size:
+            return None
+        opcode, length = _HEAD.unpack_from(self._map, position)
+        oldest, newest, size, crc, name_size = _CHUNK_HEAD.unpack_from(self._map, begin)
+        name_at = begin + _CHUNK_HEAD.size
+        name = self._map[name_at : name_at + min(name_size, 8)]
+        data_at = name_at + name_size + _LENGTH.size
+        if name not in (b'', b'zstd', b'lz4') or data_at > self.size:
+            return None
+        inner = data_at + _LENGTH.unpack_from(self._map, data_at - _LENGTH.size)[0]
+        outer = begin + length
+        for end in dict.fromkeys((inner, outer)):
+            if not data_at <= end <= self.size or (crc == 0 and inner != outer):
+                continue
+            chunk = records.Chunk(
+                compression=name.decode(),
+                data=self._map[data_at:end],
+                message_start_time=oldest,
+                message_end_time=newest,
+                uncompressed_crc=crc,
+                uncompressed_size=size,
+            )
+            try:
+                return _Chunk(end, newest, breakup_chunk(chunk, validate_crc=True))
+            except DAMAGE:
+                continue
+        if opcode == Opcode.CHUNK and inner == outer <= self.size and self._may_begin_at(inner):
+            return _Chunk(inner, newest, None)
+        return None
+
+    def _newest_of_cut_chunk(self, position: int) -> int | None:
+        begin = position + _HEAD.size
+        if begin + _CHUNK_HEAD.size > self.size or self._map[position] != Opcode.CHUNK:
+            return None
+        return int(_CHUNK_HEAD.unpack_from(self._map, begin)[1])
+
+    def _next_record(self, position: int) -> int:
+        """Return where the next record begins whose parts fit together, or the file's end."""
+        while found := _POSSIBLE_HEAD.search(self._map, position):
+            position = found.start()
+            opcode = self._map[position]
+            if opcode == Opcode.CHUNK:
+                if self._chunk_at(position):
+                    return position
+            elif not (self._chunked and opcode in _UNCHECKED) and self._record_at(position):
+                return position
+            position += 1
+        return self.size
+
+    def data_holds(self, data_end: int) -> bool:
+        """Tell whether everything before the record DataEnd has the checksum that it names.
+
+        Parameters
+        ----------
+        data_end : int
+            The place behind that record [byte].
+        """
+        (expected,) = _CRC.unpack_from(self._map, data_end - _CRC.size)
+        with memoryview(self._map) as whole, whole[: data_end - _HEAD.size - _CRC.size] as data:
+            return expected in (0, zlib.crc32(data))
+
+    def _summary_holds(self) -> bool:
+        footer_at = self.size - len(MCAP0_MAGIC) - _FOOTER_SIZE
+        found = self._record_at(footer_at) if footer_at > 0 else None
+        return (
+            found is not None
+            and isinstance(found[1], records.Footer)
+            and summary_holds(self._map, found[1])
+        )

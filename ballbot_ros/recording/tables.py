@@ -1,0 +1,106 @@
+"""Tables on disk: CSV, and Parquet where pyarrow is installed."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from ballbot_ros.recording.columns import Value
+from ballbot_ros.recording.errors import RecordingError
+
+ROWS_AT_ONCE = 20_000
+
+
+class Table(Protocol):
+    """A table that is being written row by row."""
+
+    def add(self, row: Sequence[Value | None]) -> None:
+        """Add a row; None stands for a value that is not there yet."""
+
+    def close(self) -> None:
+        """Finish the file."""
+
+
+class CsvTable:
+    """A CSV file: one line of names, numbers in the shortest form that reads back exactly."""
+
+    def __init__(self, path: Path, columns: Sequence[tuple[str, type]]) -> None:
+        self._file = path.open('x', newline='', encoding='utf-8')
+        self._writer = csv.writer(self._file)
+        self._writer.writerow([name for name, _ in columns])
+
+    def add(self, row: Sequence[Value | None]) -> None:
+        """Add a row; None becomes an empty cell."""
+        self._writer.writerow(row)
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._file.close()
+
+
+class ParquetTable:
+    """A Parquet file, written in groups of rows."""
+
+    def __init__(self, path: Path, columns: Sequence[tuple[str, type]]) -> None:
+        self._arrow = load_pyarrow()
+        types = {
+            float: self._arrow.float64(),
+            int: self._arrow.int64(),
+            bool: self._arrow.bool_(),
+            str: self._arrow.string(),
+        }
+        self._schema = self._arrow.schema([(name, types[kind]) for name, kind in columns])
+        self._path = path
+        self._rows: list[Sequence[Value | None]] = []
+        self._file = path.open('xb')
+        self._writer = self._arrow.parquet.ParquetWriter(self._file, self._schema)
+
+    def add(self, row: Sequence[Value | None]) -> None:
+        """Add a row."""
+        self._rows.append(row)
+        if len(self._rows) == ROWS_AT_ONCE:
+            self._write()
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._write()
+        self._writer.close()
+        self._file.close()
+
+    def _write(self) -> None:
+        columns = zip(*self._rows, strict=True) if self._rows else ([] for _ in self._schema)
+        try:
+            arrays = [
+                self._arrow.array(column, type=each.type)
+                for column, each in zip(columns, self._schema, strict=True)
+            ]
+        except (OverflowError, ValueError) as error:  # such as an integer beyond 63 bits
+            raise RecordingError(f'{self._path}: {" ".join(str(error).split())}') from None
+        self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema))
+        self._rows.clear()
+
+
+def load_pyarrow() -> Any:
+    """Return pyarrow.
+
+    Raises
+    ------
+    RecordingError
+        If it is not installed.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise RecordingError(
+            'Parquet needs pyarrow: pip install "ballbot_ros[parquet]", or take --to csv'
+        ) from None
+    return pyarrow
+
+
+FORMATS: dict[str, type[CsvTable] | type[ParquetTable]] = {
+    'csv': CsvTable,
+    'parquet': ParquetTable,
+}

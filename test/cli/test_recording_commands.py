@@ -1,0 +1,112 @@
+"""info, repair, export and play as a user meets them: what is printed, and the exit status."""
+
+import csv
+import json
+import subprocess
+from importlib.util import find_spec
+
+import pytest
+from graph import BALLBOT, environment
+
+SCENARIO = ['run', 'stationary', '--processes', 'none', '--set=plant_sim.duration=2.0']
+
+
+def ballbot(*words, **options):
+    return subprocess.run(
+        [*BALLBOT, *map(str, words)], check=False, capture_output=True, text=True, **options
+    )
+
+
+@pytest.fixture(scope='module')
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('run')
+    ballbot(*SCENARIO, '--output', folder)
+    return folder / 'stationary.mcap'
+
+
+@pytest.fixture
+def cut(run, tmp_path):
+    path = tmp_path / 'cut.mcap'
+    path.write_bytes(run.read_bytes()[:-80_000])
+    return path
+
+
+def test_info_tells_what_a_file_holds(run):
+    result = ballbot('info', run, '--json')
+    assert result.returncode == 0, result.stderr
+    told = json.loads(result.stdout)
+    assert told['complete'] is True
+    assert (told['start_s'], told['end_s'], told['duration_s']) == (1.0, 2.996, 1.996)
+    assert told['outcome']['outcome'] == 'completed'
+    assert told['outcome']['ticks'] == '500'
+    assert told['runs_s'] == [1.0]
+    assert told['made_by']['seed'] == 1
+    assert told['topics']['/clock'] == {
+        'type': 'rosgraph_msgs/msg/Clock', 'count': 500, 'rate_hz': pytest.approx(250.0),
+        'largest_gap_s': 0.004, 'largest_gap_at_s': 1.0,
+    }  # fmt: skip
+    assert set(told['attachments']) == {'scenario.yaml', 'parameters.yaml', 'versions.yaml'}
+    text = ballbot('info', run).stdout
+    assert 'state       complete\n' in text
+    assert 'outcome     completed\n' in text
+
+
+def test_info_and_repair_of_a_cut_file(cut):
+    result = ballbot('info', cut)
+    assert result.returncode == 0
+    assert f'cut off at byte {cut.stat().st_size}; `ballbot repair` recovers' in result.stdout
+    result = ballbot('repair', cut)
+    assert result.returncode == 0, result.stderr
+    repaired = cut.with_name('cut_repaired.mcap')
+    assert 'messages are lost from 2.000 s' in result.stdout
+    assert str(repaired) in result.stdout
+    told = json.loads(ballbot('info', repaired, '--json').stdout)
+    assert told['missing'].startswith('repaired: cut off at byte')
+    assert told['complete'] is False
+    assert ballbot('repair', cut).returncode == 2
+    result = ballbot('repair', repaired)
+    assert (result.returncode, 'nothing to repair' in result.stdout) == (0, True)
+
+
+def test_export_writes_tables(run, cut, tmp_path):
+    result = ballbot('export', run, '--to', 'csv', '--output', tmp_path / 'a', '--topics',
+                     '/plant/imu,/motor_duty')  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert sorted(path.name for path in (tmp_path / 'a').iterdir()) == [
+        'motor_duty.csv',
+        'plant_imu.csv',
+    ]
+    with (tmp_path / 'a/plant_imu.csv').open(newline='') as stream:
+        first = next(csv.DictReader(stream))
+    assert float(first['pitch_x_rad']) == pytest.approx(0.069813, abs=1e-5)
+    result = ballbot('export', cut, '--to', 'csv', '--joined')
+    assert result.returncode == 0, result.stderr
+    assert 'the tables end there' in result.stderr
+    with cut.with_name('cut_csv').joinpath('joined.csv').open(newline='') as stream:
+        rows = list(csv.DictReader(stream))
+    assert (len(rows), rows[-1]['time_s']) == (251, '2.0')
+    assert {'motor_duty_x_percent', 'operating_state_data', 'sonar_range_m'} <= set(rows[0])
+
+
+def test_parquet_asks_for_what_it_needs(run, tmp_path):
+    result = ballbot('export', run, '--to', 'parquet', '--output', tmp_path / 'p')
+    if find_spec('pyarrow'):
+        assert result.returncode == 0, result.stderr
+    else:
+        assert result.returncode == 2
+        assert 'pip install "ballbot_ros[parquet]"' in result.stderr
+
+
+@pytest.mark.parametrize('command', [['info'], ['repair'], ['export', '--to', 'csv'], ['play']])
+@pytest.mark.parametrize('content', [None, b'', b'SQLite format 3\0'])
+def test_what_is_no_recording_is_one_line(command, content, tmp_path):
+    if command == ['play'] and not find_spec('rclpy'):
+        pytest.skip('needs rclpy')
+    path = tmp_path / 'other.mcap'
+    if content is not None:
+        path.write_bytes(content)
+    result = ballbot(*command, path, env=environment(99))
+    assert result.returncode == 2
+    assert result.stderr.startswith(f'error: {path}: ')
+    assert result.stderr.count('\n') == 1
+    assert list(tmp_path.iterdir()) == ([] if content is None else [path])

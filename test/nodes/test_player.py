@@ -1,0 +1,174 @@
+"""Playing: every message as it was recorded, at the pace asked for, and never beside a plant."""
+
+import subprocess
+import threading
+import time
+from itertools import pairwise
+
+import pytest
+from graph import BALLBOT, environment, wait_for
+
+rclpy = pytest.importorskip('rclpy')
+
+from rclpy.context import Context  # noqa: E402
+from rclpy.experimental import EventsExecutor  # noqa: E402
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy  # noqa: E402
+from std_msgs.msg import Float64  # noqa: E402
+from std_srvs.srv import SetBool  # noqa: E402
+
+from ballbot_ros.messages.topics import message_class  # noqa: E402
+from ballbot_ros.nodes.base import offered_qos  # noqa: E402
+from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.fixture(scope='module')
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('run')
+    words = ['run', 'stationary', '--processes', 'none', '--output', folder]
+    subprocess.run(
+        [*BALLBOT, *words, '--set=plant_sim.duration=6.0'], check=False, capture_output=True
+    )
+    return folder / 'stationary.mcap'
+
+
+class Listener:
+    """Takes what comes on some topics, byte for byte."""
+
+    def __init__(self, domain, topics):
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node('listener', context=self.context)
+        self._executor = EventsExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self.found = {name: [] for name in topics}
+        for name, type_name in topics.items():
+            self.node.create_subscription(
+                message_class(type_name), name, self.found[name].append, offered_qos(1000), raw=True
+            )
+
+        self._done = rclpy.Future()
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _spin(self):
+        while not self._done.done():
+            self._executor.spin_until_future_complete(self._done, 0.2)
+
+    def close(self):
+        self._done.set_result(None)
+        self._thread.join(2.0)
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def listen(domain, monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    listeners = []
+
+    def start(topics):
+        listeners.append(Listener(domain, topics))
+        return listeners[-1]
+
+    yield start
+    for listener in listeners:
+        listener.close()
+
+
+def recorded(path, start_ns):
+    with RecordingReader(path) as reader:
+        messages = {topic: [] for topic in reader.topics()}
+        for message in reader.raw_messages(start_ns=start_ns):
+            messages[message.topic].append(message.data)
+        return messages, {name: topic.type_name for name, topic in reader.topics().items()}
+
+
+def test_everything_comes_as_it_was_recorded(recording, domain, listen):
+    expected, types = recorded(recording, 4 * 10**9)
+    listener = listen(types)
+    player = subprocess.Popen(
+        [*BALLBOT, 'play', recording, '--start', '3', '--rate', '1'],
+        env=environment(domain), stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        wait_for(lambda: listener.found['/clock'])
+        (offer,) = listener.node.get_publishers_info_by_topic('/plant/imu')
+        assert offer.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+        assert offer.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        begun = time.monotonic()
+        wait_for(lambda: player.poll() is not None)
+        assert time.monotonic() - begun > 0.8 * 3.0
+        wait_for(lambda: len(listener.found['/clock']) == len(expected['/clock']))
+    finally:
+        player.kill()
+        _, errors = player.communicate()
+    assert (player.returncode, errors) == (0, '')
+    for name, messages in expected.items():
+        # The middleware pads a message to whole words.
+        padded = [data + bytes(-len(data) % 4) for data in messages]
+        assert listener.found[name] == padded, name
+
+
+def test_pause_and_seek(recording, start_node, listen):
+    listener = listen({'/clock': 'rosgraph_msgs/msg/Clock'})
+    clock = listener.found['/clock']
+    player = start_node('player', file=recording, loop=True)
+    wait_for(lambda: len(clock) > 100)
+    pause = listener.node.create_client(SetBool, '/player/pause')
+    pause.wait_for_service(10.0)
+    answer = pause.call_async(SetBool.Request(data=True))
+    wait_for(answer.done)
+    assert answer.result().message == 'paused'
+    time.sleep(0.3)
+    held = len(clock)
+    time.sleep(0.3)
+    assert len(clock) == held
+    seek = listener.node.create_publisher(Float64, '/player/seek', 10)
+    wait_for(lambda: seek.get_subscription_count() > 0)
+    seek.publish(Float64(data=5.0))
+    wait_for(pause.call_async(SetBool.Request(data=False)).done)
+    before = len(clock)
+    # At 6 s the loop begins again at 1 s: time jumps back.
+    seconds = []
+
+    def jumped_back():
+        seconds[:] = [int.from_bytes(data[4:8], 'little') for data in clock[before + 1 :]]
+        return any(later < earlier for earlier, later in pairwise(seconds))
+
+    wait_for(jumped_back)
+    assert {6, 1} <= set(seconds)
+    assert player.interrupt() == 0
+
+
+def test_a_live_plant_is_left_alone(recording, domain, start_node, listen):
+    listener = listen({})
+    start_node('plant_sim')
+    wait_for(lambda: listener.node.count_publishers('/clock') > 0)
+
+    def play(*options):
+        return subprocess.run(
+            [*BALLBOT, 'play', recording, *options],
+            env=environment(domain), check=False, capture_output=True, text=True,
+            stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+
+    for options in ((), ('--topics', '/plant/odom'), ('--topics', '/clock')):
+        result = play(*options)
+        assert result.returncode == 2, options
+        assert result.stderr.startswith('error: another plant or player is at work')
+        assert result.stderr.count('\n') == 1
+    # What no plant publishes may be played beside one.
+    assert play('--topics', '/lcd', '--rate', '10').returncode == 0
+
+
+def test_a_clock_from_elsewhere_ends_it(recording, domain, start_node, listen):
+    listener = listen({})
+    player = start_node('player', file=recording, loop=True)
+    wait_for(lambda: listener.node.count_publishers('/clock') > 0)
+    listener.node.create_publisher(
+        message_class('rosgraph_msgs/msg/Clock'), '/clock', offered_qos(1)
+    )
+    assert player.finish() == 2
+    assert 'a plant publishes /clock' in player.output

@@ -1,0 +1,162 @@
+"""Tables: every value under a name with its unit, one table a topic or one on the ticks."""
+
+import csv
+import math
+
+import pytest
+
+from ballbot_ros.recording.columns import Meaning
+from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.export import Exporter
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.writer import RecordingWriter
+
+IMU = 'sensor_msgs/msg/Imu'
+JOINTS = 'sensor_msgs/msg/JointState'
+RANGE = 'sensor_msgs/msg/Range'
+STRING = 'std_msgs/msg/String'
+BYTES = 'std_msgs/msg/UInt8MultiArray'
+TICK_NS = 4_000_000
+
+
+class Recording:
+    def __init__(self, path):
+        self.writer = RecordingWriter(path)
+        self.topics = {}
+
+    def add(self, topic, type_name, stamp_ns, **values):
+        message = new_message(type_name)
+        for name, value in values.items():
+            *parents, last = name.split('__')
+            target = message
+            for parent in parents:
+                target = getattr(target, parent)
+            setattr(target, last, value)
+        if topic not in self.topics:
+            self.topics[topic] = self.writer.add_topic(topic, type_name)
+        self.writer.write(self.topics[topic], stamp_ns, encoder(type_name)(message), 1)
+
+
+@pytest.fixture
+def recording(tmp_path):
+    recording = Recording(tmp_path / 'run.mcap')
+    yield recording
+    recording.writer.close()
+
+
+def export(recording, *, joined=False, meanings=None, topics=None, texts=(), to='csv'):
+    recording.writer.close()
+    path = recording.writer.path
+    with RecordingReader(path) as reader:
+        chosen = topics or sorted(reader.topics())
+        exporter = Exporter(reader, path.with_name('tables'), to, chosen, meanings or {})
+        if joined:
+            exporter.write_joined(TICK_NS, texts)
+        else:
+            exporter.write_topics()
+    return {file.stem: file for file in exporter.files}
+
+
+def rows(path):
+    with path.open(newline='', encoding='utf-8') as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_columns_have_names_and_units(recording):
+    recording.add('/imu', IMU, 1_004_000_000, angular_velocity__y=0.1, orientation__w=0.7)
+    names = ['motor_x', 'motor_y']
+    recording.add('/joints', JOINTS, 10**9, name=names, position=[0.1, 1 / 3], velocity=[2.0, 3.0])
+    recording.add('/sonar', RANGE, 10**9, range=math.inf)
+    recording.add('/odd', BYTES, 10**9, data=b'\x01\xff')
+    files = export(recording)
+    (imu,) = rows(files['imu'])
+    assert imu['time_s'] == '1.004'
+    assert imu['angular_velocity_y_rad_per_s'] == '0.1'
+    assert imu['linear_acceleration_x_m_per_s2'] == '0.0'
+    assert imu['orientation_w'] == '0.7'
+    assert imu['orientation_covariance'] == str([0.0] * 9)
+    (joints,) = rows(files['joints'])
+    assert list(joints)[3:] == [
+        'position_motor_x_rad', 'position_motor_y_rad',
+        'velocity_motor_x_rad_per_s', 'velocity_motor_y_rad_per_s',
+    ]  # fmt: skip
+    assert float(joints['position_motor_y_rad']) == 1 / 3
+    (sonar,) = rows(files['sonar'])
+    assert float(sonar['range_m']) == math.inf
+    assert not any('ULTRASOUND' in name for name in sonar)
+    (odd,) = rows(files['odd'])
+    assert odd['data'] == '01ff'
+
+
+def test_what_is_known_of_a_topic_is_added(recording):
+    recording.add('/imu', IMU, 10**9, angular_velocity__y=0.5)
+    meaning = Meaning(
+        names={'angular_velocity_y_rad_per_s': 'pitch_rate_rad_per_s'},
+        more={'double': lambda message: 2 * float(message.angular_velocity.y)},
+    )
+    (row,) = rows(export(recording, meanings={('/imu', IMU): meaning})['imu'])
+    assert (row['pitch_rate_rad_per_s'], row['double']) == ('0.5', '1.0')
+
+
+def test_names_that_would_be_the_same_are_told_apart(recording):
+    recording.add('/odom', 'nav_msgs/msg/Odometry', 10**9, pose__pose__position__x=1.5)
+    recording.add('/a/b', STRING, 10**9, data='first')
+    recording.add('/a_b', STRING, 10**9, data='second')
+    files = export(recording)
+    (odom,) = rows(files['odom'])
+    assert odom['position_x_m'] == '1.5'
+    assert {'pose_covariance', 'twist_covariance', 'linear_x_m_per_s'} <= set(odom)
+    assert rows(files['a_b'])[0]['data'] == 'first'
+    assert rows(files['a_b_'])[0]['data'] == 'second'
+
+
+def test_joined_rows_hold_values_until_the_next(recording):
+    stamps = [10**9 + tick * TICK_NS for tick in range(6)]
+    for stamp in stamps:
+        recording.add('/fast', RANGE, stamp, range=float(stamp - 10**9))
+        if stamp == stamps[2]:
+            # Late by a tick in the file, and between two ticks.
+            recording.add('/slow', RANGE, stamps[1] + 1, range=7.0)
+            recording.add('/state', STRING, stamps[1], data='balance')
+    recording.add('/text', STRING, stamps[5], data='left out')
+    found = rows(export(recording, joined=True, texts=['/state'])['joined'])
+    assert [row['time_s'] for row in found] == [str(stamp / 1e9) for stamp in stamps]
+    assert [float(row['fast_range_m']) for row in found] == [stamp - 10**9 for stamp in stamps]
+    assert [row['slow_range_m'] for row in found] == ['', '', '7.0', '7.0', '7.0', '7.0']
+    assert [row['state_data'] for row in found] == ['', *['balance'] * 5]
+    assert not any('text' in name or name.endswith('stamp_s') for name in found[0])
+
+
+@pytest.mark.parametrize('later_ns', [-2 * 10**9, 7200 * 10**9])
+def test_stamps_that_make_no_grid_are_an_error(recording, later_ns):
+    for tick in range(800):
+        recording.add('/fast', RANGE, 10**10 + tick * TICK_NS)
+    recording.add('/fast', RANGE, 10**10 + 800 * TICK_NS + later_ns)
+    with pytest.raises(RecordingError, match=r'/fast at .* s does not follow what stands before'):
+        export(recording, joined=True)
+
+
+def test_joints_that_change_are_an_error(recording):
+    recording.add('/joints', JOINTS, 10**9, name=['a'], position=[0.1])
+    recording.add('/joints', JOINTS, 2 * 10**9, name=['b'], position=[0.1])
+    with pytest.raises(RecordingError, match=r'/joints at 2\.000 s: the names or number'):
+        export(recording)
+
+
+def test_no_file_is_overwritten(recording):
+    recording.add('/text', STRING, 10**9, data='a')
+    export(recording)
+    with pytest.raises(RecordingError, match=r'text\.csv: exists already'):
+        export(recording)
+
+
+def test_parquet_has_the_same_values(recording):
+    parquet = pytest.importorskip('pyarrow.parquet')
+    for tick in range(3):
+        recording.add('/sonar', RANGE, 10**9 + tick * TICK_NS, range=0.5 * tick)
+    recording.add('/text', STRING, 10**9, data='a')
+    table = parquet.read_table(export(recording, to='parquet')['sonar'])
+    assert table['time_s'].to_pylist() == [1.0, 1.004, 1.008]
+    assert table['range_m'].to_pylist() == [0.0, 0.5, 1.0]
+    assert str(table.schema.field('radiation_type').type) == 'int64'

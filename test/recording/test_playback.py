@@ -1,0 +1,84 @@
+"""Which messages are due: paced, paused, sought and repeated."""
+
+import pytest
+
+from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.playback import Playback
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.writer import RecordingWriter
+
+HEADER = 'std_msgs/msg/Header'
+PERIOD_NS = 100_000_000
+
+
+@pytest.fixture
+def reader(tmp_path):
+    data = encoder(HEADER)(new_message(HEADER))
+    with RecordingWriter(tmp_path / 'run.mcap', chunk_size=200) as writer:
+        topics = [writer.add_topic(name, HEADER) for name in ('/even', '/odd')]
+        for number in range(11):
+            writer.write(topics[number % 2], 10**9 + number * PERIOD_NS, data, number)
+    with RecordingReader(tmp_path / 'run.mcap') as reader:
+        yield reader
+
+
+def due(playback, now):
+    return [message.sequence for message in playback.due(now)]
+
+
+def test_messages_come_at_the_pace(reader):
+    playback = Playback(reader, None, rate=2.0, loop=False)
+    playback.begin(0.0, 50.0)
+    assert due(playback, 49.9) == []
+    assert due(playback, 50.0) == [0]
+    assert due(playback, 50.21) == [1, 2, 3, 4]
+    assert playback.position(50.21) == pytest.approx(0.42)
+    assert due(playback, 50.22) == []
+    playback.set_rate(1.0, 50.25)
+    assert due(playback, 50.36) == [5, 6]
+    assert not playback.finished
+    assert due(playback, 60.0) == [7, 8, 9, 10]
+    assert playback.finished
+
+
+def test_pause_holds_and_seek_jumps(reader):
+    playback = Playback(reader, ['/odd'], rate=1.0, loop=False)
+    playback.begin(0.25, 0.0)
+    assert due(playback, 0.1) == [3]
+    playback.pause(True, 0.1)
+    assert due(playback, 9.0) == []
+    assert playback.position(9.0) == pytest.approx(0.35)
+    playback.seek(0.05, 9.0)
+    assert due(playback, 9.5) == []
+    playback.pause(False, 10.0)
+    assert due(playback, 10.1) == [1]
+    playback.seek(99.0, 10.1)
+    assert playback.position(10.1) == playback.duration
+    assert due(playback, 10.1) == []
+    assert playback.finished
+    playback.seek(-5.0, 10.2)
+    assert not playback.finished
+    assert due(playback, 10.4) == [1]
+
+
+def test_a_loop_begins_again(reader):
+    playback = Playback(reader, None, rate=1.0, loop=True)
+    playback.begin(0.95, 0.0)
+    assert due(playback, 0.06) == [10]
+    assert not playback.finished
+    assert due(playback, 0.17) == [0, 1]
+
+
+def test_mistakes_are_one_line(reader, tmp_path):
+    playback = Playback(reader, None, rate=1.0, loop=False)
+    with pytest.raises(RecordingError, match=r'run\.mcap: start 2 s is behind the end, 1 s$'):
+        playback.begin(2.0, 0.0)
+    with pytest.raises(RecordingError, match="no topic '/x'"):
+        Playback(reader, ['/x'], rate=1.0, loop=False)
+    RecordingWriter(tmp_path / 'empty.mcap').close()
+    with (
+        RecordingReader(tmp_path / 'empty.mcap') as empty,
+        pytest.raises(RecordingError, match='no messages to play'),
+    ):
+        Playback(empty, None, rate=1.0, loop=False)
