@@ -16,36 +16,21 @@ from rclpy.duration import Duration
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import (
     duty_values,
-    fill_accepted_push,
-    fill_battery,
-    fill_body,
-    fill_clock,
-    fill_header,
-    fill_map,
-    fill_motors,
-    fill_odometry,
     push_forces,
     stamp_ns,
     time_ns,
 )
 from ballbot_ros.messages.topics import (
-    ACCEPTED_PUSH,
-    BATTERY_STATE,
     CLOCK,
-    MAP,
     MAX_LEAD_TICKS,
     MOTOR_DUTY,
-    PLANT_IMU,
-    PLANT_JOINT_STATES,
-    PLANT_ODOM,
     PUSH,
     RECORDER_ACK,
-    RUN,
-    WALL_HIT,
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.participants import Participants
+from ballbot_ros.nodes.plant_outputs import PlantOutputs
 from ballbot_ros.nodes.plant_services import PlantServices
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterError
 from ballbot_ros.plant.plant import Plant
@@ -53,9 +38,8 @@ from ballbot_ros.plant.truth import Push
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.pacer import SLOWEST, Pacer
-from ballbot_ros.simulation.timing import BATTERY_NS, FIRST_TICK_NS, TICK_NS, next_start_ns
+from ballbot_ros.simulation.timing import FIRST_TICK_NS, TICK_NS, next_start_ns
 from ballbot_ros.simulation.trajectory import TrajectoryLog, save_trajectory
-from ballbot_ros.world.exports import occupancy_grid
 from ballbot_ros.world.world import World
 
 RESEND_S = 0.1
@@ -87,15 +71,7 @@ class PlantSim(BallbotNode):
         self._token = f'{time.time_ns():x}'
         self._run_number = 0
         self.summary: dict[str, Any] = {}
-        self._clock_out = self._publish_to(CLOCK)
-        self._run = self._publish_to(RUN)
-        self._motors = self._publish_to(PLANT_JOINT_STATES)
-        self._body = self._publish_to(PLANT_IMU)
-        self._odometry = self._publish_to(PLANT_ODOM)
-        self._battery = self._publish_to(BATTERY_STATE)
-        self._wall_hit = self._publish_to(WALL_HIT)
-        self._accepted_push = self._publish_to(ACCEPTED_PUSH)
-        self._map = self.advertise(MAP, depth=1), MAP.message_class()
+        self._outputs = PlantOutputs(self, self.values['ball_radius'])
         self._participants = Participants(self)
         self.control = PlantServices(self)
         self.pacer = Pacer()
@@ -112,10 +88,6 @@ class PlantSim(BallbotNode):
         if not self._lockstep:
             factor = self.values['real_time_factor'] or 1.0
             self.every(FREE_RUNNING_TICK_S / factor, self._free_tick)
-
-    def _publish_to(self, topic: Any) -> tuple[Any, Any]:
-        """Return a publisher and the message that it sends again and again."""
-        return self.advertise(topic), topic.message_class()
 
     def _reset_to(self, start_ns: int) -> None:
         """Put everything at the start of a run whose first tick is at `start_ns`."""
@@ -134,16 +106,7 @@ class PlantSim(BallbotNode):
     def _begin(self) -> None:
         """Announce a run and publish its first truth."""
         self._run_number += 1
-        publisher, header = self._run
-        fill_header(header, self._start_ns, f'{self._run_number} {self._token}')
-        publisher.publish(header)
-        if self._world:
-            publisher, message = self._map
-            fill_map(message, self._start_ns, occupancy_grid(self._world.map))
-            publisher.publish(message)
-        publisher, wall_hit = self._wall_hit
-        wall_hit.data = False
-        publisher.publish(wall_hit)
+        self._outputs.run(self._start_ns, f'{self._run_number} {self._token}', self._world)
         self.end_alarm()
         for push in self._scenario.pushes_from(self._start_ns):
             self._accept(push)
@@ -153,10 +116,7 @@ class PlantSim(BallbotNode):
         """Let a push act, and tell what acts when, for the run to be repeated."""
         self._plant.push(push)
         self._pushes += 1
-        publisher, message = self._accepted_push
-        for stamp, acts in ((push.start_ns, True), (push.end_ns, False)):
-            fill_accepted_push(message, stamp, push, self._pushes, acts=acts)
-            publisher.publish(message)
+        self._outputs.accepted(push, self._pushes)
 
     def reset(self) -> None:
         """Begin a new run at the next multiple of 100 ms."""
@@ -164,36 +124,16 @@ class PlantSim(BallbotNode):
         self._begin()
 
     def _publish_truth(self) -> None:
-        truth = self._truth = self._plant.truth()
-        now = truth.stamp_ns
-        publisher, clock = self._clock_out
-        fill_clock(clock, now)
-        publisher.publish(clock)
-        publisher, body = self._body
-        fill_body(body, truth)
-        publisher.publish(body)
-        publisher, motors = self._motors
-        fill_motors(motors, truth)
-        publisher.publish(motors)
-        if now % BATTERY_NS == 0:
-            publisher, battery = self._battery
-            fill_battery(battery, truth)
-            publisher.publish(battery)
-        publisher, odometry = self._odometry
-        fill_odometry(odometry, truth, self.values['ball_radius'])
-        publisher.publish(odometry)
-        self._tell_wall_hit()
+        self._truth = self._plant.truth()
+        self._outputs.truth(self._truth)
+        if self._outputs.wall_hit(self._plant.wall_hit):
+            self._alarm_of_wall()
         self._asked_at = self._sent_at = time.monotonic()
-        self.sampled(now)
+        self.sampled(self._truth.stamp_ns)
 
-    def _tell_wall_hit(self) -> None:
-        """Publish ``wall_hit`` at a change; a hit that does not end the run is an alarm."""
-        publisher, message = self._wall_hit
-        if message.data == self._plant.wall_hit:
-            return
-        message.data = self._plant.wall_hit
-        publisher.publish(message)
-        if not message.data:
+    def _alarm_of_wall(self) -> None:
+        """Begin or end the alarm of a hit; one that ends the run is told with its end."""
+        if not self._plant.wall_hit:
             self.end_alarm()
         elif not self._plant.stopped:
             self.alarm(str(self._plant.newest_hit))
@@ -410,10 +350,9 @@ class PlantSim(BallbotNode):
                 save_trajectory(Path(path), self.log.trajectory(), self.summary)
             except OSError as error:
                 raise BallbotError(f'{path}: {error.strerror}') from None
-        outputs = (self._clock_out, self._body, self._motors, self._odometry, self._wall_hit)
-        # The diagnostics hold the outcome, which the recorder notes.
-        for publisher in (*(publisher for publisher, _ in outputs), self._diagnostics):
-            publisher.wait_for_all_acked(Duration(seconds=0.1))
+        self._outputs.flush()
+        # It holds the outcome, which the recorder notes.
+        self._diagnostics.wait_for_all_acked(Duration(seconds=0.1))
         self._lock.release()
 
 
