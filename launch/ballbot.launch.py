@@ -12,6 +12,7 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from ballbot_ros.cli.experiment import Experiment, attachments_of, settle_map
 from ballbot_ros.parameter_file import read_parameter_file, write_parameter_file
 from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet
 from ballbot_ros.scenario.library import load_scenario
@@ -44,15 +45,17 @@ def launch_graph(context):
     if given['real_time_factor']:
         factor = yaml.safe_load(given['real_time_factor'])
         parameters.set(PLANT, 'real_time_factor', factor, 'real_time_factor:=')
-    parameters.set(PLANT, 'require_recorder', record)
-    if given['output']:
-        parameters.set(RECORDER, 'output', given['output'])
+    settle_map(parameters)
     folder = Path(tempfile.mkdtemp(prefix='ballbot_'))
     attachments = folder / 'attachments'
     attachments.mkdir()
-    (attachments / 'scenario.yaml').write_text(scenario.text, encoding='utf-8')
-    write_parameter_file(attachments / 'parameters.yaml', parameters)
+    experiment = Experiment(scenario, given['scenario'], parameters, None)
+    for name, data in attachments_of(experiment).items():
+        (attachments / name).write_bytes(data)
+    parameters.set(PLANT, 'require_recorder', record)
     parameters.set(RECORDER, 'attachments', str(attachments))
+    if given['output']:
+        parameters.set(RECORDER, 'output', given['output'])
     write_parameter_file(folder / 'parameters.yaml', parameters)
     nodes = {
         name: Node(

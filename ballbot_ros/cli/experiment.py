@@ -168,8 +168,9 @@ def attachments_of(experiment: Experiment) -> dict[str, bytes]:
         attached_map[attached] = image
         if is_file_name(name):
             parameters.set(PLANT, 'map', attached)
+    text = experiment.scenario.text
     return {
-        'scenario.yaml': experiment.scenario.text.encode(),
+        **({'scenario.yaml': text.encode()} if text else {}),
         'parameters.yaml': format_parameters(parameters).encode(),
         'versions.yaml': yaml.safe_dump(versions, sort_keys=False).encode(),
         **attached_map,
