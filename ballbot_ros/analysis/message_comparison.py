@@ -10,8 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ballbot_ros.messages.topics import Topic
+from ballbot_ros.messages.raw import has_stamp
+from ballbot_ros.messages.topics import CLOCK, Topic
 from ballbot_ros.recording.schemas import typestore
+
+_EXTRA, _MISSING = 'recorded, and not replayed', 'replayed, and not recorded'
 
 
 class Difference(NamedTuple):
@@ -38,8 +41,6 @@ class Comparison:
     ----------
     topics : iterable of Topic
         What is compared, in the order in which a tick causes it.
-    last_ns : int
-        Messages stamped later are not compared: the run was over.
 
     Attributes
     ----------
@@ -47,36 +48,37 @@ class Comparison:
         Number of pairs so far.
     """
 
-    def __init__(self, topics: Iterable[Topic], last_ns: int) -> None:
+    def __init__(self, topics: Iterable[Topic]) -> None:
         self._topics = {topic: _Pairs(topic.type_name) for topic in topics}
-        self._last_ns = last_ns
         self._first: dict[Topic, Difference] = {}
         self.compared = 0
 
     def recorded(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
         """Take a recorded message."""
-        pairs = self._topics.get(topic)
-        if pairs is not None and stamp_ns <= self._last_ns:
+        if pairs := self._topics.get(topic):
             pairs.recorded.append((stamp_ns, data))
             self._compare(topic, pairs)
 
     def replayed(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
         """Take a message of the run that is made again."""
-        pairs = self._topics.get(topic)
-        if pairs is not None and stamp_ns <= self._last_ns:
+        if pairs := self._topics.get(topic):
             pairs.replayed.append((stamp_ns, data))
             self._compare(topic, pairs)
 
     def _compare(self, topic: Topic, pairs: _Pairs) -> None:
         if not (pairs.recorded and pairs.replayed):
             return
-        _, recorded = pairs.recorded.popleft()
+        recorded_ns, recorded = pairs.recorded.popleft()
         stamp_ns, replayed = pairs.replayed.popleft()
         self.compared += 1
         if topic in self._first or recorded == replayed:
             return
+        if pairs.is_stamped and recorded_ns != stamp_ns:
+            earlier = min(recorded_ns, stamp_ns)
+            text = _EXTRA if earlier == recorded_ns else _MISSING
+            self._first[topic] = Difference(earlier, topic.name, text)
         # The middleware may pad in another way; what counts is the content.
-        if what := first_difference(pairs.decode(recorded), pairs.decode(replayed)):
+        elif what := first_difference(pairs.decode(recorded), pairs.decode(replayed)):
             self._first[topic] = Difference(stamp_ns, topic.name, what)
 
     def first_difference(self, *, complete: bool) -> Difference | None:
@@ -91,10 +93,7 @@ class Comparison:
         found = dict(self._first)
         if complete:
             for topic, pairs in self._topics.items():
-                for waiting, text in (
-                    (pairs.recorded, 'recorded, and not replayed'),
-                    (pairs.replayed, 'replayed, and not recorded'),
-                ):
+                for waiting, text in ((pairs.recorded, _EXTRA), (pairs.replayed, _MISSING)):
                     if waiting and topic not in found:
                         found[topic] = Difference(waiting[0][0], topic.name, text)
         order = list(self._topics)
@@ -110,6 +109,7 @@ class _Pairs:
     def __init__(self, type_name: str) -> None:
         self.recorded: deque[tuple[int, bytes]] = deque()
         self.replayed: deque[tuple[int, bytes]] = deque()
+        self.is_stamped = type_name == CLOCK.type_name or has_stamp(type_name)
         self._type = type_name
 
     def decode(self, data: bytes) -> Any:

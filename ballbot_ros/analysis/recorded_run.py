@@ -22,8 +22,6 @@ class RecordedRun:
     ----------
     start_ns, last_ns : int
         Sim time [ns] of its first tick, and of its last one that has a duty.
-    end_ns : int
-        Beginning of the next run [ns], or later than any.
     sticks : dict of int to tuple of int
         The gamepad's sticks by stamp [ns].
     sources : dict of int to str
@@ -36,7 +34,6 @@ class RecordedRun:
 
     start_ns: int
     last_ns: int
-    end_ns: int
     sticks: dict[int, tuple[int, int]] = field(default_factory=dict)
     sources: dict[int, str] = field(default_factory=dict)
     duties: dict[int, tuple[int, int]] = field(default_factory=dict)
@@ -106,10 +103,7 @@ def recorded_runs(reader: RecordingReader) -> list[RecordedRun]:
         raise RecordingError(f'{reader.path}: begins in mid-run')
     # Several topics come in no fixed order, so what belongs to which run follows from the stamps.
     order = sorted(starts)
-    runs = [
-        RecordedRun(start, start - TICK_NS, end, sticks, sources, duties)
-        for start, end in zip(order, [*order[1:], 2**63], strict=True)
-    ]
+    runs = [RecordedRun(start, start - TICK_NS, sticks, sources, duties) for start in order]
     for stamp in duties:
         run = runs[bisect_right(order, stamp) - 1]
         run.last_ns = max(run.last_ns, stamp)

@@ -64,6 +64,10 @@ class ReplayedTick(NamedTuple):
     outputs: DeviceOutputs
 
 
+EVENTS = (WALL_HIT, OPERATING_STATE, BLUETOOTH_TX, LCD)
+"""Without a stamp: to which run of a file they belong is known only by their order."""
+
+
 def replay_controller(
     reader: RecordingReader, run: RecordedRun, program: Program, comparison: Comparison
 ) -> Iterator[ReplayedTick]:
@@ -109,14 +113,20 @@ def replay_run(
     """
     loop = ClosedLoop(parameters, run, run.start_ns)
     ball_radius = parameters.values(PLANT)['ball_radius']
-    messages = RunMessages(comparison.replayed, ball_radius)
+
+    def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
+        # A push may end after the run.
+        if stamp_ns <= run.last_ns:
+            comparison.replayed(topic, stamp_ns, data)
+
+    messages = RunMessages(replayed, ball_radius)
     messages.begin(run.start_ns, loop.world)
     for number, push in enumerate(loop.pushes, 1):
         messages.push(push, number)
     for topic, stamp_ns, data in _messages(reader, run):
         comparison.recorded(topic, stamp_ns, data)
         # No further than the recording: what waits for its counterpart stays little.
-        while topic is CLOCK and loop.plant.time_ns <= min(stamp_ns, run.last_ns):
+        while topic is CLOCK and loop.plant.time_ns <= stamp_ns:
             tick = loop.tick()
             now = tick.truth.stamp_ns
             messages.truth(tick.truth, wall_hit=tick.wall_hit)
@@ -125,9 +135,17 @@ def replay_run(
             yield tick
 
 
-def _messages(reader: RecordingReader, run: RecordedRun) -> Iterator[tuple[Topic, int, bytes]]:
-    """Iterate over the messages of a run: topic, stamp and CDR."""
-    topics = recorded_topics(reader)
+def compare_events(reader: RecordingReader, last_ns: int, comparison: Comparison) -> None:
+    """Give a comparison the recorded events of all runs, up to the last one's end."""
+    topics = {name: topic for name, topic in recorded_topics(reader).items() if topic in EVENTS}
     for name, stamp_ns, _, data in reader.raw_messages(topics):
-        if run.start_ns <= stamp_ns < run.end_ns:
+        if stamp_ns <= last_ns:
+            comparison.recorded(topics[name], stamp_ns, data)
+
+
+def _messages(reader: RecordingReader, run: RecordedRun) -> Iterator[tuple[Topic, int, bytes]]:
+    """Iterate over the stamped messages of a run: topic, stamp and CDR."""
+    topics = {n: topic for n, topic in recorded_topics(reader).items() if topic not in EVENTS}
+    for name, stamp_ns, _, data in reader.raw_messages(topics):
+        if run.start_ns <= stamp_ns <= run.last_ns:
             yield topics[name], stamp_ns, data

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from ballbot_ros.analysis.replay import (
     ALL_TOPICS,
     CONTROLLER_TOPICS,
     ReplayedTick,
+    compare_events,
     replay_controller,
     replay_run,
 )
@@ -27,9 +29,10 @@ from ballbot_ros.cli.experiment import assign, require_toolchain
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.codegen.implementation import program_maker
 from ballbot_ros.controller.interface import Program
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import Topic
 from ballbot_ros.parameter_file import read_parameter_file
-from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet
+from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterError, ParameterSet
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
@@ -41,14 +44,12 @@ PARAMETERS = 'parameters.yaml'
 
 @dataclass
 class Outcome:
-    """What came of replaying a run.
+    """What came of replaying a recording.
 
     Attributes
     ----------
     what : str
         ``controller`` or ``robot``: what was run again.
-    run : int
-        Number of the run in the file, from 1.
     ticks, messages : int
         What was compared.
     difference : Difference or None
@@ -58,7 +59,6 @@ class Outcome:
     """
 
     what: str
-    run: int
     ticks: int
     messages: int
     difference: Difference | None
@@ -80,15 +80,23 @@ def replay_recording(
         require_toolchain(parameters)
         if assignments:
             for assignment in assignments:
+                if not assignment.startswith(f'{CONTROLLER}.'):
+                    raise ParameterError(
+                        f'--set {assignment}: of a recorded run only the {CONTROLLER} can be asked'
+                    )
                 assign(parameters, assignment)
             divergences = [_ask(reader, run, parameters) for run in runs]
             (_print_divergences_json if as_json else _print_divergences)(divergences)
             return 0
-        outcomes: list[Outcome] = []
-        for number, run in enumerate(runs, 1):
-            outcomes.append(_replay_controller(reader, number, run, parameters))
-            outcomes.append(_replay_robot(reader, number, run, parameters))
-        (_print_json if as_json else _print)(outcomes)
+        outcomes = [
+            _replay(reader, runs, parameters, 'controller', CONTROLLER_TOPICS),
+            _replay(reader, runs, parameters, 'robot', ALL_TOPICS),
+        ]
+        (_print_json if as_json else _print)(outcomes, len(runs))
+        if reader.damage:
+            print(
+                f'note: {path}: {reader.damage}: only what is whole was compared', file=sys.stderr
+            )
         return 0 if all(outcome.difference is None for outcome in outcomes) else 1
 
 
@@ -101,47 +109,52 @@ def _parameters(reader: RecordingReader) -> Iterator[ParameterSet]:
             f'{reader.path}: {PARAMETERS} is not attached: nothing to replay it by'
         )
     with TemporaryDirectory(prefix='ballbot_') as scratch:
-        for name, file in attached.items():
-            (Path(scratch) / Path(name).name).write_bytes(file.data)
-        parameters = read_parameter_file(Path(scratch) / PARAMETERS)
+        file = Path(scratch) / PARAMETERS
+        file.write_bytes(attached[PARAMETERS].data)
+        try:
+            parameters = read_parameter_file(file)
+        except BallbotError as error:
+            text = str(error).replace(str(file), f'{reader.path}: {PARAMETERS}')
+            raise RecordingError(text) from None
         name = parameters.values(PLANT)['map']
         if is_file_name(name):
-            parameters.set(PLANT, 'map', str(Path(scratch) / Path(name).name))
+            if name not in attached:
+                raise RecordingError(f'{reader.path}: the map {name!r} is not attached')
+            image = Path(scratch) / f'map{Path(name).suffix}'
+            image.write_bytes(attached[name].data)
+            parameters.set(PLANT, 'map', str(image))
         yield parameters
 
 
-def _replay_controller(
-    reader: RecordingReader, number: int, run: RecordedRun, parameters: ParameterSet
+def _replay(
+    reader: RecordingReader,
+    runs: Sequence[RecordedRun],
+    parameters: ParameterSet,
+    what: str,
+    topics: Sequence[Topic],
 ) -> Outcome:
-    comparison = _comparison(reader, run, CONTROLLER_TOPICS)
+    """Run the controller or the robot again, run by run, and compare the given topics."""
+    recorded = recorded_topics(reader).values()
+    comparison = Comparison([topic for topic in topics if topic in recorded])
     ticks = 0
-    with Progress('controller', run.ticks * TICK_NS / SECOND_NS) as progress:
-        for tick in replay_controller(reader, run, _program(parameters), comparison):
-            ticks += 1
-            progress.update((tick.stamp_ns - run.start_ns) / SECOND_NS)
+    with Progress(what, sum(run.ticks for run in runs) * TICK_NS / SECOND_NS) as progress:
+        for run in runs:
+            replayed: Iterator[Any]
+            if what == 'controller':
+                replayed = replay_controller(reader, run, _program(parameters), comparison)
+            else:
+                replayed = replay_run(reader, run, parameters, comparison)
+            for _ in replayed:
+                ticks += 1
+                progress.update(ticks * TICK_NS / SECOND_NS)
+    compare_events(reader, runs[-1].last_ns, comparison)
     difference = comparison.first_difference(complete=reader.complete)
-    return Outcome('controller', number, ticks, comparison.compared, difference)
-
-
-def _replay_robot(
-    reader: RecordingReader, number: int, run: RecordedRun, parameters: ParameterSet
-) -> Outcome:
-    comparison = _comparison(reader, run, ALL_TOPICS)
-    ticks = 0
-    with Progress('robot', run.ticks * TICK_NS / SECOND_NS) as progress:
-        for tick in replay_run(reader, run, parameters, comparison):
-            ticks += 1
-            progress.update((tick.truth.stamp_ns - run.start_ns) / SECOND_NS)
-    difference = comparison.first_difference(complete=reader.complete)
-    outcome = Outcome('robot', number, ticks, comparison.compared, difference)
-    if difference:
+    outcome = Outcome(what, ticks, comparison.compared, difference)
+    if difference and what == 'robot':
+        # Of a run that has ended before, the last one that had begun.
+        run = next(run for run in reversed(runs) if run.start_ns <= difference.stamp_ns)
         outcome.around = _around(reader, run, parameters, difference.stamp_ns)
     return outcome
-
-
-def _comparison(reader: RecordingReader, run: RecordedRun, topics: Sequence[Topic]) -> Comparison:
-    recorded = recorded_topics(reader).values()
-    return Comparison([topic for topic in topics if topic in recorded], run.last_ns)
 
 
 def _program(parameters: ParameterSet) -> Program:
@@ -153,7 +166,7 @@ def _around(
 ) -> list[ReplayedTick]:
     """Return the recorded inputs about a tick, and what the controller makes of them."""
     reach = AROUND_TICKS * TICK_NS
-    nothing = Comparison((), run.last_ns)
+    nothing = Comparison(())
     found = []
     for tick in replay_controller(reader, run, _program(parameters), nothing):
         if tick.stamp_ns > stamp_ns + reach:
@@ -168,7 +181,7 @@ def _ask(reader: RecordingReader, run: RecordedRun, parameters: ParameterSet) ->
     duties = run.duties
     divergence = Divergence()
     with Progress('controller', run.ticks * TICK_NS / SECOND_NS) as progress:
-        nothing = Comparison((), run.last_ns)
+        nothing = Comparison(())
         for tick in replay_controller(reader, run, _program(parameters), nothing):
             if tick.stamp_ns in duties:
                 divergence.add(tick.stamp_ns, duties[tick.stamp_ns], tick.outputs.duty)
@@ -176,10 +189,10 @@ def _ask(reader: RecordingReader, run: RecordedRun, parameters: ParameterSet) ->
     return divergence
 
 
-def _print(outcomes: Sequence[Outcome]) -> None:
+def _print(outcomes: Sequence[Outcome], runs: int) -> None:
     console = Console(highlight=False)
     for each in outcomes:
-        name = f'run {each.run}, {each.what}'
+        name = each.what if runs == 1 else f'{each.what}, {runs} runs'
         if each.difference is None:
             console.print(
                 f'{name}: [green]identical[/], {each.ticks} ticks, {each.messages} messages'
@@ -213,14 +226,13 @@ def _table(ticks: Sequence[ReplayedTick], stamp_ns: int) -> Table:
     return table
 
 
-def _print_json(outcomes: Sequence[Outcome]) -> None:
-    print(json.dumps([_plain(each) for each in outcomes], indent=2))
+def _print_json(outcomes: Sequence[Outcome], runs: int) -> None:
+    print(json.dumps([{**_plain(each), 'runs': runs} for each in outcomes], indent=2))
 
 
 def _plain(outcome: Outcome) -> dict[str, Any]:
     difference = outcome.difference
     return {
-        'run': outcome.run,
         'what': outcome.what,
         'identical': difference is None,
         'ticks': outcome.ticks,

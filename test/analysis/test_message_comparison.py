@@ -10,7 +10,6 @@ from ballbot_ros.messages.topics import LCD, MOTOR_DUTY
 from ballbot_ros.recording.encoding import encoder, new_message
 
 TICK = 4_000_000
-LAST = 100 * TICK
 
 
 def duty(stamp, x):
@@ -21,7 +20,7 @@ def duty(stamp, x):
 
 def compared(recorded, replayed):
     """Compare the duties of plane x of ticks 0, 1, 2 ...; None leaves a message out."""
-    comparison = Comparison([MOTOR_DUTY], LAST)
+    comparison = Comparison([MOTOR_DUTY])
     for take, values in ((comparison.recorded, recorded), (comparison.replayed, replayed)):
         for tick, value in enumerate(values):
             if value is not None:
@@ -51,15 +50,17 @@ def test_a_message_without_counterpart_counts_only_where_the_recording_is_comple
         assert what in difference.what
 
 
-def test_what_comes_after_the_last_tick_is_not_compared():
-    comparison = Comparison([MOTOR_DUTY], LAST)
-    comparison.recorded(MOTOR_DUTY, LAST + TICK, duty(LAST + TICK, 1))
-    assert comparison.first_difference(complete=True) is None
+def test_a_message_that_is_missing_in_the_middle_is_told_as_missing():
+    comparison = compared([1, None, 3, 4], [1, 2, 3, 4])
+    difference = comparison.first_difference(complete=True)
+    assert (difference.stamp_ns, difference.what) == (TICK, 'replayed, and not recorded')
+    difference = compared([1, 2, 3], [1, None, 3]).first_difference(complete=True)
+    assert (difference.stamp_ns, difference.what) == (TICK, 'recorded, and not replayed')
 
 
 def test_of_one_tick_the_cause_comes_before_its_effect():
     text = new_message(LCD.type_name)
-    comparison = Comparison([LCD, MOTOR_DUTY], LAST)
+    comparison = Comparison([LCD, MOTOR_DUTY])
     for topic, one, other in (
         (MOTOR_DUTY, duty(0, 1), duty(0, 2)),
         (LCD, encoder(LCD.type_name)(text), None),
