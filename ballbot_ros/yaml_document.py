@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import reprlib
 from collections.abc import Hashable
 from pathlib import Path
@@ -11,6 +12,7 @@ import yaml
 
 from ballbot_ros.errors import BallbotError
 
+_INT, _FLOAT = 'tag:yaml.org,2002:int', 'tag:yaml.org,2002:float'
 _COLLECTIONS = ('tag:yaml.org,2002:seq', 'tag:yaml.org,2002:map')
 _INTEGER_BITS = 64
 
@@ -20,7 +22,10 @@ class YamlError(BallbotError):
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML without aliases, which ROS refuses too: a few lines of them fill any memory."""
+    """YAML without aliases, which ROS refuses too: a few lines of them fill any memory.
+
+    Numbers are those of YAML 1.2: 1e3 is one, 1:30 and 0777 in other bases are none.
+    """
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
@@ -29,6 +34,32 @@ class _Loader(yaml.SafeLoader):
                 problem='aliases are not allowed', problem_mark=event.start_mark
             )
         return super().compose_node(parent, index)
+
+
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag not in (_INT, _FLOAT)]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver(_INT, re.compile(r'[-+]?[0-9]+$'), list('-+0123456789'))
+_Loader.add_implicit_resolver(
+    _FLOAT,
+    re.compile(
+        r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$|[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$'
+    ),
+    list('-+0123456789.'),
+)
+_Loader.add_constructor(_INT, lambda loader, node: int(loader.construct_scalar(node)))  # type: ignore[arg-type]
+
+
+def parse_value(text: str) -> Any:
+    """Return the value that a text has in a YAML file; the text itself where it has none."""
+    loader = _Loader(text)
+    try:
+        return loader.get_single_data()
+    except (yaml.YAMLError, ValueError, RecursionError):
+        return text
+    finally:
+        loader.dispose()
 
 
 class YamlDocument:

@@ -1,10 +1,12 @@
 """YAML with line numbers."""
 
+import math
+
 import pytest
 from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line
 
-from ballbot_ros.yaml_document import YamlDocument, YamlError
+from ballbot_ros.yaml_document import YamlDocument, YamlError, parse_value
 
 FRAGMENTS = [
     'a',
@@ -143,8 +145,6 @@ def test_control_characters_are_refused(read):
     [
         'a: 1\nb: 2024-13-45\n',
         'a: 1\nb: 2024-01-01T99:00:00Z\n',
-        'a: 1\nb: 0x_\n',
-        'a: 1\nb: 0b_\n',
         'a: 1\nb: !!int x\n',
         'a: 1\nb: !!float x\n',
         'a: 1\nb: !!bool x\n',
@@ -182,3 +182,17 @@ def test_whatever_the_text_it_is_read_or_refused_in_one_line(read, text):
 @given(st.binary(max_size=60))
 def test_whatever_the_bytes_they_are_read_or_refused_in_one_line(read, data):
     assert is_read_or_refused_in_one_line(read, data)
+
+
+@pytest.mark.parametrize(
+    ('text', 'value'),
+    [
+        ('1e3', 1000.0), ('-1E-2', -0.01), ('1.5e+06', 1.5e6), ('.5', 0.5), ('5.', 5.0),
+        ('010', 10),
+        ('1:30', '1:30'), ('1_000', '1_000'), ('0x10', '0x10'), ('-.inf', -math.inf), ('', None),
+        ('[1, 2.0]', [1, 2.0]), ('true', True), ('a: [', 'a: ['), ('2024-99-99', '2024-99-99'),
+    ],
+)  # fmt: skip
+def test_numbers_are_those_of_yaml_1_2(text, value):
+    assert parse_value(text) == value
+    assert type(parse_value(text)) is type(value)

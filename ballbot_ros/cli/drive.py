@@ -20,6 +20,7 @@ from ballbot_ros.cli.experiment import (
     output_of,
     require_toolchain,
     settle_map,
+    tidied,
 )
 from ballbot_ros.cli.graph import graph_parameters, write_attachments
 from ballbot_ros.cli.graph_monitor import GraphMonitor
@@ -69,7 +70,7 @@ def drive_by_hand(
 
     require_toolchain(parameters)
     settle_map(parameters)
-    _, recording = output_of(NAME, output, record=record)
+    folder, recording = output_of(NAME, output, record=record)
     experiment = Experiment(Scenario(NAME), '', parameters, recording)
     # What follows is of this drive; it has no place in what makes it possible to run it again.
     experiment.attachments = attachments_of(experiment)
@@ -79,6 +80,7 @@ def drive_by_hand(
     parameters.set(GAMEPAD, 'keyboard', not obstacle)
 
     with ExitStack() as stack:
+        stack.enter_context(tidied(folder))
         scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='ballbot_')))
         progress = stack.enter_context(Progress(NAME, 0.0, bar=bool(obstacle)))
         hint = f'no keyboard ({obstacle}): a gamepad, joy or cmd_vel drives' if obstacle else ''

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -14,13 +16,23 @@ import yaml
 from ballbot_ros import __version__
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameter_file import format_parameters
-from ballbot_ros.parameters import CONTROLLER, GAMEPAD, PLANT, SONAR, ParameterError, ParameterSet
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    GAMEPAD,
+    NODES,
+    PLANT,
+    SONAR,
+    ParameterError,
+    ParameterSet,
+    parameters_of,
+)
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.library import image_suffix, is_file_name, map_path
 from ballbot_ros.world.sonar_beam import SonarBeam
 from ballbot_ros.world.world import World
+from ballbot_ros.yaml_document import parse_value
 
 RECORDED_VERSIONS = ('numpy', 'scipy', 'control', 'mcap', 'ros-rclpy', 'ros-rmw-fastrtps-cpp')
 
@@ -70,10 +82,9 @@ def assign(parameters: ParameterSet, assignment: str) -> None:
     node, dot, name = target.partition('.')
     if not (equals and dot and node and name):
         raise ParameterError(f'--set {assignment}: not of the form node.param=value')
-    try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError:
-        value = text
+    row = parameters_of(node).get(name) if node in NODES else None
+    is_text = row is not None and isinstance(row.default, str)
+    value = text if is_text else parse_value(text)
     parameters.set(node, name, value, f'--set {assignment}')
 
 
@@ -119,6 +130,16 @@ def output_of(name: str, output: Path | None, *, record: bool) -> tuple[Path | N
     if recording and recording.exists():
         raise BallbotError(f'{recording}: exists already; choose another --output')
     return folder, recording
+
+
+@contextmanager
+def tidied(folder: Path | None) -> Iterator[None]:
+    """Leave no empty folder behind where nothing came of a run."""
+    try:
+        yield
+    finally:
+        if folder and folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
 
 
 def _make_folder(folder: Path) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -13,6 +15,8 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.timing import MILLISECOND_NS
 from ballbot_ros.teleop.csv_log import CsvLog
+
+_Message = tuple[str, int, Any]
 
 
 def write_csv(recording: Path, output: Path) -> None:
@@ -31,7 +35,7 @@ def write_csv(recording: Path, output: Path) -> None:
         topics = {packets, runs} & reader.topics().keys()
         log = CsvLog(output)
         malformed = 0
-        for topic, _, message in reader.messages(topics):
+        for topic, _, message in _complete(reader.messages(topics), log):
             if topic == runs:
                 log.begin_run(time_ns(message.stamp) // MILLISECOND_NS)
                 continue
@@ -46,6 +50,17 @@ def write_csv(recording: Path, output: Path) -> None:
             click.echo(f'{recording}: {reader.damage}', err=True)
     for path in log.paths:
         click.echo(f'data log  {path}')
+
+
+def _complete(messages: Iterator[_Message], log: CsvLog) -> Iterator[_Message]:
+    """Iterate over the messages; where one can't be read, leave no file behind."""
+    try:
+        yield from messages
+    except RecordingError:
+        log.close()
+        for path in log.paths:
+            path.unlink()
+        raise
 
 
 def _topic(reader: RecordingReader, name: str) -> str:

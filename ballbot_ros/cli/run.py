@@ -19,6 +19,7 @@ from ballbot_ros.cli.experiment import (
     output_of,
     require_toolchain,
     settle_map,
+    tidied,
 )
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
@@ -54,12 +55,16 @@ def run_scenario(
         parameters.set(GYRO, 'seed', seed, '--seed')
     for assignment in assignments:
         assign(parameters, assignment)
+    if parameters.is_set(GAMEPAD, 'scenario'):
+        raise ParameterError(f'{GAMEPAD}.scenario can not be set: the scenario is {reference}')
     if controller:
         parameters.set(CONTROLLER, 'implementation', controller, '--controller')
     require_toolchain(parameters)
     if '/' in reference or reference.endswith(('.yaml', '.yml')):
         reference = str(Path(reference).resolve())
     parameters.set(GAMEPAD, 'scenario', reference)
+    if parameters.values(PLANT)['duration'] == 0.0:
+        raise ParameterError(f'--set {PLANT}.duration=0: a run of a scenario lasts longer than 0 s')
     if not parameters.is_set(GAMEPAD, 'device'):
         # Whatever lies plugged in must not disturb a scenario.
         parameters.set(GAMEPAD, 'device', '')
@@ -73,6 +78,7 @@ def run_scenario(
     plant_values = parameters.values(PLANT)
     duration = plant_values['duration']
     with ExitStack() as stack:
+        stack.enter_context(tidied(folder))
         scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='ballbot_')))
         progress = stack.enter_context(Progress(scenario.name, duration))
         stack.enter_context(_stdout_to_stderr())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
@@ -11,6 +12,9 @@ from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush
 from ballbot_ros.scenario.signal import Segment, Signal
+from ballbot_ros.world.errors import WorldError
+from ballbot_ros.world.library import load_map
+from ballbot_ros.world.world import World
 from ballbot_ros.yaml_document import YamlDocument
 
 IDEAL = 'ideal'
@@ -71,9 +75,11 @@ class ScenarioReader:
         for required in ('purpose', 'duration'):
             if required not in data:
                 raise self._error((), f'{required} is missing')
-        if not isinstance(data['purpose'], str):
-            raise self._error(('purpose',), f'{data["purpose"]!r} is not text')
-        profile = str(data.get('profile', IDEAL))
+        for text in ('purpose', 'profile'):
+            value = data.get(text, IDEAL)
+            if not isinstance(value, str) or len(value.splitlines()) != 1:
+                raise self._error((text,), f'{text}: {value!r} is not a line of text')
+        profile = data.get('profile', IDEAL)
         parameters = self._parameters(data, profile)
         duration = parameters.values(PLANT)['duration']
         sticks = self._mapping(data.get('sticks', {}), ('sticks',), ('vertical', 'horizontal'))
@@ -82,10 +88,12 @@ class ScenarioReader:
             purpose=str(data['purpose']),
             profile=profile,
             parameters=parameters,
-            vertical=self._signal(sticks.get('vertical', []), ('sticks', 'vertical')),
-            horizontal=self._signal(sticks.get('horizontal', []), ('sticks', 'horizontal')),
-            pushes=tuple(self._each(data.get('pushes', []), ('pushes',), self._push)),
-            expectations=tuple(self._expectations(data.get('expectations', {}), duration)),
+            vertical=self._signal(sticks.get('vertical', []), ('sticks', 'vertical'), duration),
+            horizontal=self._signal(
+                sticks.get('horizontal', []), ('sticks', 'horizontal'), duration
+            ),
+            pushes=tuple(self._pushes(data.get('pushes', []), duration)),
+            expectations=tuple(self._expectations(data.get('expectations', {}), parameters)),
             text=self._document.path.read_text(encoding='utf-8'),
         )
 
@@ -108,8 +116,28 @@ class ScenarioReader:
             self._set(parameters, PLANT, _START[key], number, ('start', key))
         for node, values in self._mapping(data.get('parameters', {}), ('parameters',)).items():
             for name, value in self._mapping(values, ('parameters', node)).items():
+                if name == 'scenario':
+                    raise self._error(
+                        ('parameters', node, name), 'a scenario can not name another one'
+                    )
                 self._set(parameters, node, name, value, ('parameters', node, name))
+        self._check_world(parameters)
         return parameters
+
+    def _check_world(self, parameters: ParameterSet) -> None:
+        """Refuse a map that can't be read and a start that it has no room for."""
+        values = parameters.values(PLANT)
+        if not values['map']:
+            return
+        try:
+            floor_map = load_map(values['map'])
+        except WorldError as error:
+            raise self._error(('map',), str(error)) from None
+        try:
+            world = World(floor_map, values['body_depth'], values['body_width'])
+            world.check_start((values['start_position_x'], values['start_position_y']))
+        except WorldError as error:
+            raise self._error(('start',), str(error)) from None
 
     def _map(self, value: Any) -> Any:
         """Return a map's name as it is, and a file's path as seen from the scenario's folder."""
@@ -117,15 +145,21 @@ class ScenarioReader:
             return str((self._document.path.parent / value).resolve())
         return value
 
-    def _signal(self, data: Any, keys: Keys) -> Signal:
+    def _signal(self, data: Any, keys: Keys, duration: float) -> Signal:
         segments = self._each(data, keys, self._segment)
+        for index, segment in enumerate(segments):
+            if segment.start >= duration:
+                raise self._error(
+                    (*keys, index), f'{segment.name!r} begins after the end of the run'
+                )
         for index in range(1, len(segments)):
             before, after = segments[index - 1], segments[index]
             if after.start < before.end:
                 raise self._error(
                     (*keys, index),
                     f'time goes back: {after.name!r} begins at {after.start:g} s, '
-                    f'{before.name!r} lasts until {before.end:g} s',
+                    f'{before.name!r} lasts until '
+                    + ('the end' if before.end == math.inf else f'{before.end:g} s'),
                 )
         return Signal(tuple(segments))
 
@@ -175,6 +209,13 @@ class ScenarioReader:
             raise self._error(keys, f'{number:g} is not within -{STICK_LIMIT} … {STICK_LIMIT}')
         return number
 
+    def _pushes(self, data: Any, duration: float) -> list[ScheduledPush]:
+        pushes = self._each(data, ('pushes',), self._push)
+        for index, push in enumerate(pushes):
+            if push.time >= duration:
+                raise self._error(('pushes', index), 'a push begins after the end of the run')
+        return pushes
+
     def _push(self, data: Any, keys: Keys) -> ScheduledPush:
         names = ('time', 'duration', 'force', 'direction')
         values = self._mapping(data, keys, names)
@@ -185,9 +226,12 @@ class ScenarioReader:
         if not 0.0 <= force <= FORCE_LIMIT:
             raise self._error((*keys, 'force'), f'{force:g} is not within 0 … {FORCE_LIMIT:g} N')
         forward, rightward = self._direction(values['direction'], (*keys, 'direction'))
+        lasting = self._time(values['duration'], (*keys, 'duration'))
+        if lasting == 0.0:
+            raise self._error((*keys, 'duration'), 'a push lasts longer than 0 s')
         return ScheduledPush(
             self._time(values['time'], (*keys, 'time')),
-            self._time(values['duration'], (*keys, 'duration')),
+            lasting,
             force * forward,
             force * rightward,
         )
@@ -202,24 +246,29 @@ class ScenarioReader:
         # Counterclockwise from forward, as REP 103 has it; plane y is positive to the right.
         return math.cos(angle), -math.sin(angle)
 
-    def _expectations(self, data: Any, duration: float) -> list[Expectation]:
+    def _expectations(self, data: Any, parameters: ParameterSet) -> list[Expectation]:
         expectations: list[Expectation] = []
+        plant = parameters.values(PLANT)
         for metric, bounds in self._mapping(data, ('expectations',)).items():
             keys: Keys = ('expectations', metric)
             if metric not in METRICS:
                 known = ', '.join(METRICS)
                 raise self._error(keys, f'unknown metric {metric!r}; known: {known}')
+            if metric == 'wall_clearance_m' and not plant['map']:
+                raise self._error(keys, f'{metric} needs a map')
 
             def read(item: Any, at: Keys) -> Expectation:
-                return self._expectation(at, item, duration)
+                return self._expectation(at, item, plant)
 
             if isinstance(bounds, list):
+                if not bounds:
+                    raise self._error(keys, f'{metric} has neither min nor max')
                 expectations += self._each(bounds, keys, read)
             else:
                 expectations.append(read(bounds, keys))
         return expectations
 
-    def _expectation(self, keys: Keys, data: Any, duration: float) -> Expectation:
+    def _expectation(self, keys: Keys, data: Any, plant: Mapping[str, Any]) -> Expectation:
         metric = keys[1]
         limits = {
             key: self._number(value, (*keys, key))
@@ -227,10 +276,18 @@ class ScenarioReader:
         }
         if 'min' not in limits and 'max' not in limits:
             raise self._error(keys, f'{metric} has neither min nor max')
+        low, high = limits.get('min', -math.inf), limits.get('max', math.inf)
+        if low > high:
+            raise self._error(keys, f'{metric}: min {low:g} is more than max {high:g}')
         start, end = limits.get('from', 0.0), limits.get('to', math.inf)
+        duration = plant['duration']
         if not 0.0 <= start < min(end, duration) or duration < end < math.inf:
             raise self._error(
                 keys, f'{metric}: {start:g} … {end:g} s is no window of a run of {duration:g} s'
+            )
+        if end < plant['hold_time']:
+            raise self._error(
+                keys, f'{metric}: the window ends before the release at {plant["hold_time"]:g} s'
             )
         return Expectation(metric, limits.get('min'), limits.get('max'), start, end)
 
@@ -238,8 +295,7 @@ class ScenarioReader:
         self, data: Any, keys: Keys, allowed: Collection[str] | None = None
     ) -> Mapping[Any, Any]:
         if not isinstance(data, dict):
-            what = repr(keys[-1]) if keys else 'the scenario'
-            raise self._error(keys, f'{what} is not a mapping of names')
+            raise self._error(keys, f'{_label(keys)} is not a mapping of names')
         for key in data:
             if allowed is not None and key not in allowed:
                 words = ', '.join(sorted(allowed))
@@ -248,14 +304,14 @@ class ScenarioReader:
 
     def _each(self, data: Any, keys: Keys, read: Callable[[Any, Keys], Any]) -> list[Any]:
         if not isinstance(data, list):
-            raise self._error(keys, f'{keys[-1]} is not a list')
+            raise self._error(keys, f'{_label(keys)} is not a list')
         return [read(item, (*keys, index)) for index, item in enumerate(data)]
 
     def _number(self, value: Any, keys: Keys) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self._error(keys, f'{value!r} is not a number')
+            raise self._error(keys, f'{_label(keys)}: {value!r} is not a number')
         if not math.isfinite(value):
-            raise self._error(keys, f'{value!r} is not finite')
+            raise self._error(keys, f'{_label(keys)}: {value!r} is not finite')
         return float(value)
 
     def _set(self, parameters: ParameterSet, node: Any, name: Any, value: Any, keys: Keys) -> None:
@@ -263,3 +319,12 @@ class ScenarioReader:
 
     def _error(self, keys: Keys, text: str) -> ScenarioError:
         return ScenarioError(f'{self._document.where(*keys)}: {text}')
+
+
+def _label(keys: Keys) -> str:
+    """Return the name of a part of the file: its key, and its number in a list."""
+    names = [key for key in keys if isinstance(key, str)]
+    if not names:
+        return 'the scenario'
+    last = len(keys) - 1 - keys[::-1].index(names[-1])
+    return reprlib.repr(names[-1]) + ''.join(f' {index + 1}' for index in keys[last + 1 :])

@@ -15,12 +15,11 @@ class Complaints:
         self._healed: set[str] = set()
 
     def add(self, source: str, text: str) -> bool:
-        """Note a complaint; return whether the source had none."""
+        """Note a complaint, the newest of its source; return whether the source had none."""
         self._healed.discard(source)
-        if source in self._texts:
-            return False
+        is_first = source not in self._texts
         self._texts[source] = f'{source}: {text}'
-        return True
+        return is_first
 
     def heal(self, source: str) -> None:
         """Note that the source is healthy."""

@@ -113,7 +113,9 @@ class Terminal:
         output = Vt100_Output.from_pty(terminal)
         output.enable_cpr = False  # The panel needs no cursor position, and asking shows.
         return Application(
-            layout=Layout(Window(FormattedTextControl(self._panel), dont_extend_height=True)),
+            layout=Layout(
+                Window(FormattedTextControl(self._panel), dont_extend_height=True, wrap_lines=True)
+            ),
             key_bindings=self._bindings(),
             input=create_input(sys.stdin),
             output=output,

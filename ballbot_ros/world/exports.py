@@ -76,6 +76,9 @@ def write_files(floor_map: FloorMap, *, wrl: Path | None, nav2: Path | None) -> 
     WorldError
         If a file is there already or can't be written; none is then left of this call.
     """
+    for path in filter(None, (wrl, nav2)):
+        if path.is_dir() or not path.name:
+            raise WorldError(f'{path}: a folder, not a file to write')
     contents: dict[Path, Callable[[BinaryIO], None]] = {}
     if wrl is not None:
         contents[wrl] = lambda stream: _write_vrml(floor_map, stream)

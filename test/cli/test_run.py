@@ -10,6 +10,7 @@ import pytest
 from graph import NODES, alive, bound_s, wait_for
 from matplotlib.image import imread
 
+from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
@@ -93,6 +94,14 @@ MISTAKES = {
         'x 0 m, y -3 m (map) is off the map, x ±1 m, y ±1 m',
     ),
     'even cone': (lambda tmp_path: ['stationary', '--set=sonar_driver.cone_rays=4'], '4 is even'),
+    'another scenario': (
+        lambda tmp_path: ['stationary', '--set=plant_sim.scenario=push'],
+        'can not be set',
+    ),
+    'no duration': (
+        lambda tmp_path: ['stationary', '--set=plant_sim.duration=0'],
+        'longer than 0 s',
+    ),
     'existing recording': (lambda tmp_path: ['stationary', *_full_folder(tmp_path)], 'exists'),
     'folder is a file': (lambda tmp_path: ['stationary', '--output', '/dev/null'], '/dev/null'),
 }
@@ -106,6 +115,23 @@ def test_a_mistake_is_one_line_and_exit_status_2(start_run, tmp_path, mistake):
     assert len(run.stderr.splitlines()) == 1, run.stderr
     assert hint in run.stderr
     assert run.stdout == ''
+
+
+def test_text_and_numbers_are_set_as_they_are_written(start_run):
+    run = start_run('stationary', '--processes=none', '--no-record', '--json',
+                    '--set=plant_sim.duration=2e0', '--set=plant_sim.map=')  # fmt: skip
+    assert run.finish() in (0, 1), run.stderr
+    assert run.result['ticks'] == 500
+
+
+@pytest.mark.graph
+def test_a_run_that_does_not_begin_leaves_no_folder(start_run, domain, tmp_path):
+    lock = DomainLock(domain)
+    run = start_run('stationary', cwd=tmp_path)
+    assert run.finish() == 2
+    lock.release()
+    assert 'another plant' in run.stderr
+    assert list((tmp_path / 'runs').iterdir()) == []
 
 
 def test_malformed_yaml_names_file_and_line(start_run, tmp_path):

@@ -7,11 +7,11 @@ def test_a_complaint_stays_until_it_is_healed_and_was_reported():
     complaints = Complaints()
     assert complaints.add('joy', 'axis 1 is nan')
     assert not complaints.add('joy', 'axis 1 is inf')
-    assert str(complaints) == 'joy: axis 1 is nan'
+    assert str(complaints) == 'joy: axis 1 is inf'
     complaints.reported()
-    assert str(complaints) == 'joy: axis 1 is nan'
+    assert str(complaints) == 'joy: axis 1 is inf'
     complaints.heal('joy')
-    assert str(complaints) == 'joy: axis 1 is nan'
+    assert str(complaints) == 'joy: axis 1 is inf'
     complaints.reported()
     assert str(complaints) == ''
     assert complaints.add('joy', 'axis 1 is inf')
