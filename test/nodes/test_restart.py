@@ -90,8 +90,10 @@ def test_a_controller_may_be_told_to_begin_afresh(start_graph, start_node, tmp_p
     nodes = start_graph(6.0, timeout=20.0)
     wait_for(lambda: is_under_way(tmp_path), what='the run')
     nodes['controller'].kill()
-    start_node('controller', rejoin='true')
-    assert nodes['plant_sim'].finish() == 0, nodes['plant_sim'].output
+    controller = start_node('controller', rejoin='true')
+    status = nodes['plant_sim'].finish()
+    controller.interrupt()
+    assert status == 0, nodes['plant_sim'].output + controller.output
 
 
 def test_a_second_plant_is_refused_and_the_first_run_goes_on(
