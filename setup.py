@@ -15,6 +15,7 @@ NODES = (
     'controller',
     'gamepad_teleop',
     'recorder',
+    'viewer',
 )
 
 
@@ -101,6 +102,14 @@ setup(
         'drive': [
             'pygame-ce>=2.5',
             'prompt_toolkit>=3.0.36',
+        ],
+        # The 3D viewer.
+        'viewer': [
+            'viser>=1.1,<2',
+            'trimesh>=4.0',
+            'imageio>=2.34',
+            'imageio-ffmpeg>=0.5',
+            'playwright>=1.50',
         ],
         # The two that judge style and types stay in one minor series, as each new one judges
         # more strictly.

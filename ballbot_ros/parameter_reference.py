@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import yaml
 
-from ballbot_ros.parameters import NODES, TABLE, Parameter, ParameterSet, Value, select
+from ballbot_ros.parameters import ALL_NODES, TABLE, Parameter, ParameterSet, Value, select
 from ballbot_ros.plant.model import PhysicalParameters
 
 DERIVED = {
@@ -76,7 +76,7 @@ def _groups() -> list[tuple[str, ...]]:
 
 
 def _order(nodes: tuple[str, ...]) -> list[int]:
-    return [NODES.index(node) for node in nodes]
+    return [ALL_NODES.index(node) for node in nodes]
 
 
 def _rows_of(nodes: tuple[str, ...]) -> list[Parameter]:

@@ -45,6 +45,11 @@ from ballbot_ros.scenario.library import load_scenario, scenario_names
     help='What computes: the Python program, the C generated from it, or that on an emulated ARM '
     'processor.  [default: python, unless the scenario sets it]',
 )
+@click.option(
+    '--viewer',
+    is_flag=True,
+    help='Show the run in a browser, at factor 1 unless another is given; prints the address.',
+)
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def run(
     scenario: str,
@@ -55,6 +60,7 @@ def run(
     no_record: bool,
     assignments: tuple[str, ...],
     controller: str | None,
+    viewer: bool,
     as_json: bool,
 ) -> int:
     """Run SCENARIO, a name or a YAML file, and judge it by its expectations.
@@ -73,6 +79,7 @@ def run(
         record=not no_record,
         assignments=assignments,
         controller=controller,
+        viewer=viewer,
         as_json=as_json,
     )
 
@@ -101,6 +108,7 @@ def run(
     metavar='NODE.PARAM=VALUE',
     help='Set a parameter, such as controller.k_thetadot=300; may be given again.',
 )
+@click.option('--viewer', is_flag=True, help='Show the robot in a browser; prints the address.')
 @click.option('--list-devices', is_flag=True, help='List the gamepads, show their input, and end.')
 def drive(
     map_name: str | None,
@@ -112,6 +120,7 @@ def drive(
     no_record: bool,
     log: Path | None,
     assignments: tuple[str, ...],
+    viewer: bool,
     list_devices: bool,
 ) -> int:
     """Drive the robot by hand: gamepad, keyboard, or the topics joy and cmd_vel.
@@ -134,6 +143,7 @@ def drive(
         output=output,
         record=not no_record,
         log=log,
+        viewer=viewer,
         assignments=assignments,
     )
 
