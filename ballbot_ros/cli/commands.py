@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from ballbot_ros.scenario.library import load_scenario, scenario_names
+from ballbot_ros.viewer.views import VIEWS
 
 
 @click.command(short_help='Run a scenario and judge it by its expectations.')
@@ -339,3 +340,50 @@ def compare(
     from ballbot_ros.cli.compare import compare as compare_runs
 
     return compare_runs(recordings, output=output, conditions=conditions, as_json=as_json)
+
+
+@click.command(short_help='Show recorded runs in a browser.')
+@click.argument('recording', type=click.Path(path_type=Path))
+@click.argument('other', required=False, type=click.Path(path_type=Path))
+@click.option(
+    '--host', default='127.0.0.1', show_default=True, help='Address on which the page is served.'
+)
+@click.option(
+    '--port',
+    type=click.IntRange(0, 65535),
+    default=8080,
+    show_default=True,
+    help='Its port; 0: a free one.',
+)
+def view(recording: Path, other: Path | None, host: str, port: int) -> int:
+    """Show the last run of RECORDING in a browser, and that of OTHER as its ghost.
+
+    It serves the page until Ctrl-C or SIGTERM.
+    """
+    from ballbot_ros.cli.view import view_recordings
+
+    return view_recordings([recording, *([other] if other else [])], host, port)
+
+
+@click.command(short_help='Make a picture or a film of a recorded run.')
+@click.argument('recording', type=click.Path(path_type=Path))
+@click.option(
+    '--view', type=click.Choice(VIEWS), default='chaser1', show_default=True, help='The view.'
+)
+@click.option(
+    '--output',
+    required=True,
+    type=click.Path(path_type=Path),
+    help='File to write: a picture (.png) or a film (.mp4, .gif).',
+)
+@click.option(
+    '--time',
+    'moment',
+    type=click.FloatRange(0.0),
+    help='Time of a picture from the start of the run [s].  [default: the end]',
+)
+def render(recording: Path, view: str, output: Path, moment: float | None) -> None:
+    """Write a picture or a film of the last run of RECORDING, without a window."""
+    from ballbot_ros.cli.render import render_recording
+
+    render_recording(recording, view, output, moment)

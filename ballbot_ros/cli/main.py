@@ -41,6 +41,8 @@ for command in (
     commands.scenarios,
     commands.report,
     commands.compare,
+    commands.view,
+    commands.render,
     commands.replay,
     commands.log2csv,
     commands.map_command,

@@ -66,5 +66,9 @@ def _rectangles(floor_map: FloorMap, mask: NDArray[np.bool_]) -> Iterator[Rectan
 
 def floor_of_grid(message: Any) -> FloorMap:
     """Return the walls of a ``map`` message; what it does not tell are the black lines."""
-    cells = np.asarray(message.data).reshape(message.info.height, message.info.width)[::-1]
-    return FloorMap(np.where(cells == OCCUPIED, WALL, FLOOR).astype(np.uint8))
+    return floor_of_cells(np.asarray(message.data).reshape(message.info.height, message.info.width))
+
+
+def floor_of_cells(cells: NDArray[np.integer[Any]]) -> FloorMap:
+    """Return the walls of an occupancy grid, whose first row is the one with the smallest y."""
+    return FloorMap(np.where(cells[::-1] == OCCUPIED, WALL, FLOOR).astype(np.uint8))

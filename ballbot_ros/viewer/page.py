@@ -88,12 +88,12 @@ class Page:
         names = [*VIEWS, _ORBIT]
         labels = [f'{number} {TITLES[view]}' for number, view in enumerate(VIEWS, 1)]
         labels.append('6 Free orbit')
-        chooser = client.gui.add_dropdown(
+        chooser: Any = client.gui.add_dropdown(
             'View', labels, initial_value=labels[names.index(VISTA)], order=-1.0
         )
 
         def choose(_: Any) -> None:
-            self._choose(client.client_id, names[labels.index(chooser.value)])
+            self.choose(client.client_id, names[labels.index(chooser.value)])
 
         chooser.on_update(choose)
         for number, label in enumerate(labels, 1):
@@ -103,9 +103,10 @@ class Page:
             def _(_: Any, label: str = label) -> None:
                 chooser.value = label
 
-        self._choose(client.client_id, VISTA)
+        self.choose(client.client_id, VISTA)
 
-    def _choose(self, client_id: int, view: str) -> None:
+    def choose(self, client_id: int, view: str) -> None:
+        """Give a browser a view."""
         with self._lock:
             self._views[client_id] = view
             self._moved.add(client_id)
@@ -124,10 +125,10 @@ class Page:
                 if view in TRACKING or (view != _ORBIT and number in self._moved)
             }
             self._moved.clear()
-        cameras = {view: camera(view, now, self._dimensions, self._area) for view in due.values()}
         for number, view in due.items():
-            if number in clients:
-                _point(clients[number], cameras[view])
+            if client := clients.get(number):
+                aspect = client.camera.aspect
+                _point(client, camera(view, now, self._dimensions, self._area, aspect))
 
     def stop(self) -> None:
         """Close the page."""

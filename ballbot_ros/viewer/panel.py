@@ -16,7 +16,7 @@ PERIOD = 12
 """Updates of the scene between two of the panel."""
 
 _X_COLOUR, _Y_COLOUR = '#0072b2', '#d55e00'
-_HEIGHT = 112
+_HEIGHT = 104
 
 # Title, columns of the trace, their factor, and the labels.
 _PLOTS: tuple[tuple[str, tuple[int, ...], float, tuple[str, ...]], ...] = (
@@ -90,7 +90,7 @@ def _plot(gui: viser.GuiApi, curves: int) -> Any:
         (nothing, *[np.full(2, np.nan)] * curves),
         (uplot.Series(label='t [s]'), *series),
         scales=_scales(0.0),
-        axes=(uplot.Axis(size=22), uplot.Axis(size=38)),
+        axes=(uplot.Axis(size=30), uplot.Axis(size=38)),
         legend=uplot.Legend(show=False),
         height=_HEIGHT,
         padding=(4, 8, 0, 0),
@@ -114,7 +114,7 @@ def _status(rows: list[tuple[str, str]], lcd: str) -> str:
     page = lcd.replace('&', '&amp;').replace('<', '&lt;')
     display = (
         '<pre style="background:#b0c4a8;color:#18221e;font-size:10px;line-height:1.25;margin:0;'
-        f'padding:6px;border-radius:4px;width:16ch;min-height:8.5em">{page}</pre>'
+        f'padding:6px;border-radius:4px;box-sizing:content-box;width:16ch;min-height:10em;overflow:hidden">{page}</pre>'
     )
     return (
         '<div style="display:flex;justify-content:space-between;align-items:center;'

@@ -39,15 +39,15 @@ class Camera(NamedTuple):
     fov: float
 
 
-def camera(view: str, now: Snapshot, dimensions: Dimensions, area: Area) -> Camera:
-    """Return the camera of a view."""
+def camera(view: str, now: Snapshot, dimensions: Dimensions, area: Area, aspect: float) -> Camera:
+    """Return the camera of a view, for a picture that is `aspect` times as wide as high."""
     x, y = area.middle
     if view == TOP:
         # A hair to the south, so that the picture has +x on its right, as the map image has.
-        height = 1.08 * max(area.half_y, area.half_x / 1.5) / math.tan(_NARROW / 2.0)
+        height = 1.08 * max(area.half_y, area.half_x / aspect) / math.tan(_NARROW / 2.0)
         return Camera((x, y - 1e-3 * height, height), (x, y, 0.0), _UP, _NARROW)
     if view == VISTA:
-        far = 1.32 * math.hypot(area.half_x, area.half_y)
+        far = 1.32 * math.hypot(area.half_x, area.half_y) * max(1.0, 1.5 / aspect)
         away = (x - 0.95 * far, y - 1.0 * far, 1.05 * far)
         return Camera(away, (x, y, -0.05 * far), _UP, _NARROW)
     ball = np.array([now.position[0], -now.position[1], dimensions.ball_radius])
