@@ -65,7 +65,9 @@ class Player:
         gui = page.server.gui
         self._panel = Panel(gui)
         with gui.add_folder('Playback', order=1.0):
-            self._slider: Any = gui.add_slider('Time [s]', 0.0, max(self.clock.end, 0.01), 0.01, 0.0)
+            self._slider: Any = gui.add_slider(
+                'Time [s]', 0.0, max(self.clock.end, 0.01), 0.01, 0.0
+            )
             self._button = gui.add_button('Pause')
             rate = gui.add_button_group('Rate', tuple(RATES))
         self._slider.on_update(self._seek)

@@ -30,8 +30,8 @@ Picture = NDArray[np.uint8]
 """Shape (:data:`HEIGHT`, :data:`WIDTH`, 3)."""
 
 
-def pictures(run: Playback, view: str, times: Sequence[float]) -> Iterator[Picture]:
-    """Yield a picture of the run at each time [s].
+def pictures(run: Playback, shots: Sequence[tuple[str, float]]) -> Iterator[Picture]:
+    """Yield a picture of the run for each view and time [s].
 
     Raises
     ------
@@ -44,11 +44,11 @@ def pictures(run: Playback, view: str, times: Sequence[float]) -> Iterator[Pictu
             player = Player(page, [run])
             browser.goto(page.address)
             client = _client(page)
-            page.choose(client.client_id, view)
-            player.show(times[0], panel=True)
+            player.show(shots[0][1], panel=True)
             _picture(client)  # until then the browser loads the meshes
             time.sleep(_SETTLE_S)
-            for moment in times:
+            for view, moment in shots:
+                page.choose(client.client_id, view)
                 player.show(moment, panel=True)
                 yield _picture(client)
         finally:
@@ -87,12 +87,13 @@ def render(
         If a picture can't be made, or the file not be written.
     """
     rate = FRAMES_PER_SECOND.get(output.suffix)
-    times = [moment] if rate is None else (np.arange(0.0, run.end, 1.0 / rate)).tolist()
+    times = [moment] if rate is None else np.arange(0.0, run.end, 1.0 / rate).tolist()
+    shots = [(view, time) for time in times]
     try:
         with _writer(output, rate) as writer:
-            for number, picture in enumerate(pictures(run, view, times), 1):
+            for number, picture in enumerate(pictures(run, shots), 1):
                 writer.append_data(picture)
-                progress(number, len(times))
+                progress(number, len(shots))
     except (OSError, ImportError, ValueError) as error:
         reason = ' '.join(str(error).split())
         raise ViewerError(f'{output}: {reason}') from None

@@ -142,9 +142,9 @@ def _body(dimensions: Dimensions) -> Iterator[Part]:
     (wheel_x, _, _), (_, wheel_y, _) = wheel_centres(dimensions)
     side = width / 2.0 + 0.006
     yield rod((0.012, 0.010), (wheel_x, side, 0.0), Y_AXIS, ORANGE)
-    yield box((0.026, 0.020, 0.064), (wheel_x, side + 0.014, 0.014), LIGHT)
+    yield box((0.026, 0.020, 0.044), (wheel_x, side + 0.014, 0.012), LIGHT)
     yield rod((0.012, 0.010), (side, wheel_y, 0.0), X_AXIS, ORANGE)
-    yield box((0.020, 0.026, 0.064), (side + 0.014, wheel_y, 0.014), LIGHT)
+    yield box((0.020, 0.026, 0.044), (side + 0.014, wheel_y, 0.012), LIGHT)
     # Deck, corner posts and the plate under the brick.
     yield box((depth, breadth, 0.008), (0.0, 0.0, deck), DARK)
     for x in (-1.0, 1.0):

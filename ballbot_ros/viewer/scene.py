@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from viser import SceneApi
 
 from ballbot_ros.viewer import floor, shapes
@@ -31,10 +30,10 @@ from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.world.exports import WALL_HEIGHT_CM
 from ballbot_ros.world.floor_map import CELL_M, FloorMap
 
-FLOOR_COLOUR, BASE_COLOUR, WALL_COLOUR, LINE_COLOUR = (
-    (238, 237, 233), (205, 207, 210), (148, 158, 170), (40, 42, 46),
+FLOOR_COLOUR, WALL_COLOUR, LINE_COLOUR = (
+    (236, 233, 226), (148, 158, 170), (40, 42, 46),
 )  # fmt: skip
-SKY_COLOURS = np.array([[176, 200, 226], [240, 244, 248]])
+SKY_COLOUR, SKY_RADIUS = (186, 206, 228), 40.0
 TRAIL_COLOUR, GHOST_TRAIL_COLOUR, GHOST_COLOUR, CONE_COLOUR = (
     (238, 122, 40), (110, 120, 200), (120, 135, 220), (255, 160, 60),
 )  # fmt: skip
@@ -52,13 +51,6 @@ _LIFT = 1e-3
 _FACES_FORWARD = (0.5, -0.5, -0.5, 0.5)
 
 
-def _sky() -> NDArray[np.uint8]:
-    """Return a sky that grows lighter towards the horizon."""
-    share = np.linspace(0.0, 1.0, 64)[:, np.newaxis, np.newaxis]
-    sky = (1.0 - share) * SKY_COLOURS[0] + share * SKY_COLOURS[1]
-    return np.asarray(sky.repeat(2, axis=1).round(), np.uint8)
-
-
 class Scene:
     """What there is to see, but for the camera.
 
@@ -73,15 +65,20 @@ class Scene:
         self._dimensions = dimensions
         api.set_up_direction('+z')
         api.configure_default_lights(enabled=False)
-        api.add_light_ambient('/lights/ambient', intensity=0.4)
+        api.configure_environment_map(hdri=None)  # it would wash out the shadows
+        api.add_light_ambient('/lights/ambient', intensity=0.6)
         api.add_light_hemisphere(
-            '/lights/sky', sky_color=(255, 255, 255), ground_color=(190, 180, 170), intensity=0.8
+            '/lights/sky', sky_color=(255, 255, 255), ground_color=(190, 180, 170), intensity=1.1
         )
         api.add_light_directional(
-            '/lights/sun', color=(255, 248, 236), intensity=1.9, position=(-1.2, -1.8, 3.0),
+            '/lights/sun', color=(255, 248, 236), intensity=2.2, position=(-1.2, -1.8, 3.0),
             cast_shadow=True,
         )  # fmt: skip
-        api.set_background_image(_sky())
+        # Seen from inside, and lit by the sky's light, it grows paler towards the ground.
+        api.add_icosphere(
+            '/sky', SKY_RADIUS, color=SKY_COLOUR, side='back', cast_shadow=False,
+            receive_shadow=False,
+        )  # fmt: skip
         self.show_floor(None)
 
     def show_floor(self, floor_map: FloorMap | None) -> None:

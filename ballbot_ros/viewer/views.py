@@ -47,9 +47,9 @@ def camera(view: str, now: Snapshot, dimensions: Dimensions, area: Area, aspect:
         height = 1.08 * max(area.half_y, area.half_x / aspect) / math.tan(_NARROW / 2.0)
         return Camera((x, y - 1e-3 * height, height), (x, y, 0.0), _UP, _NARROW)
     if view == VISTA:
-        far = 1.32 * math.hypot(area.half_x, area.half_y) * max(1.0, 1.5 / aspect)
+        far = 1.16 * math.hypot(area.half_x, area.half_y) * max(1.0, 1.5 / aspect)
         away = (x - 0.95 * far, y - 1.0 * far, 1.05 * far)
-        return Camera(away, (x, y, -0.05 * far), _UP, _NARROW)
+        return Camera(away, (x, y, -0.10 * far), _UP, _NARROW)
     ball = np.array([now.position[0], -now.position[1], dimensions.ball_radius])
     if view == ROBOT:
         turn = body_orientation(now.psi)
