@@ -33,7 +33,7 @@ from ballbot_ros.world.floor_map import CELL_M, FloorMap
 FLOOR_COLOUR, WALL_COLOUR, LINE_COLOUR = (
     (236, 233, 226), (148, 158, 170), (40, 42, 46),
 )  # fmt: skip
-SKY_COLOUR, SKY_RADIUS = (186, 206, 228), 40.0
+SKY_COLOUR, SKY_RADIUS = (214, 227, 240), 40.0
 TRAIL_COLOUR, GHOST_TRAIL_COLOUR, GHOST_COLOUR, CONE_COLOUR = (
     (238, 122, 40), (110, 120, 200), (120, 135, 220), (255, 160, 60),
 )  # fmt: skip
@@ -68,7 +68,7 @@ class Scene:
         api.configure_environment_map(hdri=None)  # it would wash out the shadows
         api.add_light_ambient('/lights/ambient', intensity=0.6)
         api.add_light_hemisphere(
-            '/lights/sky', sky_color=(255, 255, 255), ground_color=(190, 180, 170), intensity=1.1
+            '/lights/sky', sky_color=(255, 255, 255), ground_color=(190, 180, 170), intensity=1.3
         )
         api.add_light_directional(
             '/lights/sun', color=(255, 248, 236), intensity=2.2, position=(-1.2, -1.8, 3.0),
