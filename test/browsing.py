@@ -79,6 +79,10 @@ class Browser:
         self.page.wait_for_timeout(seconds * 1e3)
         return bool((np.abs(self.picture() - before) > 30.0).sum() > 40)
 
+    def inputs(self):
+        """Return what is chosen and typed on the page."""
+        return [each.input_value() for each in self.page.locator('input').all()]
+
     def shown_time(self):
         """Return the sim time beside the scene."""
         return float(re.search(r'sim time\s*([\d.]+) s', self.page.inner_text('body'))[1])

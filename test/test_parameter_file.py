@@ -10,7 +10,16 @@ from ballbot_ros.parameter_file import (
     read_parameter_file,
     write_parameter_file,
 )
-from ballbot_ros.parameters import CONTROLLER, GYRO, NODES, PLANT, SONAR, TABLE, ParameterSet
+from ballbot_ros.parameters import (
+    ALL_NODES,
+    CONTROLLER,
+    GYRO,
+    NODES,
+    PLANT,
+    SONAR,
+    TABLE,
+    ParameterSet,
+)
 from ballbot_ros.share import share_directory
 
 values_of_rows = {
@@ -86,7 +95,7 @@ def test_what_is_written_is_read(read, chosen):
 
 def test_a_written_file_holds_every_parameter_of_its_nodes(tmp_path):
     path = tmp_path / 'all.yaml'
-    write_parameter_file(path, ParameterSet())
+    write_parameter_file(path, ParameterSet(), ALL_NODES)
     assert {(row.name, node) for row in TABLE for node in row.nodes} == {
         (name, node) for node, name, _ in read_parameter_file(path)
     }

@@ -6,7 +6,7 @@ import pytest
 
 from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameter_reference import default_file, reference_page
-from ballbot_ros.parameters import NODES, TABLE, ParameterSet
+from ballbot_ros.parameters import ALL_NODES, TABLE, ParameterSet
 
 ROOT = Path(__file__).parent.parent
 
@@ -24,7 +24,7 @@ def test_the_reference_page_is_the_table():
 
 def test_the_default_file_sets_every_default():
     read = read_parameter_file(ROOT / 'config/ballbot.yaml')
-    for node in NODES:
+    for node in ALL_NODES:
         assert read.values(node) == ParameterSet().values(node)
 
 
@@ -34,7 +34,7 @@ def test_ros_takes_every_value_of_the_default_file(domain):
     arguments = ['--ros-args', '--params-file', str(ROOT / 'config/ballbot.yaml')]
     rclpy.init(args=arguments, context=context, domain_id=domain)
     try:
-        for name in NODES:
+        for name in ALL_NODES:
             node = rclpy.create_node(
                 name,
                 context=context,

@@ -10,14 +10,15 @@ from robot import physical
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
+    ALL_NODES,
     CONTROLLER,
     GAMEPAD,
     GYRO,
-    NODES,
     PLANT,
     RECORDER,
     SONAR,
     TABLE,
+    VIEWER,
     ParameterError,
     ParameterSet,
     parameters_of,
@@ -69,7 +70,7 @@ def test_every_parameter_is_described(row):
     assert row.description.strip()
     assert '\n' not in row.description
     assert row.source.strip()
-    assert set(row.nodes) <= set(NODES)
+    assert set(row.nodes) <= set(ALL_NODES)
     assert row.nodes
 
 
@@ -157,7 +158,7 @@ def test_the_defaults_are_the_documents(node):
 
 
 def test_a_name_means_one_thing_in_a_node():
-    for node in NODES:
+    for node in ALL_NODES:
         names = [row.name for row in TABLE if node in row.nodes]
         assert len(names) == len(set(names))
         assert list(parameters_of(node)) == names
@@ -169,7 +170,7 @@ def test_the_ideal_profile_has_no_noise():
 
 
 def test_unset_parameters_have_their_defaults():
-    for node in NODES:
+    for node in ALL_NODES:
         expected = {name: row.default for name, row in parameters_of(node).items()}
         assert ParameterSet().values(node) == expected
     assert list(ParameterSet()) == []
@@ -191,7 +192,7 @@ def test_what_is_set_is_what_is_listed():
     [
         (GYRO, 'seed', 9, (GYRO, SONAR)),
         (GAMEPAD, 'scenario', 'x', (PLANT, GAMEPAD)),
-        (CONTROLLER, 'ball_radius', 0.03, (PLANT, CONTROLLER, GAMEPAD)),
+        (CONTROLLER, 'ball_radius', 0.03, (PLANT, CONTROLLER, GAMEPAD, VIEWER)),
         (GAMEPAD, 'gp_max', 50, (CONTROLLER, GAMEPAD)),
         ('/**', 'lockstep', False, (PLANT, CONTROLLER, GAMEPAD)),
         ('/**', 'gravity', 1.0, (PLANT,)),

@@ -89,7 +89,7 @@ class LiveControls:
             speed = gui.add_button_group('Speed', tuple(SPEEDS))
             self._on_press(speed, lambda name: robot.pace(SPEEDS[name]))
         with gui.add_folder('Push', order=2.0, expand_by_default=False):
-            size = gui.add_slider('Force [N]', 0.1, 3.0, 0.1, 0.5)
+            size = gui.add_slider('Force [N]', 0.1, 3.0, 0.1, 1.0)
             push = gui.add_button_group('Direction', tuple(DIRECTIONS))
 
             def give(name: str) -> None:

@@ -105,7 +105,12 @@ def _brick_centre(dimensions: Dimensions) -> Vector:
 
 
 def parts(dimensions: Dimensions) -> Iterator[Part]:
-    """Yield every part of the robot."""
+    """Yield every part of the robot.
+
+    Yields
+    ------
+    Part
+    """
     radius, width = dimensions.wheel_radius, dimensions.wheel_width
     yield Part(BALL, 'sphere', (dimensions.ball_radius,), (0.0, 0.0, 0.0), Z_AXIS, BLUE)
     for link, axis in ((WHEEL_X, Y_AXIS), (WHEEL_Y, X_AXIS)):

@@ -18,6 +18,7 @@ EXECUTABLES = {
     'controller',
     'gamepad_teleop',
     'recorder',
+    'viewer',
 }
 LOAD_ENTRY_POINTS = """
 from importlib.metadata import distribution

@@ -52,12 +52,12 @@ def test_no_view_is_like_another(pictures):
         assert min(others) > 2.0 * TOLERANCE
 
 
-@pytest.mark.parametrize('suffix', ['.png', '.gif', '.mp4'])
+@pytest.mark.parametrize('suffix', ['.gif', '.mp4'])
 @pytest.mark.timeout(180)
-def test_a_run_becomes_a_picture_or_a_film(suffix, tmp_path, recording, monkeypatch):
+def test_a_run_becomes_a_film(suffix, tmp_path, recording, monkeypatch):
     from ballbot_ros.viewer import render
 
-    monkeypatch.setattr(render, 'FRAMES_PER_SECOND', {'.mp4': 0.4, '.gif': 0.4})
+    monkeypatch.setattr(render, 'FRAMES_PER_SECOND', {'.mp4': 0.2, '.gif': 0.2})
     output = tmp_path / f'run{suffix}'
     render.render(Playback(recording), 'vista', output, 1.0)
     assert output.stat().st_size > 5000
