@@ -56,7 +56,7 @@ class Browser:
         self.page.get_by_text(text).first.wait_for(timeout=timeout * 1e3)
 
     def press(self, name):
-        self.page.get_by_role('button', name=name, exact=True).click(force=True)
+        self.page.get_by_role('button', name=name, exact=True).click()
 
     def open(self, folder):
         self.page.get_by_text(folder, exact=True).click(force=True)

@@ -31,7 +31,7 @@ class Truth:
     def __init__(self, domain):
         self.client = Client(domain)
         for topic in (ACCEPTED_PUSH, PLANT_IMU, PLANT_ODOM):
-            self.client.watch(topic)
+            self.client.watch(topic, depth=128)
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._spin)
         self._thread.start()
@@ -46,7 +46,8 @@ class Truth:
         self.client.close()
 
     def largest_lean(self):
-        return max(body_pitch(message)[0] for message in self.client.seen[PLANT_IMU.name])
+        seen = self.client.seen.get(PLANT_IMU.name, [])
+        return max((abs(body_pitch(message)[0]) for message in list(seen)), default=0.0)
 
     def position(self):
         return ball_position(self.client.newest[PLANT_ODOM.name])[0]
@@ -59,15 +60,13 @@ def test_a_live_page_shows_the_robot_and_drives_it(domain):
         truth = Truth(domain)
         try:
             browser.wait_for_text('remote')
-            browser.page.keyboard.press('3')
-            wait_until(lambda: '3 Chaser 1 (left)' in browser.inputs(), browser)
-
             assert truth.largest_lean() < 1e-3
             browser.open('Push')
             browser.page.wait_for_timeout(500)
             browser.press('forward')
-            wait_until(lambda: truth.largest_lean() > 0.008, browser)
+            wait_until(lambda: ACCEPTED_PUSH.name in truth.client.seen, browser)
             assert truth.client.seen[ACCEPTED_PUSH.name][0].wrench.force.x == 1.0
+            wait_until(lambda: truth.largest_lean() > 0.01, browser)
 
             before = truth.position()
             browser.open('Sticks (hold)')
@@ -75,6 +74,9 @@ def test_a_live_page_shows_the_robot_and_drives_it(domain):
             browser.hold('Drive forward', 2.0)
             wait_until(lambda: truth.position() > before + 0.05, browser)
             assert browser.has_moved()
+
+            browser.page.keyboard.press('3')
+            wait_until(lambda: '3 Chaser 1 (left)' in browser.inputs(), browser)
 
             browser.press('Pause')
             browser.page.wait_for_timeout(1000)
