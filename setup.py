@@ -16,6 +16,7 @@ NODES = (
     'gamepad_teleop',
     'recorder',
     'player',
+    'viewer',
 )
 
 
@@ -105,6 +106,14 @@ setup(
         ],
         'parquet': [
             'pyarrow>=14',
+        ],
+        # The 3D viewer.
+        'viewer': [
+            'viser>=1.1,<2',
+            'trimesh>=4.0',
+            'imageio>=2.34',
+            'imageio-ffmpeg>=0.5',
+            'playwright>=1.50',
         ],
         # The two that judge style and types stay in one minor series, as each new one judges
         # more strictly.

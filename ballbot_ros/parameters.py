@@ -27,10 +27,12 @@ PLANT, GYRO, ENCODER, SONAR, CONTROLLER, GAMEPAD, RECORDER = NODES = (
     'gamepad_teleop',
     'recorder',
 )
-"""The nodes of a run."""
+"""The participants of a run."""
 
-PLAYER = 'player'
-ALL_NODES = (*NODES, PLAYER)
+PLAYER, VIEWER = OPTIONAL_NODES = ('player', 'viewer')
+"""Nodes that a run does without."""
+
+ALL_NODES = NODES + OPTIONAL_NODES
 
 
 class ParameterError(BallbotError):
@@ -142,7 +144,7 @@ TABLE: tuple[Parameter, ...] = (
         ('seed', 1, '1', (0, 2**63 - 1), 'seed of all device noise of the run', 'project'),
     ),
     *_rows(
-        (PLANT, SONAR),
+        (PLANT, SONAR, VIEWER),
         ('map', '', '', None,
          'map (shipped name or image file); empty: a free floor without end', 'B.2'),
         ('body_depth', 0.135, 'm', (0.0, 10.0), 'body depth D, along x', '3.1'),
@@ -157,6 +159,9 @@ TABLE: tuple[Parameter, ...] = (
         ('lockstep', True, '', None,
          'true: each tick waits for its inputs; false: wall-clock timers, newest sample wins',
          'project'),
+    ),
+    *_rows(
+        (PLANT, CONTROLLER, GAMEPAD, VIEWER),
         ('ball_radius', 0.026, 'm', (1e-3, 1.0), 'spherical wheel radius Rs', '3.1'),
     ),
     *_rows(
@@ -165,19 +170,22 @@ TABLE: tuple[Parameter, ...] = (
         ('gp_max', 100, '%', (1, 127), 'largest stick value', '5.1'),
     ),
     *_rows(
-        (PLANT, CONTROLLER),
+        (PLANT, CONTROLLER, VIEWER),
         ('wheel_radius', 0.021, 'm', (1e-3, 1.0), 'motor wheel (rubber tire) radius Rw', '3.1'),
+    ),
+    *_rows(
+        (PLANT, VIEWER),
+        ('wheel_width', 0.022, 'm', (0.0, 1.0), 'motor wheel height (width of the tire) Lw', '3.1'),
+        ('body_width', 0.135, 'm', (0.0, 10.0), 'body width W, along y', '3.1'),
+        ('body_height', 0.17, 'm', (1e-3, 10.0),
+         'distance L from the ball centre to the body centre', '3.1'),
     ),
     *_rows(
         PLANT,
         ('gravity', 9.81, 'm/s²', (0.0, 100.0), 'gravity acceleration g', '3.1'),
         ('ball_mass', 0.013, 'kg', (1e-6, 100.0), 'spherical wheel mass Ms', '3.1'),
         ('wheel_mass', 0.015, 'kg', (0.0, 100.0), 'motor wheel mass Mw', '3.1'),
-        ('wheel_width', 0.022, 'm', (0.0, 1.0), 'motor wheel height (width of the tire) Lw', '3.1'),
         ('body_mass', 0.682, 'kg', (1e-6, 100.0), 'body mass Mb', '3.1'),
-        ('body_width', 0.135, 'm', (0.0, 10.0), 'body width W, along y', '3.1'),
-        ('body_height', 0.17, 'm', (1e-3, 10.0),
-         'distance L from the ball centre to the body centre', '3.1'),
         ('motor_inertia', 1e-5, 'kg·m²', (0.0, 1.0), 'DC motor inertia Jm', '3.1'),
         ('motor_resistance', 6.69, 'Ω', (1e-3, 1e3), 'DC motor resistance Rm', '3.1'),
         ('back_emf_constant', 0.468, 'V·s/rad', (0.0, 100.0), 'back EMF constant Kb', '3.1'),
@@ -331,6 +339,12 @@ TABLE: tuple[Parameter, ...] = (
         ('start', 0.0, 's', (0.0, 1e9), 'where to begin, after the first message', 'project'),
         ('loop', False, '', None, 'true: begins again at the end', 'project'),
         ('topics', '', '', None, 'topics to play, with commas between; empty: all', 'project'),
+    ),
+    *_rows(
+        VIEWER,
+        ('host', '127.0.0.1', '', None,
+         'address of this machine on which the page is served', 'project'),
+        ('port', 8080, '1', (0, 65535), 'its port; 0: a free one', 'project'),
     ),
 )  # fmt: skip
 

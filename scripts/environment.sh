@@ -234,7 +234,7 @@ make_environment() {
 }
 
 install_project() {
-  local purpose=$1 extras=${2:+$2,}drive purposes=run constraints=()
+  local purpose=$1 extras=${2:+$2,}drive,viewer purposes=run constraints=()
   if [[ $purpose == test ]]; then
     extras=$extras,test
     purposes='run test'

@@ -18,6 +18,7 @@ from ballbot_ros.parameters import (
     RECORDER,
     SONAR,
     TABLE,
+    VIEWER,
     ParameterError,
     ParameterSet,
     parameters_of,
@@ -191,7 +192,7 @@ def test_what_is_set_is_what_is_listed():
     [
         (GYRO, 'seed', 9, (GYRO, SONAR)),
         (GAMEPAD, 'scenario', 'x', (PLANT, GAMEPAD)),
-        (CONTROLLER, 'ball_radius', 0.03, (PLANT, CONTROLLER, GAMEPAD)),
+        (CONTROLLER, 'ball_radius', 0.03, (PLANT, CONTROLLER, GAMEPAD, VIEWER)),
         (GAMEPAD, 'gp_max', 50, (CONTROLLER, GAMEPAD)),
         ('/**', 'lockstep', False, (PLANT, CONTROLLER, GAMEPAD)),
         ('/**', 'gravity', 1.0, (PLANT,)),

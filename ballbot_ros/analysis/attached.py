@@ -13,9 +13,12 @@ from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.world.floor_map import FloorMap
+from ballbot_ros.world.image import read_map
 from ballbot_ros.yaml_document import YamlDocument
 
 SCENARIO, PARAMETERS, VERSIONS = 'scenario.yaml', 'parameters.yaml', 'versions.yaml'
+MAPS = ('map.png', 'map.bmp')
 
 
 @dataclass
@@ -30,6 +33,8 @@ class Attached:
     has_parameters : bool
         Whether they were attached.
     versions : dict of str to str
+    floor_map : FloorMap or None
+        None where no map is attached.
     notices : list of str
         What is not there or cannot be read.
     """
@@ -38,6 +43,7 @@ class Attached:
     parameters: ParameterSet = field(default_factory=ParameterSet)
     has_parameters: bool = False
     versions: dict[str, str] = field(default_factory=dict)
+    floor_map: FloorMap | None = None
     notices: list[str] = field(default_factory=list)
 
 
@@ -58,6 +64,14 @@ def read_attached(recording: RecordingReader) -> Attached:
             except BallbotError as error:
                 reason = str(error).replace(f'{folder}/', '')
                 attached.notices.append(f'{reason}; {_WITHOUT[name]}.')
+        for name in (name for name in MAPS if name in files):
+            path = Path(folder, name)
+            path.write_bytes(files[name].data)
+            try:
+                attached.floor_map = read_map(path)
+            except BallbotError as error:
+                reason = str(error).replace(f'{folder}/', '')
+                attached.notices.append(f'{reason}; the walls of the topic map are taken.')
     return attached
 
 

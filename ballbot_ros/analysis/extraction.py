@@ -20,6 +20,7 @@ from ballbot_ros.messages.topics import (
     CONTROLLER_STATE,
     DIAGNOSTICS,
     GYRO_IMU,
+    LCD,
     MAP,
     MOTOR_DUTY,
     OPERATING_STATE,
@@ -34,7 +35,7 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RawMessage, RecordingReader
 
-_EVENTS = (OPERATING_STATE, RUN, DIAGNOSTICS, MAP)
+_EVENTS = (OPERATING_STATE, RUN, DIAGNOSTICS, LCD, MAP)
 _FOREVER_NS = 2**63 - 1
 _OTHER_CLOCK_MS = 3.6e6
 _PROGRESS_STRIDE = 4096
@@ -163,6 +164,7 @@ class Extraction:
     announced: list[tuple[int, int]] = field(default_factory=list)
     states: list[tuple[int, int, str]] = field(default_factory=list)
     statuses: list[tuple[int, int, Any]] = field(default_factory=list)
+    pages: list[tuple[int, int, str]] = field(default_factory=list)
     map: Any = None
     traffic: dict[str, Traffic] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
@@ -237,6 +239,8 @@ def _take_event(
         extraction.states.append((epoch, log_ns, message.data))
     elif topic is DIAGNOSTICS:
         extraction.statuses += [(epoch, log_ns, status) for status in message.status]
+    elif topic is LCD:
+        extraction.pages.append((epoch, log_ns, message.data))
     else:
         extraction.map = message
 

@@ -101,6 +101,8 @@ class RunData:
     grid : Grid or None
     statuses : tuple
         The diagnostics: time [s] and the rosbags ``DiagnosticStatus``.
+    pages : tuple of tuple
+        The display: time [s] and its text.
     traffic : tuple of Traffic
         Every topic of the file.
     attached : Attached
@@ -123,6 +125,7 @@ class RunData:
     states: tuple[Interval, ...]
     grid: Grid | None
     statuses: tuple[tuple[float, Any], ...]
+    pages: tuple[tuple[float, str], ...]
     traffic: tuple[Traffic, ...]
     attached: Attached
     damage: str | None
@@ -229,6 +232,11 @@ def read_run(
         statuses=tuple(
             ((stamp - start) / SECOND_NS, status)
             for each, stamp, status in extraction.statuses
+            if each == epoch and start <= stamp < end
+        ),
+        pages=tuple(
+            ((stamp - start) / SECOND_NS, page)
+            for each, stamp, page in extraction.pages
             if each == epoch and start <= stamp < end
         ),
         traffic=tuple(extraction.traffic.values()),

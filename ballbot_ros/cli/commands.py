@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from ballbot_ros.scenario.library import load_scenario, scenario_names
+from ballbot_ros.viewer.views import VIEWS
 
 
 @click.command(short_help='Run a scenario and judge it by its expectations.')
@@ -45,6 +46,11 @@ from ballbot_ros.scenario.library import load_scenario, scenario_names
     help='What computes: the Python program, the C generated from it, or that on an emulated ARM '
     'processor.  [default: python, unless the scenario sets it]',
 )
+@click.option(
+    '--viewer',
+    is_flag=True,
+    help='Show the run in a browser, at factor 1 unless another is given; prints the address.',
+)
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def run(
     scenario: str,
@@ -55,6 +61,7 @@ def run(
     no_record: bool,
     assignments: tuple[str, ...],
     controller: str | None,
+    viewer: bool,
     as_json: bool,
 ) -> int:
     """Run SCENARIO, a name or a YAML file, and judge it by its expectations.
@@ -73,6 +80,7 @@ def run(
         record=not no_record,
         assignments=assignments,
         controller=controller,
+        viewer=viewer,
         as_json=as_json,
     )
 
@@ -101,6 +109,7 @@ def run(
     metavar='NODE.PARAM=VALUE',
     help='Set a parameter, such as controller.k_thetadot=300; may be given again.',
 )
+@click.option('--viewer', is_flag=True, help='Show the robot in a browser; prints the address.')
 @click.option('--list-devices', is_flag=True, help='List the gamepads, show their input, and end.')
 def drive(
     map_name: str | None,
@@ -112,6 +121,7 @@ def drive(
     no_record: bool,
     log: Path | None,
     assignments: tuple[str, ...],
+    viewer: bool,
     list_devices: bool,
 ) -> int:
     """Drive the robot by hand: gamepad, keyboard, or the topics joy and cmd_vel.
@@ -134,6 +144,7 @@ def drive(
         output=output,
         record=not no_record,
         log=log,
+        viewer=viewer,
         assignments=assignments,
     )
 
@@ -329,3 +340,50 @@ def compare(
     from ballbot_ros.cli.compare import compare as compare_runs
 
     return compare_runs(recordings, output=output, conditions=conditions, as_json=as_json)
+
+
+@click.command(short_help='Show recorded runs in a browser.')
+@click.argument('recording', type=click.Path(path_type=Path))
+@click.argument('other', required=False, type=click.Path(path_type=Path))
+@click.option(
+    '--host', default='127.0.0.1', show_default=True, help='Address on which the page is served.'
+)
+@click.option(
+    '--port',
+    type=click.IntRange(0, 65535),
+    default=8080,
+    show_default=True,
+    help='Its port; 0: a free one.',
+)
+def view(recording: Path, other: Path | None, host: str, port: int) -> int:
+    """Show the last run of RECORDING in a browser, and that of OTHER as its ghost.
+
+    It serves the page until Ctrl-C or SIGTERM.
+    """
+    from ballbot_ros.cli.view import view_recordings
+
+    return view_recordings([recording, *([other] if other else [])], host, port)
+
+
+@click.command(short_help='Make a picture or a film of a recorded run.')
+@click.argument('recording', type=click.Path(path_type=Path))
+@click.option(
+    '--view', type=click.Choice(VIEWS), default='chaser1', show_default=True, help='The view.'
+)
+@click.option(
+    '--output',
+    required=True,
+    type=click.Path(path_type=Path),
+    help='File to write: a picture (.png) or a film (.mp4, .gif).',
+)
+@click.option(
+    '--time',
+    'moment',
+    type=click.FloatRange(0.0),
+    help='Time of a picture from the start of the run [s].  [default: the end]',
+)
+def render(recording: Path, view: str, output: Path, moment: float | None) -> None:
+    """Write a picture or a film of the last run of RECORDING, without a window."""
+    from ballbot_ros.cli.render import render_recording
+
+    render_recording(recording, view, output, moment)

@@ -27,10 +27,19 @@ from ballbot_ros.cli.graph_monitor import GraphMonitor
 from ballbot_ros.cli.node_process import NodeProcess, stop_all
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.separate_processes import start_nodes, watch
+from ballbot_ros.cli.viewer import require_viewer
 from ballbot_ros.nodes.base import spin
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.parameter_file import write_parameter_file
-from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet
+from ballbot_ros.parameters import (
+    ALL_NODES,
+    GAMEPAD,
+    NODES,
+    PLANT,
+    RECORDER,
+    VIEWER,
+    ParameterSet,
+)
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.stop_request import StopRequest
@@ -50,6 +59,7 @@ def drive_by_hand(
     output: Path | None,
     record: bool,
     log: Path | None,
+    viewer: bool,
     assignments: Sequence[str],
 ) -> int:
     """Drive until told to stop; return the exit status."""
@@ -69,6 +79,8 @@ def drive_by_hand(
         assign(parameters, assignment)
 
     require_toolchain(parameters)
+    if viewer:
+        require_viewer(parameters)
     settle_map(parameters)
     folder, recording = output_of(NAME, output, record=record)
     experiment = Experiment(Scenario(NAME), '', parameters, recording)
@@ -84,20 +96,24 @@ def drive_by_hand(
         scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='ballbot_')))
         progress = stack.enter_context(Progress(NAME, 0.0, bar=bool(obstacle)))
         hint = f'no keyboard ({obstacle}): a gamepad, joy or cmd_vel drives' if obstacle else ''
-        status = _drive(experiment, scratch, progress, hint)
+        status = _drive(experiment, scratch, progress, hint, viewer=viewer)
     if recording and recording.exists():
         click.echo(f'recording  {recording}')
     return status
 
 
-def _drive(experiment: Experiment, scratch: Path, progress: Progress, hint: str) -> int:
+def _drive(
+    experiment: Experiment, scratch: Path, progress: Progress, hint: str, *, viewer: bool
+) -> int:
     """Run the graph; the gamepad node, which may own the terminal, is in this process."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     write_attachments(experiment, scratch)
     parameters = graph_parameters(experiment, scratch)
     parameter_file = scratch / 'parameters.yaml'
-    write_parameter_file(parameter_file, parameters)
+    write_parameter_file(parameter_file, parameters, ALL_NODES)
     names = [n for n in NODES if n != GAMEPAD and (n != RECORDER or experiment.recording)]
+    if viewer:
+        names.append(VIEWER)
     processes: dict[str, NodeProcess] = {}
     with StopRequest(numbers=STOP_SIGNALS) as stop, GraphMonitor() as monitor:
         teleop = _Teleop(parameters)

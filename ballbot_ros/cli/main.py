@@ -41,6 +41,8 @@ for command in (
     commands.scenarios,
     commands.report,
     commands.compare,
+    commands.view,
+    commands.render,
     commands.replay,
     recording_commands.info,
     recording_commands.play,

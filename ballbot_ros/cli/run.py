@@ -23,6 +23,7 @@ from ballbot_ros.cli.experiment import (
 )
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
+from ballbot_ros.cli.viewer import require_viewer
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import CONTROLLER, GAMEPAD, GYRO, PLANT, ParameterError, ParameterSet
 from ballbot_ros.scenario.library import load_scenario
@@ -39,6 +40,7 @@ def run_scenario(
     record: bool,
     assignments: Sequence[str],
     controller: str | None,
+    viewer: bool,
     as_json: bool,
 ) -> int:
     """Run a scenario as the command line says, print its result, return the exit status."""
@@ -48,7 +50,7 @@ def run_scenario(
     if real_time_factor is not None and 0.0 < real_time_factor < SLOWEST:
         raise ParameterError(f'--real-time-factor {real_time_factor}: 0, or {SLOWEST} and more')
     if real_time_factor is None and not parameters.is_set(PLANT, 'real_time_factor'):
-        real_time_factor = 0.0
+        real_time_factor = 1.0 if viewer else 0.0
     if real_time_factor is not None:
         parameters.set(PLANT, 'real_time_factor', real_time_factor)
     if seed is not None:
@@ -60,6 +62,8 @@ def run_scenario(
     if controller:
         parameters.set(CONTROLLER, 'implementation', controller, '--controller')
     require_toolchain(parameters)
+    if viewer:
+        require_viewer(parameters, processes)
     if '/' in reference or reference.endswith(('.yaml', '.yml')):
         reference = str(Path(reference).resolve())
     parameters.set(GAMEPAD, 'scenario', reference)
@@ -82,7 +86,7 @@ def run_scenario(
         scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='ballbot_')))
         progress = stack.enter_context(Progress(scenario.name, duration))
         stack.enter_context(_stdout_to_stderr())
-        finished = _run(processes, experiment, scratch, progress)
+        finished = _run(processes, experiment, scratch, progress, viewer=viewer)
 
     summary = finished.summary
     metrics: dict[str, float] = {}
@@ -122,7 +126,9 @@ def run_scenario(
     return result.verdict.exit_status
 
 
-def _run(processes: str, experiment: Experiment, scratch: Path, progress: Progress) -> Finished:
+def _run(
+    processes: str, experiment: Experiment, scratch: Path, progress: Progress, *, viewer: bool
+) -> Finished:
     # Each way has imports of its own: without ROS there is no rclpy to import.
     if processes == 'none':
         from ballbot_ros.cli.without_ros import run_without_ros
@@ -135,7 +141,7 @@ def _run(processes: str, experiment: Experiment, scratch: Path, progress: Progre
         return run_in_one_process(experiment, scratch, progress)
     from ballbot_ros.cli.separate_processes import run_in_separate_processes
 
-    return run_in_separate_processes(experiment, scratch, progress)
+    return run_in_separate_processes(experiment, scratch, progress, viewer=viewer)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from ballbot_ros.cli.progress import Progress
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.parameter_file import write_parameter_file
-from ballbot_ros.parameters import NODES, PLANT, RECORDER
+from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER, VIEWER
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS
 from ballbot_ros.simulation.trajectory import load_trajectory
 from ballbot_ros.stop_request import StopRequest
@@ -27,7 +27,7 @@ PLANT_SILENCE_S = 2.3
 
 
 def run_in_separate_processes(
-    experiment: Experiment, scratch: Path, progress: Progress
+    experiment: Experiment, scratch: Path, progress: Progress, *, viewer: bool
 ) -> Finished:
     """Run the graph as processes; all of them have ended when this returns."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -36,8 +36,10 @@ def run_in_separate_processes(
     trajectory_file = scratch / 'trajectory.npz'
     parameters.set(PLANT, 'trajectory_file', str(trajectory_file))
     parameter_file = scratch / 'parameters.yaml'
-    write_parameter_file(parameter_file, parameters)
+    write_parameter_file(parameter_file, parameters, ALL_NODES)
     names = [name for name in NODES if name != RECORDER or experiment.recording]
+    if viewer:
+        names.append(VIEWER)
     processes: dict[str, NodeProcess] = {}
     with StopRequest() as stop:
         try:

@@ -263,6 +263,18 @@ def fill_accepted_push(message: Any, stamp_ns: int, push: Push, number: int, *, 
     torque.y, torque.x = push.torque if acts else (0.0, 0.0)
 
 
+def fill_push(message: Any, stamp_ns: int, force: Pair) -> None:
+    """Write ``plant/push``: a force [N] in plane signs."""
+    fill_header(message.header, stamp_ns, 'base_link')
+    message.wrench.force.x, message.wrench.force.y = force[0], -force[1]
+
+
+def fill_joy(message: Any, stamp_ns: int, sticks: Pair) -> None:
+    """Write ``viewer/joy``: forward and rightward, each −1 ... 1, as axes 1 and 2 of ``joy``."""
+    fill_header(message.header, stamp_ns, '')
+    message.axes = [0.0, sticks[0], -sticks[1], 0.0]
+
+
 def push_forces(message: Any) -> tuple[Pair, Pair]:
     """Return force [N] and torque [N·m] of ``plant/push`` in plane signs."""
     force, torque = message.wrench.force, message.wrench.torque

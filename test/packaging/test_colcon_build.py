@@ -19,6 +19,7 @@ EXECUTABLES = {
     'gamepad_teleop',
     'recorder',
     'player',
+    'viewer',
 }
 LOAD_ENTRY_POINTS = """
 from importlib.metadata import distribution

@@ -250,7 +250,7 @@ def test_later_runs_install_nothing(machine):
     assert process.errors == ''
     assert machine.calls == before
     assert len(before) == 2
-    assert before[1].endswith('--editable .[ros,drive]')
+    assert before[1].endswith('--editable .[ros,drive,viewer]')
 
 
 def test_test_script_adds_its_tools_once(machine):
@@ -260,7 +260,7 @@ def test_test_script_adds_its_tools_once(machine):
     machine.run('run')
     machine.run('test')
     assert len(machine.calls) == 3
-    assert machine.calls[2].endswith('--editable .[ros,drive,test]')
+    assert machine.calls[2].endswith('--editable .[ros,drive,viewer,test]')
 
 
 @pytest.mark.parametrize('name', ['setup.py', 'pyproject.toml'])
@@ -414,12 +414,12 @@ def test_sourced_jazzy_is_used_in_an_environment_of_its_own(machine):
     assert (machine.project / '.venv-jazzy/setup.stamp').exists()
     assert not machine.venv.exists()
     assert machine.calls[0].startswith('-m venv --system-site-packages')
-    assert machine.calls[1].endswith('--editable .[drive]')
+    assert machine.calls[1].endswith('--editable .[drive,viewer]')
     assert (machine.project / '.venv-jazzy/constraints.txt').read_text() == 'numpy==1.26.4\n'
     for name, value in environment.items():
         assert variable(process, name) == value
     machine.run('test', **environment)
-    assert machine.calls[2].endswith('--editable .[drive,test]')
+    assert machine.calls[2].endswith('--editable .[drive,viewer,test]')
     assert machine.run('run', **environment).errors == ''
 
 

@@ -1,0 +1,39 @@
+"""`ballbot render`: pictures and films of a recorded run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ballbot_ros.cli.reading import bar
+from ballbot_ros.viewer.address import require_viser
+from ballbot_ros.viewer.browser import browser_program
+from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.playback import Playback
+
+SUFFIXES = ('.png', '.gif', '.mp4')
+
+
+def render_recording(recording: Path, view: str, output: Path, moment: float | None) -> None:
+    """Write the picture or the film, and say where it is."""
+    if output.suffix not in SUFFIXES:
+        raise ViewerError(f'--output {output}: ends in none of {", ".join(SUFFIXES)}')
+    if moment is not None and output.suffix != '.png':
+        raise ViewerError(f'--time goes with a .png; {output.name} shows the whole run')
+    require_viser()
+    browser_program()
+    with bar(recording.name) as progress:
+        run = Playback(recording, progress)
+    if moment is not None and moment > run.end:
+        raise ViewerError(f'--time {moment:g}: the run ends at {run.end:g} s')
+    # Only here: what viser brings with it takes a second to import.
+    try:
+        from ballbot_ros.viewer.render import render
+    except ImportError as error:
+        raise ViewerError(
+            f'pictures lack a package ({error}): pip install "ballbot_ros[viewer]"'
+        ) from None
+    with bar(output.name) as progress:
+        render(run, view, output, run.end if moment is None else moment, progress)
+    click.echo(f'picture  {output}')

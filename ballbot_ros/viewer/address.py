@@ -1,0 +1,53 @@
+"""Where the page is served; and whether it can be."""
+
+from __future__ import annotations
+
+import socket
+
+from ballbot_ros.viewer.errors import ViewerError
+
+_LOOPBACK = ('127.0.0.1', 'localhost', '::1')
+
+
+def require_viser() -> None:
+    """Find out whether the page can be made at all.
+
+    Raises
+    ------
+    ViewerError
+        If viser is not installed.
+    """
+    try:
+        import viser  # noqa: F401
+    except ImportError as error:
+        raise ViewerError(
+            f'the viewer lacks a package ({error}): pip install "ballbot_ros[viewer]"'
+        ) from None
+
+
+def check_address(host: str, port: int) -> None:
+    """Find out whether a page can be served there; port 0 stands for a free one.
+
+    Raises
+    ------
+    ViewerError
+        If the port is taken, or the host is not one of this machine.
+    """
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            # As the server does it: connections of an earlier one that still close don't count.
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except OSError as error:
+        raise ViewerError(
+            f'the viewer cannot be served on {host}:{port}: {error.strerror}; '
+            'choose another host or port (port 0: a free one)'
+        ) from None
+
+
+def warning_of(host: str) -> str:
+    """Return a warning where others in the network reach the page, else nothing."""
+    if host in _LOOPBACK:
+        return ''
+    return f'the viewer and its controls are open to everybody who reaches {host}'

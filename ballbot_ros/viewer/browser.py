@@ -1,0 +1,56 @@
+"""A browser without a window, for pictures and tests."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from ballbot_ros.viewer.errors import ViewerError
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+PROGRAMS = ('chromium', 'chromium-browser', 'google-chrome')
+
+# WebGL by software: there may be no graphics card.
+_FLAGS = (
+    '--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
+)  # fmt: skip
+
+
+def browser_program() -> str:
+    """Return the path of a Chromium.
+
+    Raises
+    ------
+    ViewerError
+        If there is none.
+    """
+    for name in PROGRAMS:
+        if path := shutil.which(name):
+            return path
+    raise ViewerError('no browser to make pictures with: sudo apt install chromium')
+
+
+@contextmanager
+def browser_page(width: int, height: int) -> Iterator[Page]:
+    """Open a page of that size [px].
+
+    Raises
+    ------
+    ViewerError
+        If there is no Chromium, or Playwright, which steers it, is missing.
+    """
+    program = browser_program()
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError as error:
+        raise ViewerError(
+            f'pictures lack a package ({error}): pip install "ballbot_ros[viewer]"'
+        ) from None
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=list(_FLAGS))
+        yield browser.new_page(viewport={'width': width, 'height': height})
+        browser.close()

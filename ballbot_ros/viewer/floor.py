@@ -1,0 +1,74 @@
+"""The floor as rectangles: its walls, its black lines, and how far it reaches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.world.exports import OCCUPIED
+from ballbot_ros.world.floor_map import CELL_M, FLOOR, LINE, WALL, FloorMap
+
+FREE_HALF_SIDE = 1.0
+"""What is shown of a floor without end: so far to each side of the start [m]."""
+
+Rectangle = tuple[float, float, float, float]
+"""Lowest x and y, highest x and y in ``map`` [m]."""
+
+
+@dataclass(frozen=True)
+class Area:
+    """The part of the floor that the fixed views show: its middle and half of its sides [m]."""
+
+    middle: tuple[float, float]
+    half_x: float
+    half_y: float
+
+    @classmethod
+    def of(cls, floor_map: FloorMap | None, start: tuple[float, float] = (0.0, 0.0)) -> Area:
+        """Return the map, or a square about `start` (x, y in ``map``) on a floor without end."""
+        if floor_map is None:
+            return cls(start, FREE_HALF_SIDE, FREE_HALF_SIDE)
+        return cls((0.0, 0.0), floor_map.columns * CELL_M / 2, floor_map.rows * CELL_M / 2)
+
+
+def walls(floor_map: FloorMap) -> list[Rectangle]:
+    """Return the walls as rectangles that do not overlap."""
+    return list(_rectangles(floor_map, floor_map.walls))
+
+
+def lines(floor_map: FloorMap) -> list[Rectangle]:
+    """Return the black lines as rectangles that do not overlap."""
+    return list(_rectangles(floor_map, np.equal(floor_map.cells, LINE)))
+
+
+def _rectangles(floor_map: FloorMap, mask: NDArray[np.bool_]) -> Iterator[Rectangle]:
+    """Yield rectangles of equal runs of cells in rows that follow one another."""
+    open_runs: dict[tuple[int, int], int] = {}
+    blank = np.zeros((1, mask.shape[1]), bool)
+    for row, cells in enumerate(np.vstack([mask, blank])):
+        edges = np.flatnonzero(np.diff(cells, prepend=False, append=False))
+        runs = set(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+        for run in [run for run in open_runs if run not in runs]:
+            top = open_runs.pop(run)
+            yield (
+                (run[0] - floor_map.columns / 2.0) * CELL_M,
+                (floor_map.rows / 2.0 - row) * CELL_M,
+                (run[1] - floor_map.columns / 2.0) * CELL_M,
+                (floor_map.rows / 2.0 - top) * CELL_M,
+            )
+        for run in runs:
+            open_runs.setdefault(run, row)
+
+
+def floor_of_grid(message: Any) -> FloorMap:
+    """Return the walls of a ``map`` message; what it does not tell are the black lines."""
+    return floor_of_cells(np.asarray(message.data).reshape(message.info.height, message.info.width))
+
+
+def floor_of_cells(cells: NDArray[np.integer[Any]]) -> FloorMap:
+    """Return the walls of an occupancy grid, whose first row is the one with the smallest y."""
+    return FloorMap(np.where(cells[::-1] == OCCUPIED, WALL, FLOOR).astype(np.uint8))

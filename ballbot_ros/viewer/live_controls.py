@@ -1,0 +1,122 @@
+"""The controls of a live page: time, speed, pushes and sticks."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import viser
+
+from ballbot_ros.plant.truth import Pair
+
+PAUSE, STEP, RUN, RESET = TIME_BUTTONS = ('Pause', 'Step', 'Run', 'Reset')
+SPEEDS = {'0.1×': 0.1, '0.5×': 0.5, '1×': 1.0, 'max': 0.0}
+DIRECTIONS: dict[str, Pair] = {
+    'forward': (1.0, 0.0),
+    'back': (-1.0, 0.0),
+    'left': (0.0, -1.0),
+    'right': (0.0, 1.0),
+}
+"""In plane signs."""
+
+_HOLD_HZ = 20.0
+_RELEASE_S = 0.2
+"""A stick of which the page has not told for so long has been let go."""
+
+
+class Robot(Protocol):
+    """What the controls act on; called from threads of the page."""
+
+    def pause(self, pause: bool) -> None:
+        """Hold the plant, or let it go on."""
+
+    def step(self) -> None:
+        """Let a paused plant go on by one tick."""
+
+    def reset(self) -> None:
+        """Begin a new run."""
+
+    def pace(self, factor: float) -> None:
+        """Set the real-time factor; 0 is as fast as it can."""
+
+    def push(self, force: Pair) -> None:
+        """Push the body [N], in plane signs."""
+
+
+class Sticks:
+    """The on-screen sticks: held as long as the page tells so."""
+
+    def __init__(self) -> None:
+        self._held: dict[str, float] = {}
+
+    def hold(self, direction: str, now: float) -> None:
+        """Note that a direction is held at `now` [s]."""
+        self._held[direction] = now
+
+    def value(self, now: float) -> Pair | None:
+        """Return forward and rightward, each −1 ... 1; None while nothing is held."""
+        held = [DIRECTIONS[key] for key, at in self._held.copy().items() if now - at < _RELEASE_S]
+        if not held:
+            return None
+        x, y = (max(-1.0, min(1.0, sum(values))) for values in zip(*held, strict=True))
+        return x, y
+
+
+class LiveControls:
+    """The controls.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+    robot : Robot
+
+    Attributes
+    ----------
+    sticks : Sticks
+    """
+
+    def __init__(self, gui: viser.GuiApi, robot: Robot) -> None:
+        self.sticks = Sticks()
+        acts: dict[str, Callable[[], None]] = {
+            PAUSE: lambda: robot.pause(True),
+            STEP: robot.step,
+            RUN: lambda: robot.pause(False),
+            RESET: robot.reset,
+        }
+        with gui.add_folder('Time', order=1.0):
+            self._on_press(gui.add_button_group('Run', TIME_BUTTONS), lambda name: acts[name]())
+            speed = gui.add_button_group('Speed', tuple(SPEEDS))
+            self._on_press(speed, lambda name: robot.pace(SPEEDS[name]))
+        with gui.add_folder('Push', order=2.0, expand_by_default=False):
+            size = gui.add_slider('Force [N]', 0.1, 3.0, 0.1, 1.0)
+            push = gui.add_button_group('Direction', tuple(DIRECTIONS))
+
+            def give(name: str) -> None:
+                x, y = DIRECTIONS[name]
+                robot.push((x * size.value, y * size.value))
+
+            self._on_press(push, give)
+        with gui.add_folder('Sticks (hold)', order=3.0, expand_by_default=False):
+            self._strength = gui.add_slider('Stick [%]', 10, 100, 5, 50)
+            for direction in DIRECTIONS:
+                self._add_stick(gui, direction)
+
+    @staticmethod
+    def _on_press(group: Any, act: Callable[[str], None]) -> None:
+        group.on_click(lambda _: act(group.value))
+
+    def _add_stick(self, gui: viser.GuiApi, direction: str) -> None:
+        button = gui.add_button(f'Drive {direction}', color='gray')
+
+        @button.on_hold(callback_hz=_HOLD_HZ)
+        def _(_: Any) -> None:
+            self.sticks.hold(direction, time.monotonic())
+
+    def drive(self, now: float) -> Pair | None:
+        """Return the sticks forward and rightward, each −1 ... 1; None while nothing is held."""
+        value = self.sticks.value(now)
+        if value is None:
+            return None
+        strength = self._strength.value / 100.0
+        return value[0] * strength, value[1] * strength

@@ -1,0 +1,145 @@
+"""The page: a web server, the scene, and the camera of each who looks."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+import threading
+from typing import Any
+
+import numpy as np
+import viser
+
+from ballbot_ros.viewer.address import check_address
+from ballbot_ros.viewer.floor import Area
+from ballbot_ros.viewer.robot import Dimensions
+from ballbot_ros.viewer.scene import Scene
+from ballbot_ros.viewer.snapshot import Snapshot
+from ballbot_ros.viewer.views import TITLES, TRACKING, VIEWS, VISTA, Camera, camera
+from ballbot_ros.world.floor_map import FloorMap
+
+UPDATE_S = 1.0 / 60.0
+"""Time between two updates of what all see; browsers that are slower leave some out."""
+
+PANEL_WIDTH = 340
+_ORBIT = 'orbit'
+
+
+class Page:
+    """What browsers show, all the same but for the camera.
+
+    viser keeps of everything the newest value only, and sends it from a thread of its own as
+    fast as each browser takes it: one that is slow or stands still gets less, and holds up nobody.
+
+    Parameters
+    ----------
+    dimensions : Dimensions
+    title : str
+    host : str
+    port : int
+        0 for a free one.
+
+    Raises
+    ------
+    ViewerError
+        If a page can't be served there.
+    """
+
+    def __init__(self, dimensions: Dimensions, title: str, host: str, port: int) -> None:
+        check_address(host, port)
+        logging.getLogger('websockets').setLevel(logging.ERROR)
+        with contextlib.redirect_stdout(io.StringIO()):  # it greets at length
+            self.server = viser.ViserServer(host, port, label=title, verbose=False)
+        self._host = host
+        self._dimensions = dimensions
+        self._area = Area.of(None)
+        self._now: Snapshot | None = None
+        self._views: dict[int, str] = {}
+        self._moved: set[int] = set()
+        self._lock = threading.Lock()
+        gui = self.server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(238, 122, 40))
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(PANEL_WIDTH)
+        self.scene = Scene(self.server.scene, dimensions)
+        self.server.on_client_connect(self._welcome)
+        self.server.on_client_disconnect(self._forget)
+
+    @property
+    def address(self) -> str:
+        """Where the page is."""
+        return f'http://{self._host}:{self.server.get_port()}'
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether anybody looks."""
+        return bool(self._views)
+
+    def show_floor(self, floor_map: FloorMap | None, start: tuple[float, float]) -> None:
+        """Show a map, or a floor without end around `start` (x, y in ``map``) [m]."""
+        self.scene.show_floor(floor_map)
+        with self._lock:
+            self._area = Area.of(floor_map, start)
+            self._moved.update(self._views)
+
+    def _welcome(self, client: viser.ClientHandle) -> None:
+        """Give a new browser its views."""
+        names = [*VIEWS, _ORBIT]
+        labels = [f'{number} {TITLES[view]}' for number, view in enumerate(VIEWS, 1)]
+        labels.append('6 Free orbit')
+        chooser: Any = client.gui.add_dropdown(
+            'View', labels, initial_value=labels[names.index(VISTA)], order=-1.0
+        )
+
+        def choose(_: Any) -> None:
+            self.choose(client.client_id, names[labels.index(chooser.value)])
+
+        chooser.on_update(choose)
+        for number, label in enumerate(labels, 1):
+            command = client.gui.add_command(label, hotkey=str(number))  # type: ignore[arg-type]
+
+            @command.on_trigger
+            def _(_: Any, label: str = label) -> None:
+                chooser.value = label
+
+        self.choose(client.client_id, VISTA)
+
+    def choose(self, client_id: int, view: str) -> None:
+        """Give a browser a view."""
+        with self._lock:
+            self._views[client_id] = view
+            self._moved.add(client_id)
+
+    def _forget(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            self._views.pop(client.client_id, None)
+
+    def look(self, now: Snapshot) -> None:
+        """Point the cameras: those that track always, the others when they were chosen."""
+        clients = self.server.get_clients()
+        with self._lock:
+            due = {
+                number: view
+                for number, view in self._views.items()
+                if view in TRACKING or (view != _ORBIT and number in self._moved)
+            }
+            self._moved.clear()
+        for number, view in due.items():
+            if client := clients.get(number):
+                aspect = client.camera.aspect
+                _point(client, camera(view, now, self._dimensions, self._area, aspect))
+
+    def stop(self) -> None:
+        """Close the page."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server.stop()
+
+
+def _point(client: viser.ClientHandle, to: Camera) -> None:
+    with client.atomic():
+        client.camera.up_direction = np.array(to.up)
+        client.camera.position = np.array(to.position)
+        client.camera.look_at = np.array(to.look_at)
+        if client.camera.fov != to.fov:
+            client.camera.fov = to.fov

@@ -1,0 +1,122 @@
+"""What stands beside the scene: state, display and plots."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+from viser import uplot
+
+from ballbot_ros.viewer.snapshot import WINDOW_S, Snapshot
+
+PERIOD = 12
+"""Updates of the scene between two of the panel."""
+
+_X_COLOUR, _Y_COLOUR = '#0072b2', '#d55e00'
+_HEIGHT = 104
+
+# Title, columns of the trace, their factor, and the labels.
+_PLOTS: tuple[tuple[str, tuple[int, ...], float, tuple[str, ...]], ...] = (
+    ('pitch [°]', (1, 2), 180.0 / math.pi, ('ψx', 'ψy')),
+    ('position [cm]', (3, 4), 100.0, ('x', 'y')),
+    ('duty [%]', (5, 6), 1.0, ('x', 'y')),
+    ('sonar [cm]', (7,), 100.0, ('distance',)),
+)
+
+
+class Panel:
+    """State and plots.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+    """
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._status = gui.add_html('', order=0.0)
+        self._sound = gui.add_html('', order=100.0)
+        self._plots = []
+        with gui.add_folder('Last 10 s', order=20.0):
+            for title, columns, _, labels in _PLOTS:
+                gui.add_html(_caption(title, labels))
+                self._plots.append(_plot(gui, len(columns)))
+
+    def show(self, now: Snapshot, trace: NDArray[np.float64], factor: float | None = None) -> None:
+        """Show the state and the last seconds.
+
+        Parameters
+        ----------
+        now : Snapshot
+        trace : ndarray, shape (n, 8)
+            Columns as of :meth:`ballbot_ros.viewer.snapshot.History.trace`.
+        factor : float or None
+            Speed in times real time; None is left out.
+        """
+        rows = [('state', now.state or '–'), ('sim time', f'{now.time:.2f} s')]
+        if factor is not None:
+            rows.append(('real-time factor', f'{factor:.2f}'))
+        rows.append(('battery', f'{now.battery:.2f} V' if now.battery == now.battery else '–'))
+        self._status.content = _status(rows, now.lcd)
+        if len(trace) < 2:
+            return
+        time = trace[:, 0]
+        for plot, (_, columns, scale, _) in zip(self._plots, _PLOTS, strict=True):
+            # A plot has no place for an infinite distance: no echo is a gap.
+            values = np.where(np.isfinite(trace), trace * scale, np.nan)
+            plot.data = (time, *(values[:, column] for column in columns))
+            plot.scales = _scales(now.time)
+
+    def play(self, element: str) -> None:
+        """Play a tone, given as an HTML element."""
+        self._sound.content = element
+
+
+def _scales(now: float) -> dict[str, uplot.Scale]:
+    end = max(now, WINDOW_S)
+    return {
+        'x': uplot.Scale(time=False, auto=False, range=(end - WINDOW_S, end)),
+        'y': uplot.Scale(auto=True),
+    }
+
+
+def _plot(gui: viser.GuiApi, curves: int) -> Any:
+    nothing = np.array([0.0, 1.0])
+    colours = (_X_COLOUR, _Y_COLOUR)[:curves]
+    series = [uplot.Series(stroke=colour, width=1.5) for colour in colours]
+    return gui.add_uplot(
+        (nothing, *[np.full(2, np.nan)] * curves),
+        (uplot.Series(label='t [s]'), *series),
+        scales=_scales(0.0),
+        axes=(uplot.Axis(size=30), uplot.Axis(size=38)),
+        legend=uplot.Legend(show=False),
+        height=_HEIGHT,
+        padding=(4, 8, 0, 0),
+    )
+
+
+def _caption(title: str, labels: tuple[str, ...]) -> str:
+    marks = ' '.join(
+        f'<span style="color:{colour}">{label}</span>'
+        for label, colour in zip(labels, (_X_COLOUR, _Y_COLOUR), strict=False)
+    )
+    return f'<div style="font-size:12px;margin:2px 1em -6px 1em"><b>{title}</b> {marks}</div>'
+
+
+def _status(rows: list[tuple[str, str]], lcd: str) -> str:
+    cells = ''.join(
+        f'<tr><td style="color:#777;padding-right:12px">{name}</td>'
+        f'<td style="font-variant-numeric:tabular-nums"><b>{value}</b></td></tr>'
+        for name, value in rows
+    )
+    page = lcd.replace('&', '&amp;').replace('<', '&lt;')
+    display = (
+        '<pre style="background:#b0c4a8;color:#18221e;font-size:10px;line-height:1.25;margin:0;'
+        f'padding:6px;border-radius:4px;box-sizing:content-box;width:16ch;min-height:10em;overflow:hidden">{page}</pre>'
+    )
+    return (
+        '<div style="display:flex;justify-content:space-between;align-items:center;'
+        f'font-size:13px;margin:4px 1em"><table>{cells}</table>{display}</div>'
+    )

@@ -1,0 +1,128 @@
+"""A recorded run, at any time of it."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.analysis.run_data import RunData, Series, read_run
+from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
+from ballbot_ros.parameters import select
+from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.floor import floor_of_cells
+from ballbot_ros.viewer.robot import Dimensions
+from ballbot_ros.viewer.snapshot import TRACE_COLUMNS, WINDOW_S, Snapshot
+from ballbot_ros.world.floor_map import FloorMap
+
+_SAMPLES = 600
+"""The most points of a curve or of the trail."""
+
+
+class Playback:
+    """A run of a recording.
+
+    Parameters
+    ----------
+    path : Path
+    progress : callable
+        Called now and then with the messages read so far and all that there are.
+
+    Attributes
+    ----------
+    name : str
+    end : float
+        Time of the last tick [s].
+    dimensions : Dimensions
+    floor_map : FloorMap or None
+    start : tuple of float
+        x and y of the first tick in ``map`` [m].
+
+    Raises
+    ------
+    RecordingError
+        If the file can't be read or is no recording of this robot.
+    ViewerError
+        If the file does not tell where the robot was.
+    """
+
+    def __init__(
+        self, path: Path, progress: Callable[[int, int], None] = lambda done, total: None
+    ) -> None:
+        run = self._run = read_run(path, progress=progress)
+        if not {PLANT_IMU, PLANT_ODOM} <= run.series.keys() or not len(run.trajectory.time):
+            raise ViewerError(f'{path}: the pose is not in it: nothing to show')
+        self.name = run.name
+        self.end = run.end
+        self.dimensions = select(Dimensions, run.plant)
+        self.floor_map = _floor_map(run)
+        x, y = run.trajectory.position[0].tolist()
+        self.start = (x, -y)
+        self._state_times = [interval.start for interval in run.states]
+        self._page_times = [time for time, _ in run.pages]
+
+    def snapshot(self, time: float) -> Snapshot:
+        """Return the robot at `time` [s]; or at the nearer end of the run."""
+        motion = self._run.trajectory
+        tick = self._tick(time)
+        state = bisect_right(self._state_times, time) - 1
+        page = bisect_right(self._page_times, time) - 1
+        x, y = motion.position[tick].tolist()
+        psi_x, psi_y = motion.psi[tick].tolist()
+        duty_x, duty_y = motion.duty[tick].tolist()
+        return Snapshot(
+            time=float(motion.time[tick]),
+            position=(x, y),
+            psi=(psi_x, psi_y),
+            duty=(duty_x, duty_y),
+            sonar=float(_held(self._run.series.get(SONAR_RANGE), np.array([time]))[0]),
+            battery=float(_held(self._run.series.get(BATTERY_STATE), np.array([time]))[0]),
+            state=self._run.states[state].state if state >= 0 else '',
+            lcd=self._run.pages[page][1] if page >= 0 else '',
+        )
+
+    def _tick(self, time: float) -> int:
+        # Ticks are stamped to the nanosecond, times of a slider are not.
+        return max(0, int(np.searchsorted(self._run.trajectory.time, time + 1e-6, 'right')) - 1)
+
+    def trace(self, time: float) -> NDArray[np.float64]:
+        """Return the columns of the plots up to `time`, as History.trace does."""
+        motion = self._run.trajectory
+        ticks = self._ticks(self._tick(time - WINDOW_S), self._tick(time))
+        table = np.empty((len(ticks), TRACE_COLUMNS))
+        table[:, 0] = motion.time[ticks]
+        table[:, 1:3] = motion.psi[ticks]
+        table[:, 3:5] = motion.position[ticks]
+        table[:, 5:7] = motion.duty[ticks]
+        table[:, 7] = _held(self._run.series.get(SONAR_RANGE), motion.time[ticks])
+        return table
+
+    @staticmethod
+    def _ticks(first: int, last: int) -> NDArray[np.int64]:
+        step = max(1, math.ceil((last - first) / _SAMPLES))
+        return np.arange(first, last + 1, step)
+
+    def way(self, time: float, height: float) -> list[tuple[float, float, float]]:
+        """Return the trail from the start to `time`, at that height in ``map`` [m]."""
+        points = self._run.trajectory.position[self._ticks(0, self._tick(time))].tolist()
+        return [(x, -y, height) for x, y in points]
+
+
+def _held(series: Series | None, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the newest sample at each time; NaN where there is none."""
+    if series is None:
+        return np.full(len(times), np.nan)
+    places = np.searchsorted(series.time, times + 1e-6, 'right') - 1
+    values = np.asarray(series.values[places.clip(min=0), 0], np.float64)
+    return np.where(places < 0, np.nan, values)
+
+
+def _floor_map(run: RunData) -> FloorMap | None:
+    """Return the attached map, or the walls that were published."""
+    if run.attached.floor_map is not None or run.grid is None:
+        return run.attached.floor_map
+    return floor_of_cells(run.grid.cells)

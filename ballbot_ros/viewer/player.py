@@ -1,0 +1,107 @@
+"""The page of recorded runs: a clock, its controls, and a second run for comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from ballbot_ros.viewer.page import Page
+from ballbot_ros.viewer.panel import PERIOD, Panel
+from ballbot_ros.viewer.playback import Playback
+
+RATES = {'0.1×': 0.1, '0.5×': 0.5, '1×': 1.0, '2×': 2.0, '5×': 5.0}
+TRAIL_HEIGHT = 2e-3
+
+
+class Clock:
+    """The time of a run that is played.
+
+    Parameters
+    ----------
+    end : float
+        Where it stops [s].
+
+    Attributes
+    ----------
+    time : float
+        Time in the run [s].
+    rate : float
+        Seconds of the run a second.
+    is_playing : bool
+    """
+
+    def __init__(self, end: float) -> None:
+        self.end = end
+        self.time = 0.0
+        self.rate = 1.0
+        self.is_playing = True
+
+    def advance(self, seconds: float) -> None:
+        """Let `seconds` of wall time pass."""
+        if self.is_playing:
+            self.time = min(self.end, self.time + seconds * self.rate)
+            self.is_playing = self.time < self.end
+
+    def toggle(self) -> None:
+        """Play or pause; from the end, play again."""
+        if not self.is_playing and self.time >= self.end:
+            self.time = 0.0
+        self.is_playing = not self.is_playing
+
+
+class Player:
+    """Shows runs on a page; the first is the run, the second its ghost.
+
+    Parameters
+    ----------
+    page : Page
+    runs : sequence of Playback
+    """
+
+    def __init__(self, page: Page, runs: Sequence[Playback]) -> None:
+        self._page = page
+        self._runs = runs
+        self.clock = Clock(max(run.end for run in runs))
+        gui = page.server.gui
+        self._panel = Panel(gui)
+        with gui.add_folder('Playback', order=1.0):
+            self._slider: Any = gui.add_slider(
+                'Time [s]', 0.0, max(self.clock.end, 0.01), 0.01, 0.0
+            )
+            self._button = gui.add_button('Pause')
+            rate = gui.add_button_group('Rate', tuple(RATES))
+        self._slider.on_update(self._seek)
+        self._button.on_click(lambda _: self.clock.toggle())
+        rate.on_click(lambda event: self._set_rate(str(event.target.value)))
+        self._robots = [
+            page.scene.add_robot(name, ghost=name != 'robot')
+            for name, _ in zip(('robot', 'ghost'), runs, strict=False)
+        ]
+        page.show_floor(runs[0].floor_map, runs[0].start)
+        self._updates = 0
+
+    def _seek(self, event: Any) -> None:
+        if event.client is not None:  # not the clock's own doing
+            self.clock.time = float(self._slider.value)
+
+    def _set_rate(self, name: str) -> None:
+        self.clock.rate = RATES[name]
+
+    def update(self, seconds: float) -> None:
+        """Show what there is to see `seconds` of wall time later."""
+        self.clock.advance(seconds)
+        self.show(self.clock.time, panel=self._updates % PERIOD == 0)
+        self._updates += 1
+
+    def show(self, time: float, *, panel: bool) -> None:
+        """Show the robots at `time` [s]; with `panel` also what stands beside them."""
+        now = self._runs[0].snapshot(time)
+        for robot, run in zip(self._robots, self._runs, strict=True):
+            robot.show(run.snapshot(time))
+        self._page.look(now)
+        if panel:
+            for robot, run in zip(self._robots, self._runs, strict=True):
+                robot.trace(run.way(time, TRAIL_HEIGHT))
+            self._panel.show(now, self._runs[0].trace(time))
+            self._slider.value = round(time, 2)
+            self._button.label = 'Pause' if self.clock.is_playing else 'Play'

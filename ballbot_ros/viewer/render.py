@@ -1,0 +1,107 @@
+"""Pictures and films of a recorded run, made by a browser without a window."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import imageio
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.viewer.browser import browser_page
+from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.page import Page
+from ballbot_ros.viewer.playback import Playback
+from ballbot_ros.viewer.player import Player
+
+WIDTH, HEIGHT = 960, 528
+"""Size of a picture [px]; films want multiples of 16."""
+
+FRAMES_PER_SECOND = {'.mp4': 20, '.gif': 10}
+
+_CONNECT_S = 60.0
+_FRAME_S = 60.0
+_SETTLE_S = 1.0
+
+Picture = NDArray[np.uint8]
+"""Shape (:data:`HEIGHT`, :data:`WIDTH`, 3)."""
+
+
+def pictures(run: Playback, shots: Sequence[tuple[str, float]]) -> Iterator[Picture]:
+    """Yield a picture of the run for each view and time [s].
+
+    Raises
+    ------
+    ViewerError
+        If there is no browser, or it does not make pictures.
+    """
+    with browser_page(WIDTH, HEIGHT) as browser:
+        page = Page(run.dimensions, run.name, '127.0.0.1', 0)
+        try:
+            player = Player(page, [run])
+            browser.goto(page.address)
+            client = _client(page)
+            player.show(shots[0][1], panel=True)
+            _picture(client)  # until then the browser loads the meshes
+            time.sleep(_SETTLE_S)
+            for view, moment in shots:
+                page.choose(client.client_id, view)
+                player.show(moment, panel=True)
+                yield _picture(client)
+        finally:
+            page.stop()
+
+
+def _client(page: Page) -> Any:
+    deadline = time.monotonic() + _CONNECT_S
+    while time.monotonic() < deadline:
+        for client in page.server.get_clients().values():
+            return client
+        time.sleep(0.05)
+    raise ViewerError(f'the browser does not show the page within {_CONNECT_S:g} s')
+
+
+def _picture(client: Any) -> Picture:
+    try:
+        image = client.get_render(HEIGHT, WIDTH, timeout=_FRAME_S)
+    except (RuntimeError, TimeoutError) as error:
+        raise ViewerError(f'the browser makes no picture: {error}') from None
+    return np.asarray(image[..., :3], np.uint8)
+
+
+def render(
+    run: Playback,
+    view: str,
+    output: Path,
+    moment: float,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> None:
+    """Write a picture (.png) of the run at `moment` [s], or a film (.mp4, .gif) of all of it.
+
+    Raises
+    ------
+    ViewerError
+        If a picture can't be made, or the file not be written.
+    """
+    rate = FRAMES_PER_SECOND.get(output.suffix)
+    times = [moment] if rate is None else np.arange(0.0, run.end, 1.0 / rate).tolist()
+    shots = [(view, time) for time in times]
+    try:
+        with _writer(output, rate) as writer:
+            for number, picture in enumerate(pictures(run, shots), 1):
+                writer.append_data(picture)
+                progress(number, len(shots))
+    except (OSError, ImportError, ValueError) as error:
+        reason = ' '.join(str(error).split())
+        raise ViewerError(f'{output}: {reason}') from None
+
+
+def _writer(output: Path, rate: int | None) -> Any:
+    if rate is None:
+        return imageio.get_writer(output)
+    if output.suffix == '.gif':
+        return imageio.get_writer(output, duration=1000.0 / rate, loop=0)
+    return imageio.get_writer(output, fps=rate)

@@ -1,0 +1,250 @@
+"""The robot's shape from its physical parameters, and where its parts are.
+
+The parts are boxes, cylinders and spheres, so that the scene and the URDF are made from the same
+table. Lengths are metres; axes are those of the link (REP 103, docs/frames.md). Where the wheels
+touch the ball is schematic, as in the drawing there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.plant.truth import Pair
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+"""w, x, y, z."""
+Colour = tuple[int, int, int]
+
+BALL, BODY, WHEEL_X, WHEEL_Y = 'ball', 'base_link', 'wheel_x', 'wheel_y'
+LINKS = (BALL, BODY, WHEEL_X, WHEEL_Y)
+
+LIGHT, DARK, ORANGE, BLACK, BLUE, WHITE, RED = (
+    (214, 217, 220),
+    (92, 98, 106),
+    (238, 122, 40),
+    (38, 41, 46),
+    (44, 116, 190),
+    (246, 247, 248),
+    (206, 52, 48),
+)
+X_AXIS: Vector = (0.0, math.pi / 2.0, 0.0)
+Y_AXIS: Vector = (math.pi / 2.0, 0.0, 0.0)
+Z_AXIS: Vector = (0.0, 0.0, 0.0)
+
+SONAR_HEIGHT = 0.085
+"""Height of the sonar above the ball's centre [m]: below the top of the walls."""
+
+LCD_SIZE = (0.058, 0.046)
+"""Width and height of the brick's display [m]."""
+
+
+@dataclass(frozen=True)
+class Dimensions:
+    """The physical parameters that the shape follows from [m], by their names in the table."""
+
+    ball_radius: float
+    wheel_radius: float
+    wheel_width: float
+    body_depth: float
+    body_width: float
+    body_height: float
+
+
+class Part(NamedTuple):
+    """A primitive of a link.
+
+    Attributes
+    ----------
+    link : str
+        The link that it moves with.
+    shape : str
+        'box', 'cylinder' (along z) or 'sphere'.
+    size : tuple of float
+        Sides of a box; radius and length of a cylinder; radius of a sphere.
+    position : tuple of float
+        Of its centre in the link.
+    turn : tuple of float
+        Roll, pitch and yaw in the link, as in URDF [rad].
+    colour : tuple of int
+        Red, green, blue, 0 ... 255.
+    """
+
+    link: str
+    shape: str
+    size: tuple[float, ...]
+    position: Vector
+    turn: Vector
+    colour: Colour
+
+
+def wheel_centres(dimensions: Dimensions) -> tuple[Vector, Vector]:
+    """Return where wheels x (behind the ball) and y (on its right) turn, in ``base_link``."""
+    reach = dimensions.ball_radius + dimensions.wheel_radius
+    return (-reach, 0.0, 0.0), (0.0, -reach, 0.0)
+
+
+def sonar_position(dimensions: Dimensions) -> Vector:
+    """Return the frame ``sonar`` in ``base_link``: at the front face."""
+    return dimensions.body_depth / 2.0, 0.0, SONAR_HEIGHT
+
+
+def lcd_position(dimensions: Dimensions) -> Vector:
+    """Return the middle of the display in ``base_link``; it looks forward."""
+    return _brick_centre(dimensions)[0] + 0.0252, 0.0, _brick_centre(dimensions)[2] + 0.022
+
+
+def _brick_centre(dimensions: Dimensions) -> Vector:
+    return 0.0, 0.0, 2.0 * dimensions.body_height - 0.095
+
+
+def parts(dimensions: Dimensions) -> Iterator[Part]:
+    """Yield every part of the robot.
+
+    Yields
+    ------
+    Part
+    """
+    radius, width = dimensions.wheel_radius, dimensions.wheel_width
+    yield Part(BALL, 'sphere', (dimensions.ball_radius,), (0.0, 0.0, 0.0), Z_AXIS, BLUE)
+    for link, axis in ((WHEEL_X, Y_AXIS), (WHEEL_Y, X_AXIS)):
+        yield Part(link, 'cylinder', (radius, width), (0.0, 0.0, 0.0), axis, BLACK)
+        yield Part(link, 'cylinder', (0.62 * radius, 1.08 * width), (0.0, 0.0, 0.0), axis, LIGHT)
+        for quarter in range(4):  # spokes, by which the turning is seen
+            angle = quarter * math.pi / 2.0
+            side, up = 0.38 * radius * math.cos(angle), 0.38 * radius * math.sin(angle)
+            at = (side, 0.0, up) if link == WHEEL_X else (0.0, side, up)
+            yield Part(link, 'cylinder', (0.14 * radius, 1.14 * width), at, axis, DARK)
+    yield from _body(dimensions)
+
+
+def _body(dimensions: Dimensions) -> Iterator[Part]:
+    depth, breadth = dimensions.body_depth, dimensions.body_width
+    radius, width = dimensions.wheel_radius, dimensions.wheel_width
+
+    def box(size: Vector, at: Vector, colour: Colour, turn: Vector = Z_AXIS) -> Part:
+        return Part(BODY, 'box', size, at, turn, colour)
+
+    def rod(size: Pair, at: Vector, axis: Vector, colour: Colour) -> Part:
+        return Part(BODY, 'cylinder', size, at, axis, colour)
+
+    deck = radius + 0.014
+    ceiling = _brick_centre(dimensions)[2] - 0.07
+    # The idler holds the ball against both driven wheels.
+    idler = (dimensions.ball_radius + 0.5 * radius) / math.sqrt(2.0)
+    yield Part(
+        BODY, 'cylinder', (0.5 * radius, 0.7 * width), (idler, idler, 0.0),
+        (math.pi / 2.0, 0.0, -math.pi / 4.0), DARK,
+    )  # fmt: skip
+    yield box((0.012, 0.012, deck), (idler + 0.014, idler + 0.014, deck / 2.0), LIGHT)
+    # Two motors lie beside their wheels, orange at the shaft.
+    (wheel_x, _, _), (_, wheel_y, _) = wheel_centres(dimensions)
+    side = width / 2.0 + 0.006
+    yield rod((0.012, 0.010), (wheel_x, side, 0.0), Y_AXIS, ORANGE)
+    yield box((0.026, 0.020, 0.044), (wheel_x, side + 0.014, 0.012), LIGHT)
+    yield rod((0.012, 0.010), (side, wheel_y, 0.0), X_AXIS, ORANGE)
+    yield box((0.020, 0.026, 0.044), (side + 0.014, wheel_y, 0.012), LIGHT)
+    # Deck, corner posts and the plate under the brick.
+    yield box((depth, breadth, 0.008), (0.0, 0.0, deck), DARK)
+    for x in (-1.0, 1.0):
+        for y in (-1.0, 1.0):
+            at = (x * (depth / 2.0 - 0.008), y * (breadth / 2.0 - 0.008))
+            yield box((0.012, 0.012, ceiling - deck), (*at, (ceiling + deck) / 2.0), LIGHT)
+            yield rod((0.0045, 0.0135), (*at, deck + 0.03), Y_AXIS, DARK)
+            yield rod((0.0045, 0.0135), (*at, ceiling - 0.03), Y_AXIS, DARK)
+    yield box((depth, breadth, 0.008), (0.0, 0.0, ceiling), DARK)
+    # The two gyros stand on the deck.
+    yield box((0.036, 0.022, 0.020), (0.02, 0.04, deck + 0.016), BLACK)
+    yield box((0.022, 0.036, 0.020), (-0.04, -0.02, deck + 0.016), BLACK)
+    yield from _sonar(dimensions)
+    yield from _brick(dimensions)
+
+
+def _sonar(dimensions: Dimensions) -> Iterator[Part]:
+    x, _, z = sonar_position(dimensions)
+    yield Part(BODY, 'box', (0.02, 0.012, 0.05), (x - 0.026, 0.0, z), Z_AXIS, DARK)
+    yield Part(BODY, 'box', (0.024, 0.066, 0.030), (x - 0.018, 0.0, z), Z_AXIS, LIGHT)
+    for y in (-0.02, 0.02):
+        at = (x - 0.006, y, z)
+        yield Part(BODY, 'cylinder', (0.0135, 0.018), at, X_AXIS, ORANGE)
+        yield Part(BODY, 'cylinder', (0.0110, 0.020), at, X_AXIS, BLACK)
+
+
+def _brick(dimensions: Dimensions) -> Iterator[Part]:
+    x, y, z = _brick_centre(dimensions)
+    front = x + 0.0235
+    yield Part(BODY, 'box', (0.046, 0.074, 0.114), (x, y, z), Z_AXIS, WHITE)
+    yield Part(BODY, 'box', (0.030, 0.076, 0.116), (x - 0.012, y, z), Z_AXIS, DARK)
+    yield Part(BODY, 'box', (0.002, 0.066, 0.054), (front, y, z + 0.022), Z_AXIS, DARK)
+    for at, colour, size in (
+        ((front, y, z - 0.022), ORANGE, (0.006, 0.016, 0.016)),
+        ((front, y + 0.020, z - 0.022), LIGHT, (0.006, 0.014, 0.012)),
+        ((front, y - 0.020, z - 0.022), LIGHT, (0.006, 0.014, 0.012)),
+        ((front, y, z - 0.042), DARK, (0.006, 0.026, 0.010)),
+    ):
+        yield Part(BODY, 'box', size, at, Z_AXIS, colour)
+
+
+def body_orientation(psi: Pair) -> Quaternion:
+    """Return the orientation of ``base_link`` in ``map``: roll ψy, then pitch ψx, no yaw."""
+    cos_x, sin_x = math.cos(psi[0] / 2.0), math.sin(psi[0] / 2.0)
+    cos_y, sin_y = math.cos(psi[1] / 2.0), math.sin(psi[1] / 2.0)
+    return cos_x * cos_y, cos_x * sin_y, sin_x * cos_y, -sin_x * sin_y
+
+
+def rotate(turn: Quaternion, vector: Vector) -> NDArray[np.float64]:
+    """Return `vector` turned by a unit quaternion, shape (3,)."""
+    axis, point = np.array(turn[1:]), np.array(vector)
+    across = np.cross(axis, point)
+    return np.asarray(point + 2.0 * (turn[0] * across + np.cross(axis, across)))
+
+
+class Motion:
+    """Orientations of ball and wheels from the way that the ball has rolled.
+
+    There is no slip, so position and pitch tell both: a wheel turns by k (θ − ψ), and the ball
+    rolls along its path. A path that is not known, as after a leap in time, counts as straight.
+    """
+
+    def __init__(self, dimensions: Dimensions) -> None:
+        self._dimensions = dimensions
+        self._from: Pair | None = None
+        self._ball = np.array([1.0, 0.0, 0.0, 0.0])
+
+    def ball(self, position: Pair) -> Quaternion:
+        """Roll the ball to `position` [m]; return its orientation."""
+        if self._from is not None:
+            dx, dy = position[0] - self._from[0], self._from[1] - position[1]
+            way = math.hypot(dx, dy)
+            if way > 0.0:
+                half = way / self._dimensions.ball_radius / 2.0
+                axis = np.array([-dy, dx, 0.0]) * (math.sin(half) / way)
+                turned = _product(np.array([math.cos(half), *axis]), self._ball)
+                self._ball = turned / np.linalg.norm(turned)
+        self._from = position
+        w, x, y, z = self._ball.tolist()
+        return w, x, y, z
+
+    def wheels(self, position: Pair, psi: Pair) -> tuple[Quaternion, Quaternion]:
+        """Return the orientations of wheels x and y in ``base_link``.
+
+        They touch the ball at its equator, so each turns against the ball.
+        """
+        ratio = self._dimensions.ball_radius / self._dimensions.wheel_radius
+        x, y = (
+            -ratio * (place / self._dimensions.ball_radius - lean) / 2.0
+            for place, lean in zip(position, psi, strict=True)
+        )
+        return (math.cos(x), 0.0, math.sin(x), 0.0), (math.cos(y), math.sin(y), 0.0, 0.0)
+
+
+def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the product of two quaternions: first `b`, then `a`."""
+    scalar = a[0] * b[0] - a[1:] @ b[1:]
+    return np.array([scalar, *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])

@@ -1,0 +1,208 @@
+"""The scene: floor, walls, lines, robots and the way they have gone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from viser import SceneApi
+
+from ballbot_ros.viewer import floor, shapes
+from ballbot_ros.viewer.display import picture
+from ballbot_ros.viewer.robot import (
+    BALL,
+    BODY,
+    LCD_SIZE,
+    LINKS,
+    WHEEL_X,
+    WHEEL_Y,
+    WHITE,
+    Colour,
+    Dimensions,
+    Motion,
+    body_orientation,
+    lcd_position,
+    parts,
+    sonar_position,
+    wheel_centres,
+)
+from ballbot_ros.viewer.snapshot import Snapshot
+from ballbot_ros.world.exports import WALL_HEIGHT_CM
+from ballbot_ros.world.floor_map import CELL_M, FloorMap
+
+FLOOR_COLOUR, WALL_COLOUR, LINE_COLOUR = (
+    (236, 233, 226), (148, 158, 170), (40, 42, 46),
+)  # fmt: skip
+SKY_COLOUR, SKY_RADIUS = (214, 227, 240), 40.0
+TRAIL_COLOUR, GHOST_TRAIL_COLOUR, GHOST_COLOUR, CONE_COLOUR = (
+    (238, 122, 40), (110, 120, 200), (120, 135, 220), (255, 160, 60),
+)  # fmt: skip
+GHOST_OPACITY = 0.35
+
+TRAIL_STEP = 0.01
+TRAIL_POINTS = 2000
+TRAIL_PERIOD = 10
+"""Updates of the robot between two of its trail, which is sent as a whole."""
+
+_LIFT = 1e-3
+"""What lies on the floor lies so far above it [m], not to flicker."""
+
+# Images lie in the x-y plane with y down: this turn stands them up, seen from +x.
+_FACES_FORWARD = (0.5, -0.5, -0.5, 0.5)
+
+
+class Scene:
+    """What there is to see, but for the camera.
+
+    Parameters
+    ----------
+    api : viser.SceneApi
+    dimensions : Dimensions
+    """
+
+    def __init__(self, api: SceneApi, dimensions: Dimensions) -> None:
+        self._api = api
+        self._dimensions = dimensions
+        api.set_up_direction('+z')
+        api.configure_default_lights(enabled=False)
+        api.configure_environment_map(hdri=None)  # it would wash out the shadows
+        api.add_light_ambient('/lights/ambient', intensity=0.6)
+        api.add_light_hemisphere(
+            '/lights/sky', sky_color=(255, 255, 255), ground_color=(190, 180, 170), intensity=1.3
+        )
+        api.add_light_directional(
+            '/lights/sun', color=(255, 248, 236), intensity=2.2, position=(-1.2, -1.8, 3.0),
+            cast_shadow=True,
+        )  # fmt: skip
+        # Seen from inside, and lit by the sky's light, it grows paler towards the ground.
+        api.add_icosphere(
+            '/sky', SKY_RADIUS, color=SKY_COLOUR, side='back', cast_shadow=False,
+            receive_shadow=False,
+        )  # fmt: skip
+        self.show_floor(None)
+
+    def show_floor(self, floor_map: FloorMap | None) -> None:
+        """Show a map, or a floor without end."""
+        self._api.remove_by_name('/floor')
+        self._api.add_frame('/floor', show_axes=False)
+        if floor_map is None:
+            self._api.add_grid(
+                '/floor/grid', infinite_grid=True, cell_size=0.1, section_size=0.5,
+                cell_color=(222, 224, 228), section_color=(190, 194, 202), fade_distance=8.0,
+                plane_color=FLOOR_COLOUR, plane_opacity=1.0, shadow_opacity=0.25,
+            )  # fmt: skip
+            return
+        half_x, half_y = floor_map.columns * CELL_M / 2, floor_map.rows * CELL_M / 2
+        self._add_prisms('base', [(-half_x, -half_y, half_x, half_y)], -0.02, 0.0, FLOOR_COLOUR)
+        if lines := floor.lines(floor_map):
+            self._add_prisms('lines', lines, 0.0, _LIFT, LINE_COLOUR)
+        if walls := floor.walls(floor_map):
+            self._add_prisms('walls', walls, 0.0, WALL_HEIGHT_CM / 100, WALL_COLOUR)
+
+    def _add_prisms(
+        self, name: str, rectangles: list[floor.Rectangle], low: float, high: float, colour: Colour
+    ) -> None:
+        self._api.add_mesh_simple(
+            f'/floor/{name}', *shapes.prisms(rectangles, low, high), color=colour,
+            flat_shading=True, cast_shadow=high > 2 * _LIFT,
+        )  # fmt: skip
+
+    def add_robot(self, name: str, *, ghost: bool = False) -> Robot:
+        """Add a robot; a ghost is see-through."""
+        return Robot(self._api, name, self._dimensions, ghost=ghost)
+
+
+class Robot:
+    """A robot in the scene, with its trail.
+
+    Parameters
+    ----------
+    api : viser.SceneApi
+    name : str
+        Its name in the scene.
+    dimensions : Dimensions
+    ghost : bool
+        Whether it is see-through, without sonar cone and display.
+    """
+
+    def __init__(self, api: SceneApi, name: str, dimensions: Dimensions, *, ghost: bool) -> None:
+        self._dimensions = dimensions
+        self._motion = Motion(dimensions)
+        self._root = api.add_frame(f'/{name}', show_axes=False, visible=False)
+        paths = {
+            BALL: f'/{name}/ball',
+            BODY: f'/{name}/body',
+            WHEEL_X: f'/{name}/body/wheel_x',
+            WHEEL_Y: f'/{name}/body/wheel_y',
+        }
+        self._links = {link: api.add_frame(paths[link], show_axes=False) for link in LINKS}
+        for link, at in zip((WHEEL_X, WHEEL_Y), wheel_centres(dimensions), strict=True):
+            self._links[link].position = at
+        self._add_meshes(api, paths, ghost=ghost)
+        self._cone = self._display = None
+        if not ghost:
+            self._cone = api.add_mesh_simple(
+                f'/{name}/body/cone', *shapes.cone(math.radians(5.0)), color=CONE_COLOUR,
+                opacity=0.22, side='double', cast_shadow=False, receive_shadow=False,
+                position=sonar_position(dimensions), visible=False,
+            )  # fmt: skip
+            self._display = api.add_image(
+                f'/{name}/body/lcd', picture(''), *LCD_SIZE, format='png', cast_shadow=False,
+                receive_shadow=False, position=lcd_position(dimensions), wxyz=_FACES_FORWARD,
+            )  # fmt: skip
+        self._page = ''
+        self._trail = api.add_line_segments(
+            f'/{name}_trail', np.zeros((0, 2, 3)), GHOST_TRAIL_COLOUR if ghost else TRAIL_COLOUR,
+            thickness=0.006,
+        )  # fmt: skip
+        self._way: list[tuple[float, float, float]] = []
+        self._updates = self._sent = 0
+
+    def _add_meshes(self, api: SceneApi, paths: dict[str, str], *, ghost: bool) -> None:
+        opacity = GHOST_OPACITY if ghost else None
+        meshes = shapes.link_meshes(part for part in parts(self._dimensions) if part.link != BALL)
+        for number, ((link, colour), mesh) in enumerate(meshes.items()):
+            api.add_mesh_simple(
+                f'{paths[link]}/{number}', *mesh, color=GHOST_COLOUR if ghost else colour,
+                opacity=opacity, flat_shading=True, cast_shadow=not ghost,
+            )  # fmt: skip
+        colours = next(part.colour for part in parts(self._dimensions) if part.link == BALL), WHITE
+        halves = shapes.ball_sectors(self._dimensions.ball_radius)
+        for number, (mesh, colour) in enumerate(zip(halves, colours, strict=True)):
+            api.add_mesh_simple(
+                f'{paths[BALL]}/{number}', *mesh, color=GHOST_COLOUR if ghost else colour,
+                opacity=opacity, cast_shadow=not ghost,
+            )  # fmt: skip
+
+    def show(self, now: Snapshot) -> None:
+        """Move the robot to where it is."""
+        self._root.visible = True
+        ball = now.position[0], -now.position[1], self._dimensions.ball_radius
+        self._links[BALL].position = self._links[BODY].position = ball
+        self._links[BALL].wxyz = self._motion.ball(now.position)
+        self._links[BODY].wxyz = body_orientation(now.psi)
+        turns = self._motion.wheels(now.position, now.psi)
+        for link, turn in zip((WHEEL_X, WHEEL_Y), turns, strict=True):
+            self._links[link].wxyz = turn
+        if self._cone is not None:
+            self._cone.visible = echo = math.isfinite(now.sonar) and now.sonar > 0.0
+            if echo:
+                self._cone.scale = now.sonar
+        if self._display is not None and now.lcd != self._page:
+            self._page = now.lcd
+            self._display.image = picture(now.lcd)
+        self._extend((ball[0], ball[1], 2 * _LIFT))
+
+    def _extend(self, point: tuple[float, float, float]) -> None:
+        if not self._way or math.dist(point, self._way[-1]) > TRAIL_STEP:
+            self._way = [*self._way[-TRAIL_POINTS:], point]
+        self._updates += 1
+        if self._updates % TRAIL_PERIOD == 0 and len(self._way) != self._sent > -1:
+            self.trace(self._way)
+
+    def trace(self, way: list[tuple[float, float, float]]) -> None:
+        """Show `way` as the trail; it goes on from there."""
+        self._way = way
+        self._sent = len(way)
+        points = np.array(way, np.float32).reshape(-1, 3)
+        self._trail.points = np.stack([points[:-1], points[1:]], axis=1)

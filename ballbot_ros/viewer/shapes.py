@@ -1,0 +1,77 @@
+"""Meshes of primitives and floors."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from trimesh import transformations
+
+from ballbot_ros.viewer.floor import Rectangle
+from ballbot_ros.viewer.robot import Colour, Part
+
+Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
+"""Vertices, shape (n, 3), and faces, shape (m, 3)."""
+
+_SIDES = 32
+
+
+def link_meshes(parts: Iterable[Part]) -> dict[tuple[str, Colour], Mesh]:
+    """Return one mesh for each link and colour: the fewer meshes, the faster the picture."""
+    pieces: dict[tuple[str, Colour], list[Any]] = defaultdict(list)
+    for part in parts:
+        mesh = _primitive(part)
+        pose = _turn(*part.turn)
+        pose[:3, 3] = part.position
+        mesh.apply_transform(pose)
+        pieces[part.link, part.colour].append(mesh)
+    return {key: _mesh(trimesh.util.concatenate(meshes)) for key, meshes in pieces.items()}
+
+
+def _primitive(part: Part) -> Any:
+    if part.shape == 'box':
+        return trimesh.creation.box(part.size)
+    if part.shape == 'cylinder':
+        return trimesh.creation.cylinder(part.size[0], part.size[1], sections=_SIDES)
+    return trimesh.creation.icosphere(3, part.size[0])
+
+
+def _turn(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
+    matrix = transformations.euler_matrix(roll, pitch, yaw)  # type: ignore[no-untyped-call]
+    return np.asarray(matrix, np.float64)
+
+
+def ball_sectors(radius: float) -> tuple[Mesh, Mesh]:
+    """Return a ball in eight sectors, by turns in two meshes: so its rolling is seen."""
+    mesh = trimesh.creation.icosphere(4, radius)
+    middles = mesh.triangles_center
+    octant = (middles > 0.0).sum(axis=1) % 2 == 0
+    whole = _mesh(mesh)
+    return (whole[0], whole[1][octant]), (whole[0], whole[1][~octant])
+
+
+def prisms(rectangles: Sequence[Rectangle], low: float, high: float) -> Mesh:
+    """Return blocks on rectangles, from `low` to `high` [m]."""
+    boxes = []
+    for left, bottom, right, top in rectangles:
+        box = trimesh.creation.box((right - left, top - bottom, high - low))
+        box.apply_translation(((left + right) / 2, (bottom + top) / 2, (low + high) / 2))
+        boxes.append(box)
+    return _mesh(trimesh.util.concatenate(boxes))
+
+
+def cone(half_angle: float) -> Mesh:
+    """Return a cone of length 1 m along +x with its tip in the origin."""
+    mesh = trimesh.creation.cone(np.tan(half_angle), 1.0, sections=_SIDES)
+    # It stands on its base: tip to the origin, axis to +x.
+    mesh.apply_translation((0.0, 0.0, -1.0))
+    mesh.apply_transform(_turn(0.0, -np.pi / 2.0, 0.0))
+    return _mesh(mesh)
+
+
+def _mesh(mesh: Any) -> Mesh:
+    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)

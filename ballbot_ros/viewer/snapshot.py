@@ -1,0 +1,71 @@
+"""What the page shows: the robot at one instant, and its last seconds."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.plant.truth import Pair
+
+WINDOW_S = 10.0
+"""How much of the past the plots show."""
+
+TRACE_COLUMNS = 8
+
+
+class Snapshot(NamedTuple):
+    """The robot at one instant; pairs are (plane x, plane y), as in docs/frames.md.
+
+    Attributes
+    ----------
+    time : float
+        Sim time, or time since the start of a recorded run [s].
+    position, psi : tuple of float
+        Ball centre [m] and body pitch [rad].
+    duty : tuple of float
+        Motor duty [%].
+    sonar : float
+        Distance [m]; inf without an echo, NaN without data.
+    battery : float
+        Voltage [V]; NaN where it is unknown.
+    state : str
+        Operating state; empty where it is unknown.
+    lcd : str
+        The display's lines.
+    """
+
+    time: float
+    position: Pair
+    psi: Pair
+    duty: Pair = (math.nan, math.nan)
+    sonar: float = math.nan
+    battery: float = math.nan
+    state: str = ''
+    lcd: str = ''
+
+
+class History:
+    """The samples of the last :data:`WINDOW_S` of sim time, as the plots need them."""
+
+    def __init__(self) -> None:
+        self._rows: deque[tuple[float, ...]] = deque()
+
+    def clear(self) -> None:
+        """Forget everything: a new run begins."""
+        self._rows.clear()
+
+    def add(self, now: Snapshot) -> None:
+        """Add a sample, unless there is one of that time already."""
+        if self._rows and now.time <= self._rows[-1][0]:
+            return
+        self._rows.append((now.time, *now.psi, *now.position, *now.duty, now.sonar))
+        while self._rows[0][0] < now.time - WINDOW_S:
+            self._rows.popleft()
+
+    def trace(self) -> NDArray[np.float64]:
+        """Return time [s], ψ x, y [rad], position x, y [m], duty x, y [%], sonar [m]; (n, 8)."""
+        return np.array(self._rows, np.float64).reshape(-1, TRACE_COLUMNS)

@@ -1,0 +1,37 @@
+"""The brick's tones, for a page to play."""
+
+from __future__ import annotations
+
+import base64
+import io
+import wave
+
+import numpy as np
+
+_RATE = 8000
+_LONGEST_S = 5.0
+
+
+def tone_html(hz: float, ms: float, volume: float, number: int) -> str:
+    """Return an HTML element that plays a tone once.
+
+    Browsers play it only after a click on the page.
+
+    Parameters
+    ----------
+    hz, ms, volume : float
+        Frequency, duration, and volume in percent.
+    number : int
+        Of the tone: one that comes again is to be heard again.
+    """
+    time = np.arange(round(min(ms * 1e-3, _LONGEST_S) * _RATE)) / _RATE
+    loudness = min(max(volume, 0.0), 100.0) / 100.0
+    samples = np.round(127.5 + 60.0 * loudness * np.sin(2.0 * np.pi * hz * time)).astype(np.uint8)
+    data = io.BytesIO()
+    with wave.open(data, 'wb') as file:
+        file.setnchannels(1)
+        file.setsampwidth(1)
+        file.setframerate(_RATE)
+        file.writeframes(samples.tobytes())
+    encoded = base64.b64encode(data.getvalue()).decode()
+    return f'<audio autoplay data-number="{number}" src="data:audio/wav;base64,{encoded}"></audio>'

@@ -1,0 +1,65 @@
+"""The five views of the document (8.3), and where the camera of each stands."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.viewer.floor import Area
+from ballbot_ros.viewer.robot import Dimensions, body_orientation, rotate, sonar_position
+from ballbot_ros.viewer.snapshot import Snapshot
+
+TOP, VISTA, CHASER_1, CHASER_2, ROBOT = VIEWS = ('top', 'vista', 'chaser1', 'chaser2', 'robot')
+
+TITLES = {
+    TOP: 'Top',
+    VISTA: 'Vista',
+    CHASER_1: 'Chaser 1 (left)',
+    CHASER_2: 'Chaser 2 (front)',
+    ROBOT: 'Robot (sonar)',
+}
+TRACKING = (CHASER_1, CHASER_2, ROBOT)
+"""Views whose camera moves with the robot; from the others one may orbit."""
+
+_NARROW, _WIDE = math.radians(40.0), math.radians(70.0)
+_UP = (0.0, 0.0, 1.0)
+_CHASED_HEIGHT = 0.15
+_CHASERS = {CHASER_1: (-0.16, 0.68, 0.24), CHASER_2: (0.70, 0.14, 0.24)}
+
+
+class Camera(NamedTuple):
+    """A camera in ``map`` [m]; `fov` is the vertical opening [rad]."""
+
+    position: tuple[float, float, float]
+    look_at: tuple[float, float, float]
+    up: tuple[float, float, float]
+    fov: float
+
+
+def camera(view: str, now: Snapshot, dimensions: Dimensions, area: Area, aspect: float) -> Camera:
+    """Return the camera of a view, for a picture that is `aspect` times as wide as high."""
+    x, y = area.middle
+    if view == TOP:
+        # A hair to the south, so that the picture has +x on its right, as the map image has.
+        height = 1.08 * max(area.half_y, area.half_x / aspect) / math.tan(_NARROW / 2.0)
+        return Camera((x, y - 1e-3 * height, height), (x, y, 0.0), _UP, _NARROW)
+    if view == VISTA:
+        far = 1.16 * math.hypot(area.half_x, area.half_y) * max(1.0, 1.5 / aspect)
+        away = (x - 0.95 * far, y - 1.0 * far, 1.05 * far)
+        return Camera(away, (x, y, -0.10 * far), _UP, _NARROW)
+    ball = np.array([now.position[0], -now.position[1], dimensions.ball_radius])
+    if view == ROBOT:
+        turn = body_orientation(now.psi)
+        eye = ball + rotate(turn, sonar_position(dimensions)) + rotate(turn, (0.01, 0.0, 0.0))
+        ahead = eye + rotate(turn, (1.0, 0.0, 0.0))
+        return Camera(_vector(eye), _vector(ahead), _vector(rotate(turn, _UP)), _WIDE)
+    target = ball + np.array([0.0, 0.0, _CHASED_HEIGHT])
+    return Camera(_vector(target + _CHASERS[view]), _vector(target), _UP, _NARROW)
+
+
+def _vector(array: NDArray[np.float64]) -> tuple[float, float, float]:
+    x, y, z = array.tolist()
+    return x, y, z

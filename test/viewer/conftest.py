@@ -1,0 +1,33 @@
+"""A recorded run to look at, and whether there is a browser to look with."""
+
+import pytest
+
+pytest.importorskip('viser', reason='the extra viewer is not installed')
+
+from graph import BALLBOT
+
+from ballbot_ros.viewer.browser import browser_program
+from ballbot_ros.viewer.errors import ViewerError
+
+
+@pytest.fixture(scope='session')
+def recording(tmp_path_factory):
+    """Ten seconds of the scenario autonomous, which has a map with lines."""
+    import subprocess
+
+    folder = tmp_path_factory.mktemp('run')
+    words = [
+        'run', 'autonomous', '--processes=none', '--json', '--set=plant_sim.duration=10',
+        '--output', folder,
+    ]  # fmt: skip
+    subprocess.run([*BALLBOT, *map(str, words)], capture_output=True, check=False)
+    return folder / 'autonomous.mcap'
+
+
+@pytest.fixture(scope='session')
+def needs_browser():
+    try:
+        browser_program()
+    except ViewerError as error:
+        pytest.skip(str(error))
+    pytest.importorskip('playwright')

@@ -1,0 +1,63 @@
+"""The five views, compared with pictures that somebody has looked at.
+
+To renew them after a change of the scene, delete them, run this test, and look at what it has
+made.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from ballbot_ros.viewer.playback import Playback
+from ballbot_ros.viewer.views import VIEWS
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('needs_browser')]
+
+REFERENCE = Path(__file__).with_name('reference')
+SIZE = (240, 132)
+TOLERANCE = 4.0
+"""Mean difference of gray values; other versions of the browser differ in the edges."""
+
+
+@pytest.fixture(scope='module')
+def pictures(recording):
+    from ballbot_ros.viewer import render
+
+    made = render.pictures(Playback(recording), [(view, 9.0) for view in VIEWS])
+    return {
+        view: Image.fromarray(picture).resize(SIZE)
+        for view, picture in zip(VIEWS, made, strict=True)
+    }
+
+
+def difference(a, b):
+    return float(np.abs(np.asarray(a, float) - np.asarray(b.convert('RGB'), float)).mean())
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize('view', VIEWS)
+def test_a_view_is_as_it_was(view, pictures):
+    path = REFERENCE / f'{view}.png'
+    if not path.exists():
+        pictures[view].save(path)
+        pytest.fail(f'{path.name} was not there: look at the new one')
+    assert difference(pictures[view], Image.open(path)) < TOLERANCE
+
+
+def test_no_view_is_like_another(pictures):
+    for view in VIEWS:
+        others = [difference(pictures[view], pictures[other]) for other in VIEWS if other != view]
+        assert min(others) > 2.0 * TOLERANCE
+
+
+@pytest.mark.parametrize('suffix', ['.gif', '.mp4'])
+@pytest.mark.timeout(180)
+def test_a_run_becomes_a_film(suffix, tmp_path, recording, monkeypatch):
+    from ballbot_ros.viewer import render
+
+    monkeypatch.setattr(render, 'FRAMES_PER_SECOND', {'.mp4': 0.2, '.gif': 0.2})
+    output = tmp_path / f'run{suffix}'
+    render.render(Playback(recording), 'vista', output, 1.0)
+    assert output.stat().st_size > 5000

@@ -1,0 +1,143 @@
+"""Recorded runs at any time, the clock that plays them, and what a user is told."""
+
+import json
+import socket
+
+import pytest
+
+from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.viewer.address import check_address, warning_of
+from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.live_controls import Sticks
+from ballbot_ros.viewer.playback import Playback
+from ballbot_ros.viewer.player import Clock
+from ballbot_ros.viewer.snapshot import WINDOW_S
+from ballbot_ros.viewer.sound import tone_html
+
+
+@pytest.fixture(scope='module')
+def run(recording):
+    return Playback(recording)
+
+
+def test_a_snapshot_is_the_newest_tick(run, recording):
+    motion = read_run(recording).trajectory
+    for tick in (0, 1000, len(motion.time) - 1):
+        for later in (0.0, 0.003):
+            shown = run.snapshot(motion.time[tick] + later)
+            assert shown.position == tuple(motion.position[tick])
+            assert shown.psi == tuple(motion.psi[tick])
+            assert shown.duty == tuple(motion.duty[tick])
+
+
+def test_times_beyond_the_run_show_its_ends(run):
+    assert run.snapshot(-1.0).time == 0.0
+    assert run.snapshot(1e3).time == run.end
+
+
+def test_state_display_and_battery_follow_the_time(run):
+    assert run.snapshot(0.5).state == 'calibration'
+    assert run.snapshot(8.0).state in ('forward', 'rightward')
+    assert run.snapshot(8.0).lcd.startswith('NXT BALLBOT')
+    assert run.snapshot(8.0).battery == pytest.approx(8.0)
+
+
+def test_the_map_has_its_lines(run):
+    assert run.floor_map.walls.any()
+    assert (run.floor_map.cells == 0).any()
+
+
+def test_plots_end_at_the_cursor(run):
+    trace = run.trace(9.5)
+    assert trace[-1, 0] == pytest.approx(9.5, abs=0.02)
+    assert trace[-1, 0] - trace[0, 0] <= WINDOW_S
+    assert len(run.way(9.5, 0.0)) <= 601
+
+
+def test_the_clock_stops_at_the_end_and_begins_again():
+    clock = Clock(2.0)
+    clock.rate = 0.5
+    clock.advance(1.0)
+    assert clock.time == 0.5
+    clock.toggle()
+    clock.advance(1.0)
+    assert clock.time == 0.5
+    clock.toggle()
+    clock.advance(100.0)
+    assert (clock.time, clock.is_playing) == (2.0, False)
+    clock.toggle()
+    assert (clock.time, clock.is_playing) == (0.0, True)
+
+
+def test_sticks_count_while_they_are_held():
+    sticks = Sticks()
+    assert sticks.value(0.0) is None
+    sticks.hold('forward', 0.0)
+    sticks.hold('right', 0.05)
+    assert sticks.value(0.1) == (1.0, 1.0)
+    assert sticks.value(0.22) == (0.0, 1.0)
+    assert sticks.value(1.0) is None
+
+
+def test_equal_tones_are_different_elements():
+    assert tone_html(440, 500, 70, 1) != tone_html(440, 500, 70, 2)
+
+
+def test_a_taken_port_is_one_line():
+    with socket.socket() as taken:
+        taken.bind(('127.0.0.1', 0))
+        taken.listen()
+        with pytest.raises(ViewerError, match=r'cannot be served on 127.0.0.1:\d+: Address alr'):
+            check_address('127.0.0.1', taken.getsockname()[1])
+    with pytest.raises(ViewerError, match='cannot be served on'):
+        check_address('host.invalid', 0)
+
+
+def test_a_page_for_the_network_warns():
+    assert warning_of('127.0.0.1') == ''
+    assert 'everybody' in warning_of('0.0.0.0')
+
+
+@pytest.mark.parametrize(
+    ('words', 'told'),
+    [
+        (['view', 'missing.mcap'], 'missing.mcap'),
+        (['render', 'missing.mcap', '--output', 'x.avi'], 'ends in none of .png, .gif, .mp4'),
+        (['render', 'missing.mcap', '--output', 'x.gif', '--time', '1'], '--time goes with a .png'),
+        (
+            ['run', 'stationary', '--viewer', '--processes', 'none'],
+            'goes with --processes separate',
+        ),
+        (['run', 'stationary', '--viewer', '--set', 'viewer.port=70000'], 'is not within'),
+    ],
+)
+def test_a_mistake_is_one_line(words, told, monkeypatch, capsys):
+    from ballbot_ros.cli.main import main
+
+    monkeypatch.setattr('sys.argv', ['ballbot', *words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    error = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert told in error
+    assert error.count('\n') == 1
+
+
+def test_without_viser_there_is_a_hint(monkeypatch, capsys, recording):
+    from ballbot_ros.cli.main import main
+
+    monkeypatch.setitem(__import__('sys').modules, 'viser', None)
+    monkeypatch.setattr('sys.argv', ['ballbot', 'view', str(recording)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert 'pip install "ballbot_ros[viewer]"' in capsys.readouterr().err
+
+
+def test_json_of_a_run_names_no_viewer(recording):
+    """The page is no part of what a run depends on: its parameters are not recorded."""
+    from ballbot_ros.recording.reader import RecordingReader
+
+    with RecordingReader(recording) as reader:
+        text = reader.attachments()['parameters.yaml'].data.decode()
+    assert 'viewer' not in json.dumps(text)

@@ -1,0 +1,114 @@
+"""Where the robot's parts are, and what the camera sees of them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.messages.conversions import body_pitch
+from ballbot_ros.parameters import VIEWER, ParameterSet, select
+from ballbot_ros.viewer.floor import Area
+from ballbot_ros.viewer.robot import (
+    BALL,
+    LINKS,
+    Dimensions,
+    Motion,
+    body_orientation,
+    parts,
+    rotate,
+)
+from ballbot_ros.viewer.snapshot import WINDOW_S, History, Snapshot
+from ballbot_ros.viewer.views import CHASER_1, CHASER_2, ROBOT, TOP, TRACKING, VIEWS, camera
+
+DIMENSIONS = select(Dimensions, ParameterSet().values(VIEWER))
+
+
+def now(position=(0.0, 0.0), psi=(0.0, 0.0), time=1.0):
+    return Snapshot(time, position, psi)
+
+
+def test_orientation_is_the_one_that_the_imu_message_tells():
+    class Message:
+        class orientation:  # noqa: N801
+            w, x, y, z = body_orientation((0.2, -0.1))
+
+    assert body_pitch(Message) == pytest.approx((0.2, -0.1))
+
+
+def test_a_forward_lean_brings_the_head_forward_and_a_rightward_lean_right():
+    head = (0.0, 0.0, 1.0)
+    assert rotate(body_orientation((0.3, 0.0)), head)[0] > 0.0
+    assert rotate(body_orientation((0.0, 0.3)), head)[1] < 0.0
+
+
+def test_a_ball_that_has_rolled_its_circumference_looks_as_before():
+    motion = Motion(DIMENSIONS)
+    for way in np.linspace(0.0, 2.0 * math.pi * DIMENSIONS.ball_radius, 50):
+        turn = motion.ball((way, 0.0))
+    assert abs(turn[0]) == pytest.approx(1.0)
+
+
+def test_the_top_of_a_rolling_ball_moves_where_it_rolls():
+    for step, axis, sign in (((1e-3, 0.0), 0, 1.0), ((0.0, 1e-3), 1, -1.0)):
+        motion = Motion(DIMENSIONS)
+        motion.ball((0.0, 0.0))
+        assert sign * rotate(motion.ball(step), (0.0, 0.0, 1.0))[axis] > 0.0
+
+
+def test_wheels_turn_without_slip():
+    """Where wheel and ball touch, both move alike: at the ball's equator, up or down."""
+    angle = 1e-4
+    motion = Motion(DIMENSIONS)
+    place = angle * DIMENSIONS.ball_radius
+    wheel, _ = motion.wheels((place, 0.0), (0.0, 0.0))
+    motion.ball((0.0, 0.0))
+    ball = rotate(motion.ball((place, 0.0)), (-DIMENSIONS.ball_radius, 0.0, 0.0))
+    tyre = rotate(wheel, (DIMENSIONS.wheel_radius, 0.0, 0.0))
+    assert ball[2] == pytest.approx(tyre[2], rel=1e-3)
+    assert ball[2] > 0.0
+
+
+def test_a_body_that_leans_with_the_ball_does_not_turn_the_wheels():
+    x, y = Motion(DIMENSIONS).wheels((0.1 * DIMENSIONS.ball_radius, 0.0), (0.1, 0.0))
+    assert x == pytest.approx((1.0, 0.0, 0.0, 0.0))
+    assert y == pytest.approx((1.0, 0.0, 0.0, 0.0))
+
+
+def test_the_parts_stand_on_the_floor():
+    assert {part.link for part in parts(DIMENSIONS)} == set(LINKS)
+    for part in parts(DIMENSIONS):
+        if part.link != BALL:
+            assert part.position[2] > -DIMENSIONS.ball_radius
+
+
+def test_tracking_views_go_with_the_robot_and_the_others_do_not():
+    area = Area.of(None)
+    for view in VIEWS:
+        here, there = (
+            np.array(camera(view, now(position), DIMENSIONS, area, 1.5).position)
+            for position in ((0.0, 0.0), (0.5, 0.25))
+        )
+        moved = (0.5, -0.25, 0.0) if view in TRACKING else (0.0, 0.0, 0.0)
+        assert there - here == pytest.approx(moved)
+
+
+def test_each_view_stands_where_the_document_says():
+    area = Area.of(None)
+    seen = {view: camera(view, now(), DIMENSIONS, area, 1.5) for view in VIEWS}
+    assert seen[TOP].position[2] > 2.0
+    assert seen[CHASER_1].position[1] > 0.5  # on the left
+    assert seen[CHASER_2].position[0] > 0.5  # in front
+    assert seen[ROBOT].position[0] == pytest.approx(DIMENSIONS.body_depth / 2, abs=0.02)
+    assert seen[ROBOT].look_at[0] > seen[ROBOT].position[0]
+
+
+def test_the_history_holds_the_last_seconds():
+    history = History()
+    for tick in range(3000):
+        history.add(now(time=tick * 0.004))
+        history.add(now(time=tick * 0.004))
+    trace = history.trace()
+    assert abs(len(trace) - WINDOW_S / 0.004) <= 1
+    assert trace[-1, 0] - trace[0, 0] == pytest.approx(WINDOW_S, abs=0.005)
+    history.clear()
+    assert history.trace().shape == (0, 8)
