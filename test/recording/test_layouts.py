@@ -5,6 +5,8 @@ import re
 from pathlib import Path
 from xml.etree import ElementTree
 
+import yaml
+
 from ballbot_ros.messages.topics import TOPICS
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
@@ -32,3 +34,12 @@ def test_plotjuggler_layout():
     assert all(any(curve.startswith(f'{name}/') for name in NAMES) for curve in curves)
     for splitter in layout.iter('DockSplitter'):
         assert int(splitter.get('count')) == len(splitter) == len(splitter.get('sizes').split(';'))
+
+
+def test_rviz_config():
+    config = yaml.safe_load((CONFIG / 'rviz/ballbot.rviz').read_text(encoding='utf-8'))
+    manager = config['Visualization Manager']
+    topics = [display['Topic']['Value'] for display in manager['Displays'] if 'Topic' in display]
+    assert manager['Global Options']['Fixed Frame'] == 'map'
+    assert len(topics) == 2
+    assert set(topics) <= NAMES
