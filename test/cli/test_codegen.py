@@ -200,7 +200,7 @@ def messages(path):
 @pytest.mark.graph
 @pytest.mark.parametrize(
     ('processes', 'controller'),
-    [('none', 'arm'), ('one', 'c'), ('separate', 'c'), ('separate', 'arm')],
+    [('none', 'arm'), ('one', 'c'), ('separate', 'arm')],
 )
 def test_the_compiled_controller_leaves_run_and_recording_as_they_are(
     start_run, tmp_path, processes, controller
