@@ -36,14 +36,14 @@ class SimulatedRecording:
         for name, data in attachments.items():
             self._writer.add_attachment(name, media_type(name), data)
         self._messages = RunMessages(self._write, ball_radius)
-        self._topics: dict[Topic, rosbag2.Topic] = {}
+        self._topics: dict[str, rosbag2.Topic] = {}
         self._flushed_ns = 0
 
     def _write(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
-        recorded = self._topics.get(topic)
+        recorded = self._topics.get(topic.name)
         if recorded is None:
             name = topic.name if topic.name.startswith('/') else f'/{topic.name}'
-            recorded = self._topics[topic] = self._writer.add_topic(name, topic.type_name)
+            recorded = self._topics[topic.name] = self._writer.add_topic(name, topic.type_name)
         self._writer.write(recorded, stamp_ns, data, recorded.count + 1)
 
     def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
