@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ballbot_ros.messages.raw import has_stamp
-from ballbot_ros.messages.topics import CLOCK, Topic
+from ballbot_ros.messages.topics import Topic
 from ballbot_ros.recording.schemas import typestore
 
 _EXTRA, _MISSING = 'recorded, and not replayed', 'replayed, and not recorded'
@@ -109,7 +109,7 @@ class _Pairs:
     def __init__(self, type_name: str) -> None:
         self.recorded: deque[tuple[int, bytes]] = deque()
         self.replayed: deque[tuple[int, bytes]] = deque()
-        self.is_stamped = type_name == CLOCK.type_name or has_stamp(type_name)
+        self.is_stamped = has_stamp(type_name)
         self._type = type_name
 
     def decode(self, data: bytes) -> Any:

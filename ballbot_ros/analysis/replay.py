@@ -146,6 +146,6 @@ def compare_events(reader: RecordingReader, last_ns: int, comparison: Comparison
 def _messages(reader: RecordingReader, run: RecordedRun) -> Iterator[tuple[Topic, int, bytes]]:
     """Iterate over the stamped messages of a run: topic, stamp and CDR."""
     topics = {n: topic for n, topic in recorded_topics(reader).items() if topic not in EVENTS}
-    for name, stamp_ns, _, data in reader.raw_messages(topics):
-        if run.start_ns <= stamp_ns <= run.last_ns:
+    for name, stamp_ns, _, data in reader.raw_messages(topics, run.start_ns):
+        if stamp_ns <= run.last_ns:
             yield topics[name], stamp_ns, data

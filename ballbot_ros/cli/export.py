@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from ballbot_ros.cli.file_progress import FileProgress
+from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.messages.conversions import ball_position, body_pitch
 from ballbot_ros.messages.topics import (
     MOTOR_DUTY,
@@ -53,14 +53,14 @@ def export_file(
         load_pyarrow()
     console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     folder = folder or path.with_name(f'{path.stem}_{file_format}')
-    with RecordingReader(path) as reader, FileProgress(f'exporting {path.name}') as progress:
+    with RecordingReader(path) as reader, file_progress(f'exporting {path.name}') as progress:
         exporter = Exporter(
             reader,
             folder,
             file_format,
             _chosen(reader, topics, console),
             {(_full(topic), topic.type_name): meaning for topic, meaning in _MEANINGS.items()},
-            progress.update,
+            progress,
         )
         if joined:
             exporter.write_joined(TICK_NS, [_full(OPERATING_STATE)])

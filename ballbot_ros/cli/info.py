@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 from rich.console import Console
 
-from ballbot_ros.cli.file_progress import FileProgress
+from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.recording.overview import Overview, TopicOverview, look_at
 
 RUN_TOPIC = '/plant/run'
@@ -17,8 +17,8 @@ RUN_TOPIC = '/plant/run'
 
 def print_info(path: Path, *, as_json: bool) -> None:
     """Print what the recording holds."""
-    with FileProgress(f'reading {path.name}') as progress:
-        overview = look_at(path, RUN_TOPIC, progress.update)
+    with file_progress(f'reading {path.name}') as progress:
+        overview = look_at(path, RUN_TOPIC, progress)
     (_print_json if as_json else _print_text)(overview)
 
 

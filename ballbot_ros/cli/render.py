@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.reading import bar
+from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.viewer.address import require_viser
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
@@ -23,7 +23,7 @@ def render_recording(recording: Path, view: str, output: Path, moment: float | N
         raise ViewerError(f'--time goes with a .png; {output.name} shows the whole run')
     require_viser()
     browser_program()
-    with bar(recording.name) as progress:
+    with file_progress(recording.name) as progress:
         run = Playback(recording, progress)
     if moment is not None and moment > run.end:
         raise ViewerError(f'--time {moment:g}: the run ends at {run.end:g} s')
@@ -34,6 +34,6 @@ def render_recording(recording: Path, view: str, output: Path, moment: float | N
         raise ViewerError(
             f'pictures lack a package ({error}): pip install "ballbot_ros[viewer]"'
         ) from None
-    with bar(output.name) as progress:
+    with file_progress(output.name) as progress:
         render(run, view, output, run.end if moment is None else moment, progress)
     click.echo(f'picture  {output}')

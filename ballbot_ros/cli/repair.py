@@ -6,14 +6,14 @@ from pathlib import Path
 
 from rich.console import Console
 
-from ballbot_ros.cli.file_progress import FileProgress
+from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.recording.repair import repair
 
 
 def repair_file(path: Path, output: Path | None) -> None:
     """Repair a recording, and say what was lost."""
-    with FileProgress(f'repairing {path.name}') as progress:
-        found = repair(path, output, progress.update)
+    with file_progress(f'repairing {path.name}') as progress:
+        found = repair(path, output, progress)
     console = Console(highlight=False, markup=False, soft_wrap=True)
     if found.output is None:
         console.print(f'{path}: nothing to repair, {found.message_count} messages are whole')

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.reading import bar
+from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.stop_request import StopRequest
 from ballbot_ros.viewer.address import check_address, require_viser, warning_of
 from ballbot_ros.viewer.playback import Playback
@@ -20,7 +20,7 @@ def view_recordings(paths: Sequence[Path], host: str, port: int) -> int:
     check_address(host, port)
     runs = []
     for path in paths:
-        with bar(path.name) as progress:
+        with file_progress(path.name) as progress:
             runs.append(Playback(path, progress))
     # Only here: what viser brings with it takes a second to import.
     from ballbot_ros.viewer.page import UPDATE_S, Page
