@@ -14,6 +14,12 @@ from ballbot_ros.messages.conversions import time_ns
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
 from ballbot_ros.parameters import PLANT
 
+PLANT_SILENCE_S = 2.3
+"""The plant reports at 1 Hz; after this it hangs."""
+
+PLANT_STARTUP_S = 30.0
+"""The same until it is heard for the first time: its process has to start."""
+
 
 class GraphMonitor:
     """Sim time and the plant's sign of life.
@@ -39,7 +45,8 @@ class GraphMonitor:
         self._clock = self._subscribe(CLOCK, newest)
         self._diagnostics = self._subscribe(DIAGNOSTICS, QoSProfile(depth=50))
         self.now_ns = 0
-        self._heard_at: float | None = None
+        self._heard_at = time.monotonic()
+        self._limit_s = PLANT_STARTUP_S
         return self
 
     def __exit__(
@@ -60,15 +67,19 @@ class GraphMonitor:
         """Take what has come since the last look."""
         while (clock := _take(self._clock)) is not None:
             self.now_ns = time_ns(clock.clock)
-            self._heard_at = time.monotonic()
+            self._hear()
         while (report := _take(self._diagnostics)) is not None:
             if any(status.name.startswith(f'{PLANT}:') for status in report.status):
-                self._heard_at = time.monotonic()
+                self._hear()
+
+    def _hear(self) -> None:
+        self._heard_at = time.monotonic()
+        self._limit_s = PLANT_SILENCE_S
 
     @property
-    def plant_silence_s(self) -> float:
-        """Time since the plant's last tick or report [s]; 0 before the first."""
-        return 0.0 if self._heard_at is None else time.monotonic() - self._heard_at
+    def plant_hangs(self) -> bool:
+        """Whether the plant has been silent for too long."""
+        return time.monotonic() - self._heard_at > self._limit_s
 
 
 def _take(subscription: Any) -> Any:

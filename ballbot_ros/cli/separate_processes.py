@@ -22,8 +22,6 @@ from ballbot_ros.simulation.trajectory import load_trajectory
 from ballbot_ros.stop_request import StopRequest
 
 POLL_S = 0.05
-PLANT_SILENCE_S = 2.3
-"""The plant reports at 1 Hz; after this it hangs."""
 
 
 def run_in_separate_processes(
@@ -110,7 +108,7 @@ def watch(
             # and the plant tells when it has waited long enough.
             if name == PLANT or process.exit_status == 2:
                 return end
-        if monitor.plant_silence_s > PLANT_SILENCE_S:
+        if monitor.plant_hangs:
             progress.notice(f'{PLANT} does not answer')
             plant.kill()
             return f'{PLANT} does not answer'

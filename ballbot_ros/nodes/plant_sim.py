@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import rclpy
 from rclpy.duration import Duration
 
 from ballbot_ros.errors import BallbotError
@@ -62,12 +63,13 @@ class PlantSim(BallbotNode):
     """
 
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
+        # Before the node is one of the domain's participants.
+        self._lock = DomainLock(rclpy.get_default_context().get_domain_id())
         super().__init__(PLANT, values)
         self._lockstep = self.values['lockstep']
         name = self.values['scenario']
         self._scenario = load_scenario(name) if name else Scenario()
         self._world = World.of(self.values)
-        self._lock = DomainLock(self.context.get_domain_id())
         self._token = f'{time.time_ns():x}'
         self._run_number = 0
         self.summary: dict[str, Any] = {}

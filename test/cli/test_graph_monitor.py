@@ -1,0 +1,37 @@
+"""The look into a running graph."""
+
+import signal
+
+import pytest
+from graph import bound_s, wait_for
+
+from ballbot_ros.cli import graph_monitor
+from ballbot_ros.cli.graph_monitor import GraphMonitor
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.fixture
+def monitor(domain, monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    with GraphMonitor() as monitor:
+        yield monitor
+
+
+@pytest.fixture
+def short_patience(monkeypatch):
+    monkeypatch.setattr(graph_monitor, 'PLANT_STARTUP_S', 0.2)
+
+
+def test_a_plant_that_is_never_heard_hangs(short_patience, monitor):
+    monitor.poll()
+    wait_for(lambda: monitor.plant_hangs, timeout=2.0, what='the end of the patience')
+
+
+def test_a_plant_that_falls_silent_hangs(monitor, start_node):
+    plant = start_node('plant_sim')
+    wait_for(lambda: monitor.poll() or monitor.now_ns, what='the first tick')
+    assert not monitor.plant_hangs
+    plant.process.send_signal(signal.SIGSTOP)
+    wait_for(lambda: monitor.poll() or monitor.plant_hangs, timeout=bound_s(3.0), what='its end')
