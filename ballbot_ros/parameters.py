@@ -29,7 +29,7 @@ PLANT, GYRO, ENCODER, SONAR, CONTROLLER, GAMEPAD, RECORDER = NODES = (
 )
 """The participants of a run."""
 
-PLAYER, VIEWER = OPTIONAL_NODES = ('player', 'viewer')
+PLAYER, VIEWER, SUPERVISOR = OPTIONAL_NODES = ('player', 'viewer', 'supervisor')
 """Nodes that a run does without."""
 
 ALL_NODES = NODES + OPTIONAL_NODES
@@ -345,6 +345,11 @@ TABLE: tuple[Parameter, ...] = (
         ('host', '127.0.0.1', '', None,
          'address of this machine on which the page is served', 'project'),
         ('port', 8080, '1', (0, 65535), 'its port; 0: a free one', 'project'),
+    ),
+    *_rows(
+        SUPERVISOR,
+        ('scenario', '', '', None,
+         'scenario (name or file) of the run that supervisor/start begins', 'project', True),
     ),
 )  # fmt: skip
 

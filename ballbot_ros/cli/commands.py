@@ -49,7 +49,8 @@ from ballbot_ros.viewer.views import VIEWS
 @click.option(
     '--viewer',
     is_flag=True,
-    help='Show the run in a browser, at factor 1 unless another is given; prints the address.',
+    help='Show the run in a browser, at factor 1 unless another is given; prints the address. The '
+    'page stays after the run, for others to be chosen there.',
 )
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def run(
@@ -67,12 +68,11 @@ def run(
     """Run SCENARIO, a name or a YAML file, and judge it by its expectations.
 
     Exit status: 0 if the expectations hold, 1 if they do not or the run failed, 2 for a mistake
-    in the arguments.
+    in the arguments. With --viewer it is that of the last run.
     """
-    from ballbot_ros.cli.run import run_scenario
+    from ballbot_ros.cli.run import RunOptions, require_rclpy, run_scenario
 
-    return run_scenario(
-        scenario,
+    options = RunOptions(
         processes=processes,
         real_time_factor=real_time_factor,
         output=output,
@@ -83,6 +83,12 @@ def run(
         viewer=viewer,
         as_json=as_json,
     )
+    if not viewer:
+        return run_scenario(scenario, options)
+    require_rclpy(', or leave out --viewer')
+    from ballbot_ros.cli.viewer_session import run_with_viewer
+
+    return run_with_viewer(scenario, options)
 
 
 @click.command(short_help='Drive the robot by hand.')

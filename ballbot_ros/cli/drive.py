@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from threading import Thread
 
 import click
-import rclpy
 
 from ballbot_ros.cli.experiment import (
     Experiment,
@@ -22,13 +19,13 @@ from ballbot_ros.cli.experiment import (
     settle_map,
     tidied,
 )
-from ballbot_ros.cli.graph import graph_parameters, write_attachments
+from ballbot_ros.cli.graph import graph_parameters, ros, write_attachments
 from ballbot_ros.cli.graph_monitor import GraphMonitor
 from ballbot_ros.cli.node_process import NodeProcess, stop_all
+from ballbot_ros.cli.node_thread import NodeThread
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.separate_processes import start_nodes, watch
 from ballbot_ros.cli.viewer import require_viewer
-from ballbot_ros.nodes.base import spin
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.parameter_file import write_parameter_file
 from ballbot_ros.parameters import (
@@ -106,7 +103,6 @@ def _drive(
     experiment: Experiment, scratch: Path, progress: Progress, hint: str, *, viewer: bool
 ) -> int:
     """Run the graph; the gamepad node, which may own the terminal, is in this process."""
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     write_attachments(experiment, scratch)
     parameters = graph_parameters(experiment, scratch)
     parameter_file = scratch / 'parameters.yaml'
@@ -115,13 +111,16 @@ def _drive(
     if viewer:
         names.append(VIEWER)
     processes: dict[str, NodeProcess] = {}
-    with StopRequest(numbers=STOP_SIGNALS) as stop, GraphMonitor() as monitor:
-        teleop = _Teleop(parameters)
+    with StopRequest(numbers=STOP_SIGNALS) as stop, ros(), GraphMonitor() as monitor:
+        gamepad = GamepadTeleop(parameters.values(GAMEPAD))
+        thread = NodeThread(gamepad)
         if hint:
             progress.notice(hint)
 
         def is_told_to_stop() -> bool:
-            return bool(stop.signal) or teleop.has_ended
+            # The user has quit, or the terminal has vanished.
+            terminal = gamepad.terminal
+            return bool(stop.signal or gamepad.finished or (terminal and terminal.gone))
 
         try:
             start_nodes(names, parameter_file, progress.notice, processes)
@@ -129,48 +128,10 @@ def _drive(
         finally:
             # The gamepad answers to the end, so that log and recording have the same packets.
             stop_all(processes.values(), last=RECORDER)
-            teleop.close()
-    if teleop.error is not None:
-        raise teleop.error
+            thread.close()
+    if thread.error is not None:
+        raise thread.error
     ends = {process.exit_status for process in processes.values()}
     if failure or 1 in ends or 2 in ends:
         return 2 if 2 in ends else 1
-    return teleop.node.exit_status
-
-
-class _Teleop:
-    """The gamepad node on a thread of its own.
-
-    Attributes
-    ----------
-    node : GamepadTeleop
-    error : BaseException or None
-        What ended it too early.
-    """
-
-    def __init__(self, parameters: ParameterSet) -> None:
-        self.node = GamepadTeleop(parameters.values(GAMEPAD))
-        self.error: BaseException | None = None
-        self._end = rclpy.Future()
-        self._thread = Thread(target=self._spin, name='gamepad_teleop', daemon=True)
-        self._thread.start()
-
-    def _spin(self) -> None:
-        try:
-            spin([self.node], self._end)
-        except BaseException as error:
-            self.error = error
-            self.node.finish()
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether the user has quit, or the terminal has vanished."""
-        terminal = self.node.terminal
-        return self.node.finished or bool(terminal and terminal.gone)
-
-    def close(self) -> None:
-        """End the node."""
-        self._end.set_result(None)
-        self._thread.join(1.0)
-        self.node.close()
-        self.node.destroy_node()
+    return gamepad.exit_status

@@ -2,10 +2,29 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+import rclpy
 
 from ballbot_ros.cli.experiment import Experiment
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
+
+
+@contextmanager
+def ros() -> Iterator[None]:
+    """Have rclpy ready for the nodes of this process, on this machine unless told otherwise."""
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    if rclpy.ok():
+        yield
+        return
+    rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+    try:
+        yield
+    finally:
+        rclpy.try_shutdown()
 
 
 def write_attachments(experiment: Experiment, scratch: Path) -> None:

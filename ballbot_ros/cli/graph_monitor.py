@@ -6,7 +6,6 @@ import time
 from types import TracebackType
 from typing import Any
 
-import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
@@ -34,7 +33,6 @@ class GraphMonitor:
     """
 
     def __enter__(self) -> GraphMonitor:
-        rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
         self._node = Node(
             '_ballbot_monitor',
             use_global_arguments=False,
@@ -56,7 +54,6 @@ class GraphMonitor:
         traceback: TracebackType | None,
     ) -> None:
         self._node.destroy_node()
-        rclpy.try_shutdown()
 
     def _subscribe(self, topic: Any, qos: QoSProfile) -> Any:
         return self._node.create_subscription(

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import rclpy
-
 from ballbot_ros.cli.experiment import Experiment, Finished
-from ballbot_ros.cli.graph import graph_parameters, write_attachments
+from ballbot_ros.cli.graph import graph_parameters, ros, write_attachments
 from ballbot_ros.cli.progress import UPDATE_S, Progress
 from ballbot_ros.nodes.base import BallbotNode, spin
 from ballbot_ros.nodes.controller import Controller
@@ -43,23 +41,22 @@ def run_in_one_process(experiment: Experiment, scratch: Path, progress: Progress
     write_attachments(experiment, scratch)
     parameters = graph_parameters(experiment, scratch)
     nodes: list[BallbotNode] = []
-    rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
-    try:
-        plant = PlantSim(parameters.values(PLANT))
-        nodes.append(plant)
-        nodes += [make(parameters.values(name)) for name, make in _DRIVERS.items()]
-        if experiment.recording:
-            nodes.append(Recorder(parameters.values(RECORDER)))
-        plant.every(UPDATE_S, lambda: progress.update(plant.log.ticks * TICK_NS / SECOND_NS))
-        with StopRequest(plant.finish) as stop:
-            spin(nodes, plant.done)
-        plant.stop()
-        summary = {**plant.summary, 'exit_status': 128 + stop.signal if stop.signal else 1}
-        if plant.exit_status == 2:
-            summary['exit_status'] = 2
-        return Finished(summary, plant.log.trajectory())
-    finally:
-        for node in nodes:
-            node.close()
-            node.destroy_node()
-        rclpy.try_shutdown()
+    with ros():
+        try:
+            plant = PlantSim(parameters.values(PLANT))
+            nodes.append(plant)
+            nodes += [make(parameters.values(name)) for name, make in _DRIVERS.items()]
+            if experiment.recording:
+                nodes.append(Recorder(parameters.values(RECORDER)))
+            plant.every(UPDATE_S, lambda: progress.update(plant.log.ticks * TICK_NS / SECOND_NS))
+            with StopRequest(plant.finish) as stop:
+                spin(nodes, plant.done)
+            plant.stop()
+            summary = {**plant.summary, 'exit_status': 128 + stop.signal if stop.signal else 1}
+            if plant.exit_status == 2:
+                summary['exit_status'] = 2
+            return Finished(summary, plant.log.trajectory())
+        finally:
+            for node in nodes:
+                node.close()
+                node.destroy_node()

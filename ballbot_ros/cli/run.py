@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from ballbot_ros.analysis.figures import draw_motion
@@ -23,59 +24,105 @@ from ballbot_ros.cli.experiment import (
 )
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
-from ballbot_ros.cli.viewer import require_viewer
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import CONTROLLER, GAMEPAD, GYRO, PLANT, ParameterError, ParameterSet
 from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.pacer import SLOWEST
 
 
-def run_scenario(
-    reference: str,
-    *,
-    processes: str,
-    real_time_factor: float | None,
-    output: Path | None,
-    seed: int | None,
-    record: bool,
-    assignments: Sequence[str],
-    controller: str | None,
-    viewer: bool,
-    as_json: bool,
-) -> int:
-    """Run a scenario as the command line says, print its result, return the exit status."""
-    scenario = load_scenario(reference)
+@dataclass(frozen=True)
+class RunOptions:
+    """What the command line says of a run, whatever its scenario.
+
+    Attributes
+    ----------
+    processes : str
+        'separate', 'one' or 'none'.
+    real_time_factor : float or None
+        None: what the scenario says, else 1 to be looked at and 0 otherwise.
+    output : Path or None
+        Folder for the recording; None for a new one.
+    seed : int or None
+        None: what the scenario says.
+    record : bool
+    assignments : sequence of str
+        Values of parameters, as `node.param=value`.
+    controller : str or None
+        What computes; None: what the scenario says.
+    viewer : bool
+        Whether it is shown in a browser.
+    as_json : bool
+        Whether the result is printed as JSON.
+    """
+
+    processes: str
+    real_time_factor: float | None
+    output: Path | None
+    seed: int | None
+    record: bool
+    assignments: Sequence[str]
+    controller: str | None
+    viewer: bool
+    as_json: bool
+
+
+def parameters_of_run(scenario: Scenario, reference: str, options: RunOptions) -> ParameterSet:
+    """Return the parameters of a run.
+
+    Raises
+    ------
+    ParameterError
+        If an option or an assignment is not allowed.
+    """
     parameters = ParameterSet()
     parameters.update(scenario.parameters)
+    real_time_factor = options.real_time_factor
     if real_time_factor is not None and 0.0 < real_time_factor < SLOWEST:
         raise ParameterError(f'--real-time-factor {real_time_factor}: 0, or {SLOWEST} and more')
     if real_time_factor is None and not parameters.is_set(PLANT, 'real_time_factor'):
-        real_time_factor = 1.0 if viewer else 0.0
+        real_time_factor = 1.0 if options.viewer else 0.0
     if real_time_factor is not None:
         parameters.set(PLANT, 'real_time_factor', real_time_factor)
-    if seed is not None:
-        parameters.set(GYRO, 'seed', seed, '--seed')
-    for assignment in assignments:
+    if options.seed is not None:
+        parameters.set(GYRO, 'seed', options.seed, '--seed')
+    for assignment in options.assignments:
         assign(parameters, assignment)
     if parameters.is_set(GAMEPAD, 'scenario'):
         raise ParameterError(f'{GAMEPAD}.scenario can not be set: the scenario is {reference}')
-    if controller:
-        parameters.set(CONTROLLER, 'implementation', controller, '--controller')
-    require_toolchain(parameters)
-    if viewer:
-        require_viewer(parameters, processes)
-    if '/' in reference or reference.endswith(('.yaml', '.yml')):
-        reference = str(Path(reference).resolve())
-    parameters.set(GAMEPAD, 'scenario', reference)
+    if options.controller:
+        parameters.set(CONTROLLER, 'implementation', options.controller, '--controller')
     if parameters.values(PLANT)['duration'] == 0.0:
         raise ParameterError(f'--set {PLANT}.duration=0: a run of a scenario lasts longer than 0 s')
     if not parameters.is_set(GAMEPAD, 'device'):
         # Whatever lies plugged in must not disturb a scenario.
         parameters.set(GAMEPAD, 'device', '')
+    return parameters
+
+
+def run_scenario(
+    reference: str, options: RunOptions, is_replaced: Callable[[], bool] = lambda: False
+) -> int:
+    """Run a scenario as the command line says, print its result, return the exit status.
+
+    Parameters
+    ----------
+    reference : str
+        Name or file of the scenario.
+    options : RunOptions
+    is_replaced : callable
+        Whether another run is to take this one's place, of a graph of processes.
+    """
+    scenario = load_scenario(reference)
+    parameters = parameters_of_run(scenario, reference, options)
+    require_toolchain(parameters)
+    if '/' in reference or reference.endswith(('.yaml', '.yml')):
+        reference = str(Path(reference).resolve())
+    parameters.set(GAMEPAD, 'scenario', reference)
     world = settle_map(parameters)
     floor_map = world.map if world else None
 
-    folder, recording = output_of(scenario.name, output, record=record)
+    folder, recording = output_of(scenario.name, options.output, record=options.record)
     experiment = Experiment(scenario, reference, parameters, recording)
     experiment.attachments = attachments_of(experiment)
 
@@ -86,7 +133,7 @@ def run_scenario(
         scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='ballbot_')))
         progress = stack.enter_context(Progress(scenario.name, duration))
         stack.enter_context(_stdout_to_stderr())
-        finished = _run(processes, experiment, scratch, progress, viewer=viewer)
+        finished = _run(options.processes, experiment, scratch, progress, is_replaced)
 
     summary = finished.summary
     metrics: dict[str, float] = {}
@@ -97,7 +144,7 @@ def run_scenario(
         judgements = judge(scenario.expectations, finished.trajectory, plant_values, clearance)
     result = Result(
         scenario=scenario.name,
-        processes=processes,
+        processes=options.processes,
         seed=int(parameters.values(GYRO)['seed']),
         recording=recording if recording and recording.exists() else None,
         figure=None,
@@ -122,12 +169,16 @@ def run_scenario(
         except OSError as error:
             figure.unlink(missing_ok=True)
             result.verdict = result.verdict.without_picture(f'{figure}: {error.strerror}')
-    (print_json if as_json else print_table)(result)
+    (print_json if options.as_json else print_table)(result)
     return result.verdict.exit_status
 
 
 def _run(
-    processes: str, experiment: Experiment, scratch: Path, progress: Progress, *, viewer: bool
+    processes: str,
+    experiment: Experiment,
+    scratch: Path,
+    progress: Progress,
+    is_replaced: Callable[[], bool],
 ) -> Finished:
     # Each way has imports of its own: without ROS there is no rclpy to import.
     if processes == 'none':
@@ -141,7 +192,7 @@ def _run(
         return run_in_one_process(experiment, scratch, progress)
     from ballbot_ros.cli.separate_processes import run_in_separate_processes
 
-    return run_in_separate_processes(experiment, scratch, progress, viewer=viewer)
+    return run_in_separate_processes(experiment, scratch, progress, is_replaced)
 
 
 @contextmanager

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from ballbot_ros.cli.experiment import Experiment, Finished
-from ballbot_ros.cli.graph import graph_parameters, write_attachments
+from ballbot_ros.cli.graph import graph_parameters, ros, write_attachments
 from ballbot_ros.cli.graph_monitor import GraphMonitor
 from ballbot_ros.cli.node_process import NodeProcess, stop_all
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.parameter_file import write_parameter_file
-from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER, VIEWER
+from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS
 from ballbot_ros.simulation.trajectory import load_trajectory
 from ballbot_ros.stop_request import StopRequest
@@ -25,10 +25,22 @@ POLL_S = 0.05
 
 
 def run_in_separate_processes(
-    experiment: Experiment, scratch: Path, progress: Progress, *, viewer: bool
+    experiment: Experiment,
+    scratch: Path,
+    progress: Progress,
+    is_replaced: Callable[[], bool] = lambda: False,
 ) -> Finished:
-    """Run the graph as processes; all of them have ended when this returns."""
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    """Run the graph as processes; all of them have ended when this returns.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    scratch : Path
+        Folder for what only the nodes need.
+    progress : Progress
+    is_replaced : callable
+        Whether another run is to take this one's place.
+    """
     write_attachments(experiment, scratch)
     parameters = graph_parameters(experiment, scratch)
     trajectory_file = scratch / 'trajectory.npz'
@@ -36,21 +48,23 @@ def run_in_separate_processes(
     parameter_file = scratch / 'parameters.yaml'
     write_parameter_file(parameter_file, parameters, ALL_NODES)
     names = [name for name in NODES if name != RECORDER or experiment.recording]
-    if viewer:
-        names.append(VIEWER)
     processes: dict[str, NodeProcess] = {}
-    with StopRequest() as stop:
+    with StopRequest() as stop, ros():
         try:
             start_nodes(names, parameter_file, progress.notice, processes)
             with GraphMonitor() as monitor:
-                failure = watch(processes, monitor, progress, lambda: bool(stop.signal))
+
+                def is_told_to_stop() -> bool:
+                    return bool(stop.signal) or is_replaced()
+
+                failure = watch(processes, monitor, progress, is_told_to_stop)
         finally:
             stop_all(processes.values(), last=RECORDER)
         if trajectory_file.exists():
             trajectory, summary = load_trajectory(trajectory_file)
         else:
             trajectory, summary = None, {'outcome': 'failed', 'reason': '', 'ticks': 0}
-        return Finished(_judged(summary, failure, processes, stop), trajectory)
+        return Finished(_judged(summary, failure, processes, stop, is_replaced()), trajectory)
 
 
 def start_nodes(
@@ -121,6 +135,7 @@ def _judged(
     failure: str,
     processes: dict[str, NodeProcess],
     stop: StopRequest,
+    is_replaced: bool,
 ) -> dict[str, Any]:
     """Return the plant's summary with what it can't know."""
     judged = dict(summary)
@@ -128,6 +143,8 @@ def _judged(
     dead = [p for p in processes.values() if p.exit_status in (1, 2) and p.name != PLANT]
     if stop.signal:
         judged.update(outcome='stopped', exit_status=128 + stop.signal)
+    elif is_replaced and judged['outcome'] != 'completed':
+        judged.update(outcome='stopped', exit_status=0)
     elif failure:
         judged.update(outcome='failed', reason=failure)
     elif judged['outcome'] == 'completed' and any(p.name == RECORDER for p in dead):

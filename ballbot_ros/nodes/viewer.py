@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import math
-import queue
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
-from std_srvs.srv import SetBool, Trigger
 
 from ballbot_ros.messages.conversions import (
     ball_position,
     body_pitch,
     fill_joy,
-    fill_push,
     stamp_ns,
 )
 from ballbot_ros.messages.raw import decoder
@@ -30,7 +26,6 @@ from ballbot_ros.messages.topics import (
     OPERATING_STATE,
     PLANT_IMU,
     PLANT_ODOM,
-    PUSH,
     RUN,
     SONAR_RANGE,
     SOUND,
@@ -38,21 +33,25 @@ from ballbot_ros.messages.topics import (
     Topic,
 )
 from ballbot_ros.nodes.base import BallbotNode, requested_qos, run_node
-from ballbot_ros.parameters import PLANT, VIEWER, select
-from ballbot_ros.plant.truth import Pair
+from ballbot_ros.nodes.viewer_requests import ViewerRequests
+from ballbot_ros.parameters import VIEWER, select
+from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.simulation.timing import SECOND_NS
 from ballbot_ros.viewer.address import require_viser, warning_of
 from ballbot_ros.viewer.floor import floor_of_grid
 from ballbot_ros.viewer.robot import Dimensions
 from ballbot_ros.viewer.snapshot import History, Snapshot
 from ballbot_ros.viewer.sound import tone_html
-from ballbot_ros.world.floor_map import FloorMap
+from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.library import load_map
 
 _SHOWN = (
     PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, SONAR_RANGE, BATTERY_STATE, OPERATING_STATE, LCD, SOUND,
     MAP, RUN,
 )  # fmt: skip
+_ASKED = ('scenario', 'map', *(field.name for field in fields(Dimensions)))
+"""Parameters of the plant that tell what is to be seen."""
+
 _STICK_PERIOD_S = 0.05
 _FACTOR_SPAN_S = 1.0
 _LATE_TONE_NS = SECOND_NS // 2
@@ -75,9 +74,9 @@ class Viewer(BallbotNode):
         self._page = Page(select(Dimensions, self.values), 'NXT Ballbot', host, port)
         self._panel = Panel(self._page.server.gui)
         self._panel_period = PERIOD
-        self._robot = self._page.scene.add_robot('robot')
-        self._requests = Requests(self)
-        self._controls = LiveControls(self._page.server.gui, self._requests)
+        self._robot = self._page.show_robot(self._page.dimensions)
+        self._requests = ViewerRequests(self, self._page.notify)
+        self._controls = LiveControls(self._page.server.gui, self._requests, scenario_names())
         self._newest = Newest(self)
         self._history = History()
         self._ticks: list[tuple[float, float]] = []
@@ -111,6 +110,7 @@ class Viewer(BallbotNode):
         self._page.look(now)
         if self._updates % self._panel_period == 0:
             self._panel.show(now, self._history.trace(), self._factor(now.time))
+            self._controls.offer_scenarios(offer=self._requests.can_start)
 
     def _snapshot(self) -> Snapshot | None:
         newest = self._newest
@@ -126,22 +126,41 @@ class Viewer(BallbotNode):
             duty=(duty.vector.x, duty.vector.y) if duty else (math.nan, math.nan),
             sonar=sonar.range if sonar else math.nan,
             battery=battery.voltage if battery else math.nan,
-            state=state.data if state else '',
+            state=self._state(state.data if state else ''),
             lcd=lcd.data if lcd else '',
         )
+
+    def _state(self, operating_state: str) -> str:
+        """Return the operating state, or that there is no plant any more."""
+        return 'run ended' if self._requests.lost_plant else operating_state
 
     def _begin(self, now: Snapshot) -> None:
         """Show the floor of a run that begins, and forget the run before it."""
         self._history.clear()
         self._robot.trace([])
-        self._page.show_floor(self._map(), (now.position[0], -now.position[1]))
+        self._show_floor(now)
+        self._requests.plant_parameters(_ASKED, self._take_parameters)
 
-    def _map(self) -> FloorMap | None:
-        """Return the map of the parameter, which has the lines, or the walls that are published."""
+    def _take_parameters(self, values: Mapping[str, Any]) -> None:
+        """Show what the plant says that it simulates."""
+        try:
+            self._floor = load_map(values['map']) if values['map'] else None
+        except WorldError:  # it is on another machine
+            self._floor = None
+        self._controls.show_scenario(values['scenario'])
+        dimensions = select(Dimensions, values)
+        if dimensions != self._page.dimensions:
+            self._robot = self._page.show_robot(dimensions)
+        if now := self._snapshot():
+            self._show_floor(now)
+
+    def _show_floor(self, now: Snapshot) -> None:
+        """Show the map, which has the lines, or else the walls that are published."""
         message = self._newest[MAP]
-        if self._floor is not None or message is None:
-            return self._floor
-        return floor_of_grid(message)
+        floor = self._floor
+        if floor is None and message is not None:
+            floor = floor_of_grid(message)
+        self._page.show_floor(floor, (now.position[0], -now.position[1]))
 
     def _sound(self) -> None:
         """Play a tone that is new, not one that a latched topic has kept."""
@@ -222,68 +241,6 @@ class Newest:
     def close(self) -> None:
         """Take leave of the topics."""
         self._inbox.destroy_node()
-
-
-class Requests:
-    """What the page asks of the plant, through its services and topics.
-
-    The page calls from its own threads; the node's makes the requests.
-    """
-
-    def __init__(self, node: BallbotNode) -> None:
-        self._node = node
-        self._waiting: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._clients = {
-            name: node.create_client(kind, f'{PLANT}/{name}')
-            for name, kind in (
-                ('pause', SetBool),
-                ('step', Trigger),
-                ('reset', Trigger),
-                ('set_parameters', SetParameters),
-            )
-        }
-        self._push = node.advertise(PUSH, depth=1)
-        self._push_message = PUSH.message_class()
-
-    def make(self) -> None:
-        """Make the requests that wait."""
-        while not self._waiting.empty():
-            self._waiting.get()()
-
-    def _call(self, name: str, request: Any) -> None:
-        client = self._clients[name]
-        if client.service_is_ready():
-            client.call_async(request)
-        else:
-            self._node.get_logger().warning(f'{PLANT}/{name}: no such service at present')
-
-    def pause(self, pause: bool) -> None:
-        """Hold the plant, or let it go on."""
-        self._waiting.put(lambda: self._call('pause', SetBool.Request(data=pause)))
-
-    def step(self) -> None:
-        """Let a paused plant go on by one tick."""
-        self._waiting.put(lambda: self._call('step', Trigger.Request()))
-
-    def reset(self) -> None:
-        """Begin a new run."""
-        self._waiting.put(lambda: self._call('reset', Trigger.Request()))
-
-    def pace(self, factor: float) -> None:
-        """Set the real-time factor; 0 is as fast as it can."""
-        value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=factor)
-        parameter = Parameter(name='real_time_factor', value=value)
-        request = SetParameters.Request(parameters=[parameter])
-        self._waiting.put(lambda: self._call('set_parameters', request))
-
-    def push(self, force: Pair) -> None:
-        """Push the body [N], in plane signs."""
-
-        def publish() -> None:
-            fill_push(self._push_message, self._node.now_ns, force)
-            self._push.publish(self._push_message)
-
-        self._waiting.put(publish)
 
 
 def main() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import viser
@@ -43,6 +43,9 @@ class Robot(Protocol):
     def push(self, force: Pair) -> None:
         """Push the body [N], in plane signs."""
 
+    def start(self, scenario: str) -> None:
+        """End the run, and begin one of another scenario."""
+
 
 class Sticks:
     """The on-screen sticks: held as long as the page tells so."""
@@ -70,13 +73,15 @@ class LiveControls:
     ----------
     gui : viser.GuiApi
     robot : Robot
+    scenarios : sequence of str
+        Names of those that may be started.
 
     Attributes
     ----------
     sticks : Sticks
     """
 
-    def __init__(self, gui: viser.GuiApi, robot: Robot) -> None:
+    def __init__(self, gui: viser.GuiApi, robot: Robot, scenarios: Sequence[str]) -> None:
         self.sticks = Sticks()
         acts: dict[str, Callable[[], None]] = {
             PAUSE: lambda: robot.pause(True),
@@ -88,6 +93,10 @@ class LiveControls:
             self._on_press(gui.add_button_group('Run', TIME_BUTTONS), lambda name: acts[name]())
             speed = gui.add_button_group('Speed', tuple(SPEEDS))
             self._on_press(speed, lambda name: robot.pace(SPEEDS[name]))
+        self._chooser = gui.add_folder('Scenario', order=1.5, visible=False)
+        with self._chooser:
+            self._next: Any = gui.add_dropdown('Next', tuple(scenarios))
+            gui.add_button('Start').on_click(lambda _: robot.start(self._next.value))
         with gui.add_folder('Push', order=2.0, expand_by_default=False):
             size = gui.add_slider('Force [N]', 0.1, 3.0, 0.1, 1.0)
             push = gui.add_button_group('Direction', tuple(DIRECTIONS))
@@ -101,6 +110,16 @@ class LiveControls:
             self._strength = gui.add_slider('Stick [%]', 10, 100, 5, 50)
             for direction in DIRECTIONS:
                 self._add_stick(gui, direction)
+
+    def offer_scenarios(self, *, offer: bool) -> None:
+        """Show the choice of the next scenario, or hide it."""
+        if self._chooser.visible != offer:
+            self._chooser.visible = offer
+
+    def show_scenario(self, name: str) -> None:
+        """Show which scenario runs, if it is one of those to choose from."""
+        if name in self._next.options:
+            self._next.value = name
 
     @staticmethod
     def _on_press(group: Any, act: Callable[[str], None]) -> None:

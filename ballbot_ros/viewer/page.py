@@ -14,7 +14,7 @@ import viser
 from ballbot_ros.viewer.address import check_address
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.robot import Dimensions
-from ballbot_ros.viewer.scene import Scene
+from ballbot_ros.viewer.scene import Robot, Scene
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.views import TITLES, TRACKING, VIEWS, VISTA, Camera, camera
 from ballbot_ros.world.floor_map import FloorMap
@@ -24,6 +24,7 @@ UPDATE_S = 1.0 / 60.0
 
 PANEL_WIDTH = 340
 _ORBIT = 'orbit'
+_NOTICE_S = 5.0
 
 
 class Page:
@@ -52,6 +53,7 @@ class Page:
         with contextlib.redirect_stdout(io.StringIO()):  # it greets at length
             self.server = viser.ViserServer(host, port, label=title, verbose=False)
         self._host = host
+        self._title = title
         self._dimensions = dimensions
         self._area = Area.of(None)
         self._now: Snapshot | None = None
@@ -62,7 +64,7 @@ class Page:
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(238, 122, 40))
         gui.main_panel.dock_right()
         gui.main_panel.set_width(PANEL_WIDTH)
-        self.scene = Scene(self.server.scene, dimensions)
+        self.scene = Scene(self.server.scene)
         self.server.on_client_connect(self._welcome)
         self.server.on_client_disconnect(self._forget)
 
@@ -72,9 +74,24 @@ class Page:
         return f'http://{self._host}:{self.server.get_port()}'
 
     @property
+    def dimensions(self) -> Dimensions:
+        """What the robot's shape follows from."""
+        return self._dimensions
+
+    @property
     def is_watched(self) -> bool:
         """Whether anybody looks."""
         return bool(self._views)
+
+    def show_robot(self, dimensions: Dimensions) -> Robot:
+        """Show the robot, or another in its place."""
+        self._dimensions = dimensions
+        return self.scene.add_robot('robot', dimensions)
+
+    def notify(self, text: str) -> None:
+        """Tell all who look something that passes."""
+        for client in self.server.get_clients().values():
+            client.add_notification(self._title, text, auto_close_seconds=_NOTICE_S)
 
     def show_floor(self, floor_map: FloorMap | None, start: tuple[float, float]) -> None:
         """Show a map, or a floor without end around `start` (x, y in ``map``) [m]."""

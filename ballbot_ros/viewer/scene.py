@@ -57,12 +57,10 @@ class Scene:
     Parameters
     ----------
     api : viser.SceneApi
-    dimensions : Dimensions
     """
 
-    def __init__(self, api: SceneApi, dimensions: Dimensions) -> None:
+    def __init__(self, api: SceneApi) -> None:
         self._api = api
-        self._dimensions = dimensions
         api.set_up_direction('+z')
         api.configure_default_lights(enabled=False)
         api.configure_environment_map(hdri=None)  # it would wash out the shadows
@@ -107,9 +105,10 @@ class Scene:
             flat_shading=True, cast_shadow=high > 2 * _LIFT,
         )  # fmt: skip
 
-    def add_robot(self, name: str, *, ghost: bool = False) -> Robot:
-        """Add a robot; a ghost is see-through."""
-        return Robot(self._api, name, self._dimensions, ghost=ghost)
+    def add_robot(self, name: str, dimensions: Dimensions, *, ghost: bool = False) -> Robot:
+        """Add a robot, in place of one of that name; a ghost is see-through."""
+        self._api.remove_by_name(f'/{name}')
+        return Robot(self._api, name, dimensions, ghost=ghost)
 
 
 class Robot:

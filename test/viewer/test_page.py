@@ -15,9 +15,12 @@ from ros_client import Client  # noqa: E402
 
 from ballbot_ros.messages.conversions import ball_position, body_pitch  # noqa: E402
 from ballbot_ros.messages.topics import ACCEPTED_PUSH, PLANT_IMU, PLANT_ODOM  # noqa: E402
+from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
+from ballbot_ros.viewer.panel import Panel  # noqa: E402
 from ballbot_ros.viewer.playback import Playback  # noqa: E402
 from ballbot_ros.viewer.player import Player  # noqa: E402
+from ballbot_ros.viewer.snapshot import History, Snapshot  # noqa: E402
 
 DRIVE = (
     'drive', '--viewer', '--no-keyboard', '--no-record', '--map', 'track', '--start', '0', '-0.3',
@@ -140,3 +143,36 @@ def test_a_browser_that_stops_reading_holds_up_nobody(recording):
     page.stop()
     assert slowest < 1.0
     assert waiting < 500
+
+
+class StubRobot:
+    """Notes what the page asks for."""
+
+    def __init__(self):
+        self.asked = []
+
+    def __getattr__(self, name):
+        return lambda *arguments: self.asked.append((name, *arguments))
+
+
+def test_scenarios_are_offered_where_they_can_be_started(recording):
+    page = Page(Playback(recording).dimensions, 'test', '127.0.0.1', 0)
+    robot = StubRobot()
+    controls = LiveControls(page.server.gui, robot, ['push', 'square', 'stationary'])
+    Panel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)), History().trace())
+    with browsing(page.address) as browser:
+        assert browser.page.get_by_role('button', name='Start', exact=True).count() == 0
+        controls.offer_scenarios(offer=True)
+        controls.show_scenario('square')
+        browser.press('Start')
+        wait_until(lambda: robot.asked == [('start', 'square')], browser)
+        browser.page.get_by_label('Next').click()
+        browser.page.get_by_role('option', name='push').click()
+        browser.press('Start')
+        wait_until(lambda: robot.asked[1:] == [('start', 'push')], browser)
+        page.notify('push begins')
+        browser.wait_for_text('push begins')
+        controls.offer_scenarios(offer=False)
+        browser.page.get_by_role('button', name='Start').wait_for(state='hidden')
+        assert browser.errors == []
+    page.stop()

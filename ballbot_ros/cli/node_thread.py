@@ -1,0 +1,44 @@
+"""A node on a thread of its own, in the process of a command."""
+
+from __future__ import annotations
+
+from threading import Thread
+
+import rclpy
+
+from ballbot_ros.nodes.base import BallbotNode, spin
+
+
+class NodeThread:
+    """Runs a node's callbacks until it is closed.
+
+    Parameters
+    ----------
+    node : BallbotNode
+
+    Attributes
+    ----------
+    error : BaseException or None
+        What ended it too early.
+    """
+
+    def __init__(self, node: BallbotNode) -> None:
+        self._node = node
+        self.error: BaseException | None = None
+        self._end = rclpy.Future()
+        self._thread = Thread(target=self._spin, name=node.get_name(), daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        try:
+            spin([self._node], self._end)
+        except BaseException as error:
+            self.error = error
+            self._node.finish()
+
+    def close(self) -> None:
+        """End the node."""
+        self._end.set_result(None)
+        self._thread.join(1.0)
+        self._node.close()
+        self._node.destroy_node()

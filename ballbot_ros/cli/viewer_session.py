@@ -1,0 +1,119 @@
+"""`ballbot run --viewer`: a page that stays from one run to the next."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from contextlib import ExitStack
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+
+from rich.console import Console
+
+from ballbot_ros.cli.graph import ros
+from ballbot_ros.cli.node_process import NodeProcess, stop_all
+from ballbot_ros.cli.node_thread import NodeThread
+from ballbot_ros.cli.run import RunOptions, parameters_of_run, run_scenario
+from ballbot_ros.cli.viewer import require_viewer
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.supervisor import Supervisor
+from ballbot_ros.parameter_file import write_parameter_file
+from ballbot_ros.parameters import VIEWER, ParameterSet
+from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.stop_request import StopRequest
+
+POLL_S = 0.05
+
+
+def run_with_viewer(reference: str, options: RunOptions) -> int:
+    """Run a scenario, then whichever the page asks for; return the exit status of the last.
+
+    With a folder for the recording, the later runs have folders 2, 3 ... in it.
+
+    Raises
+    ------
+    BallbotError
+        If the first can't be run as the command line says. What is wrong with a later one is
+        printed, and the page stays.
+    """
+    parameters = parameters_of_run(load_scenario(reference), reference, options)
+    require_viewer(parameters, options.processes)
+    console = Console(stderr=True, highlight=False)
+    with StopRequest() as stop, ViewerSession(parameters, reference, console) as session:
+        status = run_scenario(reference, options, session.is_asked_for_another)
+        for number in count(2):
+            # A status beyond 128 tells of a signal: whoever sent it wants all to end.
+            if status >= 128 or stop.signal or not (chosen := session.wait_for_choice(stop)):
+                return status
+            folder = options.output and options.output / str(number)
+            try:
+                status = run_scenario(
+                    chosen, replace(options, output=folder), session.is_asked_for_another
+                )
+            except BallbotError as error:
+                console.print(f'error: {error}', markup=False, soft_wrap=True)
+                status = 2
+    return status
+
+
+class ViewerSession:
+    """The viewer's process, and the node that takes the page's wishes.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+        Those of the first run, which say where the page is served.
+    reference : str
+        Its scenario.
+    console : Console
+        Where the viewer's lines are printed.
+    """
+
+    def __init__(self, parameters: ParameterSet, reference: str, console: Console) -> None:
+        self._parameters = parameters
+        self._reference = reference
+        self._console = console
+        self._stack = ExitStack()
+
+    def __enter__(self) -> ViewerSession:
+        with ExitStack() as stack:
+            stack.enter_context(ros())
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix='ballbot_'))
+            parameter_file = Path(folder) / 'parameters.yaml'
+            write_parameter_file(parameter_file, _address(self._parameters), [VIEWER])
+            self._viewer = NodeProcess(VIEWER, parameter_file, self._print)
+            stack.callback(stop_all, [self._viewer], last='')
+            self._supervisor = Supervisor(self._reference)
+            stack.callback(NodeThread(self._supervisor).close)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def _print(self, line: str) -> None:
+        self._console.print(line, markup=False, soft_wrap=True)
+
+    def is_asked_for_another(self) -> bool:
+        """Whether the page asks for another run."""
+        return bool(self._supervisor.wish)
+
+    def wait_for_choice(self, stop: StopRequest) -> str:
+        """Wait while the page is there; return the scenario that it asks for, else nothing."""
+        if not self._supervisor.wish and self._viewer.running:
+            self._print('the page stays: choose a scenario there, or end with Ctrl-C')
+        while self._viewer.running and not stop.signal:
+            if wish := self._supervisor.wish:
+                self._supervisor.wish = ''
+                return wish
+            time.sleep(POLL_S)
+        return ''
+
+
+def _address(parameters: ParameterSet) -> ParameterSet:
+    """Return where the page is served; what is shown, the viewer learns from each run's plant."""
+    address = ParameterSet()
+    for name in ('host', 'port'):
+        address.set(VIEWER, name, parameters.values(VIEWER)[name])
+    return address

@@ -1,0 +1,41 @@
+"""Lets whoever looks at a run choose the scenario of the next."""
+
+from __future__ import annotations
+
+from std_srvs.srv import Trigger
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.base import BallbotNode
+from ballbot_ros.parameters import SUPERVISOR
+from ballbot_ros.scenario.library import load_scenario
+
+
+class Supervisor(BallbotNode):
+    """Takes wishes; the command that runs the graph grants them.
+
+    Parameters
+    ----------
+    scenario : str
+        Name or file of the scenario that runs.
+
+    Attributes
+    ----------
+    wish : str
+        Name or file of the scenario that is to run; empty for none.
+    """
+
+    def __init__(self, scenario: str) -> None:
+        super().__init__(SUPERVISOR, {'scenario': scenario})
+        self.wish = ''
+        self.create_service(Trigger, f'{SUPERVISOR}/start', self._start)
+
+    def _start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        name = self.values['scenario']
+        try:
+            load_scenario(name)
+        except BallbotError as error:
+            response.message = str(error)
+            return response
+        self.wish = name
+        response.success = True
+        return response

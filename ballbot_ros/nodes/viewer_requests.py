@@ -1,0 +1,132 @@
+"""What the page asks of the graph, through its services and topics."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import Parameter
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter import parameter_value_to_python
+from std_srvs.srv import SetBool, Trigger
+
+from ballbot_ros.messages.conversions import fill_push
+from ballbot_ros.messages.topics import PUSH
+from ballbot_ros.nodes.base import BallbotNode
+from ballbot_ros.parameters import PLANT, SUPERVISOR
+from ballbot_ros.plant.truth import Pair
+
+_SERVICES = {
+    f'{PLANT}/pause': SetBool,
+    f'{PLANT}/step': Trigger,
+    f'{PLANT}/reset': Trigger,
+    f'{PLANT}/set_parameters': SetParameters,
+    f'{PLANT}/get_parameters': GetParameters,
+    f'{SUPERVISOR}/set_parameters': SetParameters,
+    f'{SUPERVISOR}/start': Trigger,
+}
+
+
+class ViewerRequests:
+    """The page calls from its own threads; the node's makes the requests.
+
+    Parameters
+    ----------
+    node : BallbotNode
+    tell : callable
+        Takes what is to be told to those who look.
+    """
+
+    def __init__(self, node: BallbotNode, tell: Callable[[str], None]) -> None:
+        self._node = node
+        self._tell = tell
+        self._waiting: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._clients = {name: node.create_client(kind, name) for name, kind in _SERVICES.items()}
+        self._push = node.advertise(PUSH, depth=1)
+        self._push_message = PUSH.message_class()
+        self._had_plant = False
+
+    @property
+    def lost_plant(self) -> bool:
+        """Whether there was a plant, and now there is none."""
+        has_plant = self._clients[f'{PLANT}/pause'].service_is_ready()
+        self._had_plant |= has_plant
+        return self._had_plant and not has_plant
+
+    @property
+    def can_start(self) -> bool:
+        """Whether somebody runs the graph who can start another scenario."""
+        return bool(self._clients[f'{SUPERVISOR}/start'].service_is_ready())
+
+    def make(self) -> None:
+        """Make the requests that wait."""
+        while not self._waiting.empty():
+            self._waiting.get()()
+
+    def _call(
+        self, name: str, request: Any, then: Callable[[Any], None] = lambda response: None
+    ) -> None:
+        client = self._clients[name]
+        if client.service_is_ready():
+            client.call_async(request).add_done_callback(lambda future: then(future.result()))
+        else:
+            self._tell(f'{name}: no such service at present')
+
+    def pause(self, pause: bool) -> None:
+        """Hold the plant, or let it go on."""
+        self._waiting.put(lambda: self._call(f'{PLANT}/pause', SetBool.Request(data=pause)))
+
+    def step(self) -> None:
+        """Let a paused plant go on by one tick."""
+        self._waiting.put(lambda: self._call(f'{PLANT}/step', Trigger.Request()))
+
+    def reset(self) -> None:
+        """Begin a new run."""
+        self._waiting.put(lambda: self._call(f'{PLANT}/reset', Trigger.Request()))
+
+    def pace(self, factor: float) -> None:
+        """Set the real-time factor; 0 is as fast as it can."""
+        request = _setting('real_time_factor', factor)
+        self._waiting.put(lambda: self._call(f'{PLANT}/set_parameters', request))
+
+    def push(self, force: Pair) -> None:
+        """Push the body [N], in plane signs."""
+
+        def publish() -> None:
+            fill_push(self._push_message, self._node.now_ns, force)
+            self._push.publish(self._push_message)
+
+        self._waiting.put(publish)
+
+    def start(self, scenario: str) -> None:
+        """End the run, and begin one of another scenario."""
+
+        def begin(_: Any) -> None:
+            self._call(f'{SUPERVISOR}/start', Trigger.Request(), tell)
+
+        def tell(answer: Trigger.Response) -> None:
+            self._tell(f'{scenario} begins' if answer.success else answer.message)
+
+        request = _setting('scenario', scenario)
+        self._waiting.put(lambda: self._call(f'{SUPERVISOR}/set_parameters', request, begin))
+
+    def plant_parameters(
+        self, names: Sequence[str], then: Callable[[dict[str, Any]], None]
+    ) -> None:
+        """Ask the plant, if there is one, for parameters; hand their values to `then`."""
+        client = self._clients[f'{PLANT}/get_parameters']
+        if not client.service_is_ready():
+            return
+
+        def take(response: GetParameters.Response) -> None:
+            values = map(parameter_value_to_python, response.values)
+            then(dict(zip(names, values, strict=True)))
+
+        self._call(f'{PLANT}/get_parameters', GetParameters.Request(names=names), take)
+
+
+def _setting(name: str, value: Any) -> SetParameters.Request:
+    message: Parameter = RosParameter(name, value=value).to_parameter_msg()
+    return SetParameters.Request(parameters=[message])
