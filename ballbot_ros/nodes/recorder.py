@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import sys
+import time
 from collections.abc import Mapping
 from datetime import datetime
 from operator import itemgetter
@@ -66,6 +68,7 @@ class Recorder(BallbotNode):
         for topic in TOPICS:
             self._subscribe(topic, requested_qos(topic, HISTORY))
         self._periodic = [c for c in self._channels.values() if c.topic.period_ns]
+        self._late: list[_Item] = []
         self._refused: set[str] = set()
         self._acked_ns = 0
         self._lost = 0
@@ -85,13 +88,22 @@ class Recorder(BallbotNode):
         self._channels[subscription.topic_name] = _Channel(topic, subscription)
 
     def _poll(self) -> None:
-        """Write what has come, in the order in which it came, and acknowledge it."""
+        """Write what has come until now, in the order in which it came, and acknowledge it.
+
+        What comes while the topics are looked at one by one waits for the next time: of an
+        earlier topic there may be something older.
+        """
+        self._write_until(time.time_ns())
+
+    def _write_until(self, received_ns: float) -> None:
         if self.exit_status:
             return
-        batch: list[_Item] = []
+        taken: list[_Item] = []
         for channel in self._channels.values():
-            channel.take_into(batch)
+            channel.take_into(taken)
+        batch = self._late + [item for item in taken if item[0] <= received_ns]
         batch.sort(key=itemgetter(0))
+        self._late = [item for item in taken if item[0] > received_ns]
         try:
             for _, channel, data, sequence in batch:
                 self._write(channel, data, sequence)
@@ -190,7 +202,7 @@ class Recorder(BallbotNode):
 
     def close(self) -> None:
         """Take what has still come, and finish the file."""
-        self._poll()
+        self._write_until(math.inf)
         self._inbox.destroy_node()
         if self._outcome and self.exit_status == 0:
             self._writer.add_outcome(self._outcome)
