@@ -99,10 +99,9 @@ class Run:
             [*BALLBOT, 'run', *map(str, arguments)],
             env=environment(domain),
             stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
             stdin=subprocess.DEVNULL,
             text=True,
-            **popen,
+            **{'stderr': subprocess.PIPE, **popen},
         )
         self.stderr = self.stdout = ''
 

@@ -6,6 +6,7 @@ import pytest
 from graph import bound_s, wait_for
 
 from ballbot_ros.cli import graph_monitor
+from ballbot_ros.cli.graph import ros
 from ballbot_ros.cli.graph_monitor import GraphMonitor
 
 pytestmark = pytest.mark.graph
@@ -15,7 +16,7 @@ pytestmark = pytest.mark.graph
 def monitor(domain, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    with GraphMonitor() as monitor:
+    with ros(), GraphMonitor() as monitor:
         yield monitor
 
 

@@ -6,6 +6,7 @@ import time
 
 import pytest
 from graph import NODES, alive, bound_s, wait_for
+from terminal import Terminal
 
 from ballbot_ros.recording.reader import RecordingReader
 
@@ -15,29 +16,31 @@ SIM_TIME_S = 60.0
 
 
 def first_ticks_are_recorded(path):
-    """Whether seconds of sim time are in the file, so that everybody has found everybody."""
-    return path.exists() and path.stat().st_size > 300_000
+    return path.exists() and path.stat().st_size > 20_000
 
 
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP], ids=lambda n: n.name)
 @pytest.mark.parametrize('victim', NODES)
 def test_a_lost_node_is_named_within_3_s(start_run, tmp_path, victim, number):
     recording = tmp_path / 'stationary.mcap'
-    run = start_run('stationary', '--output', tmp_path, '--set', f'plant_sim.duration={SIM_TIME_S}')
+    terminal = Terminal()
+    run = start_run(
+        'stationary', '--output', tmp_path, '--set', f'plant_sim.duration={SIM_TIME_S}',
+        stderr=terminal.side,
+    )  # fmt: skip
     pids = run.nodes()
+    # The bar shows time as soon as the command itself hears the plant.
+    terminal.wait_for_text(f' / {SIM_TIME_S:g} s'.encode(), timeout=40.0)
     wait_for(lambda: first_ticks_are_recorded(recording), what='the recording')
 
     os.kill(pids[victim], number)
     at = time.monotonic()
-    line = ''
-    while victim not in line:
-        line = run.process.stderr.readline()
-        assert line, 'the run ended without naming the node'
+    terminal.wait_for_text(victim.encode(), timeout=40.0)
     assert time.monotonic() - at < bound_s(3.0)
     assert run.finish(timeout=60.0) == 1
     verdict = next(line for line in run.stdout.splitlines() if line.startswith('failed: '))
     assert victim in verdict
-    assert 'Traceback' not in run.stderr + run.stdout
+    assert 'Traceback' not in run.stdout
     assert not any(alive(pid) for pid in pids.values())
 
     with RecordingReader(recording) as reader:

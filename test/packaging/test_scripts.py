@@ -321,7 +321,7 @@ def test_missing_command_is_installed_again(machine):
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_interrupted_set_up_is_made_anew(machine, number):
     machine.python()
-    machine.pip('sleep 60')
+    machine.pip('exec sleep 60')
     process = machine.start('run')
     machine.wait_for_calls(2)
     os.killpg(process.pid, number)
@@ -335,7 +335,7 @@ def test_interrupted_set_up_is_made_anew(machine, number):
 def test_interrupted_update_is_done_again(machine):
     machine.python()
     machine.run('run')
-    machine.pip('sleep 60')
+    machine.pip('exec sleep 60')
     process = machine.start('test')
     machine.wait_for_calls(3)
     os.killpg(process.pid, signal.SIGKILL)

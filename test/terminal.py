@@ -1,0 +1,37 @@
+"""A terminal that a test holds, and what appears on it."""
+
+import contextlib
+import fcntl
+import os
+import pty
+import struct
+import termios
+import threading
+
+from graph import wait_for
+
+
+class Terminal:
+    """A pseudo terminal of 24 by 100 characters; a process gets its `side`."""
+
+    def __init__(self):
+        self._ours, self.side = pty.openpty()
+        fcntl.ioctl(self.side, termios.TIOCSWINSZ, struct.pack('HHHH', 24, 100, 0, 0))
+        self.screen = b''
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self):
+        with contextlib.suppress(OSError):
+            while data := os.read(self._ours, 4096):
+                self.screen += data
+
+    def press(self, keys):
+        os.write(self._ours, keys)
+
+    def wait_for_text(self, text, since=0, timeout=20.0):
+        wait_for(
+            lambda: text in self.screen[since:], timeout=timeout, what=f'{text!r} on the screen'
+        )
+
+    def hang_up(self):
+        os.close(self._ours)
