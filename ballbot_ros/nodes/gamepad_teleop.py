@@ -45,8 +45,7 @@ class GamepadTeleop(BallbotNode):
         self._held_ns: int | None = None
         self._answered_ns: int | None = None
         self._command = Command(SCENARIO, NEUTRAL)
-        self._publisher = self.advertise(GAMEPAD_JOY)
-        self._message = GAMEPAD_JOY.message_class()
+        self._output = self.output(GAMEPAD_JOY)
         self._sources = Arbiter()
         self._complaints = Complaints()
         self._log = CsvLog(Path(self.values['log_csv'])) if self.values['log_csv'] else None
@@ -85,8 +84,8 @@ class GamepadTeleop(BallbotNode):
         if now_ns != self._answered_ns:
             self._answered_ns = now_ns
             self._decide(elapsed * 1e-9)
-            fill_sticks(self._message, now_ns, self._command.sticks, self._command.source)
-        self._publisher.publish(self._message)
+            fill_sticks(self._output.message, now_ns, self._command.sticks, self._command.source)
+        self._output.send(now_ns)
         self.sampled(now_ns)
 
     def _decide(self, elapsed_s: float) -> None:
