@@ -42,8 +42,8 @@ class SimulatedRecording:
     def _write(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
         recorded = self._topics.get(topic.name)
         if recorded is None:
-            name = topic.name if topic.name.startswith('/') else f'/{topic.name}'
-            recorded = self._topics[topic.name] = self._writer.add_topic(name, topic.type_name)
+            recorded = self._writer.add_topic(topic.resolved(), topic.type_name)
+            self._topics[topic.name] = recorded
         self._writer.write(recorded, stamp_ns, data, recorded.count + 1)
 
     def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:

@@ -42,6 +42,10 @@ class Topic(NamedTuple):
         """The rclpy message class."""
         return message_class(self.type_name)
 
+    def resolved(self, namespace: str = '') -> str:
+        """Return the name in the graph and in recordings; `namespace` is '' or like ``/robot``."""
+        return self.name if self.name.startswith('/') else f'{namespace}/{self.name}'
+
 
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', PLANT, TICK_NS)
 RUN = Topic('plant/run', 'std_msgs/msg/Header', PLANT)
