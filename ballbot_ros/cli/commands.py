@@ -8,6 +8,14 @@ import click
 
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 
+_set_option = click.option(
+    '--set',
+    'assignments',
+    multiple=True,
+    metavar='NODE.PARAM=VALUE',
+    help='Set a parameter, such as controller.k_thetadot=300; may be given again.',
+)
+
 
 @click.command(short_help='Run a scenario and judge it by its expectations.')
 @click.argument('scenario')
@@ -32,13 +40,7 @@ from ballbot_ros.scenario.library import load_scenario, scenario_names
 )
 @click.option('--seed', type=click.IntRange(0), help='Seed of the device noise.')
 @click.option('--no-record', is_flag=True, help='Write no recording.')
-@click.option(
-    '--set',
-    'assignments',
-    multiple=True,
-    metavar='NODE.PARAM=VALUE',
-    help='Set a parameter, such as controller.k_thetadot=300; may be given again.',
-)
+@_set_option
 @click.option(
     '--controller',
     type=click.Choice(['python', 'c', 'arm']),
@@ -101,13 +103,7 @@ def run(
 @click.option(
     '--log', type=click.Path(path_type=Path), help='File for the data log of the brick, as CSV.'
 )
-@click.option(
-    '--set',
-    'assignments',
-    multiple=True,
-    metavar='NODE.PARAM=VALUE',
-    help='Set a parameter, such as controller.k_thetadot=300; may be given again.',
-)
+@_set_option
 @click.option('--viewer', is_flag=True, help='Show the robot in a browser; prints the address.')
 @click.option('--list-devices', is_flag=True, help='List the gamepads, show their input, and end.')
 def drive(
