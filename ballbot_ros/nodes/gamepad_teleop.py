@@ -89,11 +89,14 @@ class GamepadTeleop(BallbotNode):
         self.sampled(now_ns)
 
     def _decide(self, elapsed_s: float) -> None:
-        before = self._command.source
+        before = self._driver()
         scenario = self._scenario.sticks_at(elapsed_s)
         self._command = self._sources.decide(time.monotonic(), scenario)
-        if self._command.source != before:
-            self.get_logger().info(f'in command: {self._command.source}, before: {before}')
+        if self._driver() != before:
+            self.get_logger().info(f'in command: {self._driver()}, before: {before}')
+
+    def _driver(self) -> str:
+        return self._command.driver(self.values['scenario'])
 
     def _on_log(self, message: Any) -> None:
         if self._log is None:
@@ -130,7 +133,7 @@ class GamepadTeleop(BallbotNode):
         """Return who is in command."""
         vertical, horizontal = self._command.sticks
         return {
-            'in command': self._command.source,
+            'in command': self._driver(),
             'sticks': f'{vertical} {horizontal}',
             'gamepad': self._inputs.gamepad or 'none',
         }
