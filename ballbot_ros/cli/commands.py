@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ballbot_ros.cli.file_option import NEW_FILE, PATH
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 
 _set_option = click.option(
@@ -35,7 +36,7 @@ _set_option = click.option(
 )
 @click.option(
     '--output',
-    type=click.Path(path_type=Path),
+    type=PATH,
     help='Folder for recording and picture.  [default: runs/<date>_<scenario>]',
 )
 @click.option('--seed', type=click.IntRange(0), help='Seed of the device noise.')
@@ -96,13 +97,11 @@ def run(
 @click.option('--no-keyboard', is_flag=True, help='Leave the keys of the terminal alone.')
 @click.option(
     '--output',
-    type=click.Path(path_type=Path),
+    type=PATH,
     help='Folder for the recording.  [default: runs/<date>_drive]',
 )
 @click.option('--no-record', is_flag=True, help='Write no recording.')
-@click.option(
-    '--log', type=click.Path(path_type=Path), help='File for the data log of the brick, as CSV.'
-)
+@click.option('--log', type=NEW_FILE, help='File for the data log of the brick, as CSV.')
 @_set_option
 @click.option('--viewer', is_flag=True, help='Show the robot in a browser; prints the address.')
 @click.option('--list-devices', is_flag=True, help='List the gamepads, show their input, and end.')
@@ -156,7 +155,7 @@ def scenarios() -> None:
 @click.command(short_help='Print the model, its poles and the servo gains.')
 @click.option(
     '--params',
-    type=click.Path(path_type=Path),
+    type=PATH,
     help='Parameter file whose physical values are used.',
 )
 def design(params: Path | None) -> None:
@@ -168,11 +167,11 @@ def design(params: Path | None) -> None:
 
 @click.command('map', short_help='Check a map image; write it for other programs.')
 @click.argument('image')
-@click.option('--wrl', type=click.Path(path_type=Path), help='VRML 2.0 file to write.')
+@click.option('--wrl', type=NEW_FILE, help='VRML 2.0 file to write.')
 @click.option(
     '--yaml',
     'nav2',
-    type=click.Path(path_type=Path),
+    type=NEW_FILE,
     help="File for nav2's map server to write; its .pgm goes beside it.",
 )
 @click.option('--check', is_flag=True, help='Only say whether the image is a map.')
@@ -186,10 +185,10 @@ def map_command(image: str, wrl: Path | None, nav2: Path | None, check: bool) ->
 
 
 @click.command(short_help='Write the controller as C for the brick, or check it.')
-@click.option('--output', type=click.Path(path_type=Path), help='Folder to write.')
+@click.option('--output', type=PATH, help='Folder to write.')
 @click.option(
     '--params',
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Parameter file whose controller values are used, with --output.  [default: the table's]",
 )
 @click.option(
@@ -200,7 +199,7 @@ def map_command(image: str, wrl: Path | None, nav2: Path | None, check: bool) ->
 @click.option(
     '--check',
     'checked',
-    type=click.Path(path_type=Path),
+    type=PATH,
     help='Folder to compare with the Python controller, bit for bit, on this machine and on an '
     'emulated ARM processor, and to measure.',
 )

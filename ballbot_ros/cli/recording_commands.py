@@ -6,16 +6,15 @@ from pathlib import Path
 
 import click
 
+from ballbot_ros.cli.file_option import NEW_FILE, PATH
 from ballbot_ros.viewer.views import VIEWS
-
-_FILE = click.Path(path_type=Path)
 
 
 @click.command(short_help='Make a page with figures and metrics of a recorded run.')
-@click.argument('recording', type=_FILE)
+@click.argument('recording', type=PATH)
 @click.option(
     '--output',
-    type=_FILE,
+    type=PATH,
     help='Folder for page, pictures and tables; it must be new or empty.  '
     '[default: <recording>_report beside it]',
 )
@@ -38,10 +37,10 @@ def report(recording: Path, output: Path | None, number: int | None, as_json: bo
 
 
 @click.command(short_help='Set the metrics of recorded runs side by side.')
-@click.argument('recordings', nargs=-1, required=True, type=_FILE, metavar='A B...')
+@click.argument('recordings', nargs=-1, required=True, type=PATH, metavar='A B...')
 @click.option(
     '--output',
-    type=_FILE,
+    type=PATH,
     help='Folder for a page with the figures of all runs; it must be new or empty.',
 )
 @click.option(
@@ -67,8 +66,8 @@ def compare(
 
 
 @click.command(short_help='Show recorded runs in a browser.')
-@click.argument('recording', type=_FILE)
-@click.argument('other', required=False, type=_FILE)
+@click.argument('recording', type=PATH)
+@click.argument('other', required=False, type=PATH)
 @click.option(
     '--host', default='127.0.0.1', show_default=True, help='Address on which the page is served.'
 )
@@ -90,14 +89,14 @@ def view(recording: Path, other: Path | None, host: str, port: int) -> int:
 
 
 @click.command(short_help='Make a picture or a film of a recorded run.')
-@click.argument('recording', type=_FILE)
+@click.argument('recording', type=PATH)
 @click.option(
     '--view', type=click.Choice(VIEWS), default='chaser1', show_default=True, help='The view.'
 )
 @click.option(
     '--output',
     required=True,
-    type=_FILE,
+    type=NEW_FILE,
     help='File to write: a picture (.png) or a film (.mp4, .gif).',
 )
 @click.option(
@@ -114,7 +113,7 @@ def render(recording: Path, view: str, output: Path, moment: float | None) -> No
 
 
 @click.command(short_help='Make a recorded run again and say where it differs.')
-@click.argument('recording', type=_FILE)
+@click.argument('recording', type=PATH)
 @click.option(
     '--controller',
     type=click.Choice(['python', 'c', 'arm']),
@@ -147,7 +146,7 @@ def replay(recording: Path, controller: str, assignments: tuple[str, ...], as_js
 
 
 @click.command(short_help='Tell what a recording holds.')
-@click.argument('file', type=_FILE)
+@click.argument('file', type=PATH)
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def info(file: Path, as_json: bool) -> None:
     """Tell what the recording FILE holds, what made it, and whether it is whole.
@@ -167,7 +166,7 @@ def _split(
 
 
 @click.command(short_help='Publish a recording into the graph.')
-@click.argument('file', type=_FILE)
+@click.argument('file', type=PATH)
 @click.option('--rate', default=1.0, show_default=True, help='Speed in times real time.')
 @click.option(
     '--start', default=0.0, show_default=True, help='Where to begin, after the first message [s].'
@@ -197,12 +196,12 @@ def play(file: Path, rate: float, start: float, loop: bool, topics: list[str]) -
 
 
 @click.command(short_help='Write a recording as tables.')
-@click.argument('file', type=_FILE)
+@click.argument('file', type=PATH)
 @click.option(
     '--to', 'file_format', type=click.Choice(['csv', 'parquet']), required=True, help='File format.'
 )
 @click.option(
-    '--output', type=_FILE, help='Folder for the tables.  [default: FILE_csv or FILE_parquet]'
+    '--output', type=PATH, help='Folder for the tables.  [default: FILE_csv or FILE_parquet]'
 )
 @click.option(
     '--joined', is_flag=True, help='One table with a row each tick (4 ms) instead of one a topic.'
@@ -224,10 +223,10 @@ def export(
 
 
 @click.command(short_help='Recover a damaged recording.')
-@click.argument('file', type=_FILE)
+@click.argument('file', type=PATH)
 @click.option(
     '--output',
-    type=_FILE,
+    type=NEW_FILE,
     help='File to write, which must not exist.  [default: FILE_repaired.mcap beside it]',
 )
 def repair(file: Path, output: Path | None) -> None:
@@ -238,10 +237,10 @@ def repair(file: Path, output: Path | None) -> None:
 
 
 @click.command(short_help='Write the data log of a recording as CSV.')
-@click.argument('recording', type=_FILE)
+@click.argument('recording', type=PATH)
 @click.option(
     '--output',
-    type=_FILE,
+    type=NEW_FILE,
     help='File to write.  [default: RECORDING with the suffix .csv]',
 )
 def log2csv(recording: Path, output: Path | None) -> None:
