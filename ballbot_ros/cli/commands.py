@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.file_option import NEW_FILE, PATH
+from ballbot_ros.cli.path_types import NEW_FILE, PATH
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 
 _set_option = click.option(
