@@ -11,19 +11,21 @@ import tempfile
 import time
 from pathlib import Path
 
+from ballbot_ros.parameters import NODES
+
 BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
 # Those whose UDP ports the system does not hand out to others meanwhile: beyond 101 most domains
 # lie among its ephemeral ports, where a participant now and then finds its own taken.
 DOMAINS = (*range(215, 232), *range(50, 101))
-NODES = (
-    'plant_sim',
-    'gyro_driver',
-    'encoder_driver',
-    'sonar_driver',
-    'controller',
-    'gamepad_teleop',
-    'recorder',
-)
+
+
+def record(folder, scenario, *arguments):
+    """Run a scenario without nodes; return the recording and what the run printed as JSON."""
+    words = ['run', scenario, '--processes=none', '--json', '--output', folder, *arguments]
+    done = subprocess.run([*BALLBOT, *map(str, words)], capture_output=True, check=False)
+    assert done.stderr == b''
+    result = json.loads(done.stdout)
+    return folder / f'{result["scenario"]}.mcap', result
 
 
 @contextlib.contextmanager

@@ -1,1 +1,1 @@
-"""Metrics and figures of a run."""
+"""Metrics, figures, reports, comparisons and replays of recorded runs. No ROS."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.namespace import robot_namespace
 from ballbot_ros.messages.conversions import ball_position, body_pitch, body_rates, stamp_ns
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
@@ -265,25 +266,15 @@ def _wanted(recording: RecordingReader, notices: list[str]) -> dict[str, Topic]:
     # These names are nobody else's, and none ends like another one.
     marks = [topic for topic in TOPICS if topic.name.startswith(('plant/', 'controller/'))]
     marks.append(MOTOR_DUTY)
-    spaces = {
-        name.removesuffix(f'/{mark.name}')
-        for name in topics
-        for mark in marks
-        if name.endswith(f'/{mark.name}')
-    }
-    if not spaces:
+    namespace = robot_namespace(recording, marks)
+    if namespace is None:
         raise RecordingError(
             f'{recording.path}: no recording of a ballbot: it has none of '
-            f'{", ".join(f"/{mark.name}" for mark in marks)}'
+            f'{", ".join(mark.resolved() for mark in marks)}'
         )
-    if len(spaces) > 1:
-        raise RecordingError(
-            f'{recording.path}: several robots: {", ".join(sorted(spaces))}; take one of them out'
-        )
-    space = spaces.pop()
     wanted = {}
     for topic in ours:
-        name = topic.name if topic.name.startswith('/') else f'{space}/{topic.name}'
+        name = topic.resolved(namespace)
         if name not in topics:
             if topic in TICKED:
                 notices.append(f'There is no topic {name}; what needs it is left out.')

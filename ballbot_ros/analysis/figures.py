@@ -1,4 +1,4 @@
-"""Figures of a run, in one house style."""
+"""The picture that goes beside a run's recording: its motion against time, and its track."""
 
 from __future__ import annotations
 

@@ -6,6 +6,7 @@ from bisect import bisect_right
 from dataclasses import dataclass, field
 from typing import Any
 
+from ballbot_ros.analysis.namespace import robot_namespace
 from ballbot_ros.messages.conversions import push_forces, stamp_ns, stick_values, time_ns
 from ballbot_ros.messages.topics import ACCEPTED_PUSH, GAMEPAD_JOY, MOTOR_DUTY, RUN, TOPICS, Topic
 from ballbot_ros.plant.truth import Push
@@ -59,14 +60,14 @@ def recorded_topics(reader: RecordingReader) -> dict[str, Topic]:
     Raises
     ------
     RecordingError
-        If it has no duties: it is no recording of this robot.
+        If it has no duties, and is no recording of this robot, or those of several robots.
     """
-    suffix = f'/{MOTOR_DUTY.name}'
-    name = next((name for name in reader.topics() if name.endswith(suffix)), None)
-    if name is None:
-        raise RecordingError(f'{reader.path}: no topic {suffix}: not a recording of this robot')
-    prefix = name.removesuffix(MOTOR_DUTY.name)
-    names = {t.name if t.name.startswith('/') else prefix + t.name: t for t in TOPICS}
+    namespace = robot_namespace(reader, [MOTOR_DUTY])
+    if namespace is None:
+        raise RecordingError(
+            f'{reader.path}: no topic {MOTOR_DUTY.resolved()}: not a recording of this robot'
+        )
+    names = {topic.resolved(namespace): topic for topic in TOPICS}
     return {name: names[name] for name in reader.topics() if name in names}
 
 

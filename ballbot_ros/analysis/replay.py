@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 from ballbot_ros.analysis.message_comparison import Comparison
 from ballbot_ros.analysis.recorded_run import RecordedRun, recorded_topics
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.controller.interface import Program
+from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.inputs import INPUTS, device_inputs
+from ballbot_ros.messages.outputs import EncodedOutput
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import (
@@ -80,7 +83,7 @@ def replay_controller(
     """
     samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUTS}
     decode = {topic: decoder(topic.type_name) for topic in INPUTS}
-    messages = RunMessages(comparison.replayed, ball_radius=0.0)
+    messages = ControllerMessages(partial(EncodedOutput, sink=comparison.replayed))
     now = run.start_ns
     for topic, stamp_ns, data in _messages(reader, run):
         comparison.recorded(topic, stamp_ns, data)
@@ -93,7 +96,7 @@ def replay_controller(
             inputs = device_inputs(lambda each: samples[each].pop(now, None))  # noqa: B023
             elapsed = now - run.start_ns
             outputs = program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, inputs)
-            messages.controller(now, outputs, program)
+            messages.tick(now, outputs, program)
             yield ReplayedTick(now, inputs, outputs)
             now += TICK_NS
 
@@ -120,18 +123,13 @@ def replay_run(
             comparison.replayed(topic, stamp_ns, data)
 
     messages = RunMessages(replayed, ball_radius)
-    messages.begin(run.start_ns, loop.world)
-    for number, push in enumerate(loop.pushes, 1):
-        messages.push(push, number)
+    messages.begin(run.start_ns, loop.world, loop.pushes)
     for topic, stamp_ns, data in _messages(reader, run):
         comparison.recorded(topic, stamp_ns, data)
         # No further than the recording: what waits for its counterpart stays little.
         while topic is CLOCK and loop.plant.time_ns <= stamp_ns:
             tick = loop.tick()
-            now = tick.truth.stamp_ns
-            messages.truth(tick.truth, wall_hit=tick.wall_hit)
-            messages.devices(now, tick.inputs, run.sources.get(now, ''))
-            messages.controller(now, tick.outputs, loop.program)
+            messages.tick(tick, loop.program, run.sources.get(tick.truth.stamp_ns, ''))
             yield tick
 
 

@@ -36,7 +36,7 @@ from ballbot_ros.controller.tasks import TS1_MS, TaskTiming
 from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameters import CONTROLLER, ParameterSet
 from ballbot_ros.scenario.library import load_scenario, scenario_names
-from ballbot_ros.simulation.device_inputs import recorded_steps
+from ballbot_ros.simulation.scenario_steps import scenario_steps
 
 RANDOM_SEQUENCES = 50
 RANDOM_TICKS = 150
@@ -105,7 +105,7 @@ def _sequences(parameters: ParameterSet) -> list[_Sequence]:
         together = ParameterSet()
         together.update(scenario.parameters)
         together.update(parameters)
-        sequences.append(_Sequence(name, list(recorded_steps(together, scenario))))
+        sequences.append(_Sequence(name, list(scenario_steps(together, scenario))))
     calibration = int(parameters.values(CONTROLLER)['time_start']) // TS1_MS
     ticks = min(calibration, 2500) + RANDOM_TICKS
     for seed in range(RANDOM_SEQUENCES):

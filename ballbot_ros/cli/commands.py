@@ -1,4 +1,4 @@
-"""The commands and their options; each hands over to a module of its own."""
+"""The commands that run or make something, and their options; each has a module of its own."""
 
 from __future__ import annotations
 
@@ -6,8 +6,16 @@ from pathlib import Path
 
 import click
 
+from ballbot_ros.cli.path_types import NEW_FILE, PATH
 from ballbot_ros.scenario.library import load_scenario, scenario_names
-from ballbot_ros.viewer.views import VIEWS
+
+_set_option = click.option(
+    '--set',
+    'assignments',
+    multiple=True,
+    metavar='NODE.PARAM=VALUE',
+    help='Set a parameter, such as controller.k_thetadot=300; may be given again.',
+)
 
 
 @click.command(short_help='Run a scenario and judge it by its expectations.')
@@ -28,18 +36,12 @@ from ballbot_ros.viewer.views import VIEWS
 )
 @click.option(
     '--output',
-    type=click.Path(path_type=Path),
+    type=PATH,
     help='Folder for recording and picture.  [default: runs/<date>_<scenario>]',
 )
 @click.option('--seed', type=click.IntRange(0), help='Seed of the device noise.')
 @click.option('--no-record', is_flag=True, help='Write no recording.')
-@click.option(
-    '--set',
-    'assignments',
-    multiple=True,
-    metavar='NODE.PARAM=VALUE',
-    help='Set a parameter, such as controller.k_thetadot=300; may be given again.',
-)
+@_set_option
 @click.option(
     '--controller',
     type=click.Choice(['python', 'c', 'arm']),
@@ -101,20 +103,12 @@ def run(
 @click.option('--no-keyboard', is_flag=True, help='Leave the keys of the terminal alone.')
 @click.option(
     '--output',
-    type=click.Path(path_type=Path),
+    type=PATH,
     help='Folder for the recording.  [default: runs/<date>_drive]',
 )
 @click.option('--no-record', is_flag=True, help='Write no recording.')
-@click.option(
-    '--log', type=click.Path(path_type=Path), help='File for the data log of the brick, as CSV.'
-)
-@click.option(
-    '--set',
-    'assignments',
-    multiple=True,
-    metavar='NODE.PARAM=VALUE',
-    help='Set a parameter, such as controller.k_thetadot=300; may be given again.',
-)
+@click.option('--log', type=NEW_FILE, help='File for the data log of the brick, as CSV.')
+@_set_option
 @click.option('--viewer', is_flag=True, help='Show the robot in a browser; prints the address.')
 @click.option('--list-devices', is_flag=True, help='List the gamepads, show their input, and end.')
 def drive(
@@ -155,20 +149,6 @@ def drive(
     )
 
 
-@click.command(short_help='Write the data log of a recording as CSV.')
-@click.argument('recording', type=click.Path(path_type=Path))
-@click.option(
-    '--output',
-    type=click.Path(path_type=Path),
-    help='File to write.  [default: RECORDING with the suffix .csv]',
-)
-def log2csv(recording: Path, output: Path | None) -> None:
-    """Write the data log that the brick sent in RECORDING as CSV, a file for each run in it."""
-    from ballbot_ros.cli.log2csv import write_csv
-
-    write_csv(recording, output or recording.with_suffix('.csv'))
-
-
 @click.command()
 def scenarios() -> None:
     """List the shipped scenarios."""
@@ -178,43 +158,10 @@ def scenarios() -> None:
         click.echo(f'{name:<{width}}  {load_scenario(name).purpose}')
 
 
-@click.command(short_help='Make a recorded run again and say where it differs.')
-@click.argument('recording', type=click.Path(path_type=Path))
-@click.option(
-    '--controller',
-    type=click.Choice(['python', 'c', 'arm']),
-    default='python',
-    show_default=True,
-    help='The control program in Python, or its generated C on this machine or an emulated ARM.',
-)
-@click.option(
-    '--set',
-    'assignments',
-    multiple=True,
-    metavar='NODE.PARAM=VALUE',
-    help='Ask what the controller would have done with another parameter; may be given again.',
-)
-@click.option('--json', 'as_json', is_flag=True, help='Print JSON.')
-def replay(recording: Path, controller: str, assignments: tuple[str, ...], as_json: bool) -> int:
-    """Make the runs of RECORDING again, from what the file itself holds.
-
-    The controller first, on the recorded samples of the devices; then the whole robot, on its
-    parameters and seed, the recorded sticks and pushes. Every message is compared.
-
-    Exit status: 0 if all are identical, 1 if one differs, 2 if there is nothing to replay. With
-    --set only the controller's duties are compared, and the status is 0.
-    """
-    from ballbot_ros.cli.replay import replay_recording
-
-    return replay_recording(
-        recording, controller=controller, assignments=assignments, as_json=as_json
-    )
-
-
 @click.command(short_help='Print the model, its poles and the servo gains.')
 @click.option(
     '--params',
-    type=click.Path(path_type=Path),
+    type=PATH,
     help='Parameter file whose physical values are used.',
 )
 def design(params: Path | None) -> None:
@@ -226,11 +173,11 @@ def design(params: Path | None) -> None:
 
 @click.command('map', short_help='Check a map image; write it for other programs.')
 @click.argument('image')
-@click.option('--wrl', type=click.Path(path_type=Path), help='VRML 2.0 file to write.')
+@click.option('--wrl', type=NEW_FILE, help='VRML 2.0 file to write.')
 @click.option(
     '--yaml',
     'nav2',
-    type=click.Path(path_type=Path),
+    type=NEW_FILE,
     help="File for nav2's map server to write; its .pgm goes beside it.",
 )
 @click.option('--check', is_flag=True, help='Only say whether the image is a map.')
@@ -244,10 +191,10 @@ def map_command(image: str, wrl: Path | None, nav2: Path | None, check: bool) ->
 
 
 @click.command(short_help='Write the controller as C for the brick, or check it.')
-@click.option('--output', type=click.Path(path_type=Path), help='Folder to write.')
+@click.option('--output', type=PATH, help='Folder to write.')
 @click.option(
     '--params',
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Parameter file whose controller values are used, with --output.  [default: the table's]",
 )
 @click.option(
@@ -258,7 +205,7 @@ def map_command(image: str, wrl: Path | None, nav2: Path | None, check: bool) ->
 @click.option(
     '--check',
     'checked',
-    type=click.Path(path_type=Path),
+    type=PATH,
     help='Folder to compare with the Python controller, bit for bit, on this machine and on an '
     'emulated ARM processor, and to measure.',
 )
@@ -289,107 +236,3 @@ def doctor() -> int:
     from ballbot_ros.cli.doctor import examine
 
     return examine()
-
-
-@click.command(short_help='Make a page with figures and metrics of a recorded run.')
-@click.argument('recording', type=click.Path(path_type=Path))
-@click.option(
-    '--output',
-    type=click.Path(path_type=Path),
-    help='Folder for page, pictures and tables; it must be new or empty.  '
-    '[default: <recording>_report beside it]',
-)
-@click.option(
-    '--run',
-    'number',
-    type=click.IntRange(1),
-    help='Which run of a file that holds several, from 1 on.  [default: the last]',
-)
-@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
-def report(recording: Path, output: Path | None, number: int | None, as_json: bool) -> int:
-    """Write a report of RECORDING: index.html with everything in it, its PNGs and CSVs.
-
-    Exit status: 0 if the report was written, whatever its verdict; 2 for a mistake in the
-    arguments or a file that is no recording of a ballbot.
-    """
-    from ballbot_ros.cli.report import report as write
-
-    return write(recording, number=number, output=output, as_json=as_json)
-
-
-@click.command(short_help='Set the metrics of recorded runs side by side.')
-@click.argument(
-    'recordings', nargs=-1, required=True, type=click.Path(path_type=Path), metavar='A B...'
-)
-@click.option(
-    '--output',
-    type=click.Path(path_type=Path),
-    help='Folder for a page with the figures of all runs; it must be new or empty.',
-)
-@click.option(
-    '--fail-if',
-    'conditions',
-    multiple=True,
-    metavar="'METRIC>X%'",
-    help='Exit with 1 if METRIC of any later run is larger than that of the first by more than X '
-    'percent, or without % by more than X of its unit; < for smaller.  May be given again.',
-)
-@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
-def compare(
-    recordings: tuple[Path, ...], output: Path | None, conditions: tuple[str, ...], as_json: bool
-) -> int:
-    """Compare recorded runs with the first one, A.
-
-    Exit status: 0; 1 if a --fail-if condition holds; 2 for a mistake in the arguments or a file
-    that is no recording of a ballbot.
-    """
-    from ballbot_ros.cli.compare import compare as compare_runs
-
-    return compare_runs(recordings, output=output, conditions=conditions, as_json=as_json)
-
-
-@click.command(short_help='Show recorded runs in a browser.')
-@click.argument('recording', type=click.Path(path_type=Path))
-@click.argument('other', required=False, type=click.Path(path_type=Path))
-@click.option(
-    '--host', default='127.0.0.1', show_default=True, help='Address on which the page is served.'
-)
-@click.option(
-    '--port',
-    type=click.IntRange(0, 65535),
-    default=8080,
-    show_default=True,
-    help='Its port; 0: a free one.',
-)
-def view(recording: Path, other: Path | None, host: str, port: int) -> int:
-    """Show the last run of RECORDING in a browser, and that of OTHER as its ghost.
-
-    It serves the page until Ctrl-C or SIGTERM.
-    """
-    from ballbot_ros.cli.view import view_recordings
-
-    return view_recordings([recording, *([other] if other else [])], host, port)
-
-
-@click.command(short_help='Make a picture or a film of a recorded run.')
-@click.argument('recording', type=click.Path(path_type=Path))
-@click.option(
-    '--view', type=click.Choice(VIEWS), default='chaser1', show_default=True, help='The view.'
-)
-@click.option(
-    '--output',
-    required=True,
-    type=click.Path(path_type=Path),
-    help='File to write: a picture (.png) or a film (.mp4, .gif).',
-)
-@click.option(
-    '--time',
-    'moment',
-    type=click.FloatRange(0.0),
-    help='Time of a picture from the start of the run [s].  [default: the end]',
-)
-def render(recording: Path, view: str, output: Path, moment: float | None) -> None:
-    """Write a picture or a film of the last run of RECORDING, without a window."""
-    from ballbot_ros.cli.render import render_recording
-
-    render_recording(recording, view, output, moment)

@@ -15,7 +15,6 @@ from ballbot_ros.messages.topics import (
     PLANT_IMU,
     PLANT_ODOM,
     SOUND,
-    Topic,
 )
 from ballbot_ros.recording.columns import Meaning
 from ballbot_ros.recording.errors import RecordingError
@@ -59,11 +58,11 @@ def export_file(
             folder,
             file_format,
             _chosen(reader, topics, console),
-            {(_full(topic), topic.type_name): meaning for topic, meaning in _MEANINGS.items()},
+            {(topic.resolved(), topic.type_name): meaning for topic, meaning in _MEANINGS.items()},
             progress,
         )
         if joined:
-            exporter.write_joined(TICK_NS, [_full(OPERATING_STATE)])
+            exporter.write_joined(TICK_NS, [OPERATING_STATE.resolved()])
         else:
             exporter.write_topics()
         if reader.damage:
@@ -88,7 +87,3 @@ def _chosen(reader: RecordingReader, topics: Sequence[str], console: Console) ->
         if not topics:
             console.print(f'{reader.path}: {topic} is left out: {unreadable[topic]}')
     return list(topics) or sorted(known.keys() - unreadable.keys())
-
-
-def _full(topic: Topic) -> str:
-    return '/' + topic.name.lstrip('/')

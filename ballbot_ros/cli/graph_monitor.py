@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from types import TracebackType
 from typing import Any
 
 from rclpy.node import Node
@@ -47,12 +46,7 @@ class GraphMonitor:
         self._limit_s = PLANT_STARTUP_S
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._node.destroy_node()
 
     def _subscribe(self, topic: Any, qos: QoSProfile) -> Any:

@@ -10,15 +10,14 @@ import yaml
 from rich.console import Console
 
 from ballbot_ros.cli.file_progress import file_progress
+from ballbot_ros.messages.topics import RUN
 from ballbot_ros.recording.overview import Overview, TopicOverview, look_at
-
-RUN_TOPIC = '/plant/run'
 
 
 def print_info(path: Path, *, as_json: bool) -> None:
     """Print what the recording holds."""
     with file_progress(f'reading {path.name}') as progress:
-        overview = look_at(path, RUN_TOPIC, progress)
+        overview = look_at(path, RUN.resolved(), progress)
     (_print_json if as_json else _print_text)(overview)
 
 

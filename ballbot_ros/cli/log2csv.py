@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from ballbot_ros.analysis.namespace import robot_namespace
 from ballbot_ros.brick.bluetooth import PacketError
 from ballbot_ros.messages.conversions import log_packet, time_ns
 from ballbot_ros.messages.topics import BLUETOOTH_TX, RUN
@@ -25,13 +26,18 @@ def write_csv(recording: Path, output: Path) -> None:
     Raises
     ------
     RecordingError
-        If that is no recording, or has no log packets.
+        If that is no recording, has no log packets, or those of several robots.
     TeleopError
         If a file exists already or cannot be written.
     """
     with RecordingReader(recording) as reader:
-        packets = _topic(reader, BLUETOOTH_TX.name)
-        runs = packets.removesuffix(BLUETOOTH_TX.name) + RUN.name
+        namespace = robot_namespace(reader, [BLUETOOTH_TX])
+        if namespace is None:
+            names = ', '.join(sorted(reader.topics())) or 'none'
+            raise RecordingError(
+                f'{recording}: no topic {BLUETOOTH_TX.name!r}, one is needed; there are {names}'
+            )
+        packets, runs = BLUETOOTH_TX.resolved(namespace), RUN.resolved(namespace)
         topics = {packets, runs} & reader.topics().keys()
         log = CsvLog(output)
         malformed = 0
@@ -61,14 +67,3 @@ def _complete(messages: Iterator[_Message], log: CsvLog) -> Iterator[_Message]:
         for path in log.paths:
             path.unlink()
         raise
-
-
-def _topic(reader: RecordingReader, name: str) -> str:
-    """Return the topic of that name, whatever the namespace."""
-    known = reader.topics()
-    found = [topic for topic in known if topic.endswith(f'/{name}')]
-    if len(found) != 1:
-        what = f'{len(found)} topics' if found else 'no topic'
-        names = ', '.join(sorted(found or known)) or 'none'
-        raise RecordingError(f'{reader.path}: {what} {name!r}, one is needed; there are {names}')
-    return found[0]

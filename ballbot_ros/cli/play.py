@@ -9,7 +9,6 @@ import termios
 import time
 import tty
 from collections.abc import Callable, Mapping
-from types import TracebackType
 from typing import Any
 
 from ballbot_ros.cli.run import require_rclpy
@@ -73,12 +72,7 @@ class _Terminal:
             tty.setcbreak(file)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._restore()
         if sys.stdin.isatty() and sys.stderr.isatty():
             sys.stderr.write('\n')

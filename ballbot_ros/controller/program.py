@@ -1,4 +1,4 @@
-"""The control program: task_init, task_ts1, task_ts2, task_ts3 (section 7, Appendix C)."""
+"""The control program and its tasks (section 7, Appendix C)."""
 
 from __future__ import annotations
 

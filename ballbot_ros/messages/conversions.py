@@ -25,11 +25,11 @@ from ballbot_ros.brick.units import (
 )
 from ballbot_ros.controller.interface import Estimates
 from ballbot_ros.plant.truth import Pair, Push, Truth
+from ballbot_ros.simulation.timing import SECOND_NS
 
 if TYPE_CHECKING:
     from ballbot_ros.world.exports import OccupancyGrid
 
-_SECOND = 1_000_000_000
 _DUTIES = frozenset(map(float, range(-100, 101)))
 
 MOTOR_NAMES = ['motor_x', 'motor_y']
@@ -42,12 +42,12 @@ SONAR_CONE_RAD = math.radians(30.0)
 
 def fill_time(message: Any, stamp_ns: int) -> None:
     """Write ``builtin_interfaces/Time``."""
-    message.sec, message.nanosec = divmod(stamp_ns, _SECOND)
+    message.sec, message.nanosec = divmod(stamp_ns, SECOND_NS)
 
 
 def time_ns(message: Any) -> int:
     """Return the nanoseconds of a ``builtin_interfaces/Time``."""
-    return int(message.sec) * _SECOND + int(message.nanosec)
+    return int(message.sec) * SECOND_NS + int(message.nanosec)
 
 
 def stamp_ns(message: Any) -> int:

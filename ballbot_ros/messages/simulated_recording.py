@@ -42,23 +42,19 @@ class SimulatedRecording:
     def _write(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
         recorded = self._topics.get(topic.name)
         if recorded is None:
-            name = topic.name if topic.name.startswith('/') else f'/{topic.name}'
-            recorded = self._topics[topic.name] = self._writer.add_topic(name, topic.type_name)
+            recorded = self._writer.add_topic(topic.resolved(), topic.type_name)
+            self._topics[topic.name] = recorded
         self._writer.write(recorded, stamp_ns, data, recorded.count + 1)
 
     def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
         """Write what a run begins with."""
-        self._messages.begin(start_ns, world)
-        for number, push in enumerate(pushes, 1):
-            self._messages.push(push, number)
+        self._messages.begin(start_ns, world, pushes)
         self._flushed_ns = start_ns
 
     def add(self, tick: Tick, program: Program) -> None:
         """Write the messages of a tick."""
+        self._messages.tick(tick, program)
         now = tick.truth.stamp_ns
-        self._messages.truth(tick.truth, wall_hit=tick.wall_hit)
-        self._messages.devices(now, tick.inputs)
-        self._messages.controller(now, tick.outputs, program)
         if now - self._flushed_ns >= SECOND_NS:
             self._writer.flush()
             self._flushed_ns = now

@@ -9,7 +9,7 @@ from ballbot_ros.parameters import CONTROLLER, ENCODER, GAMEPAD, GYRO, PLANT, RE
 from ballbot_ros.simulation.timing import BATTERY_NS, SLOW_NS, TICK_NS
 
 HISTORY = 128
-"""Depth of every publisher: the plant runs at most :data:`MAX_LEAD_TICKS` ahead of the recorder."""
+"""Depth of a publisher: the plant runs at most :data:`MAX_LEAD_TICKS` ahead of the recorder."""
 
 MAX_LEAD_TICKS = 50
 
@@ -27,17 +27,24 @@ class Topic(NamedTuple):
         The one node that publishes it; None where several may.
     period_ns : int
         In lockstep one message comes at each multiple of it [ns]; 0 for a topic of events.
+    depth : int
+        How many messages the publisher keeps for those who come late.
     """
 
     name: str
     type_name: str
     publisher: str | None
     period_ns: int = 0
+    depth: int = HISTORY
 
     @property
     def message_class(self) -> Any:
         """The rclpy message class."""
         return message_class(self.type_name)
+
+    def resolved(self, namespace: str = '') -> str:
+        """Return the name in the graph and in recordings; `namespace` is '' or like ``/robot``."""
+        return self.name if self.name.startswith('/') else f'{namespace}/{self.name}'
 
 
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', PLANT, TICK_NS)
@@ -47,7 +54,7 @@ PLANT_IMU = Topic('plant/imu', 'sensor_msgs/msg/Imu', PLANT, TICK_NS)
 PLANT_ODOM = Topic('plant/odom', 'nav_msgs/msg/Odometry', PLANT, TICK_NS)
 BATTERY_STATE = Topic('battery_state', 'sensor_msgs/msg/BatteryState', PLANT, BATTERY_NS)
 WALL_HIT = Topic('wall_hit', 'std_msgs/msg/Bool', PLANT)
-MAP = Topic('map', 'nav_msgs/msg/OccupancyGrid', PLANT)
+MAP = Topic('map', 'nav_msgs/msg/OccupancyGrid', PLANT, depth=1)
 PUSH = Topic('plant/push', 'geometry_msgs/msg/WrenchStamped', None)
 ACCEPTED_PUSH = Topic('plant/accepted_push', 'geometry_msgs/msg/WrenchStamped', PLANT)
 GYRO_IMU = Topic('gyro', 'sensor_msgs/msg/Imu', GYRO, TICK_NS)

@@ -1,1 +1,1 @@
-"""Thin rclpy nodes, one file each, and the conversions between messages and plain values."""
+"""Thin rclpy nodes, one file each, and what they share."""

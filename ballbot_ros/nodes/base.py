@@ -19,6 +19,7 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
@@ -31,7 +32,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.raw import decoder
-from ballbot_ros.messages.topics import DIAGNOSTICS, HISTORY, Topic
+from ballbot_ros.messages.topics import DIAGNOSTICS, Topic
 from ballbot_ros.parameters import TABLE, Parameter, ParameterError, nearest, parameters_of
 from ballbot_ros.stop_request import StopRequest
 
@@ -40,6 +41,7 @@ ROS_PARAMETERS = {'use_sim_time', 'start_type_description_service'}
 """What every node of ROS has."""
 
 SPIN_S = 0.2
+FLUSH_S = 0.1
 END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 """Environment variable: the process with which the node ends, the one that started it."""
 
@@ -62,6 +64,18 @@ def requested_qos(topic: Topic, depth: int) -> QoSProfile:
     if topic.publisher is None:
         profile.durability = DurabilityPolicy.VOLATILE
     return profile
+
+
+class PublishedOutput:
+    """A topic's one message and its publisher, as :class:`ballbot_ros.messages.outputs.Output`."""
+
+    def __init__(self, publisher: Any, message: Any) -> None:
+        self.message = message
+        self._publisher = publisher
+
+    def send(self, stamp_ns: int) -> None:
+        """Publish the message as it is now."""
+        self._publisher.publish(self.message)
 
 
 class BallbotNode(Node):
@@ -110,6 +124,7 @@ class BallbotNode(Node):
         self._level = DiagnosticStatus.OK
         self._problem = ''
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._advertised: dict[Topic, Any] = {}
         self._diagnostics = self.advertise(DIAGNOSTICS)
         self.every(DIAGNOSTICS_PERIOD_S, self.report)
 
@@ -175,9 +190,21 @@ class BallbotNode(Node):
         """Call back on the wall clock."""
         return self.create_timer(period_s, callback, clock=self._steady)
 
-    def advertise(self, topic: Topic, depth: int = HISTORY) -> Any:
-        """Return a publisher of `topic`."""
-        return self.create_publisher(topic.message_class, topic.name, offered_qos(depth))
+    def advertise(self, topic: Topic, depth: int | None = None) -> Any:
+        """Return a publisher of `topic`, of another depth than the table's where one is given."""
+        qos = offered_qos(depth or topic.depth)
+        publisher = self.create_publisher(topic.message_class, topic.name, qos)
+        self._advertised[topic] = publisher
+        return publisher
+
+    def output(self, topic: Topic) -> PublishedOutput:
+        """Return a publisher of `topic` with the message that it sends again and again."""
+        return PublishedOutput(self.advertise(topic), topic.message_class())
+
+    def flush(self, *topics: Topic) -> None:
+        """Let the last messages of `topics` reach their readers."""
+        for topic in topics:
+            self._advertised[topic].wait_for_all_acked(Duration(seconds=FLUSH_S))
 
     def listen(
         self, topic: Topic, callback: Callable[..., None], *, depth: int = 1, raw: bool = False

@@ -7,32 +7,12 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ballbot_ros.brick.brick import DeviceOutputs
 from ballbot_ros.codegen.implementation import program_maker
 from ballbot_ros.controller.tasks import TS1_MS, TS2_MS, TS3_MS
-from ballbot_ros.messages.conversions import (
-    fill_controller_state,
-    fill_duty,
-    fill_log,
-    fill_tone,
-    stamp_ns,
-    time_ns,
-)
+from ballbot_ros.messages.controller_messages import ControllerMessages
+from ballbot_ros.messages.conversions import stamp_ns, time_ns
 from ballbot_ros.messages.inputs import INPUTS, device_inputs
-from ballbot_ros.messages.topics import (
-    BATTERY_STATE,
-    BLUETOOTH_TX,
-    CONTROLLER_STATE,
-    GAMEPAD_JOY,
-    GYRO_IMU,
-    JOINT_STATES,
-    LCD,
-    MOTOR_DUTY,
-    OPERATING_STATE,
-    RUN,
-    SOUND,
-    Topic,
-)
+from ballbot_ros.messages.topics import BATTERY_STATE, GAMEPAD_JOY, GYRO_IMU, JOINT_STATES, RUN
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.simulation.lockstep import InputGate, TimerAudit
@@ -58,17 +38,11 @@ class Controller(BallbotNode):
         self._next_ns: int | None = None
         self._make_program = program_maker(self.values)
         self._program = self._make_program()
-        self._drive_state = ''
         self._overruns = 0
         self._resent = 0
         self._free_ticks = 0
         self._sticks_at = self._tick_at = time.monotonic()
-        self._duty = self._publish_to(MOTOR_DUTY)
-        self._state = self._publish_to(CONTROLLER_STATE)
-        self._operating_state = self._publish_to(OPERATING_STATE)
-        self._log = self._publish_to(BLUETOOTH_TX)
-        self._sound = self._publish_to(SOUND)
-        self._lcd = self._publish_to(LCD)
+        self._messages = ControllerMessages(self.output)
         self._audits = {ms: TimerAudit(ms * MILLISECOND_NS) for ms in (TS1_MS, TS2_MS, TS3_MS)}
         for period_ms, audit in self._audits.items():
             self.create_timer(period_ms * 1e-3, self._timer_callback(audit))
@@ -77,10 +51,6 @@ class Controller(BallbotNode):
         self.listen(RUN, self._on_run)
         for topic, reader in INPUTS.items():
             self.listen(topic, self._input_callback(topic.name, reader))
-
-    def _publish_to(self, topic: Topic) -> tuple[Any, Any]:
-        """Return a publisher and the message that it sends again and again."""
-        return self.advertise(topic), topic.message_class()
 
     def _timer_callback(self, audit: TimerAudit) -> Callable[[], None]:
         def fire() -> None:
@@ -100,7 +70,7 @@ class Controller(BallbotNode):
             elif self._lockstep and self._next_ns and stamp == self._next_ns - TICK_NS:
                 # The plant asks again: it has not got the answer.
                 self._resent += 1
-                self._duty[0].publish(self._duty[1])
+                self._messages.repeat_duty(stamp)
 
         return receive
 
@@ -151,34 +121,8 @@ class Controller(BallbotNode):
     def _tick(self, now_ns: int, elapsed_ns: int) -> None:
         inputs = device_inputs(lambda topic: self._gate.newest(topic.name))
         outputs = self._program.tick(elapsed_ns // MILLISECOND_NS, now_ns // MILLISECOND_NS, inputs)
-        self._publish(now_ns, outputs)
+        self._messages.tick(now_ns, outputs, self._program)
         self.sampled(now_ns)
-
-    def _publish(self, now_ns: int, outputs: DeviceOutputs) -> None:
-        # What has no stamp goes first: no reader then sees it after the next tick.
-        if self._program.drive_state != self._drive_state:
-            self._drive_state = self._program.drive_state
-            publisher, message = self._operating_state
-            message.data = self._drive_state
-            publisher.publish(message)
-        for packet in outputs.log:
-            publisher, message = self._log
-            fill_log(message, packet)
-            publisher.publish(message)
-        for tone in outputs.tones:
-            publisher, message = self._sound
-            fill_tone(message, now_ns, tone)
-            publisher.publish(message)
-        for page in outputs.pages:
-            publisher, message = self._lcd
-            message.data = page
-            publisher.publish(message)
-        publisher, message = self._duty
-        fill_duty(message, now_ns, outputs.duty)
-        publisher.publish(message)
-        publisher, message = self._state
-        fill_controller_state(message, now_ns, self._program.x, self._program.y)
-        publisher.publish(message)
 
     def _free_tick(self) -> None:
         """Run a tick on the newest samples; the wall clock is the time."""
@@ -201,7 +145,7 @@ class Controller(BallbotNode):
     def diagnose(self) -> Mapping[str, Any]:
         """Return the counts of timers, overruns and repeated answers."""
         return {
-            'operating state': self._drive_state,
+            'operating state': self._messages.operating_state,
             'timer callbacks 4/20/100 ms': '/'.join(
                 str(audit.fired) for audit in self._audits.values()
             ),

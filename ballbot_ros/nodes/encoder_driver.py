@@ -19,14 +19,13 @@ class EncoderDriver(BallbotNode):
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(ENCODER, values)
         self._device = Encoder()
-        self._publisher = self.advertise(JOINT_STATES)
-        self._message = JOINT_STATES.message_class()
+        self._output = self.output(JOINT_STATES)
         self.listen(PLANT_JOINT_STATES, self._on_truth)
 
     def _on_truth(self, truth: Any) -> None:
         now = stamp_ns(truth)
-        fill_encoders(self._message, now, self._device.read(motor_angles(truth)))
-        self._publisher.publish(self._message)
+        fill_encoders(self._output.message, now, self._device.read(motor_angles(truth)))
+        self._output.send(now)
         self.sampled(now)
 
 

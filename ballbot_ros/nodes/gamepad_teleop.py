@@ -45,8 +45,7 @@ class GamepadTeleop(BallbotNode):
         self._held_ns: int | None = None
         self._answered_ns: int | None = None
         self._command = Command(SCENARIO, NEUTRAL)
-        self._publisher = self.advertise(GAMEPAD_JOY)
-        self._message = GAMEPAD_JOY.message_class()
+        self._output = self.output(GAMEPAD_JOY)
         self._sources = Arbiter()
         self._complaints = Complaints()
         self._log = CsvLog(Path(self.values['log_csv'])) if self.values['log_csv'] else None
@@ -85,16 +84,19 @@ class GamepadTeleop(BallbotNode):
         if now_ns != self._answered_ns:
             self._answered_ns = now_ns
             self._decide(elapsed * 1e-9)
-            fill_sticks(self._message, now_ns, self._command.sticks, self._command.source)
-        self._publisher.publish(self._message)
+            fill_sticks(self._output.message, now_ns, self._command.sticks, self._command.source)
+        self._output.send(now_ns)
         self.sampled(now_ns)
 
     def _decide(self, elapsed_s: float) -> None:
-        before = self._command.source
+        before = self._driver()
         scenario = self._scenario.sticks_at(elapsed_s)
         self._command = self._sources.decide(time.monotonic(), scenario)
-        if self._command.source != before:
-            self.get_logger().info(f'in command: {self._command.source}, before: {before}')
+        if self._driver() != before:
+            self.get_logger().info(f'in command: {self._driver()}, before: {before}')
+
+    def _driver(self) -> str:
+        return self._command.driver(self.values['scenario'])
 
     def _on_log(self, message: Any) -> None:
         if self._log is None:
@@ -131,7 +133,7 @@ class GamepadTeleop(BallbotNode):
         """Return who is in command."""
         vertical, horizontal = self._command.sticks
         return {
-            'in command': self._command.source,
+            'in command': self._driver(),
             'sticks': f'{vertical} {horizontal}',
             'gamepad': self._inputs.gamepad or 'none',
         }

@@ -19,14 +19,13 @@ class GyroDriver(BallbotNode):
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(GYRO, values)
         self._device = Gyro(self.values)
-        self._publisher = self.advertise(GYRO_IMU)
-        self._message = GYRO_IMU.message_class()
+        self._output = self.output(GYRO_IMU)
         self.listen(PLANT_IMU, self._on_truth)
 
     def _on_truth(self, truth: Any) -> None:
         now = stamp_ns(truth)
-        fill_gyro(self._message, now, self._device.read(body_rates(truth), now))
-        self._publisher.publish(self._message)
+        fill_gyro(self._output.message, now, self._device.read(body_rates(truth), now))
+        self._output.send(now)
         self.sampled(now)
 
 

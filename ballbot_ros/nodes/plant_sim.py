@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from rclpy.duration import Duration
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import (
@@ -21,17 +20,22 @@ from ballbot_ros.messages.conversions import (
     stamp_ns,
     time_ns,
 )
+from ballbot_ros.messages.plant_messages import PlantMessages
 from ballbot_ros.messages.topics import (
     CLOCK,
+    DIAGNOSTICS,
     MAX_LEAD_TICKS,
     MOTOR_DUTY,
+    PLANT_IMU,
+    PLANT_JOINT_STATES,
+    PLANT_ODOM,
     PUSH,
     RECORDER_ACK,
+    WALL_HIT,
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.participants import Participants
-from ballbot_ros.nodes.plant_outputs import PlantOutputs
 from ballbot_ros.nodes.plant_services import PlantServices
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterError
 from ballbot_ros.plant.plant import Plant
@@ -73,7 +77,7 @@ class PlantSim(BallbotNode):
         self._token = f'{time.time_ns():x}'
         self._run_number = 0
         self.summary: dict[str, Any] = {}
-        self._outputs = PlantOutputs(self, self.values['ball_radius'])
+        self._messages = PlantMessages(self.output, self.values['ball_radius'])
         self._participants = Participants(self)
         self.control = PlantServices(self)
         self.pacer = Pacer()
@@ -108,7 +112,7 @@ class PlantSim(BallbotNode):
     def _begin(self) -> None:
         """Announce a run and publish its first truth."""
         self._run_number += 1
-        self._outputs.run(self._start_ns, f'{self._run_number} {self._token}', self._world)
+        self._messages.begin(self._start_ns, f'{self._run_number} {self._token}', self._world)
         self.end_alarm()
         for push in self._scenario.pushes_from(self._start_ns):
             self._accept(push)
@@ -118,7 +122,7 @@ class PlantSim(BallbotNode):
         """Let a push act, and tell what acts when, for the run to be repeated."""
         self._plant.push(push)
         self._pushes += 1
-        self._outputs.accepted(push, self._pushes)
+        self._messages.push(push, self._pushes)
 
     def reset(self) -> None:
         """Begin a new run at the next multiple of 100 ms."""
@@ -127,8 +131,7 @@ class PlantSim(BallbotNode):
 
     def _publish_truth(self) -> None:
         self._truth = self._plant.truth()
-        self._outputs.truth(self._truth)
-        if self._outputs.wall_hit(self._plant.wall_hit):
+        if self._messages.truth(self._truth, wall_hit=self._plant.wall_hit):
             self._alarm_of_wall()
         self._asked_at = self._sent_at = time.monotonic()
         self.sampled(self._truth.stamp_ns)
@@ -352,9 +355,8 @@ class PlantSim(BallbotNode):
                 save_trajectory(Path(path), self.log.trajectory(), self.summary)
             except OSError as error:
                 raise BallbotError(f'{path}: {error.strerror}') from None
-        self._outputs.flush()
-        # It holds the outcome, which the recorder notes.
-        self._diagnostics.wait_for_all_acked(Duration(seconds=0.1))
+        # The diagnostics hold the outcome, which the recorder notes.
+        self.flush(CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, WALL_HIT, DIAGNOSTICS)
         self._lock.release()
 
 

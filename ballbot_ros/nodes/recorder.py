@@ -75,8 +75,7 @@ class Recorder(BallbotNode):
         self._early: list[tuple[int, tuple[_Channel, bytes, int]]] = []
         self._decode_diagnostics = decoder(DIAGNOSTICS.type_name)
         self._outcome: dict[str, str] = {}
-        self._ack = self.advertise(RECORDER_ACK)
-        self._ack_message = RECORDER_ACK.message_class()
+        self._ack = self.output(RECORDER_ACK)
         self.every(POLL_S, self._poll)
         self.every(FLUSH_S, self._flush)
         self.every(DISCOVERY_S, self._discover)
@@ -113,8 +112,8 @@ class Recorder(BallbotNode):
         complete = min(channel.complete_ns() for channel in self._periodic)
         if complete > self._acked_ns:
             self._acked_ns = complete
-            fill_time(self._ack_message.stamp, complete)
-            self._ack.publish(self._ack_message)
+            fill_time(self._ack.message.stamp, complete)
+            self._ack.send(complete)
 
     def _write(self, channel: _Channel, data: bytes, sequence: int) -> None:
         if channel.lost_before(sequence):

@@ -24,8 +24,7 @@ class SonarDriver(BallbotNode):
         self._device = Sonar(self.values)
         self._beam = SonarBeam(self.values)
         self._decode = decoder(PLANT_ODOM.type_name)
-        self._publisher = self.advertise(SONAR_RANGE)
-        self._message = SONAR_RANGE.message_class()
+        self._output = self.output(SONAR_RANGE)
         self.listen(PLANT_ODOM, self._on_truth, raw=True)
 
     def _on_truth(self, truth: Any) -> None:
@@ -33,8 +32,8 @@ class SonarDriver(BallbotNode):
         if now % SLOW_NS:
             return
         distance = self._beam.distance_m(ball_position(self._decode(truth)))
-        fill_sonar(self._message, now, self._device.read(distance, now))
-        self._publisher.publish(self._message)
+        fill_sonar(self._output.message, now, self._device.read(distance, now))
+        self._output.send(now)
         self.sampled(now)
 
 

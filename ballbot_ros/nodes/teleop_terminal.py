@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 from ballbot_ros.messages.topics import OPERATING_STATE
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.teleop.arbiter import KEYBOARD, SCENARIO, Arbiter, Command
+from ballbot_ros.teleop.arbiter import KEYBOARD, Arbiter, Command
 from ballbot_ros.teleop.keyboard import KeyboardSticks
 from ballbot_ros.teleop.terminal import Terminal
 
@@ -68,11 +68,10 @@ class TeleopTerminal:
     def _status(self) -> Mapping[str, str]:
         command = self._command()
         vertical, horizontal = command.sticks
-        nobody = command.source == SCENARIO and not self._node.values['scenario']
         fallen = '   press r to start anew' if self._state == OUT_OF_CONTROL else ''
         return {
             'sim time': f'{self._node.now_ns * 1e-9:.1f} s',
             'state': self._state + fallen,
-            'in command': 'nobody' if nobody else command.source,
+            'in command': command.driver(self._node.values['scenario']),
             'sticks': f'vertical {vertical:+d}   horizontal {horizontal:+d}',
         }

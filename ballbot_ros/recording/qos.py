@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-UNSPECIFIED = 0
-"""A duration the publisher left to the middleware [ns]."""
-
 INFINITE = 2**63 - 1
 """A duration without end [ns]."""
 
@@ -27,7 +24,7 @@ class QosProfile:
     durability : str
         ``transient_local``, ``volatile``, ...
     deadline, lifespan, liveliness_lease_duration : int
-        Durations [ns], `UNSPECIFIED` or `INFINITE`.
+        Durations [ns]; 0 where the publisher left it to the middleware, or `INFINITE`.
     liveliness : str
         ``automatic``, ``manual_by_topic``, ...
     avoid_ros_namespace_conventions : bool

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from io import BytesIO
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
 from mcap import records
@@ -97,12 +96,7 @@ class Salvage:
     def __enter__(self) -> Salvage:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._map.close()
         self._file.close()
 

@@ -7,7 +7,7 @@ import reprlib
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
-from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, ParameterSet
+from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, ParameterSet, parameters_of
 from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush
@@ -112,7 +112,7 @@ class ScenarioReader:
         for key, value in self._mapping(data.get('start', {}), ('start',), _START).items():
             number = self._number(value, ('start', key))
             if key.endswith('_deg'):
-                number = math.radians(number)
+                number = self._radians(number, _START[key], ('start', key))
             self._set(parameters, PLANT, _START[key], number, ('start', key))
         for node, values in self._mapping(data.get('parameters', {}), ('parameters',)).items():
             for name, value in self._mapping(values, ('parameters', node)).items():
@@ -123,6 +123,15 @@ class ScenarioReader:
                 self._set(parameters, node, name, value, ('parameters', node, name))
         self._check_world(parameters)
         return parameters
+
+    def _radians(self, degrees: float, name: str, keys: Keys) -> float:
+        """Convert the value of one of the plant's angles; refuse it in degrees, as it is given."""
+        low, high = map(math.degrees, parameters_of(PLANT)[name].bounds or (-math.inf, math.inf))
+        if not low <= degrees <= high:
+            raise self._error(
+                keys, f'{_label(keys)}: {degrees:g} is not within {low:.1f} … {high:.1f} deg'
+            )
+        return math.radians(degrees)
 
     def _check_world(self, parameters: ParameterSet) -> None:
         """Refuse a map that can't be read and a start that it has no room for."""

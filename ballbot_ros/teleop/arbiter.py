@@ -19,6 +19,9 @@ LIVE_SOURCES = DEVICE, JOY, VIEWER, KEYBOARD, CMD_VEL = (
 SCENARIO = 'scenario'
 """What acts while no live input is in command."""
 
+NOBODY = 'nobody'
+"""Who is in command, to the eye, without live input and without a scenario."""
+
 SILENCE_S = 0.5
 """A source that has said nothing for longer than this counts as neutral."""
 
@@ -33,6 +36,10 @@ class Command(NamedTuple):
 
     source: str
     sticks: Sticks
+
+    def driver(self, scenario: str) -> str:
+        """Return the name to show of who is in command; `scenario` is '' where there is none."""
+        return self.source if self.source != SCENARIO or scenario else NOBODY
 
 
 class Arbiter:

@@ -1,10 +1,9 @@
 """Recordings of runs without nodes, and changed copies of them."""
 
-import json
-import subprocess
 import sys
 
 import pytest
+from graph import record
 
 from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.run_data import read_run
@@ -12,8 +11,6 @@ from ballbot_ros.cli.main import main
 from ballbot_ros.recording.encoding import encoder
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RecordingWriter
-
-BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
 
 
 @pytest.fixture
@@ -34,12 +31,7 @@ def make_run(tmp_path_factory):
     """Run a scenario; return the recording and the result that the run printed."""
 
     def make(scenario, *arguments):
-        folder = tmp_path_factory.mktemp('run')
-        words = ['run', scenario, '--processes=none', '--json', '--output', folder, *arguments]
-        done = subprocess.run([*BALLBOT, *map(str, words)], capture_output=True, check=False)
-        assert done.stderr == b''
-        result = json.loads(done.stdout)
-        return folder / f'{result["scenario"]}.mcap', result
+        return record(tmp_path_factory.mktemp('run'), scenario, *arguments)
 
     return make
 

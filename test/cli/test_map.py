@@ -132,6 +132,13 @@ def test_a_file_that_can_not_be_written_is_one_line(tmp_path):
     assert_one_line(ballbot_map('track', '--wrl', tmp_path / 'no/a.wrl'), 'No such file')
 
 
+@pytest.mark.parametrize('option', ['--wrl', '--yaml'])
+def test_a_folder_is_no_file_to_write(tmp_path, option):
+    done = ballbot_map('track', option, f'{tmp_path}/x/')
+    assert_one_line(done, option, f'{tmp_path}/x/: a folder, not a file to write')
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path):
     def fill_disk():
         resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))

@@ -6,9 +6,7 @@ import subprocess
 from importlib.util import find_spec
 
 import pytest
-from graph import BALLBOT, environment
-
-SCENARIO = ['run', 'stationary', '--processes', 'none', '--set=plant_sim.duration=2.0']
+from graph import BALLBOT, environment, record
 
 
 def ballbot(*words, **options):
@@ -20,8 +18,7 @@ def ballbot(*words, **options):
 @pytest.fixture(scope='module')
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp('run')
-    ballbot(*SCENARIO, '--output', folder)
-    return folder / 'stationary.mcap'
+    return record(folder, 'stationary', '--set=plant_sim.duration=2.0')[0]
 
 
 @pytest.fixture

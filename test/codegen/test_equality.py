@@ -18,7 +18,7 @@ from ballbot_ros.controller.program import VOLTAGE_OFFSET, VOLTAGE_SLOPE, Contro
 from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.device_inputs import recorded_steps
+from ballbot_ros.simulation.scenario_steps import scenario_steps
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 
 GOLDEN = sorted((Path(__file__).parents[1] / 'controller' / 'golden').glob('*.npz'))
@@ -67,7 +67,7 @@ def assert_equal(made, steps):
 @pytest.mark.parametrize('name', scenario_names())
 def test_every_shipped_scenario(built, target, name):
     scenario = load_scenario(name)
-    steps = recorded_steps(scenario.parameters, scenario)
+    steps = scenario_steps(scenario.parameters, scenario)
     made = built(target, values=scenario.parameters.values(CONTROLLER))
     seconds = scenario.parameters.values(PLANT)['duration']
     assert assert_equal(made, steps) == round(seconds * 250)

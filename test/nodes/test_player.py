@@ -6,7 +6,7 @@ import time
 from itertools import pairwise
 
 import pytest
-from graph import BALLBOT, environment, wait_for
+from graph import BALLBOT, environment, record, wait_for
 
 rclpy = pytest.importorskip('rclpy')
 
@@ -26,11 +26,7 @@ pytestmark = pytest.mark.graph
 @pytest.fixture(scope='module')
 def recording(tmp_path_factory):
     folder = tmp_path_factory.mktemp('run')
-    words = ['run', 'stationary', '--processes', 'none', '--output', folder]
-    subprocess.run(
-        [*BALLBOT, *words, '--set=plant_sim.duration=6.0'], check=False, capture_output=True
-    )
-    return folder / 'stationary.mcap'
+    return record(folder, 'stationary', '--set=plant_sim.duration=6.0')[0]
 
 
 class Listener:

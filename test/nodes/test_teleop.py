@@ -31,6 +31,7 @@ from ballbot_ros.scenario.library import load_scenario  # noqa: E402
 from ballbot_ros.scenario.scenario import Scenario  # noqa: E402
 from ballbot_ros.simulation.closed_loop import ClosedLoop  # noqa: E402
 from ballbot_ros.simulation.trajectory import TrajectoryLog  # noqa: E402
+from ballbot_ros.teleop.arbiter import NOBODY  # noqa: E402
 
 pytestmark = pytest.mark.graph
 
@@ -176,7 +177,7 @@ def test_cmd_vel_that_is_not_finite_stops_the_robot_and_is_reported(driver):
         assert driver.status().message == 'cmd_vel: linear.x is nan, not a finite number'
         assert {v.key: v.value for v in driver.status().values}['in command'] in (
             'cmd_vel',
-            'scenario',
+            NOBODY,
         )
     with driver.sending('cmd_vel', twist()):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.OK)

@@ -6,7 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from graph import BALLBOT
+from graph import record
 
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.repair import repair
@@ -57,11 +57,7 @@ def read(tmp_path_factory):
 def run(tmp_path_factory):
     """Return the recording of a short run without nodes."""
     folder = tmp_path_factory.mktemp('run')
-    words = ['run', 'stationary', '--processes', 'none', '--output', folder]
-    subprocess.run(
-        [*BALLBOT, *words, '--set=plant_sim.duration=3.0'], check=False, capture_output=True
-    )
-    return folder / 'stationary.mcap'
+    return record(folder, 'stationary', '--set=plant_sim.duration=3.0')[0]
 
 
 @pytest.mark.parametrize('repaired', [False, True])

@@ -8,20 +8,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType, Writer
+from text_messages import STRING, string
 
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RecordingWriter
 
-STRING = 'std_msgs/msg/String'
 MAGIC_SIZE = 8
-
-
-def string(text):
-    message = new_message(STRING)
-    message.data = text
-    return encoder(STRING)(message)
 
 
 @pytest.fixture(scope='module')

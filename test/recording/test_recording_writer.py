@@ -20,22 +20,15 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosHistory, QosReliability
 from rosbags.rosbag2 import Reader
 from ruamel.yaml import YAML
+from text_messages import STRING, string
 
-from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import schema
 from ballbot_ros.recording.writer import RecordingWriter
 
-STRING = 'std_msgs/msg/String'
 MAGIC_SIZE = 8
-
-
-def string(text):
-    message = new_message(STRING)
-    message.data = text
-    return encoder(STRING)(message)
 
 
 def write_strings(path, numbers, **options):

@@ -9,14 +9,13 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
+from text_messages import STRING, string
 
-from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.repair import repair
 from ballbot_ros.recording.writer import RecordingWriter
 
-STRING = 'std_msgs/msg/String'
 CHUNKS = 10
 PER_CHUNK = 28
 HEADER_END = 40
@@ -210,9 +209,7 @@ def test_what_is_lost_behind_a_cut_is_estimated(tmp_path):
     with RecordingWriter(path) as writer:
         topic = writer.add_topic('/lcd', STRING)
         for number in range(300):
-            message = new_message(STRING)
-            message.data = str(number**5)
-            writer.write(topic, number * 10**7, encoder(STRING)(message), number + 1)
+            writer.write(topic, number * 10**7, string(str(number**5)), number + 1)
             if number % 100 == 99:
                 writer.flush()
     content = path.read_bytes()

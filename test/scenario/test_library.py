@@ -167,7 +167,11 @@ def test_an_unknown_profile_is_told_with_the_known_ones(name):
         (HEAD + 'seed: 1.5\n', 3, '1.5 is not a whole number'),
         (HEAD + 'profile: real\n', 3, "unknown profile 'real'"),
         (HEAD + 'start: 4\n', 3, 'is not a mapping'),
-        (HEAD + 'start:\n  pitch_x_deg: 90\n', 4, 'is not within'),
+        (
+            HEAD + 'start:\n  pitch_x_deg: 90\n',
+            4,
+            "'pitch_x_deg': 90 is not within -85.9 … 85.9 deg",
+        ),
         (HEAD + 'start:\n  pitch_deg: 4\n', 4, "unknown key 'pitch_deg'"),
         (HEAD + 'start:\n  pitch_x_deg: .nan\n', 4, 'nan is not finite'),
         (HEAD + 'start:\n  pitch_x_deg: x\n', 4, "'x' is not a number"),

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from ballbot_ros.teleop.arbiter import (
     LIVE_SOURCES,
+    NOBODY,
     PAUSE_S,
     SCENARIO,
     SILENCE_S,
@@ -114,3 +115,9 @@ def test_a_neutral_source_does_not_keep_the_scenario_from_acting(source):
     arbiter = Arbiter()
     arbiter.report(source, NEUTRAL, 0.0)
     assert arbiter.decide(0.0, PLAYED) == (SCENARIO, PLAYED)
+
+
+def test_without_a_scenario_its_signals_are_nobodys():
+    assert Command(SCENARIO, NEUTRAL).driver('') == NOBODY
+    assert Command(SCENARIO, PLAYED).driver('stationary') == SCENARIO
+    assert Command(JOY, NEUTRAL).driver('') == Command(JOY, NEUTRAL).driver('stationary') == JOY

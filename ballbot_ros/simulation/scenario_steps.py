@@ -11,7 +11,7 @@ from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, MILLISECOND_NS, SECOND_NS, TICK_NS
 
 
-def recorded_steps(parameters: ParameterSet, scenario: Scenario) -> Iterator[Step]:
+def scenario_steps(parameters: ParameterSet, scenario: Scenario) -> Iterator[Step]:
     """Yield the device inputs of every tick of a scenario."""
     loop = ClosedLoop(parameters, scenario)
     ticks = round(parameters.values(PLANT)['duration'] * SECOND_NS) // TICK_NS

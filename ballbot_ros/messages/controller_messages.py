@@ -1,0 +1,70 @@
+"""What the controller publishes, in the graph and in the recording of a run without one."""
+
+from __future__ import annotations
+
+from ballbot_ros.brick.brick import DeviceOutputs
+from ballbot_ros.controller.interface import Program
+from ballbot_ros.messages.conversions import (
+    fill_controller_state,
+    fill_duty,
+    fill_log,
+    fill_tone,
+)
+from ballbot_ros.messages.outputs import MakeOutput
+from ballbot_ros.messages.topics import (
+    BLUETOOTH_TX,
+    CONTROLLER_STATE,
+    LCD,
+    MOTOR_DUTY,
+    OPERATING_STATE,
+    SOUND,
+)
+
+
+class ControllerMessages:
+    """Fills and sends the controller's messages.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the output of a topic.
+
+    Attributes
+    ----------
+    operating_state : str
+        The one that was sent last; '' before the first tick.
+    """
+
+    def __init__(self, make: MakeOutput) -> None:
+        self.operating_state = ''
+        self._duty = make(MOTOR_DUTY)
+        self._state = make(CONTROLLER_STATE)
+        self._operating_state = make(OPERATING_STATE)
+        self._log = make(BLUETOOTH_TX)
+        self._sound = make(SOUND)
+        self._lcd = make(LCD)
+
+    def tick(self, now: int, outputs: DeviceOutputs, program: Program) -> None:
+        """Send what a tick at `now` [ns] has made."""
+        # What has no stamp goes first: no reader then sees it after the next tick.
+        if program.drive_state != self.operating_state:
+            self.operating_state = program.drive_state
+            self._operating_state.message.data = self.operating_state
+            self._operating_state.send(now)
+        for packet in outputs.log:
+            fill_log(self._log.message, packet)
+            self._log.send(now)
+        for tone in outputs.tones:
+            fill_tone(self._sound.message, now, tone)
+            self._sound.send(now)
+        for page in outputs.pages:
+            self._lcd.message.data = page
+            self._lcd.send(now)
+        fill_duty(self._duty.message, now, outputs.duty)
+        self._duty.send(now)
+        fill_controller_state(self._state.message, now, program.x, program.y)
+        self._state.send(now)
+
+    def repeat_duty(self, stamp_ns: int) -> None:
+        """Send the duty of the tick before, at `stamp_ns`, once more."""
+        self._duty.send(stamp_ns)

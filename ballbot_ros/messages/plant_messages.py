@@ -1,0 +1,91 @@
+"""What the plant publishes, in the graph and in the recording of a run without one."""
+
+from __future__ import annotations
+
+from ballbot_ros.messages.conversions import (
+    fill_accepted_push,
+    fill_battery,
+    fill_body,
+    fill_clock,
+    fill_header,
+    fill_map,
+    fill_motors,
+    fill_odometry,
+)
+from ballbot_ros.messages.outputs import MakeOutput
+from ballbot_ros.messages.topics import (
+    ACCEPTED_PUSH,
+    BATTERY_STATE,
+    CLOCK,
+    MAP,
+    PLANT_IMU,
+    PLANT_JOINT_STATES,
+    PLANT_ODOM,
+    RUN,
+    WALL_HIT,
+)
+from ballbot_ros.plant.truth import Push, Truth
+from ballbot_ros.simulation.timing import BATTERY_NS
+from ballbot_ros.world.exports import occupancy_grid
+from ballbot_ros.world.world import World
+
+
+class PlantMessages:
+    """Fills and sends the plant's messages.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the output of a topic.
+    ball_radius : float
+        Height of the ball's centre [m].
+    """
+
+    def __init__(self, make: MakeOutput, ball_radius: float) -> None:
+        self._ball_radius = ball_radius
+        self._clock = make(CLOCK)
+        self._run = make(RUN)
+        self._motors = make(PLANT_JOINT_STATES)
+        self._body = make(PLANT_IMU)
+        self._odometry = make(PLANT_ODOM)
+        self._battery = make(BATTERY_STATE)
+        self._wall_hit = make(WALL_HIT)
+        self._accepted_push = make(ACCEPTED_PUSH)
+        self._map = make(MAP)
+
+    def begin(self, start_ns: int, name: str, world: World | None) -> None:
+        """Announce a run, and what it begins with."""
+        fill_header(self._run.message, start_ns, name)
+        self._run.send(start_ns)
+        if world:
+            fill_map(self._map.message, start_ns, occupancy_grid(world.map))
+            self._map.send(start_ns)
+        self._wall_hit.message.data = False
+        self._wall_hit.send(start_ns)
+
+    def push(self, push: Push, number: int) -> None:
+        """Tell when a push begins and ends to act, for the run to be made again."""
+        for stamp, acts in ((push.start_ns, True), (push.end_ns, False)):
+            fill_accepted_push(self._accepted_push.message, stamp, push, number, acts=acts)
+            self._accepted_push.send(stamp)
+
+    def truth(self, truth: Truth, *, wall_hit: bool) -> bool:
+        """Send the truth of a tick; return whether `wall_hit` has changed."""
+        now = truth.stamp_ns
+        fill_clock(self._clock.message, now)
+        self._clock.send(now)
+        fill_body(self._body.message, truth)
+        self._body.send(now)
+        fill_motors(self._motors.message, truth)
+        self._motors.send(now)
+        if now % BATTERY_NS == 0:
+            fill_battery(self._battery.message, truth)
+            self._battery.send(now)
+        fill_odometry(self._odometry.message, truth, self._ball_radius)
+        self._odometry.send(now)
+        hit = self._wall_hit.message
+        if hit.data == wall_hit:
+            return False
+        hit.data = wall_hit
+        self._wall_hit.send(now)
+        return True

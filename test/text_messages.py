@@ -1,0 +1,12 @@
+"""Encoded texts, the plainest messages to write."""
+
+from ballbot_ros.recording.encoding import encoder, new_message
+
+STRING = 'std_msgs/msg/String'
+
+
+def string(text):
+    """Return a std_msgs/String as CDR."""
+    message = new_message(STRING)
+    message.data = text
+    return encoder(STRING)(message)
