@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import queue
 import sys
 import time
@@ -11,17 +10,9 @@ from typing import Any
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from ballbot_ros.messages.conversions import (
-    ball_position,
-    body_pitch,
-    fill_joy,
-    fill_push,
-    stamp_ns,
-)
-from ballbot_ros.messages.raw import decoder
+from ballbot_ros.messages.conversions import fill_joy, fill_push, stamp_ns
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     LCD,
@@ -35,9 +26,9 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     SOUND,
     VIEWER_JOY,
-    Topic,
 )
-from ballbot_ros.nodes.base import BallbotNode, requested_qos, run_node
+from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.newest import Newest, snapshot_of
 from ballbot_ros.parameters import PLANT, VIEWER, select
 from ballbot_ros.plant.truth import Pair
 from ballbot_ros.simulation.timing import SECOND_NS
@@ -78,7 +69,7 @@ class Viewer(BallbotNode):
         self._robot = self._page.scene.add_robot('robot')
         self._requests = Requests(self)
         self._controls = LiveControls(self._page.server.gui, self._requests)
-        self._newest = Newest(self)
+        self._newest = Newest(self, _SHOWN)
         self._history = History()
         self._ticks: list[tuple[float, float]] = []
         self._updates = self._tones = 0
@@ -94,7 +85,7 @@ class Viewer(BallbotNode):
     def _update(self) -> None:
         self._requests.make()
         changed = self._newest.take()
-        now = self._snapshot()
+        now = snapshot_of(self._newest)
         if now is None:
             return
         if RUN in changed or MAP in changed:
@@ -111,24 +102,6 @@ class Viewer(BallbotNode):
         self._page.look(now)
         if self._updates % self._panel_period == 0:
             self._panel.show(now, self._history.trace(), self._factor(now.time))
-
-    def _snapshot(self) -> Snapshot | None:
-        newest = self._newest
-        body, ball = newest[PLANT_IMU], newest[PLANT_ODOM]
-        if body is None or ball is None:
-            return None
-        duty, sonar, battery = newest[MOTOR_DUTY], newest[SONAR_RANGE], newest[BATTERY_STATE]
-        state, lcd = newest[OPERATING_STATE], newest[LCD]
-        return Snapshot(
-            time=stamp_ns(ball) / SECOND_NS,
-            position=ball_position(ball),
-            psi=body_pitch(body),
-            duty=(duty.vector.x, duty.vector.y) if duty else (math.nan, math.nan),
-            sonar=sonar.range if sonar else math.nan,
-            battery=battery.voltage if battery else math.nan,
-            state=state.data if state else '',
-            lcd=lcd.data if lcd else '',
-        )
 
     def _begin(self, now: Snapshot) -> None:
         """Show the floor of a run that begins, and forget the run before it."""
@@ -172,56 +145,6 @@ class Viewer(BallbotNode):
         """Close the page."""
         self._newest.close()
         self._page.stop()
-
-
-class Newest:
-    """The newest message of each topic, decoded only when it is looked for.
-
-    The messages are taken past the executor, as the recorder does it: a callback for each of
-    them, of which most are never shown, would cost many times as much.
-    """
-
-    def __init__(self, node: BallbotNode) -> None:
-        self._inbox = Node(
-            f'_{VIEWER}_inbox',
-            namespace=node.get_namespace(),
-            use_global_arguments=False,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
-        self._subscriptions = {
-            topic: self._inbox.create_subscription(
-                topic.message_class,
-                topic.name,
-                lambda data: None,
-                requested_qos(topic, 1),
-                raw=True,
-            )
-            for topic in _SHOWN
-        }
-        self._decoders = {topic: decoder(topic.type_name) for topic in _SHOWN}
-        self._messages: dict[Topic, Any] = {}
-
-    def take(self) -> set[Topic]:
-        """Take what has come; return the topics that have a new message."""
-        changed = set()
-        for topic, subscription in self._subscriptions.items():
-            newest = None
-            with subscription.handle:
-                kind = subscription.msg_type
-                while (taken := subscription.handle.take_message(kind, True)) is not None:
-                    newest = taken[0]
-            if newest is not None:
-                self._messages[topic] = self._decoders[topic](newest)
-                changed.add(topic)
-        return changed
-
-    def __getitem__(self, topic: Topic) -> Any:
-        return self._messages.get(topic)
-
-    def close(self) -> None:
-        """Take leave of the topics."""
-        self._inbox.destroy_node()
 
 
 class Requests:
