@@ -14,7 +14,7 @@ from ros_client import Client
 
 from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.messages.markers import DELETE_ALL
-from ballbot_ros.messages.topics import MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION
+from ballbot_ros.messages.topics import MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION, TF, TF_STATIC
 from ballbot_ros.recording.reader import RecordingReader
 
 pytestmark = pytest.mark.graph
@@ -77,4 +77,5 @@ def test_beside_a_player_that_begins_again(recording, domain, start_node, tmp_pa
     with RecordingReader(again) as reader:
         names = set(reader.topics())
     assert f'/{PLANT_ODOM.name}' in names
-    assert not names & {f'/{topic.name}' for topic in (MARKERS, ROBOT_DESCRIPTION)}
+    drawn_topics = (MARKERS, ROBOT_DESCRIPTION, TF, TF_STATIC)
+    assert not names & {'/' + topic.name.lstrip('/') for topic in drawn_topics}
