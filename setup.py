@@ -17,6 +17,7 @@ NODES = (
     'recorder',
     'player',
     'viewer',
+    'robot_visualizer',
 )
 
 
@@ -129,6 +130,7 @@ setup(
             'mcap-ros2-support>=0.5',
             'pyarrow>=14',
             'types-PyYAML>=6.0',
+            'yourdfpy>=0.0.56',
         ],
     },
     zip_safe=True,

@@ -29,7 +29,12 @@ PLANT, GYRO, ENCODER, SONAR, CONTROLLER, GAMEPAD, RECORDER = NODES = (
 )
 """The participants of a run."""
 
-PLAYER, VIEWER, SUPERVISOR = OPTIONAL_NODES = ('player', 'viewer', 'supervisor')
+PLAYER, VIEWER, VISUALIZER, SUPERVISOR = OPTIONAL_NODES = (
+    'player',
+    'viewer',
+    'robot_visualizer',
+    'supervisor',
+)
 """Nodes that a run does without."""
 
 ALL_NODES = NODES + OPTIONAL_NODES
@@ -147,6 +152,9 @@ TABLE: tuple[Parameter, ...] = (
         (PLANT, SONAR, VIEWER),
         ('map', '', '', None,
          'map (shipped name or image file); empty: a free floor without end', 'B.2'),
+    ),
+    *_rows(
+        (PLANT, SONAR, VIEWER, VISUALIZER),
         ('body_depth', 0.135, 'm', (0.0, 10.0), 'body depth D, along x', '3.1'),
     ),
     *_rows(
@@ -161,7 +169,7 @@ TABLE: tuple[Parameter, ...] = (
          'project'),
     ),
     *_rows(
-        (PLANT, CONTROLLER, GAMEPAD, VIEWER),
+        (PLANT, CONTROLLER, GAMEPAD, VIEWER, VISUALIZER),
         ('ball_radius', 0.026, 'm', (1e-3, 1.0), 'spherical wheel radius Rs', '3.1'),
     ),
     *_rows(
@@ -170,22 +178,25 @@ TABLE: tuple[Parameter, ...] = (
         ('gp_max', 100, '%', (1, 127), 'largest stick value', '5.1'),
     ),
     *_rows(
-        (PLANT, CONTROLLER, VIEWER),
+        (PLANT, CONTROLLER, VIEWER, VISUALIZER),
         ('wheel_radius', 0.021, 'm', (1e-3, 1.0), 'motor wheel (rubber tire) radius Rw', '3.1'),
     ),
     *_rows(
-        (PLANT, VIEWER),
+        (PLANT, VIEWER, VISUALIZER),
         ('wheel_width', 0.022, 'm', (0.0, 1.0), 'motor wheel height (width of the tire) Lw', '3.1'),
         ('body_width', 0.135, 'm', (0.0, 10.0), 'body width W, along y', '3.1'),
         ('body_height', 0.17, 'm', (1e-3, 10.0),
          'distance L from the ball centre to the body centre', '3.1'),
     ),
     *_rows(
-        PLANT,
-        ('gravity', 9.81, 'm/s²', (0.0, 100.0), 'gravity acceleration g', '3.1'),
+        (PLANT, VISUALIZER),
         ('ball_mass', 0.013, 'kg', (1e-6, 100.0), 'spherical wheel mass Ms', '3.1'),
         ('wheel_mass', 0.015, 'kg', (0.0, 100.0), 'motor wheel mass Mw', '3.1'),
         ('body_mass', 0.682, 'kg', (1e-6, 100.0), 'body mass Mb', '3.1'),
+    ),
+    *_rows(
+        PLANT,
+        ('gravity', 9.81, 'm/s²', (0.0, 100.0), 'gravity acceleration g', '3.1'),
         ('motor_inertia', 1e-5, 'kg·m²', (0.0, 1.0), 'DC motor inertia Jm', '3.1'),
         ('motor_resistance', 6.69, 'Ω', (1e-3, 1e3), 'DC motor resistance Rm', '3.1'),
         ('back_emf_constant', 0.468, 'V·s/rad', (0.0, 100.0), 'back EMF constant Kb', '3.1'),
@@ -345,6 +356,10 @@ TABLE: tuple[Parameter, ...] = (
         ('host', '127.0.0.1', '', None,
          'address of this machine on which the page is served', 'project'),
         ('port', 8080, '1', (0, 65535), 'its port; 0: a free one', 'project'),
+    ),
+    *_rows(
+        VISUALIZER,
+        ('rate', 30.0, 'Hz', (1.0, 250.0), 'markers and transforms a second, at most', 'project'),
     ),
     *_rows(
         SUPERVISOR,

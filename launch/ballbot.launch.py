@@ -1,4 +1,4 @@
-"""Launches the whole graph: plant, drivers, controller, gamepad and, if wanted, the recorder."""
+"""Launches the whole graph and, if wanted, the recorder and RViz."""
 
 import shutil
 import tempfile
@@ -11,12 +11,23 @@ from launch.event_handlers import OnProcessExit, OnShutdown
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackagePrefix
 
 from ballbot_ros.cli.experiment import Experiment, attachments_of, settle_map
+from ballbot_ros.messages.topics import MAP, MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION
 from ballbot_ros.parameter_file import read_parameter_file, write_parameter_file
-from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet
+from ballbot_ros.parameters import (
+    ALL_NODES,
+    GAMEPAD,
+    NODES,
+    PLANT,
+    RECORDER,
+    VISUALIZER,
+    ParameterSet,
+)
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.share import share_directory
 
 ARGUMENTS = {
     'scenario': ('', 'name or file of a scenario; empty: balance until stopped'),
@@ -25,13 +36,18 @@ ARGUMENTS = {
     'record': ('false', 'true: record the run'),
     'output': ('', 'recording to write; empty: a new one under runs/'),
     'namespace': ('', 'namespace of the nodes'),
+    'rviz': ('false', 'true: show the robot in RViz'),
 }
+SWITCHES = ('record', 'rviz')
 
 
 def launch_graph(context):
     """Return the nodes, with the parameters of the scenario and of the arguments."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    record = given['record'] == 'true'
+    record, show = given['record'] == 'true', given['rviz'] == 'true'
+    if show:
+        # If it is missing that ends the launch here, before there are processes to be left behind.
+        FindPackagePrefix('rviz2').perform(context)
     parameters = ParameterSet()
     scenario = load_scenario(given['scenario']) if given['scenario'] else Scenario()
     if given['scenario']:
@@ -56,7 +72,8 @@ def launch_graph(context):
     parameters.set(RECORDER, 'attachments', str(attachments))
     if given['output']:
         parameters.set(RECORDER, 'output', given['output'])
-    write_parameter_file(folder / 'parameters.yaml', parameters)
+    write_parameter_file(folder / 'parameters.yaml', parameters, ALL_NODES)
+    names = [name for name in NODES if name != RECORDER or record]
     nodes = {
         name: Node(
             package='ballbot_ros',
@@ -66,15 +83,32 @@ def launch_graph(context):
             parameters=[str(folder / 'parameters.yaml')],
             output='screen',
         )
-        for name in NODES
-        if name != RECORDER or record
+        for name in (*names, *([VISUALIZER] if show else []))
     }
+    windows = [rviz(given['namespace'])] if show else []
     # The plant ends when the run does, and takes the others with it.
     end = RegisterEventHandler(
         OnProcessExit(target_action=nodes[PLANT], on_exit=[EmitEvent(event=Shutdown())])
     )
     tidy = RegisterEventHandler(OnShutdown(on_shutdown=lambda *_: shutil.rmtree(folder, True)))
-    return [*nodes.values(), end, tidy]
+    return [*nodes.values(), *windows, end, tidy]
+
+
+def rviz(namespace):
+    """Return RViz with the shipped configuration, on the topics of the namespace."""
+    return Node(
+        package='rviz2',
+        executable='rviz2',
+        namespace=namespace,
+        arguments=['-d', str(share_directory() / 'config/rviz/ballbot.rviz')],
+        # On sim time its transforms are forgotten when time leaps back.
+        parameters=[{'use_sim_time': True}],
+        remappings=[
+            (f'/{topic.name}', topic.name)
+            for topic in (MAP, MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION)
+        ],
+        output='screen',
+    )
 
 
 def generate_launch_description():
@@ -84,7 +118,7 @@ def generate_launch_description():
             name,
             default_value=default,
             description=description,
-            choices=['true', 'false'] if name == 'record' else None,
+            choices=['true', 'false'] if name in SWITCHES else None,
         )
         for name, (default, description) in ARGUMENTS.items()
     ]

@@ -19,6 +19,7 @@ from ballbot_ros.parameters import (
     SONAR,
     TABLE,
     VIEWER,
+    VISUALIZER,
     ParameterError,
     ParameterSet,
     parameters_of,
@@ -192,7 +193,12 @@ def test_what_is_set_is_what_is_listed():
     [
         (GYRO, 'seed', 9, (GYRO, SONAR)),
         (GAMEPAD, 'scenario', 'x', (PLANT, GAMEPAD)),
-        (CONTROLLER, 'ball_radius', 0.03, (PLANT, CONTROLLER, GAMEPAD, VIEWER)),
+        (
+            CONTROLLER,
+            'ball_radius',
+            0.03,
+            (PLANT, CONTROLLER, GAMEPAD, VIEWER, VISUALIZER),
+        ),
         (GAMEPAD, 'gp_max', 50, (CONTROLLER, GAMEPAD)),
         ('/**', 'lockstep', False, (PLANT, CONTROLLER, GAMEPAD)),
         ('/**', 'gravity', 1.0, (PLANT,)),

@@ -5,7 +5,16 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from ballbot_ros.parameters import CONTROLLER, ENCODER, GAMEPAD, GYRO, PLANT, RECORDER, SONAR
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    ENCODER,
+    GAMEPAD,
+    GYRO,
+    PLANT,
+    RECORDER,
+    SONAR,
+    VISUALIZER,
+)
 from ballbot_ros.simulation.timing import BATTERY_NS, SLOW_NS, TICK_NS
 
 HISTORY = 128
@@ -73,6 +82,10 @@ SOUND = Topic('sound', 'geometry_msgs/msg/Vector3Stamped', CONTROLLER)
 LCD = Topic('lcd', 'std_msgs/msg/String', CONTROLLER)
 RECORDER_ACK = Topic('recorder/ack', 'std_msgs/msg/Header', RECORDER)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None)
+ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', VISUALIZER)
+MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', VISUALIZER)
+TF = Topic('/tf', 'tf2_msgs/msg/TFMessage', None)
+TF_STATIC = Topic('/tf_static', 'tf2_msgs/msg/TFMessage', None)
 
 TOPICS = (
     CLOCK, RUN, PLANT_JOINT_STATES, PLANT_IMU, PLANT_ODOM, BATTERY_STATE, WALL_HIT, MAP,

@@ -25,7 +25,7 @@ from ballbot_ros.messages.topics import (
     message_class,
 )
 from ballbot_ros.nodes.base import BallbotNode, requested_qos, run_node
-from ballbot_ros.parameters import PLANT, RECORDER
+from ballbot_ros.parameters import PLANT, RECORDER, VISUALIZER
 from ballbot_ros.recording.attachments import media_type
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
@@ -35,6 +35,9 @@ from ballbot_ros.simulation.timing import TICK_NS
 POLL_S = 5e-3
 FLUSH_S = 0.5
 DISCOVERY_S = 1.0
+
+_UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
+"""What the middleware calls a publisher's node of which it has not heard yet."""
 
 
 class Recorder(BallbotNode):
@@ -70,6 +73,7 @@ class Recorder(BallbotNode):
         self._periodic = [c for c in self._channels.values() if c.topic.period_ns]
         self._late: list[_Item] = []
         self._refused: set[str] = set()
+        self._sighted: set[str] = set()
         self._acked_ns = 0
         self._lost = 0
         self._early: list[tuple[int, tuple[_Channel, bytes, int]]] = []
@@ -170,8 +174,16 @@ class Recorder(BallbotNode):
     def _discover(self) -> None:
         """Subscribe to topics that the graph has beside its own."""
         for name, _ in self.get_topic_names_and_types():
+            if name in self._channels or name in self._refused:
+                continue
             offers = self.get_publishers_info_by_topic(name)
-            if name in self._channels or name in self._refused or not offers:
+            # Discovery may tell of a publisher before it tells of its node: look once more.
+            if name not in self._sighted and any(o.node_name == _UNKNOWN_NODE for o in offers):
+                self._sighted.add(name)
+                continue
+            # What is drawn for other tools follows from what is recorded.
+            offers = [offer for offer in offers if offer.node_name != VISUALIZER]
+            if not offers:
                 continue
             # Not the graph's types, which are also those that somebody would like to read.
             topic = Topic(name, offers[0].topic_type, None)

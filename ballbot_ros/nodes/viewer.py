@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from rclpy.node import Node
-
-from ballbot_ros.messages.conversions import (
-    ball_position,
-    body_pitch,
-    fill_joy,
-    stamp_ns,
-)
-from ballbot_ros.messages.raw import decoder
+from ballbot_ros.messages.conversions import fill_joy, stamp_ns
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     LCD,
@@ -30,9 +21,9 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     SOUND,
     VIEWER_JOY,
-    Topic,
 )
-from ballbot_ros.nodes.base import BallbotNode, requested_qos, run_node
+from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.newest import Newest, snapshot_of
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import VIEWER, select
 from ballbot_ros.scenario.library import scenario_names
@@ -77,7 +68,7 @@ class Viewer(BallbotNode):
         self._robot = self._page.show_robot(self._page.dimensions)
         self._requests = ViewerRequests(self, self._page.notify)
         self._controls = LiveControls(self._page.server.gui, self._requests, scenario_names())
-        self._newest = Newest(self)
+        self._newest = Newest(self, _SHOWN)
         self._history = History()
         self._ticks: list[tuple[float, float]] = []
         self._updates = self._tones = 0
@@ -93,11 +84,13 @@ class Viewer(BallbotNode):
     def _update(self) -> None:
         self._requests.make()
         changed = self._newest.take()
-        now = self._snapshot()
+        now = snapshot_of(self._newest)
         if now is None:
             return
+        if self._requests.lost_plant:
+            now = now._replace(state='run ended')
         if RUN in changed or MAP in changed:
-            self._begin(now)
+            self._begin(now, self._newest[MAP] if MAP in changed else None)
         if PLANT_ODOM in changed:
             self.sampled(stamp_ns(self._newest[PLANT_ODOM]))
             self._history.add(now)
@@ -112,55 +105,34 @@ class Viewer(BallbotNode):
             self._panel.show(now, self._history.trace(), self._factor(now.time))
             self._controls.offer_scenarios(offer=self._requests.can_start)
 
-    def _snapshot(self) -> Snapshot | None:
-        newest = self._newest
-        body, ball = newest[PLANT_IMU], newest[PLANT_ODOM]
-        if body is None or ball is None:
-            return None
-        duty, sonar, battery = newest[MOTOR_DUTY], newest[SONAR_RANGE], newest[BATTERY_STATE]
-        state, lcd = newest[OPERATING_STATE], newest[LCD]
-        return Snapshot(
-            time=stamp_ns(ball) / SECOND_NS,
-            position=ball_position(ball),
-            psi=body_pitch(body),
-            duty=(duty.vector.x, duty.vector.y) if duty else (math.nan, math.nan),
-            sonar=sonar.range if sonar else math.nan,
-            battery=battery.voltage if battery else math.nan,
-            state=self._state(state.data if state else ''),
-            lcd=lcd.data if lcd else '',
-        )
+    def _begin(self, now: Snapshot, grid: Any) -> None:
+        """Show the floor of a run that begins, and forget the run before it.
 
-    def _state(self, operating_state: str) -> str:
-        """Return the operating state, or that there is no plant any more."""
-        return 'run ended' if self._requests.lost_plant else operating_state
-
-    def _begin(self, now: Snapshot) -> None:
-        """Show the floor of a run that begins, and forget the run before it."""
+        `grid` is the map that is published with the run, if any. It lacks the lines; the plant
+        tells the map that has them.
+        """
         self._history.clear()
         self._robot.trace([])
-        self._show_floor(now)
+        floor = self._floor
+        if floor is None and grid is not None:
+            floor = floor_of_grid(grid)
+        self._page.show_floor(floor, _start(now))
         self._requests.plant_parameters(_ASKED, self._take_parameters)
 
     def _take_parameters(self, values: Mapping[str, Any]) -> None:
         """Show what the plant says that it simulates."""
-        try:
-            self._floor = load_map(values['map']) if values['map'] else None
-        except WorldError:  # it is on another machine
-            self._floor = None
         self._controls.show_scenario(values['scenario'])
         dimensions = select(Dimensions, values)
         if dimensions != self._page.dimensions:
             self._robot = self._page.show_robot(dimensions)
-        if now := self._snapshot():
-            self._show_floor(now)
-
-    def _show_floor(self, now: Snapshot) -> None:
-        """Show the map, which has the lines, or else the walls that are published."""
-        message = self._newest[MAP]
-        floor = self._floor
-        if floor is None and message is not None:
-            floor = floor_of_grid(message)
-        self._page.show_floor(floor, (now.position[0], -now.position[1]))
+        now = snapshot_of(self._newest)
+        if now is None:
+            return
+        try:
+            floor = load_map(values['map']) if values['map'] else None
+        except WorldError:  # it is on another machine
+            return
+        self._page.show_floor(floor, _start(now))
 
     def _sound(self) -> None:
         """Play a tone that is new, not one that a latched topic has kept."""
@@ -193,54 +165,9 @@ class Viewer(BallbotNode):
         self._page.stop()
 
 
-class Newest:
-    """The newest message of each topic, decoded only when it is looked for.
-
-    The messages are taken past the executor, as the recorder does it: a callback for each of
-    them, of which most are never shown, would cost many times as much.
-    """
-
-    def __init__(self, node: BallbotNode) -> None:
-        self._inbox = Node(
-            f'_{VIEWER}_inbox',
-            namespace=node.get_namespace(),
-            use_global_arguments=False,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
-        self._subscriptions = {
-            topic: self._inbox.create_subscription(
-                topic.message_class,
-                topic.name,
-                lambda data: None,
-                requested_qos(topic, 1),
-                raw=True,
-            )
-            for topic in _SHOWN
-        }
-        self._decoders = {topic: decoder(topic.type_name) for topic in _SHOWN}
-        self._messages: dict[Topic, Any] = {}
-
-    def take(self) -> set[Topic]:
-        """Take what has come; return the topics that have a new message."""
-        changed = set()
-        for topic, subscription in self._subscriptions.items():
-            newest = None
-            with subscription.handle:
-                kind = subscription.msg_type
-                while (taken := subscription.handle.take_message(kind, True)) is not None:
-                    newest = taken[0]
-            if newest is not None:
-                self._messages[topic] = self._decoders[topic](newest)
-                changed.add(topic)
-        return changed
-
-    def __getitem__(self, topic: Topic) -> Any:
-        return self._messages.get(topic)
-
-    def close(self) -> None:
-        """Take leave of the topics."""
-        self._inbox.destroy_node()
+def _start(now: Snapshot) -> tuple[float, float]:
+    """Return x and y in ``map`` [m]."""
+    return now.position[0], -now.position[1]
 
 
 def main() -> None:

@@ -16,10 +16,9 @@ Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class PhysicalParameters:
-    """Physical parameters of section 3.1, named as in :data:`ballbot_ros.parameters.TABLE`."""
+class Bodies:
+    """Ball, wheels and body of section 3.1, named as in :data:`ballbot_ros.parameters.TABLE`."""
 
-    gravity: float
     ball_mass: float
     ball_radius: float
     wheel_mass: float
@@ -27,17 +26,6 @@ class PhysicalParameters:
     wheel_width: float
     body_mass: float
     body_height: float
-    motor_inertia: float
-    motor_resistance: float
-    back_emf_constant: float
-    torque_constant: float
-    motor_friction: float
-    ball_friction: float
-
-    @property
-    def ratio(self) -> float:
-        """Gear ratio k = Rs/Rw from ball to motor (no slip)."""
-        return self.ball_radius / self.wheel_radius
 
     @property
     def ball_inertia(self) -> float:
@@ -53,6 +41,24 @@ class PhysicalParameters:
     def body_inertia(self) -> float:
         """Jpsi = Mb L²/3 [kg·m²]."""
         return self.body_mass * self.body_height**2 / 3.0
+
+
+@dataclass(frozen=True)
+class PhysicalParameters(Bodies):
+    """The bodies, what drives them and what slows them: all of section 3.1."""
+
+    gravity: float
+    motor_inertia: float
+    motor_resistance: float
+    back_emf_constant: float
+    torque_constant: float
+    motor_friction: float
+    ball_friction: float
+
+    @property
+    def ratio(self) -> float:
+        """Gear ratio k = Rs/Rw from ball to motor (no slip)."""
+        return self.ball_radius / self.wheel_radius
 
     @property
     def drive_inertia(self) -> float:

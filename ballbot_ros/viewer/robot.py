@@ -13,27 +13,18 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ballbot_ros.plant.truth import Pair
+from ballbot_ros.viewer.colours import BLACK, BLUE, DARK, LIGHT, ORANGE, WHITE, Colour
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 """w, x, y, z."""
-Colour = tuple[int, int, int]
 
 BALL, BODY, WHEEL_X, WHEEL_Y = 'ball', 'base_link', 'wheel_x', 'wheel_y'
 LINKS = (BALL, BODY, WHEEL_X, WHEEL_Y)
 
-LIGHT, DARK, ORANGE, BLACK, BLUE, WHITE, RED = (
-    (214, 217, 220),
-    (92, 98, 106),
-    (238, 122, 40),
-    (38, 41, 46),
-    (44, 116, 190),
-    (246, 247, 248),
-    (206, 52, 48),
-)
 X_AXIS: Vector = (0.0, math.pi / 2.0, 0.0)
 Y_AXIS: Vector = (math.pi / 2.0, 0.0, 0.0)
 Z_AXIS: Vector = (0.0, 0.0, 0.0)
@@ -41,8 +32,17 @@ Z_AXIS: Vector = (0.0, 0.0, 0.0)
 SONAR_HEIGHT = 0.085
 """Height of the sonar above the ball's centre [m]: below the top of the walls."""
 
+DECK_ABOVE_WHEEL = 0.014
+"""Height of the deck's middle above the wheels [m]."""
+
 LCD_SIZE = (0.058, 0.046)
 """Width and height of the brick's display [m]."""
+
+TRAIL_STEP = 0.01
+"""Shortest step of the trail that is drawn behind the ball [m]."""
+
+BEAM_HALF_ANGLE = math.radians(5.0)
+"""Half of the opening with which the sonar's beam is drawn: schematic."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,6 @@ class Part(NamedTuple):
     turn : tuple of float
         Roll, pitch and yaw in the link, as in URDF [rad].
     colour : tuple of int
-        Red, green, blue, 0 ... 255.
     """
 
     link: str
@@ -105,12 +104,16 @@ def _brick_centre(dimensions: Dimensions) -> Vector:
 
 
 def parts(dimensions: Dimensions) -> Iterator[Part]:
-    """Yield every part of the robot.
+    """Yield every part of the robot that its dimensions leave room for.
 
     Yields
     ------
     Part
     """
+    return (part for part in _parts(dimensions) if min(part.size) > 0.0)
+
+
+def _parts(dimensions: Dimensions) -> Iterator[Part]:
     radius, width = dimensions.wheel_radius, dimensions.wheel_width
     yield Part(BALL, 'sphere', (dimensions.ball_radius,), (0.0, 0.0, 0.0), Z_AXIS, BLUE)
     for link, axis in ((WHEEL_X, Y_AXIS), (WHEEL_Y, X_AXIS)):
@@ -134,7 +137,7 @@ def _body(dimensions: Dimensions) -> Iterator[Part]:
     def rod(size: Pair, at: Vector, axis: Vector, colour: Colour) -> Part:
         return Part(BODY, 'cylinder', size, at, axis, colour)
 
-    deck = radius + 0.014
+    deck = radius + DECK_ABOVE_WHEEL
     ceiling = _brick_centre(dimensions)[2] - 0.07
     # The idler holds the ball against both driven wheels.
     idler = (dimensions.ball_radius + 0.5 * radius) / math.sqrt(2.0)
@@ -198,11 +201,17 @@ def body_orientation(psi: Pair) -> Quaternion:
     return cos_x * cos_y, cos_x * sin_y, sin_x * cos_y, -sin_x * sin_y
 
 
-def rotate(turn: Quaternion, vector: Vector) -> NDArray[np.float64]:
-    """Return `vector` turned by a unit quaternion, shape (3,)."""
-    axis, point = np.array(turn[1:]), np.array(vector)
-    across = np.cross(axis, point)
-    return np.asarray(point + 2.0 * (turn[0] * across + np.cross(axis, across)))
+def rotate(turn: ArrayLike, vector: ArrayLike) -> NDArray[np.float64]:
+    """Return a vector, or each of many, turned by a unit quaternion, shape (3,) or (n, 3)."""
+    w, x, y, z = np.asarray(turn).tolist()
+    matrix = np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+    return np.asarray(np.asarray(vector) @ matrix.T)
 
 
 class Motion:
@@ -225,7 +234,7 @@ class Motion:
             if way > 0.0:
                 half = way / self._dimensions.ball_radius / 2.0
                 axis = np.array([-dy, dx, 0.0]) * (math.sin(half) / way)
-                turned = _product(np.array([math.cos(half), *axis]), self._ball)
+                turned = product(np.array([math.cos(half), *axis]), self._ball)
                 self._ball = turned / np.linalg.norm(turned)
         self._from = position
         w, x, y, z = self._ball.tolist()
@@ -244,7 +253,19 @@ class Motion:
         return (math.cos(x), 0.0, math.sin(x), 0.0), (math.cos(y), math.sin(y), 0.0, 0.0)
 
 
-def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the product of two quaternions: first `b`, then `a`."""
-    scalar = a[0] * b[0] - a[1:] @ b[1:]
-    return np.array([scalar, *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])
+def product(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
+    """Return the product of a quaternion and another, or each of many: first `b`, then `a`.
+
+    Parameters
+    ----------
+    a : array_like, shape (4,)
+    b : array_like, shape (4,) or (n, 4)
+
+    Returns
+    -------
+    ndarray
+        Of the shape of `b`.
+    """
+    w, x, y, z = np.asarray(a).tolist()
+    matrix = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
+    return np.asarray(np.asarray(b) @ matrix.T)

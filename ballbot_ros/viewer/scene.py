@@ -7,17 +7,18 @@ import math
 import numpy as np
 from viser import SceneApi
 
-from ballbot_ros.viewer import floor, shapes
+from ballbot_ros.viewer import colours, floor, shapes
+from ballbot_ros.viewer.colours import WHITE, Colour
 from ballbot_ros.viewer.display import picture
 from ballbot_ros.viewer.robot import (
     BALL,
+    BEAM_HALF_ANGLE,
     BODY,
     LCD_SIZE,
     LINKS,
+    TRAIL_STEP,
     WHEEL_X,
     WHEEL_Y,
-    WHITE,
-    Colour,
     Dimensions,
     Motion,
     body_orientation,
@@ -30,16 +31,9 @@ from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.world.exports import WALL_HEIGHT_CM
 from ballbot_ros.world.floor_map import CELL_M, FloorMap
 
-FLOOR_COLOUR, WALL_COLOUR, LINE_COLOUR = (
-    (236, 233, 226), (148, 158, 170), (40, 42, 46),
-)  # fmt: skip
-SKY_COLOUR, SKY_RADIUS = (214, 227, 240), 40.0
-TRAIL_COLOUR, GHOST_TRAIL_COLOUR, GHOST_COLOUR, CONE_COLOUR = (
-    (238, 122, 40), (110, 120, 200), (120, 135, 220), (255, 160, 60),
-)  # fmt: skip
+SKY_RADIUS = 40.0
 GHOST_OPACITY = 0.35
 
-TRAIL_STEP = 0.01
 TRAIL_POINTS = 2000
 TRAIL_PERIOD = 10
 """Updates of the robot between two of its trail, which is sent as a whole."""
@@ -74,7 +68,7 @@ class Scene:
         )  # fmt: skip
         # Seen from inside, and lit by the sky's light, it grows paler towards the ground.
         api.add_icosphere(
-            '/sky', SKY_RADIUS, color=SKY_COLOUR, side='back', cast_shadow=False,
+            '/sky', SKY_RADIUS, color=colours.SKY, side='back', cast_shadow=False,
             receive_shadow=False,
         )  # fmt: skip
         self.show_floor(None)
@@ -87,15 +81,15 @@ class Scene:
             self._api.add_grid(
                 '/floor/grid', infinite_grid=True, cell_size=0.1, section_size=0.5,
                 cell_color=(222, 224, 228), section_color=(190, 194, 202), fade_distance=8.0,
-                plane_color=FLOOR_COLOUR, plane_opacity=1.0, shadow_opacity=0.25,
+                plane_color=colours.FLOOR, plane_opacity=1.0, shadow_opacity=0.25,
             )  # fmt: skip
             return
         half_x, half_y = floor_map.columns * CELL_M / 2, floor_map.rows * CELL_M / 2
-        self._add_prisms('base', [(-half_x, -half_y, half_x, half_y)], -0.02, 0.0, FLOOR_COLOUR)
+        self._add_prisms('base', [(-half_x, -half_y, half_x, half_y)], -0.02, 0.0, colours.FLOOR)
         if lines := floor.lines(floor_map):
-            self._add_prisms('lines', lines, 0.0, _LIFT, LINE_COLOUR)
+            self._add_prisms('lines', lines, 0.0, _LIFT, colours.LINE)
         if walls := floor.walls(floor_map):
-            self._add_prisms('walls', walls, 0.0, WALL_HEIGHT_CM / 100, WALL_COLOUR)
+            self._add_prisms('walls', walls, 0.0, WALL_HEIGHT_CM / 100, colours.WALL)
 
     def _add_prisms(
         self, name: str, rectangles: list[floor.Rectangle], low: float, high: float, colour: Colour
@@ -141,9 +135,9 @@ class Robot:
         self._cone = self._display = None
         if not ghost:
             self._cone = api.add_mesh_simple(
-                f'/{name}/body/cone', *shapes.cone(math.radians(5.0)), color=CONE_COLOUR,
-                opacity=0.22, side='double', cast_shadow=False, receive_shadow=False,
-                position=sonar_position(dimensions), visible=False,
+                f'/{name}/body/cone', *shapes.cone(BEAM_HALF_ANGLE), color=colours.BEAM,
+                opacity=colours.BEAM_OPACITY, side='double', cast_shadow=False,
+                receive_shadow=False, position=sonar_position(dimensions), visible=False,
             )  # fmt: skip
             self._display = api.add_image(
                 f'/{name}/body/lcd', picture(''), *LCD_SIZE, format='png', cast_shadow=False,
@@ -151,7 +145,7 @@ class Robot:
             )  # fmt: skip
         self._page = ''
         self._trail = api.add_line_segments(
-            f'/{name}_trail', np.zeros((0, 2, 3)), GHOST_TRAIL_COLOUR if ghost else TRAIL_COLOUR,
+            f'/{name}_trail', np.zeros((0, 2, 3)), colours.GHOST_TRAIL if ghost else colours.TRAIL,
             thickness=0.006,
         )  # fmt: skip
         self._way: list[tuple[float, float, float]] = []
@@ -162,14 +156,14 @@ class Robot:
         meshes = shapes.link_meshes(part for part in parts(self._dimensions) if part.link != BALL)
         for number, ((link, colour), mesh) in enumerate(meshes.items()):
             api.add_mesh_simple(
-                f'{paths[link]}/{number}', *mesh, color=GHOST_COLOUR if ghost else colour,
+                f'{paths[link]}/{number}', *mesh, color=colours.GHOST if ghost else colour,
                 opacity=opacity, flat_shading=True, cast_shadow=not ghost,
             )  # fmt: skip
-        colours = next(part.colour for part in parts(self._dimensions) if part.link == BALL), WHITE
+        pair = next(part.colour for part in parts(self._dimensions) if part.link == BALL), WHITE
         halves = shapes.ball_sectors(self._dimensions.ball_radius)
-        for number, (mesh, colour) in enumerate(zip(halves, colours, strict=True)):
+        for number, (mesh, colour) in enumerate(zip(halves, pair, strict=True)):
             api.add_mesh_simple(
-                f'{paths[BALL]}/{number}', *mesh, color=GHOST_COLOUR if ghost else colour,
+                f'{paths[BALL]}/{number}', *mesh, color=colours.GHOST if ghost else colour,
                 opacity=opacity, cast_shadow=not ghost,
             )  # fmt: skip
 

@@ -11,8 +11,9 @@ import trimesh
 from numpy.typing import NDArray
 from trimesh import transformations
 
+from ballbot_ros.viewer.colours import Colour
 from ballbot_ros.viewer.floor import Rectangle
-from ballbot_ros.viewer.robot import Colour, Part
+from ballbot_ros.viewer.robot import Part
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 """Vertices, shape (n, 3), and faces, shape (m, 3)."""

@@ -20,6 +20,7 @@ EXECUTABLES = {
     'recorder',
     'player',
     'viewer',
+    'robot_visualizer',
 }
 LOAD_ENTRY_POINTS = """
 from importlib.metadata import distribution

@@ -51,6 +51,7 @@ ROSDEP_TEST_KEYS = {
     'pytest-xdist': 'python3-pytest-xdist',
     'ruff': 'python3-ruff-pip',
     'types-PyYAML': 'python3-types-pyyaml',
+    'yourdfpy': None,
 }
 MODULES = {'Jinja2': 'jinja2', 'PyYAML': 'yaml', 'pillow': 'PIL', 'pygame-ce': 'pygame'}
 

@@ -7,10 +7,14 @@ from xml.etree import ElementTree
 
 import yaml
 
-from ballbot_ros.messages.topics import TOPICS
+from ballbot_ros.messages.topics import MARKERS, ROBOT_DESCRIPTION, TOPICS
+from ballbot_ros.viewer.robot import BALL, BODY
+from ballbot_ros.viewer.transforms import MAP
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 NAMES = {'/' + topic.name.lstrip('/') for topic in TOPICS}
+DRAWN = {f'/{topic.name}' for topic in (MARKERS, ROBOT_DESCRIPTION)}
+"""What robot_visualizer adds to a run or a player."""
 
 
 def test_foxglove_layout():
@@ -24,7 +28,14 @@ def test_foxglove_layout():
     paths = [path['value'] for panel in panels.values() for path in panel.get('paths', ())]
     assert len(paths) > 8
     assert {re.match(r'[\w/]+', path)[0] for path in paths} <= NAMES
-    assert set(panels['3D!robot']['topics']) <= NAMES
+    scene = panels['3D!robot']
+    assert f'/{MARKERS.name}' in scene['topics']
+    assert set(scene['topics']) <= NAMES | DRAWN
+    assert scene['followTf'] == BODY
+    for name, layer in scene['layers'].items():
+        assert layer['instanceId'] == name
+    (robot,) = (each for each in scene['layers'].values() if each['layerId'] == 'foxglove.Urdf')
+    assert (robot['sourceType'], robot['topic']) == ('topic', f'/{ROBOT_DESCRIPTION.name}')
 
 
 def test_plotjuggler_layout():
@@ -39,7 +50,25 @@ def test_plotjuggler_layout():
 def test_rviz_config():
     config = yaml.safe_load((CONFIG / 'rviz/ballbot.rviz').read_text(encoding='utf-8'))
     manager = config['Visualization Manager']
-    topics = [display['Topic']['Value'] for display in manager['Displays'] if 'Topic' in display]
-    assert manager['Global Options']['Fixed Frame'] == 'map'
-    assert len(topics) == 2
-    assert set(topics) <= NAMES
+    displays = {each['Class'].removeprefix('rviz_default_plugins/'): each for each in (
+        manager['Displays']
+    )}  # fmt: skip
+    assert {'MarkerArray', 'Map', 'Odometry', 'RobotModel', 'TF'} < displays.keys()
+    sources = {
+        kind: display.get('Topic') or display.get('Description Topic')
+        for kind, display in displays.items()
+    }
+    topics = {kind: source['Value'] for kind, source in sources.items() if source}
+    assert set(topics.values()) <= NAMES | DRAWN
+    assert topics['MarkerArray'] == f'/{MARKERS.name}'
+    assert topics['RobotModel'] == f'/{ROBOT_DESCRIPTION.name}'
+    # What is published once is there for who comes later.
+    assert sources['Map']['Durability Policy'] == 'Transient Local'
+    assert sources['RobotModel']['Durability Policy'] == 'Transient Local'
+    # Without transforms the markers alone show the robot.
+    assert manager['Global Options']['Fixed Frame'] == MAP
+    assert displays['MarkerArray']['Enabled']
+    assert not displays['RobotModel']['Enabled']
+    views = manager['Views']
+    targets = {view['Target Frame'] for view in (views['Current'], *views['Saved'])}
+    assert targets == {'<Fixed Frame>', BALL}

@@ -1,0 +1,97 @@
+"""Markers and transforms for other tools from plain values; see conversions.py for how."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from ballbot_ros.messages.conversions import fill_header
+
+ADD, DELETE, DELETE_ALL = 0, 2, 3
+"""The actions of ``visualization_msgs/Marker``."""
+
+SHAPES = {'box': 1, 'sphere': 2, 'cylinder': 3, 'line': 4, 'text': 9, 'triangles': 11}
+"""Its types: CUBE, SPHERE, CYLINDER, LINE_STRIP, TEXT_VIEW_FACING, TRIANGLE_LIST."""
+
+
+def fill_marker(
+    message: Any,
+    namespace: str,
+    number: int,
+    shape: str,
+    size: Sequence[float],
+    colour: Sequence[float],
+    opacity: float = 1.0,
+) -> None:
+    """Write a ``visualization_msgs/Marker`` but for its place.
+
+    Parameters
+    ----------
+    message : object
+    namespace : str
+    number : int
+        Tells it from the others of the namespace.
+    shape : str
+        A key of :data:`SHAPES`.
+    size : sequence of float
+        Of a box, cylinder or sphere as in URDF; the width of a line; the height of letters [m].
+    colour : sequence of int
+        Red, green, blue, 0 ... 255.
+    opacity : float
+    """
+    message.ns, message.id, message.type = namespace, number, SHAPES[shape]
+    message.action = ADD
+    if shape == 'box':
+        scale = tuple(size)
+    elif shape == 'cylinder':
+        scale = (2.0 * size[0], 2.0 * size[0], size[1])
+    elif shape == 'sphere':
+        scale = (2.0 * size[0],) * 3
+    elif shape == 'line':
+        scale = (size[0], 0.0, 0.0)
+    elif shape == 'text':
+        scale = (0.0, 0.0, size[0])
+    else:
+        scale = (1.0, 1.0, 1.0)
+    message.scale.x, message.scale.y, message.scale.z = scale
+    red, green, blue = (channel / 255.0 for channel in colour)
+    message.color.r, message.color.g, message.color.b = red, green, blue
+    message.color.a = opacity
+
+
+def place_marker(
+    message: Any,
+    stamp_ns: int,
+    position: Sequence[float],
+    turn: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+) -> None:
+    """Write where a marker is in ``map`` at `stamp_ns`; `turn` is w, x, y, z."""
+    fill_header(message.header, stamp_ns, 'map')
+    _fill_place(message.pose.position, message.pose.orientation, position, turn)
+
+
+def fill_points(message: Any, points: Iterable[Sequence[float]]) -> None:
+    """Write the points of a line or of triangles [m]."""
+    new_point = type(message.pose.position)
+    message.points = [new_point(x=x, y=y, z=z) for x, y, z in points]
+
+
+def fill_transform(
+    message: Any,
+    stamp_ns: int,
+    parent: str,
+    child: str,
+    position: Sequence[float],
+    turn: Sequence[float],
+) -> None:
+    """Write a ``geometry_msgs/TransformStamped``: where `child` is in `parent`."""
+    fill_header(message.header, stamp_ns, parent)
+    message.child_frame_id = child
+    _fill_place(message.transform.translation, message.transform.rotation, position, turn)
+
+
+def _fill_place(
+    point: Any, quaternion: Any, position: Sequence[float], turn: Sequence[float]
+) -> None:
+    point.x, point.y, point.z = position
+    quaternion.w, quaternion.x, quaternion.y, quaternion.z = turn

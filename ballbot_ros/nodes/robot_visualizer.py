@@ -1,0 +1,145 @@
+"""Draws the robot for RViz, Foxglove and the like: no participant of the lockstep."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from ballbot_ros.messages.conversions import stamp_ns, time_ns
+from ballbot_ros.messages.markers import fill_transform
+from ballbot_ros.messages.topics import (
+    LCD,
+    MAP,
+    MARKERS,
+    OPERATING_STATE,
+    PLANT_IMU,
+    PLANT_ODOM,
+    ROBOT_DESCRIPTION,
+    RUN,
+    SONAR_RANGE,
+    TF,
+    TF_STATIC,
+    message_class,
+)
+from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.newest import Newest, snapshot_of
+from ballbot_ros.parameters import VISUALIZER, select
+from ballbot_ros.plant.model import Bodies
+from ballbot_ros.viewer.floor import floor_of_grid
+from ballbot_ros.viewer.markers import RobotMarkers
+from ballbot_ros.viewer.robot import Dimensions
+from ballbot_ros.viewer.transforms import MOVING, PARENTS, SONAR, Frames, Transform, in_map
+from ballbot_ros.viewer.urdf import robot_description
+from ballbot_ros.world.floor_map import FloorMap
+
+_DRAWN = (PLANT_IMU, PLANT_ODOM, SONAR_RANGE, OPERATING_STATE, LCD, MAP, RUN)
+
+WHOLE_S = 1.0
+"""What has not changed is told again so often, for whoever has come since."""
+
+
+class RobotVisualizer(BallbotNode):
+    """Publishes the robot's description once, and markers and transforms while anybody listens."""
+
+    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
+        super().__init__(VISUALIZER, values)
+        dimensions = select(Dimensions, self.values)
+        self._frames = Frames(dimensions)
+        self._markers = RobotMarkers(dimensions, message_class('visualization_msgs/msg/Marker'))
+        self._array = MARKERS.message_class()
+        self._output = self.advertise(MARKERS, depth=1)
+        self._description = self.advertise(ROBOT_DESCRIPTION, depth=1)
+        text = robot_description(dimensions, select(Bodies, self.values))
+        self._description.publish(ROBOT_DESCRIPTION.message_class(data=text))
+        try:
+            self._transforms: Transforms | None = Transforms(
+                self, self._frames.at((0.0, 0.0), (0.0, 0.0))
+            )
+        except ImportError:
+            self._transforms = None
+            self.get_logger().info('tf2_msgs is not installed: markers only, no transforms')
+        self._time = self._whole_at = -math.inf
+        self._newest = Newest(self, _DRAWN)
+        self.every(1.0 / self.values['rate'], self._update)
+
+    def _update(self) -> None:
+        changed = self._newest.take()
+        now = snapshot_of(self._newest)
+        if now is None:
+            return
+        if RUN in changed or MAP in changed or now.time < self._time:
+            self._markers.begin(self._floor())
+        if now.time != self._time:
+            self._time = now.time
+            self.sampled(stamp_ns(self._newest[PLANT_ODOM]))
+            self._markers.follow(now)
+            if self._transforms is not None:
+                self._transforms.publish(self.now_ns, self._frames.at(now.position, now.psi))
+        is_whole = time.monotonic() - self._whole_at >= WHOLE_S
+        if (changed or is_whole) and self._output.get_subscription_count():
+            if is_whole:
+                self._whole_at = time.monotonic()
+            places = in_map(self._frames.at(now.position, now.psi))
+            self._array.markers = self._markers.at(now, places, whole=is_whole)
+            self._output.publish(self._array)
+
+    def _floor(self) -> FloorMap | None:
+        """Return the floor of the run, not that of an earlier plant."""
+        run, grid = self._newest[RUN], self._newest[MAP]
+        if grid is None or (run is not None and stamp_ns(grid) < time_ns(run.stamp)):
+            return None
+        return floor_of_grid(grid)
+
+    def close(self) -> None:
+        """Take leave of the topics."""
+        self._newest.close()
+
+
+class Transforms:
+    """The frames on ``/tf`` and, for the one that does not move, ``/tf_static``.
+
+    Parameters
+    ----------
+    node : BallbotNode
+    frames : dict of Transform
+        The frames in their parents, wherever the robot is.
+
+    Raises
+    ------
+    ImportError
+        If tf2_msgs is not installed: it is not among the packages of common_interfaces.
+    """
+
+    def __init__(self, node: BallbotNode, frames: dict[str, Transform]) -> None:
+        new_transform = message_class('geometry_msgs/msg/TransformStamped')
+        self._message = TF.message_class(transforms=[new_transform() for _ in MOVING])
+        self._output = node.advertise(TF)
+        fixed = TF_STATIC.message_class(transforms=[new_transform()])
+        _fill((SONAR,), fixed, 0, frames)
+        self._static = node.advertise(TF_STATIC, depth=1)
+        self._static.publish(fixed)
+
+    def publish(self, stamp_ns: int, frames: dict[str, Transform]) -> None:
+        """Publish the frames that move."""
+        _fill(MOVING, self._message, stamp_ns, frames)
+        self._output.publish(self._message)
+
+
+def _fill(
+    names: tuple[str, ...], message: Any, stamp_ns: int, frames: dict[str, Transform]
+) -> None:
+    for name, each in zip(names, message.transforms, strict=True):
+        place = (part.tolist() for part in frames[name])
+        fill_transform(each, stamp_ns, PARENTS[name], name, *place)
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(RobotVisualizer))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,24 @@
+"""The colours of the robot and of what is around it."""
+
+from __future__ import annotations
+
+Colour = tuple[int, int, int]
+"""Red, green, blue, 0 ... 255."""
+
+LIGHT, DARK, ORANGE, BLACK, BLUE, WHITE = (
+    (214, 217, 220), (92, 98, 106), (238, 122, 40), (38, 41, 46), (44, 116, 190), (246, 247, 248),
+)  # fmt: skip
+NAMES: dict[Colour, str] = {
+    LIGHT: 'light',
+    DARK: 'dark',
+    ORANGE: 'orange',
+    BLACK: 'black',
+    BLUE: 'blue',
+    WHITE: 'white',
+}
+"""The colours of the robot's parts by name."""
+
+FLOOR, WALL, LINE = (236, 233, 226), (148, 158, 170), (40, 42, 46)
+SKY = (214, 227, 240)
+TRAIL, GHOST_TRAIL, GHOST = (238, 122, 40), (110, 120, 200), (120, 135, 220)
+BEAM, BEAM_OPACITY = (255, 160, 60), 0.22

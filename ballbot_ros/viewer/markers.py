@@ -1,0 +1,172 @@
+"""The robot, its trail and the walls as markers, in ``map``, for tools that know no transforms."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ballbot_ros.messages.markers import (
+    ADD,
+    DELETE,
+    DELETE_ALL,
+    fill_marker,
+    fill_points,
+    place_marker,
+)
+from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.viewer import colours
+from ballbot_ros.viewer.floor import walls
+from ballbot_ros.viewer.robot import (
+    BEAM_HALF_ANGLE,
+    BODY,
+    LINKS,
+    TRAIL_STEP,
+    Dimensions,
+    Vector,
+    parts,
+)
+from ballbot_ros.viewer.snapshot import Snapshot
+from ballbot_ros.viewer.transforms import SONAR, Transform, turn_of
+from ballbot_ros.world.exports import WALL_HEIGHT_CM
+from ballbot_ros.world.floor_map import FloorMap
+
+TRAIL_POINTS = 500
+"""The trail is that long at most: 5 m."""
+
+_TRAIL_WIDTH, _TRAIL_HEIGHT = 0.006, 0.002
+_LETTER_HEIGHT = 0.022
+_TEXT_ABOVE = 0.16
+_BEAM_SIDES = 12
+
+
+class RobotMarkers:
+    """Makes the markers of what is new; each has a namespace and a number of its own for good.
+
+    The namespaces are the links, ``sonar``, ``trail``, ``text`` and ``walls``.
+
+    Parameters
+    ----------
+    dimensions : Dimensions
+    new_marker : callable
+        Makes an empty ``visualization_msgs/Marker``.
+    """
+
+    def __init__(self, dimensions: Dimensions, new_marker: Callable[[], Any]) -> None:
+        self._new_marker = new_marker
+        self._links: dict[str, tuple[list[Any], Transform]] = {}
+        for link in LINKS:
+            pieces = [part for part in parts(dimensions) if part.link == link]
+            markers = [
+                self._make(link, number, part.shape, part.size, part.colour)
+                for number, part in enumerate(pieces)
+            ]
+            places = Transform(
+                np.array([part.position for part in pieces]).reshape(-1, 3),
+                np.array([turn_of(part.turn) for part in pieces]).reshape(-1, 4),
+            )
+            self._links[link] = markers, places
+        self._beam = self._make(SONAR, 0, 'triangles', (), colours.BEAM, colours.BEAM_OPACITY)
+        self._trail = self._make('trail', 0, 'line', (_TRAIL_WIDTH,), colours.TRAIL)
+        self._text = self._make('text', 0, 'text', (_LETTER_HEIGHT,), colours.WHITE)
+        self._text_height = 2.0 * dimensions.body_height + _TEXT_ABOVE
+        self._erase = new_marker()
+        self._erase.action = DELETE_ALL
+        self._way: deque[Vector] = deque(maxlen=TRAIL_POINTS)
+        self._walls: list[Any] = []
+        self.begin(None)
+
+    def _make(
+        self,
+        namespace: str,
+        number: int,
+        shape: str,
+        size: tuple[float, ...],
+        colour: colours.Colour,
+        opacity: float = 1.0,
+    ) -> Any:
+        marker = self._new_marker()
+        fill_marker(marker, namespace, number, shape, size, colour, opacity)
+        return marker
+
+    def begin(self, floor: FloorMap | None) -> None:
+        """Forget everything: a new run begins, on a floor with walls or without."""
+        self._way.clear()
+        self._walls = []
+        height = WALL_HEIGHT_CM / 100.0
+        for number, (left, bottom, right, top) in enumerate(walls(floor) if floor else ()):
+            size = (right - left, top - bottom, height)
+            wall = self._make('walls', number, 'box', size, colours.WALL)
+            place_marker(wall, 0, ((left + right) / 2.0, (bottom + top) / 2.0, height / 2.0))
+            self._walls.append(wall)
+        self._is_new = self._is_longer = True
+
+    def follow(self, now: Snapshot) -> None:
+        """Let the trail go on."""
+        point = (now.position[0], -now.position[1], _TRAIL_HEIGHT)
+        if not self._way or math.dist(point, self._way[-1]) >= TRAIL_STEP:
+            self._way.append(point)
+            self._is_longer = True
+
+    def at(self, now: Snapshot, places: dict[str, Transform], *, whole: bool) -> list[Any]:
+        """Return the markers that change, or all of them.
+
+        Parameters
+        ----------
+        now : Snapshot
+        places : dict of Transform
+            Each frame in ``map``.
+        whole : bool
+            Whether those are wanted, too, that are as before.
+
+        Returns
+        -------
+        list
+            The same objects each time, filled anew; first one that deletes all if a run begins.
+        """
+        stamp_ns = round(now.time * SECOND_NS)
+        markers = [self._erase] if self._is_new else []
+        for link, (pieces, local) in self._links.items():
+            position, turn = places[link].place(local)
+            for piece, *place in zip(pieces, position.tolist(), turn.tolist(), strict=True):
+                place_marker(piece, stamp_ns, *place)
+            markers += pieces
+        self._show_beam(stamp_ns, now.sonar, places[SONAR])
+        self._show_text(stamp_ns, now, places[BODY])
+        markers += [self._beam, self._text]
+        if self._is_new or whole:
+            markers += self._walls
+        if self._is_longer or whole:
+            self._show_trail(stamp_ns)
+            markers.append(self._trail)
+        self._is_new = self._is_longer = False
+        return markers
+
+    def _show_beam(self, stamp_ns: int, reach: float, sensor: Transform) -> None:
+        """Show the beam up to the distance told; not without an echo."""
+        place_marker(self._beam, stamp_ns, *(each.tolist() for each in sensor))
+        self._beam.action = ADD if math.isfinite(reach) and reach > 0.0 else DELETE
+        if self._beam.action == ADD:
+            radius = reach * math.tan(BEAM_HALF_ANGLE)
+            angles = [2.0 * math.pi * side / _BEAM_SIDES for side in range(_BEAM_SIDES + 1)]
+            rim = [(reach, radius * math.cos(a), radius * math.sin(a)) for a in angles]
+            tip = (0.0, 0.0, 0.0)
+            fill_points(self._beam, (point for a, b in pairwise(rim) for point in (tip, a, b)))
+
+    def _show_text(self, stamp_ns: int, now: Snapshot, body: Transform) -> None:
+        """Show operating state and display above the robot."""
+        lines = [now.state, *now.lcd.split('\n')]
+        self._text.text = '\n'.join(line.rstrip() for line in lines if line.strip())
+        self._text.action = ADD if self._text.text else DELETE
+        x, y, z = body.position.tolist()
+        place_marker(self._text, stamp_ns, (x, y, z + self._text_height))
+
+    def _show_trail(self, stamp_ns: int) -> None:
+        """Show the way that the ball has gone; a line needs two points."""
+        self._trail.action = ADD if len(self._way) > 1 else DELETE
+        fill_points(self._trail, self._way)
+        place_marker(self._trail, stamp_ns, (0.0, 0.0, 0.0))

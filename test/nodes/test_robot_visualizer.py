@@ -1,0 +1,81 @@
+"""The robot for other tools: described once for whoever comes, drawn as it moves, not recorded."""
+
+import subprocess
+from importlib.util import find_spec
+from itertools import pairwise
+from xml.etree import ElementTree
+
+import pytest
+from graph import BALLBOT
+
+pytest.importorskip('rclpy')
+
+from ros_client import Client
+
+from ballbot_ros.messages.conversions import stamp_ns
+from ballbot_ros.messages.markers import DELETE_ALL
+from ballbot_ros.messages.topics import MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION, TF, TF_STATIC
+from ballbot_ros.recording.reader import RecordingReader
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.fixture
+def recording(tmp_path):
+    """Three seconds before a wall, during which the ball rolls."""
+    words = ['run', 'stationary', '--processes', 'none', '--output', tmp_path]
+    settings = {'duration': 3.0, 'map': 'corridor', 'start_pitch_x': 0.05}
+    options = [f'--set=plant_sim.{name}={value}' for name, value in settings.items()]
+    subprocess.run([*BALLBOT, *words, *options], check=False, capture_output=True)
+    return tmp_path / 'stationary.mcap'
+
+
+def stamp(markers):
+    return stamp_ns(next(marker for marker in markers if marker.ns == 'ball'))
+
+
+def test_beside_a_player_that_begins_again(recording, domain, start_node, tmp_path):
+    visualizer = start_node('robot_visualizer', body_height='0.2')
+    client = Client(domain)
+    try:
+        client.watch(ROBOT_DESCRIPTION)
+        client.watch(MARKERS, depth=1000)
+
+        def arrays():
+            return [array.markers for array in client.seen.get(MARKERS.name, ())]
+
+        # It was published before there was anything to draw.
+        client.spin_until(lambda: ROBOT_DESCRIPTION.name in client.newest)
+        again = tmp_path / 'again.mcap'
+        recorder = start_node('recorder', output=again)
+        start_node('player', file=recording, loop=True, rate='2.0')
+
+        def leapt_back():
+            return any(later < earlier for earlier, later in pairwise(map(stamp, arrays())))
+
+        client.spin_until(lambda: arrays() and leapt_back())
+        assert recorder.interrupt() == 0
+        assert visualizer.interrupt() == 0
+    finally:
+        client.close()
+    (mass_centre,) = (
+        link.find('inertial/origin').get('xyz')
+        for link in ElementTree.fromstring(client.newest[ROBOT_DESCRIPTION.name].data).iter('link')
+        if link.get('name') == 'base_link'
+    )
+    assert mass_centre == '0 0 0.2'
+    assert arrays()[0][0].action == DELETE_ALL
+    for before, after in pairwise(arrays()):
+        if stamp(after) < stamp(before):
+            assert after[0].action == DELETE_ALL
+    drawn = [{(each.ns, each.id): each for each in array} for array in arrays()]
+    assert len({found['ball', 0].pose.position.x for found in drawn}) > 10
+    assert any(('walls', 0) in found for found in drawn)
+    assert any(len(found['trail', 0].points) > 1 for found in drawn if ('trail', 0) in found)
+    has_tf = find_spec('tf2_msgs') is not None
+    assert visualizer.output.count('tf2_msgs is not installed') == (not has_tf)
+    with RecordingReader(again) as reader:
+        names = set(reader.topics())
+    assert f'/{PLANT_ODOM.name}' in names
+    drawn_topics = (MARKERS, ROBOT_DESCRIPTION, TF, TF_STATIC)
+    assert not names & {'/' + topic.name.lstrip('/') for topic in drawn_topics}

@@ -1,0 +1,245 @@
+"""Markers and transforms: where the viewer's scene has the parts, for tools of other makers."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+from laws import given
+from trimesh import transformations
+
+from ballbot_ros.messages.markers import ADD, DELETE, DELETE_ALL, SHAPES, fill_transform
+from ballbot_ros.messages.raw import decoder
+from ballbot_ros.parameters import VISUALIZER, ParameterSet, select
+from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.viewer import colours
+from ballbot_ros.viewer.floor import walls
+from ballbot_ros.viewer.markers import TRAIL_POINTS, RobotMarkers
+from ballbot_ros.viewer.robot import (
+    BALL,
+    BODY,
+    LINKS,
+    WHEEL_X,
+    WHEEL_Y,
+    Dimensions,
+    Motion,
+    body_orientation,
+    parts,
+    sonar_position,
+    wheel_centres,
+)
+from ballbot_ros.viewer.snapshot import Snapshot
+from ballbot_ros.viewer.transforms import (
+    MAP,
+    MOVING,
+    PARENTS,
+    SONAR,
+    Frames,
+    in_map,
+    turn_of,
+)
+from ballbot_ros.world.floor_map import FLOOR, WALL, FloorMap
+
+DIMENSIONS = select(Dimensions, ParameterSet().values(VISUALIZER))
+FRAMES = Frames(DIMENSIONS)
+ARRAY, TRANSFORMS = 'visualization_msgs/msg/MarkerArray', 'tf2_msgs/msg/TFMessage'
+
+positions = st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
+pitches = st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+
+
+def new_marker():
+    return new_message('visualization_msgs/msg/Marker')
+
+
+def markers_at(markers, now, *, whole=False):
+    """Return the markers as they come off the wire, by namespace and number."""
+    markers.follow(now)
+    places = in_map(FRAMES.at(now.position, now.psi))
+    message = new_message(ARRAY)
+    message.markers = markers.at(now, places, whole=whole)
+    sent = decoder(ARRAY)(encoder(ARRAY)(message)).markers
+    found = {(marker.ns, marker.id): marker for marker in sent}
+    assert len(found) == len(sent)
+    return found
+
+
+def matrix_of(point, quaternion):
+    matrix = transformations.quaternion_matrix(
+        (quaternion.w, quaternion.x, quaternion.y, quaternion.z)
+    )
+    matrix[:3, 3] = point.x, point.y, point.z
+    return matrix
+
+
+def placed(position, turn):
+    matrix = transformations.quaternion_matrix(turn)
+    matrix[:3, 3] = position
+    return matrix
+
+
+def scene(position, psi):
+    """Where the viewer's scene has each link in ``map``: the body's frames hang in the body."""
+    centre = (position[0], -position[1], DIMENSIONS.ball_radius)
+    body = placed(centre, body_orientation(psi))
+    wheels = zip(wheel_centres(DIMENSIONS), Motion(DIMENSIONS).wheels(position, psi), strict=True)
+    wheel_x, wheel_y = (body @ placed(*wheel) for wheel in wheels)
+    return {
+        BALL: placed(centre, (1.0, 0.0, 0.0, 0.0)),
+        BODY: body,
+        WHEEL_X: wheel_x,
+        WHEEL_Y: wheel_y,
+        SONAR: body @ placed(sonar_position(DIMENSIONS), (1.0, 0.0, 0.0, 0.0)),
+    }
+
+
+MARKERS = RobotMarkers(DIMENSIONS, new_marker)
+
+
+@given(positions, pitches)
+def test_parts_are_where_the_scene_has_them(position, psi):
+    links = scene(position, psi)
+    now = Snapshot(1.0, position, psi)
+    sent = MARKERS.at(now, in_map(FRAMES.at(position, psi)), whole=False)
+    found = {(marker.ns, marker.id): marker for marker in sent}
+    for link in LINKS:
+        for number, part in enumerate(p for p in parts(DIMENSIONS) if p.link == link):
+            marker = found[link, number]
+            expected = transformations.euler_matrix(*part.turn)
+            expected[:3, 3] = part.position
+            assert matrix_of(marker.pose.position, marker.pose.orientation) == pytest.approx(
+                links[link] @ expected, abs=1e-9
+            )
+            assert marker.header.frame_id == 'map'
+
+
+@given(positions, pitches)
+def test_transforms_chain_to_the_same_places(position, psi):
+    links = scene(position, psi)
+    message = new_message(TRANSFORMS)
+    frames = FRAMES.at(position, psi)
+    assert set(frames) == set(PARENTS) == {*MOVING, SONAR}
+    for child, parent in PARENTS.items():
+        each = new_message('geometry_msgs/msg/TransformStamped')
+        fill_transform(each, 1_500_000_000, parent, child, *(v.tolist() for v in frames[child]))
+        message.transforms.append(each)
+    sent = decoder(TRANSFORMS)(encoder(TRANSFORMS)(message)).transforms
+    tree = {MAP: np.eye(4)}
+    for each in sent:  # a parent comes before its children
+        transform = each.transform
+        step = matrix_of(transform.translation, transform.rotation)
+        tree[each.child_frame_id] = tree[each.header.frame_id] @ step
+        assert (each.header.stamp.sec, each.header.stamp.nanosec) == (1, 500_000_000)
+    for link, expected in links.items():
+        assert tree[link] == pytest.approx(expected, abs=1e-9)
+
+
+@given(st.tuples(*[st.floats(-math.pi, math.pi)] * 3))
+def test_turns_are_those_of_urdf(angles):
+    assert transformations.quaternion_matrix(turn_of(angles)) == pytest.approx(
+        transformations.euler_matrix(*angles), abs=1e-9
+    )
+
+
+def test_parts_have_their_shapes_and_colours():
+    found = markers_at(MARKERS, Snapshot(1.0, (0.0, 0.0), (0.0, 0.0)))
+    for link in LINKS:
+        for number, part in enumerate(p for p in parts(DIMENSIONS) if p.link == link):
+            marker = found[link, number]
+            scale = marker.scale.x, marker.scale.y, marker.scale.z
+            expected = {
+                'box': part.size,
+                'cylinder': (2 * part.size[0], 2 * part.size[0], part.size[-1]),
+                'sphere': (2 * part.size[0],) * 3,
+            }[part.shape]
+            assert marker.type == SHAPES[part.shape]
+            assert marker.action == ADD
+            assert scale == pytest.approx(expected)
+            rgb = marker.color.r, marker.color.g, marker.color.b
+            assert rgb == pytest.approx([channel / 255 for channel in part.colour])
+            assert marker.color.a == 1.0
+
+
+def still(time, **values):
+    return Snapshot(time, (0.0, 0.0), (0.0, 0.0), **values)
+
+
+def test_a_new_run_deletes_everything_first():
+    markers = RobotMarkers(DIMENSIONS, new_marker)
+    first = markers_at(markers, still(1.0))
+    assert next(iter(first.values())).action == DELETE_ALL
+    second = markers_at(markers, still(1.1))
+    assert second.keys() < first.keys()
+    assert DELETE_ALL not in {marker.action for marker in second.values()}
+    markers.begin(None)
+    again = markers_at(markers, still(1.0))
+    assert next(iter(again.values())).action == DELETE_ALL
+    assert again.keys() == first.keys()
+
+
+def test_the_beam_is_as_long_as_the_distance_told():
+    markers = RobotMarkers(DIMENSIONS, new_marker)
+    beam = markers_at(markers, still(1.0, sonar=0.75))[SONAR, 0]
+    assert beam.action == ADD
+    assert len(beam.points) % 3 == 0
+    assert max(point.x for point in beam.points) == pytest.approx(0.75)
+    assert min(point.x for point in beam.points) == 0.0
+    assert beam.pose.position.x == pytest.approx(DIMENSIONS.body_depth / 2)
+    for silent in (math.inf, math.nan, 0.0):
+        assert markers_at(markers, still(1.0, sonar=silent))[SONAR, 0].action == DELETE
+
+
+def test_the_text_tells_state_and_display():
+    markers = RobotMarkers(DIMENSIONS, new_marker)
+    text = markers_at(markers, still(1.0, state='balance', lcd='NXT BALLBOT     \n\nTIME: 1'))
+    assert text['text', 0].text == 'balance\nNXT BALLBOT\nTIME: 1'
+    assert text['text', 0].pose.position.z > 2 * DIMENSIONS.body_height
+    assert markers_at(markers, still(1.0))['text', 0].action == DELETE
+
+
+def test_the_trail_follows_the_ball_and_is_bounded():
+    markers = RobotMarkers(DIMENSIONS, new_marker)
+    assert markers_at(markers, still(1.0))['trail', 0].action == DELETE  # a point is no line
+    way = [(0.02 * step, 0.01 * step) for step in range(TRAIL_POINTS + 50)]
+    for position in way:
+        markers.follow(Snapshot(1.0, position, (0.0, 0.0)))
+    end = Snapshot(1.0, way[-1], (0.0, 0.0))
+    trail = markers_at(markers, end)['trail', 0]
+    assert trail.action == ADD
+    assert len(trail.points) == TRAIL_POINTS
+    assert (trail.points[-1].x, trail.points[-1].y) == (way[-1][0], -way[-1][1])
+    # It is told again only when it has grown, or when everything is.
+    assert ('trail', 0) not in markers_at(markers, end)
+    assert ('trail', 0) in markers_at(markers, end, whole=True)
+    markers.begin(None)
+    assert markers_at(markers, end)['trail', 0].action == DELETE
+
+
+def test_walls_stand_on_the_floor_and_are_told_now_and_then():
+    cells = np.full((20, 30), FLOOR, np.uint8)
+    cells[0], cells[5:9, 4:6] = WALL, WALL
+    floor_map = FloorMap(cells)
+    markers = RobotMarkers(DIMENSIONS, new_marker)
+    markers.begin(floor_map)
+
+    def shown(*, whole):
+        found = markers_at(markers, still(1.0), whole=whole)
+        return [marker for (name, _), marker in found.items() if name == 'walls']
+
+    blocks = shown(whole=False)
+    assert shown(whole=False) == []
+    assert len(shown(whole=True)) == len(blocks) == len(walls(floor_map)) == 2
+    covered = [
+        (
+            block.pose.position.x - block.scale.x / 2,
+            block.pose.position.y - block.scale.y / 2,
+            block.pose.position.x + block.scale.x / 2,
+            block.pose.position.y + block.scale.y / 2,
+        )
+        for block in blocks
+    ]
+    assert np.array(covered) == pytest.approx(np.array(walls(floor_map)))
+    for block in blocks:
+        assert block.pose.position.z == pytest.approx(block.scale.z / 2)
+        assert block.scale.z == pytest.approx(0.2)
+        assert block.color.r == pytest.approx(colours.WALL[0] / 255)
