@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from ballbot_ros.messages.conversions import stamp_ns, time_ns
+from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.messages.markers import fill_transform
 from ballbot_ros.messages.topics import (
     LCD,
@@ -62,6 +62,7 @@ class RobotVisualizer(BallbotNode):
             self._transforms = None
             self.get_logger().info('tf2_msgs is not installed: markers only, no transforms')
         self._time = self._whole_at = -math.inf
+        self._floor: FloorMap | None = None
         self._newest = Newest(self, _DRAWN)
         self.every(1.0 / self.values['rate'], self._update)
 
@@ -70,8 +71,12 @@ class RobotVisualizer(BallbotNode):
         now = snapshot_of(self._newest)
         if now is None:
             return
+        if RUN in changed:
+            self._floor = None  # that of an earlier run
+        if MAP in changed:
+            self._floor = floor_of_grid(self._newest[MAP])
         if RUN in changed or MAP in changed or now.time < self._time:
-            self._markers.begin(self._floor())
+            self._markers.begin(self._floor)
         if now.time != self._time:
             self._time = now.time
             self.sampled(stamp_ns(self._newest[PLANT_ODOM]))
@@ -85,13 +90,6 @@ class RobotVisualizer(BallbotNode):
             places = in_map(self._frames.at(now.position, now.psi))
             self._array.markers = self._markers.at(now, places, whole=is_whole)
             self._output.publish(self._array)
-
-    def _floor(self) -> FloorMap | None:
-        """Return the floor of the run, not that of an earlier plant."""
-        run, grid = self._newest[RUN], self._newest[MAP]
-        if grid is None or (run is not None and stamp_ns(grid) < time_ns(run.stamp)):
-            return None
-        return floor_of_grid(grid)
 
     def close(self) -> None:
         """Take leave of the topics."""
