@@ -12,13 +12,14 @@ from PIL import Image
 
 from ballbot_ros.viewer.browser import browser_page
 
-SCENE = {'x': 0, 'y': 160, 'width': 600, 'height': 480}
-"""What the panel and the notice about missing graphics hardware leave free of the page."""
+SIZE = (960, 640)
+SMALL = (600, 400)
+"""Of a page [px]; where there is no graphics card, large ones take long to draw."""
 
 
 @contextlib.contextmanager
-def serving(domain, *arguments):
-    """Run a command that serves a page; yield its address and its process."""
+def running(domain, *arguments):
+    """Run a command; yield its process."""
     process = subprocess.Popen(
         [*BALLBOT, *map(str, arguments)],
         env=environment(domain),
@@ -28,17 +29,23 @@ def serving(domain, *arguments):
         text=True,
     )
     try:
+        yield process
+    finally:
+        process.terminate()
+        process.communicate(timeout=20.0)
+
+
+@contextlib.contextmanager
+def serving(domain, *arguments):
+    """Run a command that serves a page; yield its address and its process."""
+    with running(domain, *arguments) as process:
         said = []
         for line in process.stdout:
             said.append(line)
             if found := re.search(r'http://\S+', line):
                 yield found[0], process
-                break
-        else:
-            raise RuntimeError(''.join(said))
-    finally:
-        process.terminate()
-        process.communicate(timeout=20.0)
+                return
+        raise RuntimeError(''.join(said))
 
 
 class Browser:
@@ -46,11 +53,14 @@ class Browser:
 
     def __init__(self, page, address):
         self.page = page
+        width, height = page.viewport_size.values()
+        # What the panel and the notice about missing graphics hardware leave free of the page.
+        self.scene = {'x': 0, 'y': 160, 'width': width - 360, 'height': height - 160}
         self.errors = []
         page.on('console', lambda m: m.type == 'error' and self.errors.append(m.text))
         page.on('pageerror', lambda error: self.errors.append(str(error)))
         page.goto(address)
-        self.wait_for_text('state')
+        self.wait_for_text('state', 60.0)
 
     def wait_for_text(self, text, timeout=30.0):
         self.page.get_by_text(text).first.wait_for(timeout=timeout * 1e3)
@@ -58,20 +68,44 @@ class Browser:
     def press(self, name):
         self.page.get_by_role('button', name=name, exact=True).click()
 
+    def choose(self, view):
+        """Choose a view by its key; before the page is ready one is not heard."""
+
+        def is_chosen():
+            self.page.keyboard.press(view[0])
+            return view in self.inputs()
+
+        wait_until(is_chosen, self)
+
     def open(self, folder):
         self.page.get_by_text(folder, exact=True).click(force=True)
 
-    def hold(self, name, seconds):
+    def hold(self, name):
+        """Press a button; the mouse is down when this returns."""
         button = self.page.get_by_role('button', name=name, exact=True)
         button.scroll_into_view_if_needed()
         button.hover(force=True)
         self.page.mouse.down()
-        self.page.wait_for_timeout(seconds * 1e3)
+
+    def let_go(self):
+        """Let go of a button, beside it."""
+        self.page.mouse.move(self.scene['width'] / 2, self.scene['y'] + 10)
         self.page.mouse.up()
 
     def picture(self):
-        data = self.page.screenshot(clip=SCENE)
+        """Return the gray values of the scene, as far as nothing lies over it."""
+        data = self.page.screenshot(clip=self.scene)
         return np.asarray(Image.open(io.BytesIO(data)).convert('L'), float)
+
+    def canvas_size(self):
+        """Return width and height of the whole scene [px]."""
+        box = self.page.locator('canvas').first.bounding_box()
+        return box['width'], box['height']
+
+    def tones(self):
+        """Return how many tones the page has been told to play."""
+        tone = self.page.locator('audio')
+        return int(tone.get_attribute('data-number')) if tone.count() else 0
 
     def has_moved(self, seconds=1.0):
         """Tell whether pictures a while apart differ in more than single pixels."""
@@ -79,19 +113,29 @@ class Browser:
         self.page.wait_for_timeout(seconds * 1e3)
         return bool((np.abs(self.picture() - before) > 30.0).sum() > 40)
 
+    def text(self):
+        """Return all that is written on the page."""
+        return self.page.inner_text('body')
+
     def inputs(self):
         """Return what is chosen and typed on the page."""
         return [each.input_value() for each in self.page.locator('input').all()]
 
     def shown_time(self):
         """Return the sim time beside the scene."""
-        return float(re.search(r'sim time\s*([\d.]+) s', self.page.inner_text('body'))[1])
+        return float(re.search(r'sim time\s*([\d.]+) s', self.text())[1])
 
 
 @contextlib.contextmanager
-def browsing(address):
-    with browser_page(960, 640) as page:
+def browsing(address, size=SIZE):
+    with browser_page(*size) as page:
         yield Browser(page, address)
+
+
+def another(browser, address):
+    """Open one more page; it ends with the first."""
+    page = browser.page
+    return Browser(page.context.browser.new_page(viewport=page.viewport_size), address)
 
 
 def wait_until(condition, browser, timeout=20.0):

@@ -4,9 +4,22 @@ import os
 import pytest
 from graph import Node, Run, free_domain
 
+from ballbot_ros.viewer.browser import browser_program
+from ballbot_ros.viewer.errors import ViewerError
+
 # Shared memory has locks that all domains have in common, so one test could hold up another, and
 # what a killed process leaves behind stays until the next boot.
 os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
+
+
+@pytest.fixture(scope='session')
+def needs_browser():
+    pytest.importorskip('viser', reason='the extra viewer is not installed')
+    pytest.importorskip('playwright')
+    try:
+        browser_program()
+    except ViewerError as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture

@@ -88,7 +88,7 @@ def children(pid):
             if int(parent) == pid:
                 for word in words:
                     name = word.decode().removeprefix('ballbot_ros.nodes.')
-                    if name in NODES:
+                    if name in (*NODES, 'viewer'):
                         found[name] = int(entry.name)
     return found
 

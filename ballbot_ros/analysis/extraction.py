@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.namespace import robot_namespace
-from ballbot_ros.messages.conversions import ball_position, body_pitch, body_rates, stamp_ns
+from ballbot_ros.brick.brick import Tone
+from ballbot_ros.messages.conversions import (
+    ball_position,
+    body_pitch,
+    body_rates,
+    stamp_ns,
+    tone_of,
+)
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -30,13 +37,14 @@ from ballbot_ros.messages.topics import (
     PLANT_ODOM,
     RUN,
     SONAR_RANGE,
+    SOUND,
     TOPICS,
     Topic,
 )
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RawMessage, RecordingReader
 
-_EVENTS = (OPERATING_STATE, RUN, DIAGNOSTICS, LCD, MAP)
+_EVENTS = (OPERATING_STATE, RUN, DIAGNOSTICS, LCD, SOUND, MAP)
 _FOREVER_NS = 2**63 - 1
 _OTHER_CLOCK_MS = 3.6e6
 _PROGRESS_STRIDE = 4096
@@ -166,6 +174,7 @@ class Extraction:
     states: list[tuple[int, int, str]] = field(default_factory=list)
     statuses: list[tuple[int, int, Any]] = field(default_factory=list)
     pages: list[tuple[int, int, str]] = field(default_factory=list)
+    tones: list[tuple[int, int, Tone]] = field(default_factory=list)
     map: Any = None
     traffic: dict[str, Traffic] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
@@ -212,17 +221,18 @@ def extract(recording: RecordingReader, progress: Callable[[int, int], None]) ->
         stamp = log_ns = raw.stamp_ns
         newest_log = max(newest_log, log_ns)
         topic = wanted.get(raw.topic)
-        if topic is not None and topic in TICKED:
+        if topic is not None:
             message = recording.decode(raw)
-            stamp = stamp_ns(message)
-            columns = extraction.columns[topic]
             try:
-                columns.add(stamp, TICKED[topic][2](message))
-            except (IndexError, ValueError) as error:
+                if topic in TICKED:
+                    stamp = stamp_ns(message)
+                    columns = extraction.columns[topic]
+                    columns.add(stamp, TICKED[topic][2](message))
+                    epoch = len(columns) - 1
+                else:
+                    _take_event(extraction, topic, message, epoch, log_ns)
+            except (IndexError, ValueError, OverflowError) as error:
                 raise _unlike(recording, raw, error) from None
-            epoch = len(columns) - 1
-        elif topic is not None:
-            _take_event(extraction, topic, recording.decode(raw), epoch, log_ns)
         if raw.topic in traffic:
             traffic[raw.topic].add(log_ns, (newest_log - stamp) * 1e-6)
     if not any(map(len, extraction.columns.values())):
@@ -242,6 +252,8 @@ def _take_event(
         extraction.statuses += [(epoch, log_ns, status) for status in message.status]
     elif topic is LCD:
         extraction.pages.append((epoch, log_ns, message.data))
+    elif topic is SOUND:
+        extraction.tones.append((epoch, log_ns, tone_of(message)))
     else:
         extraction.map = message
 

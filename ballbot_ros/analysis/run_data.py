@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ballbot_ros.analysis.attached import Attached, read_attached
 from ballbot_ros.analysis.extraction import TICKED, Extraction, Traffic, extract
 from ballbot_ros.analysis.metrics import Floats
+from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.parameters import CONTROLLER, PLANT
 from ballbot_ros.plant.truth import TICK_NS
@@ -103,6 +104,8 @@ class RunData:
         The diagnostics: time [s] and the rosbags ``DiagnosticStatus``.
     pages : tuple of tuple
         The display: time [s] and its text.
+    tones : tuple of tuple
+        Time [s] and the tone that was sounded.
     traffic : tuple of Traffic
         Every topic of the file.
     attached : Attached
@@ -126,6 +129,7 @@ class RunData:
     grid: Grid | None
     statuses: tuple[tuple[float, Any], ...]
     pages: tuple[tuple[float, str], ...]
+    tones: tuple[tuple[float, Tone], ...]
     traffic: tuple[Traffic, ...]
     attached: Attached
     damage: str | None
@@ -237,6 +241,11 @@ def read_run(
         pages=tuple(
             ((stamp - start) / SECOND_NS, page)
             for each, stamp, page in extraction.pages
+            if each == epoch and start <= stamp < end
+        ),
+        tones=tuple(
+            ((stamp - start) / SECOND_NS, tone)
+            for each, stamp, tone in extraction.tones
             if each == epoch and start <= stamp < end
         ),
         traffic=tuple(extraction.traffic.values()),

@@ -255,6 +255,11 @@ def fill_tone(message: Any, stamp_ns: int, tone: Tone) -> None:
     sound.x, sound.y, sound.z = map(float, tone)
 
 
+def tone_of(message: Any) -> Tone:
+    """Return the tone of ``sound``."""
+    return Tone(*(round(value) for value in (message.vector.x, message.vector.y, message.vector.z)))
+
+
 def fill_accepted_push(message: Any, stamp_ns: int, push: Push, number: int, *, acts: bool) -> None:
     """Write ``plant/accepted_push``: the wrench of push `number` that acts from the stamp on."""
     fill_header(message.header, stamp_ns, f'push {number}')

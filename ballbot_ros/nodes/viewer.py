@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from ballbot_ros.messages.conversions import fill_joy, stamp_ns
+from ballbot_ros.messages.conversions import fill_joy, stamp_ns, tone_of
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     LCD,
@@ -32,7 +32,6 @@ from ballbot_ros.viewer.address import require_viser, warning_of
 from ballbot_ros.viewer.floor import floor_of_grid
 from ballbot_ros.viewer.robot import Dimensions
 from ballbot_ros.viewer.snapshot import History, Snapshot
-from ballbot_ros.viewer.sound import tone_html
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.library import load_map
 
@@ -71,7 +70,7 @@ class Viewer(BallbotNode):
         self._newest = Newest(self, _SHOWN)
         self._history = History()
         self._ticks: list[tuple[float, float]] = []
-        self._updates = self._tones = 0
+        self._updates = 0
         self._is_driving = False
         self._joy = self.advertise(VIEWER_JOY, depth=1)
         self._joy_message = VIEWER_JOY.message_class()
@@ -138,9 +137,7 @@ class Viewer(BallbotNode):
         """Play a tone that is new, not one that a latched topic has kept."""
         message = self._newest[SOUND]
         if self.now_ns - stamp_ns(message) < _LATE_TONE_NS:
-            self._tones += 1
-            tone = message.vector
-            self._panel.play(tone_html(tone.x, tone.y, tone.z, self._tones))
+            self._panel.play(tone_of(message))
 
     def _factor(self, sim_time: float) -> float:
         """Return the speed over the last second, in times real time."""

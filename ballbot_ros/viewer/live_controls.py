@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
@@ -21,7 +22,7 @@ DIRECTIONS: dict[str, Pair] = {
 """In plane signs."""
 
 _HOLD_HZ = 20.0
-_RELEASE_S = 0.2
+_RELEASE_S = 0.3
 """A stick of which the page has not told for so long has been let go."""
 
 
@@ -48,18 +49,27 @@ class Robot(Protocol):
 
 
 class Sticks:
-    """The on-screen sticks: held as long as the page tells so."""
+    """The on-screen sticks: held as long as the page tells so, again and again.
+
+    Once does not count. A page that its user does not see is held back by the browser to tell
+    once a second; it must not drive.
+    """
 
     def __init__(self) -> None:
-        self._held: dict[str, float] = {}
+        self._told: dict[str, tuple[float, float]] = {}
 
     def hold(self, direction: str, now: float) -> None:
         """Note that a direction is held at `now` [s]."""
-        self._held[direction] = now
+        _, last = self._told.get(direction, (-math.inf, -math.inf))
+        self._told[direction] = last, now
 
     def value(self, now: float) -> Pair | None:
         """Return forward and rightward, each −1 ... 1; None while nothing is held."""
-        held = [DIRECTIONS[key] for key, at in self._held.copy().items() if now - at < _RELEASE_S]
+        held = [
+            DIRECTIONS[direction]
+            for direction, (before, last) in self._told.copy().items()
+            if now - last < _RELEASE_S and last - before < _RELEASE_S
+        ]
         if not held:
             return None
         x, y = (max(-1.0, min(1.0, sum(values))) for values in zip(*held, strict=True))

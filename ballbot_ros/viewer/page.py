@@ -26,6 +26,14 @@ PANEL_WIDTH = 340
 _ORBIT = 'orbit'
 _NOTICE_S = 5.0
 
+# On a narrow screen viser lays the panel over the scene: so it stands below it.
+_SHEET = '.mantine-Paper-root[style*="bottom: 0px"]'
+_STYLE = f"""<style>
+div:has(> {_SHEET}) {{ flex-direction: column !important }}
+{_SHEET} {{ position: static !important; width: 100% !important; max-height: 50% !important }}
+{_SHEET} .mantine-ScrollArea-content > div {{ width: 100% !important }}
+</style>"""
+
 
 class Page:
     """What browsers show, all the same but for the camera.
@@ -58,12 +66,13 @@ class Page:
         self._area = Area.of(None)
         self._now: Snapshot | None = None
         self._views: dict[int, str] = {}
-        self._moved: set[int] = set()
+        self._aspects: dict[int, float] = {}  # for which cameras that stand have been pointed
         self._lock = threading.Lock()
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(238, 122, 40))
         gui.main_panel.dock_right()
         gui.main_panel.set_width(PANEL_WIDTH)
+        gui.add_html(_STYLE, order=-2.0)
         self.scene = Scene(self.server.scene)
         self.server.on_client_connect(self._welcome)
         self.server.on_client_disconnect(self._forget)
@@ -98,7 +107,7 @@ class Page:
         self.scene.show_floor(floor_map)
         with self._lock:
             self._area = Area.of(floor_map, start)
-            self._moved.update(self._views)
+            self._aspects.clear()
 
     def _welcome(self, client: viser.ClientHandle) -> None:
         """Give a new browser its views."""
@@ -126,26 +135,31 @@ class Page:
         """Give a browser a view."""
         with self._lock:
             self._views[client_id] = view
-            self._moved.add(client_id)
+            self._aspects.pop(client_id, None)
 
     def _forget(self, client: viser.ClientHandle) -> None:
         with self._lock:
             self._views.pop(client.client_id, None)
+            self._aspects.pop(client.client_id, None)
 
     def look(self, now: Snapshot) -> None:
-        """Point the cameras: those that track always, the others when they were chosen."""
+        """Point the cameras: those that track always, the others when something is new to them.
+
+        New are the view, the floor, and the shape of the window.
+        """
         clients = self.server.get_clients()
+        due = []
         with self._lock:
-            due = {
-                number: view
-                for number, view in self._views.items()
-                if view in TRACKING or (view != _ORBIT and number in self._moved)
-            }
-            self._moved.clear()
-        for number, view in due.items():
-            if client := clients.get(number):
+            for number, view in self._views.items():
+                client = clients.get(number)
+                if client is None or view == _ORBIT:
+                    continue
                 aspect = client.camera.aspect
-                _point(client, camera(view, now, self._dimensions, self._area, aspect))
+                if view in TRACKING or self._aspects.get(number) != aspect:
+                    self._aspects[number] = aspect
+                    due.append((client, view, aspect))
+        for client, view, aspect in due:
+            _point(client, camera(view, now, self._dimensions, self._area, aspect))
 
     def stop(self) -> None:
         """Close the page."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any
 
 import numpy as np
@@ -10,20 +11,24 @@ import viser
 from numpy.typing import NDArray
 from viser import uplot
 
+from ballbot_ros.brick.brick import Tone
 from ballbot_ros.viewer.snapshot import WINDOW_S, Snapshot
+from ballbot_ros.viewer.sound import tone_html
 
 PERIOD = 12
 """Updates of the scene between two of the panel."""
 
 _X_COLOUR, _Y_COLOUR = '#0072b2', '#d55e00'
 _HEIGHT = 104
+_TONE_DELAY_S = 3.0
+"""A browser begins a tone at most so long after it was sent."""
 
-# Title, columns of the trace, their factor, and the labels.
-_PLOTS: tuple[tuple[str, tuple[int, ...], float, tuple[str, ...]], ...] = (
-    ('pitch [°]', (1, 2), 180.0 / math.pi, ('ψx', 'ψy')),
-    ('position [cm]', (3, 4), 100.0, ('x', 'y')),
-    ('duty [%]', (5, 6), 1.0, ('x', 'y')),
-    ('sonar [cm]', (7,), 100.0, ('distance',)),
+# Title, columns of the trace, their factor, the least height, and the labels.
+_PLOTS: tuple[tuple[str, tuple[int, ...], float, float, tuple[str, ...]], ...] = (
+    ('pitch [°]', (1, 2), 180.0 / math.pi, 2.0, ('ψx', 'ψy')),
+    ('position [cm]', (3, 4), 100.0, 10.0, ('x', 'y')),
+    ('duty [%]', (5, 6), 1.0, 20.0, ('x', 'y')),
+    ('sonar [cm]', (7,), 100.0, 20.0, ('distance',)),
 )
 
 
@@ -38,9 +43,11 @@ class Panel:
     def __init__(self, gui: viser.GuiApi) -> None:
         self._status = gui.add_html('', order=0.0)
         self._sound = gui.add_html('', order=100.0)
+        self._tones = 0
+        self._tone_end = math.inf
         self._plots = []
         with gui.add_folder('Last 10 s', order=20.0):
-            for title, columns, _, labels in _PLOTS:
+            for title, columns, _, _, labels in _PLOTS:
                 gui.add_html(_caption(title, labels))
                 self._plots.append(_plot(gui, len(columns)))
 
@@ -55,6 +62,8 @@ class Panel:
         factor : float or None
             Speed in times real time; None is left out.
         """
+        if time.monotonic() > self._tone_end:
+            self._sound.content = ''  # who comes later is not to hear it
         rows = [('state', now.state or '–'), ('sim time', f'{now.time:.2f} s')]
         if factor is not None:
             rows.append(('real-time factor', f'{factor:.2f}'))
@@ -62,23 +71,33 @@ class Panel:
         self._status.content = _status(rows, now.lcd)
         if len(trace) < 2:
             return
-        time = trace[:, 0]
-        for plot, (_, columns, scale, _) in zip(self._plots, _PLOTS, strict=True):
+        times = trace[:, 0]
+        for plot, (_, columns, scale, least, _) in zip(self._plots, _PLOTS, strict=True):
             # A plot has no place for an infinite distance: no echo is a gap.
             values = np.where(np.isfinite(trace), trace * scale, np.nan)
-            plot.data = (time, *(values[:, column] for column in columns))
-            plot.scales = _scales(now.time)
+            plot.data = (times, *(values[:, column] for column in columns))
+            plot.scales = _scales(now.time, _range(values[:, columns], least))
 
-    def play(self, element: str) -> None:
-        """Play a tone, given as an HTML element."""
-        self._sound.content = element
+    def play(self, tone: Tone) -> None:
+        """Play a tone."""
+        self._tones += 1
+        self._sound.content = tone_html(tone, self._tones)
+        self._tone_end = time.monotonic() + tone.duration_ms * 1e-3 + _TONE_DELAY_S
 
 
-def _scales(now: float) -> dict[str, uplot.Scale]:
+def _range(values: NDArray[np.float64], least: float) -> tuple[float, float]:
+    """Return from where to where a plot reaches, at least `least`: noise is not to look big."""
+    finite = values[np.isfinite(values)]
+    low, high = (finite.min(), finite.max()) if finite.size else (0.0, 0.0)
+    margin = max(0.1 * (high - low), 0.5 * (least - (high - low)))
+    return float(low - margin), float(high + margin)
+
+
+def _scales(now: float, heights: tuple[float, float]) -> dict[str, uplot.Scale]:
     end = max(now, WINDOW_S)
     return {
         'x': uplot.Scale(time=False, auto=False, range=(end - WINDOW_S, end)),
-        'y': uplot.Scale(auto=True),
+        'y': uplot.Scale(auto=False, range=heights),
     }
 
 
@@ -89,11 +108,11 @@ def _plot(gui: viser.GuiApi, curves: int) -> Any:
     return gui.add_uplot(
         (nothing, *[np.full(2, np.nan)] * curves),
         (uplot.Series(label='t [s]'), *series),
-        scales=_scales(0.0),
-        axes=(uplot.Axis(size=30), uplot.Axis(size=38)),
+        scales=_scales(0.0, (-1.0, 1.0)),
+        axes=(uplot.Axis(size=30), uplot.Axis(size=46)),
         legend=uplot.Legend(show=False),
         height=_HEIGHT,
-        padding=(4, 8, 0, 0),
+        padding=(8, 12, 0, 0),
     )
 
 
@@ -107,16 +126,17 @@ def _caption(title: str, labels: tuple[str, ...]) -> str:
 
 def _status(rows: list[tuple[str, str]], lcd: str) -> str:
     cells = ''.join(
-        f'<tr><td style="color:#777;padding-right:12px">{name}</td>'
-        f'<td style="font-variant-numeric:tabular-nums"><b>{value}</b></td></tr>'
+        f'<tr><td style="color:#777;padding-right:8px">{name}</td>'
+        f'<td style="font-variant-numeric:tabular-nums;white-space:nowrap"><b>{value}</b></td></tr>'
         for name, value in rows
     )
     page = lcd.replace('&', '&amp;').replace('<', '&lt;')
     display = (
         '<pre style="background:#b0c4a8;color:#18221e;font-size:10px;line-height:1.25;margin:0;'
-        f'padding:6px;border-radius:4px;box-sizing:content-box;width:16ch;min-height:10em;overflow:hidden">{page}</pre>'
+        f'padding:6px;border-radius:4px;box-sizing:content-box;width:16ch;flex-shrink:0;min-height:10em;'
+        f'overflow:hidden">{page}</pre>'
     )
     return (
-        '<div style="display:flex;justify-content:space-between;align-items:center;'
+        '<div style="display:flex;justify-content:space-between;align-items:center;gap:8px;'
         f'font-size:13px;margin:4px 1em"><table>{cells}</table>{display}</div>'
     )

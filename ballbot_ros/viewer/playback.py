@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.run_data import RunData, Series, read_run
+from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.parameters import select
 from ballbot_ros.viewer.errors import ViewerError
@@ -64,6 +65,7 @@ class Playback:
         self.start = (x, -y)
         self._state_times = [interval.start for interval in run.states]
         self._page_times = [time for time, _ in run.pages]
+        self._tone_times = [time for time, _ in run.tones]
 
     def snapshot(self, time: float) -> Snapshot:
         """Return the robot at `time` [s]; or at the nearer end of the run."""
@@ -88,6 +90,13 @@ class Playback:
     def _tick(self, time: float) -> int:
         # Ticks are stamped to the nanosecond, times of a slider are not.
         return max(0, int(np.searchsorted(self._run.trajectory.time, time + 1e-6, 'right')) - 1)
+
+    def tone(self, start: float, end: float) -> Tone | None:
+        """Return the last tone from `start` until before `end` [s]."""
+        number = bisect_left(self._tone_times, end) - 1
+        if number < 0 or self._tone_times[number] < start:
+            return None
+        return self._run.tones[number][1]
 
     def trace(self, time: float) -> NDArray[np.float64]:
         """Return the columns of the plots up to `time`, as History.trace does."""

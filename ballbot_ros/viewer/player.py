@@ -10,6 +10,7 @@ from ballbot_ros.viewer.panel import PERIOD, Panel
 from ballbot_ros.viewer.playback import Playback
 
 RATES = {'0.1×': 0.1, '0.5×': 0.5, '1×': 1.0, '2×': 2.0, '5×': 5.0}
+_RATES_WITH_TONES = (0.5, 1.0, 2.0)
 TRAIL_HEIGHT = 2e-3
 
 
@@ -36,11 +37,14 @@ class Clock:
         self.rate = 1.0
         self.is_playing = True
 
-    def advance(self, seconds: float) -> None:
-        """Let `seconds` of wall time pass."""
-        if self.is_playing:
-            self.time = min(self.end, self.time + seconds * self.rate)
-            self.is_playing = self.time < self.end
+    def advance(self, seconds: float) -> tuple[float, float]:
+        """Let `seconds` of wall time pass; return from when to when it has played [s]."""
+        start = self.time
+        if not self.is_playing:
+            return start, start
+        end = self.time = min(self.end, start + seconds * self.rate)
+        self.is_playing = end < self.end
+        return start, end
 
     def toggle(self) -> None:
         """Play or pause; from the end, play again."""
@@ -89,7 +93,9 @@ class Player:
 
     def update(self, seconds: float) -> None:
         """Show what there is to see `seconds` of wall time later."""
-        self.clock.advance(seconds)
+        start, end = self.clock.advance(seconds)
+        if self.clock.rate in _RATES_WITH_TONES and (tone := self._runs[0].tone(start, end)):
+            self._panel.play(tone)
         self.show(self.clock.time, panel=self._updates % PERIOD == 0)
         self._updates += 1
 

@@ -8,25 +8,27 @@ import wave
 
 import numpy as np
 
+from ballbot_ros.brick.brick import Tone
+
 _RATE = 8000
 _LONGEST_S = 5.0
 
 
-def tone_html(hz: float, ms: float, volume: float, number: int) -> str:
+def tone_html(tone: Tone, number: int) -> str:
     """Return an HTML element that plays a tone once.
 
     Browsers play it only after a click on the page.
 
     Parameters
     ----------
-    hz, ms, volume : float
-        Frequency, duration, and volume in percent.
+    tone : Tone
     number : int
         Of the tone: one that comes again is to be heard again.
     """
-    time = np.arange(round(min(ms * 1e-3, _LONGEST_S) * _RATE)) / _RATE
-    loudness = min(max(volume, 0.0), 100.0) / 100.0
-    samples = np.round(127.5 + 60.0 * loudness * np.sin(2.0 * np.pi * hz * time)).astype(np.uint8)
+    time = np.arange(round(min(tone.duration_ms * 1e-3, _LONGEST_S) * _RATE)) / _RATE
+    loudness = min(max(tone.volume, 0), 100) / 100.0
+    wave_form = np.sin(2.0 * np.pi * tone.frequency_hz * time)
+    samples = np.round(127.5 + 60.0 * loudness * wave_form).astype(np.uint8)
     data = io.BytesIO()
     with wave.open(data, 'wb') as file:
         file.setnchannels(1)

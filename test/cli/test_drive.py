@@ -4,6 +4,7 @@ import contextlib
 import fcntl
 import os
 import pty
+import re
 import signal
 import struct
 import subprocess
@@ -12,6 +13,7 @@ import threading
 import time
 
 import pytest
+from browsing import SMALL, browsing
 from graph import BALLBOT, NODES, alive, bound_s, children, environment, wait_for
 
 from ballbot_ros.recording.reader import RecordingReader
@@ -139,6 +141,29 @@ def test_keys_drive_reset_and_quit(start_drive, tmp_path):
         written = (drive.folder / f'drive{name}.csv').read_bytes()
         assert written == (tmp_path / f'live{name}.csv').read_bytes()
         assert written.count(b'\n') > 1
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(180)
+@pytest.mark.usefixtures('needs_browser')
+def test_the_page_and_the_keyboard_go_together(start_drive):
+    drive = start_drive('--no-record', '--viewer', '--set', 'viewer.port=0')
+    pids = drive.begin(CHILDREN - {'recorder'} | {'viewer'})
+    line = wait_for(
+        lambda: re.search(rb'viewer  (http://127.0.0.1:\d+)\r?\n', drive.screen),
+        what='the address of the page',
+    )
+    drive.wait_for_text(b'arrows drive', line.end())  # the panel is drawn anew below it
+    with browsing(line[1].decode(), SMALL) as browser:
+        browser.choose('3 Chaser 1 (left)')
+        drive.press(UP + b'h')
+        drive.wait_for_text(b'-50')
+        assert browser.has_moved()
+        assert browser.errors == []
+        drive.press(b'q')
+        assert drive.finish() == 0
+    assert not any(alive(pid) for pid in pids.values())
+    assert termios.tcgetattr(drive.side) == drive.settings
 
 
 def test_ctrl_c_quits(start_drive):

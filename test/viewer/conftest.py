@@ -1,13 +1,10 @@
-"""A recorded run to look at, and whether there is a browser to look with."""
+"""A recorded run to look at."""
 
 import pytest
 
 pytest.importorskip('viser', reason='the extra viewer is not installed')
 
 from graph import BALLBOT
-
-from ballbot_ros.viewer.browser import browser_program
-from ballbot_ros.viewer.errors import ViewerError
 
 
 @pytest.fixture(scope='session')
@@ -22,12 +19,3 @@ def recording(tmp_path_factory):
     ]  # fmt: skip
     subprocess.run([*BALLBOT, *map(str, words)], capture_output=True, check=False)
     return folder / 'autonomous.mcap'
-
-
-@pytest.fixture(scope='session')
-def needs_browser():
-    try:
-        browser_program()
-    except ViewerError as error:
-        pytest.skip(str(error))
-    pytest.importorskip('playwright')

@@ -1,114 +1,46 @@
 """The page in a browser: live beside a graph, and from a file."""
 
+import contextlib
+import itertools
+import math
 import socket
 import threading
 import time
 
+import numpy as np
 import pytest
 import viser
 
 pytest.importorskip('rclpy')
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('needs_browser')]
 
-from browsing import browsing, serving, wait_until  # noqa: E402
+from browsing import SMALL, another, browsing, running, serving, wait_until  # noqa: E402
+from graph import bound_s  # noqa: E402
 from ros_client import Client  # noqa: E402
 
 from ballbot_ros.messages.conversions import ball_position, body_pitch  # noqa: E402
-from ballbot_ros.messages.topics import ACCEPTED_PUSH, PLANT_IMU, PLANT_ODOM  # noqa: E402
+from ballbot_ros.messages.topics import (  # noqa: E402
+    ACCEPTED_PUSH,
+    PLANT_IMU,
+    PLANT_ODOM,
+    VIEWER_JOY,
+)
+from ballbot_ros.parameters import VIEWER, ParameterSet, select  # noqa: E402
+from ballbot_ros.viewer.floor import Area, lines  # noqa: E402
 from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.panel import Panel  # noqa: E402
 from ballbot_ros.viewer.playback import Playback  # noqa: E402
 from ballbot_ros.viewer.player import Player  # noqa: E402
+from ballbot_ros.viewer.robot import BLACK, DARK, Dimensions, parts  # noqa: E402
 from ballbot_ros.viewer.snapshot import History, Snapshot  # noqa: E402
+from ballbot_ros.viewer.views import ROBOT, VIEWS, camera  # noqa: E402
+from ballbot_ros.world.floor_map import CELL_M, FLOOR  # noqa: E402
+from ballbot_ros.world.library import load_map  # noqa: E402
 
-DRIVE = (
-    'drive', '--viewer', '--no-keyboard', '--no-record', '--map', 'track', '--start', '0', '-0.3',
-    '--set', 'viewer.port=0',
-)  # fmt: skip
-
-
-class Truth:
-    """What the graph tells while the browser is busy."""
-
-    def __init__(self, domain):
-        self.client = Client(domain)
-        for topic in (ACCEPTED_PUSH, PLANT_IMU, PLANT_ODOM):
-            self.client.watch(topic, depth=128)
-        self._end = threading.Event()
-        self._thread = threading.Thread(target=self._spin)
-        self._thread.start()
-
-    def _spin(self):
-        while not self._end.is_set():
-            self.client.executor.spin_once(timeout_sec=0.1)
-
-    def close(self):
-        self._end.set()
-        self._thread.join()
-        self.client.close()
-
-    def largest_lean(self):
-        seen = self.client.seen.get(PLANT_IMU.name, [])
-        return max((abs(body_pitch(message)[0]) for message in list(seen)), default=0.0)
-
-    def position(self):
-        return ball_position(self.client.newest[PLANT_ODOM.name])[0]
-
-
-@pytest.mark.graph
-@pytest.mark.timeout(180)
-def test_a_live_page_shows_the_robot_and_drives_it(domain):
-    with serving(domain, *DRIVE) as (address, _), browsing(address) as browser:
-        truth = Truth(domain)
-        try:
-            browser.wait_for_text('remote')
-            assert truth.largest_lean() < 1e-3
-            browser.open('Push')
-            browser.page.wait_for_timeout(500)
-            browser.press('forward')
-            wait_until(lambda: ACCEPTED_PUSH.name in truth.client.seen, browser)
-            assert truth.client.seen[ACCEPTED_PUSH.name][0].wrench.force.x == 1.0
-            wait_until(lambda: truth.largest_lean() > 0.01, browser)
-
-            before = truth.position()
-            browser.open('Sticks (hold)')
-            browser.page.wait_for_timeout(500)
-            browser.hold('Drive forward', 2.0)
-            wait_until(lambda: truth.position() > before + 0.05, browser)
-            assert browser.has_moved()
-
-            browser.page.keyboard.press('3')
-            wait_until(lambda: '3 Chaser 1 (left)' in browser.inputs(), browser)
-
-            browser.press('Pause')
-            browser.page.wait_for_timeout(1000)
-            held = browser.shown_time()
-            assert not browser.has_moved()
-            assert browser.shown_time() == held
-            browser.press('Run')
-            wait_until(lambda: browser.shown_time() > held, browser)
-            assert browser.errors == []
-        finally:
-            truth.close()
-
-
-def test_a_recorded_run_follows_its_slider(recording, domain):
-    with serving(domain, 'view', recording, recording, '--port', 0) as (address, process):
-        with browsing(address) as browser:
-            browser.press('Pause')
-            slider = browser.page.get_by_role('slider').first
-            slider.focus()
-            slider.press('Home')
-            wait_until(lambda: browser.shown_time() == 0.0, browser)
-            browser.wait_for_text('calibration')
-            slider.press('End')
-            wait_until(lambda: browser.shown_time() == pytest.approx(9.996, abs=0.006), browser)
-            slider.press('ArrowLeft')
-            wait_until(lambda: browser.shown_time() < 9.99, browser)
-            assert browser.errors == []
-        process.terminate()
-        assert process.wait(10.0) == 0
+START = (0.0, -0.3)
+DRIVE = ('drive', '--no-keyboard', '--no-record', '--map', 'track', '--start', *START)
+DIMENSIONS = select(Dimensions, ParameterSet().values(VIEWER))
 
 
 HANDSHAKE = """GET / HTTP/1.1\r
@@ -122,16 +54,224 @@ Sec-WebSocket-Protocol: viser-v{version}\r
 """
 
 
+@contextlib.contextmanager
+def unread(port):
+    """A browser that connects and never reads."""
+    with socket.socket() as stuck:
+        stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        stuck.connect(('127.0.0.1', port))
+        stuck.sendall(HANDSHAKE.format(version=viser.__version__).encode())
+        yield
+
+
+class Truth:
+    """What the graph tells while the browser is busy."""
+
+    def __init__(self, domain):
+        self.client = Client(domain)
+        for topic in (ACCEPTED_PUSH, PLANT_IMU, PLANT_ODOM, VIEWER_JOY):
+            self.client.watch(topic, depth=128)
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._spin)
+        self._thread.start()
+
+    def _spin(self):
+        while not self._end.is_set():
+            self.client.executor.spin_once(timeout_sec=0.1)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self._end.set()
+        self._thread.join()
+        self.client.close()
+
+    def largest_lean(self):
+        seen = self.client.seen.get(PLANT_IMU.name, [])
+        return max((abs(body_pitch(message)[0]) for message in list(seen)), default=0.0)
+
+    def position(self):
+        return ball_position(self.client.newest[PLANT_ODOM.name])[0]
+
+    def is_driven(self):
+        message = self.client.newest.get(VIEWER_JOY.name)
+        return message is not None and any(message.axes)
+
+
+def start_viewer(start_node, **parameters):
+    """Start the node; return its process and the address of its page."""
+    node = start_node('viewer', **parameters)
+    return node.process, node.process.stdout.readline().split()[-1]
+
+
+def spots(points, view, browser):
+    """Return rows and columns of points in the picture of a view, as far as they are in it."""
+    size, scene = browser.canvas_size(), browser.scene
+    still = Snapshot(0.0, (START[0], -START[1]), (0.0, 0.0))
+    stand = camera(view, still, DIMENSIONS, Area.of(TRACK), size[0] / size[1])
+    ahead = np.subtract(stand.look_at, stand.position)
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, stand.up)
+    right /= np.linalg.norm(right)
+    away = np.asarray(points) - stand.position
+    away = away[away @ ahead > 0.05]
+    scale = size[1] / 2.0 / math.tan(stand.fov / 2.0) / (away @ ahead)
+    columns = np.round(size[0] / 2.0 + scale * (away @ right) - scene['x']).astype(int)
+    rows = np.round(size[1] / 2.0 - scale * (away @ np.cross(right, ahead)) - scene['y'])
+    rows = rows.astype(int)
+    seen = (rows >= 0) & (rows < scene['height']) & (columns >= 0) & (columns < scene['width'])
+    return rows[seen], columns[seen]
+
+
+def cells_about(x, y):
+    """Return what the floor is within 8 cm."""
+    column = round(x / CELL_M + TRACK.columns / 2)
+    row = round(TRACK.rows / 2 - y / CELL_M)
+    return TRACK.cells[row - 8 : row + 9, column - 8 : column + 9]
+
+
+TRACK = load_map('track')
+LINES = [((left + right) / 2, (low + high) / 2, 0.0) for left, low, right, high in lines(TRACK)]
+FLOORS = [
+    (x, y, 0.0)
+    for x, y in itertools.product(np.arange(-1.2, 1.2, 0.05), repeat=2)
+    if (cells_about(x, y) == FLOOR).all() and math.dist((x, y), START) > 0.3
+]
+ROBOT_PARTS = [
+    np.add((*START, DIMENSIONS.ball_radius), part.position)
+    for part in parts(DIMENSIONS)
+    if part.colour in (DARK, BLACK)
+]
+
+
+def shows_what_it_should(browser, view):
+    """Tell whether lines and robot are dark and the floor is bright where the view has them.
+
+    Of the floor the robot, its shadow and the walls hide a part, of the robot's dark parts the
+    bright ones.
+    """
+    picture = browser.picture()
+    lines, floor, robot = (
+        picture[spots(points, view, browser)] for points in (LINES, FLOORS, ROBOT_PARTS)
+    )
+    return (
+        (lines < 110.0).mean() > 0.6
+        and (floor > 170.0).mean() > 0.3
+        and (view == ROBOT or (robot < 110.0).mean() > 0.4)
+    )
+
+
+@pytest.mark.graph
+@pytest.mark.timeout(180)
+def test_a_live_page_shows_the_robot_and_drives_it(domain):
+    with (
+        serving(domain, *DRIVE, '--viewer', '--set=viewer.port=0') as (address, _),
+        Truth(domain) as truth,
+        browsing(address) as browser,
+    ):
+        browser.wait_for_text('remote')
+        for key, view in enumerate(VIEWS, 1):
+            browser.page.keyboard.press(str(key))
+            wait_until(lambda view=view: shows_what_it_should(browser, view), browser)
+
+        assert truth.largest_lean() < 1e-3
+        browser.open('Push')
+        browser.page.wait_for_timeout(500)
+        browser.press('forward')
+        wait_until(lambda: ACCEPTED_PUSH.name in truth.client.seen, browser)
+        assert truth.client.seen[ACCEPTED_PUSH.name][0].wrench.force.x == 1.0
+        wait_until(lambda: truth.largest_lean() > 0.01, browser)
+
+        before = truth.position()
+        browser.open('Sticks (hold)')
+        browser.page.wait_for_timeout(500)
+        browser.hold('Drive forward')
+        wait_until(lambda: truth.position() > before + 0.05, browser)
+        assert truth.is_driven()
+        browser.let_go()
+        wait_until(lambda: not truth.is_driven(), browser, bound_s(1.0))
+        assert browser.has_moved()
+
+        browser.press('Pause')
+        browser.page.wait_for_timeout(1000)
+        held = browser.shown_time()
+        assert not browser.has_moved()
+        assert browser.shown_time() == held
+        browser.press('Run')
+        wait_until(lambda: browser.shown_time() > held, browser)
+        assert browser.errors == []
+
+
+@pytest.mark.graph
+@pytest.mark.timeout(180)
+def test_pages_hold_up_neither_each_other_nor_the_run(domain, start_node):
+    """Three at once, and a fourth browser that does not read; then the server goes and returns."""
+    with running(domain, *DRIVE), Truth(domain) as truth:
+        viewer, address = start_viewer(start_node, port=0)
+        port = int(address.rpartition(':')[2])
+        with browsing(address, SMALL) as first, unread(port):
+            first.press('Pause')  # what stands still is not drawn: the others load sooner
+            pages = [first, another(first, address), another(first, address)]
+            chosen = ('1 Top', '3 Chaser 1 (left)', '4 Chaser 2 (front)')
+            for browser, view in zip(pages, chosen, strict=True):
+                browser.choose(view)
+            last = pages[-1]
+            last.press('Run')
+            last.open('Sticks (hold)')
+            last.page.wait_for_timeout(500)
+            last.hold('Drive forward')
+            wait_until(truth.is_driven, last)
+            for browser, view in zip(pages, chosen, strict=True):
+                assert browser.has_moved(0.3)
+                assert view in browser.inputs()
+            last.page.close()  # while the stick is held
+            wait_until(lambda: not truth.is_driven(), first, bound_s(1.0))
+
+            shown = first.shown_time()
+            viewer.kill()
+            viewer.wait()
+            start_viewer(start_node, port=port)
+            wait_until(lambda: 'sim time' in first.text() and first.shown_time() > shown, first)
+            first.choose('3 Chaser 1 (left)')
+            first.press('Pause')
+            first.page.wait_for_timeout(1000)
+            assert not first.has_moved()
+
+
+def test_a_recorded_run_follows_its_slider(recording, domain):
+    with serving(domain, 'view', recording, recording, '--port', 0) as (address, process):
+        with browsing(address) as browser:
+            browser.press('Pause')
+            before = browser.tones()
+            slider = browser.page.get_by_role('slider').first
+            slider.focus()
+            slider.press('Home')
+            wait_until(lambda: browser.shown_time() == 0.0, browser)
+            browser.wait_for_text('calibration')
+            slider.press('End')
+            wait_until(lambda: browser.shown_time() == pytest.approx(9.996, abs=0.006), browser)
+            slider.press('ArrowLeft')
+            wait_until(lambda: browser.shown_time() < 9.99, browser)
+            assert browser.tones() == before
+            slider.press('Home')
+            browser.press('Play')
+            wait_until(lambda: browser.tones() > before, browser)
+            assert 0.7 < browser.shown_time() < 3.0
+            wait_until(
+                lambda: browser.page.locator('audio').evaluate('a => a.currentTime > 0'), browser
+            )
+            assert browser.errors == []
+        process.terminate()
+        assert process.wait(10.0) == 0
+
+
 def test_a_browser_that_stops_reading_holds_up_nobody(recording):
     """Its connection is full: what is shown goes on, and only the newest of it is kept."""
     run = Playback(recording)
     page = Page(run.dimensions, 'test', '127.0.0.1', 0)
     player = Player(page, [run])
-    address = ('127.0.0.1', page.server.get_port())
-    with socket.socket() as stuck:
-        stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        stuck.connect(address)
-        stuck.sendall(HANDSHAKE.format(version=viser.__version__).encode())
+    with unread(page.server.get_port()):
         slowest = 0.0
         for number in range(600):
             began = time.monotonic()

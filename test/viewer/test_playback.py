@@ -6,6 +6,7 @@ import socket
 import pytest
 
 from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.brick.brick import Tone
 from ballbot_ros.viewer.address import check_address, warning_of
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.live_controls import Sticks
@@ -42,6 +43,11 @@ def test_state_display_and_battery_follow_the_time(run):
     assert run.snapshot(8.0).battery == pytest.approx(8.0)
 
 
+def test_a_tone_is_found_in_the_stretch_that_is_played(run):
+    assert run.tone(1.1, 9.0) is run.tone(0.9, 1.0) is run.tone(1.0, 1.0) is None
+    assert run.tone(1.0, 1.02) == run.tone(0.9, 1.1) == Tone(440, 500, 70)
+
+
 def test_the_map_has_its_lines(run):
     assert run.floor_map.walls.any()
     assert (run.floor_map.cells == 0).any()
@@ -72,15 +78,25 @@ def test_the_clock_stops_at_the_end_and_begins_again():
 def test_sticks_count_while_they_are_held():
     sticks = Sticks()
     assert sticks.value(0.0) is None
-    sticks.hold('forward', 0.0)
-    sticks.hold('right', 0.05)
-    assert sticks.value(0.1) == (1.0, 1.0)
-    assert sticks.value(0.22) == (0.0, 1.0)
+    for time in (0.0, 0.05):
+        sticks.hold('forward', time)
+        sticks.hold('right', time + 0.1)
+    assert sticks.value(0.2) == (1.0, 1.0)
+    assert sticks.value(0.4) == (0.0, 1.0)
     assert sticks.value(1.0) is None
 
 
+def test_a_page_that_tells_once_a_second_does_not_drive():
+    """So browsers hold back a page that nobody sees; whether it is still held nobody knows."""
+    sticks = Sticks()
+    for tenth in range(50):
+        if tenth % 10 == 0:
+            sticks.hold('forward', tenth / 10)
+        assert sticks.value(tenth / 10) is None
+
+
 def test_equal_tones_are_different_elements():
-    assert tone_html(440, 500, 70, 1) != tone_html(440, 500, 70, 2)
+    assert tone_html(Tone(440, 500, 70), 1) != tone_html(Tone(440, 500, 70), 2)
 
 
 def test_a_taken_port_is_one_line():
