@@ -109,7 +109,7 @@ def _plot(gui: viser.GuiApi, curves: int) -> Any:
         (nothing, *[np.full(2, np.nan)] * curves),
         (uplot.Series(label='t [s]'), *series),
         scales=_scales(0.0, (-1.0, 1.0)),
-        axes=(uplot.Axis(size=30), uplot.Axis(size=46)),
+        axes=(uplot.Axis(size=30), uplot.Axis(size=46, space=18)),
         legend=uplot.Legend(show=False),
         height=_HEIGHT,
         padding=(8, 12, 0, 0),
