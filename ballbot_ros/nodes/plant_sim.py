@@ -244,6 +244,9 @@ class PlantSim(BallbotNode):
             self._publish_truth()
             self._sent_at = sent_at
         limit = float(self.values['timeout' if self.log.ticks else 'startup_timeout'])
+        if WARN_S < silence <= limit:
+            # Who waits is not to be taken for silent itself, on a busy machine neither.
+            self.report()
         if silence > limit:
             self._silent(RECORDER if waits_for_recorder else '', limit)
 

@@ -30,8 +30,8 @@ case "$*" in
     ;;
   '-m pip --version') $HAS_PIP ;;
   '-m pip install '*)
-    echo "$*" >>"$MACHINE/calls"
     cat "$MACHINE/pip.output" 2>/dev/null
+    echo "$*" >>"$MACHINE/calls"
     source "$MACHINE/pip" || exit
     { echo '#!/usr/bin/env bash'; echo 'printf "<%s>\n" "$@"; env'; } >"${0%/*}/ballbot"
     chmod +x "${0%/*}/ballbot"
