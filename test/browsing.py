@@ -7,14 +7,13 @@ import subprocess
 import time
 
 import numpy as np
-from graph import BALLBOT, environment
+from graph import BALLBOT, bound_s, environment
 from PIL import Image
 
 from ballbot_ros.viewer.browser import browser_page
 
-SIZE = (960, 640)
-SMALL = (600, 400)
-"""Of a page [px]; where there is no graphics card, large ones take long to draw."""
+SIZE = (760, 520)
+"""Of a page [px]."""
 
 
 @contextlib.contextmanager
@@ -122,13 +121,14 @@ class Browser:
         return [each.input_value() for each in self.page.locator('input').all()]
 
     def shown_time(self):
-        """Return the sim time beside the scene."""
-        return float(re.search(r'sim time\s*([\d.]+) s', self.text())[1])
+        """Return the sim time beside the scene; None while there is none."""
+        found = re.search(r'sim time\s*([\d.]+) s', self.text())
+        return float(found[1]) if found else None
 
 
 @contextlib.contextmanager
-def browsing(address, size=SIZE):
-    with browser_page(*size) as page:
+def browsing(address):
+    with browser_page(*SIZE) as page:
         yield Browser(page, address)
 
 
@@ -138,8 +138,8 @@ def another(browser, address):
     return Browser(page.context.browser.new_page(viewport=page.viewport_size), address)
 
 
-def wait_until(condition, browser, timeout=20.0):
-    deadline = time.monotonic() + timeout
+def wait_until(condition, browser, timeout=None):
+    deadline = time.monotonic() + (timeout or bound_s(20.0))
     while not condition():
         assert time.monotonic() < deadline, 'timeout'
         browser.page.wait_for_timeout(50)

@@ -4,7 +4,7 @@ import re
 import signal
 
 import pytest
-from graph import children, wait_for
+from graph import wait_for
 
 pytest.importorskip('viser', reason='the extra viewer is not installed')
 pytestmark = pytest.mark.graph
@@ -14,10 +14,6 @@ from rcl_interfaces.srv import SetParameters  # noqa: E402
 from ros_client import Client  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 from terminal import Terminal  # noqa: E402
-
-from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
-
-STAYS = b'the page stays'
 
 
 @pytest.fixture
@@ -34,43 +30,24 @@ def start(client, scenario):
     return client.call(Trigger, 'supervisor/start', Trigger.Request())
 
 
-def test_another_scenario_takes_the_place_of_the_run_and_the_page_stays(
-    start_run, client, tmp_path
-):
+def test_the_page_stays_from_run_to_run(start_run, client, tmp_path):
     terminal = Terminal()
     run = start_run(
-        'stationary', '--viewer', '--set', 'viewer.port=0', '--set', 'plant_sim.duration=60',
+        'stationary', '--viewer', '--set', 'viewer.port=0', '--set', 'plant_sim.duration=3',
         '--output', tmp_path, stderr=terminal.side,
     )  # fmt: skip
-    terminal.wait_for_text(b' / 60 s', timeout=40.0)
+    terminal.wait_for_text(b'the page stays', timeout=60.0)
+    assert run.process.poll() is None
     refused = start(client, 'nonsense')
     assert not refused.success
     assert 'unknown scenario' in refused.message
 
-    assert start(client, 'square').success
-    wait_for((tmp_path / '2/square.mcap').exists, what='the recording of the other scenario')
-    terminal.wait_for_text(b' / 60 s', since=len(terminal.screen), timeout=40.0)
-    viewers = set(re.findall(rb'viewer  (\S+)', terminal.screen))
-    assert len(viewers) == 1
-
+    for number, scenario in ((2, 'square'), (3, 'push')):  # the second ends the first
+        assert start(client, scenario).success
+        recording = tmp_path / f'{number}/{scenario}.mcap'
+        wait_for(recording.exists, timeout=40.0, what='the recording of the other scenario')
     run.process.send_signal(signal.SIGINT)
     assert run.finish() == 128 + signal.SIGINT
-    assert run.stdout.count('stopped') == 2
-    assert STAYS not in terminal.screen
-    for name in ('stationary', '2/square'):
-        with RecordingReader(tmp_path / f'{name}.mcap') as reader:
-            assert reader.complete
-
-
-def test_the_page_stays_after_the_run_until_it_is_interrupted(start_run):
-    terminal = Terminal()
-    run = start_run(
-        'stationary', '--viewer', '--set', 'viewer.port=0', '--no-record', '--real-time-factor',
-        '0', stderr=terminal.side,
-    )  # fmt: skip
-    terminal.wait_for_text(STAYS, timeout=60.0)
-    assert run.process.poll() is None
-    run.process.send_signal(signal.SIGINT)
-    assert run.finish() == 0
-    assert children(run.process.pid) == {}
-    assert 'passed' in run.stdout
+    assert 'stopped' in run.stdout
+    assert len(set(re.findall(rb'viewer  (\S+)', terminal.screen))) == 1
+    assert terminal.screen.count(b'the page stays') == 1
