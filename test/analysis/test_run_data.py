@@ -73,9 +73,9 @@ def _is_true_of_the_beginning(part, whole):
 @example(0.5)
 @example(0.995)
 def test_a_truncated_recording_is_never_taken_for_the_run(
-    short, short_whole, tmp_path_factory, share
+    driven, driven_whole, tmp_path_factory, share
 ):
-    content = short[0].read_bytes()
+    content = driven[0].read_bytes()
     path = tmp_path_factory.mktemp('cut') / 'cut.mcap'
     path.write_bytes(content[: int(share * (len(content) - 1))])
     assert is_read_or_refused_in_one_line(read_run, path)
@@ -84,7 +84,7 @@ def test_a_truncated_recording_is_never_taken_for_the_run(
         assert part.run.damage
         assert not part.run.complete
         assert part.outcome in ('incomplete', 'expectations not met')
-        _is_true_of_the_beginning(part, short_whole)
+        _is_true_of_the_beginning(part, driven_whole)
 
 
 @settings(max_examples=8)
