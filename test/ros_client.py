@@ -35,11 +35,16 @@ class Client:
             topic.message_class, topic.name, keep, requested_qos(topic, depth)
         )
 
-    def spin_until(self, condition, timeout=20.0):
+    def spin_until(self, condition, timeout=20.0, what='it'):
         deadline = time.monotonic() + timeout
         while not condition():
-            assert time.monotonic() < deadline, 'timeout'
+            assert time.monotonic() < deadline, f'{what} did not happen within {timeout} s'
             self.executor.spin_once(timeout_sec=0.1)
+
+    def spin_for(self, seconds):
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0.0:
+            self.executor.spin_once(timeout_sec=left)
 
     def call(self, kind, name, request):
         client = self.node.create_client(kind, name)

@@ -1,6 +1,9 @@
 """The file of a run: complete, readable by everyone, and the same with and without the graph."""
 
+import contextlib
+
 import pytest
+from graph import Run, free_domain
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
@@ -21,84 +24,97 @@ UNSTAMPED = {'/operating_state', '/bluetooth/tx', '/lcd', '/wall_hit'}
 ONLY_IN_THE_GRAPH = {'/diagnostics', '/recorder/ack', '/rosout', '/parameter_events'}
 
 
-@pytest.fixture(scope='module')
-def recordings(tmp_path_factory):
-    from graph import Run, free_domain
-
-    paths = {}
-    for processes in ('separate', 'one', 'none'):
-        folder = tmp_path_factory.mktemp(processes)
-        with free_domain() as domain:
-            run = Run(domain, 'stationary', '--processes', processes, '--output', folder,
+@pytest.fixture
+def recordings(tmp_path):
+    """The recordings of the same run in every way, made at the same time."""
+    with contextlib.ExitStack() as stack:
+        runs = {}
+        for processes in ('separate', 'one', 'none'):
+            run = Run(stack.enter_context(free_domain()), 'stationary', '--processes', processes,
+                      '--output', tmp_path / processes,
                       f'--set=plant_sim.duration={DURATION_S}')  # fmt: skip
-            assert run.finish() in (0, 1), run.stderr
-        paths[processes] = folder / 'stationary.mcap'
-    return paths
+            stack.callback(run.kill)
+            runs[processes] = run
+        for processes, run in runs.items():
+            assert run.finish() in (0, 1), (processes, run.stderr)
+    return {processes: tmp_path / processes / 'stationary.mcap' for processes in runs}
 
 
-@pytest.fixture(params=['separate', 'one', 'none'])
-def recording(request, recordings):
-    return recordings[request.param]
+def test_every_way_leaves_the_same_and_everyone_can_read_it(recordings):
+    for processes, recording in recordings.items():
+        nothing_is_missing(recording, processes)
+        mcap_reads_it_and_its_checksums_hold(recording, processes)
+        rosbags_decodes_every_message(recording, processes)
+        the_file_alone_is_enough_to_run_it_again(recording, processes)
+    the_graph_records_what_the_loop_without_ros_records(recordings)
 
 
-def test_nothing_is_missing(recording):
+def nothing_is_missing(recording, processes):
     with RecordingReader(recording) as reader:
-        assert reader.complete
+        assert reader.complete, processes
         found = reader.topics()
         for topic in TOPICS:
             if topic.period_ns:
                 name = '/' + topic.name.lstrip('/')
-                assert found[name].message_count == COUNTS[topic.period_ns // 1_000_000], name
+                count = COUNTS[topic.period_ns // 1_000_000]
+                assert found[name].message_count == count, (processes, name)
         for name in ('/plant/run', '/operating_state', '/lcd', '/sound', '/bluetooth/tx'):
-            assert found[name].message_count > 0, name
+            assert found[name].message_count > 0, (processes, name)
 
 
-def test_mcap_reads_it_and_its_checksums_hold(recording):
+def mcap_reads_it_and_its_checksums_hold(recording, processes):
     with recording.open('rb') as stream:
         reader = make_reader(stream, validate_crcs=True)
-        assert reader.get_header().profile == 'ros2'
+        assert reader.get_header().profile == 'ros2', processes
         summary = reader.get_summary()
         count = 0
         for schema, channel, message in reader.iter_messages():
-            assert schema.encoding == 'ros2msg'
-            assert channel.message_encoding == 'cdr'
-            assert channel.metadata['offered_qos_profiles']
-            assert message.log_time >= 1_000_000_000
+            assert schema.encoding == 'ros2msg', processes
+            assert channel.message_encoding == 'cdr', processes
+            assert channel.metadata['offered_qos_profiles'], processes
+            assert message.log_time >= 1_000_000_000, processes
             count += 1
-        assert summary.statistics.message_count == count > TICKS
+        assert summary.statistics.message_count == count > TICKS, processes
 
 
-def test_rosbags_decodes_every_message(recording):
+def rosbags_decodes_every_message(recording, processes):
     with AnyReader([recording]) as reader:
         count = 0
         for connection, _, data in reader.messages():
-            assert reader.deserialize(data, connection.msgtype) is not None
+            assert reader.deserialize(data, connection.msgtype) is not None, processes
             count += 1
-        assert count == reader.message_count
+        assert count == reader.message_count, processes
 
 
-def test_the_file_alone_is_enough_to_run_it_again(recording):
+def the_file_alone_is_enough_to_run_it_again(recording, processes):
     with RecordingReader(recording) as reader:
         attached = reader.attachments()
-    assert b'pitch_x_deg: 4.0' in attached['scenario.yaml'].data
-    assert b'start_pitch_x: 0.0698' in attached['parameters.yaml'].data
-    assert b'ballbot_ros' in attached['versions.yaml'].data
+    assert b'pitch_x_deg: 4.0' in attached['scenario.yaml'].data, processes
+    assert b'start_pitch_x: 0.0698' in attached['parameters.yaml'].data, processes
+    assert b'ballbot_ros' in attached['versions.yaml'].data, processes
 
 
-def test_the_graph_records_what_the_loop_without_ros_records(recordings):
+def the_graph_records_what_the_loop_without_ros_records(recordings):
     def content(path):
         with RecordingReader(path) as reader:
             return set(reader.topics()) - ONLY_IN_THE_GRAPH - {'/plant/run'}
 
-    def decoded(path, topic):
+    def decoded(path):
+        found = {}
         with RecordingReader(path) as reader:
-            return sorted((stamp, repr(m)) for _, stamp, m in reader.messages([topic]))
+            for topic, stamp, message in reader.messages(topics):
+                found.setdefault(topic, []).append((stamp, repr(message)))
+        return {topic: sorted(messages) for topic, messages in found.items()}
 
     topics = content(recordings['none'])
+    expected = decoded(recordings['none'])
     for processes in ('separate', 'one'):
-        assert content(recordings[processes]) == topics
-        for topic in topics:
-            ours, theirs = (decoded(recordings[p], topic) for p in (processes, 'none'))
-            assert [text for _, text in ours] == [text for _, text in theirs], topic
+        assert content(recordings[processes]) == topics, processes
+        found = decoded(recordings[processes])
+        assert found.keys() == expected.keys(), processes
+        for topic, ours in found.items():
+            theirs = expected[topic]
+            assert [text for _, text in ours] == [text for _, text in theirs], (processes, topic)
             apart = [abs(a - b) for (a, _), (b, _) in zip(ours, theirs, strict=True)]
-            assert max(apart) <= (TICK_NS if topic in UNSTAMPED else 0), topic
+            allowed = TICK_NS if topic in UNSTAMPED else 0
+            assert max(apart) <= allowed, (processes, topic)

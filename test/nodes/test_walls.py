@@ -1,5 +1,6 @@
 """The world in the graph: map, sonar and wall hits are the same however the run is made."""
 
+import contextlib
 import math
 
 import pytest
@@ -31,29 +32,26 @@ parameters: {{plant_sim: {{map: {map}, on_wall_hit: {on_wall_hit}}}}}
 """
 
 
-def made_runs(tmp_path_factory, on_wall_hit):
-    folder = tmp_path_factory.mktemp(on_wall_hit)
-    image = save(with_walls(100, 100, (0, 100, 64, 66)), folder / 'wall.bmp')
-    scenario = folder / 'wall.yaml'
-    scenario.write_text(SCENARIO.format(map=image, on_wall_hit=on_wall_hit))
-    runs = {}
-    for processes in WAYS:
-        with free_domain() as domain:
-            run = Run(domain, scenario, '--processes', processes, '--json',
-                      '--output', folder / processes)  # fmt: skip
-            run.status = run.finish()
-            runs[processes] = run
-    return runs
+@pytest.fixture
+def make_runs(tmp_path):
+    """Run into the wall in every way, all at the same time; return the runs by way."""
+    with contextlib.ExitStack() as stack:
 
+        def make(on_wall_hit):
+            image = save(with_walls(100, 100, (0, 100, 64, 66)), tmp_path / 'wall.bmp')
+            scenario = tmp_path / 'wall.yaml'
+            scenario.write_text(SCENARIO.format(map=image, on_wall_hit=on_wall_hit))
+            runs = {}
+            for processes in WAYS:
+                run = Run(stack.enter_context(free_domain()), scenario, '--processes', processes,
+                          '--json', '--output', tmp_path / processes)  # fmt: skip
+                stack.callback(run.kill)
+                runs[processes] = run
+            for run in runs.values():
+                run.status = run.finish()
+            return runs
 
-@pytest.fixture(scope='module')
-def stopped(tmp_path_factory):
-    return made_runs(tmp_path_factory, 'stop')
-
-
-@pytest.fixture(scope='module')
-def reported(tmp_path_factory):
-    return made_runs(tmp_path_factory, 'report')
+        yield make
 
 
 def recorded(run, topic):
@@ -61,99 +59,96 @@ def recorded(run, topic):
         return [(stamp, message) for _, stamp, message in reader.messages([topic])]
 
 
-@pytest.mark.parametrize('processes', WAYS)
-def test_a_hit_ends_the_run_alike_in_every_way(stopped, processes):
-    run, expected = stopped[processes], stopped['none'].result
-    assert run.status == 1
-    assert 'Traceback' not in run.stderr
-    assert run.result['outcome'] == 'failed'
-    assert run.result['reason'].startswith('wall hit at sim time ')
-    assert run.result['reason'].endswith('front left, front middle, front right')
-    assert run.stderr.count(run.result['reason']) == 1
-    for key in ('reason', 'ticks', 'duty_sha256', 'metrics'):
-        assert run.result[key] == expected[key], key
+def hits(run):
+    return [message.data for _, message in recorded(run, '/wall_hit')]
 
 
-@pytest.mark.parametrize('processes', WAYS)
-def test_the_recording_has_the_hit_and_the_last_truth(stopped, processes):
-    run = stopped[processes]
-    end = 1_000_000_000 + run.result['ticks'] * 4_000_000
-    assert end % 20_000_000 == 0
-    hits = [message.data for _, message in recorded(run, '/wall_hit')]
-    assert hits == [False, True]
-    odometry = recorded(run, '/plant/odom')
-    assert odometry[-1][0] == end
-    assert repr(odometry) == repr(recorded(stopped['none'], '/plant/odom'))
+def test_a_hit_ends_the_run_alike_in_every_way(make_runs, tmp_path):
+    runs = make_runs('stop')
+    expected = runs['none']
+    for processes, run in runs.items():
+        assert run.status == 1, processes
+        assert 'Traceback' not in run.stderr, processes
+        assert run.result['outcome'] == 'failed', processes
+        assert run.result['reason'].startswith('wall hit at sim time '), processes
+        assert run.result['reason'].endswith('front left, front middle, front right'), processes
+        assert run.stderr.count(run.result['reason']) == 1, processes
+        for key in ('reason', 'ticks', 'duty_sha256', 'metrics'):
+            assert run.result[key] == expected.result[key], (processes, key)
+        # The recording has the hit and the last truth.
+        end = 1_000_000_000 + run.result['ticks'] * 4_000_000
+        assert end % 20_000_000 == 0, processes
+        assert hits(run) == [False, True], processes
+        odometry = recorded(run, '/plant/odom')
+        assert odometry[-1][0] == end, processes
+        assert repr(odometry) == repr(recorded(expected, '/plant/odom')), processes
+        if processes != 'none':
+            assert reported_errors(run) == {run.result['reason']}, processes
+        the_map_is_recorded_once_as_it_is(run, processes)
+        the_recording_tells_nothing_of_this_machine(run, tmp_path, processes)
+        the_sonar_reads_what_the_map_says(run, tmp_path, processes)
 
 
-@pytest.mark.parametrize('processes', ['separate', 'one'])
-def test_the_diagnostics_have_the_error(stopped, processes):
-    run = stopped[processes]
-    errors = {
+def reported_errors(run):
+    return {
         status.message
         for _, message in recorded(run, '/diagnostics')
         for status in message.status
         if status.level in (2, b'\x02')
     }
-    assert errors == {run.result['reason']}
 
 
-@pytest.mark.parametrize('processes', WAYS)
-def test_a_hit_that_is_reported_lets_the_run_go_on(reported, processes):
-    run, expected = reported[processes], reported['none'].result
-    assert run.status == 0, run.stderr
-    assert run.result['ticks'] == 1000
-    assert run.result['duty_sha256'] == expected['duty_sha256']
-    hits = [message.data for _, message in recorded(run, '/wall_hit')]
-    assert hits[:2] == [False, True]
-    assert hits == [message.data for _, message in recorded(reported['none'], '/wall_hit')]
-    if processes != 'none':
-        assert run.stderr.count('wall hit at sim time') == hits.count(True)
-
-
-@pytest.mark.parametrize('processes', WAYS)
-def test_the_map_is_recorded_once_as_it_is(stopped, processes):
-    ((stamp, message),) = recorded(stopped[processes], '/map')
-    with RecordingReader(stopped[processes].result['recording']) as reader:
+def the_map_is_recorded_once_as_it_is(run, processes):
+    ((stamp, message),) = recorded(run, '/map')
+    with RecordingReader(run.result['recording']) as reader:
         path = reader.attachments()['map.bmp']
-    assert stamp == 1_000_000_000
-    assert message.header.frame_id == 'map'
-    assert (message.header.stamp.sec, message.info.map_load_time.sec) == (1, 1)
-    assert (message.info.width, message.info.height) == (100, 100)
-    assert message.info.resolution == pytest.approx(0.01)
+    assert stamp == 1_000_000_000, processes
+    assert message.header.frame_id == 'map', processes
+    assert (message.header.stamp.sec, message.info.map_load_time.sec) == (1, 1), processes
+    assert (message.info.width, message.info.height) == (100, 100), processes
+    assert message.info.resolution == pytest.approx(0.01), processes
     corner = message.info.origin
     assert (corner.position.x, corner.position.y, corner.orientation.w) == (-0.5, -0.5, 1.0)
     grid = occupancy_grid(with_walls(100, 100, (0, 100, 64, 66)))
-    assert list(message.data) == grid.cells.ravel().tolist()
-    assert path.media_type == 'image/bmp'
+    assert list(message.data) == grid.cells.ravel().tolist(), processes
+    assert path.media_type == 'image/bmp', processes
 
 
-@pytest.mark.parametrize('processes', WAYS)
-def test_the_recording_tells_nothing_of_this_machine(stopped, processes, tmp_path):
-    with RecordingReader(stopped[processes].result['recording']) as reader:
+def the_recording_tells_nothing_of_this_machine(run, tmp_path, processes):
+    with RecordingReader(run.result['recording']) as reader:
         attached = reader.attachments()
     parameters = yaml.safe_load(attached['parameters.yaml'].data)
     for node in ('plant_sim', 'sonar_driver'):
-        assert parameters[f'/**/{node}']['ros__parameters']['map'] == 'map.bmp'
+        assert parameters[f'/**/{node}']['ros__parameters']['map'] == 'map.bmp', processes
     (tmp_path / 'again.bmp').write_bytes(attached['map.bmp'].data)
-    assert load_map(f'{tmp_path}/again.bmp').walls.sum() == 200
+    assert load_map(f'{tmp_path}/again.bmp').walls.sum() == 200, processes
 
 
-@pytest.mark.parametrize('processes', WAYS)
-def test_the_sonar_reads_what_the_map_says(stopped, processes, tmp_path):
-    run = stopped[processes]
+def the_sonar_reads_what_the_map_says(run, tmp_path, processes):
     profile = load_profile('hardware')
     image = save(with_walls(100, 100, (0, 100, 64, 66)), tmp_path / 'wall.png')
     profile.set(SONAR, 'map', str(image))
     device, beam = Sonar(profile.values(SONAR)), SonarBeam(profile.values(SONAR))
     positions = {stamp: ball_position(m) for stamp, m in recorded(run, '/plant/odom')}
     readings = recorded(run, '/sonar')
-    assert len(readings) >= run.result['ticks'] // 5
+    assert len(readings) >= run.result['ticks'] // 5, processes
     for stamp, message in readings:
         cm = device.read(beam.distance_m(positions[stamp]), stamp)
         expected = math.inf if cm == 255 else cm / 100.0
-        assert message.range == pytest.approx(expected, abs=1e-6)
-    assert len({message.range for _, message in readings}) > 3
+        assert message.range == pytest.approx(expected, abs=1e-6), (processes, stamp)
+    assert len({message.range for _, message in readings}) > 3, processes
+
+
+def test_a_hit_that_is_reported_lets_the_run_go_on(make_runs):
+    runs = make_runs('report')
+    for processes, run in runs.items():
+        assert run.status == 0, (processes, run.stderr)
+        assert run.result['ticks'] == 1000, processes
+        assert run.result['duty_sha256'] == runs['none'].result['duty_sha256'], processes
+        assert hits(run)[:2] == [False, True], processes
+        assert hits(run) == hits(runs['none']), processes
+        if processes != 'none':
+            assert run.stderr.count('wall hit at sim time') == hits(run).count(True), processes
 
 
 @pytest.mark.parametrize(
