@@ -54,7 +54,7 @@ def environment(domain):
 
 def wait_for(condition, timeout=20.0, what='it'):
     """Return the condition's first true value; looking again is cheap, so look often."""
-    deadline = time.monotonic() + timeout
+    deadline = time.monotonic() + bound_s(timeout)
     while time.monotonic() < deadline:
         value = condition()
         if value:

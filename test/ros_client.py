@@ -3,6 +3,7 @@
 import time
 
 import rclpy
+from graph import bound_s
 from rclpy.executors import SingleThreadedExecutor
 
 from ballbot_ros.messages.conversions import stamp_ns
@@ -36,7 +37,7 @@ class Client:
         )
 
     def spin_until(self, condition, timeout=20.0, what='it'):
-        deadline = time.monotonic() + timeout
+        deadline = time.monotonic() + bound_s(timeout)
         while not condition():
             assert time.monotonic() < deadline, f'{what} did not happen within {timeout} s'
             self.executor.spin_once(timeout_sec=0.1)
