@@ -40,7 +40,7 @@ DIAGNOSTICS_PERIOD_S = 1.0
 ROS_PARAMETERS = {'use_sim_time', 'start_type_description_service'}
 """What every node of ROS has."""
 
-SPIN_S = 0.2
+SPIN_S = 0.05
 FLUSH_S = 0.1
 END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 """Environment variable: the process with which the node ends, the one that started it."""
