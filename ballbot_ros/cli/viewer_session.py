@@ -6,7 +6,6 @@ import tempfile
 import time
 from contextlib import ExitStack
 from dataclasses import replace
-from itertools import count
 from pathlib import Path
 
 from rich.console import Console
@@ -42,10 +41,10 @@ def run_with_viewer(reference: str, options: RunOptions) -> int:
     console = Console(stderr=True, highlight=False)
     with StopRequest() as stop, ViewerSession(parameters, reference, console) as session:
         status = run_scenario(reference, options, session.is_asked_for_another)
-        for number in count(2):
-            # A status beyond 128 tells of a signal: whoever sent it wants all to end.
-            if status >= 128 or stop.signal or not (chosen := session.wait_for_choice(stop)):
-                return status
+        number = 1
+        # A status beyond 128 tells of a signal: whoever sent it wants all to end.
+        while status < 128 and not stop.signal and (chosen := session.wait_for_choice(stop)):
+            number += 1
             folder = options.output and options.output / str(number)
             try:
                 status = run_scenario(
