@@ -25,7 +25,15 @@ from ballbot_ros.cli.experiment import (
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.parameters import CONTROLLER, GAMEPAD, GYRO, PLANT, ParameterError, ParameterSet
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    GAMEPAD,
+    GYRO,
+    PLANT,
+    SUPERVISOR,
+    ParameterError,
+    ParameterSet,
+)
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.pacer import SLOWEST
@@ -88,8 +96,9 @@ def parameters_of_run(scenario: Scenario, reference: str, options: RunOptions) -
         parameters.set(GYRO, 'seed', options.seed, '--seed')
     for assignment in options.assignments:
         assign(parameters, assignment)
-    if parameters.is_set(GAMEPAD, 'scenario'):
-        raise ParameterError(f'{GAMEPAD}.scenario can not be set: the scenario is {reference}')
+    for node in (GAMEPAD, SUPERVISOR):
+        if parameters.is_set(node, 'scenario'):
+            raise ParameterError(f'{node}.scenario can not be set: the scenario is {reference}')
     if options.controller:
         parameters.set(CONTROLLER, 'implementation', options.controller, '--controller')
     if parameters.values(PLANT)['duration'] == 0.0:

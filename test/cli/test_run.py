@@ -98,6 +98,10 @@ MISTAKES = {
         lambda tmp_path: ['stationary', '--set=plant_sim.scenario=push'],
         'can not be set',
     ),
+    'another scenario, of the supervisor': (
+        lambda tmp_path: ['stationary', '--set=supervisor.scenario=push'],
+        'can not be set',
+    ),
     'no duration': (
         lambda tmp_path: ['stationary', '--set=plant_sim.duration=0'],
         'longer than 0 s',
