@@ -11,6 +11,8 @@ from typing import Any
 class StopRequest:
     """Within the block, signals are noted instead of interrupting.
 
+    What a block around it has noted before counts within it, too.
+
     Parameters
     ----------
     then : callable, optional
@@ -36,7 +38,10 @@ class StopRequest:
 
     def __enter__(self) -> StopRequest:
         for number in self._numbers:
-            self._before[number] = signal.signal(number, self._note)
+            self._before[number] = before = signal.signal(number, self._note)
+            outer = getattr(before, '__self__', None)
+            if isinstance(outer, StopRequest) and outer.signal:
+                self._note(outer.signal, None)
         return self
 
     def __exit__(self, *error: object) -> None:

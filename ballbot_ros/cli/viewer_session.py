@@ -107,6 +107,8 @@ class ViewerSession:
                 self._supervisor.wish = ''
                 return wish
             time.sleep(POLL_S)
+        if not self._viewer.running:
+            self._print(f'{VIEWER} {self._viewer.how_it_ended}')
         return ''
 
 
