@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from ballbot_ros.messages.conversions import time_ns
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
+from ballbot_ros.nodes.inbox import hidden_node, taken
 from ballbot_ros.parameters import PLANT
 
 PLANT_SILENCE_S = 2.3
@@ -32,12 +32,7 @@ class GraphMonitor:
     """
 
     def __enter__(self) -> GraphMonitor:
-        self._node = Node(
-            '_ballbot_monitor',
-            use_global_arguments=False,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
+        self._node = hidden_node('ballbot_monitor')
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._clock = self._subscribe(CLOCK, newest)
         self._diagnostics = self._subscribe(DIAGNOSTICS, QoSProfile(depth=50))
@@ -56,10 +51,10 @@ class GraphMonitor:
 
     def poll(self) -> None:
         """Take what has come since the last look."""
-        while (clock := _take(self._clock)) is not None:
+        for clock, _ in taken(self._clock):
             self.now_ns = time_ns(clock.clock)
             self._hear()
-        while (report := _take(self._diagnostics)) is not None:
+        for report, _ in taken(self._diagnostics):
             if any(status.name.startswith(f'{PLANT}:') for status in report.status):
                 self._hear()
 
@@ -71,10 +66,3 @@ class GraphMonitor:
     def plant_hangs(self) -> bool:
         """Whether the plant has been silent for too long."""
         return time.monotonic() - self._heard_at > self._limit_s
-
-
-def _take(subscription: Any) -> Any:
-    handle = subscription.handle
-    with handle:
-        taken = handle.take_message(subscription.msg_type, subscription.raw)
-    return None if taken is None else taken[0]

@@ -21,6 +21,7 @@ from ballbot_ros.messages.topics import (
     Topic,
 )
 from ballbot_ros.nodes.base import requested_qos
+from ballbot_ros.nodes.inbox import hidden_node, taken
 from ballbot_ros.simulation.timing import SECOND_NS
 from ballbot_ros.viewer.snapshot import Snapshot
 
@@ -39,13 +40,7 @@ class Newest:
     """
 
     def __init__(self, node: Node, topics: Collection[Topic]) -> None:
-        self._inbox = Node(
-            f'_{node.get_name()}_inbox',
-            namespace=node.get_namespace(),
-            use_global_arguments=False,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
+        self._inbox = hidden_node(f'{node.get_name()}_inbox', node.get_namespace())
         self._subscriptions = {
             topic: self._inbox.create_subscription(
                 topic.message_class,
@@ -63,13 +58,9 @@ class Newest:
         """Take what has come; return the topics that have a new message."""
         changed = set()
         for topic, subscription in self._subscriptions.items():
-            newest = None
-            with subscription.handle:
-                kind = subscription.msg_type
-                while (taken := subscription.handle.take_message(kind, True)) is not None:
-                    newest = taken[0]
-            if newest is not None:
-                self._messages[topic] = self._decoders[topic](newest)
+            come = [data for data, _ in taken(subscription)]
+            if come:
+                self._messages[topic] = self._decoders[topic](come[-1])
                 changed.add(topic)
         return changed
 

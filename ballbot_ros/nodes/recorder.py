@@ -11,7 +11,6 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from ballbot_ros.messages.conversions import fill_time
@@ -25,6 +24,7 @@ from ballbot_ros.messages.topics import (
     message_class,
 )
 from ballbot_ros.nodes.base import BallbotNode, requested_qos, run_node
+from ballbot_ros.nodes.inbox import hidden_node, taken
 from ballbot_ros.parameters import PLANT, RECORDER, VISUALIZER
 from ballbot_ros.recording.attachments import media_type
 from ballbot_ros.recording.errors import RecordingError
@@ -59,14 +59,7 @@ class Recorder(BallbotNode):
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
             self._writer.add_attachment(name, media_type(name), data)
-        # A node that no executor spins: its subscriptions are ours to empty.
-        self._inbox = Node(
-            f'_{RECORDER}_inbox',
-            namespace=self.get_namespace(),
-            use_global_arguments=False,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
+        self._inbox = hidden_node(f'{RECORDER}_inbox', self.get_namespace())
         self._channels: dict[str, _Channel] = {}
         for topic in TOPICS:
             self._subscribe(topic, requested_qos(topic, HISTORY))
@@ -101,12 +94,12 @@ class Recorder(BallbotNode):
     def _write_until(self, received_ns: float) -> None:
         if self.exit_status:
             return
-        taken: list[_Item] = []
+        come: list[_Item] = []
         for channel in self._channels.values():
-            channel.take_into(taken)
-        batch = self._late + [item for item in taken if item[0] <= received_ns]
+            channel.take_into(come)
+        batch = self._late + [item for item in come if item[0] <= received_ns]
         batch.sort(key=itemgetter(0))
-        self._late = [item for item in taken if item[0] > received_ns]
+        self._late = [item for item in come if item[0] > received_ns]
         try:
             for _, channel, data, sequence in batch:
                 self._write(channel, data, sequence)
@@ -236,13 +229,10 @@ class _Channel:
 
     def take_into(self, batch: list[_Item]) -> None:
         """Take all messages that wait."""
-        handle, kind = self.subscription.handle, self.subscription.msg_type
-        with handle:
-            while (taken := handle.take_message(kind, True)) is not None:
-                data, info = taken
-                batch.append(
-                    (info['received_timestamp'], self, data, info['publication_sequence_number'])
-                )
+        for data, info in taken(self.subscription):
+            batch.append(
+                (info['received_timestamp'], self, data, info['publication_sequence_number'])
+            )
 
     def lost_before(self, sequence: int) -> bool:
         """Note a publisher's sequence number; tell whether some before it are missing."""

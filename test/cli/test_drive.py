@@ -3,18 +3,16 @@
 import contextlib
 import fcntl
 import os
-import pty
 import re
 import signal
-import struct
 import subprocess
 import termios
-import threading
 import time
 import urllib.request
 
 import pytest
 from graph import BALLBOT, NODES, alive, bound_s, children, environment, wait_for
+from terminal import Terminal
 
 from ballbot_ros.recording.reader import RecordingReader
 
@@ -26,37 +24,21 @@ UP = b'\x1b[A'
 CHILDREN = set(NODES) - {'gamepad_teleop'}
 
 
-class Drive:
+class Drive(Terminal):
     """`ballbot drive` on a pseudo terminal."""
 
     def __init__(self, domain, folder, *arguments):
-        self.terminal, side = pty.openpty()
-        fcntl.ioctl(side, termios.TIOCSWINSZ, struct.pack('HHHH', 24, 100, 0, 0))
-        self.settings = termios.tcgetattr(side)
-        self.side = side
+        super().__init__()
+        self.settings = termios.tcgetattr(self.side)
         self.folder = folder
         self.process = subprocess.Popen(
             [*BALLBOT, 'drive', '--device', '', '--output', str(folder), *map(str, arguments)],
             env=environment(domain) | {'TERM': 'xterm'},
-            stdin=side,
-            stdout=side,
-            stderr=side,
+            stdin=self.side,
+            stdout=self.side,
+            stderr=self.side,
             preexec_fn=_take_terminal,  # noqa: PLW1509
         )
-        self.screen = b''
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self):
-        with contextlib.suppress(OSError):
-            while data := os.read(self.terminal, 4096):
-                self.screen += data
-
-    def press(self, keys):
-        os.write(self.terminal, keys)
-
-    def wait_for_text(self, text, since=0):
-        wait_for(lambda: text in self.screen[since:], what=f'{text!r} on the screen')
 
     def begin(self, names=CHILDREN):
         """Wait until it can be driven; return the pids of the nodes."""
@@ -187,7 +169,7 @@ def test_a_terminal_that_vanishes_ends_the_drive(start_drive):
     drive.press(UP + b'h')
     drive.wait_for_text(b'held')
     os.close(drive.side)
-    os.close(drive.terminal)
+    drive.hang_up()
     drive.finish()
     assert not any(alive(pid) for pid in pids.values())
     assert ('keyboard', -0.5, 0.0) in drive.recorded()

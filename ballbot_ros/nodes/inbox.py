@@ -1,0 +1,27 @@
+"""Taking messages past the executor: whoever looks now and then pays no callback for each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rclpy.node import Node
+
+
+def hidden_node(name: str, namespace: str = '') -> Node:
+    """Return a node that no executor is to spin: its subscriptions are its owner's to empty."""
+    return Node(
+        f'_{name}',
+        namespace=namespace,
+        use_global_arguments=False,
+        start_parameter_services=False,
+        enable_rosout=False,
+    )
+
+
+def taken(subscription: Any) -> Iterator[tuple[Any, Mapping[str, Any]]]:
+    """Take the messages that wait, oldest first, each with what the middleware says of it."""
+    handle, kind, raw = subscription.handle, subscription.msg_type, subscription.raw
+    with handle:
+        while (message := handle.take_message(kind, raw)) is not None:
+            yield message
