@@ -41,6 +41,7 @@ from ballbot_ros.messages.topics import (
     Topic,
 )
 from ballbot_ros.nodes.base import offered_qos, requested_qos, spin
+from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.parameters import CONTROLLER, ENCODER, GAMEPAD, GYRO, NODES, PLANT, RECORDER, SONAR
 from ballbot_ros.simulation.lockstep import InputGate
 from ballbot_ros.simulation.timing import BATTERY_NS, FIRST_TICK_NS, SECOND_NS, TICK_NS
@@ -282,6 +283,7 @@ def make_relay(name: str, ticks: int) -> Relay:
 @click.option('--ticks', type=click.IntRange(3), default=2500, show_default=True)
 def main(name: str, ticks: int) -> None:
     """Run the stand-in for the node NAME; the plant's prints its measurements at the end."""
+    prepare_middleware()
     rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
     relay = make_relay(name, ticks)
     with StopRequest(relay.finish) as stop:

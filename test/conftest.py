@@ -4,8 +4,12 @@ import os
 import pytest
 from graph import Node, Run, free_domain
 
+from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
+
+# What tests make of ROS themselves is to be found as soon as the nodes are.
+prepare_middleware()
 
 # Shared memory has locks that all domains have in common, so one test could hold up another, and
 # what a killed process leaves behind stays until the next boot.

@@ -15,6 +15,7 @@ from pathlib import Path
 from rich.console import Console
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.share import share_directory
 
 OLDEST_PYTHON = (3, 10)
@@ -115,6 +116,7 @@ def _discovery() -> str:
     except ImportError as error:
         raise _FailedCheckError(str(error)) from None
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    prepare_middleware()
     token = uuid.uuid4().hex
     heard: list[float] = []
     contexts = [rclpy.Context(), rclpy.Context()]

@@ -10,6 +10,7 @@ from pathlib import Path
 import rclpy
 
 from ballbot_ros.cli.experiment import Experiment
+from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
 
 
@@ -20,6 +21,7 @@ def ros() -> Iterator[None]:
     if rclpy.ok():
         yield
         return
+    prepare_middleware()
     rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
     try:
         yield

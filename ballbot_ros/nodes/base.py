@@ -33,6 +33,7 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import DIAGNOSTICS, Topic
+from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.parameters import TABLE, Parameter, ParameterError, nearest, parameters_of
 from ballbot_ros.stop_request import StopRequest
 
@@ -319,6 +320,7 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
     # A second signal must not interrupt the closing, hence no handlers of rclpy's own.
     with StopRequest(finish) as stop:
         try:
+            prepare_middleware()
             rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
             node = make()
             if stop.signal:
