@@ -53,7 +53,13 @@ def test_beside_a_player_that_begins_again(recording, domain, start_node, tmp_pa
         def leapt_back():
             return any(later < earlier for earlier, later in pairwise(map(stamp, arrays())))
 
-        client.spin_until(lambda: arrays() and leapt_back())
+        def ball_positions():
+            return {
+                each.pose.position.x for array in arrays() for each in array if each.ns == 'ball'
+            }
+
+        # The first time, a busy machine may hear only the end of it.
+        client.spin_until(lambda: len(ball_positions()) > 10 and leapt_back())
         assert recorder.interrupt() == 0
         assert visualizer.interrupt() == 0
     finally:
@@ -69,7 +75,6 @@ def test_beside_a_player_that_begins_again(recording, domain, start_node, tmp_pa
         if stamp(after) < stamp(before):
             assert after[0].action == DELETE_ALL
     drawn = [{(each.ns, each.id): each for each in array} for array in arrays()]
-    assert len({found['ball', 0].pose.position.x for found in drawn}) > 10
     assert any(('walls', 0) in found for found in drawn)
     assert any(len(found['trail', 0].points) > 1 for found in drawn if ('trail', 0) in found)
     has_tf = find_spec('tf2_msgs') is not None

@@ -1,13 +1,14 @@
 """scripts/run and scripts/test in a made-up machine: no network, no real interpreter."""
 
+import contextlib
 import os
 import shutil
 import signal
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
+from graph import wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 TOOLS = (
@@ -98,11 +99,19 @@ class Machine:
         process.output, process.errors = process.communicate(timeout=30)
         return process
 
-    def wait_for_calls(self, count):
-        deadline = time.monotonic() + 20
-        while len(self.calls) < count:
-            assert time.monotonic() < deadline, self.calls
-            time.sleep(0.02)
+
+def await_sleep(process):
+    """Wait until the made-up pip sleeps; the shell that is about to may still lose a signal."""
+    wait_for(lambda: 'sleep' in programs(process.pid), what='sleep')
+
+
+def programs(group):
+    """The names of the programs of a process group."""
+    for path in Path('/proc').glob('[0-9]*/stat'):
+        with contextlib.suppress(OSError):
+            name, _, rest = path.read_text().partition('(')[2].rpartition(')')
+            if int(rest.split()[2]) == group:
+                yield name
 
 
 @pytest.fixture
@@ -323,7 +332,7 @@ def test_interrupted_set_up_is_made_anew(machine, number):
     machine.python()
     machine.pip('exec sleep 60')
     process = machine.start('run')
-    machine.wait_for_calls(2)
+    await_sleep(process)
     os.killpg(process.pid, number)
     process.communicate(timeout=20)
     assert process.returncode in (130, -number)
@@ -337,7 +346,7 @@ def test_interrupted_update_is_done_again(machine):
     machine.run('run')
     machine.pip('exec sleep 60')
     process = machine.start('test')
-    machine.wait_for_calls(3)
+    await_sleep(process)
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate(timeout=20)
     machine.pip('')
@@ -348,7 +357,7 @@ def test_scripts_started_at_once_install_once(machine):
     machine.python()
     machine.pip('while [[ ! -e $MACHINE/go ]]; do sleep 0.02; done')
     first = machine.start('run', 'first')
-    machine.wait_for_calls(2)
+    wait_for(lambda: len(machine.calls) == 2, what='the first installation')
     second = machine.start('run', 'second')
     assert 'Waiting' in second.stderr.readline()
     (machine.folder / 'go').touch()
