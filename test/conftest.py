@@ -1,5 +1,6 @@
 import contextlib
 import os
+import signal
 
 import pytest
 from graph import Node, Run, free_domain
@@ -10,6 +11,9 @@ from ballbot_ros.viewer.errors import ViewerError
 
 # What tests make of ROS themselves is to be found as soon as the nodes are.
 prepare_middleware()
+
+# A suite that a shell runs in the background ignores SIGINT, and so would all that it starts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Shared memory has locks that all domains have in common, so one test could hold up another, and
 # what a killed process leaves behind stays until the next boot.

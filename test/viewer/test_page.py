@@ -240,10 +240,12 @@ def stick_drives_it(browser, truth):
 
 def pause_holds_it(browser):
     browser.press('Pause')
-    browser.page.wait_for_timeout(1000)
-    held = browser.shown_time()
-    assert not browser.has_moved()
-    assert browser.shown_time() == held
+    wait_until(lambda: stands_still(browser), browser)
+
+
+def stands_still(browser):
+    shown = browser.shown_time()
+    return not browser.has_moved() and browser.shown_time() == shown
 
 
 def test_a_recorded_run_follows_its_slider(recording, domain):
