@@ -1,6 +1,7 @@
 """`ballbot run` as a user types it: outcome, files, errors, signals."""
 
 import json
+import os
 import resource
 import signal
 import time
@@ -11,6 +12,7 @@ from graph import NODES, alive, bound_s, wait_for
 from matplotlib.image import imread
 
 from ballbot_ros.nodes.domain_lock import DomainLock
+from ballbot_ros.parameters import GYRO
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
@@ -186,9 +188,10 @@ def test_a_signal_stops_everything_within_3_s(start_run, tmp_path, processes, nu
 
 @pytest.mark.graph
 def test_a_second_run_in_the_domain_is_refused_at_once(start_run, tmp_path):
-    first = start_run('stationary', '--json', '--output', tmp_path)
-    first.nodes()
+    first = start_run('stationary', '--json', '--output', tmp_path, '--set=plant_sim.timeout=100')
+    pid = first.nodes()[GYRO]
     wait_for((tmp_path / 'stationary.mcap').exists, what='recording')
+    os.kill(pid, signal.SIGSTOP)  # or it could end before the others begin
     attempts = {
         processes: start_run('stationary', '--no-record', '--processes', processes)
         for processes in ('separate', 'one')
@@ -197,6 +200,7 @@ def test_a_second_run_in_the_domain_is_refused_at_once(start_run, tmp_path):
         assert second.finish() == 2, processes
         assert 'another plant' in second.stderr, processes
         assert len(second.stderr.splitlines()) == 1, (processes, second.stderr)
+    os.kill(pid, signal.SIGCONT)
     assert first.finish() == 0, first.stderr
     assert first.result['duty_sha256'] == _undisturbed_sha256()
 

@@ -248,6 +248,7 @@ def stands_still(browser):
     return not browser.has_moved() and browser.shown_time() == shown
 
 
+@pytest.mark.timeout(240)
 def test_a_recorded_run_follows_its_slider(recording, domain):
     with serving(domain, 'view', recording, recording, '--port', 0) as (address, process):
         with browsing(address) as browser:
