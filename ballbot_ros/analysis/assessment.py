@@ -14,7 +14,8 @@ from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import measure_recording
 from ballbot_ros.parameters import GYRO, PLANT
 from ballbot_ros.scenario.metrics import METRICS
-from ballbot_ros.world.floor_map import CELL_M, FLOOR, WALL, FloorMap
+from ballbot_ros.world.exports import floor_map_of
+from ballbot_ros.world.floor_map import CELL_M
 from ballbot_ros.world.world import World
 
 _HALF_TICK = 0.002
@@ -117,10 +118,11 @@ def assess(run: RunData) -> Assessment:
 def _clearance(run: RunData) -> Clearance | None:
     """Return the distances to the walls of the recorded map; None where it is not one of ours."""
     grid = run.grid
-    if grid is None or not np.isclose(grid.resolution, CELL_M) or not grid.cells.any():
+    if grid is None or not np.isclose(grid.resolution, CELL_M):
         return None
-    walls = grid.cells[::-1] > 0
-    floor_map = FloorMap(np.where(walls, WALL, FLOOR).astype(np.uint8))
+    floor_map = floor_map_of(grid)
+    if not floor_map.walls.any():
+        return None
     return World(floor_map, run.plant['body_depth'], run.plant['body_width']).clearance
 
 

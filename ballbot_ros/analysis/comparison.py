@@ -13,7 +13,7 @@ from ballbot_ros.analysis.conditions import Condition
 from ballbot_ros.analysis.figure_tables import duty_table, pitch_table, position_table, track_table
 from ballbot_ros.analysis.page import number_text, render, write_folder
 from ballbot_ros.analysis.report import MEANINGS, banner, metric_row
-from ballbot_ros.analysis.run_data import Grid, RunData
+from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import (
     Drawn,
     draw_map,
@@ -32,6 +32,7 @@ from ballbot_ros.analysis.style import (
 )
 from ballbot_ros.analysis.table import Table, csv_text
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
+from ballbot_ros.world.exports import OccupancyGrid
 
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, GRAY)
 _DASHES = ('-', '--', '-.', ':')
@@ -75,7 +76,7 @@ class Compared:
     metrics : dict of str to float
     tables : dict of str to Table
         The numbers of each figure, by its name.
-    grid : Grid or None
+    grid : OccupancyGrid or None
     notes : tuple of str
     """
 
@@ -86,7 +87,7 @@ class Compared:
     trusted: bool
     metrics: dict[str, float]
     tables: dict[str, Table]
-    grid: Grid | None
+    grid: OccupancyGrid | None
     notes: tuple[str, ...]
 
     @property

@@ -18,7 +18,7 @@ from ballbot_ros.analysis.figure_tables import (
     state_table,
     track_table,
 )
-from ballbot_ros.analysis.run_data import Grid, RunData
+from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import STATES
 from ballbot_ros.analysis.style import (
     BLUE,
@@ -44,6 +44,7 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     Topic,
 )
+from ballbot_ros.world.exports import OccupancyGrid
 
 _STATE_COLOURS = (GRAY, BLUE, GREEN, SKY, YELLOW, PURPLE, ORANGE)
 _HATCHES = ('', '', '//', '..', 'xx', '\\\\', '++')
@@ -131,7 +132,7 @@ def _draw_motion(run: RunData, table: Table) -> Any:
     return figure
 
 
-def draw_map(grid: Grid | None, axes: Any) -> None:
+def draw_map(grid: OccupancyGrid | None, axes: Any) -> None:
     """Draw the walls of the recorded map in gray, if there is one."""
     if grid is None:
         return
