@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
+from laws import given
 from maps import drawn
 
 from ballbot_ros.brick.bluetooth import LogPacket

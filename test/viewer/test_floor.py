@@ -1,9 +1,9 @@
 """Walls and lines as rectangles."""
 
 import numpy as np
-from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from laws import given
 
 from ballbot_ros.viewer.floor import lines, walls
 from ballbot_ros.world.floor_map import CELL_M, FLOOR, LINE, WALL, FloorMap
