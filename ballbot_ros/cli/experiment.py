@@ -26,6 +26,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     parameters_of,
 )
+from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.world.errors import WorldError
@@ -191,8 +192,8 @@ def attachments_of(experiment: Experiment) -> dict[str, bytes]:
             parameters.set(PLANT, 'map', attached)
     text = experiment.scenario.text
     return {
-        **({'scenario.yaml': text.encode()} if text else {}),
-        'parameters.yaml': format_parameters(parameters).encode(),
-        'versions.yaml': yaml.safe_dump(versions, sort_keys=False).encode(),
+        **({SCENARIO: text.encode()} if text else {}),
+        PARAMETERS: format_parameters(parameters).encode(),
+        VERSIONS: yaml.safe_dump(versions, sort_keys=False).encode(),
         **attached_map,
     }
