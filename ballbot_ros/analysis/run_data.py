@@ -14,6 +14,7 @@ from ballbot_ros.analysis.attached import Attached, read_attached
 from ballbot_ros.analysis.extraction import TICKED, Extraction, Traffic, extract
 from ballbot_ros.analysis.metrics import Floats
 from ballbot_ros.brick.brick import Tone
+from ballbot_ros.controller.interface import CALIBRATING, OUT_OF_CONTROL
 from ballbot_ros.messages.conversions import map_grid
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.parameters import CONTROLLER, PLANT
@@ -150,7 +151,7 @@ class RunData:
         calibrated = self.attached.parameters.values(CONTROLLER)['time_start'] * 1e-3
         runs = np.asarray(time >= calibrated)
         for each in self.states:
-            if each.state in ('calibration', 'out_of_control'):
+            if each.state in (CALIBRATING, OUT_OF_CONTROL):
                 runs &= (time < each.start) | (time > each.end)
         return runs
 

@@ -19,7 +19,6 @@ from ballbot_ros.analysis.figure_tables import (
     track_table,
 )
 from ballbot_ros.analysis.run_data import RunData
-from ballbot_ros.analysis.run_metrics import STATES
 from ballbot_ros.analysis.style import (
     BLUE,
     GRAY,
@@ -34,6 +33,7 @@ from ballbot_ros.analysis.style import (
     tidy,
 )
 from ballbot_ros.analysis.table import Table
+from ballbot_ros.controller.interface import CALIBRATING, DRIVE_STATES
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -101,7 +101,7 @@ def draw_figures(run: RunData) -> list[Drawn]:
     return drawn
 
 
-def draw_planes(axes: Any, table: Table, first: str, second: str, label: str) -> None:
+def _draw_planes(axes: Any, table: Table, first: str, second: str, label: str) -> None:
     """Draw the columns of both planes against time."""
     axes.margins(x=0.0)
     for name, style in ((second, PLANES[1]), (first, PLANES[0])):
@@ -112,7 +112,7 @@ def draw_planes(axes: Any, table: Table, first: str, second: str, label: str) ->
 
 def _shade_calibration(run: RunData, axes: Any) -> None:
     for each in run.states:
-        if each.state == 'calibration':
+        if each.state == CALIBRATING:
             axes.axvspan(each.start, each.end, color=GRAY, alpha=0.12, linewidth=0.0)
 
 
@@ -123,8 +123,8 @@ def _legend_above(axes: Any) -> None:
 def _draw_motion(run: RunData, table: Table) -> Any:
     figure = new_figure(_WIDTH, 5.0)
     rows = figure.subplots(2, 1, sharex=True)
-    draw_planes(rows[0], table, 'position_x_cm', 'position_y_cm', 'position [cm]')
-    draw_planes(rows[1], table, 'pitch_x_deg', 'pitch_y_deg', 'body pitch [°]')
+    _draw_planes(rows[0], table, 'position_x_cm', 'position_y_cm', 'position [cm]')
+    _draw_planes(rows[1], table, 'pitch_x_deg', 'pitch_y_deg', 'body pitch [°]')
     for axes in rows:
         _shade_calibration(run, axes)
     _legend_above(rows[0])
@@ -170,7 +170,7 @@ def _draw_track(run: RunData, table: Table) -> Any:
 def _draw_duty(run: RunData, table: Table) -> Any:
     figure = new_figure(_WIDTH, 2.8)
     axes = figure.subplots()
-    draw_planes(axes, table, 'duty_x_percent', 'duty_y_percent', 'duty [%]')
+    _draw_planes(axes, table, 'duty_x_percent', 'duty_y_percent', 'duty [%]')
     for bound in (-100.0, 100.0):
         axes.axhline(bound, color=GRAY, linewidth=0.8, linestyle=':')
     _shade_calibration(run, axes)
@@ -263,12 +263,12 @@ def _draw_battery(run: RunData, table: Table) -> Any:
 
 
 def _draw_states(run: RunData, table: Table) -> Any:
-    present = [state for state in STATES if state in table['state']]
+    present = [state for state in DRIVE_STATES if state in table['state']]
     present += sorted(set(table['state'].tolist()) - set(present))
     figure = new_figure(_WIDTH, 1.1 + 0.32 * len(present))
     axes = figure.subplots()
     for each in run.states:
-        look = STATES.index(each.state) if each.state in STATES else 0
+        look = DRIVE_STATES.index(each.state) if each.state in DRIVE_STATES else 0
         # A band of its own for each state: its name stands beside it, with or without colour.
         axes.barh(
             present.index(each.state), each.end - each.start, left=each.start, height=0.7,
