@@ -28,6 +28,7 @@ from ballbot_ros.analysis.style import (
     PURPLE,
     SKY,
     YELLOW,
+    legend_above,
     new_figure,
     png_of,
     tidy,
@@ -116,10 +117,6 @@ def _shade_calibration(run: RunData, axes: Any) -> None:
             axes.axvspan(each.start, each.end, color=GRAY, alpha=0.12, linewidth=0.0)
 
 
-def _legend_above(axes: Any) -> None:
-    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
-
-
 def _draw_motion(run: RunData, table: Table) -> Any:
     figure = new_figure(_WIDTH, 5.0)
     rows = figure.subplots(2, 1, sharex=True)
@@ -127,7 +124,7 @@ def _draw_motion(run: RunData, table: Table) -> Any:
     _draw_planes(rows[1], table, 'pitch_x_deg', 'pitch_y_deg', 'body pitch [°]')
     for axes in rows:
         _shade_calibration(run, axes)
-    _legend_above(rows[0])
+    legend_above(rows[0])
     rows[1].set_xlabel('time [s]')
     return figure
 
@@ -163,7 +160,7 @@ def _draw_track(run: RunData, table: Table) -> Any:
     axes.plot(x[0], y[0], marker='o', color=GRAY, linestyle='', markersize=8, label='start')
     axes.plot(x[-1], y[-1], marker='s', color=ORANGE, linestyle='', markersize=5, label='end')
     label_track(axes)
-    _legend_above(axes)
+    legend_above(axes)
     return figure
 
 
@@ -174,7 +171,7 @@ def _draw_duty(run: RunData, table: Table) -> Any:
     for bound in (-100.0, 100.0):
         axes.axhline(bound, color=GRAY, linewidth=0.8, linestyle=':')
     _shade_calibration(run, axes)
-    _legend_above(axes)
+    legend_above(axes)
     axes.set_xlabel('time [s]')
     return figure
 
@@ -193,7 +190,7 @@ def _draw_pairs(run: RunData, table: Table, rows: Any, share: str) -> Any:
             _shade_calibration(run, axes)
             tidy(axes)
         line[0].set_ylabel(label)
-        line[1].legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
+        legend_above(line[1])
     for axes, plane in zip(grid[0], 'xy', strict=True):
         axes.set_title(f'plane {plane}', loc='left')
     for axes in grid[1]:
@@ -244,7 +241,7 @@ def _draw_sonar(run: RunData, table: Table) -> Any:
     axes.set_ylabel('distance [cm]')
     axes.set_xlabel('time [s]')
     tidy(axes)
-    _legend_above(axes)
+    legend_above(axes)
     return figure
 
 

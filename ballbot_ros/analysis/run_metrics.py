@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.metrics import Floats
+from ballbot_ros.analysis.metrics import HALF_TICK_S, Floats
 from ballbot_ros.analysis.run_data import RunData, seconds
 from ballbot_ros.controller.interface import DRIVE_STATES
 from ballbot_ros.messages.topics import (
@@ -135,7 +135,7 @@ def _energy(run: RunData) -> float:
     rate, current = motors.values[:, :2], motors.values[:, 2:] / plant['torque_constant']
     voltage = plant['motor_resistance'] * current + plant['back_emf_constant'] * rate
     power = (voltage * current).sum(axis=1).clip(min=0.0)[:-1]
-    released = motors.time[:-1] >= plant['hold_time'] - TICK_NS * 0.5e-9
+    released = motors.time[:-1] >= plant['hold_time'] - HALF_TICK_S
     return float((power * np.diff(motors.time))[released].sum())
 
 
