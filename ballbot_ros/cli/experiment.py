@@ -17,7 +17,6 @@ from ballbot_ros import __version__
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameter_file import format_parameters
 from ballbot_ros.parameters import (
-    CONTROLLER,
     GAMEPAD,
     NODES,
     PLANT,
@@ -87,21 +86,6 @@ def assign(parameters: ParameterSet, assignment: str) -> None:
     is_text = row is not None and isinstance(row.default, str)
     value = text if is_text else parse_value(text)
     parameters.set(node, name, value, f'--set {assignment}')
-
-
-def require_toolchain(parameters: ParameterSet) -> None:
-    """Find out here, before anything starts, whether the controller can be built.
-
-    Raises
-    ------
-    CodegenError
-        If a tool is missing; the Debian package is named.
-    """
-    implementation = parameters.values(CONTROLLER)['implementation']
-    if implementation != 'python':
-        from ballbot_ros.codegen.toolchain import TARGETS, require_tools
-
-        require_tools(TARGETS[implementation])
 
 
 def settle_map(parameters: ParameterSet) -> World | None:

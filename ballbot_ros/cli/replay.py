@@ -25,8 +25,9 @@ from ballbot_ros.analysis.replay import (
     replay_controller,
     replay_run,
 )
-from ballbot_ros.cli.experiment import assign, require_toolchain
+from ballbot_ros.cli.experiment import assign
 from ballbot_ros.cli.progress import Progress
+from ballbot_ros.cli.requirements import require_toolchain
 from ballbot_ros.codegen.implementation import program_maker
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.errors import BallbotError
