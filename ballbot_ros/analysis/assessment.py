@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from ballbot_ros.analysis.metrics import Clearance, Judgement, judge, measure
+from ballbot_ros.analysis.metrics import HALF_TICK_S, Clearance, Judgement, judge, measure, number
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import measure_recording
 from ballbot_ros.parameters import GYRO, PLANT
 from ballbot_ros.scenario.metrics import METRICS
-from ballbot_ros.world.floor_map import CELL_M, FLOOR, WALL, FloorMap
+from ballbot_ros.world.exports import floor_map_of
+from ballbot_ros.world.floor_map import CELL_M
 from ballbot_ros.world.world import World
-
-_HALF_TICK = 0.002
 
 
 @dataclass(frozen=True)
@@ -72,16 +71,7 @@ class Assessment:
             'versions': run.attached.versions,
             'metrics': {name: number(value) for name, value in self.metrics.items()},
             'expectations': [
-                {
-                    'metric': each.judgement.expectation.metric,
-                    'from': each.judgement.expectation.start,
-                    'to': number(each.judgement.expectation.end),
-                    'min': each.judgement.expectation.minimum,
-                    'max': each.judgement.expectation.maximum,
-                    'value': number(each.judgement.value),
-                    'verdict': each.verdict,
-                }
-                for each in self.expectations
+                {**each.judgement.as_json(), 'verdict': each.verdict} for each in self.expectations
             ],
             'topics': [
                 {
@@ -98,11 +88,6 @@ class Assessment:
         }
 
 
-def number(value: float) -> float | None:
-    """Return a finite number, None for any other."""
-    return value if math.isfinite(value) else None
-
-
 def assess(run: RunData) -> Assessment:
     """Measure a run and judge it by the scenario that is attached to it."""
     clearance = _clearance(run)
@@ -117,10 +102,11 @@ def assess(run: RunData) -> Assessment:
 def _clearance(run: RunData) -> Clearance | None:
     """Return the distances to the walls of the recorded map; None where it is not one of ours."""
     grid = run.grid
-    if grid is None or not np.isclose(grid.resolution, CELL_M) or not grid.cells.any():
+    if grid is None or not np.isclose(grid.resolution, CELL_M):
         return None
-    walls = grid.cells[::-1] > 0
-    floor_map = FloorMap(np.where(walls, WALL, FLOOR).astype(np.uint8))
+    floor_map = floor_map_of(grid)
+    if not floor_map.walls.any():
+        return None
     return World(floor_map, run.plant['body_depth'], run.plant['body_width']).clearance
 
 
@@ -136,7 +122,7 @@ def shown_metrics(assessment: Assessment) -> dict[str, float]:
 def _verdict(run: RunData, judgement: Judgement) -> str:
     expectation, value = judgement.expectation, judgement.value
     to_the_end = run.complete
-    within = run.intact and expectation.end < run.end + _HALF_TICK
+    within = run.intact and expectation.end < run.end + HALF_TICK_S
     # A robot that never settles is a finding; any other number that is not there is none.
     known = not math.isnan(value) or expectation.metric == 'settling_time_s'
     if not known or not (to_the_end or within):

@@ -10,15 +10,13 @@ from typing import Any
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.recording.attachments import MAPS, PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.world.floor_map import FloorMap
 from ballbot_ros.world.image import read_map
 from ballbot_ros.yaml_document import YamlDocument
-
-SCENARIO, PARAMETERS, VERSIONS = 'scenario.yaml', 'parameters.yaml', 'versions.yaml'
-MAPS = ('map.png', 'map.bmp')
 
 
 @dataclass
@@ -53,7 +51,7 @@ def read_attached(recording: RecordingReader) -> Attached:
     files = recording.attachments()
     # Their readers take files, whose names and lines they tell.
     with TemporaryDirectory(prefix='ballbot_') as folder:
-        for name in (SCENARIO, PARAMETERS, VERSIONS):
+        for name in (SCENARIO, PARAMETERS, VERSIONS, *(name for name in MAPS if name in files)):
             if name not in files:
                 attached.notices.append(f'No {name} is attached; {_WITHOUT[name]}.')
                 continue
@@ -64,14 +62,6 @@ def read_attached(recording: RecordingReader) -> Attached:
             except BallbotError as error:
                 reason = str(error).replace(f'{folder}/', '')
                 attached.notices.append(f'{reason}; {_WITHOUT[name]}.')
-        for name in (name for name in MAPS if name in files):
-            path = Path(folder, name)
-            path.write_bytes(files[name].data)
-            try:
-                attached.floor_map = read_map(path)
-            except BallbotError as error:
-                reason = str(error).replace(f'{folder}/', '')
-                attached.notices.append(f'{reason}; the walls of the topic map are taken.')
     return attached
 
 
@@ -79,6 +69,7 @@ _WITHOUT = {
     SCENARIO: 'no expectation is judged',
     PARAMETERS: 'the defaults are taken, and the first position for the start',
     VERSIONS: 'what made the recording is unknown',
+    **dict.fromkeys(MAPS, 'the walls of the topic map are taken'),
 }
 
 
@@ -88,6 +79,8 @@ def _read(attached: Attached, name: str, path: Path) -> None:
     elif name == PARAMETERS:
         attached.parameters = read_parameter_file(path)
         attached.has_parameters = True
+    elif name in MAPS:
+        attached.floor_map = read_map(path)
     else:
         content: Any = YamlDocument(path).data
         if isinstance(content, dict):

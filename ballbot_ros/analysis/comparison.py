@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ballbot_ros.analysis.assessment import Assessment, number
+from ballbot_ros.analysis.assessment import Assessment
 from ballbot_ros.analysis.conditions import Condition
 from ballbot_ros.analysis.figure_tables import duty_table, pitch_table, position_table, track_table
+from ballbot_ros.analysis.metrics import number
 from ballbot_ros.analysis.page import number_text, render, write_folder
 from ballbot_ros.analysis.report import MEANINGS, banner, metric_row
-from ballbot_ros.analysis.run_data import Grid, RunData
+from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import (
     Drawn,
     draw_map,
@@ -26,12 +27,14 @@ from ballbot_ros.analysis.style import (
     ORANGE,
     PURPLE,
     SKY,
+    legend_above,
     new_figure,
     png_of,
     tidy,
 )
 from ballbot_ros.analysis.table import Table, csv_text
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
+from ballbot_ros.world.exports import OccupancyGrid
 
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, GRAY)
 _DASHES = ('-', '--', '-.', ':')
@@ -75,7 +78,7 @@ class Compared:
     metrics : dict of str to float
     tables : dict of str to Table
         The numbers of each figure, by its name.
-    grid : Grid or None
+    grid : OccupancyGrid or None
     notes : tuple of str
     """
 
@@ -86,7 +89,7 @@ class Compared:
     trusted: bool
     metrics: dict[str, float]
     tables: dict[str, Table]
-    grid: Grid | None
+    grid: OccupancyGrid | None
     notes: tuple[str, ...]
 
     @property
@@ -265,7 +268,7 @@ def _draw_quantity(quantity: _Quantity, runs: Sequence[Compared]) -> Any:
         axes.margins(x=0.0)
         axes.set_ylabel(f'{quantity.label}, {plane}')
         tidy(axes)
-    _legend(both[0])
+    legend_above(both[0], 3)
     both[1].set_xlabel('time [s]')
     return figure
 
@@ -282,9 +285,5 @@ def _draw_tracks(runs: Sequence[Compared]) -> Any:
             axes.plot(x[0], y[0], marker='o', color=look['color'], linestyle='')
             axes.plot(x[-1], y[-1], marker='s', color=look['color'], linestyle='')
     label_track(axes)
-    _legend(axes)
+    legend_above(axes, 3)
     return figure
-
-
-def _legend(axes: Any) -> None:
-    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False)

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ballbot_ros.messages.raw import has_stamp
+from ballbot_ros.messages.raw import decoder, has_stamp
 from ballbot_ros.messages.topics import Topic
-from ballbot_ros.recording.schemas import typestore
 
 _EXTRA, _MISSING = 'recorded, and not replayed', 'replayed, and not recorded'
 
@@ -110,10 +109,7 @@ class _Pairs:
         self.recorded: deque[tuple[int, bytes]] = deque()
         self.replayed: deque[tuple[int, bytes]] = deque()
         self.is_stamped = has_stamp(type_name)
-        self._type = type_name
-
-    def decode(self, data: bytes) -> Any:
-        return typestore().deserialize_cdr(data, self._type)
+        self.decode = decoder(type_name)
 
 
 def first_difference(recorded: Any, replayed: Any, path: str = '') -> str:

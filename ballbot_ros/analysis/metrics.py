@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.plant.truth import TICK_NS
 from ballbot_ros.scenario.metrics import METRICS, SETTLED_DEG
 from ballbot_ros.scenario.scenario import Expectation
 from ballbot_ros.simulation.trajectory import Trajectory
@@ -18,7 +19,9 @@ Floats = NDArray[np.float64]
 Clearance = Callable[[Floats], Floats]
 """Distances [m] from the body's outline to a wall at positions (n, 2) in plane signs."""
 
-_HALF_TICK = 0.002
+HALF_TICK_S = TICK_NS * 0.5e-9
+"""Stamps are whole nanoseconds, times in seconds are rounded: so near they are the same tick."""
+
 _CLEARANCE_STRIDE = 5
 
 
@@ -38,6 +41,22 @@ class Judgement:
         """Return in words that the value is not within the bounds."""
         window = f' ({self.expectation.window})' if self.expectation.window else ''
         return f'{self.expectation.metric}{window} {self.value:.4g} is not {self.expectation}'
+
+    def as_json(self) -> dict[str, Any]:
+        """Return metric, window, bounds and value; a number that is not there is None."""
+        return {
+            'metric': self.expectation.metric,
+            'from': self.expectation.start,
+            'to': number(self.expectation.end),
+            'min': self.expectation.minimum,
+            'max': self.expectation.maximum,
+            'value': number(self.value),
+        }
+
+
+def number(value: float) -> float | None:
+    """Return a finite number, None for any other, which JSON has not."""
+    return value if math.isfinite(value) else None
 
 
 def judge(
@@ -79,7 +98,7 @@ def measure(
         The window that is measured [s], from its start or the release to its end.
     """
     first = max(start, plant['hold_time'])
-    within = (trajectory.time > first - _HALF_TICK) & (trajectory.time < end + _HALF_TICK)
+    within = (trajectory.time > first - HALF_TICK_S) & (trajectory.time < end + HALF_TICK_S)
     if not within.any():
         return dict.fromkeys(METRICS, math.nan)
     time = trajectory.time[within]

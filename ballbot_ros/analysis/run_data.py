@@ -14,6 +14,8 @@ from ballbot_ros.analysis.attached import Attached, read_attached
 from ballbot_ros.analysis.extraction import TICKED, Extraction, Traffic, extract
 from ballbot_ros.analysis.metrics import Floats
 from ballbot_ros.brick.brick import Tone
+from ballbot_ros.controller.interface import CALIBRATING, OUT_OF_CONTROL
+from ballbot_ros.messages.conversions import map_grid
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.parameters import CONTROLLER, PLANT
 from ballbot_ros.plant.truth import TICK_NS
@@ -21,6 +23,7 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.timing import SECOND_NS
 from ballbot_ros.simulation.trajectory import Trajectory
+from ballbot_ros.world.exports import OccupancyGrid
 
 Integers = NDArray[np.int64]
 
@@ -67,24 +70,6 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Grid:
-    """The recorded map: `cells` is 0 for free and 100 for a wall, row 0 at the lowest y.
-
-    Attributes
-    ----------
-    cells : ndarray, shape (height, width)
-    resolution : float
-        Width of a cell [m].
-    origin : tuple of float
-        x and y of the lower left corner in ``map`` [m].
-    """
-
-    cells: NDArray[np.int8]
-    resolution: float
-    origin: tuple[float, float]
-
-
-@dataclass(frozen=True)
 class RunData:
     """One run of a recording.
 
@@ -99,7 +84,8 @@ class RunData:
     series : mapping of Topic to Series
         The topics of :data:`ballbot_ros.analysis.extraction.TICKED` that have samples.
     states : tuple of Interval
-    grid : Grid or None
+    grid : OccupancyGrid or None
+        The recorded map.
     statuses : tuple
         The diagnostics: time [s] and the rosbags ``DiagnosticStatus``.
     pages : tuple of tuple
@@ -126,7 +112,7 @@ class RunData:
     trajectory: Trajectory
     series: Mapping[Topic, Series]
     states: tuple[Interval, ...]
-    grid: Grid | None
+    grid: OccupancyGrid | None
     statuses: tuple[tuple[float, Any], ...]
     pages: tuple[tuple[float, str], ...]
     tones: tuple[tuple[float, Tone], ...]
@@ -165,7 +151,7 @@ class RunData:
         calibrated = self.attached.parameters.values(CONTROLLER)['time_start'] * 1e-3
         runs = np.asarray(time >= calibrated)
         for each in self.states:
-            if each.state in ('calibration', 'out_of_control'):
+            if each.state in (CALIBRATING, OUT_OF_CONTROL):
                 runs &= (time < each.start) | (time > each.end)
         return runs
 
@@ -315,13 +301,10 @@ def _states(
     )
 
 
-def _grid(message: Any) -> Grid | None:
+def _grid(message: Any) -> OccupancyGrid | None:
     if message is None:
         return None
     info = message.info
     if message.data.size != info.width * info.height or not info.resolution > 0.0:
         return None
-    origin = info.origin.position
-    return Grid(
-        message.data.reshape(info.height, info.width), float(info.resolution), (origin.x, origin.y)
-    )
+    return map_grid(message)

@@ -18,8 +18,7 @@ from ballbot_ros.analysis.figure_tables import (
     state_table,
     track_table,
 )
-from ballbot_ros.analysis.run_data import Grid, RunData
-from ballbot_ros.analysis.run_metrics import STATES
+from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.style import (
     BLUE,
     GRAY,
@@ -29,11 +28,13 @@ from ballbot_ros.analysis.style import (
     PURPLE,
     SKY,
     YELLOW,
+    legend_above,
     new_figure,
     png_of,
     tidy,
 )
 from ballbot_ros.analysis.table import Table
+from ballbot_ros.controller.interface import CALIBRATING, DRIVE_STATES
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -44,6 +45,7 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     Topic,
 )
+from ballbot_ros.world.exports import OccupancyGrid
 
 _STATE_COLOURS = (GRAY, BLUE, GREEN, SKY, YELLOW, PURPLE, ORANGE)
 _HATCHES = ('', '', '//', '..', 'xx', '\\\\', '++')
@@ -100,7 +102,7 @@ def draw_figures(run: RunData) -> list[Drawn]:
     return drawn
 
 
-def draw_planes(axes: Any, table: Table, first: str, second: str, label: str) -> None:
+def _draw_planes(axes: Any, table: Table, first: str, second: str, label: str) -> None:
     """Draw the columns of both planes against time."""
     axes.margins(x=0.0)
     for name, style in ((second, PLANES[1]), (first, PLANES[0])):
@@ -111,27 +113,23 @@ def draw_planes(axes: Any, table: Table, first: str, second: str, label: str) ->
 
 def _shade_calibration(run: RunData, axes: Any) -> None:
     for each in run.states:
-        if each.state == 'calibration':
+        if each.state == CALIBRATING:
             axes.axvspan(each.start, each.end, color=GRAY, alpha=0.12, linewidth=0.0)
-
-
-def _legend_above(axes: Any) -> None:
-    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
 
 
 def _draw_motion(run: RunData, table: Table) -> Any:
     figure = new_figure(_WIDTH, 5.0)
     rows = figure.subplots(2, 1, sharex=True)
-    draw_planes(rows[0], table, 'position_x_cm', 'position_y_cm', 'position [cm]')
-    draw_planes(rows[1], table, 'pitch_x_deg', 'pitch_y_deg', 'body pitch [°]')
+    _draw_planes(rows[0], table, 'position_x_cm', 'position_y_cm', 'position [cm]')
+    _draw_planes(rows[1], table, 'pitch_x_deg', 'pitch_y_deg', 'body pitch [°]')
     for axes in rows:
         _shade_calibration(run, axes)
-    _legend_above(rows[0])
+    legend_above(rows[0])
     rows[1].set_xlabel('time [s]')
     return figure
 
 
-def draw_map(grid: Grid | None, axes: Any) -> None:
+def draw_map(grid: OccupancyGrid | None, axes: Any) -> None:
     """Draw the walls of the recorded map in gray, if there is one."""
     if grid is None:
         return
@@ -162,18 +160,18 @@ def _draw_track(run: RunData, table: Table) -> Any:
     axes.plot(x[0], y[0], marker='o', color=GRAY, linestyle='', markersize=8, label='start')
     axes.plot(x[-1], y[-1], marker='s', color=ORANGE, linestyle='', markersize=5, label='end')
     label_track(axes)
-    _legend_above(axes)
+    legend_above(axes)
     return figure
 
 
 def _draw_duty(run: RunData, table: Table) -> Any:
     figure = new_figure(_WIDTH, 2.8)
     axes = figure.subplots()
-    draw_planes(axes, table, 'duty_x_percent', 'duty_y_percent', 'duty [%]')
+    _draw_planes(axes, table, 'duty_x_percent', 'duty_y_percent', 'duty [%]')
     for bound in (-100.0, 100.0):
         axes.axhline(bound, color=GRAY, linewidth=0.8, linestyle=':')
     _shade_calibration(run, axes)
-    _legend_above(axes)
+    legend_above(axes)
     axes.set_xlabel('time [s]')
     return figure
 
@@ -192,7 +190,7 @@ def _draw_pairs(run: RunData, table: Table, rows: Any, share: str) -> Any:
             _shade_calibration(run, axes)
             tidy(axes)
         line[0].set_ylabel(label)
-        line[1].legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
+        legend_above(line[1])
     for axes, plane in zip(grid[0], 'xy', strict=True):
         axes.set_title(f'plane {plane}', loc='left')
     for axes in grid[1]:
@@ -243,7 +241,7 @@ def _draw_sonar(run: RunData, table: Table) -> Any:
     axes.set_ylabel('distance [cm]')
     axes.set_xlabel('time [s]')
     tidy(axes)
-    _legend_above(axes)
+    legend_above(axes)
     return figure
 
 
@@ -262,12 +260,12 @@ def _draw_battery(run: RunData, table: Table) -> Any:
 
 
 def _draw_states(run: RunData, table: Table) -> Any:
-    present = [state for state in STATES if state in table['state']]
+    present = [state for state in DRIVE_STATES if state in table['state']]
     present += sorted(set(table['state'].tolist()) - set(present))
     figure = new_figure(_WIDTH, 1.1 + 0.32 * len(present))
     axes = figure.subplots()
     for each in run.states:
-        look = STATES.index(each.state) if each.state in STATES else 0
+        look = DRIVE_STATES.index(each.state) if each.state in DRIVE_STATES else 0
         # A band of its own for each state: its name stands beside it, with or without colour.
         axes.barh(
             present.index(each.state), each.end - each.start, left=each.start, height=0.7,

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.metrics import Floats
+from ballbot_ros.analysis.metrics import HALF_TICK_S, Floats
 from ballbot_ros.analysis.run_data import RunData, seconds
+from ballbot_ros.controller.interface import DRIVE_STATES
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -23,10 +24,6 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.parameters import CONTROLLER, PLANT
 from ballbot_ros.plant.truth import TICK_NS
 
-STATES = (
-    'calibration', 'balance', 'remote', 'forward', 'rightward', 'backward', 'out_of_control'
-)  # fmt: skip
-
 RUN_METRICS: Mapping[str, str] = {
     'energy_j': 'electrical energy that the motors took from the release on: voltage times '
     'current, from true torque and rate at every tick; braking gives none back',
@@ -37,7 +34,7 @@ RUN_METRICS: Mapping[str, str] = {
     'gyro_offset_error_x_deg_s': "root mean square of the controller's gyro offset (reading less "
     'its pitch rate) less the true one (reading less true rate, mean of 1 s), plane x',
     'gyro_offset_error_y_deg_s': 'the same of plane y',
-    **{f'time_in_{state}_s': f'time in the state {state}' for state in STATES},
+    **{f'time_in_{state}_s': f'time in the state {state}' for state in DRIVE_STATES},
     'missing_ticks': 'ticks up to the last that are not in the file',
     'tick_jitter_ms': 'standard deviation of the time from duty to duty, in sim time: 0 in '
     'lockstep, whatever the wall clock did',
@@ -138,7 +135,7 @@ def _energy(run: RunData) -> float:
     rate, current = motors.values[:, :2], motors.values[:, 2:] / plant['torque_constant']
     voltage = plant['motor_resistance'] * current + plant['back_emf_constant'] * rate
     power = (voltage * current).sum(axis=1).clip(min=0.0)[:-1]
-    released = motors.time[:-1] >= plant['hold_time'] - TICK_NS * 0.5e-9
+    released = motors.time[:-1] >= plant['hold_time'] - HALF_TICK_S
     return float((power * np.diff(motors.time))[released].sum())
 
 
@@ -163,7 +160,7 @@ def _times(run: RunData) -> dict[str, float]:
         f'time_in_{state}_s': math.nan
         if unknown
         else sum(each.end - each.start for each in run.states if each.state == state)
-        for state in STATES
+        for state in DRIVE_STATES
     }
 
 

@@ -34,6 +34,11 @@ def png_of(figure: Any) -> bytes:
     return buffer.getvalue()
 
 
+def legend_above(axes: Any, columns: int = 2) -> None:
+    """Put the legend above the axes, at their right, where it hides nothing."""
+    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=columns, frameon=False)
+
+
 def tidy(axes: Any) -> None:
     """Draw a faint grid, and no frame where there is no axis."""
     axes.grid(alpha=0.3)

@@ -21,7 +21,7 @@ def quantise(value: float) -> int:
 
 def degrees_of(radians: float) -> int:
     """Return the whole degrees (or deg/s) nearest to rad (or rad/s)."""
-    return math.floor(radians * _DEGREES_PER_RADIAN + 0.5)
+    return quantise(radians * _DEGREES_PER_RADIAN)
 
 
 def radians_of(degrees: float) -> float:

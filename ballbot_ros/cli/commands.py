@@ -72,7 +72,8 @@ def run(
     Exit status: 0 if the expectations hold, 1 if they do not or the run failed, 2 for a mistake
     in the arguments. With --viewer it is that of the last run.
     """
-    from ballbot_ros.cli.run import RunOptions, require_rclpy, run_scenario
+    from ballbot_ros.cli.requirements import require_rclpy
+    from ballbot_ros.cli.run import RunOptions, run_scenario
 
     options = RunOptions(
         processes=processes,

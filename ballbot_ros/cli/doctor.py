@@ -89,7 +89,7 @@ def _domain() -> str:
 
 
 def _ports() -> str:
-    domain = int(_number(os.environ.get('ROS_DOMAIN_ID', '0')))
+    domain = _number(os.environ.get('ROS_DOMAIN_ID', '0'))
     port = DDS_PORT_BASE + PORTS_PER_DOMAIN * domain
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         # Discovery shares its multicast port among participants; another program may not.

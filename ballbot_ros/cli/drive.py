@@ -15,7 +15,6 @@ from ballbot_ros.cli.experiment import (
     assign,
     attachments_of,
     output_of,
-    require_toolchain,
     settle_map,
     tidied,
 )
@@ -24,8 +23,8 @@ from ballbot_ros.cli.graph_monitor import GraphMonitor
 from ballbot_ros.cli.node_process import NodeProcess, stop_all
 from ballbot_ros.cli.node_thread import NodeThread
 from ballbot_ros.cli.progress import Progress
+from ballbot_ros.cli.requirements import require_toolchain, require_viewer
 from ballbot_ros.cli.separate_processes import start_nodes, watch
-from ballbot_ros.cli.viewer import require_viewer
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.parameter_file import write_parameter_file
 from ballbot_ros.parameters import (

@@ -17,7 +17,6 @@ from ballbot_ros import __version__
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameter_file import format_parameters
 from ballbot_ros.parameters import (
-    CONTROLLER,
     GAMEPAD,
     NODES,
     PLANT,
@@ -26,6 +25,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     parameters_of,
 )
+from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.world.errors import WorldError
@@ -86,21 +86,6 @@ def assign(parameters: ParameterSet, assignment: str) -> None:
     is_text = row is not None and isinstance(row.default, str)
     value = text if is_text else parse_value(text)
     parameters.set(node, name, value, f'--set {assignment}')
-
-
-def require_toolchain(parameters: ParameterSet) -> None:
-    """Find out here, before anything starts, whether the controller can be built.
-
-    Raises
-    ------
-    CodegenError
-        If a tool is missing; the Debian package is named.
-    """
-    implementation = parameters.values(CONTROLLER)['implementation']
-    if implementation != 'python':
-        from ballbot_ros.codegen.toolchain import TARGETS, require_tools
-
-        require_tools(TARGETS[implementation])
 
 
 def settle_map(parameters: ParameterSet) -> World | None:
@@ -191,8 +176,8 @@ def attachments_of(experiment: Experiment) -> dict[str, bytes]:
             parameters.set(PLANT, 'map', attached)
     text = experiment.scenario.text
     return {
-        **({'scenario.yaml': text.encode()} if text else {}),
-        'parameters.yaml': format_parameters(parameters).encode(),
-        'versions.yaml': yaml.safe_dump(versions, sort_keys=False).encode(),
+        **({SCENARIO: text.encode()} if text else {}),
+        PARAMETERS: format_parameters(parameters).encode(),
+        VERSIONS: yaml.safe_dump(versions, sort_keys=False).encode(),
         **attached_map,
     }

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.messages.topics import RUN
+from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.recording.overview import Overview, TopicOverview, look_at
 
 
@@ -129,8 +130,8 @@ def _timing(topic: TopicOverview) -> tuple[str, str, str]:
 
 def _made_by(overview: Overview) -> dict[str, Any]:
     """Return what the attachments of `ballbot run` tell of scenario, seed and versions."""
-    scenario = _attached(overview, 'scenario.yaml')
-    parameters = _attached(overview, 'parameters.yaml')
+    scenario = _attached(overview, SCENARIO)
+    parameters = _attached(overview, PARAMETERS)
     told = {
         'purpose': scenario.get('purpose'),
         'profile': scenario.get('profile'),
@@ -142,7 +143,7 @@ def _made_by(overview: Overview) -> dict[str, Any]:
             ),
             None,
         ),
-        'versions': _attached(overview, 'versions.yaml'),
+        'versions': _attached(overview, VERSIONS),
     }
     return {name: value for name, value in told.items() if value not in (None, {})}
 

@@ -11,7 +11,7 @@ import tty
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ballbot_ros.cli.run import require_rclpy
+from ballbot_ros.cli.requirements import require_rclpy
 
 KEYS_S = 0.05
 SKIP_S = 5.0

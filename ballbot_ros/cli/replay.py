@@ -25,21 +25,22 @@ from ballbot_ros.analysis.replay import (
     replay_controller,
     replay_run,
 )
-from ballbot_ros.cli.experiment import assign, require_toolchain
+from ballbot_ros.cli.experiment import assign
 from ballbot_ros.cli.progress import Progress
+from ballbot_ros.cli.requirements import require_toolchain
 from ballbot_ros.codegen.implementation import program_maker
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import Topic
 from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterError, ParameterSet
+from ballbot_ros.recording.attachments import PARAMETERS
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
 from ballbot_ros.world.library import is_file_name
 
 AROUND_TICKS = 2
-PARAMETERS = 'parameters.yaml'
 
 
 @dataclass

@@ -12,7 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from ballbot_ros.analysis.metrics import Judgement
+from ballbot_ros.analysis.metrics import Judgement, number
 from ballbot_ros.scenario.metrics import label as metric_label
 
 PASSED, NOT_MET, FAILED, STOPPED = 'passed', 'expectations not met', 'failed', 'stopped'
@@ -76,19 +76,8 @@ def print_json(result: Result) -> None:
         'round_trip_ms': summary.get('round_trip_ms'),
         'recording': None if result.recording is None else str(result.recording),
         'figure': None if result.figure is None else str(result.figure),
-        'metrics': {name: _number(value) for name, value in result.metrics.items()},
-        'expectations': [
-            {
-                'metric': each.expectation.metric,
-                'from': each.expectation.start,
-                'to': _number(each.expectation.end),
-                'min': each.expectation.minimum,
-                'max': each.expectation.maximum,
-                'value': _number(each.value),
-                'holds': each.holds,
-            }
-            for each in result.judgements
-        ],
+        'metrics': {name: number(value) for name, value in result.metrics.items()},
+        'expectations': [{**each.as_json(), 'holds': each.holds} for each in result.judgements],
     }
     print(json.dumps(content, indent=2, allow_nan=False))
 
@@ -129,10 +118,6 @@ def print_table(result: Result) -> None:
     for label, path in (('recording', result.recording), ('picture', result.figure)):
         if path:
             console.print(f'{label}  {path}', markup=False, soft_wrap=True)
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _add_metric(table: Table, name: str, value: float, judgement: Judgement | None) -> None:

@@ -18,13 +18,12 @@ from ballbot_ros.cli.experiment import (
     assign,
     attachments_of,
     output_of,
-    require_toolchain,
     settle_map,
     tidied,
 )
 from ballbot_ros.cli.progress import Progress
+from ballbot_ros.cli.requirements import require_rclpy, require_toolchain
 from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
-from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
     CONTROLLER,
     GAMEPAD,
@@ -215,14 +214,3 @@ def _stdout_to_stderr() -> Iterator[None]:
     finally:
         os.dup2(kept, 1)
         os.close(kept)
-
-
-def require_rclpy(otherwise: str = '') -> None:
-    """Raise BallbotError where there is no ROS."""
-    try:
-        import rclpy  # noqa: F401
-    except ImportError as error:
-        raise BallbotError(
-            f'ROS 2 is not there ({error}): source ROS 2 Jazzy, install '
-            f'"ballbot_ros[ros]"{otherwise}'
-        ) from None

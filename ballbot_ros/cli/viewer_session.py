@@ -13,8 +13,8 @@ from rich.console import Console
 from ballbot_ros.cli.graph import ros
 from ballbot_ros.cli.node_process import NodeProcess, stop_all
 from ballbot_ros.cli.node_thread import NodeThread
+from ballbot_ros.cli.requirements import require_viewer
 from ballbot_ros.cli.run import RunOptions, parameters_of_run, run_scenario
-from ballbot_ros.cli.viewer import require_viewer
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.supervisor import Supervisor
 from ballbot_ros.parameter_file import write_parameter_file

@@ -11,7 +11,8 @@ from ballbot_ros.brick.schedule import Schedule, Task
 from ballbot_ros.codegen.brick_process import Answer, encode_request
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.signals import named_values, plane_values
-from ballbot_ros.controller.program import drive_state
+from ballbot_ros.controller.interface import CALIBRATING
+from ballbot_ros.controller.program import CALIBRATION, drive_state
 from ballbot_ros.controller.tasks import TaskTiming
 
 
@@ -67,8 +68,8 @@ class CompiledProgram:
         )
         self.brick = Brick()
         self.x, self.y = Plane(), Plane()
-        self.operating_state = 1
-        self.drive_state = 'calibration'
+        self.operating_state = CALIBRATION
+        self.drive_state = CALIBRATING
         self.state = b''
         self.stack_bytes: tuple[int, ...] = ()
 

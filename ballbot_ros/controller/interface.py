@@ -6,6 +6,12 @@ from typing import Any, Protocol
 
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 
+CALIBRATING, OUT_OF_CONTROL = 'calibration', 'out_of_control'
+DRIVE_STATES = (
+    CALIBRATING, 'balance', 'remote', 'forward', 'rightward', 'backward', OUT_OF_CONTROL,
+)  # fmt: skip
+"""The words for the states of figure 7-1, as the topic ``operating_state`` has them."""
+
 
 class Estimates(Protocol):
     """One plane's estimates and references [deg, deg/s]."""
@@ -41,7 +47,7 @@ class Program(Protocol):
 
     @property
     def drive_state(self) -> str:
-        """The state of figure 7-1 in one word."""
+        """The state of figure 7-1, one of :data:`DRIVE_STATES`."""
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due."""

@@ -10,6 +10,7 @@ from ballbot_ros.brick.brick import UINT32, Brick, DeviceInputs, DeviceOutputs
 from ballbot_ros.brick.schedule import Schedule, Task
 from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controller.axis import ONE, ZERO, Axis
+from ballbot_ros.controller.interface import CALIBRATING, OUT_OF_CONTROL
 from ballbot_ros.controller.parameters import ControllerParameters, Single
 from ballbot_ros.controller.tasks import PROGRAM_NAME, TASKS, TS3_MS
 
@@ -22,11 +23,11 @@ _INT16_MIN, _INT16_MAX = -32768, 32767
 
 
 def drive_state(operating_state: int, autonomous: bool, flag_avoid: bool, flag_auto: bool) -> str:
-    """Return the state of figure 7-1 in one word."""
+    """Return the state of figure 7-1, a word of the interface's ``DRIVE_STATES``."""
     if operating_state == CALIBRATION:
-        return 'calibration'
+        return CALIBRATING
     if operating_state != CONTROL:
-        return 'out_of_control'
+        return OUT_OF_CONTROL
     if not autonomous:
         return 'backward' if flag_avoid else 'remote'
     if not flag_auto:
@@ -91,7 +92,7 @@ class ControlProgram:
 
     @property
     def drive_state(self) -> str:
-        """The state of figure 7-1 in one word, as published."""
+        """The state of figure 7-1, as published."""
         return drive_state(
             self.operating_state, self._p.autonomous, self.flag_avoid, self.flag_auto
         )

@@ -71,11 +71,9 @@ def design_servo(
     b_bar = np.vstack([b, [[0.0]]])
     gain = lqr(a_bar, b_bar, np.diag(q_diagonal), [[r]])
     loop = control.ss(a_bar, b_bar, gain, [[0.0]])
-    gains, phase, _, gain_at, phase_at, _ = control.stability_margins(loop, returnall=True)
-    lower = max((float(g) for g, w in zip(gains, gain_at, strict=True) if g < 1.0), default=0.0)
-    upper = min(
-        (float(g) for g, w in zip(gains, gain_at, strict=True) if g > 1.0), default=math.inf
-    )
+    gains, phase, _, _, phase_at, _ = control.stability_margins(loop, returnall=True)
+    lower = max((float(gain) for gain in gains if gain < 1.0), default=0.0)
+    upper = min((float(gain) for gain in gains if gain > 1.0), default=math.inf)
     index = int(np.argmin(np.abs(phase)))
     delays = [math.radians(m % 360.0) / w for m, w in zip(phase, phase_at, strict=True)]
     return ServoDesign(

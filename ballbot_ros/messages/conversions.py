@@ -13,6 +13,8 @@ from array import array
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.brick.units import (
@@ -148,6 +150,17 @@ def fill_map(message: Any, stamp_ns: int, grid: OccupancyGrid) -> None:
     corner = message.info.origin.position
     corner.x, corner.y = grid.origin
     message.data = array('b', grid.cells.tobytes())
+
+
+def map_grid(message: Any) -> OccupancyGrid:
+    """Return the occupancy grid of ``map``."""
+    # Here, so that the nodes that read no map start sooner.
+    from ballbot_ros.world.exports import OccupancyGrid
+
+    info = message.info
+    cells = np.asarray(message.data, np.int8).reshape(info.height, info.width)
+    corner = info.origin.position
+    return OccupancyGrid(info.width, info.height, info.resolution, (corner.x, corner.y), cells)
 
 
 def fill_gyro(message: Any, stamp_ns: int, counts: tuple[int, int]) -> None:

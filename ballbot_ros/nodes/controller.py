@@ -16,9 +16,7 @@ from ballbot_ros.messages.topics import BATTERY_STATE, GAMEPAD_JOY, GYRO_IMU, JO
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.simulation.lockstep import InputGate, TimerAudit
-from ballbot_ros.simulation.timing import MILLISECOND_NS, TICK_NS
-
-SILENCE_S = 0.5
+from ballbot_ros.simulation.timing import FREE_RUNNING_SILENCE_S, MILLISECOND_NS, TICK_NS
 
 
 class Controller(BallbotNode):
@@ -136,7 +134,7 @@ class Controller(BallbotNode):
         if self._free_ticks and at - self._tick_at > 2e-3 * TS1_MS:
             self._overruns += 1
         self._tick_at = at
-        if at - self._sticks_at > SILENCE_S:
+        if at - self._sticks_at > FREE_RUNNING_SILENCE_S:
             gate.put(GAMEPAD_JOY.name, now, (0, 0))
         elapsed = self._free_ticks * TICK_NS
         self._free_ticks += 1

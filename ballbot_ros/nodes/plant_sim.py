@@ -43,16 +43,20 @@ from ballbot_ros.plant.truth import Push
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.pacer import SLOWEST, Pacer
-from ballbot_ros.simulation.timing import FIRST_TICK_NS, TICK_NS, next_start_ns
+from ballbot_ros.simulation.timing import (
+    FIRST_TICK_NS,
+    FREE_RUNNING_SILENCE_S,
+    TICK_NS,
+    next_start_ns,
+)
 from ballbot_ros.simulation.trajectory import TrajectoryLog, save_trajectory
 from ballbot_ros.world.world import World
 
 RESEND_S = 0.1
 WARN_S = 0.3
 STARTUP_WARN_S = 5.0
-SILENCE_S = 0.5
 SETTLE_S = 0.4
-FREE_RUNNING_TICK_S = 4e-3
+TICK_S = TICK_NS * 1e-9
 
 
 class PlantSim(BallbotNode):
@@ -93,7 +97,7 @@ class PlantSim(BallbotNode):
         self.every(RESEND_S, self._watch)
         if not self._lockstep:
             factor = self.values['real_time_factor'] or 1.0
-            self.every(FREE_RUNNING_TICK_S / factor, self._free_tick)
+            self.every(TICK_S / factor, self._free_tick)
 
     def _reset_to(self, start_ns: int) -> None:
         """Put everything at the start of a run whose first tick is at `start_ns`."""
@@ -293,7 +297,7 @@ class PlantSim(BallbotNode):
             'reason': reason,
             'ticks': self.log.ticks,
             'duty_sha256': self.log.duty_sha256,
-            'real_time_factor': self.log.ticks * TICK_NS * 1e-9 / wall if wall else 0.0,
+            'real_time_factor': self.log.ticks * TICK_S / wall if wall else 0.0,
             'missed_ticks': self._overruns(),
             'asked_again': self._resent,
             'round_trip_ms': None
@@ -328,9 +332,9 @@ class PlantSim(BallbotNode):
                     self._publish_truth()
                 return
             self._begun_at = now
-        elif now - self._sent_at > 2.0 * FREE_RUNNING_TICK_S / factor:
+        elif now - self._sent_at > 2.0 * TICK_S / factor:
             self._free_overruns += 1
-        silent = now - self._duty_at > SILENCE_S
+        silent = now - self._duty_at > FREE_RUNNING_SILENCE_S
         self._tick((0, 0) if silent else self._free_duty)
 
     def _overruns(self) -> int:

@@ -20,7 +20,7 @@ from std_srvs.srv import SetBool
 
 from ballbot_ros.messages.conversions import fill_clock
 from ballbot_ros.messages.topics import CLOCK, HISTORY, TOPICS, message_class
-from ballbot_ros.nodes.base import BallbotNode, offered_qos, run_node
+from ballbot_ros.nodes.base import FLUSH_S, BallbotNode, offered_qos, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.parameters import PLANT, PLAYER
 from ballbot_ros.recording.playback import Playback
@@ -134,7 +134,7 @@ class Player(BallbotNode):
     def close(self) -> None:
         """Let the last messages reach their readers."""
         for publisher in self._outputs.values():
-            publisher.wait_for_all_acked(Duration(seconds=0.1))
+            publisher.wait_for_all_acked(Duration(seconds=FLUSH_S))
         self._recording.close()
         if self._lock:
             self._lock.release()

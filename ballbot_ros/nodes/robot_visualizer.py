@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from ballbot_ros.messages.conversions import stamp_ns
+from ballbot_ros.messages.conversions import map_grid, stamp_ns
 from ballbot_ros.messages.markers import fill_transform
 from ballbot_ros.messages.topics import (
     LCD,
@@ -28,11 +28,11 @@ from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.newest import Newest, snapshot_of
 from ballbot_ros.parameters import VISUALIZER, select
 from ballbot_ros.plant.model import Bodies
-from ballbot_ros.viewer.floor import floor_of_grid
 from ballbot_ros.viewer.markers import RobotMarkers
 from ballbot_ros.viewer.robot import Dimensions
 from ballbot_ros.viewer.transforms import MOVING, PARENTS, SONAR, Frames, Transform, in_map
 from ballbot_ros.viewer.urdf import robot_description
+from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
 
 _DRAWN = (PLANT_IMU, PLANT_ODOM, SONAR_RANGE, OPERATING_STATE, LCD, MAP, RUN)
@@ -74,7 +74,7 @@ class RobotVisualizer(BallbotNode):
         if RUN in changed:
             self._floor = None  # that of an earlier run
         if MAP in changed:
-            self._floor = floor_of_grid(self._newest[MAP])
+            self._floor = floor_map_of(map_grid(self._newest[MAP]))
         if RUN in changed or MAP in changed or now.time < self._time:
             self._markers.begin(self._floor)
         if now.time != self._time:

@@ -9,14 +9,13 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
+from ballbot_ros.controller.interface import OUT_OF_CONTROL
 from ballbot_ros.messages.topics import OPERATING_STATE
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.teleop.arbiter import KEYBOARD, Arbiter, Command
 from ballbot_ros.teleop.keyboard import KeyboardSticks
 from ballbot_ros.teleop.terminal import Terminal
-
-OUT_OF_CONTROL = 'out_of_control'
 
 
 class TeleopTerminal:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from ballbot_ros.messages.conversions import fill_joy, stamp_ns, tone_of
+from ballbot_ros.messages.conversions import fill_joy, map_grid, stamp_ns, tone_of
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     LCD,
@@ -29,10 +29,10 @@ from ballbot_ros.parameters import VIEWER, select
 from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.simulation.timing import SECOND_NS
 from ballbot_ros.viewer.address import require_viser, warning_of
-from ballbot_ros.viewer.floor import floor_of_grid
 from ballbot_ros.viewer.robot import Dimensions
 from ballbot_ros.viewer.snapshot import History, Snapshot
 from ballbot_ros.world.errors import WorldError
+from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.library import load_map
 
 _SHOWN = (
@@ -104,17 +104,17 @@ class Viewer(BallbotNode):
             self._panel.show(now, self._history.trace(), self._factor(now.time))
             self._controls.offer_scenarios(offer=self._requests.can_start)
 
-    def _begin(self, now: Snapshot, grid: Any) -> None:
+    def _begin(self, now: Snapshot, published: Any) -> None:
         """Show the floor of a run that begins, and forget the run before it.
 
-        `grid` is the map that is published with the run, if any. It lacks the lines; the plant
-        tells the map that has them.
+        `published` is the map that comes with the run, if any. It lacks the lines; the plant tells
+        the map that has them.
         """
         self._history.clear()
         self._robot.trace([])
         floor = self._floor
-        if floor is None and grid is not None:
-            floor = floor_of_grid(grid)
+        if floor is None and published is not None:
+            floor = floor_map_of(map_grid(published))
         self._page.show_floor(floor, _start(now))
         self._requests.plant_parameters(_ASKED, self._take_parameters)
 

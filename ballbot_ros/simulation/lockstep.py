@@ -53,13 +53,7 @@ class InputGate:
 
     def ready(self, stamp_ns: int) -> bool:
         """Tell whether every input due at `stamp_ns` is there."""
-        samples = self._samples
-        for name, period in self._periods.items():
-            if stamp_ns % period == 0:
-                known = samples.get(name)
-                if known is None or known[0] != stamp_ns:
-                    return False
-        return True
+        return not self.missing(stamp_ns)
 
 
 class RunFollower:

@@ -13,12 +13,16 @@ SLOW_NS = 20_000_000
 BATTERY_NS = 100_000_000
 """Period of battery samples, and the grid on which runs begin: all tasks are then in phase."""
 
+FREE_RUNNING_SILENCE_S = 0.5
+"""Free running, silence after which the controller takes stick zero and the plant duty zero [s]."""
+
 MILLISECOND_NS = 1_000_000
 SECOND_NS = 1_000_000_000
 
 __all__ = [
     'BATTERY_NS',
     'FIRST_TICK_NS',
+    'FREE_RUNNING_SILENCE_S',
     'MILLISECOND_NS',
     'SECOND_NS',
     'SLOW_NS',

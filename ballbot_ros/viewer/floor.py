@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.world.exports import OCCUPIED
-from ballbot_ros.world.floor_map import CELL_M, FLOOR, LINE, WALL, FloorMap
+from ballbot_ros.world.floor_map import CELL_M, LINE, FloorMap
 
 FREE_HALF_SIDE = 1.0
 """What is shown of a floor without end: so far to each side of the start [m]."""
@@ -62,13 +60,3 @@ def _rectangles(floor_map: FloorMap, mask: NDArray[np.bool_]) -> Iterator[Rectan
             )
         for run in runs:
             open_runs.setdefault(run, row)
-
-
-def floor_of_grid(message: Any) -> FloorMap:
-    """Return the walls of a ``map`` message; what it does not tell are the black lines."""
-    return floor_of_cells(np.asarray(message.data).reshape(message.info.height, message.info.width))
-
-
-def floor_of_cells(cells: NDArray[np.integer[Any]]) -> FloorMap:
-    """Return the walls of an occupancy grid, whose first row is the one with the smallest y."""
-    return FloorMap(np.where(cells[::-1] == OCCUPIED, WALL, FLOOR).astype(np.uint8))

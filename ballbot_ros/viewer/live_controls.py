@@ -26,8 +26,8 @@ _RELEASE_S = 0.3
 """A stick of which the page has not told for so long has been let go."""
 
 
-class Robot(Protocol):
-    """What the controls act on; called from threads of the page."""
+class Actions(Protocol):
+    """What the controls do; called from threads of the page."""
 
     def pause(self, pause: bool) -> None:
         """Hold the plant, or let it go on."""
@@ -82,7 +82,7 @@ class LiveControls:
     Parameters
     ----------
     gui : viser.GuiApi
-    robot : Robot
+    actions : Actions
     scenarios : sequence of str
         Names of those that may be started.
 
@@ -91,29 +91,29 @@ class LiveControls:
     sticks : Sticks
     """
 
-    def __init__(self, gui: viser.GuiApi, robot: Robot, scenarios: Sequence[str]) -> None:
+    def __init__(self, gui: viser.GuiApi, actions: Actions, scenarios: Sequence[str]) -> None:
         self.sticks = Sticks()
         acts: dict[str, Callable[[], None]] = {
-            PAUSE: lambda: robot.pause(True),
-            STEP: robot.step,
-            RUN: lambda: robot.pause(False),
-            RESET: robot.reset,
+            PAUSE: lambda: actions.pause(True),
+            STEP: actions.step,
+            RUN: lambda: actions.pause(False),
+            RESET: actions.reset,
         }
         with gui.add_folder('Time', order=1.0):
             self._on_press(gui.add_button_group('Run', TIME_BUTTONS), lambda name: acts[name]())
             speed = gui.add_button_group('Speed', tuple(SPEEDS))
-            self._on_press(speed, lambda name: robot.pace(SPEEDS[name]))
+            self._on_press(speed, lambda name: actions.pace(SPEEDS[name]))
         self._chooser = gui.add_folder('Scenario', order=1.5, visible=False)
         with self._chooser:
             self._next: Any = gui.add_dropdown('Next', tuple(scenarios))
-            gui.add_button('Start').on_click(lambda _: robot.start(self._next.value))
+            gui.add_button('Start').on_click(lambda _: actions.start(self._next.value))
         with gui.add_folder('Push', order=2.0, expand_by_default=False):
             size = gui.add_slider('Force [N]', 0.1, 3.0, 0.1, 1.0)
             push = gui.add_button_group('Direction', tuple(DIRECTIONS))
 
             def give(name: str) -> None:
                 x, y = DIRECTIONS[name]
-                robot.push((x * size.value, y * size.value))
+                actions.push((x * size.value, y * size.value))
 
             self._on_press(push, give)
         with gui.add_folder('Sticks (hold)', order=3.0, expand_by_default=False):

@@ -15,9 +15,9 @@ from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.parameters import select
 from ballbot_ros.viewer.errors import ViewerError
-from ballbot_ros.viewer.floor import floor_of_cells
 from ballbot_ros.viewer.robot import Dimensions
 from ballbot_ros.viewer.snapshot import TRACE_COLUMNS, WINDOW_S, Snapshot
+from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
 
 _SAMPLES = 600
@@ -134,4 +134,4 @@ def _floor_map(run: RunData) -> FloorMap | None:
     """Return the attached map, or the walls that were published."""
     if run.attached.floor_map is not None or run.grid is None:
         return run.attached.floor_map
-    return floor_of_cells(run.grid.cells)
+    return floor_map_of(run.grid)

@@ -1,4 +1,4 @@
-"""The map for other programs: VRML 2.0, nav2's map server, an occupancy grid."""
+"""The map for other programs: VRML 2.0, nav2's map server, an occupancy grid (and back from it)."""
 
 from __future__ import annotations
 
@@ -51,6 +51,11 @@ def occupancy_grid(floor_map: FloorMap) -> OccupancyGrid:
     return OccupancyGrid(
         floor_map.columns, floor_map.rows, CELL_M, _lower_left_corner(floor_map), cells
     )
+
+
+def floor_map_of(grid: OccupancyGrid) -> FloorMap:
+    """Return the map that a grid was made from, without its black lines, which a grid lacks."""
+    return FloorMap(np.where(grid.cells[::-1] == OCCUPIED, WALL, FLOOR).astype(np.uint8))
 
 
 def _lower_left_corner(floor_map: FloorMap) -> tuple[float, float]:

@@ -17,11 +17,12 @@ from matplotlib.image import imread
 
 from ballbot_ros.analysis.page import number_text
 from ballbot_ros.analysis.report import report_page, write_report
-from ballbot_ros.analysis.run_data import Grid, read_run
+from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.run_figures import FIGURES, draw_figures
 from ballbot_ros.analysis.table import MANY, envelope, every_nth
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.world.exports import OccupancyGrid
 
 VOID = {'meta', 'img', 'br', 'link'}
 
@@ -153,7 +154,7 @@ def test_a_missing_topic_leaves_out_its_figure(short, copy):
 def test_the_track_is_drawn_over_the_recorded_map(short_whole):
     cells = np.zeros((40, 60), np.int8)
     cells[:, -10:] = 100  # a wall from 20 cm to 30 cm ahead
-    grid = Grid(cells, 0.01, (-0.3, -0.2))
+    grid = OccupancyGrid(60, 40, 0.01, (-0.3, -0.2), cells)
     track = next(figure for figure in FIGURES if figure.name == 'track')
     drawn = track.draw(replace(short_whole.run, grid=grid), track.table(short_whole.run))
     (walls,) = drawn.axes[0].get_images()

@@ -2,9 +2,11 @@
 
 import math
 
+import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
+from laws import given
+from maps import drawn
 
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.messages import conversions as c
@@ -15,6 +17,7 @@ from ballbot_ros.messages.topics import (
     GAMEPAD_JOY,
     GYRO_IMU,
     JOINT_STATES,
+    MAP,
     MOTOR_DUTY,
     PLANT_IMU,
     PLANT_JOINT_STATES,
@@ -23,6 +26,7 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.plant.truth import Truth
 from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.world.exports import occupancy_grid
 
 STAMP = 1_234_000_000
 int32 = st.integers(-(2**31), 2**31 - 1)
@@ -123,6 +127,16 @@ def test_plane_y_is_minus_y_of_the_map(through, position, velocity):
     assert message.pose.pose.position.z == 0.026
 
 
+def test_a_map_comes_back_as_its_grid(through):
+    grid = occupancy_grid(drawn('.#-', '##.'))
+    message, _ = through(MAP, c.fill_map, STAMP, grid)
+    back = c.map_grid(message)
+    assert back[:2] == grid[:2]
+    assert back.resolution == pytest.approx(grid.resolution)
+    assert back.origin == grid.origin
+    np.testing.assert_array_equal(back.cells, grid.cells)
+
+
 def test_a_rightward_push_in_the_map_is_positive_on_plane_y():
     message = new_message('geometry_msgs/msg/WrenchStamped')
     message.wrench.force.x, message.wrench.force.y = 2.0, -3.0
@@ -132,8 +146,6 @@ def test_a_rightward_push_in_the_map_is_positive_on_plane_y():
 
 @given(mv=st.integers(1000, 12000))
 def test_the_battery_voltage_is_exact_in_single_precision(mv):
-    import numpy as np
-
     volts = float(np.float32(mv / 1000))
     message, _ = through_rosbags(BATTERY_STATE, c.fill_battery, truth(battery_voltage=volts))
     assert message.voltage == volts

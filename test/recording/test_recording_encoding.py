@@ -4,8 +4,8 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
+from laws import given
 from rosbags.serde import SerdeError
 
 from ballbot_ros.messages.conversions import fill_encoders, fill_log, fill_sticks
@@ -18,7 +18,6 @@ def decoded(message, type_name):
     return typestore().deserialize_cdr(encoder(type_name)(message), type_name)
 
 
-@settings(max_examples=60, deadline=None)
 @given(data=st.data(), chance=st.randoms(use_true_random=False))
 def test_rclpy_encodes_the_same_but_for_padding(
     data, chance, graph_types, make_message, to_rclpy, plain
@@ -35,7 +34,6 @@ def test_rclpy_encodes_the_same_but_for_padding(
     assert plain(read, type_name) == plain(message, type_name)
 
 
-@settings(max_examples=60, deadline=None)
 @given(data=st.data(), chance=st.randoms(use_true_random=False))
 def test_decoding_returns_the_message(data, chance, graph_types, make_message, plain):
     type_name = data.draw(st.sampled_from(graph_types))

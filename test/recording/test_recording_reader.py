@@ -4,8 +4,9 @@ import re
 import struct
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, settings
 from hypothesis import strategies as st
+from laws import given
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType, Writer
 from text_messages import STRING, string
@@ -94,7 +95,7 @@ def test_attachments_and_metadata_come_back(recording):
         assert reader.metadata()['run'] == {'seed': '1'}
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(place=st.floats(0, 1, exclude_max=True))
 def test_a_file_cut_off_anywhere_yields_a_prefix(place, recording, sample, damaged):
     length = recording.stat().st_size
@@ -121,7 +122,7 @@ def test_whole_chunks_before_a_cut_are_read(tmp_path):
         ]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(place=st.floats(0, 1, exclude_max=True), value=st.integers(1, 255))
 def test_a_corrupt_byte_is_no_traceback(place, value, damaged):
     def change(content):
@@ -136,7 +137,7 @@ def test_a_corrupt_byte_is_no_traceback(place, value, damaged):
     assert '\n' not in (damage or '')
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(tail=st.binary(max_size=200))
 @example(tail=bytes(100))
 def test_garbage_after_a_cut_is_no_traceback(tail, sample, damaged):

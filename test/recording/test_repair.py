@@ -3,8 +3,9 @@
 import shutil
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, settings
 from hypothesis import strategies as st
+from laws import given
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
@@ -127,7 +128,6 @@ def test_cut_at_every_chunk_boundary(chunk, where, offset, content, places, samp
         assert_everyone_reads(found.output, len(messages))
 
 
-@settings(max_examples=60, deadline=None)
 @given(place=st.floats(0, 1, exclude_max=True))
 def test_cut_anywhere(place, content, sample, mend):
     cut = 8 + int(place * (len(content) - 8))
@@ -138,7 +138,7 @@ def test_cut_anywhere(place, content, sample, mend):
     assert not found.nothing_lost or len(messages) == len(sample)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(place=st.floats(0, 1, exclude_max=True), bits=st.integers(1, 255))
 @example(place=0.5, bits=1)
 def test_any_changed_byte(place, bits, content, places, sample, mend):
@@ -158,7 +158,6 @@ def test_any_changed_byte(place, bits, content, places, sample, mend):
     assert_subset(messages, sample)
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     begin=st.floats(0, 1, exclude_max=True),
     size=st.integers(1, 20_000),

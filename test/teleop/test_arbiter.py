@@ -1,8 +1,8 @@
 """Who is in command, and that nobody is for half a second in between."""
 
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
+from laws import given
 
 from ballbot_ros.teleop.arbiter import (
     LIVE_SOURCES,

@@ -1,8 +1,8 @@
 """Keys that are pressed and repeated, and never seen to be released."""
 
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
+from laws import given
 
 from ballbot_ros.teleop.keyboard import HELD_S, KeyboardSticks
 

@@ -3,8 +3,8 @@
 import math
 
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
+from laws import given
 
 from ballbot_ros.parameters import GAMEPAD, ParameterSet, select
 from ballbot_ros.teleop.errors import TeleopError

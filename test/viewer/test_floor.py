@@ -1,12 +1,11 @@
 """Walls and lines as rectangles."""
 
 import numpy as np
-from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from laws import given
 
-from ballbot_ros.viewer.floor import floor_of_cells, lines, walls
-from ballbot_ros.world.exports import occupancy_grid
+from ballbot_ros.viewer.floor import lines, walls
 from ballbot_ros.world.floor_map import CELL_M, FLOOR, LINE, WALL, FloorMap
 
 maps = arrays.arrays(
@@ -31,10 +30,3 @@ def test_rectangles_cover_every_wall_and_line_once_and_nothing_else(cells):
     floor_map = FloorMap(cells)
     assert (painted(floor_map, walls(floor_map)) == (cells == WALL)).all()
     assert (painted(floor_map, lines(floor_map)) == (cells == LINE)).all()
-
-
-@given(maps)
-def test_a_published_map_has_the_same_walls(cells):
-    floor_map = FloorMap(cells)
-    back = floor_of_cells(occupancy_grid(floor_map).cells)
-    assert (back.walls == floor_map.walls).all()

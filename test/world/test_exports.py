@@ -11,7 +11,7 @@ from maps import drawn
 from PIL import Image
 
 from ballbot_ros.world.errors import WorldError
-from ballbot_ros.world.exports import FREE, OCCUPIED, occupancy_grid, write_files
+from ballbot_ros.world.exports import FREE, OCCUPIED, floor_map_of, occupancy_grid, write_files
 from ballbot_ros.world.floor_map import FLOOR, LINE, WALL, FloorMap
 from ballbot_ros.world.library import load_map
 
@@ -80,6 +80,7 @@ def test_each_cell_of_the_occupancy_grid_is_where_the_map_has_it(rows, columns, 
         y = grid.origin[1] + (row + 0.5) * grid.resolution
         wall = floor_map.is_wall(floor_map.point((x, -y)))
         assert grid.cells[row, column] == (OCCUPIED if wall else FREE)
+    np.testing.assert_array_equal(floor_map_of(grid).walls, floor_map.walls)
 
 
 def test_existing_files_are_left_alone_and_nothing_is_half_done(tmp_path):

@@ -1,0 +1,21 @@
+"""The experiments of docs/tuning.md, cut short: each still runs and prints its table."""
+
+import pytest
+from click.testing import CliRunner
+
+from benchmark import tune
+
+ROWS = {'speed': 3, 'drive': 5, 'track': 8, 'reference_filter': 2, 'stand': 1}
+
+
+@pytest.mark.parametrize('name', tune.EXPERIMENTS)
+def test_an_experiment_prints_its_table(monkeypatch, name):
+    for constant in ('DRIVE_S', 'STEP_S', 'STAND_S'):
+        monkeypatch.setattr(tune, constant, 2.5)
+    monkeypatch.setattr(tune, 'TRACK_S', 0.004)
+    monkeypatch.setattr(tune, 'SEEDS', [1])
+    result = CliRunner().invoke(tune.tune, [name])
+    assert result.exception is None, result.output
+    table = [line for line in result.output.splitlines() if line.startswith('|')]
+    assert len(table) == 2 + ROWS[name]
+    assert len({line.count(' | ') for line in table}) == 1
