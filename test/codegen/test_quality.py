@@ -76,6 +76,15 @@ def test_the_platform_finds_the_names_it_calls(built):
         assert f' T {name}\n' in listing
 
 
+def test_a_constant_with_a_name_of_the_platforms_does_not_build(built, tmp_path):
+    made = built('c')
+    for name in ('ballbot_controller.c', 'ballbot_parameters.c', 'ballbot_parameters.h'):
+        path = made.folder / name
+        path.write_text(path.read_text().replace('sound_frq', 'sound_freq'))
+    with pytest.raises(CodegenError, match='sound_freq'):
+        build(made.folder, TARGETS['c'], tmp_path / 'taken')
+
+
 @pytest.fixture(scope='module')
 def application(tmp_path_factory):
     need('c')

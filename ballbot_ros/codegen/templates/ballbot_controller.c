@@ -266,7 +266,7 @@ TASK(task_ts3)
     }
 
     if ((calibrated != 0U) && (ballbot.calibrated == 0U)) {
-        (void)ecrobot_sound_tone(sound_freq, sound_dur, sound_volume);
+        (void)ecrobot_sound_tone(sound_frq, sound_dur, sound_volume);
     }
     ballbot.calibrated = calibrated;
     /* A tone in proportion to the distance, once the beep is over (section 10). */
