@@ -63,6 +63,14 @@ def test_the_only_doubles_round_the_logged_pitch(built):
     assert re.findall(r'\b\d+\.\d+(?![\dfe])', code) == ['0.5', '32767.0', '32768.0']
 
 
+def test_the_makefile_needs_no_flag_that_the_platforms_old_compiler_does_not_know(built):
+    made = built('arm')
+    assert 'FLAGS' not in (made.folder / 'Makefile').read_text()
+    contracted = built('arm', name='contracted', flags=('-ffp-contract=fast',))
+    for name in ('ballbot_controller.o', 'ballbot_parameters.o', 'ballbot_app.o'):
+        assert (made.scratch / name).read_bytes() == (contracted.scratch / name).read_bytes()
+
+
 def test_the_platform_finds_the_names_it_calls(built):
     need('arm')
     made = built('arm')

@@ -5,7 +5,8 @@
  *
  * Every float operation is one of IEEE single precision, in the order of the simulated
  * controller: addition is not associative, and the duties are to be the same to the bit.
- * Compile with -ffp-contract=off. The only doubles are those that round the logged pitch.
+ * For a processor with a fused multiply-add compile with -ffp-contract=off; the brick's has none.
+ * The only doubles are those that round the logged pitch.
  */
 #include <math.h>
 
