@@ -25,6 +25,12 @@ def test_it_builds_without_a_warning(built, target):
     assert made.command
 
 
+def test_a_folder_that_was_built_with_the_platform_still_builds(built, tmp_path):
+    made = built('c')
+    (made.folder / 'kernel_id.h').write_text('#define task_init ((TaskType)0)\n')
+    assert build(made.folder, TARGETS['c'], tmp_path / 'again')
+
+
 @pytest.mark.parametrize('target', TARGETS)
 @pytest.mark.parametrize(
     ('right', 'slip'),
