@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -51,7 +52,8 @@ def generate(folder: Path, parameter_file: Path | None, mode: str | None) -> Non
     values = parameters.values(CONTROLLER)
     for path in write_application(folder, values):
         print(path)
-    print(f'parameters {parameter_hash(values)}; check with: ballbot codegen --check {folder}')
+    again = shlex.join(['ballbot', 'codegen', '--check', str(folder)])
+    print(f'parameters {parameter_hash(values)}; check with: {again}')
 
 
 def check(folder: Path) -> int:

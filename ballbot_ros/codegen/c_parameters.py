@@ -21,6 +21,8 @@ _INTEGERS = {
     'U32': (0, 2**32 - 1),
     'S32': (-(2**31), 2**31 - 1),
 }
+_NAMES = {'sound_freq': 'sound_frq'}
+"""Where the platform has a function of a parameter's name: the source document's name for it."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,10 @@ def _constant(row: Parameter, value: Any) -> CParameter:
     else:
         c_type, length = _integer_type(row), 1
         c_value = f'{value}U' if c_type.startswith('U') else str(value)
-    return CParameter(row.name, c_type, c_value, length, row.unit, '1', row.description, row.source)
+    return CParameter(
+        _NAMES.get(row.name, row.name), c_type, c_value, length, row.unit, '1',
+        row.description, row.source,
+    )  # fmt: skip
 
 
 def _integer_type(row: Parameter) -> str:

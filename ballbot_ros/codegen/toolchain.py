@@ -158,13 +158,16 @@ def build(
         + f'#define FOR_EACH_TASK(X) {" ".join(f"X({name})" for name in tasks)}\n',
         encoding='utf-8',
     )
-    includes = [f'-I{path}' for path in (folder.resolve(), scratch.resolve(), TARGET_FOLDER)]
+    includes = [f'-I{path}' for path in (scratch.resolve(), folder.resolve(), TARGET_FOLDER)]
     for name in C_SOURCES:
-        if not (folder / name).is_file():
-            raise CodegenError(f'{folder / name}: no such file; not a folder of ballbot codegen')
+        try:
+            # Beside the original may lie the kernel_id.h of a build with the platform.
+            shutil.copyfile(folder / name, scratch / name)
+        except OSError as error:
+            raise CodegenError(f'{folder / name}: {error.strerror}') from None
         run_tool(
-            [target.compiler, *target.flags, *WARNINGS, *extra_flags, *includes, '-c',
-             str((folder / name).resolve()), '-o', object_file(name)],
+            [target.compiler, *target.flags, *WARNINGS, *extra_flags, *includes, '-c', name,
+             '-o', object_file(name)],
             scratch,
         )  # fmt: skip
     run_tool(

@@ -42,15 +42,16 @@ def parameters(tmp_path):
 
 
 def test_it_writes_the_folder(tmp_path, parameters):
-    done = ballbot(
-        'codegen', '--output', tmp_path / 'c', '--params', parameters, '--mode', 'autonomous'
-    )
+    folder = tmp_path / 'my c'
+    done = ballbot('codegen', '--output', folder, '--params', parameters, '--mode', 'autonomous')
     assert done.returncode == 0, done.stderr
-    text = (tmp_path / 'c/ballbot_parameters.c').read_text()
+    text = (folder / 'ballbot_parameters.c').read_text()
     assert 'const float k_i = -0.008f;' in text
     assert 'const U8 autonomous = 1U;' in text
-    for line in done.stdout.splitlines()[:-1]:
-        assert line.startswith(str(tmp_path / 'c'))
+    *files, last = done.stdout.splitlines()
+    for line in files:
+        assert line.startswith(str(folder))
+    assert last.endswith(f"check with: ballbot codegen --check '{folder}'")
 
 
 def test_an_untouched_folder_is_equal_and_is_measured(tmp_path, parameters, few_sequences, capsys):

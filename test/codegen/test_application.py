@@ -63,6 +63,7 @@ def test_every_constant_is_exactly_the_single_or_integer_of_the_python_program(s
     typed = ControllerParameters.of(values)
     written = constants(values)
     assert written.pop('ts1') == ['4.0']
+    written['sound_freq'] = written.pop('sound_frq')
     assert written.keys() == ControllerParameters.__annotations__.keys()
     for name, texts in written.items():
         value = getattr(typed, name)
@@ -131,6 +132,20 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / 'file').write_text('')
     with pytest.raises(CodegenError, match=r'file.*(File exists|Not a directory)'):
         write_application(tmp_path / 'file', VALUES)
+
+
+def test_a_file_of_somebody_else_is_kept_and_one_of_before_is_written_anew(tmp_path):
+    write_application(tmp_path, values_of(CONTROLLER, k_i=-0.007))
+    (tmp_path / 'README.md').write_text('# My robot\n')
+    parameters = (tmp_path / 'ballbot_parameters.c').read_text()
+    with pytest.raises(CodegenError, match=r'README\.md: not written by ballbot codegen'):
+        write_application(tmp_path, VALUES)
+    assert (tmp_path / 'README.md').read_text() == '# My robot\n'
+    assert (tmp_path / 'ballbot_parameters.c').read_text() == parameters
+    (tmp_path / 'README.md').unlink()
+    write_application(tmp_path, VALUES)
+    files = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert files == application_files(VALUES)
 
 
 @pytest.mark.parametrize(

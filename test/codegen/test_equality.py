@@ -82,19 +82,13 @@ def test_the_golden_inputs(built, target, path):
     assert assert_equal(made, steps) == len(steps)
 
 
+@pytest.mark.parametrize('target', TARGETS)
 @pytest.mark.parametrize('parameters', range(RANDOM_SETS))
-def test_a_thousand_random_sequences(built, parameters):
-    made = built('c', values=random_values(parameters))
+def test_a_thousand_random_sequences(built, parameters, target):
+    made = built(target, values=random_values(parameters))
     for seed in range(SEQUENCES):
         wild = seed % 2 == 1
         assert_equal(made, random_steps(SEQUENCES * parameters + seed, TICKS, wild=wild))
-
-
-@pytest.mark.parametrize('parameters', range(5))
-def test_random_sequences_on_arm(built, parameters):
-    made = built('arm', values=random_values(parameters))
-    for seed in range(10):
-        assert_equal(made, random_steps(seed, 2 * TICKS, wild=seed % 2 == 1))
 
 
 def test_with_fused_multiply_add_in_the_processor(built):

@@ -25,6 +25,12 @@ def test_it_builds_without_a_warning(built, target):
     assert made.command
 
 
+def test_a_folder_that_was_built_with_the_platform_still_builds(built, tmp_path):
+    made = built('c')
+    (made.folder / 'kernel_id.h').write_text('#define task_init ((TaskType)0)\n')
+    assert build(made.folder, TARGETS['c'], tmp_path / 'again')
+
+
 @pytest.mark.parametrize('target', TARGETS)
 @pytest.mark.parametrize(
     ('right', 'slip'),
@@ -63,6 +69,14 @@ def test_the_only_doubles_round_the_logged_pitch(built):
     assert re.findall(r'\b\d+\.\d+(?![\dfe])', code) == ['0.5', '32767.0', '32768.0']
 
 
+def test_the_makefile_needs_no_flag_that_the_platforms_old_compiler_does_not_know(built):
+    made = built('arm')
+    assert 'FLAGS' not in (made.folder / 'Makefile').read_text()
+    contracted = built('arm', name='contracted', flags=('-ffp-contract=fast',))
+    for name in ('ballbot_controller.o', 'ballbot_parameters.o', 'ballbot_app.o'):
+        assert (made.scratch / name).read_bytes() == (contracted.scratch / name).read_bytes()
+
+
 def test_the_platform_finds_the_names_it_calls(built):
     need('arm')
     made = built('arm')
@@ -74,6 +88,15 @@ def test_the_platform_finds_the_names_it_calls(built):
     for name in ('ecrobot_device_initialize', 'ecrobot_device_terminate', 'user_1ms_isr_type2',
                  *(f'TaskMain_{task.name}' for task in made.tasks)):  # fmt: skip
         assert f' T {name}\n' in listing
+
+
+def test_a_constant_with_a_name_of_the_platforms_does_not_build(built, tmp_path):
+    made = built('c')
+    for name in ('ballbot_controller.c', 'ballbot_parameters.c', 'ballbot_parameters.h'):
+        path = made.folder / name
+        path.write_text(path.read_text().replace('sound_frq', 'sound_freq'))
+    with pytest.raises(CodegenError, match='sound_freq'):
+        build(made.folder, TARGETS['c'], tmp_path / 'taken')
 
 
 @pytest.fixture(scope='module')

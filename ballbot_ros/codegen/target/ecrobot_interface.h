@@ -34,6 +34,9 @@ void ecrobot_term_bt_connection(void);
 SINT ecrobot_sound_tone(U32 frequency_hz, U32 duration_ms, U32 volume);
 void ecrobot_status_monitor(const CHAR *name);
 
+/* Not for the program, but the platform's header declares it: no constant can have its name. */
+void sound_freq(U32 frequency_hz, U32 duration_ms);
+
 /* Hooks that the program defines. */
 void ecrobot_device_initialize(void);
 void ecrobot_device_terminate(void);

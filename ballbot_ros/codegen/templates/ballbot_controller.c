@@ -5,7 +5,8 @@
  *
  * Every float operation is one of IEEE single precision, in the order of the simulated
  * controller: addition is not associative, and the duties are to be the same to the bit.
- * Compile with -ffp-contract=off. The only doubles are those that round the logged pitch.
+ * For a processor with a fused multiply-add compile with -ffp-contract=off; the brick's has none.
+ * The only doubles are those that round the logged pitch.
  */
 #include <math.h>
 
@@ -266,7 +267,7 @@ TASK(task_ts3)
     }
 
     if ((calibrated != 0U) && (ballbot.calibrated == 0U)) {
-        (void)ecrobot_sound_tone(sound_freq, sound_dur, sound_volume);
+        (void)ecrobot_sound_tone(sound_frq, sound_dur, sound_volume);
     }
     ballbot.calibrated = calibrated;
     /* A tone in proportion to the distance, once the beep is over (section 10). */
