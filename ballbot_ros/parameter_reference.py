@@ -96,7 +96,7 @@ def _text(value: Value) -> str:
 
 def _allowed(row: Parameter) -> str:
     if row.choices:
-        return ', '.join(row.choices)
+        return row.choices_text
     if row.bounds:
         return f'{row.bounds[0]:g} … {row.bounds[1]:g}'
     return 'true, false' if isinstance(row.default, bool) else 'any text'

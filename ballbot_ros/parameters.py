@@ -58,8 +58,8 @@ class Parameter:
         ``'1'`` for a pure number, empty for text and switches.
     bounds : tuple of float or None
         Inclusive lower and upper bound of a number, or of each element of an array.
-    choices : tuple of str
-        The words a text may be; empty for any text.
+    choices : tuple
+        The words a text, or the numbers a whole number may be; empty for any.
     live : bool
         Whether a running node takes a new value; the others are read once at the start.
     """
@@ -69,7 +69,7 @@ class Parameter:
     default: Value
     unit: str
     bounds: tuple[float, float] | None
-    choices: tuple[str, ...]
+    choices: tuple[str | int, ...]
     description: str
     source: str
     live: bool
@@ -96,39 +96,54 @@ class Parameter:
         if isinstance(self.default, str):
             if not isinstance(value, str):
                 raise ParameterError(f'{name}: {value!r} is not text')
-            if self.choices and value not in self.choices:
-                words = ', '.join(self.choices)
-                raise ParameterError(f'{name}: {value!r} is not one of {words}')
-            return value
+            return str(self._choice(value, name))
         if isinstance(self.default, int):
             if isinstance(value, float) and value.is_integer():
                 value = int(value)
             if isinstance(value, bool) or not isinstance(value, int):
                 raise ParameterError(f'{name}: {value!r} is not a whole number')
-            return int(self._number(value, name))
+            return int(self._choice(value, name) if self.choices else self._number(value, name))
         return float(self._number(value, name))
+
+    def _choice(self, value: Any, name: str) -> Any:
+        if self.choices and value not in self.choices:
+            raise ParameterError(
+                f'{name}: {value!r} is not one of {self.choices_text}{self._spaced_unit}'
+            )
+        return value
+
+    @property
+    def choices_text(self) -> str:
+        """The choices in words."""
+        return ', '.join(map(str, self.choices))
+
+    @property
+    def _spaced_unit(self) -> str:
+        return '' if self.unit in ('', '1') else f' {self.unit}'
 
     def _number(self, value: Any, name: str) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ParameterError(f'{name}: {value!r} is not a number')
         low, high = self.bounds or (-math.inf, math.inf)
         if not low <= value <= high:
-            unit = '' if self.unit in ('', '1') else f' {self.unit}'
-            raise ParameterError(f'{name}: {value!r} is not within {low:g} … {high:g}{unit}')
+            raise ParameterError(
+                f'{name}: {value!r} is not within {low:g} … {high:g}{self._spaced_unit}'
+            )
         return value if isinstance(self.default, int) else float(value)
 
 
 def _rows(nodes: str | tuple[str, ...], *rows: tuple[Any, ...]) -> list[Parameter]:
     parameters = []
     for name, default, unit, allowed, description, source, *live in rows:
-        is_choice = allowed is not None and isinstance(allowed[0], str)
+        is_text = isinstance(default, str)
+        is_choice = allowed is not None and (is_text or len(allowed) > 2)
         parameters.append(
             Parameter(
                 nodes=(nodes,) if isinstance(nodes, str) else nodes,
                 name=name,
                 default=default,
                 unit=unit,
-                bounds=None if is_choice else allowed,
+                bounds=(allowed[0], allowed[-1]) if allowed and not is_text else None,
                 choices=allowed if is_choice else (),
                 description=description,
                 source=source,
@@ -141,6 +156,8 @@ def _rows(nodes: str | tuple[str, ...], *rows: tuple[Any, ...]) -> list[Paramete
 _ANY = (-1e9, 1e9)
 _COEFFICIENT = (0.0, 1.0)
 _UINT32 = (0, 2**32 - 1)
+# Whole ticks, of which the 100 ms on whose multiples runs begin are a multiple.
+_PERIODS = (4, 20, 100)
 
 # name, default, unit, bounds or choices, description, source[, live]
 TABLE: tuple[Parameter, ...] = (
@@ -303,6 +320,9 @@ TABLE: tuple[Parameter, ...] = (
         ('sound_volume', 70, '%', (0, 100), 'volume of that tone', '7.6'),
         ('tone_gain', 0, 'Hz/cm', (0, 55), 'tone in proportion to the distance; 0: none', '10'),
         ('log_count', 25, 'ticks', (1, 255), 'ticks from one log packet to the next', '7.4'),
+        ('ts2_period', 20, 'ms', _PERIODS, 'period of task_ts2: obstacles', '7.5'),
+        ('ts3_period', 100, 'ms', _PERIODS,
+         'period of task_ts3: operating state, battery, sound', '7.6'),
         ('lsb', 2.0**-10, 'deg', (1e-9, 1e3), 'value of one bit of the logged pitch', '7.4'),
         ('rejoin', False, '', None,
          'true: a controller started in mid-run begins afresh; false: it fails the run',

@@ -80,7 +80,8 @@ def test_every_number_has_a_unit_and_bounds_and_nothing_else_has(row):
     is_number = not isinstance(row.default, bool | str)
     assert bool(row.unit) == is_number
     assert bool(row.bounds) == is_number
-    assert not row.choices or isinstance(row.default, str)
+    assert not row.bounds or len(row.bounds) == 2
+    assert not row.choices or row.default in row.choices
 
 
 @each_row

@@ -19,7 +19,7 @@ from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.signals import PLANE_SIGNALS, PROGRAM_SIGNALS
 from ballbot_ros.controller.parameters import ControllerParameters
 from ballbot_ros.controller.program import LOWEST_TONE_HZ, VOLTAGE_OFFSET, VOLTAGE_SLOPE
-from ballbot_ros.controller.tasks import PROGRAM_NAME, TASKS, TaskTiming
+from ballbot_ros.controller.tasks import PROGRAM_NAME, TaskTiming
 from ballbot_ros.parameters import CONTROLLER
 
 PARAMETER_FILE = 'parameters.yaml'
@@ -61,13 +61,14 @@ def application_files(values: Mapping[str, Any]) -> dict[str, str]:
         keep_trailing_newline=True,
     )
     stamp = f'{_STAMP.decode()} {__version__}, parameters {parameter_hash(values)}.'
+    tasks = ControllerParameters.of(values).tasks
     context = {
         'stamp': stamp,
         'parameters': c_parameters(values),
         'plane_signals': PLANE_SIGNALS,
         'program_signals': PROGRAM_SIGNALS,
-        'tasks': TASKS,
-        'periods': {task.name: task.period_ms for task in TASKS},
+        'tasks': tasks,
+        'periods': {task.name: task.period_ms for task in tasks},
         'stack_size': STACK_BYTES,
         'mode': values['mode'],
         'time_start': values['time_start'],

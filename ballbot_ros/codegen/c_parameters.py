@@ -23,6 +23,7 @@ _INTEGERS = {
 }
 _NAMES = {'sound_freq': 'sound_frq'}
 """Where the platform has a function of a parameter's name: the source document's name for it."""
+_OF_THE_OIL_FILE = ('ts2_period', 'ts3_period')
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,8 @@ def c_parameters(values: Mapping[str, Any]) -> list[CParameter]:
         )
     ]
     for field in fields(ControllerParameters):
+        if field.name in _OF_THE_OIL_FILE:
+            continue
         value = getattr(typed, field.name)
         if field.name == 'autonomous':
             constants.append(_mode(value, rows['mode']))
@@ -74,8 +77,9 @@ def c_parameters(values: Mapping[str, Any]) -> list[CParameter]:
 
 
 def parameter_hash(values: Mapping[str, Any]) -> str:
-    """Return a hash over every constant of the generated program."""
-    text = '\n'.join(f'{each.declarator}={each.c_value}' for each in c_parameters(values))
+    """Return a hash over every constant and task of the generated program."""
+    lines = [f'{each.declarator}={each.c_value}' for each in c_parameters(values)]
+    text = '\n'.join([*lines, *map(str, ControllerParameters.of(values).tasks)])
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 from ballbot_ros.brick.brick import UINT32, DeviceInputs
 from ballbot_ros.brick.units import NO_DATA_CM, NO_ECHO_CM
-from ballbot_ros.controller.tasks import TS1_MS, TS2_MS, TS3_MS
+from ballbot_ros.controller.tasks import TS1_MS
 
 _OFFSET = 600
+_SONAR_MS, _BATTERY_MS = 20, 100
 _STEEPEST = 2**31 - 1
 
 
@@ -56,8 +57,8 @@ def random_steps(seed: int, ticks: int, *, wild: bool) -> Iterator[Step]:
         inputs = DeviceInputs(
             gyro=(gyro[0], gyro[1]),
             revolutions=(revolutions[0], revolutions[1]),
-            sonar_cm=_distance(draw) if elapsed % TS2_MS == 0 else None,
-            battery_mv=battery if elapsed % TS3_MS == 0 else None,
+            sonar_cm=_distance(draw) if elapsed % _SONAR_MS == 0 else None,
+            battery_mv=battery if elapsed % _BATTERY_MS == 0 else None,
             sticks=_sticks(draw, wild) if draw.random() < 0.2 else None,
         )
         yield Step(elapsed, (start + elapsed) & UINT32, inputs)

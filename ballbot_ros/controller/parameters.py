@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ballbot_ros.controller.tasks import TaskTiming, task_timings
+
 Single = np.float32
 
 
@@ -42,6 +44,8 @@ class ControllerParameters:
     sound_volume: int
     tone_gain: int
     log_count: int
+    ts2_period: int
+    ts3_period: int
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> ControllerParameters:
@@ -54,3 +58,8 @@ class ControllerParameters:
                 typed[name] = int(values[name])
         typed['k_f'] = tuple(Single(gain) for gain in values['k_f'])
         return cls(**typed)
+
+    @property
+    def tasks(self) -> tuple[TaskTiming, ...]:
+        """The tasks of the program."""
+        return task_timings(self.ts2_period, self.ts3_period)

@@ -12,7 +12,7 @@ from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controller.axis import ONE, ZERO, Axis
 from ballbot_ros.controller.interface import CALIBRATING, OUT_OF_CONTROL
 from ballbot_ros.controller.parameters import ControllerParameters, Single
-from ballbot_ros.controller.tasks import PROGRAM_NAME, TASKS, TS3_MS
+from ballbot_ros.controller.tasks import PROGRAM_NAME
 
 STOP, CALIBRATION, CONTROL = 0, 1, 2
 LOWEST_TONE_HZ = 31
@@ -84,7 +84,7 @@ class ControlProgram:
         self.log_counter = 0
         self.sticks = (0, 0)
         self.echo_time = 0
-        self.schedule = Schedule(Task(*timing, getattr(self, timing.name)) for timing in TASKS)
+        self.schedule = Schedule(Task(*timing, getattr(self, timing.name)) for timing in p.tasks)
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
@@ -155,7 +155,7 @@ class ControlProgram:
         p = self._p
         if p.tone_gain > 0 and 0 <= self.distance_cm < NO_ECHO_CM:
             frequency = max(LOWEST_TONE_HZ, p.tone_gain * self.distance_cm)
-            self.brick.sound_tone(frequency, TS3_MS, p.sound_volume)
+            self.brick.sound_tone(frequency, p.ts3_period, p.sound_volume)
 
     def task_lcd(self) -> None:
         """Refresh the display."""

@@ -26,13 +26,21 @@ class TaskTiming(NamedTuple):
     period_ms: int
 
 
-TS1_MS, TS2_MS, TS3_MS, LCD_MS = 4, 20, 100, 500
+TS1_MS = 4
+"""Period of task_ts1: the tick of the plant."""
 
-TASKS = (
-    TaskTiming('task_init', 5, 0),
-    TaskTiming('task_ts1', 4, TS1_MS),
-    TaskTiming('task_ts2', 3, TS2_MS),
-    TaskTiming('task_ts3', 2, TS3_MS),
-    TaskTiming('task_lcd', 1, LCD_MS),
-)
-"""The Python program's schedule and the generated OIL file are both made from this."""
+LCD_MS = 500
+
+
+def task_timings(ts2_ms: int, ts3_ms: int) -> tuple[TaskTiming, ...]:
+    """Return the tasks, whose periods are parameters but for those of task_ts1 and the display.
+
+    The Python program's schedule and the generated OIL file are both made from this.
+    """
+    return (
+        TaskTiming('task_init', 5, 0),
+        TaskTiming('task_ts1', 4, TS1_MS),
+        TaskTiming('task_ts2', 3, ts2_ms),
+        TaskTiming('task_ts3', 2, ts3_ms),
+        TaskTiming('task_lcd', 1, LCD_MS),
+    )

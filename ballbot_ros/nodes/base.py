@@ -135,7 +135,7 @@ class BallbotNode(Node):
             read_only=not row.live,
         )
         if row.choices:
-            descriptor.additional_constraints = f'one of {", ".join(row.choices)}'
+            descriptor.additional_constraints = f'one of {row.choices_text}'
         elif row.bounds and isinstance(row.default, int):
             descriptor.integer_range = [
                 IntegerRange(from_value=int(row.bounds[0]), to_value=int(row.bounds[1]))

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ballbot_ros.codegen.implementation import program_maker
-from ballbot_ros.controller.tasks import TS1_MS, TS2_MS, TS3_MS
+from ballbot_ros.controller.tasks import TS1_MS
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.conversions import stamp_ns, time_ns
 from ballbot_ros.messages.inputs import INPUTS, device_inputs
@@ -41,8 +41,9 @@ class Controller(BallbotNode):
         self._free_ticks = 0
         self._sticks_at = self._tick_at = time.monotonic()
         self._messages = ControllerMessages(self.output)
-        self._audits = {ms: TimerAudit(ms * MILLISECOND_NS) for ms in (TS1_MS, TS2_MS, TS3_MS)}
-        for period_ms, audit in self._audits.items():
+        self._periods_ms = (TS1_MS, self.values['ts2_period'], self.values['ts3_period'])
+        self._audits = [TimerAudit(period_ms * MILLISECOND_NS) for period_ms in self._periods_ms]
+        for period_ms, audit in zip(self._periods_ms, self._audits, strict=True):
             self.create_timer(period_ms * 1e-3, self._timer_callback(audit))
         if not self._lockstep:
             self.every(TS1_MS * 1e-3, self._free_tick)
@@ -80,7 +81,7 @@ class Controller(BallbotNode):
         self._start_ns = time_ns(header.stamp)
         self._next_ns = None
         self._program = self._make_program()
-        for audit in self._audits.values():
+        for audit in self._audits:
             audit.restart()
         if restarted and (self._gate.stamp(GYRO_IMU.name) or 0) > self._start_ns:
             # Another plant has begun at an earlier time.
@@ -144,10 +145,10 @@ class Controller(BallbotNode):
         """Return the counts of timers, overruns and repeated answers."""
         return {
             'operating state': self._messages.operating_state,
-            'timer callbacks 4/20/100 ms': '/'.join(
-                str(audit.fired) for audit in self._audits.values()
+            f'timer callbacks {"/".join(map(str, self._periods_ms))} ms': '/'.join(
+                str(audit.fired) for audit in self._audits
             ),
-            'timer disagreements': sum(a.disagreements for a in self._audits.values()),
+            'timer disagreements': sum(audit.disagreements for audit in self._audits),
             'overruns': self._overruns,
             'answers sent again': self._resent,
         }

@@ -8,18 +8,17 @@ from generated import random_values
 from robot import values_of
 
 import ballbot_ros
-from ballbot_ros.codegen import application
 from ballbot_ros.codegen.application import application_files, read_tasks, write_application
 from ballbot_ros.codegen.c_parameters import c_parameters, parameter_hash
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.signals import PLANE_SIGNALS, PROGRAM_SIGNALS
 from ballbot_ros.controller.parameters import ControllerParameters
 from ballbot_ros.controller.program import ControlProgram
-from ballbot_ros.controller.tasks import TASKS, TaskTiming
 from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameters import CONTROLLER
 
 VALUES = values_of(CONTROLLER)
+TASKS = ControllerParameters.of(VALUES).tasks
 CONSTANT = re.compile(r'^const \w+ (\w+)(?:\[\d+\])? = \{?([^;}]+)\}?;', re.MULTILINE)
 
 
@@ -64,7 +63,8 @@ def test_every_constant_is_exactly_the_single_or_integer_of_the_python_program(s
     written = constants(values)
     assert written.pop('ts1') == ['4.0']
     written['sound_freq'] = written.pop('sound_frq')
-    assert written.keys() == ControllerParameters.__annotations__.keys()
+    periods = {'ts2_period', 'ts3_period'}  # they stand in the OIL file
+    assert written.keys() | periods == ControllerParameters.__annotations__.keys()
     for name, texts in written.items():
         value = getattr(typed, name)
         if isinstance(value, tuple | np.floating):
@@ -101,14 +101,13 @@ def test_the_oil_file_has_the_tasks_of_the_schedule(tmp_path):
     assert text.count('ALARMTIME = 1;') == len(TASKS) - 1
 
 
-def test_a_changed_period_or_priority_changes_the_oil_file(tmp_path, monkeypatch):
-    changed = [
-        TaskTiming(task.name, task.priority + 1, 40 if task.period_ms == 20 else task.period_ms)
-        for task in TASKS
-    ]
-    monkeypatch.setattr(application, 'TASKS', changed)
-    write_application(tmp_path, VALUES)
-    assert read_tasks(tmp_path) == changed
+def test_a_changed_period_changes_oil_file_schedule_and_hash(tmp_path):
+    values = values_of(CONTROLLER, ts2_period=100, ts3_period=20)
+    write_application(tmp_path, values)
+    periods = {task.name: task.period_ms for task in read_tasks(tmp_path)}
+    assert (periods['task_ts1'], periods['task_ts2'], periods['task_ts3']) == (4, 100, 20)
+    assert {task.name: task.period_ms for task in ControlProgram(values).schedule.tasks} == periods
+    assert parameter_hash(values) != parameter_hash(VALUES)
 
 
 def test_the_dictionary_has_every_parameter_and_signal():

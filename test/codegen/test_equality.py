@@ -183,9 +183,13 @@ def test_duty_and_logged_pitch_saturate(built, target):
 
 
 @pytest.mark.parametrize('target', TARGETS)
-def test_a_changed_gain_changes_both(built, target):
+@pytest.mark.parametrize(
+    'changed', [{'k_i': -0.05}, {'a_d': 0.5}, {'ts2_period': 4, 'ts3_period': 20}],
+    ids=['gain', 'filter', 'periods'],
+)  # fmt: skip
+def test_a_changed_parameter_changes_both(built, target, changed):
     steps = list(random_steps(1, 300, wild=False))
-    made = built(target, k_i=-0.05)
+    made = built(target, **changed)
     assert_equal(made, steps)
     comparison = compare(values_of(CONTROLLER), made.program(), steps)
     assert comparison.difference
