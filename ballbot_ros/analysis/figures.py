@@ -79,13 +79,14 @@ def _draw_history(
         tidy(axes)
         for start, end, _ in spans:
             axes.axvspan(start, end, color=GRAY, alpha=0.12, linewidth=0.0)
-    rows[0].legend(loc='upper right', ncols=2, frameon=False)
     for start, end, name in spans:
         rows[0].annotate(
             name, ((start + end) / 2.0, 1.0), (0, 3), color=GRAY, fontsize='small',
             xycoords=('data', 'axes fraction'), textcoords='offset points', ha='center',
         )  # fmt: skip
     rows[2].set_xlabel('time [s]')
+    # Beside that label, where no curve is.
+    rows[2].legend(loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=2, frameon=False)
 
 
 def _draw_track(axes: Any, trajectory: Trajectory, floor_map: FloorMap | None) -> None:

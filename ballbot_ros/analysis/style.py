@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from io import BytesIO
 from typing import Any
 
@@ -16,19 +17,26 @@ PLANES = (
 """How the lines of planes x and y are drawn."""
 
 
+_TITLE_LETTERS_PER_INCH = 11
+
+
 def new_figure(width: float, height: float, title: str = '') -> Any:
-    """Return a figure of that size [inch]."""
+    """Return a figure of that size [inch], its title in as many lines as it needs."""
     # Here, not above: the import takes a second that no run should wait for at its start.
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout='constrained')
     if title:
-        figure.suptitle(title)
+        figure.suptitle(textwrap.fill(title, int(width * _TITLE_LETTERS_PER_INCH)))
     return figure
 
 
 def png_of(figure: Any) -> bytes:
     """Return a figure as PNG: a full disk then ends in one error, not in half a picture."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)  # The user's names may have a $, and no figure has a formula.
     buffer = BytesIO()
     figure.savefig(buffer, dpi=150)
     return buffer.getvalue()

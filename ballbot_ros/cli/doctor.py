@@ -15,17 +15,16 @@ from pathlib import Path
 from rich.console import Console
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.middleware import prepare_middleware
+from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
 from ballbot_ros.share import share_directory
 
 OLDEST_PYTHON = (3, 10)
 LEAST_FREE_BYTES = 200e6
 DISCOVERY_S = 5.0
 DDS_PORT_BASE, PORTS_PER_DOMAIN = 7400, 250
-LARGEST_DOMAIN = 232
 
 
-class _FailedCheckError(Exception):
+class _FailedCheckError(BallbotError):
     """A check that failed, and what to do."""
 
 
@@ -36,7 +35,7 @@ def examine() -> int:
     for name, check in _CHECKS.items():
         try:
             console.print(f'[green]OK  [/] {name:<10} {check()}', soft_wrap=True)
-        except _FailedCheckError as problem:
+        except BallbotError as problem:
             sick = True
             console.print(f'[red]FAIL[/] {name:<10} {problem}', soft_wrap=True)
     return int(sick)
@@ -81,16 +80,12 @@ def _rmw() -> str:
 
 
 def _domain() -> str:
-    text = os.environ.get('ROS_DOMAIN_ID', '0')
-    if not text.isdigit() or int(text) > LARGEST_DOMAIN:
-        raise _FailedCheckError(f'ROS_DOMAIN_ID={text}: set a number within 0 … {LARGEST_DOMAIN}')
     reach = os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'not set: runs use LOCALHOST')
-    return f'ROS_DOMAIN_ID {text}, ROS_AUTOMATIC_DISCOVERY_RANGE {reach}'
+    return f'ROS_DOMAIN_ID {ros_domain()}, ROS_AUTOMATIC_DISCOVERY_RANGE {reach}'
 
 
 def _ports() -> str:
-    domain = _number(os.environ.get('ROS_DOMAIN_ID', '0'))
-    port = DDS_PORT_BASE + PORTS_PER_DOMAIN * domain
+    port = DDS_PORT_BASE + PORTS_PER_DOMAIN * ros_domain()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         # Discovery shares its multicast port among participants; another program may not.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -101,10 +96,6 @@ def _ports() -> str:
                 f'UDP {port}: {error.strerror}: use another ROS_DOMAIN_ID'
             ) from None
     return f'UDP {port} and above are free for discovery'
-
-
-def _number(text: str) -> int:
-    return int(text) if text.isdigit() else 0
 
 
 def _discovery() -> str:

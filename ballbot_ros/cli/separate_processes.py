@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -13,8 +12,8 @@ from ballbot_ros.cli.graph import graph_parameters, ros, write_attachments
 from ballbot_ros.cli.graph_monitor import GraphMonitor
 from ballbot_ros.cli.node_process import NodeProcess, stop_all
 from ballbot_ros.cli.progress import Progress
-from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.domain_lock import DomainLock
+from ballbot_ros.nodes.middleware import ros_domain
 from ballbot_ros.parameter_file import write_parameter_file
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS
@@ -80,21 +79,13 @@ def start_nodes(
     BallbotError
         If another plant has the domain: nodes started into its graph would answer its samples.
     """
-    lock = DomainLock(_ros_domain())
+    lock = DomainLock(ros_domain())
     try:
         for name in names:
             handed_on = lock if name == PLANT else None
             processes[name] = NodeProcess(name, parameter_file, notice, handed_on)
     finally:
         lock.release()
-
-
-def _ros_domain() -> int:
-    """Return the number of the ROS domain."""
-    text = os.environ.get('ROS_DOMAIN_ID') or '0'
-    if not text.isdecimal():
-        raise BallbotError(f'ROS_DOMAIN_ID={text}: not a number')
-    return int(text)
 
 
 def watch(

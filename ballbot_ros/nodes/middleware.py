@@ -4,12 +4,38 @@ from __future__ import annotations
 
 import os
 
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.share import share_directory
 
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 """Environment variable: Fast DDS's profiles. Other middleware does not look at it."""
 
+DOMAIN = 'ROS_DOMAIN_ID'
+LARGEST_DOMAIN = 232
+"""Beyond it there are no ports, and the middleware ends the process."""
+
+
+def ros_domain() -> int:
+    """Return the number of the ROS domain.
+
+    Raises
+    ------
+    BallbotError
+        If the environment variable :data:`DOMAIN` is no number of a domain.
+    """
+    text = os.environ.get(DOMAIN) or '0'
+    if not text.isdecimal() or int(text) > LARGEST_DOMAIN:
+        raise BallbotError(f'{DOMAIN}={text}: set a number within 0 … {LARGEST_DOMAIN}')
+    return int(text)
+
 
 def prepare_middleware() -> None:
-    """Have participants find each other soon, unless the user has profiles of their own."""
+    """Have participants find each other soon, unless the user has profiles of their own.
+
+    Raises
+    ------
+    BallbotError
+        If there is no such ROS domain.
+    """
+    ros_domain()
     os.environ.setdefault(PROFILES, str(share_directory() / 'config' / 'fastdds.xml'))

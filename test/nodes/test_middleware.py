@@ -8,7 +8,8 @@ from itertools import pairwise
 import pytest
 from graph import bound_s
 
-from ballbot_ros.nodes.middleware import PROFILES, prepare_middleware
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.middleware import DOMAIN, PROFILES, prepare_middleware, ros_domain
 from ballbot_ros.parameters import GYRO
 
 INITIAL_ANNOUNCEMENTS = 6
@@ -36,3 +37,16 @@ def test_profiles_of_the_user_stay(monkeypatch):
     monkeypatch.setenv(PROFILES, 'mine.xml')
     prepare_middleware()
     assert os.environ[PROFILES] == 'mine.xml'
+
+
+@pytest.mark.parametrize('text', ['abc', '-1', '1e2', '233'])
+def test_what_is_no_domain_is_told_before_ros_begins(text, monkeypatch):
+    monkeypatch.setenv(DOMAIN, text)
+    with pytest.raises(BallbotError, match=rf'^{DOMAIN}={text}: set a number within 0 … 232$'):
+        prepare_middleware()
+
+
+@pytest.mark.parametrize(('text', 'domain'), [('', 0), ('7', 7), ('232', 232)])
+def test_the_domain_is_that_of_the_environment(text, domain, monkeypatch):
+    monkeypatch.setenv(DOMAIN, text)
+    assert ros_domain() == domain

@@ -1,0 +1,54 @@
+"""The picture beside a recording: everything written on it can be read."""
+
+import numpy as np
+import pytest
+
+from ballbot_ros.analysis import figures
+from ballbot_ros.scenario.library import load_scenario, scenario_names
+from ballbot_ros.scenario.signal import Segment
+from ballbot_ros.simulation.trajectory import Trajectory
+
+LONGEST = max((f'{name}: {load_scenario(name).purpose}' for name in scenario_names()), key=len)
+
+
+@pytest.fixture
+def draw(tmp_path, monkeypatch):
+    """Return a function that draws a trajectory and gives back the figure as drawn."""
+    drawn = []
+
+    def keep(figure):
+        drawn.append(figure)
+        return png_of(figure)
+
+    png_of = figures.png_of
+    monkeypatch.setattr(figures, 'png_of', keep)
+
+    def draw(title='', segments=()):
+        time = np.linspace(0.0, 2.0, 501)
+        # Full to every corner: a curve is wherever a legend might be.
+        waves = np.stack([np.sin(20.0 * time), np.cos(20.0 * time)], axis=1) * 0.02
+        trajectory = Trajectory(time, waves, waves, (waves * 5000.0).astype(np.int8))
+        figures.draw_motion(trajectory, tmp_path / 'run.png', title, 1.0, segments)
+        drawn[-1].draw_without_rendering()  # Where things are, at the figure's own resolution.
+        return drawn[-1]
+
+    return draw
+
+
+def test_the_longest_shipped_heading_is_not_cut_off(draw):
+    figure = draw(LONGEST)
+    extent = figure._suptitle.get_window_extent()
+    assert 0.0 <= extent.x0 < extent.x1 <= figure.bbox.x1
+    assert ' '.join(figure.get_suptitle().split()) == LONGEST
+
+
+def test_the_legend_covers_no_curve(draw):
+    axes = draw().axes
+    legends = [each.get_legend() for each in axes if each.get_legend()]
+    assert legends
+    for legend in legends:
+        assert not any(legend.get_window_extent().overlaps(each.bbox) for each in axes)
+
+
+def test_a_dollar_is_a_dollar(draw):
+    draw(r'costs $5^ or {$6_', [Segment(r'$\forward$', ((0.5, 0.0), (1.5, 10.0)))])
