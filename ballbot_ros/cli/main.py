@@ -8,71 +8,17 @@ import sys
 # Matrices of four rows need no threads of their own, which would spin beside the nodes.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-import click
-
-from ballbot_ros import __version__
-from ballbot_ros.cli import commands, recording_commands
-from ballbot_ros.errors import BallbotError
-
-
-class _RunByDefault(click.Group):
-    """A word that is no command is a scenario: `ballbot stationary` is `ballbot run stationary`."""
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and args[0] not in self.commands and not args[0].startswith('-'):
-            args = ['run', *args]
-        return super().resolve_command(ctx, args)
-
-
-@click.group(
-    cls=_RunByDefault,
-    context_settings={'help_option_names': ['-h', '--help'], 'max_content_width': 100},
-)
-@click.version_option(__version__, prog_name='ballbot')
-def ballbot() -> None:
-    """Simulate, measure and record the LEGO NXT Ballbot."""
-
-
-for command in (
-    commands.run,
-    commands.drive,
-    commands.scenarios,
-    recording_commands.report,
-    recording_commands.compare,
-    recording_commands.view,
-    recording_commands.render,
-    recording_commands.replay,
-    recording_commands.info,
-    recording_commands.play,
-    recording_commands.export,
-    recording_commands.repair,
-    recording_commands.log2csv,
-    commands.map_command,
-    commands.design,
-    commands.codegen,
-    commands.doctor,
-):
-    ballbot.add_command(command)
-
 
 def main() -> None:
-    """Run the command; a user's mistake ends in one line and status 2."""
+    """Run the command, and end with its exit status."""
     try:
-        status = ballbot(prog_name='ballbot', standalone_mode=False)
-    except click.exceptions.NoArgsIsHelpError as error:
-        click.echo(error.format_message())
-        sys.exit(2)
-    except click.ClickException as error:
-        click.echo(f'error: {" ".join(error.format_message().split())}', err=True)
-        sys.exit(2)
-    except BallbotError as error:
-        click.echo(f'error: {error}', err=True)
-        sys.exit(2)
-    except (click.Abort, KeyboardInterrupt):
-        sys.exit(130)
-    sys.exit(status if isinstance(status, int) else 0)
+        # Here, for Ctrl-C to end the command as quietly while the modules load as it does later.
+        from ballbot_ros.cli.command import invoke
+
+        status = invoke()
+    except KeyboardInterrupt:
+        status = 130
+    sys.exit(status)
 
 
 if __name__ == '__main__':

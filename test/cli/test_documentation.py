@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from ballbot_ros.cli.main import ballbot
+from ballbot_ros.cli.command import ballbot
 from ballbot_ros.parameters import ALL_NODES
 from ballbot_ros.scenario.library import scenario_names
 
