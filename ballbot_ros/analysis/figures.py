@@ -86,7 +86,10 @@ def _draw_history(
         )  # fmt: skip
     rows[2].set_xlabel('time [s]')
     # Beside that label, where no curve is.
-    rows[2].legend(loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=2, frameon=False)
+    rows[2].legend(
+        handles=rows[2].get_lines()[::-1],
+        loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=2, frameon=False,
+    )  # fmt: skip
 
 
 def _draw_track(axes: Any, trajectory: Trajectory, floor_map: FloorMap | None) -> None:
