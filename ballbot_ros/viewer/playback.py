@@ -115,10 +115,10 @@ class Playback:
         step = max(1, math.ceil((last - first) / _SAMPLES))
         return np.arange(first, last + 1, step)
 
-    def way(self, time: float, height: float) -> list[tuple[float, float, float]]:
-        """Return the trail from the start to `time`, at that height in ``map`` [m]."""
+    def way(self, time: float) -> list[tuple[float, float]]:
+        """Return the trail from the start to `time`, x and y in ``map`` [m]."""
         points = self._run.trajectory.position[self._ticks(0, self._tick(time))].tolist()
-        return [(x, -y, height) for x, y in points]
+        return [(x, -y) for x, y in points]
 
 
 def _held(series: Series | None, times: NDArray[np.float64]) -> NDArray[np.float64]:

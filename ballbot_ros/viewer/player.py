@@ -11,7 +11,6 @@ from ballbot_ros.viewer.playback import Playback
 
 RATES = {'0.1×': 0.1, '0.5×': 0.5, '1×': 1.0, '2×': 2.0, '5×': 5.0}
 _RATES_WITH_TONES = (0.5, 1.0, 2.0)
-TRAIL_HEIGHT = 2e-3
 
 
 class Clock:
@@ -107,7 +106,7 @@ class Player:
         self._page.look(now)
         if panel:
             for robot, run in zip(self._robots, self._runs, strict=True):
-                robot.trace(run.way(time, TRAIL_HEIGHT))
+                robot.trace(run.way(time))
             self._panel.show(now, self._runs[0].trace(time))
             self._slider.value = round(time, 2)
             self._button.label = 'Pause' if self.clock.is_playing else 'Play'

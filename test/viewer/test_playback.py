@@ -57,7 +57,7 @@ def test_plots_end_at_the_cursor(run):
     trace = run.trace(9.5)
     assert trace[-1, 0] == pytest.approx(9.5, abs=0.02)
     assert trace[-1, 0] - trace[0, 0] <= WINDOW_S
-    assert len(run.way(9.5, 0.0)) <= 601
+    assert len(run.way(9.5)) <= 601
 
 
 def test_the_clock_stops_at_the_end_and_begins_again():
