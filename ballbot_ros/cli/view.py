@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from ballbot_ros.cli.file_progress import file_progress
-from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.stop_request import StopRequest, interrupted_later
 from ballbot_ros.viewer.address import check_address, require_viser, warning_of
 from ballbot_ros.viewer.playback import Playback
 
@@ -23,8 +23,9 @@ def view_recordings(paths: Sequence[Path], host: str, port: int) -> int:
         with file_progress(path.name) as progress:
             runs.append(Playback(path, progress))
     # Only here: what viser brings with it takes a second to import.
-    from ballbot_ros.viewer.page import UPDATE_S, Page
-    from ballbot_ros.viewer.player import Player
+    with interrupted_later():
+        from ballbot_ros.viewer.page import UPDATE_S, Page
+        from ballbot_ros.viewer.player import Player
 
     page = Page(runs[0].dimensions, ' and '.join(run.name for run in runs), host, port)
     player = Player(page, runs)

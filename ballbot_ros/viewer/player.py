@@ -77,8 +77,8 @@ class Player:
         self._button.on_click(lambda _: self.clock.toggle())
         rate.on_click(lambda event: self._set_rate(str(event.target.value)))
         self._robots = [
-            page.scene.add_robot(name, page.dimensions, ghost=name != 'robot')
-            for name, _ in zip(('robot', 'ghost'), runs, strict=False)
+            page.scene.add_robot(name, run.dimensions, ghost=name != 'robot')
+            for name, run in zip(('robot', 'ghost'), runs, strict=False)
         ]
         page.show_floor(runs[0].floor_map, runs[0].start)
         self._updates = 0

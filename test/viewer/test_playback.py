@@ -7,7 +7,7 @@ import pytest
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.brick import Tone
-from ballbot_ros.viewer.address import check_address, warning_of
+from ballbot_ros.viewer.address import check_address, location, warning_of
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.live_controls import Sticks
 from ballbot_ros.viewer.playback import Playback
@@ -109,6 +109,11 @@ def test_a_taken_port_is_one_line():
         check_address('host.invalid', 0)
 
 
+def test_an_address_of_version_6_stands_in_brackets():
+    assert location('127.0.0.1', 80) == '127.0.0.1:80'
+    assert location('::1', 80) == '[::1]:80'
+
+
 def test_a_page_for_the_network_warns():
     assert warning_of('127.0.0.1') == ''
     assert 'everybody' in warning_of('0.0.0.0')
@@ -120,6 +125,7 @@ def test_a_page_for_the_network_warns():
         (['view', 'missing.mcap'], 'missing.mcap'),
         (['render', 'missing.mcap', '--output', 'x.avi'], 'ends in none of .png, .gif, .mp4'),
         (['render', 'missing.mcap', '--output', 'x.gif', '--time', '1'], '--time goes with a .png'),
+        (['render', 'missing.mcap', '--output', 'folder.png'], 'a folder, not a file to write'),
         (
             ['run', 'stationary', '--viewer', '--processes', 'none'],
             'goes with --processes separate',
@@ -127,9 +133,11 @@ def test_a_page_for_the_network_warns():
         (['run', 'stationary', '--viewer', '--set', 'viewer.port=70000'], 'is not within'),
     ],
 )
-def test_a_mistake_is_one_line(words, told, monkeypatch, capsys):
+def test_a_mistake_is_one_line(words, told, monkeypatch, capsys, tmp_path):
     from ballbot_ros.cli.main import main
 
+    (tmp_path / 'folder.png').mkdir()
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr('sys.argv', ['ballbot', *words])
     with pytest.raises(SystemExit) as ended:
         main()
@@ -137,6 +145,18 @@ def test_a_mistake_is_one_line(words, told, monkeypatch, capsys):
     assert ended.value.code == 2
     assert told in error
     assert error.count('\n') == 1
+
+
+def test_a_time_that_is_not_in_the_run_is_refused(recording, tmp_path, monkeypatch, capsys):
+    from ballbot_ros.cli.main import main
+
+    monkeypatch.setattr('ballbot_ros.cli.render.browser_program', str)
+    for time in ('nan', '10.5'):
+        words = ['ballbot', 'render', str(recording), '--output', str(tmp_path / 'x.png')]
+        monkeypatch.setattr('sys.argv', [*words, '--time', time])
+        with pytest.raises(SystemExit):
+            main()
+        assert f'--time {time}: the run ends at' in capsys.readouterr().err
 
 
 def test_without_viser_there_is_a_hint(monkeypatch, capsys, recording):
