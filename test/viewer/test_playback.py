@@ -3,6 +3,7 @@
 import json
 import socket
 
+import numpy as np
 import pytest
 
 from ballbot_ros.analysis.run_data import read_run
@@ -157,6 +158,24 @@ def test_a_time_that_is_not_in_the_run_is_refused(recording, tmp_path, monkeypat
         with pytest.raises(SystemExit):
             main()
         assert f'--time {time}: the run ends at' in capsys.readouterr().err
+
+
+def test_a_film_that_is_interrupted_leaves_what_was_there(run, tmp_path, monkeypatch):
+    from ballbot_ros.viewer import render
+
+    def interrupted(*_):
+        yield np.zeros((render.HEIGHT, render.WIDTH, 3), np.uint8)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(render, 'pictures', interrupted)
+    output = tmp_path / 'run.gif'
+    output.write_text('another')
+    with pytest.raises(KeyboardInterrupt):
+        render.render(run, 'top', output, 1.0)
+    assert output.read_text() == 'another'
+    assert list(tmp_path.iterdir()) == [output]
+    with pytest.raises(ViewerError, match=r'nowhere/run.gif: No such file or directory$'):
+        render.render(run, 'top', tmp_path / 'nowhere/run.gif', 1.0)
 
 
 def test_without_viser_there_is_a_hint(monkeypatch, capsys, recording):
