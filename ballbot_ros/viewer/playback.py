@@ -38,6 +38,8 @@ class Playback:
     name : str
     end : float
         Time of the last tick [s].
+    damage : str or None
+        What the reader found missing in the file.
     dimensions : Dimensions
     floor_map : FloorMap or None
     start : tuple of float
@@ -59,6 +61,7 @@ class Playback:
             raise ViewerError(f'{path}: the pose is not in it: nothing to show')
         self.name = run.name
         self.end = run.end
+        self.damage = run.damage
         self.dimensions = select(Dimensions, run.plant)
         self.floor_map = _floor_map(run)
         x, y = run.trajectory.position[0].tolist()

@@ -8,6 +8,7 @@ import pytest
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.brick import Tone
+from ballbot_ros.cli.reading import read_playback
 from ballbot_ros.viewer.address import check_address, location, warning_of
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.live_controls import Sticks
@@ -59,6 +60,15 @@ def test_plots_end_at_the_cursor(run):
     assert trace[-1, 0] == pytest.approx(9.5, abs=0.02)
     assert trace[-1, 0] - trace[0, 0] <= WINDOW_S
     assert len(run.way(9.5)) <= 601
+
+
+def test_a_file_that_ends_early_is_shown_up_to_there(recording, tmp_path, capsys):
+    path = tmp_path / 'cut.mcap'
+    path.write_bytes(recording.read_bytes()[:300_000])
+    assert 1.0 < read_playback(path).end < 9.0
+    assert f'{path}: cut off at byte 300000; the run is shown up to' in capsys.readouterr().err
+    read_playback(recording)
+    assert capsys.readouterr().err == ''
 
 
 def test_the_clock_stops_at_the_end_and_begins_again():
