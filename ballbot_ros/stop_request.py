@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
@@ -52,3 +53,16 @@ class StopRequest:
         if not self.signal:
             self.signal = number
             self._then()
+
+
+@contextmanager
+def interrupted_later() -> Iterator[None]:
+    """Let an interruption from the keyboard within the block count at its end.
+
+    For imports: trimesh, for one, takes an interruption of its own for a part that is missing, and
+    the program would go on.
+    """
+    with StopRequest(numbers=(signal.SIGINT,)) as stop:
+        yield
+    if stop.signal:
+        raise KeyboardInterrupt

@@ -2,7 +2,9 @@
 
 import signal
 
-from ballbot_ros.stop_request import StopRequest
+import pytest
+
+from ballbot_ros.stop_request import StopRequest, interrupted_later
 
 
 def test_a_signal_is_noted_and_told_once():
@@ -28,3 +30,15 @@ def test_the_handlers_of_before_come_back():
     with StopRequest():
         assert signal.getsignal(signal.SIGTERM) != before
     assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_an_interruption_that_the_block_would_swallow_counts_after_it():
+    def interrupted():
+        with interrupted_later():
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt:
+                pytest.fail('not held back')
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()

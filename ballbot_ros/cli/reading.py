@@ -1,12 +1,15 @@
-"""Reading and measuring a recorded run for a command."""
+"""Reading a recorded run for a command, to be measured or shown."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import click
+
 from ballbot_ros.analysis.assessment import Assessment, assess
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.cli.file_progress import file_progress
+from ballbot_ros.viewer.playback import Playback
 
 
 def read_and_assess(path: Path, number: int | None = None) -> Assessment:
@@ -15,3 +18,12 @@ def read_and_assess(path: Path, number: int | None = None) -> Assessment:
         run = read_run(path, number, progress)
     with file_progress(f'{path.name}: measuring'):
         return assess(run)
+
+
+def read_playback(path: Path) -> Playback:
+    """Read a run to be shown; say so if its file is damaged."""
+    with file_progress(path.name) as progress:
+        run = Playback(path, progress)
+    if run.damage:
+        click.echo(f'{path}: {run.damage}; the run is shown up to {run.end:.3f} s', err=True)
+    return run

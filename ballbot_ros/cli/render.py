@@ -7,10 +7,11 @@ from pathlib import Path
 import click
 
 from ballbot_ros.cli.file_progress import file_progress
+from ballbot_ros.cli.reading import read_playback
+from ballbot_ros.stop_request import interrupted_later
 from ballbot_ros.viewer.address import require_viser
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
-from ballbot_ros.viewer.playback import Playback
 
 SUFFIXES = ('.png', '.gif', '.mp4')
 
@@ -19,17 +20,19 @@ def render_recording(recording: Path, view: str, output: Path, moment: float | N
     """Write the picture or the film, and say where it is."""
     if output.suffix not in SUFFIXES:
         raise ViewerError(f'--output {output}: ends in none of {", ".join(SUFFIXES)}')
+    if output.is_dir():
+        raise ViewerError(f'--output {output}: a folder, not a file to write')
     if moment is not None and output.suffix != '.png':
         raise ViewerError(f'--time goes with a .png; {output.name} shows the whole run')
     require_viser()
     browser_program()
-    with file_progress(recording.name) as progress:
-        run = Playback(recording, progress)
-    if moment is not None and moment > run.end:
+    run = read_playback(recording)
+    if moment is not None and not moment <= run.end:  # nor is it NaN
         raise ViewerError(f'--time {moment:g}: the run ends at {run.end:g} s')
     # Only here: what viser brings with it takes a second to import.
     try:
-        from ballbot_ros.viewer.render import render
+        with interrupted_later():
+            from ballbot_ros.viewer.render import render
     except ImportError as error:
         raise ViewerError(
             f'pictures lack a package ({error}): pip install "ballbot_ros[viewer]"'

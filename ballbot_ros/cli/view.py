@@ -8,23 +8,20 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.file_progress import file_progress
-from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.cli.reading import read_playback
+from ballbot_ros.stop_request import StopRequest, interrupted_later
 from ballbot_ros.viewer.address import check_address, require_viser, warning_of
-from ballbot_ros.viewer.playback import Playback
 
 
 def view_recordings(paths: Sequence[Path], host: str, port: int) -> int:
     """Serve the page until told to stop; return the exit status."""
     require_viser()
     check_address(host, port)
-    runs = []
-    for path in paths:
-        with file_progress(path.name) as progress:
-            runs.append(Playback(path, progress))
+    runs = [read_playback(path) for path in paths]
     # Only here: what viser brings with it takes a second to import.
-    from ballbot_ros.viewer.page import UPDATE_S, Page
-    from ballbot_ros.viewer.player import Player
+    with interrupted_later():
+        from ballbot_ros.viewer.page import UPDATE_S, Page
+        from ballbot_ros.viewer.player import Player
 
     page = Page(runs[0].dimensions, ' and '.join(run.name for run in runs), host, port)
     player = Player(page, runs)

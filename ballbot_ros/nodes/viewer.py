@@ -101,6 +101,7 @@ class Viewer(BallbotNode):
         self._robot.show(now)
         self._page.look(now)
         if self._updates % self._panel_period == 0:
+            self._robot.trace(self._history.way())
             self._panel.show(now, self._history.trace(), self._factor(now.time))
             self._controls.offer_scenarios(offer=self._requests.can_start)
 
@@ -111,7 +112,6 @@ class Viewer(BallbotNode):
         the map that has them.
         """
         self._history.clear()
-        self._robot.trace([])
         floor = self._floor
         if floor is None and published is not None:
             floor = floor_map_of(map_grid(published))
@@ -142,6 +142,8 @@ class Viewer(BallbotNode):
     def _factor(self, sim_time: float) -> float:
         """Return the speed over the last second, in times real time."""
         now = time.monotonic()
+        if self._ticks and sim_time < self._ticks[-1][1]:
+            self._ticks.clear()  # another run, or a player that has leapt back
         self._ticks.append((now, sim_time))
         while now - self._ticks[0][0] > _FACTOR_SPAN_S:
             self._ticks.pop(0)

@@ -41,9 +41,14 @@ def check_address(host: str, port: int) -> None:
             probe.bind(address)
     except OSError as error:
         raise ViewerError(
-            f'the viewer cannot be served on {host}:{port}: {error.strerror}; '
+            f'the viewer cannot be served on {location(host, port)}: {error.strerror}; '
             'choose another host or port (port 0: a free one)'
         ) from None
+
+
+def location(host: str, port: int) -> str:
+    """Return host and port as a URL has them."""
+    return f'[{host}]:{port}' if ':' in host else f'{host}:{port}'
 
 
 def warning_of(host: str) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from ballbot_ros.viewer.address import check_address
+from ballbot_ros.viewer.address import check_address, location
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.robot import Dimensions
 from ballbot_ros.viewer.scene import Robot, Scene
@@ -80,7 +80,7 @@ class Page:
     @property
     def address(self) -> str:
         """Where the page is."""
-        return f'http://{self._host}:{self.server.get_port()}'
+        return f'http://{location(self._host, self.server.get_port())}'
 
     @property
     def dimensions(self) -> Dimensions:

@@ -38,6 +38,8 @@ class Playback:
     name : str
     end : float
         Time of the last tick [s].
+    damage : str or None
+        What the reader found missing in the file.
     dimensions : Dimensions
     floor_map : FloorMap or None
     start : tuple of float
@@ -59,6 +61,7 @@ class Playback:
             raise ViewerError(f'{path}: the pose is not in it: nothing to show')
         self.name = run.name
         self.end = run.end
+        self.damage = run.damage
         self.dimensions = select(Dimensions, run.plant)
         self.floor_map = _floor_map(run)
         x, y = run.trajectory.position[0].tolist()
@@ -115,10 +118,10 @@ class Playback:
         step = max(1, math.ceil((last - first) / _SAMPLES))
         return np.arange(first, last + 1, step)
 
-    def way(self, time: float, height: float) -> list[tuple[float, float, float]]:
-        """Return the trail from the start to `time`, at that height in ``map`` [m]."""
+    def way(self, time: float) -> list[tuple[float, float]]:
+        """Return the trail from the start to `time`, x and y in ``map`` [m]."""
         points = self._run.trajectory.position[self._ticks(0, self._tick(time))].tolist()
-        return [(x, -y, height) for x, y in points]
+        return [(x, -y) for x, y in points]
 
 
 def _held(series: Series | None, times: NDArray[np.float64]) -> NDArray[np.float64]:

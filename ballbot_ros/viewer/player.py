@@ -11,7 +11,6 @@ from ballbot_ros.viewer.playback import Playback
 
 RATES = {'0.1×': 0.1, '0.5×': 0.5, '1×': 1.0, '2×': 2.0, '5×': 5.0}
 _RATES_WITH_TONES = (0.5, 1.0, 2.0)
-TRAIL_HEIGHT = 2e-3
 
 
 class Clock:
@@ -78,8 +77,8 @@ class Player:
         self._button.on_click(lambda _: self.clock.toggle())
         rate.on_click(lambda event: self._set_rate(str(event.target.value)))
         self._robots = [
-            page.scene.add_robot(name, page.dimensions, ghost=name != 'robot')
-            for name, _ in zip(('robot', 'ghost'), runs, strict=False)
+            page.scene.add_robot(name, run.dimensions, ghost=name != 'robot')
+            for name, run in zip(('robot', 'ghost'), runs, strict=False)
         ]
         page.show_floor(runs[0].floor_map, runs[0].start)
         self._updates = 0
@@ -107,7 +106,7 @@ class Player:
         self._page.look(now)
         if panel:
             for robot, run in zip(self._robots, self._runs, strict=True):
-                robot.trace(run.way(time, TRAIL_HEIGHT))
+                robot.trace(run.way(time))
             self._panel.show(now, self._runs[0].trace(time))
             self._slider.value = round(time, 2)
             self._button.label = 'Pause' if self.clock.is_playing else 'Play'

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import imageio
@@ -81,6 +82,8 @@ def render(
 ) -> None:
     """Write a picture (.png) of the run at `moment` [s], or a film (.mp4, .gif) of all of it.
 
+    The file is there when it is whole; until then one of that name stays as it is.
+
     Raises
     ------
     ViewerError
@@ -90,12 +93,15 @@ def render(
     times = [moment] if rate is None else np.arange(0.0, run.end, 1.0 / rate).tolist()
     shots = [(view, time) for time in times]
     try:
-        with _writer(output, rate) as writer:
-            for number, picture in enumerate(pictures(run, shots), 1):
-                writer.append_data(picture)
-                progress(number, len(shots))
+        with TemporaryDirectory(prefix='.ballbot_', dir=output.parent) as folder:
+            unfinished = Path(folder) / output.name
+            with _writer(unfinished, rate) as writer:
+                for number, picture in enumerate(pictures(run, shots), 1):
+                    writer.append_data(picture)
+                    progress(number, len(shots))
+            unfinished.replace(output)
     except (OSError, ImportError, ValueError) as error:
-        reason = ' '.join(str(error).split())
+        reason = getattr(error, 'strerror', None) or ' '.join(str(error).split())
         raise ViewerError(f'{output}: {reason}') from None
 
 

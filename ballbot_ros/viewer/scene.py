@@ -16,7 +16,6 @@ from ballbot_ros.viewer.robot import (
     BODY,
     LCD_SIZE,
     LINKS,
-    TRAIL_STEP,
     WHEEL_X,
     WHEEL_Y,
     Dimensions,
@@ -33,10 +32,6 @@ from ballbot_ros.world.floor_map import CELL_M, FloorMap
 
 SKY_RADIUS = 40.0
 GHOST_OPACITY = 0.35
-
-TRAIL_POINTS = 2000
-TRAIL_PERIOD = 10
-"""Updates of the robot between two of its trail, which is sent as a whole."""
 
 _LIFT = 1e-3
 """What lies on the floor lies so far above it [m], not to flicker."""
@@ -148,8 +143,7 @@ class Robot:
             f'/{name}_trail', np.zeros((0, 2, 3)), colours.GHOST_TRAIL if ghost else colours.TRAIL,
             thickness=0.006,
         )  # fmt: skip
-        self._way: list[tuple[float, float, float]] = []
-        self._updates = self._sent = 0
+        self._way: list[tuple[float, float]] = []
 
     def _add_meshes(self, api: SceneApi, paths: dict[str, str], *, ghost: bool) -> None:
         opacity = GHOST_OPACITY if ghost else None
@@ -184,18 +178,11 @@ class Robot:
         if self._display is not None and now.lcd != self._page:
             self._page = now.lcd
             self._display.image = picture(now.lcd)
-        self._extend((ball[0], ball[1], 2 * _LIFT))
 
-    def _extend(self, point: tuple[float, float, float]) -> None:
-        if not self._way or math.dist(point, self._way[-1]) > TRAIL_STEP:
-            self._way = [*self._way[-TRAIL_POINTS:], point]
-        self._updates += 1
-        if self._updates % TRAIL_PERIOD == 0 and len(self._way) != self._sent > -1:
-            self.trace(self._way)
-
-    def trace(self, way: list[tuple[float, float, float]]) -> None:
-        """Show `way` as the trail; it goes on from there."""
+    def trace(self, way: list[tuple[float, float]]) -> None:
+        """Show `way`, x and y in ``map`` [m], as the trail; it is sent as a whole."""
+        if way == self._way:
+            return
         self._way = way
-        self._sent = len(way)
-        points = np.array(way, np.float32).reshape(-1, 3)
+        points = np.array([(x, y, 2 * _LIFT) for x, y in way], np.float32).reshape(-1, 3)
         self._trail.points = np.stack([points[:-1], points[1:]], axis=1)

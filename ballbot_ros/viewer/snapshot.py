@@ -10,11 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.plant.truth import Pair
+from ballbot_ros.viewer.robot import TRAIL_STEP
 
 WINDOW_S = 10.0
 """How much of the past the plots show."""
 
 TRACE_COLUMNS = 8
+
+TRAIL_POINTS = 2000
+"""The most points of the trail."""
 
 
 class Snapshot(NamedTuple):
@@ -49,22 +53,36 @@ class Snapshot(NamedTuple):
 
 
 class History:
-    """The samples of the last :data:`WINDOW_S` of sim time, as the plots need them."""
+    """The samples of the last :data:`WINDOW_S` of sim time, and the way that the ball has gone."""
 
     def __init__(self) -> None:
         self._rows: deque[tuple[float, ...]] = deque()
+        self._way: deque[tuple[float, float]] = deque(maxlen=TRAIL_POINTS)
 
     def clear(self) -> None:
         """Forget everything: a new run begins."""
         self._rows.clear()
+        self._way.clear()
 
     def add(self, now: Snapshot) -> None:
-        """Add a sample, unless there is one of that time already."""
-        if self._rows and now.time <= self._rows[-1][0]:
+        """Add a sample, unless there is one of that time already.
+
+        One of an earlier time begins anew: a player has leapt back.
+        """
+        if self._rows and now.time == self._rows[-1][0]:
             return
+        if self._rows and now.time < self._rows[-1][0]:
+            self.clear()
         self._rows.append((now.time, *now.psi, *now.position, *now.duty, now.sonar))
         while self._rows[0][0] < now.time - WINDOW_S:
             self._rows.popleft()
+        point = now.position[0], -now.position[1]
+        if not self._way or math.dist(point, self._way[-1]) > TRAIL_STEP:
+            self._way.append(point)
+
+    def way(self) -> list[tuple[float, float]]:
+        """Return the trail, x and y in ``map`` [m]."""
+        return list(self._way)
 
     def trace(self) -> NDArray[np.float64]:
         """Return time [s], ψ x, y [rad], position x, y [m], duty x, y [%], sonar [m]; (n, 8)."""

@@ -3,11 +3,13 @@
 import json
 import socket
 
+import numpy as np
 import pytest
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.brick import Tone
-from ballbot_ros.viewer.address import check_address, warning_of
+from ballbot_ros.cli.reading import read_playback
+from ballbot_ros.viewer.address import check_address, location, warning_of
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.live_controls import Sticks
 from ballbot_ros.viewer.playback import Playback
@@ -57,7 +59,16 @@ def test_plots_end_at_the_cursor(run):
     trace = run.trace(9.5)
     assert trace[-1, 0] == pytest.approx(9.5, abs=0.02)
     assert trace[-1, 0] - trace[0, 0] <= WINDOW_S
-    assert len(run.way(9.5, 0.0)) <= 601
+    assert len(run.way(9.5)) <= 601
+
+
+def test_a_file_that_ends_early_is_shown_up_to_there(recording, tmp_path, capsys):
+    path = tmp_path / 'cut.mcap'
+    path.write_bytes(recording.read_bytes()[:300_000])
+    assert 1.0 < read_playback(path).end < 9.0
+    assert f'{path}: cut off at byte 300000; the run is shown up to' in capsys.readouterr().err
+    read_playback(recording)
+    assert capsys.readouterr().err == ''
 
 
 def test_the_clock_stops_at_the_end_and_begins_again():
@@ -109,6 +120,11 @@ def test_a_taken_port_is_one_line():
         check_address('host.invalid', 0)
 
 
+def test_an_address_of_version_6_stands_in_brackets():
+    assert location('127.0.0.1', 80) == '127.0.0.1:80'
+    assert location('::1', 80) == '[::1]:80'
+
+
 def test_a_page_for_the_network_warns():
     assert warning_of('127.0.0.1') == ''
     assert 'everybody' in warning_of('0.0.0.0')
@@ -120,6 +136,7 @@ def test_a_page_for_the_network_warns():
         (['view', 'missing.mcap'], 'missing.mcap'),
         (['render', 'missing.mcap', '--output', 'x.avi'], 'ends in none of .png, .gif, .mp4'),
         (['render', 'missing.mcap', '--output', 'x.gif', '--time', '1'], '--time goes with a .png'),
+        (['render', 'missing.mcap', '--output', 'folder.png'], 'a folder, not a file to write'),
         (
             ['run', 'stationary', '--viewer', '--processes', 'none'],
             'goes with --processes separate',
@@ -127,9 +144,11 @@ def test_a_page_for_the_network_warns():
         (['run', 'stationary', '--viewer', '--set', 'viewer.port=70000'], 'is not within'),
     ],
 )
-def test_a_mistake_is_one_line(words, told, monkeypatch, capsys):
+def test_a_mistake_is_one_line(words, told, monkeypatch, capsys, tmp_path):
     from ballbot_ros.cli.main import main
 
+    (tmp_path / 'folder.png').mkdir()
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr('sys.argv', ['ballbot', *words])
     with pytest.raises(SystemExit) as ended:
         main()
@@ -137,6 +156,36 @@ def test_a_mistake_is_one_line(words, told, monkeypatch, capsys):
     assert ended.value.code == 2
     assert told in error
     assert error.count('\n') == 1
+
+
+def test_a_time_that_is_not_in_the_run_is_refused(recording, tmp_path, monkeypatch, capsys):
+    from ballbot_ros.cli.main import main
+
+    monkeypatch.setattr('ballbot_ros.cli.render.browser_program', str)
+    for time in ('nan', '10.5'):
+        words = ['ballbot', 'render', str(recording), '--output', str(tmp_path / 'x.png')]
+        monkeypatch.setattr('sys.argv', [*words, '--time', time])
+        with pytest.raises(SystemExit):
+            main()
+        assert f'--time {time}: the run ends at' in capsys.readouterr().err
+
+
+def test_a_film_that_is_interrupted_leaves_what_was_there(run, tmp_path, monkeypatch):
+    from ballbot_ros.viewer import render
+
+    def interrupted(*_):
+        yield np.zeros((render.HEIGHT, render.WIDTH, 3), np.uint8)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(render, 'pictures', interrupted)
+    output = tmp_path / 'run.gif'
+    output.write_text('another')
+    with pytest.raises(KeyboardInterrupt):
+        render.render(run, 'top', output, 1.0)
+    assert output.read_text() == 'another'
+    assert list(tmp_path.iterdir()) == [output]
+    with pytest.raises(ViewerError, match=r'nowhere/run.gif: No such file or directory$'):
+        render.render(run, 'top', tmp_path / 'nowhere/run.gif', 1.0)
 
 
 def test_without_viser_there_is_a_hint(monkeypatch, capsys, recording):

@@ -17,7 +17,7 @@ from ballbot_ros.viewer.robot import (
     parts,
     rotate,
 )
-from ballbot_ros.viewer.snapshot import WINDOW_S, History, Snapshot
+from ballbot_ros.viewer.snapshot import TRAIL_POINTS, WINDOW_S, History, Snapshot
 from ballbot_ros.viewer.views import CHASER_1, CHASER_2, ROBOT, TOP, TRACKING, VIEWS, camera
 
 DIMENSIONS = select(Dimensions, ParameterSet().values(VIEWER))
@@ -112,3 +112,22 @@ def test_the_history_holds_the_last_seconds():
     assert trace[-1, 0] - trace[0, 0] == pytest.approx(WINDOW_S, abs=0.005)
     history.clear()
     assert history.trace().shape == (0, 8)
+
+
+def test_the_trail_goes_on_however_long_it_is():
+    history = History()
+    history.add(now(time=0.5))
+    history.add(now((0.001, 0.0), time=0.6))
+    assert history.way() == [(0.0, 0.0)]
+    for step in range(1, TRAIL_POINTS + 51):
+        history.add(now((0.02 * step, 0.01 * step), time=float(step)))
+    assert len(history.way()) == TRAIL_POINTS
+    assert history.way()[-1] == (0.02 * step, -0.01 * step)
+
+
+def test_a_leap_back_begins_anew():
+    history = History()
+    for time in (5.0, 6.0, 2.0, 3.0):
+        history.add(now((time, 0.0), time=time))
+    assert history.trace()[:, 0].tolist() == [2.0, 3.0]
+    assert history.way() == [(2.0, 0.0), (3.0, 0.0)]
