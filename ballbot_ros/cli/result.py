@@ -58,6 +58,11 @@ class Result:
     summary: Mapping[str, Any]
     judgements: Sequence[Judgement]
 
+    @property
+    def is_judged(self) -> bool:
+        """Whether the run came to its end, so that its expectations hold or do not."""
+        return self.summary['outcome'] not in (STOPPED, FAILED)
+
 
 def print_json(result: Result) -> None:
     """Print the result as one JSON object; a number that is not there is null."""
@@ -77,7 +82,10 @@ def print_json(result: Result) -> None:
         'recording': None if result.recording is None else str(result.recording),
         'figure': None if result.figure is None else str(result.figure),
         'metrics': {name: number(value) for name, value in result.metrics.items()},
-        'expectations': [{**each.as_json(), 'holds': each.holds} for each in result.judgements],
+        'expectations': [
+            {**each.as_json(), 'holds': each.holds if result.is_judged else None}
+            for each in result.judgements
+        ],
     }
     print(json.dumps(content, indent=2, allow_nan=False))
 
@@ -96,10 +104,10 @@ def print_table(result: Result) -> None:
         if each.expectation.is_of_the_whole_run
     }
     for name, value in result.metrics.items():
-        _add_metric(table, name, value, whole.get(name))
+        _add_metric(table, name, value, whole.get(name), marked=result.is_judged)
     for each in result.judgements:
         if not each.expectation.is_of_the_whole_run:
-            _add_metric(table, each.expectation.metric, each.value, each)
+            _add_metric(table, each.expectation.metric, each.value, each, marked=result.is_judged)
     summary = result.summary
     table.add_section()
     if summary.get('real_time_factor'):
@@ -120,7 +128,9 @@ def print_table(result: Result) -> None:
             console.print(f'{label}  {path}', markup=False, soft_wrap=True)
 
 
-def _add_metric(table: Table, name: str, value: float, judgement: Judgement | None) -> None:
+def _add_metric(
+    table: Table, name: str, value: float, judgement: Judgement | None, *, marked: bool
+) -> None:
     words, unit = metric_label(name)
     space = '' if unit in ('', '°') else ' '
     shown, expected, mark = f'{value:.3f}{space}{unit}', '', ''
@@ -128,7 +138,8 @@ def _add_metric(table: Table, name: str, value: float, judgement: Judgement | No
         shown = 'never' if name == 'settling_time_s' else '–'
     if judgement:
         expected = str(judgement.expectation)
-        mark = '[green]✓[/]' if judgement.holds else '[red]✗[/]'
+        if marked:
+            mark = '[green]✓[/]' if judgement.holds else '[red]✗[/]'
         if judgement.expectation.window:
             words = f'{words}, {judgement.expectation.window}'
     table.add_row(words, shown, expected, mark)

@@ -180,6 +180,7 @@ def test_a_signal_stops_everything_within_3_s(start_run, tmp_path, processes, nu
     assert time.monotonic() - at < bound_s(3.0)
     assert not any(alive(pid) for pid in pids.values())
     assert run.result['outcome'] == 'stopped'
+    assert {each['holds'] for each in run.result['expectations']} == {None}
     assert 'Traceback' not in run.stderr
     with RecordingReader(recording) as reader:
         assert reader.complete
