@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ballbot_ros.cli.file_progress import file_progress
-from ballbot_ros.cli.reading import read_playback
+from ballbot_ros.cli.reading import read_shown_run
 from ballbot_ros.stop_request import interrupted_later
 from ballbot_ros.viewer.address import require_viser
 from ballbot_ros.viewer.browser import browser_program
@@ -26,7 +26,7 @@ def render_recording(recording: Path, view: str, output: Path, moment: float | N
         raise ViewerError(f'--time goes with a .png; {output.name} shows the whole run')
     require_viser()
     browser_program()
-    run = read_playback(recording)
+    run = read_shown_run(recording)
     if moment is not None and not moment <= run.end:  # nor is it NaN
         raise ViewerError(f'--time {moment:g}: the run ends at {run.end:g} s')
     # Only here: what viser brings with it takes a second to import.

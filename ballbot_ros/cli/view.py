@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.reading import read_playback
+from ballbot_ros.cli.reading import read_shown_run
 from ballbot_ros.stop_request import StopRequest, interrupted_later
 from ballbot_ros.viewer.address import check_address, require_viser, warning_of
 
@@ -17,7 +17,7 @@ def view_recordings(paths: Sequence[Path], host: str, port: int) -> int:
     """Serve the page until told to stop; return the exit status."""
     require_viser()
     check_address(host, port)
-    runs = [read_playback(path) for path in paths]
+    runs = [read_shown_run(path) for path in paths]
     # Only here: what viser brings with it takes a second to import.
     with interrupted_later():
         from ballbot_ros.viewer.page import UPDATE_S, Page

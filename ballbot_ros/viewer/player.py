@@ -7,7 +7,7 @@ from typing import Any
 
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.panel import PERIOD, Panel
-from ballbot_ros.viewer.playback import Playback
+from ballbot_ros.viewer.shown_run import ShownRun
 
 RATES = {'0.1×': 0.1, '0.5×': 0.5, '1×': 1.0, '2×': 2.0, '5×': 5.0}
 _RATES_WITH_TONES = (0.5, 1.0, 2.0)
@@ -58,16 +58,16 @@ class Player:
     Parameters
     ----------
     page : Page
-    runs : sequence of Playback
+    runs : sequence of ShownRun
     """
 
-    def __init__(self, page: Page, runs: Sequence[Playback]) -> None:
+    def __init__(self, page: Page, runs: Sequence[ShownRun]) -> None:
         self._page = page
         self._runs = runs
         self.clock = Clock(max(run.end for run in runs))
         gui = page.server.gui
         self._panel = Panel(gui)
-        with gui.add_folder('Playback', order=1.0):
+        with gui.add_folder('ShownRun', order=1.0):
             self._slider: Any = gui.add_slider(
                 'Time [s]', 0.0, max(self.clock.end, 0.01), 0.01, 0.0
             )

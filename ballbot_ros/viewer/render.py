@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ballbot_ros.viewer.browser import browser_page
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.page import Page
-from ballbot_ros.viewer.playback import Playback
 from ballbot_ros.viewer.player import Player
+from ballbot_ros.viewer.shown_run import ShownRun
 
 WIDTH, HEIGHT = 960, 528
 """Size of a picture [px]; films want multiples of 16."""
@@ -31,7 +31,7 @@ Picture = NDArray[np.uint8]
 """Shape (:data:`HEIGHT`, :data:`WIDTH`, 3)."""
 
 
-def pictures(run: Playback, shots: Sequence[tuple[str, float]]) -> Iterator[Picture]:
+def pictures(run: ShownRun, shots: Sequence[tuple[str, float]]) -> Iterator[Picture]:
     """Yield a picture of the run for each view and time [s].
 
     Raises
@@ -74,7 +74,7 @@ def _picture(client: Any) -> Picture:
 
 
 def render(
-    run: Playback,
+    run: ShownRun,
     view: str,
     output: Path,
     moment: float,

@@ -31,9 +31,9 @@ from ballbot_ros.viewer.floor import Area, lines  # noqa: E402
 from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.panel import Panel  # noqa: E402
-from ballbot_ros.viewer.playback import Playback  # noqa: E402
 from ballbot_ros.viewer.player import Player  # noqa: E402
 from ballbot_ros.viewer.robot import BLACK, DARK, Dimensions, parts  # noqa: E402
+from ballbot_ros.viewer.shown_run import ShownRun  # noqa: E402
 from ballbot_ros.viewer.snapshot import History, Snapshot  # noqa: E402
 from ballbot_ros.viewer.views import ROBOT, VIEWS, camera  # noqa: E402
 from ballbot_ros.world.floor_map import CELL_M, FLOOR  # noqa: E402
@@ -278,7 +278,7 @@ def test_a_recorded_run_follows_its_slider(recording, domain):
 
 def test_a_browser_that_stops_reading_holds_up_nobody(recording):
     """Its connection is full: what is shown goes on, and only the newest of it is kept."""
-    run = Playback(recording)
+    run = ShownRun(recording)
     page = Page(run.dimensions, 'test', '127.0.0.1', 0)
     player = Player(page, [run])
     with unread(page.server.get_port()):
@@ -306,7 +306,7 @@ class StubRobot:
 
 
 def test_scenarios_are_offered_where_they_can_be_started(recording):
-    page = Page(Playback(recording).dimensions, 'test', '127.0.0.1', 0)
+    page = Page(ShownRun(recording).dimensions, 'test', '127.0.0.1', 0)
     robot = StubRobot()
     controls = LiveControls(page.server.gui, robot, ['push', 'square', 'stationary'])
     Panel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)), History().trace())

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ballbot_ros.viewer.playback import Playback
+from ballbot_ros.viewer.shown_run import ShownRun
 from ballbot_ros.viewer.views import VIEWS
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('needs_browser')]
@@ -25,7 +25,7 @@ TOLERANCE = 4.0
 def pictures(recording):
     from ballbot_ros.viewer import render
 
-    made = render.pictures(Playback(recording), [(view, 9.0) for view in VIEWS])
+    made = render.pictures(ShownRun(recording), [(view, 9.0) for view in VIEWS])
     return {
         view: Image.fromarray(picture).resize(SIZE)
         for view, picture in zip(VIEWS, made, strict=True)
@@ -59,5 +59,5 @@ def test_a_run_becomes_a_film(suffix, tmp_path, recording, monkeypatch):
 
     monkeypatch.setattr(render, 'FRAMES_PER_SECOND', {'.mp4': 0.2, '.gif': 0.2})
     output = tmp_path / f'run{suffix}'
-    render.render(Playback(recording), 'vista', output, 1.0)
+    render.render(ShownRun(recording), 'vista', output, 1.0)
     assert output.stat().st_size > 5000

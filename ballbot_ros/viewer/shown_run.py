@@ -24,7 +24,7 @@ _SAMPLES = 600
 """The most points of a curve or of the trail."""
 
 
-class Playback:
+class ShownRun:
     """A run of a recording.
 
     Parameters
