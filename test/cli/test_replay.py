@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from graph import BALLBOT, Run, environment, free_domain
 
+from ballbot_ros.analysis.message_comparison import Difference
+from ballbot_ros.cli.replay import Outcome, print_outcomes
 from ballbot_ros.messages.conversions import fill_duty
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.reader import RecordingReader
@@ -117,6 +119,12 @@ def test_a_device_that_lied_is_told_apart_from_a_controller_that_erred(push, tmp
     assert '/motor_duty' in controller or '/controller/state' in controller
     assert 'differs first at sim time 2.104 s, /gyro' in robot
     assert 'recorded inputs' in done.stdout
+
+
+def test_recorded_text_is_shown_as_it_is(capsys):
+    told = "data: recorded '[/red][bold]', replayed 'remote'"
+    print_outcomes([Outcome('robot', 1, 1, Difference(0, 'operating_state', told))], 1)
+    assert told in capsys.readouterr().out
 
 
 def test_a_missing_message_is_found(push, tmp_path):
