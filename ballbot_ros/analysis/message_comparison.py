@@ -143,7 +143,8 @@ def first_difference(recorded: Any, replayed: Any, path: str = '') -> str:
     if _same(recorded, replayed):
         return ''
     plain = [each.item() if isinstance(each, np.generic) else each for each in (recorded, replayed)]
-    return f'{path}: recorded {plain[0]!r}, replayed {plain[1]!r}'
+    bits = ', in other bits' if repr(plain[0]) == repr(plain[1]) else ''  # of a NaN
+    return f'{path}: recorded {plain[0]!r}, replayed {plain[1]!r}{bits}'
 
 
 def _same(one: Any, other: Any) -> bool:
