@@ -45,7 +45,7 @@ def play_file(values: Mapping[str, Any]) -> int:
                 case ' ':
                     playback.pause(not playback.paused, now)
                 case '+' | '-':
-                    rate = playback.rate * (FASTER if key == '+' else 1.0 / FASTER)
+                    rate = player.values['rate'] * (FASTER if key == '+' else 1.0 / FASTER)
                     player.set_parameters([Parameter('rate', value=rate)])
                 case '\x1b[C' | '\x1b[D':  # the arrows to the right and to the left
                     step = SKIP_S if key.endswith('C') else -SKIP_S
