@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
+import struct
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from rosbags.serde import SerdeError
 
 from ballbot_ros.messages.raw import decoder, has_stamp
 from ballbot_ros.messages.topics import Topic
@@ -77,7 +78,7 @@ class Comparison:
             text = _EXTRA if earlier == recorded_ns else _MISSING
             self._first[topic] = Difference(earlier, topic.name, text)
         # The middleware may pad in another way; what counts is the content.
-        elif what := first_difference(pairs.decode(recorded), pairs.decode(replayed)):
+        elif what := pairs.difference(recorded, replayed):
             self._first[topic] = Difference(stamp_ns, topic.name, what)
 
     def first_difference(self, *, complete: bool) -> Difference | None:
@@ -109,7 +110,15 @@ class _Pairs:
         self.recorded: deque[tuple[int, bytes]] = deque()
         self.replayed: deque[tuple[int, bytes]] = deque()
         self.is_stamped = has_stamp(type_name)
-        self.decode = decoder(type_name)
+        self._type = type_name
+        self._decode = decoder(type_name)
+
+    def difference(self, recorded: bytes, replayed: bytes) -> str:
+        try:
+            message = self._decode(recorded)
+        except SerdeError as error:
+            return f'recorded is no {self._type}: {error}'
+        return first_difference(message, self._decode(replayed))
 
 
 def first_difference(recorded: Any, replayed: Any, path: str = '') -> str:
@@ -132,12 +141,13 @@ def first_difference(recorded: Any, replayed: Any, path: str = '') -> str:
         return ''
     if _same(recorded, replayed):
         return ''
-    return f'{path}: recorded {recorded!r}, replayed {replayed!r}'
+    plain = [each.item() if isinstance(each, np.generic) else each for each in (recorded, replayed)]
+    bits = ', in other bits' if repr(plain[0]) == repr(plain[1]) else ''  # of a NaN
+    return f'{path}: recorded {plain[0]!r}, replayed {plain[1]!r}{bits}'
 
 
 def _same(one: Any, other: Any) -> bool:
     """Tell whether two values are the same to the bit, NaN and the sign of zero included."""
     if isinstance(one, float | np.floating):
-        same_sign = math.copysign(1.0, one) == math.copysign(1.0, other)
-        return same_sign and bool(one == other or (one != one and other != other))
+        return struct.pack('d', one) == struct.pack('d', other)
     return bool(one == other)

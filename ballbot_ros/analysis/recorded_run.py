@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 from ballbot_ros.analysis.namespace import robot_namespace
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import push_forces, stamp_ns, stick_values, time_ns
 from ballbot_ros.messages.topics import ACCEPTED_PUSH, GAMEPAD_JOY, MOTOR_DUTY, RUN, TOPICS, Topic
 from ballbot_ros.plant.truth import Push
@@ -54,6 +57,21 @@ class RecordedRun:
         return self.pushes
 
 
+@contextmanager
+def taken_from(reader: RecordingReader, what: str, stamp_ns: int) -> Iterator[None]:
+    """Say where in a recording the values stand that cannot be used.
+
+    Raises
+    ------
+    RecordingError
+        If a value is not finite, beyond what a device gives, or missing.
+    """
+    try:
+        yield
+    except (BallbotError, IndexError, OverflowError, ValueError) as error:
+        raise RecordingError(f'{reader.path}: {what} at {stamp_ns} ns: {error}') from None
+
+
 def recorded_topics(reader: RecordingReader) -> dict[str, Topic]:
     """Return the graph's topics by the names that they have in a recording, namespace included.
 
@@ -77,7 +95,7 @@ def recorded_runs(reader: RecordingReader) -> list[RecordedRun]:
     Raises
     ------
     RecordingError
-        If it has none, or its beginning is missing.
+        If it has none, its beginning is missing, or a message cannot be used.
     """
     wanted = (RUN, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY)
     topics = {name: topic for name, topic in recorded_topics(reader).items() if topic in wanted}
@@ -87,15 +105,17 @@ def recorded_runs(reader: RecordingReader) -> list[RecordedRun]:
     duties: dict[int, tuple[int, int]] = {}
     begun: dict[str, Any] = {}
     pushes: list[Push] = []
-    for name, _, message in reader.messages(topics):
+    for name, log_ns, message in reader.messages(topics):
         topic = topics[name]
         if topic is RUN:
             starts.add(time_ns(message.stamp))
         elif topic is GAMEPAD_JOY:
-            sticks[stamp_ns(message)] = stick_values(message)
+            with taken_from(reader, name, log_ns):
+                sticks[stamp_ns(message)] = stick_values(message)
             sources[stamp_ns(message)] = message.header.frame_id
         elif topic is MOTOR_DUTY:
-            duties[stamp_ns(message)] = int(message.vector.x), int(message.vector.y)
+            with taken_from(reader, name, log_ns):
+                duties[stamp_ns(message)] = int(message.vector.x), int(message.vector.y)
         elif start := begun.pop(message.header.frame_id, None):
             pushes.append(Push(stamp_ns(start), stamp_ns(message), *push_forces(start)))
         else:

@@ -7,13 +7,12 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from ballbot_ros.analysis.message_comparison import Comparison
-from ballbot_ros.analysis.recorded_run import RecordedRun, recorded_topics
+from ballbot_ros.analysis.recorded_run import RecordedRun, recorded_topics, taken_from
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.inputs import INPUTS, device_inputs
 from ballbot_ros.messages.outputs import EncodedOutput
-from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import (
     ACCEPTED_PUSH,
@@ -37,7 +36,7 @@ from ballbot_ros.messages.topics import (
     Topic,
 )
 from ballbot_ros.parameters import PLANT, ParameterSet
-from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.reader import RawMessage, RecordingReader
 from ballbot_ros.simulation.closed_loop import ClosedLoop, Tick
 from ballbot_ros.simulation.timing import MILLISECOND_NS, TICK_NS
 
@@ -80,23 +79,30 @@ def replay_controller(
     ------
     ReplayedTick
         Each tick, once all of its inputs are there.
+
+    Raises
+    ------
+    RecordingError
+        If a sample cannot be decoded, or is none of its device.
     """
     samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUTS}
-    decode = {topic: decoder(topic.type_name) for topic in INPUTS}
     messages = ControllerMessages(partial(EncodedOutput, sink=comparison.replayed))
     now = run.start_ns
-    for topic, stamp_ns, data in _messages(reader, run):
-        comparison.recorded(topic, stamp_ns, data)
+    for topic, raw in _messages(reader, run):
+        comparison.recorded(topic, raw.stamp_ns, raw.data)
         if topic not in INPUTS:
             continue
-        samples[topic][stamp_ns] = INPUTS[topic](decode[topic](data))
+        message = reader.decode(raw)
+        with taken_from(reader, raw.topic, raw.stamp_ns):
+            samples[topic][raw.stamp_ns] = INPUTS[topic](message)
         while now <= run.last_ns and all(
             now in samples[due] for due in INPUTS if now % due.period_ns == 0
         ):
             inputs = device_inputs(lambda each: samples[each].pop(now, None))  # noqa: B023
             elapsed = now - run.start_ns
-            outputs = program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, inputs)
-            messages.tick(now, outputs, program)
+            with taken_from(reader, 'the inputs', now):
+                outputs = program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, inputs)
+                messages.tick(now, outputs, program)
             yield ReplayedTick(now, inputs, outputs)
             now += TICK_NS
 
@@ -124,10 +130,10 @@ def replay_run(
 
     messages = RunMessages(replayed, ball_radius)
     messages.begin(run.start_ns, loop.world, loop.pushes)
-    for topic, stamp_ns, data in _messages(reader, run):
-        comparison.recorded(topic, stamp_ns, data)
+    for topic, raw in _messages(reader, run):
+        comparison.recorded(topic, raw.stamp_ns, raw.data)
         # No further than the recording: what waits for its counterpart stays little.
-        while topic is CLOCK and loop.plant.time_ns <= stamp_ns:
+        while topic is CLOCK and loop.plant.time_ns <= raw.stamp_ns:
             tick = loop.tick()
             messages.tick(tick, loop.program, run.sources.get(tick.truth.stamp_ns, ''))
             yield tick
@@ -141,9 +147,9 @@ def compare_events(reader: RecordingReader, last_ns: int, comparison: Comparison
             comparison.recorded(topics[name], stamp_ns, data)
 
 
-def _messages(reader: RecordingReader, run: RecordedRun) -> Iterator[tuple[Topic, int, bytes]]:
-    """Iterate over the stamped messages of a run: topic, stamp and CDR."""
+def _messages(reader: RecordingReader, run: RecordedRun) -> Iterator[tuple[Topic, RawMessage]]:
+    """Iterate over the stamped messages of a run."""
     topics = {n: topic for n, topic in recorded_topics(reader).items() if topic not in EVENTS}
-    for name, stamp_ns, _, data in reader.raw_messages(topics, run.start_ns):
-        if stamp_ns <= run.last_ns:
-            yield topics[name], stamp_ns, data
+    for raw in reader.raw_messages(topics, run.start_ns):
+        if raw.stamp_ns <= run.last_ns:
+            yield topics[raw.topic], raw

@@ -185,7 +185,8 @@ def read_run(
     if number is None:
         number = len(runs)
     if not 1 <= number <= len(runs):
-        raise RecordingError(f'{path}: there is no run {number}, only 1 … {len(runs)}')
+        known = '1' if len(runs) == 1 else f'1 … {len(runs)}'
+        raise RecordingError(f'{path}: there is no run {number}, only {known}')
     epoch, start, end = runs[number - 1]
     notices = [*extraction.notices, *attached.notices]
     if len(runs) > 1:

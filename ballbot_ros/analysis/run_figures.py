@@ -51,6 +51,9 @@ _STATE_COLOURS = (GRAY, BLUE, GREEN, SKY, YELLOW, PURPLE, ORANGE)
 _HATCHES = ('', '', '//', '..', 'xx', '\\\\', '++')
 _WIDTH = 8.0
 
+LEAST_SPAN = 1.0
+"""Of the axis of a state that hardly changes [°, cm or °/s]; a count of the gyro is 1 °/s."""
+
 
 @dataclass(frozen=True)
 class RunFigure:
@@ -115,6 +118,13 @@ def _shade_calibration(run: RunData, axes: Any) -> None:
     for each in run.states:
         if each.state == CALIBRATING:
             axes.axvspan(each.start, each.end, color=GRAY, alpha=0.12, linewidth=0.0)
+
+
+def _widen(axes: Any, least: float) -> None:
+    """Let the vertical axis span at least so much: what hardly changes is shown as such."""
+    low, high = axes.get_ylim()
+    middle, half = (low + high) / 2.0, max(high - low, least) / 2.0
+    axes.set_ylim(middle - half, middle + half)
 
 
 def _draw_motion(run: RunData, table: Table) -> Any:
@@ -189,6 +199,8 @@ def _draw_pairs(run: RunData, table: Table, rows: Any, share: str) -> Any:
                       label=name)  # fmt: skip
             _shade_calibration(run, axes)
             tidy(axes)
+        for axes in line:  # both planes may share an axis, which stays as it is set
+            _widen(axes, LEAST_SPAN)
         line[0].set_ylabel(label)
         legend_above(line[1])
     for axes, plane in zip(grid[0], 'xy', strict=True):
@@ -250,9 +262,7 @@ def _draw_battery(run: RunData, table: Table) -> Any:
     axes = figure.subplots()
     axes.margins(x=0.0)
     axes.plot(table['time_s'], table['voltage_v'], color=BLUE, linewidth=1.2)
-    low, high = axes.get_ylim()
-    middle, half = (low + high) / 2.0, max(high - low, 0.5) / 2.0
-    axes.set_ylim(middle - half, middle + half)
+    _widen(axes, 0.5)
     axes.set_ylabel('battery [V]')
     axes.set_xlabel('time [s]')
     tidy(axes)

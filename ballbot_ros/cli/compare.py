@@ -24,6 +24,8 @@ from ballbot_ros.analysis.page import ReportError, check_folder
 from ballbot_ros.analysis.report import MEANINGS
 from ballbot_ros.cli.reading import read_and_assess
 
+WIDEST = 2000
+
 
 def compare(
     recordings: Sequence[Path],
@@ -79,4 +81,7 @@ def _print_table(runs: Sequence[Compared]) -> None:
     for row in rows(runs):
         cells = [cell for o in row['others'] for cell in (o['value'], o['change'], o['percent'])]
         table.add_row(row['label'], row['unit'], row['value'], *cells)
+    # A number that is cut short is worse than a line that the terminal breaks.
+    whole = console.measure(table, options=console.options.update(max_width=WIDEST)).maximum
+    console.width = max(console.width, whole)
     console.print(table)

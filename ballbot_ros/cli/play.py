@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import sys
 import termios
@@ -12,14 +13,19 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ballbot_ros.cli.requirements import require_rclpy
+from ballbot_ros.parameters import PLAYER, ParameterSet
 
 KEYS_S = 0.05
 SKIP_S = 5.0
 FASTER = 1.25
+_KEY = re.compile('\x1b\\[.|.', re.DOTALL)
 
 
 def play_file(values: Mapping[str, Any]) -> int:
     """Play a recording with the parameters `values` of the player; return the exit status."""
+    checked = ParameterSet()
+    for name, value in values.items():
+        checked.set(PLAYER, name, value)
     require_rclpy()
     from rclpy.parameter import Parameter
 
@@ -33,31 +39,41 @@ def play_file(values: Mapping[str, Any]) -> int:
         if not sys.stdin.isatty():
             return player
 
-        def press(key: str) -> None:
-            now = time.monotonic()
+        def press(key: str, now: float) -> None:
             playback = player.playback
             match key:
                 case ' ':
                     playback.pause(not playback.paused, now)
                 case '+' | '-':
-                    rate = playback.rate * (FASTER if key == '+' else 1.0 / FASTER)
+                    rate = player.values['rate'] * (FASTER if key == '+' else 1.0 / FASTER)
                     player.set_parameters([Parameter('rate', value=rate)])
                 case '\x1b[C' | '\x1b[D':  # the arrows to the right and to the left
                     step = SKIP_S if key.endswith('C') else -SKIP_S
                     playback.seek(playback.position(now) + step, now)
                 case 'q':
                     player.finish()
+
+        def attend() -> None:
+            now = time.monotonic()
+            playback = player.playback
+            for key in terminal.pressed():
+                press(key, now)
             position = playback.position(now)
             terminal.show(
                 f'{position:8.2f} / {playback.duration:.2f} s   {playback.rate:.2f} ×'
                 f'{"   paused" if playback.paused else ""}'
             )
 
-        player.every(KEYS_S, lambda: press(terminal.key()))
+        player.every(KEYS_S, attend)
         return player
 
     with _Terminal() as terminal:
         return run_node(make)
+
+
+def keys_in(text: str) -> list[str]:
+    """Tell keys apart that a terminal sends at once; an arrow is three characters."""
+    return _KEY.findall(text)
 
 
 class _Terminal:
@@ -77,11 +93,11 @@ class _Terminal:
         if sys.stdin.isatty() and sys.stderr.isatty():
             sys.stderr.write('\n')
 
-    def key(self) -> str:
-        """Return the key that was pressed, or an empty text."""
+    def pressed(self) -> list[str]:
+        """Return the keys that were pressed since the last call."""
         if not select.select([sys.stdin], [], [], 0.0)[0]:
-            return ''
-        return os.read(sys.stdin.fileno(), 3).decode(errors='replace')
+            return []
+        return keys_in(os.read(sys.stdin.fileno(), 64).decode(errors='replace'))
 
     def show(self, text: str) -> None:
         """Write the status line anew."""

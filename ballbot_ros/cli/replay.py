@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from ballbot_ros.analysis.divergence import Divergence
@@ -93,7 +94,7 @@ def replay_recording(
             _replay(reader, runs, parameters, 'controller', CONTROLLER_TOPICS),
             _replay(reader, runs, parameters, 'robot', ALL_TOPICS),
         ]
-        (_print_json if as_json else _print)(outcomes, len(runs))
+        (_print_json if as_json else print_outcomes)(outcomes, len(runs))
         if reader.damage:
             print(
                 f'note: {path}: {reader.damage}: only what is whole was compared', file=sys.stderr
@@ -190,7 +191,8 @@ def _ask(reader: RecordingReader, run: RecordedRun, parameters: ParameterSet) ->
     return divergence
 
 
-def _print(outcomes: Sequence[Outcome], runs: int) -> None:
+def print_outcomes(outcomes: Sequence[Outcome], runs: int) -> None:
+    """Print what was identical, and the first difference of what was not."""
     console = Console(highlight=False)
     for each in outcomes:
         name = each.what if runs == 1 else f'{each.what}, {runs} runs'
@@ -202,7 +204,7 @@ def _print(outcomes: Sequence[Outcome], runs: int) -> None:
         stamp = each.difference.stamp_ns * 1e-9
         console.print(
             f'{name}: [red]differs[/] first at sim time {stamp:.3f} s, '
-            f'/{each.difference.topic.lstrip("/")}: {each.difference.what}',
+            f'/{each.difference.topic.lstrip("/")}: {escape(each.difference.what)}',
             soft_wrap=True,
         )
         if each.around:

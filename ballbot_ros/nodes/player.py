@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -119,6 +120,9 @@ class Player(BallbotNode):
         return response
 
     def _seek(self, message: Any) -> None:
+        if math.isnan(message.data):
+            self.warn(f'{self.get_name()}/seek: nan is no position')
+            return
         self.playback.seek(message.data, time.monotonic())
 
     def diagnose(self) -> Mapping[str, Any]:

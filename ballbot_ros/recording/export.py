@@ -61,7 +61,8 @@ class Exporter:
         Raises
         ------
         RecordingError
-            If a table exists already or cannot be written, or messages cannot be put in columns.
+            If a table exists already or cannot be written, or messages cannot be put in columns;
+            no table is left then.
         """
         tables: dict[str, tuple[Columns, Table]] = {}
         with self._writing(), ExitStack() as stack:
@@ -87,6 +88,8 @@ class Exporter:
             As `write_topics`, and if the messages are not in the order of time.
         """
         columns = self._first_columns()
+        if not columns:
+            return
         taken = {
             topic: [
                 number
@@ -124,8 +127,13 @@ class Exporter:
     def _writing(self) -> Iterator[None]:
         try:
             yield
-        except OSError as error:
-            raise RecordingError(f'{self.folder}: {error.strerror}') from None
+        except BaseException as error:
+            # Half a table looks like a whole one.
+            for file in self.files:
+                file.unlink(missing_ok=True)
+            if isinstance(error, OSError):
+                raise RecordingError(f'{self.folder}: {error.strerror}') from None
+            raise
 
     def _messages(self) -> Iterator[tuple[str, int, Any]]:
         for done, found in enumerate(self.reader.messages(self.topics), 1):

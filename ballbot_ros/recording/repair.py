@@ -41,26 +41,41 @@ class LostSpan:
     end_ns : int or None
         Stamp of the first message behind it, or of the last one that is known to be missing
         [ns]; None if nothing tells where it ends.
+    open : bool
+        Whether the file ends in it, so that more may have followed.
     """
 
     start_ns: int | None
     end_ns: int | None = None
+    open: bool = False
 
     def __str__(self) -> str:
         start = 'the beginning' if self.start_ns is None else f'{self.start_ns * 1e-9:.3f} s'
         end = 'an unknown end' if self.end_ns is None else f'{self.end_ns * 1e-9:.3f} s'
-        return f'from {start} to {end}'
+        later = ' or later' if self.open and self.end_ns is not None else ''
+        return f'from {start} to {end}{later}'
 
 
 @dataclass
 class LostMessages:
-    """How many messages of a topic are missing, and whether that is counted or estimated."""
+    """How many messages of a topic are missing.
+
+    Attributes
+    ----------
+    count : int
+    counted : bool
+        Whether that is counted, not estimated.
+    open : bool
+        Whether more may have followed behind the file's end.
+    """
 
     count: int
     counted: bool
+    open: bool = False
 
     def __str__(self) -> str:
-        return f'{self.count}' if self.counted else f'about {self.count}'
+        number = f'{self.count}' if self.counted else f'about {self.count}'
+        return f'{number} or more' if self.open else number
 
 
 @dataclass
@@ -235,10 +250,20 @@ class _Survey:
                     self._add_damage(record)
             progress(place)
         undescribed = self._seen.keys() - self.channels.keys()
+        self._next_recording = next(
+            (salvage.next_recording(each.start) for each in self.damage if each.in_summary), None
+        )
         self._undescribed = sum(self._seen.pop(number).count for number in undescribed)
         self.message_count = sum(seen.count for seen in self._seen.values())
+        if self._statistics is None:
+            for span in self._open:
+                span.open = True
         self.lost = self._lost()
-        self.nothing_lost = not self.lost and (data_holds or self._statistics is not None)
+        self.nothing_lost = (
+            not self.lost
+            and self._next_recording is None
+            and (data_holds or self._statistics is not None)
+        )
         self.spans = [] if self.nothing_lost else self._spans
 
     def _add_message(self, message: Message) -> None:
@@ -276,6 +301,8 @@ class _Survey:
             places.append(f'{len(self.damage) - MOST_PLACES} more places')
         if not places:
             places.append(f'{broken}, in a part that has no checksum of its own')
+        if self._next_recording is not None:
+            places.append(f'another recording begins at byte {self._next_recording}: left out')
         if self._undescribed:
             places.append(f'{self._undescribed} messages whose topic is lost')
         places += [f'attachment {name} lost' for name in sorted(self._lost_attachments)]
@@ -304,7 +331,7 @@ class _Survey:
         counted = seen.missing if seen.numbered else 0
         extent = seen.newest_ns - seen.oldest_ns
         if seen.count < 2 or extent <= 0:
-            return LostMessages(counted, False)
+            return LostMessages(counted, False, bool(self._open))
         guessed_spans = self._open if seen.numbered else self._spans
         guessed_ns = sum(
             span.end_ns - span.start_ns
@@ -312,4 +339,5 @@ class _Survey:
             if span.start_ns is not None and span.end_ns is not None
         )
         guessed = round(guessed_ns * (seen.count - 1) / extent)
-        return LostMessages(counted + guessed, seen.numbered and not self._open)
+        is_open = bool(self._open)
+        return LostMessages(counted + guessed, seen.numbered and not is_open, is_open)

@@ -247,6 +247,11 @@ class Salvage:
         with memoryview(self._map) as whole, whole[: data_end - _HEAD.size - _CRC.size] as data:
             return expected in (0, zlib.crc32(data))
 
+    def next_recording(self, position: int) -> int | None:
+        """Return where behind `position` another recording follows on the end of this one."""
+        joint = self._map.find(MCAP0_MAGIC * 2, position)
+        return None if joint < 0 else joint + len(MCAP0_MAGIC)
+
     def _summary_holds(self) -> bool:
         footer_at = self.size - len(MCAP0_MAGIC) - _FOOTER_SIZE
         found = self._record_at(footer_at) if footer_at > 0 else None

@@ -49,6 +49,13 @@ def test_a_change_that_is_too_large_is_status_1(command, short, other, condition
     assert (f'failed  {condition}' in stdout) == bool(expected)
 
 
+def test_no_number_is_cut_short_where_the_terminal_is_narrow(command, short, other, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '60')
+    _, stdout, _ = command('compare', short[0], other, other)
+    assert 'time in calibration' in stdout
+    assert '…' not in stdout
+
+
 def test_an_incomplete_run_passes_no_gate(command, short, tmp_path):
     path = tmp_path / 'cut.mcap'
     content = short[0].read_bytes()

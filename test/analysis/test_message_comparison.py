@@ -1,6 +1,7 @@
 """Recorded messages beside those of a run that is made again."""
 
 import math
+import struct
 
 import pytest
 
@@ -78,6 +79,7 @@ def test_of_one_tick_the_cause_comes_before_its_effect():
     [
         (0.0, -0.0, True),
         (math.nan, math.nan, False),
+        (math.nan, struct.unpack('<d', struct.pack('<Q', 0x7FF8000000000001))[0], True),
         (1.0, math.nextafter(1.0, 2.0), True),
         (1.0, 1.0, False),
     ],
@@ -86,6 +88,23 @@ def test_numbers_are_compared_to_the_bit(one, other, told):
     recorded, replayed = (new_message('geometry_msgs/msg/Vector3') for _ in range(2))
     recorded.y, replayed.y = one, other
     assert bool(first_difference(recorded, replayed)) == told
+
+
+def test_a_message_that_cannot_be_decoded_differs():
+    broken = bytearray(duty(TICK, 2))
+    broken[12 + 3] ^= 1  # the length of the frame's name
+    comparison = compared([1], [1, 2])
+    comparison.recorded(MOTOR_DUTY, TICK, bytes(broken))
+    difference = comparison.first_difference(complete=True)
+    assert difference.stamp_ns == TICK
+    assert difference.what.startswith(f'recorded is no {MOTOR_DUTY.type_name}: Invalid string')
+
+
+def test_elements_of_arrays_are_told_as_plain_numbers():
+    recorded, replayed = (new_message('sensor_msgs/msg/Imu') for _ in range(2))
+    recorded.orientation_covariance[5] = 0.5
+    told = 'orientation_covariance[5]: recorded 0.5, replayed 0.0'
+    assert first_difference(recorded, replayed) == told
 
 
 def test_sequences_of_other_lengths_differ():

@@ -18,7 +18,7 @@ from matplotlib.image import imread
 from ballbot_ros.analysis.page import number_text
 from ballbot_ros.analysis.report import report_page, write_report
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.analysis.run_figures import FIGURES, draw_figures
+from ballbot_ros.analysis.run_figures import FIGURES, LEAST_SPAN, draw_figures
 from ballbot_ros.analysis.table import MANY, envelope, every_nth
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Scenario
@@ -219,7 +219,7 @@ def test_a_mistake_is_one_line_and_status_2(command, short, tmp_path):
         ([tmp_path / 'empty.mcap'], 'empty file'),
         ([tmp_path], 'directory'),
         ([short[0], '--output', other], 'other.mcap'),
-        ([short[0], '--run', '2', '--output', tmp_path / 'x'], 'no run 2'),
+        ([short[0], '--run', '2', '--output', tmp_path / 'x'], 'no run 2, only 1'),
         ([short[0], '--run', '0'], '--run'),
         ([], 'RECORDING'),
     ):
@@ -227,3 +227,11 @@ def test_a_mistake_is_one_line_and_status_2(command, short, tmp_path):
         assert (status, stdout) == (2, ''), arguments
         assert len(stderr.splitlines()) == 1
         assert words in stderr
+
+
+def test_the_axes_of_a_plane_that_stands_still_are_not_blown_up(short_whole):
+    gyro = next(figure for figure in FIGURES if figure.name == 'gyro')
+    drawn = gyro.draw(short_whole.run, gyro.table(short_whole.run))
+    for axes in drawn.axes:
+        low, high = axes.get_ylim()
+        assert high - low >= LEAST_SPAN * 0.999

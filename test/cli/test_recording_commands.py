@@ -8,6 +8,9 @@ from importlib.util import find_spec
 import pytest
 from graph import BALLBOT, environment, record
 
+from ballbot_ros.cli.play import keys_in, play_file
+from ballbot_ros.parameters import ParameterError
+
 
 def ballbot(*words, **options):
     return subprocess.run(
@@ -92,6 +95,18 @@ def test_parquet_asks_for_what_it_needs(run, tmp_path):
     else:
         assert result.returncode == 2
         assert 'pip install "ballbot_ros[parquet]"' in result.stderr
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'), [('rate', 0.0), ('rate', float('nan')), ('start', -1.0)]
+)
+def test_a_rate_or_start_out_of_bounds_is_told_with_its_bounds(name, value):
+    with pytest.raises(ParameterError, match=rf'^player\.{name}: .* is not within \S+ … '):
+        play_file({'file': 'any.mcap', name: value})
+
+
+def test_keys_that_come_at_once_are_told_apart():
+    assert keys_in('++\x1b[C\x1b[D q') == ['+', '+', '\x1b[C', '\x1b[D', ' ', 'q']
 
 
 @pytest.mark.parametrize('command', [['info'], ['repair'], ['export', '--to', 'csv'], ['play']])

@@ -7,8 +7,11 @@ from pathlib import Path
 import pytest
 from graph import BALLBOT, Run, environment, free_domain
 
+from ballbot_ros.analysis.message_comparison import Difference
+from ballbot_ros.cli.replay import Outcome, print_outcomes, replay_recording
 from ballbot_ros.messages.conversions import fill_duty
 from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.scenario.library import scenario_names
@@ -117,6 +120,41 @@ def test_a_device_that_lied_is_told_apart_from_a_controller_that_erred(push, tmp
     assert '/motor_duty' in controller or '/controller/state' in controller
     assert 'differs first at sim time 2.104 s, /gyro' in robot
     assert 'recorded inputs' in done.stdout
+
+
+@pytest.mark.parametrize(
+    ('name', 'byte', 'bit', 'told'),
+    [
+        ('/motor_duty', 27, 6, 'infinity'),  # of ±1 the exponent
+        ('/gamepad', 28, 1, 'no sensor_msgs/msg/Joy'),  # two axes become none
+        ('/gyro', 15, 6, 'Invalid string length'),
+        ('/sonar', 38, 7, 'no packet holds'),  # no echo becomes 1.7e38 m
+    ],
+)
+def test_an_input_that_cannot_be_is_told_in_one_line(push, tmp_path, name, byte, bit, told):
+    with RecordingReader(push) as reader:
+        stamps = [
+            stamp
+            for _, stamp, message in reader.messages([name])
+            if (abs(message.vector.x) == 1.0 if name == '/motor_duty' else stamp % 10**8 == 0)
+        ]
+
+    def change(topic, stamp, data):
+        if (topic, stamp) == (name, stamps[-1]):
+            return data[:byte] + bytes([data[byte] ^ 1 << bit]) + data[byte + 1 :]
+        return data
+
+    path = copy(push, tmp_path / 'changed.mcap', change)
+    with pytest.raises(RecordingError, match=told) as raised:
+        replay_recording(path, controller='python', assignments=[], as_json=False)
+    assert str(path) in str(raised.value)
+    assert f' at {stamps[-1] // 10**8}' in str(raised.value)
+
+
+def test_recorded_text_is_shown_as_it_is(capsys):
+    told = "data: recorded '[/red][bold]', replayed 'remote'"
+    print_outcomes([Outcome('robot', 1, 1, Difference(0, 'operating_state', told))], 1)
+    assert told in capsys.readouterr().out
 
 
 def test_a_missing_message_is_found(push, tmp_path):

@@ -1,5 +1,6 @@
 """Playing: every message as it was recorded, at the pace asked for, and never beside a plant."""
 
+import math
 import subprocess
 import threading
 import time
@@ -123,6 +124,7 @@ def test_pause_and_seek(recording, start_node, listen):
     assert len(clock) == held
     seek = listener.node.create_publisher(Float64, '/player/seek', 10)
     wait_for(lambda: seek.get_subscription_count() > 0)
+    seek.publish(Float64(data=math.nan))  # is no place, and changes nothing
     seek.publish(Float64(data=5.0))
     wait_for(pause.call_async(SetBool.Request(data=False)).done)
     before = len(clock)

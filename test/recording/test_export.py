@@ -135,6 +135,12 @@ def test_stamps_that_make_no_grid_are_an_error(recording, later_ns):
     recording.add('/fast', RANGE, 10**10 + 800 * TICK_NS + later_ns)
     with pytest.raises(RecordingError, match=r'/fast at .* s does not follow what stands before'):
         export(recording, joined=True)
+    assert list((recording.writer.path.with_name('tables')).iterdir()) == []
+
+
+def test_where_there_is_nothing_there_is_no_table(recording):
+    recording.topics['/text'] = recording.writer.add_topic('/text', STRING)
+    assert export(recording, joined=True) == {}
 
 
 def test_joints_that_change_are_an_error(recording):

@@ -214,15 +214,22 @@ def test_what_is_lost_behind_a_cut_is_estimated(tmp_path):
     content = path.read_bytes()
     path.write_bytes(content[: chunk_places(content)[2][1] - 5])
     found = repair(path)
-    assert str(found.lost['/lcd']) == 'about 100'
-    assert str(found.spans[0]) == 'from 1.990 s to 2.990 s'
+    assert str(found.lost['/lcd']) == 'about 100 or more'
+    assert str(found.spans[0]) == 'from 1.990 s to 2.990 s or later'
     # With the middle one lost too, the publisher's numbers count what the rate estimates.
     path.write_bytes(
         flip(content[: chunk_places(content)[2][1] + 1], chunk_places(content)[1][0] + 80)
     )
     again = repair(path, tmp_path / 'again.mcap')
-    assert str(again.lost['/lcd']) == 'about 100'
+    assert str(again.lost['/lcd']) == 'about 100 or more'
     assert str(again.spans[0]) == 'from 0.990 s to 2.000 s'
+
+
+def test_a_recording_behind_a_recording_is_named(content, sample, mend):
+    found = mend(content * 2)
+    assert raw(found.output) == expected(sample)
+    assert f'another recording begins at byte {len(content)}: left out' in found.reason
+    assert not found.nothing_lost
 
 
 def test_a_lost_attachment_is_named(content, mend):
