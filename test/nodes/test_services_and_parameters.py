@@ -107,7 +107,9 @@ def test_every_parameter_is_described_with_its_range(graph, client):
         for row, descriptor in zip(rows.values(), response.descriptors, strict=True):
             assert row.description in descriptor.description
             assert descriptor.read_only == (not row.live)
-            scalar = row.bounds and not isinstance(row.default, tuple)
+            choices = ', '.join(map(str, row.choices))
+            assert descriptor.additional_constraints.endswith(choices)
+            scalar = row.bounds and not row.choices and not isinstance(row.default, tuple)
             ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
             assert [(r.from_value, r.to_value) for r in ranges] == [row.bounds] * bool(scalar)
 
