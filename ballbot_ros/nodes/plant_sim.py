@@ -350,7 +350,7 @@ class PlantSim(BallbotNode):
             'asked again': self._resent,
             'fallen': self._plant.fallen,
             'paused': self.control.paused,
-            **{key: value for key, value in self.summary.items() if key != 'ticks'},
+            **_in_words(self.summary),
         }
 
     def close(self) -> None:
@@ -365,6 +365,15 @@ class PlantSim(BallbotNode):
         # The diagnostics hold the outcome, which the recorder notes.
         self.flush(CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, WALL_HIT, DIAGNOSTICS)
         self._lock.release()
+
+
+def _in_words(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the summary as the diagnostics have it."""
+    words = {key: value for key, value in summary.items() if key != 'ticks'}
+    if trips := words.pop('round_trip_ms', None):
+        label = f'round trip {" / ".join(trips)} [ms]'
+        words[label] = ' / '.join(f'{trip:.2f}' for trip in trips.values())
+    return words
 
 
 def main() -> None:
