@@ -16,7 +16,7 @@ from functools import partial
 import click
 from rich.console import Console
 
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.cli.invoke import invoke
 from ballbot_ros.parameters import CONTROLLER, NODES
 from benchmark.figures import MILLISECONDS, RATIO, REAL_TIME, Figure, as_json, table_of
 from benchmark.runs import SCENARIO, Run, RunError, run_ballbot, run_nodes, run_relay
@@ -149,7 +149,11 @@ def measure(
         for name in arrangements:
             label, run = ARRANGEMENTS[name]
             progress.print(f'{number}/{repeat} {label}: ', end='')
-            result = run(duration)
+            try:
+                result = run(duration)
+            except RunError:
+                progress.print()
+                raise
             progress.print(f'{result.real_time_factor:.1f} × real time')
             measurements[name].append(result)
     return measurements
@@ -203,19 +207,5 @@ def _ratios(measurements: Measurements, name: str, other: str) -> list[float]:
     return [one.real_time_factor / two.real_time_factor for one, two in pairs]
 
 
-def main() -> None:
-    """Run the command; what goes wrong is told in one line."""
-    try:
-        bench(prog_name='scripts/bench', standalone_mode=False)
-    except click.ClickException as error:
-        click.echo(f'error: {" ".join(error.format_message().split())}', err=True)
-        sys.exit(2)
-    except BallbotError as error:
-        click.echo(f'\nerror: {error}', err=True)
-        sys.exit(1)
-    except (click.Abort, KeyboardInterrupt):
-        sys.exit(130)
-
-
 if __name__ == '__main__':
-    main()
+    sys.exit(invoke(bench, 'scripts/bench', failed=1))

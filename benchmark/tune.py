@@ -15,7 +15,7 @@ from typing import NamedTuple
 import click
 import numpy as np
 
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.cli.invoke import invoke
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
@@ -218,17 +218,5 @@ def tune(experiments: tuple[str, ...]) -> None:
         EXPERIMENTS[name]()
 
 
-def main() -> None:
-    """Run the command; a mistake is told in one line."""
-    try:
-        tune(prog_name='scripts/tune', standalone_mode=False)
-    except (click.ClickException, BallbotError) as error:
-        text = error.format_message() if isinstance(error, click.ClickException) else str(error)
-        click.echo(f'error: {" ".join(text.split())}', err=True)
-        sys.exit(2)
-    except (click.Abort, KeyboardInterrupt):
-        sys.exit(130)
-
-
 if __name__ == '__main__':
-    main()
+    sys.exit(invoke(tune, 'scripts/tune'))

@@ -6,7 +6,6 @@ import click
 
 from ballbot_ros import __version__
 from ballbot_ros.cli import commands, recording_commands
-from ballbot_ros.errors import BallbotError
 
 
 class _RunByDefault(click.Group):
@@ -49,24 +48,3 @@ for command in (
     commands.doctor,
 ):
     ballbot.add_command(command)
-
-
-def invoke() -> int:
-    """Run the command with the words of the command line; return its exit status.
-
-    A user's mistake ends in one line and status 2.
-    """
-    try:
-        status = ballbot(prog_name='ballbot', standalone_mode=False)
-    except click.exceptions.NoArgsIsHelpError as error:
-        click.echo(error.format_message())
-        return 2
-    except click.ClickException as error:
-        click.echo(f'error: {" ".join(error.format_message().split())}', err=True)
-        return 2
-    except BallbotError as error:
-        click.echo(f'error: {error}', err=True)
-        return 2
-    except click.Abort:
-        return 130
-    return status if isinstance(status, int) else 0

@@ -13,9 +13,10 @@ def main() -> None:
     """Run the command, and end with its exit status."""
     try:
         # Here, for Ctrl-C to end the command as quietly while the modules load as it does later.
-        from ballbot_ros.cli.command import invoke
+        from ballbot_ros.cli.command import ballbot
+        from ballbot_ros.cli.invoke import invoke
 
-        status = invoke()
+        status = invoke(ballbot, 'ballbot')
     except KeyboardInterrupt:
         status = 130
     sys.exit(status)

@@ -67,7 +67,7 @@ class Player:
         self.clock = Clock(max(run.end for run in runs))
         gui = page.server.gui
         self._panel = Panel(gui)
-        with gui.add_folder('ShownRun', order=1.0):
+        with gui.add_folder('Playback', order=1.0):
             self._slider: Any = gui.add_slider(
                 'Time [s]', 0.0, max(self.clock.end, 0.01), 0.01, 0.0
             )

@@ -252,6 +252,7 @@ def stands_still(browser):
 def test_a_recorded_run_follows_its_slider(recording, domain):
     with serving(domain, 'view', recording, recording, '--port', 0) as (address, process):
         with browsing(address) as browser:
+            browser.wait_for_text('Playback')
             browser.press('Pause')
             before = browser.tones()
             slider = browser.page.get_by_role('slider').first

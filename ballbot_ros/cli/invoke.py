@@ -1,0 +1,35 @@
+"""Running a click command as a program."""
+
+from __future__ import annotations
+
+import click
+
+from ballbot_ros.errors import BallbotError
+
+
+def invoke(command: click.Command, name: str, failed: int = 2) -> int:
+    """Run a command with the words of the command line; return its exit status.
+
+    Parameters
+    ----------
+    command : click.Command
+    name : str
+        The program's name in the help text.
+    failed : int
+        Status after an error of ours, which is told in one line; after a mistake in the words it
+        is 2.
+    """
+    try:
+        status = command(prog_name=name, standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message())
+        return 2
+    except click.ClickException as error:
+        click.echo(f'error: {" ".join(error.format_message().split())}', err=True)
+        return 2
+    except BallbotError as error:
+        click.echo(f'error: {error}', err=True)
+        return failed
+    except (click.Abort, KeyboardInterrupt):
+        return 130
+    return status if isinstance(status, int) else 0
