@@ -11,6 +11,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from ballbot_ros.nodes.middleware import LOCALHOST, PROFILES, RANGE
 from ballbot_ros.parameters import NODES
 
 BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
@@ -44,10 +45,11 @@ def free_domain():
 
 
 def environment(domain):
+    """What a user would have set; the suite's own profiles would tell the nodes not to choose."""
     return {
-        **os.environ,
+        **{name: value for name, value in os.environ.items() if name != PROFILES},
         'ROS_DOMAIN_ID': str(domain),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        RANGE: LOCALHOST,
         'PYTHONUNBUFFERED': '1',
     }
 

@@ -14,8 +14,9 @@ from pathlib import Path
 from ballbot_ros.nodes.base import END_WITH_PARENT
 from ballbot_ros.nodes.domain_lock import HANDED_ON, DomainLock
 
-GRACE_S = 0.8
-LAST_GRACE_S = 1.5
+GRACE_S = 1.5
+LAST_GRACE_S = 5.0
+"""Longer: what is waited for is the recording."""
 
 
 class NodeProcess:

@@ -196,6 +196,7 @@ class PlantSim(BallbotNode):
         self._plant.tick(*duty)
         self._duty = None
         self.recover()
+        self._participants.rest()
         if self._plant.stopped:
             self._publish_truth()
             self._end('failed', str(self._plant.newest_hit), status=1)
@@ -237,22 +238,23 @@ class PlantSim(BallbotNode):
         silence = now - (self._duty_at if waits_for_recorder else self._sent_at)
         if waits_for_recorder and self._recorder_left():
             return
+        limit = float(self.values['timeout' if self.log.ticks else 'startup_timeout'])
         if silence > (WARN_S if self.log.ticks else STARTUP_WARN_S):
-            what = RECORDER if waits_for_recorder else 'the duty'
-            # Early, for the samples to have come when they are asked for.
+            # Early, for those who live to have been heard when it is asked who is silent.
             self._participants.look()
-            self.warn(f'waiting for {what} at sim time {self._plant.time_ns * 1e-9:.3f} s')
+            if silence <= limit:
+                what = RECORDER if waits_for_recorder else 'the duty'
+                self.warn(f'waiting for {what} at sim time {self._plant.time_ns * 1e-9:.3f} s')
         if not waits_for_recorder and now - self._asked_at > RESEND_S:
             sent_at = self._sent_at
             self._resent += 1
             self._publish_truth()
             self._sent_at = sent_at
-        limit = float(self.values['timeout' if self.log.ticks else 'startup_timeout'])
         if WARN_S < silence <= limit:
             # Who waits is not to be taken for silent itself, on a busy machine neither.
             self.report()
         if silence > limit:
-            self._silent(RECORDER if waits_for_recorder else '', limit)
+            self._silent(limit, recorder=waits_for_recorder)
 
     def _recorder_left(self) -> bool:
         """Go on without a recorder that has taken its leave; tell whether it has."""
@@ -266,9 +268,9 @@ class PlantSim(BallbotNode):
             self.advance()
         return True
 
-    def _silent(self, culprit: str, limit: float) -> None:
+    def _silent(self, limit: float, *, recorder: bool) -> None:
         now = self._plant.time_ns
-        who = culprit or self._participants.silent(now)
+        who = self._participants.silent(now, recorder=recorder)
         problem = f'{who} silent for {limit:g} s at sim time {now * 1e-9:.3f} s'
         if self.values['on_timeout'] == 'wait':
             self.warn(problem + ': waiting for it')
@@ -356,6 +358,7 @@ class PlantSim(BallbotNode):
     def close(self) -> None:
         """Save the trajectory, and let the last messages reach their readers."""
         self.stop()
+        self._participants.rest()
         path = self.values['trajectory_file']
         if path:
             try:

@@ -207,12 +207,13 @@ class Recorder(BallbotNode):
     def close(self) -> None:
         """Take what has still come, and finish the file."""
         self._write_until(math.inf)
-        self._inbox.destroy_node()
         if self._outcome and self.exit_status == 0:
             self._writer.add_outcome(self._outcome)
         if self._lost and self.exit_status == 0:
             self._writer.mark_incomplete(f'{self._lost} gaps in the sequence of messages')
         self._writer.close()
+        # Last: the middleware may be held up by a node that hangs, and the file is not to be.
+        self._inbox.destroy_node()
 
 
 class _Channel:

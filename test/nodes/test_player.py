@@ -61,8 +61,7 @@ class Listener:
 
 
 @pytest.fixture
-def listen(domain, monkeypatch):
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+def listen(domain):
     listeners = []
 
     def start(topics):
