@@ -185,7 +185,12 @@ def fill_encoders(message: Any, stamp_ns: int, counts: tuple[int, int]) -> None:
 
 
 def encoder_counts(message: Any) -> tuple[int, int]:
-    """Return the counts [deg] of motors B and C from ``joint_states``."""
+    """Return the counts [deg] of motors B and C from ``joint_states``.
+
+    ValueError if it tells of other joints.
+    """
+    if message.name != MOTOR_NAMES:
+        raise ValueError(f'joints {message.name}, not {MOTOR_NAMES}')
     return degrees_of(message.position[0]), degrees_of(message.position[1])
 
 

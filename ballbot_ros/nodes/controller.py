@@ -61,9 +61,15 @@ class Controller(BallbotNode):
     def _input_callback(self, name: str, reader: Callable[[Any], Any]) -> Callable[[Any], None]:
         def receive(message: Any) -> None:
             stamp = stamp_ns(message)
+            try:
+                reading = reader(message)
+            except (ValueError, IndexError, OverflowError):
+                # As of another robot's joint states in the same domain.
+                self.warn(f'{name}: what no device of the brick gives is ignored')
+                return
             if name == GAMEPAD_JOY.name:
                 self._sticks_at = time.monotonic()
-            if self._gate.put(name, stamp, reader(message)):
+            if self._gate.put(name, stamp, reading):
                 if self._lockstep:
                     self._try_tick()
             elif self._lockstep and self._next_ns and stamp == self._next_ns - TICK_NS:

@@ -73,6 +73,15 @@ def test_encoder_counts_come_back(through, counts):
     assert c.encoder_counts(message) == counts
 
 
+def test_joints_of_another_robot_are_no_encoder_counts(through):
+    def fill(message):
+        message.name, message.position = ['left_wheel', 'right_wheel'], [0.0, 0.0]
+
+    message, _ = through(JOINT_STATES, fill)
+    with pytest.raises(ValueError, match='left_wheel'):
+        c.encoder_counts(message)
+
+
 @pytest.mark.parametrize('sonar_cm', range(-1, 256))
 def test_every_sonar_reading_comes_back(sonar_cm):
     message, _ = through_rosbags(SONAR_RANGE, c.fill_sonar, STAMP, sonar_cm)

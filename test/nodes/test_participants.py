@@ -107,6 +107,7 @@ def test_if_all_are_heard_and_all_inputs_there_it_is_whose_answer_lacks(
 
 def test_what_was_heard_in_an_earlier_silence_does_not_count(node, participants, start_node):
     report(node, *(set(NODES) - {CONTROLLER}))
+    # The controller reads these, too, and ignores what is in them.
     answer(node, IN_TIME)
     controller = start_node(CONTROLLER)
     silent(participants, RECORDER, recorder=True)
