@@ -1,19 +1,23 @@
 import contextlib
+import os
 import signal
 
 import pytest
 from graph import Node, Run, free_domain
 
-from ballbot_ros.nodes.middleware import prepare_middleware, stay_on_this_machine
+from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
 
 # What tests make of ROS themselves is to be found as soon as the nodes are.
-stay_on_this_machine()
 prepare_middleware()
 
 # A suite that a shell runs in the background ignores SIGINT, and so would all that it starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Shared memory has locks that all domains have in common, so one test could hold up another, and
+# what a killed process leaves behind stays until the next boot.
+os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
 
 
 @pytest.fixture(scope='session')

@@ -11,7 +11,6 @@ import tempfile
 import time
 from pathlib import Path
 
-from ballbot_ros.nodes.middleware import LOCALHOST, PROFILES, RANGE
 from ballbot_ros.parameters import NODES
 
 BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
@@ -45,11 +44,10 @@ def free_domain():
 
 
 def environment(domain):
-    """What a user would have set; the suite's own profiles would tell the nodes not to choose."""
     return {
-        **{name: value for name, value in os.environ.items() if name != PROFILES},
+        **os.environ,
         'ROS_DOMAIN_ID': str(domain),
-        RANGE: LOCALHOST,
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'PYTHONUNBUFFERED': '1',
     }
 

@@ -15,13 +15,7 @@ from pathlib import Path
 from rich.console import Console
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.middleware import (
-    LOCALHOST,
-    RANGE,
-    prepare_middleware,
-    ros_domain,
-    stay_on_this_machine,
-)
+from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
 from ballbot_ros.share import share_directory
 
 OLDEST_PYTHON = (3, 10)
@@ -86,8 +80,8 @@ def _rmw() -> str:
 
 
 def _domain() -> str:
-    reach = os.environ.get(RANGE, f'not set: runs use {LOCALHOST}')
-    return f'ROS_DOMAIN_ID {ros_domain()}, {RANGE} {reach}'
+    reach = os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'not set: runs use LOCALHOST')
+    return f'ROS_DOMAIN_ID {ros_domain()}, ROS_AUTOMATIC_DISCOVERY_RANGE {reach}'
 
 
 def _ports() -> str:
@@ -112,7 +106,7 @@ def _discovery() -> str:
         from std_msgs.msg import String
     except ImportError as error:
         raise _FailedCheckError(str(error)) from None
-    stay_on_this_machine()
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     prepare_middleware()
     token = uuid.uuid4().hex
     heard: list[float] = []
@@ -140,7 +134,7 @@ def _discovery() -> str:
             context.try_shutdown()
     if not heard:
         raise _FailedCheckError(
-            f'no message within {DISCOVERY_S:g} s: allow UDP on the loopback interface '
+            f'no message within {DISCOVERY_S:g} s: allow UDP multicast on the loopback interface '
             '(firewall, container network)'
         )
     return f'a message went from one participant to another after {heard[0] - begun:.2f} s'

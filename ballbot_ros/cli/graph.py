@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,14 +10,14 @@ from pathlib import Path
 import rclpy
 
 from ballbot_ros.cli.experiment import Experiment
-from ballbot_ros.nodes.middleware import prepare_middleware, stay_on_this_machine
+from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
 
 
 @contextmanager
 def ros() -> Iterator[None]:
     """Have rclpy ready for the nodes of this process, on this machine unless told otherwise."""
-    stay_on_this_machine()
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     if rclpy.ok():
         yield
         return

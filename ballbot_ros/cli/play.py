@@ -30,10 +30,9 @@ def play_file(values: Mapping[str, Any]) -> int:
     from rclpy.parameter import Parameter
 
     from ballbot_ros.nodes.base import run_node
-    from ballbot_ros.nodes.middleware import stay_on_this_machine
     from ballbot_ros.nodes.player import Player
 
-    stay_on_this_machine()
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
     def make() -> Player:
         player = Player(values)

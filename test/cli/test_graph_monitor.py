@@ -15,6 +15,7 @@ pytestmark = pytest.mark.graph
 @pytest.fixture
 def monitor(domain, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with ros(), GraphMonitor() as monitor:
         yield monitor
 

@@ -55,7 +55,8 @@ class Ticking:
         rclpy.shutdown(context=self._context)
 
 
-def test_a_killed_recorder_loses_a_second_at_most(tmp_path):
+def test_a_killed_recorder_loses_a_second_at_most(tmp_path, monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     chance = random.Random(20)
     lost = []
     with free_domain() as domain:

@@ -1,57 +1,24 @@
-"""Nodes find each other soon, also those that start at different times, and talk over UDP."""
+"""Nodes find each other soon, also those that start at different times."""
 
 import os
 import socket
-import subprocess
-import sys
 import time
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
-from graph import bound_s, environment
+from graph import bound_s
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.middleware import (
-    DOMAIN,
-    LOCALHOST,
-    MIDDLEWARE,
-    PROFILES,
-    RANGE,
-    STATIC_PEERS,
-    prepare_middleware,
-    ros_domain,
-    stay_on_this_machine,
-)
+from ballbot_ros.nodes.middleware import DOMAIN, PROFILES, prepare_middleware, ros_domain
 from ballbot_ros.parameters import GYRO
 
 INITIAL_ANNOUNCEMENTS = 6
 LAST_PEER = 31
-SUBNET = 'SUBNET'
-
-# A tool of ROS that knows nothing of this package.
-LISTENER = """
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-rclpy.init()
-node = rclpy.create_node('listener')
-heard = rclpy.Future()
-node.create_subscription(DiagnosticArray, 'diagnostics', heard.set_result, 10)
-rclpy.spin_until_future_complete(node, heard, timeout_sec=60.0)
-print(heard.result().status[0].name)
-"""
-
-
-@pytest.fixture
-def bare(monkeypatch):
-    """An environment in which nothing is chosen yet."""
-    for name in (PROFILES, RANGE, STATIC_PEERS, MIDDLEWARE):
-        monkeypatch.delenv(name, raising=False)
-    return monkeypatch
 
 
 @pytest.mark.graph
-def test_a_node_goes_on_to_tell_of_itself_four_times_a_second(domain, start_node):
+def test_a_node_goes_on_to_tell_of_itself_four_times_a_second(domain, start_node, monkeypatch):
+    monkeypatch.delenv(PROFILES)
     # Where a participant with that number would listen.
     port = 7400 + 250 * domain + 10 + 2 * LAST_PEER
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
@@ -66,60 +33,10 @@ def test_a_node_goes_on_to_tell_of_itself_four_times_a_second(domain, start_node
     assert max(gaps) < bound_s(0.5)
 
 
-@pytest.mark.graph
-@pytest.mark.parametrize(
-    ('of_node', 'of_tool'), [(LOCALHOST, LOCALHOST), (LOCALHOST, SUBNET), (SUBNET, SUBNET)]
-)
-def test_nodes_share_no_memory_and_other_tools_hear_them(
-    domain, start_node, monkeypatch, of_node, of_tool
-):
-    monkeypatch.setattr('graph.LOCALHOST', of_node)
-    node = start_node(GYRO)
-    others = environment(domain) | {RANGE: of_tool}
-    heard = subprocess.run(
-        [sys.executable, '-c', LISTENER], env=others, capture_output=True, text=True, check=True
-    )
-    assert heard.stdout.strip() == 'gyro_driver: loop'
-    maps = Path(f'/proc/{node.process.pid}/maps').read_text()
-    assert 'libfastrtps' in maps
-    assert '/dev/shm/fastrtps' not in maps
-
-
-def chosen():
-    return Path(os.environ[PROFILES]).name, os.environ.get(RANGE)
-
-
-def test_profiles_of_the_user_stay(bare):
-    bare.setenv(PROFILES, 'mine.xml')
-    bare.setenv(RANGE, LOCALHOST)
+def test_profiles_of_the_user_stay(monkeypatch):
+    monkeypatch.setenv(PROFILES, 'mine.xml')
     prepare_middleware()
-    assert chosen() == ('mine.xml', LOCALHOST)
-
-
-def test_on_this_machine_the_profiles_alone_say_how_nodes_talk(bare):
-    stay_on_this_machine()
-    assert os.environ[RANGE] == LOCALHOST
-    for _ in range(2):
-        prepare_middleware()
-        assert chosen() == ('fastdds_localhost.xml', 'SYSTEM_DEFAULT')
-
-
-@pytest.mark.parametrize('reach', [SUBNET, 'OFF', 'SYSTEM_DEFAULT'])
-def test_a_range_of_the_user_stays(bare, reach):
-    bare.setenv(RANGE, reach)
-    stay_on_this_machine()
-    prepare_middleware()
-    assert chosen() == ('fastdds.xml', reach)
-
-
-@pytest.mark.parametrize(
-    ('name', 'value'), [(STATIC_PEERS, '192.168.0.1'), (MIDDLEWARE, 'rmw_cyclonedds_cpp')]
-)
-def test_what_profiles_can_not_say_is_left_to_the_range(bare, name, value):
-    bare.setenv(name, value)
-    bare.setenv(RANGE, LOCALHOST)
-    prepare_middleware()
-    assert chosen() == ('fastdds.xml', LOCALHOST)
+    assert os.environ[PROFILES] == 'mine.xml'
 
 
 @pytest.mark.parametrize('text', ['abc', '-1', '1e2', '233'])

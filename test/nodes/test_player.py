@@ -61,7 +61,8 @@ class Listener:
 
 
 @pytest.fixture
-def listen(domain):
+def listen(domain, monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     listeners = []
 
     def start(topics):
