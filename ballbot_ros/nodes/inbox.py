@@ -6,6 +6,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from ballbot_ros.messages.topics import Topic
 
 
 def hidden_node(name: str, namespace: str = '') -> Node:
@@ -16,6 +19,13 @@ def hidden_node(name: str, namespace: str = '') -> Node:
         use_global_arguments=False,
         start_parameter_services=False,
         enable_rosout=False,
+    )
+
+
+def raw_subscription(node: Node, topic: Topic, qos: QoSProfile) -> Any:
+    """Subscribe a hidden node to a topic; the messages are taken as they come off the wire."""
+    return node.create_subscription(
+        topic.message_class, topic.name, lambda data: None, qos, raw=True
     )
 
 

@@ -21,7 +21,7 @@ from ballbot_ros.messages.topics import (
     Topic,
 )
 from ballbot_ros.nodes.base import requested_qos
-from ballbot_ros.nodes.inbox import hidden_node, taken
+from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
 from ballbot_ros.simulation.timing import SECOND_NS
 from ballbot_ros.viewer.snapshot import Snapshot
 
@@ -42,14 +42,7 @@ class Newest:
     def __init__(self, node: Node, topics: Collection[Topic]) -> None:
         self._inbox = hidden_node(f'{node.get_name()}_inbox', node.get_namespace())
         self._subscriptions = {
-            topic: self._inbox.create_subscription(
-                topic.message_class,
-                topic.name,
-                lambda data: None,
-                requested_qos(topic, 1),
-                raw=True,
-            )
-            for topic in topics
+            topic: raw_subscription(self._inbox, topic, requested_qos(topic, 1)) for topic in topics
         }
         self._decoders = {topic: decoder(topic.type_name) for topic in topics}
         self._messages: dict[Topic, Any] = {}

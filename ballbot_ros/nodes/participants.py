@@ -16,7 +16,7 @@ from ballbot_ros.messages.topics import (
     Topic,
 )
 from ballbot_ros.nodes.base import offered_qos
-from ballbot_ros.nodes.inbox import hidden_node, taken
+from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
 from ballbot_ros.parameters import CONTROLLER, NODES, RECORDER
 from ballbot_ros.simulation.lockstep import InputGate
 
@@ -60,13 +60,7 @@ class Participants:
         name = f'{self._node.get_name()}_participants'
         self._inbox = hidden_node(name, self._node.get_namespace())
         self._subscriptions = {
-            topic: self._inbox.create_subscription(
-                topic.message_class,
-                topic.name,
-                lambda data: None,
-                offered_qos(_DEPTH),
-                raw=True,
-            )
+            topic: raw_subscription(self._inbox, topic, offered_qos(_DEPTH))
             for topic in (*_INPUTS, DIAGNOSTICS)
         }
 
@@ -97,7 +91,7 @@ class Participants:
         """
         last = RECORDER if recorder else CONTROLLER
         inputs = {topic.name: str(topic.publisher) for topic in _INPUTS}
-        expected = {*inputs.values(), CONTROLLER, last}
-        lost = [name for name in NODES if name in expected - self._heard]
+        unheard = {*inputs.values(), CONTROLLER, last} - self._heard
+        lost = [name for name in NODES if name in unheard]
         late = [inputs[name] for name in self._gate.missing(stamp_ns)]
         return ', '.join(lost or late) or last

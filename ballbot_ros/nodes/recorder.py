@@ -24,7 +24,7 @@ from ballbot_ros.messages.topics import (
     message_class,
 )
 from ballbot_ros.nodes.base import BallbotNode, requested_qos, run_node
-from ballbot_ros.nodes.inbox import hidden_node, taken
+from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
 from ballbot_ros.parameters import PLANT, RECORDER, VISUALIZER
 from ballbot_ros.recording.attachments import media_type
 from ballbot_ros.recording.errors import RecordingError
@@ -78,9 +78,7 @@ class Recorder(BallbotNode):
         self.every(DISCOVERY_S, self._discover)
 
     def _subscribe(self, topic: Topic, qos: QoSProfile) -> None:
-        subscription = self._inbox.create_subscription(
-            topic.message_class, topic.name, lambda data: None, qos, raw=True
-        )
+        subscription = raw_subscription(self._inbox, topic, qos)
         self._channels[subscription.topic_name] = _Channel(topic, subscription)
 
     def _poll(self) -> None:

@@ -7,8 +7,8 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from graph import wait_for
-from sensor_msgs.msg import Imu, JointState, Joy, Range
 
+from ballbot_ros.cli.graph import ros
 from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.topics import (
     DIAGNOSTICS,
@@ -19,43 +19,33 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.nodes.base import offered_qos
 from ballbot_ros.nodes.participants import Participants
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    GYRO,
-    NODES,
-    RECORDER,
-    SONAR,
-)
+from ballbot_ros.parameters import CONTROLLER, GYRO, NODES, RECORDER, SONAR
 
 pytestmark = pytest.mark.graph
 
 TICK_NS = 1_100_000_000
 EARLIER_NS = 1_000_000_000
-INPUTS = {GYRO_IMU: Imu, JOINT_STATES: JointState, SONAR_RANGE: Range, GAMEPAD_JOY: Joy}
-IN_TIME = dict.fromkeys(INPUTS, TICK_NS)
+IN_TIME = dict.fromkeys((GYRO_IMU, JOINT_STATES, SONAR_RANGE, GAMEPAD_JOY), TICK_NS)
 
 
 @pytest.fixture
-def node(domain):
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=domain)
-    made = rclpy.create_node('plant_sim', context=context)
-    yield made
-    made.destroy_node()
-    context.shutdown()
+def node(domain, monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    with ros():
+        made = rclpy.create_node('plant_sim')
+        yield made
+        made.destroy_node()
 
 
 @pytest.fixture
-def participants(node, monkeypatch):
-    # The nodes that it makes itself are the test's, too.
-    monkeypatch.setattr('rclpy.utilities.g_default_context', node.context)
+def participants(node):
     looking = Participants(node)
     yield looking
     looking.rest()
 
 
 def publish(node, topic, message):
-    publisher = node.create_publisher(type(message), topic.name, offered_qos(1))
+    publisher = node.create_publisher(topic.message_class, topic.name, offered_qos(1))
     publisher.publish(message)
 
 
@@ -66,7 +56,7 @@ def report(node, *names):
 
 def answer(node, stamps_ns):
     for topic, stamp_ns in stamps_ns.items():
-        message = INPUTS[topic]()
+        message = topic.message_class()
         fill_time(message.header.stamp, stamp_ns)
         publish(node, topic, message)
 
