@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from ballbot_ros.brick.units import quantise
 
-STEP_MV = 13.85
+ADC_BITS = 10
+FULL_SCALE_MV = 14180
+"""What one count more than the converter's largest would mean."""
 
 
 def battery_mv(voltage: float) -> int:
-    """Return the reading [mV] for a voltage [V]: a whole number of 13.85 mV steps, rounded."""
-    steps = quantise(voltage * 1000.0 / STEP_MV)
-    return max(0, min(65535, quantise(steps * STEP_MV)))
+    """Return what ``ecrobot_get_battery_voltage`` reads [mV] at a voltage [V].
+
+    The converter has 10 bits and rounds to the nearest count; nxtOSEK scales the count in
+    integers and truncates.
+    """
+    counts = quantise(voltage * 1000.0 * (1 << ADC_BITS) / FULL_SCALE_MV)
+    counts = max(0, min((1 << ADC_BITS) - 1, counts))
+    return (counts * FULL_SCALE_MV) >> ADC_BITS

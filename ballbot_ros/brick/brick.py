@@ -23,7 +23,8 @@ class DeviceInputs(NamedTuple):
     revolutions : tuple of int
         Motors B (plane x) and C (plane y) [deg].
     sonar_cm : int or None
-        Port S3 [cm].
+        Port S3 [cm]; :data:`~ballbot_ros.brick.units.NO_DATA_CM` from a sensor without data yet,
+        which leaves the register as it is.
     battery_mv : int or None
         Battery voltage [mV].
     sticks : tuple of int or None
@@ -72,8 +73,12 @@ class Brick:
     ----------
     gyro, revolutions : tuple of int
         As in :class:`DeviceInputs`.
-    sonar_cm, battery_mv : int
-        The newest samples.
+    sonar_cm : int
+        What the program last read from the sonar; -1 before its first request.
+    sonar_reply : int
+        What its next request will read: the distance at the request before, 0 before the first.
+    battery_mv : int
+        The newest sample.
     systick_ms : int
         uint32 system time.
     duty : tuple of int
@@ -84,6 +89,8 @@ class Brick:
         self.gyro = (0, 0)
         self.revolutions = (0, 0)
         self.sonar_cm = NO_DATA_CM
+        self.sonar_reply = 0
+        self._sonar_register = 0
         self.battery_mv = 0
         self.systick_ms = 0
         self.duty = (0, 0)
@@ -98,8 +105,8 @@ class Brick:
         self.systick_ms = systick_ms & UINT32
         self.gyro = inputs.gyro
         self.revolutions = inputs.revolutions
-        if inputs.sonar_cm is not None:
-            self.sonar_cm = inputs.sonar_cm
+        if inputs.sonar_cm is not None and inputs.sonar_cm != NO_DATA_CM:
+            self._sonar_register = inputs.sonar_cm
         if inputs.battery_mv is not None:
             self.battery_mv = inputs.battery_mv
         if inputs.sticks is not None:
@@ -114,6 +121,15 @@ class Brick:
         """Return the waiting Bluetooth packet's sticks, or `latest` if none waits."""
         waiting, self._waiting = self._waiting, None
         return latest if waiting is None else waiting
+
+    def read_sonar(self) -> int:
+        """Return the distance [cm] at the request before, and request the next one.
+
+        nxtOSEK fetches the sensor's register over I2C after the call, so a value is one period of
+        the calling task old when the program sees it.
+        """
+        self.sonar_cm, self.sonar_reply = self.sonar_reply, self._sonar_register
+        return self.sonar_cm
 
     def log(
         self, data1: int, data2: int, adc1: int, adc2: int, adc3: int = 0, adc4: int = 0

@@ -1,4 +1,4 @@
-"""The status page on the brick's 16 x 8 character display."""
+"""The brick's 16 x 8 character display, as nxtOSEK's ``ecrobot_status_monitor`` fills it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def status_page(
     bluetooth_connected: bool,
     sonar_cm: int,
 ) -> str:
-    """Return the page: eight lines of sixteen characters.
+    """Return the page: eight lines of sixteen characters, numbers left-aligned.
 
     Parameters
     ----------
@@ -33,16 +33,16 @@ def status_page(
     bluetooth_connected : bool
         Shown as 1 or 0 before the sonar's distance [cm].
     sonar_cm : int
-        Ultrasonic sensor reading.
+        What the program last read from the ultrasonic sensor; -1 before its first request.
     """
     lines = (
         name,
-        f'TIME:{systick_ms // 1000:>11}',
-        f'BATT:{battery_mv // 100:>11}',
-        f'REV:{revolutions[0]:>6}{revolutions[1]:>6}',
-        f'{revolutions[2]:>16}',
-        f'ADC:{adc[0]:>6}{adc[1]:>6}',
-        f'{adc[2]:>10}{adc[3]:>6}',
-        f'BT/DST:{bluetooth_connected:>4d}{sonar_cm:>5}',
+        f'TIME:{systick_ms // 1000}',
+        f'BATT:{battery_mv // 100}',
+        f'REV: {revolutions[0]}{revolutions[1]:>6}',
+        f'     {revolutions[2]}',
+        f'ADC: {adc[0]}{adc[1]:>5}',
+        f'     {adc[2]}{adc[3]:>5}',
+        f'BT/DST: {bluetooth_connected:d}{sonar_cm:>5}',
     )
     return '\n'.join(line[:COLUMNS].ljust(COLUMNS) for line in lines)

@@ -185,17 +185,17 @@ class _Check:
             f'Most instructions that a call took, counted by qemu; {CYCLES_PER_INSTRUCTION:g} '
             f'cycles each from SRAM, at most {FLASH_FACTOR:g} times that from flash.'
         )
-        memory = measure_memory(self._scratch)
-        sram = memory.data + memory.bss + STACK_BYTES * len(self._tasks)
-        flash = memory.text + memory.rodata + memory.data
+        memory = measure_memory(self._scratch, len(self._tasks))
+        console.print(', '.join(f'{name} {size} B' for name, size in memory._asdict().items()))
         console.print(
-            f'text {memory.text} B, rodata {memory.rodata} B, data {memory.data} B, '
-            f'bss {memory.bss} B, stacks {STACK_BYTES * len(self._tasks)} B'
+            f'As an RXE or RAM image: SRAM {_share(memory.rxe_sram, SRAM_BYTES)}. As a ROM image: '
+            f'SRAM {_share(memory.rom_sram, SRAM_BYTES)}, '
+            f'flash {_share(memory.rom_flash, FLASH_BYTES)}.'
         )
-        console.print(
-            f'SRAM {sram} B of {SRAM_BYTES} ({sram / SRAM_BYTES:.1%}), '
-            f'flash {flash} B of {FLASH_BYTES} ({flash / FLASH_BYTES:.1%})'
-        )
+
+
+def _share(size: int, available: int) -> str:
+    return f'{size} B of {available} ({size / available:.1%})'
 
 
 def _time(instructions: int) -> tuple[str, str, str]:

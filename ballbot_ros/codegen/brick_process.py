@@ -19,7 +19,7 @@ from ballbot_ros.codegen.signals import STATE_SIZE
 
 MAX_DUE = 8
 _REQUEST = struct.Struct(f'<IiiiHHHBbbB{MAX_DUE}s2x')
-_HEAD = struct.Struct(f'<bbBBBB{MAX_DUE}Hbbhhhh6I16s')
+_HEAD = struct.Struct(f'<bbBBBBBx{MAX_DUE}Hbbhhhhxx6I16s')
 ANSWER_SIZE = _HEAD.size + STATE_SIZE
 _SIZES = struct.Struct('<HH')
 _LONGEST_REASON = 200
@@ -50,6 +50,8 @@ class Answer(NamedTuple):
     tones : list of Tone
     page : str or None
         Name given to the status display.
+    read_sonar : bool
+        Whether it asked for the distance.
     stack_bytes : tuple of int
         Deepest use of each task's stack so far; zeros where it is not measured.
     state : bytes
@@ -61,6 +63,7 @@ class Answer(NamedTuple):
     log: Log | None
     tones: list[Tone]
     page: str | None
+    read_sonar: bool
     stack_bytes: tuple[int, ...]
     state: bytes
 
@@ -69,7 +72,7 @@ def encode_request(
     *,
     systick_ms: int,
     revolutions: tuple[int, int],
-    sonar_cm: int,
+    sonar_reply_cm: int,
     gyro: tuple[int, int],
     battery_mv: int,
     sticks: tuple[int, int] | None,
@@ -79,7 +82,7 @@ def encode_request(
 
     Parameters
     ----------
-    systick_ms, revolutions, sonar_cm, gyro, battery_mv : int or tuple of int
+    systick_ms, revolutions, sonar_reply_cm, gyro, battery_mv : int or tuple of int
         What the devices answer.
     sticks : tuple of int or None
         A packet that arrives.
@@ -93,7 +96,7 @@ def encode_request(
     """
     try:
         return _REQUEST.pack(
-            systick_ms, *revolutions, sonar_cm, *gyro, battery_mv,
+            systick_ms, *revolutions, sonar_reply_cm, *gyro, battery_mv,
             sticks is not None, *(sticks or (0, 0)), len(due), bytes(due),
         )  # fmt: skip
     except struct.error as error:
@@ -167,7 +170,7 @@ class BrickProcess:
 
 def decode_answer(data: bytes) -> Answer:
     """Read an answer's bytes."""
-    vertical, horizontal, faults, logs, tones, pages, *rest = _HEAD.unpack_from(data)
+    vertical, horizontal, faults, logs, tones, pages, sonar_reads, *rest = _HEAD.unpack_from(data)
     stack, rest = rest[:MAX_DUE], rest[MAX_DUE:]
     log, rest = rest[:6], rest[6:]
     name = rest.pop()
@@ -177,6 +180,7 @@ def decode_answer(data: bytes) -> Answer:
         Log(*log) if logs else None,
         [Tone(*rest[3 * n : 3 * n + 3]) for n in range(tones)],
         name.rstrip(b'\0').decode('ascii') if pages else None,
+        sonar_reads > 0,
         tuple(stack),
         data[_HEAD.size :],
     )

@@ -91,7 +91,7 @@ class CompiledProgram:
             encode_request(
                 systick_ms=brick.systick_ms,
                 revolutions=brick.revolutions,
-                sonar_cm=brick.sonar_cm,
+                sonar_reply_cm=brick.sonar_reply,
                 gyro=brick.gyro,
                 battery_mv=brick.battery_mv,
                 sticks=inputs.sticks,
@@ -103,6 +103,8 @@ class CompiledProgram:
         brick.duty = answer.duty
         if answer.log:
             brick.log(*answer.log)
+        if answer.read_sonar:
+            brick.read_sonar()
         for tone in answer.tones:
             brick.sound_tone(*tone)
         if answer.page is not None:

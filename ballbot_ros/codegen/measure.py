@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ballbot_ros.codegen.application import C_SOURCES
+from ballbot_ros.codegen.application import C_SOURCES, STACK_BYTES
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.toolchain import ARM, object_file, run_tool
 
@@ -26,15 +26,39 @@ _SYMBOL = re.compile(r'^([0-9a-f]+) (?:([0-9a-f]+) )?[tTwW] (\S+)$', re.MULTILIN
 
 
 class Memory(NamedTuple):
-    """Bytes of the program with the arithmetic that it links, without the platform."""
+    """Bytes of the program with the arithmetic that it links, without the platform.
+
+    Attributes
+    ----------
+    text, rodata, data, bss : int
+        The sections.
+    stacks : int
+        The stacks of all tasks.
+    """
 
     text: int
     rodata: int
     data: int
     bss: int
+    stacks: int
+
+    @property
+    def rxe_sram(self) -> int:
+        """SRAM of an RXE or RAM image, which lies there whole."""
+        return sum(self)
+
+    @property
+    def rom_sram(self) -> int:
+        """SRAM of a ROM image: its data and stacks."""
+        return self.data + self.bss + self.stacks
+
+    @property
+    def rom_flash(self) -> int:
+        """Flash of a ROM image: its code, constants and initial values."""
+        return self.text + self.rodata + self.data
 
 
-def measure_memory(scratch: Path) -> Memory:
+def measure_memory(scratch: Path, task_count: int) -> Memory:
     """Return the memory of what :func:`ballbot_ros.codegen.toolchain.build` built for ARM."""
     objects = [object_file(name) for name in C_SOURCES]
     # The platform's functions stay open; the soft-float routines come in.
@@ -45,7 +69,8 @@ def measure_memory(scratch: Path) -> Memory:
     )  # fmt: skip
     listing = run_tool(['arm-none-eabi-size', '-A', 'application'], scratch)
     sizes = {words[0]: int(words[1]) for words in map(str.split, listing.splitlines()[2:]) if words}
-    return Memory(*(sizes.get(section, 0) for section in _SECTIONS))
+    text, rodata, data, bss = (sizes.get(section, 0) for section in _SECTIONS)
+    return Memory(text, rodata, data, bss, STACK_BYTES * task_count)
 
 
 def count_instructions(

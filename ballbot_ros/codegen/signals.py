@@ -10,6 +10,8 @@ from typing import Any
 from ballbot_ros.brick.bluetooth import PACKET_SIZE, GamepadPacket
 from ballbot_ros.controller.program import ControlProgram
 
+_ZEROS = {'float': '0.0f', 'S32': '0', 'U32': '0U', 'U8': '0U'}
+
 
 @dataclass(frozen=True)
 class Signal:
@@ -25,6 +27,8 @@ class Signal:
         For the data dictionary.
     length : int
         Number of elements.
+    initial : str
+        The C expression that task_init gives it, or each of its elements; zero by default.
     """
 
     name: str
@@ -34,6 +38,11 @@ class Signal:
     description: str
     source: str
     length: int = 1
+    initial: str = ''
+
+    def __post_init__(self) -> None:
+        if not self.initial:
+            object.__setattr__(self, 'initial', _ZEROS[self.c_type])
 
 
 def _floats(*rows: tuple[str, str, str, str]) -> tuple[Signal, ...]:
@@ -59,11 +68,13 @@ PLANE_SIGNALS = _floats(
 
 PROGRAM_SIGNALS = (
     Signal('battery', 'float', 'mV', '1', 'averaged battery voltage', '7.6'),
-    Signal('distance_cm', 'S32', 'cm', '1', 'distance to an obstacle; 255: none', '7.5'),
+    Signal('distance_cm', 'S32', 'cm', '1', 'distance to an obstacle; 255: none', '7.5',
+           initial='NO_ECHO_CM'),
     Signal('start_time', 'U32', 'ms', '1', 'system time of task_init', '7.3'),
     Signal('timer_stop', 'U32', 'ms', '1', 'time at which control was last kept', '7.6'),
     Signal('echo_time', 'U32', 'ms', '1', 'system time of the last echo', 'project'),
-    Signal('operating_state', 'U8', '', '0 stop, 1 calibration, 2 control', 'what ts1 does', '7.6'),
+    Signal('operating_state', 'U8', '', '0 stop, 1 calibration, 2 control', 'what ts1 does', '7.6',
+           initial='BALLBOT_CALIBRATION'),
     Signal('flag_avoid', 'U8', '', '0 no, 1 yes', 'an obstacle is near', '7.5'),
     Signal('flag_auto', 'U8', '', '0 no, 1 yes', 'time_auto has passed', '7.6'),
     Signal('calibrated', 'U8', '', '0 no, 1 yes', 'time_start had passed at the last ts3', '7.6'),

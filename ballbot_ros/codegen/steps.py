@@ -40,7 +40,7 @@ def random_steps(seed: int, ticks: int, *, wild: bool) -> Iterator[Step]:
     start = draw.choice((1000, draw.randrange(2**32), 2**32 - draw.randrange(4 * ticks + 4)))
     gyro = [_OFFSET, _OFFSET]
     revolutions = [0, 0]
-    battery = 8005
+    battery = 8003
     for tick in range(ticks):
         elapsed = tick * TS1_MS
         for plane in (0, 1):

@@ -40,6 +40,10 @@ class Axis:
         self._complement_gd = ONE - p.a_gd
         self._complement_gc = ONE - p.a_gc
         self._gp_max = Single(p.gp_max)
+        self.reset()
+
+    def reset(self) -> None:
+        """Set every variable to its initial value."""
         self.gyro_offset = ZERO
         self.theta = self.psi = self.theta_dot = self.psi_dot = ZERO
         self.theta_ref = self.theta_ref_dot = ZERO

@@ -73,6 +73,12 @@ class ControlProgram:
         p = self._p = ControllerParameters.of(values)
         self.brick = Brick()
         self.x, self.y = Axis(p), Axis(p)
+        self.schedule = Schedule(Task(*timing, getattr(self, timing.name)) for timing in p.tasks)
+        self._reset()
+
+    def _reset(self) -> None:
+        self.x.reset()
+        self.y.reset()
         self.operating_state = CALIBRATION
         self.battery = ZERO
         self.distance_cm = NO_ECHO_CM
@@ -84,7 +90,6 @@ class ControlProgram:
         self.log_counter = 0
         self.sticks = (0, 0)
         self.echo_time = 0
-        self.schedule = Schedule(Task(*timing, getattr(self, timing.name)) for timing in p.tasks)
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
@@ -98,7 +103,12 @@ class ControlProgram:
         )
 
     def task_init(self) -> None:
-        """Set the initial values (section 7.3)."""
+        """Set the initial values (section 7.3) of everything.
+
+        STOP and RUN start the program again without loading it: nothing may be left of the run
+        before.
+        """
+        self._reset()
         self.battery = Single(self.brick.battery_mv)
         self.x.gyro_offset = Single(self.brick.gyro[0])
         self.y.gyro_offset = Single(self.brick.gyro[1])
@@ -125,8 +135,9 @@ class ControlProgram:
     def task_ts2(self) -> None:
         """Look for an obstacle (section 7.5); a missed echo is bridged by the one before."""
         brick = self.brick
-        if brick.sonar_cm != NO_ECHO_CM:
-            self.distance_cm, self.echo_time = brick.sonar_cm, brick.systick_ms
+        sonar_cm = brick.read_sonar()
+        if sonar_cm != NO_ECHO_CM:
+            self.distance_cm, self.echo_time = sonar_cm, brick.systick_ms
         elif (brick.systick_ms - self.echo_time) & UINT32 > self._p.sonar_hold:
             self.distance_cm = NO_ECHO_CM
         self.flag_avoid = self.distance_cm <= self._p.dst_thr

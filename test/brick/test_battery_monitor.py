@@ -6,22 +6,25 @@ from laws import given
 
 from ballbot_ros.brick.battery_monitor import battery_mv
 
-STEP_MV = 13.85
+READINGS = [(counts * 14180) >> 10 for counts in range(1024)]
 
 
 @pytest.mark.parametrize(
-    ('voltage', 'reading'), [(0.0, 0), (8.0, 8005), (9.5, 9501), (7.0, 6994), (0.0139, 14)]
+    ('voltage', 'reading'), [(0.0, 0), (8.0, 8003), (9.5, 9499), (7.0, 7006), (0.0139, 13)]
 )
 def test_readings_of_known_voltages(voltage, reading):
     assert battery_mv(voltage) == reading
 
 
-@given(st.floats(0.0, 12.0))
-def test_a_reading_is_the_nearest_whole_number_of_steps(voltage):
+def test_every_count_of_the_converter_has_a_voltage_that_reads_it():
+    assert [battery_mv(counts * 14.180 / 1024) for counts in range(1024)] == READINGS
+
+
+@given(st.floats(0.0, 14.0))
+def test_a_reading_is_the_nearest_count_truncated_to_millivolts(voltage):
     reading = battery_mv(voltage)
-    steps = round(reading / STEP_MV)
-    assert abs(reading - steps * STEP_MV) <= 0.5
-    assert abs(voltage * 1000.0 - steps * STEP_MV) <= STEP_MV / 2 + 1e-9
+    assert reading in READINGS
+    assert -1.0 - 14.180 / 2 * 1000 / 1024 <= reading - voltage * 1000.0 <= 7.0
 
 
 @given(st.floats(0.0, 12.0), st.floats(0.0, 0.1))
@@ -30,5 +33,5 @@ def test_more_voltage_never_reads_less(voltage, more):
 
 
 @given(st.floats(-10.0, 100.0))
-def test_a_reading_fits_sixteen_bits(voltage):
-    assert 0 <= battery_mv(voltage) <= 65535
+def test_a_reading_stays_within_the_converter(voltage):
+    assert 0 <= battery_mv(voltage) <= READINGS[-1]

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -72,8 +73,15 @@ def test_an_untouched_folder_is_equal_and_is_measured(tmp_path, parameters, few_
     # Two planes of some thirty soft-float operations, each tens of instructions or more.
     assert 2000 < counts['task_ts1'] < 20000
     assert 100 < counts['task_ts3'] < 2000
-    assert 'SRAM' in text
-    assert 'flash' in text
+    sizes = {name: int(size) for name, size in re.findall(r'(\w+) (\d+) B\b', text)}
+    assert sizes['stacks'] == 5 * 512
+    sections = [sizes[name] for name in ('text', 'rodata', 'data', 'bss', 'stacks')]
+    code, constants, data, cleared, stacks = sections
+    rxe = f'As an RXE or RAM image: SRAM {sum(sections)} B of 65536'
+    assert rxe in text
+    rom = f'SRAM {data + cleared + stacks} B of 65536'
+    assert rom in text
+    assert f'flash {code + constants + data} B of 229376' in text
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ def test_devices_read_the_truth_of_their_own_tick():
         turned = tick.truth.motor_angle[0] * 57.29577951
         assert abs(tick.inputs.revolutions[0] - turned) <= 0.5000001
     assert ticks[-1].inputs.gyro[0] > 600
-    assert ticks[0].inputs.battery_mv == 8005
+    assert ticks[0].inputs.battery_mv == 8003
     assert ticks[0].inputs.sonar_cm == 255
 
 

@@ -9,7 +9,7 @@ from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER
 
 AT_REST = DeviceInputs(
-    gyro=(600, 600), revolutions=(0, 0), sonar_cm=255, battery_mv=8005, sticks=(0, 0)
+    gyro=(600, 600), revolutions=(0, 0), sonar_cm=255, battery_mv=8003, sticks=(0, 0)
 )
 SHORT = {'time_start': 100, 'time_auto': 300, 'time_stop': 200}
 
@@ -90,23 +90,35 @@ def test_an_obstacle_at_the_threshold_or_nearer_changes_the_state(mode, sonar_cm
     assert program.drive_state == state
 
 
-def test_obstacles_are_looked_for_every_20_ms():
+def test_an_obstacle_is_seen_a_period_of_20_ms_after_the_sonar_has_it():
     program = make_program(**SHORT)
     clock = Clock(program)
-    clock.run(300)
-    clock.run(316, sonar_cm=10)
+    clock.run(316)
+    clock.run(336, sonar_cm=10)
     assert program.drive_state == 'remote'
-    clock.run(320, sonar_cm=10)
+    clock.run(340, sonar_cm=10)
     assert program.drive_state == 'backward'
 
 
+def test_before_the_first_answer_the_sonar_reads_zero_and_that_is_an_obstacle():
+    program = make_program(time_start=0)
+    clock = Clock(program)
+    clock.run(16)
+    assert (program.distance_cm, program.drive_state) == (0, 'backward')
+    clock.run(20)
+    assert (program.distance_cm, program.drive_state) == (255, 'remote')
+
+
 def states(clock, readings):
-    """Return the drive state after each reading of the sonar [cm], 20 ms apart."""
+    """Return the drive state once the program has seen each reading of the sonar [cm].
+
+    The readings are 20 ms apart, and each is seen 20 ms later.
+    """
     found = []
-    for sonar_cm in readings:
+    for sonar_cm in [*readings, readings[-1]]:
         clock.run(clock.elapsed_ms + 16, sonar_cm=sonar_cm)
         found.append(clock.program.drive_state)
-    return found
+    return found[1:]
 
 
 def test_without_a_hold_a_missed_echo_counts_as_free_like_in_the_document():
@@ -247,7 +259,7 @@ def test_a_log_record_holds_the_time_and_the_pitches_in_bits():
     outputs |= clock.run(600, gyro=(610, 595))
     time, record = [(time, out.log[0]) for time, out in outputs.items() if out.log][-1]
     assert record.time_ms == 1000 + time
-    assert record.battery_mv == 8005
+    assert record.battery_mv == 8003
     assert record.adc1 > 500
     assert record.adc2 < -250
     assert record.adc3 == record.adc4 == 0
@@ -281,9 +293,9 @@ def test_the_battery_is_averaged_ten_times_a_second():
     program = make_program()
     clock = Clock(program)
     clock.run(96)
-    assert program.battery == 8005
+    assert program.battery == 8003
     clock.run(196, battery_mv=7005)
-    assert program.battery == pytest.approx(7805)
+    assert program.battery == pytest.approx(7803.4)
     clock.run(5000, battery_mv=7005)
     assert program.battery == pytest.approx(7005, abs=0.1)
 

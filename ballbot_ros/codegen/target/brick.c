@@ -24,7 +24,7 @@
 typedef struct {
     U32 systick_ms;
     S32 revolution[2];
-    S32 sonar_cm;
+    S32 sonar_reply_cm;
     U16 gyro[2];
     U16 battery_mv;
     U8 packet_comes;
@@ -39,6 +39,7 @@ typedef struct {
     U8 logs;
     U8 tones;
     U8 pages;
+    U8 sonar_reads;
     U16 stack[MAX_DUE];
     S8 data[2];
     S16 adc[4];
@@ -118,7 +119,8 @@ S32 ecrobot_get_sonar_sensor(U8 port)
     if (!sonar_on) {
         answer.faults |= NO_DEVICE;
     }
-    return request.sonar_cm;
+    answer.sonar_reads++;
+    return request.sonar_reply_cm;
 }
 
 U16 ecrobot_get_battery_voltage(void)
@@ -286,7 +288,7 @@ static void tick(void)
 {
     unsigned n;
 
-    answer.logs = answer.tones = answer.pages = 0;
+    answer.logs = answer.tones = answer.pages = answer.sonar_reads = 0;
     timer_signals = 0;
     user_1ms_isr_type2();
     if (timer_signals != 1) {

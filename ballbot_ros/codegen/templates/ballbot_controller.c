@@ -33,10 +33,19 @@
 #define VOLTAGE_SLOPE {{ voltage_slope }}
 #define VOLTAGE_OFFSET {{ voltage_offset }}
 
-BallbotState ballbot = {
-    .distance_cm = NO_ECHO_CM,
-    .operating_state = BALLBOT_CALIBRATION,
-};
+/*
+ * Without an initial value here: STOP and RUN start the program again without loading its data.
+ * task_init sets every member.
+ */
+BallbotState ballbot;
+
+/* Sets every member of a plane to its initial value. */
+static void reset(BallbotPlane *plane)
+{
+{% for signal in plane_signals %}
+    plane->{{ signal.name }} = {{ signal.initial }};
+{% endfor %}
+}
 
 /* Moves the offset estimate towards a reading at rest. */
 static void calibrate(BallbotPlane *plane, U16 gyro)
@@ -185,9 +194,23 @@ static void log_pitches(void)
     }
 }
 
-/* Once, at the start: initial values (section 7.3). */
+/* Once, at each start: initial values (section 7.3) of everything. */
 TASK(task_init)
 {
+    U32 n;
+
+    reset(&ballbot.x);
+    reset(&ballbot.y);
+{% for signal in program_signals %}
+{% if signal.length > 1 %}
+    for (n = 0U; n < {{ signal.length }}U; n++) {
+        ballbot.{{ signal.name }}[n] = {{ signal.initial }};
+    }
+{% else %}
+    ballbot.{{ signal.name }} = {{ signal.initial }};
+{% endif %}
+{% endfor %}
+
     ballbot.battery = (float)ecrobot_get_battery_voltage();
     ballbot.x.gyro_offset = (float)ecrobot_get_gyro_sensor(GYRO_X);
     ballbot.y.gyro_offset = (float)ecrobot_get_gyro_sensor(GYRO_Y);
