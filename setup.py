@@ -128,6 +128,7 @@ setup(
             'numpydoc>=1.8',
             'colcon-common-extensions>=0.3',
             'mcap-ros2-support>=0.5',
+            'numba>=0.58',
             'pyarrow>=14',
             'types-PyYAML>=6.0',
             'yourdfpy>=0.0.56',

@@ -44,6 +44,7 @@ ROSDEP_TEST_KEYS = {
     'hypothesis': 'python3-hypothesis',
     'mcap-ros2-support': 'mcap-ros2-support',
     'mypy': 'python3-mypy',
+    'numba': 'python3-numba',
     'numpydoc': None,
     'pyarrow': None,
     'pytest': 'python3-pytest',

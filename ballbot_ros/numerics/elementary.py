@@ -1,0 +1,88 @@
+"""Sine, cosine and logarithm."""
+
+from __future__ import annotations
+
+import math
+
+TWO_PI = 2.0 * math.pi
+
+_QUARTER_PI = math.pi / 4.0
+_TWO_OVER_PI = 2.0 / math.pi
+# Half of pi in three parts. The first two have 33 bits each, so that up to 2^20 times either is
+# exact.
+_HALF_PI_1 = float.fromhex('0x1.921fb54400000p+0')
+_HALF_PI_2 = float.fromhex('0x1.0b4611a600000p-34')
+_HALF_PI_3 = float.fromhex('0x1.3198a2e037073p-69')
+_LARGEST_ANGLE = float(2**20)
+
+# Sine: x + x z (S3 + S5 z + ...), cosine: 1 - z/2 + z^2 (C4 + C6 z + ...), with z = x^2. The
+# coefficients interpolate both at the Chebyshev nodes of 0 ... (pi/4)^2; the error is below 2^-55.
+_S3 = -0.16666666666666666
+_S5 = 0.008333333333330948
+_S7 = -0.00019841269836758574
+_S9 = 2.755731610255244e-06
+_S11 = -2.5051131845003624e-08
+_S13 = 1.5918129294866608e-10
+_C4 = 0.041666666666666664
+_C6 = -0.0013888888888887398
+_C8 = 2.480158729876569e-05
+_C10 = -2.7557317271729793e-07
+_C12 = 2.08761462684032e-09
+_C14 = -1.1382632425521717e-11
+
+_SQRT_HALF = math.sqrt(0.5)
+# The logarithm of 2 in two parts; any exponent times the first is exact.
+_LN2_1 = float.fromhex('0x1.62e42fee00000p-1')
+_LN2_2 = float.fromhex('0x1.a39ef35793c76p-33')
+
+
+def sine_cosine(angle: float) -> tuple[float, float]:
+    """Return sine and cosine of an angle [rad], to about one unit in the last place.
+
+    Polynomials up to an eighth of a turn, behind a reduction by quarters of a turn (Cody and
+    Waite). Beyond 2^20 rad a double says little of an angle: it is first reduced by the double
+    nearest to 2 pi. Infinite angles give NaN.
+    """
+    if -_QUARTER_PI <= angle <= _QUARTER_PI:
+        quarters, x = 0, angle
+    else:
+        if not -_LARGEST_ANGLE < angle < _LARGEST_ANGLE:
+            if angle - angle != 0.0:
+                return math.nan, math.nan
+            # The remainder of a positive number is exact.
+            angle = angle % TWO_PI if angle > 0.0 else -(-angle % TWO_PI)
+        quarters = math.floor(angle * _TWO_OVER_PI + 0.5)
+        x = ((angle - quarters * _HALF_PI_1) - quarters * _HALF_PI_2) - quarters * _HALF_PI_3
+    z = x * x
+    sine = x + x * (z * (_S3 + z * (_S5 + z * (_S7 + z * (_S9 + z * (_S11 + z * _S13))))))
+    cosine = 1.0 + z * (
+        -0.5 + z * (_C4 + z * (_C6 + z * (_C8 + z * (_C10 + z * (_C12 + z * _C14)))))
+    )
+    if quarters == 0:
+        return sine, cosine
+    quadrant = quarters % 4
+    if quadrant == 0:
+        return sine, cosine
+    if quadrant == 1:
+        return cosine, -sine
+    if quadrant == 2:
+        return -sine, -cosine
+    return -cosine, sine
+
+
+def natural_log(x: float) -> float:
+    """Return the natural logarithm of a positive number, to about one unit in the last place.
+
+    With x = m·2^e and m within sqrt(1/2) ... sqrt(2): e·ln 2 + 2 artanh((m - 1)/(m + 1)).
+    """
+    mantissa, exponent = math.frexp(x)
+    if mantissa < _SQRT_HALF:
+        mantissa *= 2.0
+        exponent -= 1
+    s = (mantissa - 1.0) / (mantissa + 1.0)
+    z = s * s
+    # The terms z^n / (2n + 1), the smallest first.
+    series = 0.0
+    for n in range(11, 0, -1):
+        series = (series + 1.0 / (2 * n + 1)) * z
+    return exponent * _LN2_1 + (exponent * _LN2_2 + 2.0 * s * series + 2.0 * s)

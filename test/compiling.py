@@ -1,0 +1,19 @@
+"""Compiling the project's functions as they stand."""
+
+from types import FunctionType
+
+import numba
+
+
+def compiled(function):
+    """Return a function compiled by numba, and so what it calls of this project."""
+    names = function.__code__.co_names
+    called = {
+        name: compiled(value)
+        for name, value in function.__globals__.items()
+        if name in names
+        and isinstance(value, FunctionType)
+        and value.__module__.startswith('ballbot_ros')
+    }
+    fresh = FunctionType(function.__code__, {**function.__globals__, **called}, function.__name__)
+    return numba.njit(fresh)
