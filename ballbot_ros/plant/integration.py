@@ -1,18 +1,16 @@
 """One physics step of a plane: exact for the linear model, Runge-Kutta for the nonlinear one.
 
-Written on plain floats: at two planes and 1000 steps a second of simulated time this is several
-times as fast as arrays of four elements, and the same on every machine.
+Written on plain floats, in a fixed order of operations: several times as fast as arrays of four
+elements, and the same on every machine.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
-import numpy as np
-from scipy.linalg import expm
-
-from ballbot_ros.plant.model import PhysicalParameters, state_space
+from ballbot_ros.numerics.discretisation import zero_order_hold
+from ballbot_ros.numerics.elementary import sine_cosine
+from ballbot_ros.plant.model import PhysicalParameters, mass_matrix, state_space
 
 State = tuple[float, float, float, float]
 """theta, psi [rad], theta_dot, psi_dot [rad/s] of one plane."""
@@ -23,16 +21,12 @@ Step = Callable[[State, float, float, float], State]
 
 def linear_step(p: PhysicalParameters, dt: float) -> Step:
     """Return the exact step of the linear model under inputs held for `dt` seconds."""
-    a, b = state_space(p)
-    block = np.zeros((7, 7))
-    block[:4, :4] = a
-    block[:4, 4:] = b
-    discrete = expm(block * dt)
+    transition, held = zero_order_hold(*state_space(p), dt)
     # theta is a pure integral: its column of the transition matrix is that of the identity.
-    (_, a01, a02, a03, b00, b01, b02) = discrete[0].tolist()
-    (_, a11, a12, a13, b10, b11, b12) = discrete[1].tolist()
-    (_, a21, a22, a23, b20, b21, b22) = discrete[2].tolist()
-    (_, a31, a32, a33, b30, b31, b32) = discrete[3].tolist()
+    (_, a01, a02, a03), (_, a11, a12, a13), (_, a21, a22, a23), (_, a31, a32, a33) = (
+        transition.tolist()
+    )
+    (b00, b01, b02), (b10, b11, b12), (b20, b21, b22), (b30, b31, b32) = held.tolist()
 
     def step(state: State, voltage: float, on_theta: float, on_psi: float) -> State:
         theta, psi, omega, rho = state
@@ -59,23 +53,19 @@ def linear_step(p: PhysicalParameters, dt: float) -> Step:
 
 def nonlinear_step(p: PhysicalParameters, dt: float) -> Step:
     """Return a classical fourth-order Runge-Kutta step of (3.11)-(3.12)."""
-    arm = p.body_mass * p.body_height
-    swing = arm * p.ball_radius
-    weight = arm * p.gravity
-    drive = p.drive_inertia
-    m11 = (p.body_mass + p.ball_mass) * p.ball_radius**2 + p.ball_inertia + drive
-    m22 = arm * p.body_height + p.body_inertia + drive
+    m11, m22, coupling, drive, det, det_1, det_2 = mass_matrix(p)
+    weight = p.body_mass * p.body_height * p.gravity
     alpha, beta, fs = p.alpha, p.beta, p.ball_friction
 
     def accelerations(
-        psi: float, omega: float, rho: float, voltage: float, on_theta: float, on_psi: float
+        psi: float, omega: float, rho: float, on_theta: float, on_psi: float
     ) -> tuple[float, float]:
-        sine = math.sin(psi)
-        m12 = swing * math.cos(psi) - drive
-        motor = alpha * voltage - beta * (omega - rho)
-        force_theta = motor - fs * omega + on_theta + swing * rho * rho * sine
-        force_psi = -motor + on_psi + weight * sine
-        determinant = m11 * m22 - m12 * m12
+        sine, cosine = sine_cosine(psi)
+        m12 = coupling * cosine - drive
+        friction = beta * (omega - rho)
+        force_theta = on_theta - friction - fs * omega + coupling * rho * rho * sine
+        force_psi = on_psi + friction + weight * sine
+        determinant = det + cosine * (det_1 - det_2 * cosine)
         return (
             (m22 * force_theta - m12 * force_psi) / determinant,
             (m11 * force_psi - m12 * force_theta) / determinant,
@@ -85,14 +75,16 @@ def nonlinear_step(p: PhysicalParameters, dt: float) -> Step:
 
     def step(state: State, voltage: float, on_theta: float, on_psi: float) -> State:
         theta, psi, omega, rho = state
-        inputs = (voltage, on_theta, on_psi)
-        a1, c1 = accelerations(psi, omega, rho, *inputs)
+        motor = alpha * voltage
+        on_theta += motor
+        on_psi -= motor
+        a1, c1 = accelerations(psi, omega, rho, on_theta, on_psi)
         w2, r2 = omega + half * a1, rho + half * c1
-        a2, c2 = accelerations(psi + half * rho, w2, r2, *inputs)
+        a2, c2 = accelerations(psi + half * rho, w2, r2, on_theta, on_psi)
         w3, r3 = omega + half * a2, rho + half * c2
-        a3, c3 = accelerations(psi + half * r2, w3, r3, *inputs)
+        a3, c3 = accelerations(psi + half * r2, w3, r3, on_theta, on_psi)
         w4, r4 = omega + dt * a3, rho + dt * c3
-        a4, c4 = accelerations(psi + dt * r3, w4, r4, *inputs)
+        a4, c4 = accelerations(psi + dt * r3, w4, r4, on_theta, on_psi)
         return (
             theta + sixth * (omega + 2.0 * (w2 + w3) + w4),
             psi + sixth * (rho + 2.0 * (r2 + r3) + r4),

@@ -6,11 +6,13 @@ pitch. The input is the motor voltage v. Arguments are SI throughout.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ballbot_ros.numerics.elementary import sine_cosine
 
 Matrix = NDArray[np.float64]
 
@@ -30,17 +32,17 @@ class Bodies:
     @property
     def ball_inertia(self) -> float:
         """Js = 2 Ms Rs²/3 [kg·m²], a hollow sphere."""
-        return 2.0 * self.ball_mass * self.ball_radius**2 / 3.0
+        return 2.0 * self.ball_mass * self.ball_radius * self.ball_radius / 3.0
 
     @property
     def wheel_inertia(self) -> float:
         """Jw = Mw Lw²/2 [kg·m²], the document's formula."""
-        return self.wheel_mass * self.wheel_width**2 / 2.0
+        return self.wheel_mass * self.wheel_width * self.wheel_width / 2.0
 
     @property
     def body_inertia(self) -> float:
         """Jpsi = Mb L²/3 [kg·m²]."""
-        return self.body_mass * self.body_height**2 / 3.0
+        return self.body_mass * self.body_height * self.body_height / 3.0
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class PhysicalParameters(Bodies):
     @property
     def drive_inertia(self) -> float:
         """k² (Jm + Jw) [kg·m²], motor and wheel seen from the ball."""
-        return self.ratio**2 * (self.motor_inertia + self.wheel_inertia)
+        return self.ratio * self.ratio * (self.motor_inertia + self.wheel_inertia)
 
     @property
     def alpha(self) -> float:
@@ -79,24 +81,55 @@ class PhysicalParameters(Bodies):
         )
 
 
+class MassMatrix(NamedTuple):
+    """Mass matrix [kg·m²] of (3.11)-(3.12) at a pitch psi.
+
+    ``[[m11, m12], [m12, m22]]`` with ``m12 = coupling cos(psi) - drive``. Its determinant is
+    ``det + cos(psi) (det_1 - det_2 cos(psi))``, with det at least a third larger than det_2: the
+    difference m11 m22 - m12² would lose all digits where the drive's inertia dominates.
+    """
+
+    m11: float
+    m22: float
+    coupling: float
+    drive: float
+    det: float
+    det_1: float
+    det_2: float
+
+    def determinant(self, cosine: float) -> float:
+        """Return the determinant for the cosine of a pitch."""
+        return self.det + cosine * (self.det_1 - self.det_2 * cosine)
+
+
+def mass_matrix(p: PhysicalParameters) -> MassMatrix:
+    """Return the mass matrix of a plane."""
+    arm = p.body_mass * p.body_height
+    coupling = arm * p.ball_radius
+    drive = p.drive_inertia
+    rolling = (p.body_mass + p.ball_mass) * p.ball_radius * p.ball_radius + p.ball_inertia
+    tilting = arm * p.body_height + p.body_inertia
+    return MassMatrix(
+        m11=rolling + drive,
+        m22=tilting + drive,
+        coupling=coupling,
+        drive=drive,
+        det=tilting * rolling + drive * (rolling + tilting),
+        det_1=2.0 * drive * coupling,
+        det_2=coupling * coupling,
+    )
+
+
 def linear_matrices(p: PhysicalParameters) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     """Return E, F, G (2, 2) and H (2, 1) of the linearised equations (3.22).
 
     ``E (theta'', psi'') + F (theta', psi') + G (theta, psi) = H v``, angles in rad.
     """
-    arm = p.body_mass * p.body_height
-    coupling = arm * p.ball_radius - p.drive_inertia
-    e = np.array(
-        [
-            [
-                (p.body_mass + p.ball_mass) * p.ball_radius**2 + p.ball_inertia + p.drive_inertia,
-                coupling,
-            ],
-            [coupling, arm * p.body_height + p.body_inertia + p.drive_inertia],
-        ]
-    )
+    m = mass_matrix(p)
+    m12 = m.coupling - m.drive
+    e = np.array([[m.m11, m12], [m12, m.m22]])
     f = np.array([[p.beta + p.ball_friction, -p.beta], [-p.beta, p.beta]])
-    g = np.array([[0.0, 0.0], [0.0, -arm * p.gravity]])
+    g = np.array([[0.0, 0.0], [0.0, -p.body_mass * p.body_height * p.gravity]])
     h = np.array([[p.alpha], [-p.alpha]])
     return e, f, g, h
 
@@ -107,15 +140,38 @@ def state_space(p: PhysicalParameters) -> tuple[Matrix, Matrix]:
     The columns of B belong to the motor voltage [V] and to generalised forces on theta and psi
     [N·m], which the document does not have; its own B is the first column.
     """
-    e, f, g, h = linear_matrices(p)
-    inverse = np.linalg.inv(e)
-    a = np.zeros((4, 4))
-    a[:2, 2:] = np.eye(2)
-    a[2:, :2] = -inverse @ g
-    a[2:, 2:] = -inverse @ f
-    b = np.zeros((4, 3))
-    b[2:, :1] = inverse @ h
-    b[2:, 1:] = inverse
+    m = mass_matrix(p)
+    determinant = m.determinant(1.0)
+    inverse_11, inverse_22 = m.m22 / determinant, m.m11 / determinant
+    inverse_12 = (m.drive - m.coupling) / determinant
+    weight = p.body_mass * p.body_height * p.gravity
+    beta, friction = p.beta, p.beta + p.ball_friction
+    a = np.array(
+        [
+            [0.0, 0.0, 1.0, 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+            [
+                0.0,
+                inverse_12 * weight,
+                inverse_12 * beta - inverse_11 * friction,
+                (inverse_11 - inverse_12) * beta,
+            ],
+            [
+                0.0,
+                inverse_22 * weight,
+                inverse_22 * beta - inverse_12 * friction,
+                (inverse_12 - inverse_22) * beta,
+            ],
+        ]
+    )
+    b = np.array(
+        [
+            [0.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0],
+            [(inverse_11 - inverse_12) * p.alpha, inverse_11, inverse_12],
+            [(inverse_12 - inverse_22) * p.alpha, inverse_12, inverse_22],
+        ]
+    )
     return a, b
 
 
@@ -124,9 +180,9 @@ def impulse_ratio(p: PhysicalParameters, psi: float) -> float:
 
     An impulse on theta alone changes psi_dot by minus this ratio times the change of theta_dot.
     """
-    arm = p.body_mass * p.body_height
-    m12 = arm * p.ball_radius * math.cos(psi) - p.drive_inertia
-    return m12 / (arm * p.body_height + p.body_inertia + p.drive_inertia)
+    m = mass_matrix(p)
+    _, cosine = sine_cosine(psi)
+    return (m.coupling * cosine - m.drive) / m.m22
 
 
 def energy(p: PhysicalParameters, state: tuple[float, float, float, float]) -> float:
@@ -135,13 +191,11 @@ def energy(p: PhysicalParameters, state: tuple[float, float, float, float]) -> f
     The height of the ball's centre is the zero of the potential.
     """
     _, psi, theta_dot, psi_dot = state
-    arm = p.body_mass * p.body_height
-    ball = (p.body_mass + p.ball_mass) * p.ball_radius**2 + p.ball_inertia
-    body = arm * p.body_height + p.body_inertia
+    m = mass_matrix(p)
+    _, cosine = sine_cosine(psi)
     return (
-        0.5 * ball * theta_dot**2
-        + arm * p.ball_radius * math.cos(psi) * theta_dot * psi_dot
-        + 0.5 * body * psi_dot**2
-        + 0.5 * p.drive_inertia * (theta_dot - psi_dot) ** 2
-        + arm * p.gravity * math.cos(psi)
+        0.5 * m.m11 * theta_dot * theta_dot
+        + (m.coupling * cosine - m.drive) * theta_dot * psi_dot
+        + 0.5 * m.m22 * psi_dot * psi_dot
+        + p.body_mass * p.body_height * p.gravity * cosine
     )

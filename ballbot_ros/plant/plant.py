@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Mapping
 from typing import Any
 
+from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import select
 from ballbot_ros.plant.actuator import Actuator
 from ballbot_ros.plant.battery import Battery, BatteryParameters
@@ -143,7 +143,7 @@ class Plant:
         on_theta = on_psi = 0.0
         for push in self._pushes:
             if push.start_ns <= self.time_ns:
-                lean = math.cos(self._planes[plane][1])
+                _, lean = sine_cosine(self._planes[plane][1])
                 on_theta += push.force[plane] * self._physical.ball_radius
                 on_psi += push.force[plane] * self._physical.body_height * lean
                 on_psi += push.torque[plane]
@@ -157,7 +157,7 @@ class Plant:
         return (self._voltage[plane] - back_emf) / p.motor_resistance
 
     def _supply_current(self, duties: tuple[int, int]) -> float:
-        return sum(duty / 100.0 * self._current(plane) for plane, duty in enumerate(duties))
+        return duties[0] / 100.0 * self._current(0) + duties[1] / 100.0 * self._current(1)
 
     def truth(self) -> Truth:
         """Return the state of the robot now."""
