@@ -6,8 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ballbot_ros.brick.noise import DeviceNoise, normal
+from ballbot_ros.brick.noise import DeviceNoise
 from ballbot_ros.brick.units import quantise
+from ballbot_ros.numerics.elementary import TWO_PI, sine_cosine
+from ballbot_ros.numerics.random_numbers import normal, uniform
 
 ADC_MAX = 1023
 _SAMPLE_NS = 4_000_000
@@ -31,12 +33,10 @@ class Gyro:
         self._limit: float = values['rate_limit']
         self._sigma: float = values['noise']
         self._drift: float = values['drift']
-        self._drift_rate = 2.0 * math.pi / (values['drift_period'] * 1e9)
+        self._drift_period_ns = round(values['drift_period'] * 1e9)
         seed: int = values['seed']
-        self._noise = DeviceNoise(seed, 'gyro', 2, normal)
-        self._phases = [
-            2.0 * math.pi * phase for phase in DeviceNoise(seed, 'gyro drift', 2, normal).row(0)
-        ]
+        self._noise = DeviceNoise(seed, 'gyro', normal)
+        self._drift_phases = DeviceNoise(seed, 'gyro drift', uniform).pair(0)
 
     def read(self, rates: tuple[float, float], stamp_ns: int) -> tuple[int, int]:
         """Return the readings of both gyros [deg/s + offset], 0 ... 1023.
@@ -48,7 +48,7 @@ class Gyro:
         stamp_ns : int
             Sim time [ns] of the sample.
         """
-        errors = self._noise.row(stamp_ns // _SAMPLE_NS) if self._sigma else (0.0, 0.0)
+        errors = self._noise.pair(stamp_ns // _SAMPLE_NS) if self._sigma else (0.0, 0.0)
         return (
             self._reading(0, rates[0], errors[0], stamp_ns),
             self._reading(1, rates[1], errors[1], stamp_ns),
@@ -58,7 +58,9 @@ class Gyro:
         limit = self._limit
         value = max(-limit, min(limit, rate * _DEGREES)) + self._offsets[axis]
         if self._drift:
-            value += self._drift * math.sin(self._drift_rate * stamp_ns + self._phases[axis])
+            # In periods, of which the whole ones are left out exactly.
+            phase = stamp_ns % self._drift_period_ns / self._drift_period_ns
+            value += self._drift * sine_cosine(TWO_PI * (phase + self._drift_phases[axis]))[0]
         if self._sigma:
             value += self._sigma * error
         return max(0, min(ADC_MAX, quantise(value)))

@@ -10,49 +10,49 @@ from collections.abc import Callable
 
 import numpy as np
 
-_BLOCK = 256
+from ballbot_ros.numerics.random_numbers import bits_53, philox4x32
 
-Draw = Callable[[np.random.Generator, tuple[int, int]], np.ndarray]
+_BLOCK = 256
+_WORD = 0xFFFFFFFF
+
+Pair = tuple[float, float]
 
 
 class DeviceNoise:
-    """Rows of random numbers by sample index, drawn in blocks from a counter-based generator.
+    """Two random numbers for each sample, made in blocks.
+
+    The key of the generator is the seed, its counter the number of the sample and the device.
 
     Parameters
     ----------
     seed : int
-        The run's seed.
+        The run's seed, 0 ... 2^64 - 1.
     device : str
         Name of the device: its stream.
-    width : int
-        Numbers a row.
     draw : callable
-        ``draw(generator, (rows, width))`` gives the block, standard normal or uniform.
+        What makes a number of 53 random bits: ``uniform`` or ``normal``.
     """
 
-    def __init__(self, seed: int, device: str, width: int, draw: Draw) -> None:
-        self._key = np.array([seed, zlib.crc32(device.encode())], dtype=np.uint64)
-        self._width = width
+    def __init__(self, seed: int, device: str, draw: Callable[[int], float]) -> None:
+        self._key = np.uint64(seed & _WORD), np.uint64(seed >> 32)
+        self._device = np.uint64(zlib.crc32(device.encode()))
         self._draw = draw
         self._block = -1
-        self._rows: list[list[float]] = []
+        self._pairs: list[Pair] = []
 
-    def row(self, index: int) -> list[float]:
-        """Return the row of sample `index`, a non-negative integer."""
+    def pair(self, index: int) -> Pair:
+        """Return the numbers of sample `index`, a non-negative integer."""
         block, offset = divmod(index, _BLOCK)
         if block != self._block:
-            bits = np.random.Philox(key=self._key, counter=[0, block, 0, 0])
-            generator = np.random.Generator(bits)
-            self._rows = self._draw(generator, (_BLOCK, self._width)).tolist()
+            self._pairs = self._make(block * _BLOCK)
             self._block = block
-        return self._rows[offset]
+        return self._pairs[offset]
 
-
-def normal(generator: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
-    """Draw standard normal numbers."""
-    return generator.standard_normal(shape)
-
-
-def uniform(generator: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
-    """Draw numbers uniform in [0, 1)."""
-    return generator.random(shape)
+    def _make(self, first: int) -> list[Pair]:
+        low = np.arange(first & _WORD, (first & _WORD) + _BLOCK, dtype=np.uint64)
+        high = np.uint64(first >> 32)
+        words = philox4x32(low, high, self._device, np.uint64(0), *self._key)
+        one = bits_53(words.w0, words.w1).tolist()
+        other = bits_53(words.w2, words.w3).tolist()
+        draw = self._draw
+        return [(draw(a), draw(b)) for a, b in zip(one, other, strict=True)]

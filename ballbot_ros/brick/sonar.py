@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ballbot_ros.brick.noise import DeviceNoise, uniform
+from ballbot_ros.brick.noise import DeviceNoise
 from ballbot_ros.brick.units import NO_ECHO_CM, quantise
+from ballbot_ros.numerics.random_numbers import uniform
 
 SAMPLE_NS = 20_000_000
 NEAR_DROPOUT = 0.5
@@ -27,14 +28,14 @@ class Sonar:
         self._dropout: float = values['dropout_probability']
         self._max_range: float = values['max_range_cm']
         self._min_range: float = values['min_range_cm']
-        self._noise = DeviceNoise(values['seed'], 'sonar', 2, uniform)
+        self._noise = DeviceNoise(values['seed'], 'sonar', uniform)
 
     def read(self, distance_m: float, stamp_ns: int) -> int:
         """Return the reading [cm] for the distance [m] to an obstacle, +inf if there is none."""
         distance = distance_m * 100.0
         if distance >= self._max_range:
             return NO_ECHO_CM
-        chance, error = self._noise.row(stamp_ns // SAMPLE_NS)
+        chance, error = self._noise.pair(stamp_ns // SAMPLE_NS)
         near = distance < self._min_range
         if chance < (max(self._dropout, NEAR_DROPOUT) if near else self._dropout):
             return NO_ECHO_CM

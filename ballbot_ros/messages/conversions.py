@@ -18,6 +18,7 @@ import numpy as np
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.brick.units import (
+    NO_DATA_CM,
     NO_ECHO_CM,
     centimetres_of,
     degrees_of,
@@ -26,6 +27,7 @@ from ballbot_ros.brick.units import (
     radians_of,
 )
 from ballbot_ros.controller.interface import Estimates
+from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.plant.truth import Pair, Push, Truth
 from ballbot_ros.simulation.timing import SECOND_NS
 
@@ -86,8 +88,8 @@ def fill_body(message: Any, truth: Truth) -> None:
     """Write ``plant/imu``: roll is plane y's pitch angle, pitch is plane x's, yaw is zero."""
     fill_header(message.header, truth.stamp_ns, 'base_link')
     psi_x, psi_y = truth.psi
-    cos_x, sin_x = math.cos(psi_x / 2.0), math.sin(psi_x / 2.0)
-    cos_y, sin_y = math.cos(psi_y / 2.0), math.sin(psi_y / 2.0)
+    sin_x, cos_x = sine_cosine(psi_x / 2.0)
+    sin_y, cos_y = sine_cosine(psi_y / 2.0)
     turn = message.orientation
     turn.w, turn.x = cos_x * cos_y, cos_x * sin_y
     turn.y, turn.z = sin_x * cos_y, -sin_x * sin_y
@@ -205,8 +207,14 @@ def fill_sonar(message: Any, stamp_ns: int, sonar_cm: int) -> None:
 
 
 def sonar_reading(message: Any) -> int:
-    """Return the reading [cm] from ``sonar``."""
-    return centimetres_of(message.range)
+    """Return the reading [cm] from ``sonar``.
+
+    ValueError if no register of the sensor holds it.
+    """
+    reading = centimetres_of(message.range)
+    if not NO_DATA_CM <= reading <= NO_ECHO_CM:
+        raise ValueError(f'a distance of {reading} cm, not 0 … {NO_ECHO_CM}')
+    return reading
 
 
 def fill_sticks(message: Any, stamp_ns: int, sticks: tuple[int, int], source: str) -> None:

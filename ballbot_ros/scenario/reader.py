@@ -7,6 +7,7 @@ import reprlib
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
+from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, ParameterSet, parameters_of
 from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.metrics import METRICS
@@ -251,9 +252,9 @@ class ScenarioReader:
                 words = ', '.join(_DIRECTIONS)
                 raise self._error(keys, f'{value!r} is not one of {words}, or degrees')
             return _DIRECTIONS[value]
-        angle = math.radians(self._number(value, keys))
         # Counterclockwise from forward, as REP 103 has it; plane y is positive to the right.
-        return math.cos(angle), -math.sin(angle)
+        sine, cosine = sine_cosine(math.radians(self._number(value, keys)))
+        return cosine, -sine
 
     def _expectations(self, data: Any, parameters: ParameterSet) -> list[Expectation]:
         expectations: list[Expectation] = []

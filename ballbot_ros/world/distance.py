@@ -14,6 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.plant.truth import Pair
 from ballbot_ros.world.floor_map import FloorMap
 
@@ -50,7 +51,8 @@ def stepped_ray(floor_map: FloorMap) -> Ray:
     columns, rows = floor_map.columns, floor_map.rows
 
     def distance(origin: Pair, direction: float) -> float:
-        (u, v), du, dv = origin, math.cos(direction), math.sin(direction)
+        u, v = origin
+        dv, du = sine_cosine(direction)
         for step in range(REACH):
             column, row = math.floor(u + step * du), math.floor(v + step * dv)
             if not (0 <= column < columns and 0 <= row < rows):
@@ -74,7 +76,8 @@ def exact_ray(floor_map: FloorMap) -> Ray:
     sides = wall_distance(floor_map).data
 
     def distance(origin: Pair, direction: float) -> float:
-        (u, v), du, dv = origin, math.cos(direction), math.sin(direction)
+        u, v = origin
+        dv, du = sine_cosine(direction)
         column, row = math.floor(u), math.floor(v)
         travelled = 0.0
         while travelled < REACH and 0 <= column < columns and 0 <= row < rows:

@@ -1,18 +1,20 @@
 """Noise is a function of seed, device and sample, and of nothing else."""
 
 import random
+import zlib
 
 import numpy as np
 import pytest
 
-from ballbot_ros.brick.noise import DeviceNoise, normal, uniform
+from ballbot_ros.brick.noise import DeviceNoise
+from ballbot_ros.numerics.random_numbers import normal, philox4x32, uniform
 
 COUNT = 20_000
 
 
-def rows(seed=1, device='gyro', draw=normal, count=COUNT):
-    noise = DeviceNoise(seed, device, 2, draw)
-    return np.array([noise.row(index) for index in range(count)])
+def pairs(seed=1, device='gyro', draw=normal, count=COUNT):
+    noise = DeviceNoise(seed, device, draw)
+    return np.array([noise.pair(index) for index in range(count)])
 
 
 def correlation(one, other):
@@ -20,24 +22,33 @@ def correlation(one, other):
 
 
 def test_the_order_of_the_calls_changes_nothing():
-    expected = rows(count=2000)
-    noise = DeviceNoise(1, 'gyro', 2, normal)
+    expected = pairs(count=2000)
+    noise = DeviceNoise(1, 'gyro', normal)
     order = list(range(2000)) * 2
     random.Random(5).shuffle(order)
     for index in order:
-        assert noise.row(index) == expected[index].tolist()
+        assert noise.pair(index) == tuple(expected[index])
 
 
-@pytest.mark.parametrize('index', [0, 255, 256, 257, 10**6, 2**40])
+@pytest.mark.parametrize('index', [0, 255, 256, 257, 10**6, 2**32 - 1, 2**32, 2**40])
 def test_a_device_that_begins_late_draws_what_it_would_have_drawn(index):
-    running = DeviceNoise(7, 'sonar', 2, uniform)
+    running = DeviceNoise(7, 'sonar', uniform)
     for before in range(max(0, index - 600), index):
-        running.row(before)
-    assert DeviceNoise(7, 'sonar', 2, uniform).row(index) == running.row(index)
+        running.pair(before)
+    assert DeviceNoise(7, 'sonar', uniform).pair(index) == running.pair(index)
+
+
+def test_noise_is_philox_of_seed_device_and_sample():
+    seed, index = 0x1234567890ABCDEF, 0x1_0000_0103
+    counter = (index & 0xFFFFFFFF, index >> 32, zlib.crc32(b'sonar'), 0)
+    words = philox4x32(*map(np.uint64, (*counter, seed & 0xFFFFFFFF, seed >> 32)))
+    first, second = (int(high) << 21 | int(low) >> 11 for high, low in (words[:2], words[2:]))
+    noise = DeviceNoise(seed, 'sonar', uniform)
+    assert noise.pair(index) == (first / 2**53, second / 2**53)
 
 
 def test_normal_noise_is_standard_normal():
-    drawn = rows()
+    drawn = pairs()
     np.testing.assert_allclose(drawn.mean(axis=0), 0.0, atol=0.03)
     np.testing.assert_allclose(drawn.std(axis=0), 1.0, atol=0.02)
     within = [np.mean(np.abs(drawn) < limit) for limit in (1.0, 2.0, 3.0)]
@@ -45,7 +56,7 @@ def test_normal_noise_is_standard_normal():
 
 
 def test_uniform_noise_fills_zero_to_one():
-    drawn = rows(draw=uniform)
+    drawn = pairs(draw=uniform)
     assert drawn.min() >= 0.0
     assert drawn.max() < 1.0
     shares, _ = np.histogram(drawn, bins=10, range=(0.0, 1.0))
@@ -56,10 +67,10 @@ def test_uniform_noise_fills_zero_to_one():
     'other', [{'seed': 2}, {'seed': 2**63 - 1}, {'device': 'sonar'}, {'device': 'gyro drift'}]
 )
 def test_other_seeds_and_devices_have_noise_of_their_own(other):
-    assert correlation(rows(), rows(**other)) < 0.04
+    assert correlation(pairs(), pairs(**other)) < 0.04
 
 
 def test_samples_are_uncorrelated_with_the_next_ones():
-    drawn = rows()
+    drawn = pairs()
     for lag in (1, 2, 256):
         assert correlation(drawn[:-lag], drawn[lag:]) < 0.04

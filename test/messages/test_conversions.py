@@ -82,6 +82,14 @@ def test_joints_of_another_robot_are_no_encoder_counts(through):
         c.encoder_counts(message)
 
 
+@pytest.mark.parametrize('range_m', [-0.02, 2.56, 1e38])
+def test_a_distance_that_no_register_holds_is_refused(range_m):
+    message, _ = through_rosbags(SONAR_RANGE, c.fill_sonar, STAMP, 0)
+    message.range = range_m
+    with pytest.raises(ValueError, match='not 0 … 255'):
+        c.sonar_reading(message)
+
+
 @pytest.mark.parametrize('sonar_cm', range(-1, 256))
 def test_every_sonar_reading_comes_back(sonar_cm):
     message, _ = through_rosbags(SONAR_RANGE, c.fill_sonar, STAMP, sonar_cm)
