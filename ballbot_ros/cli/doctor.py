@@ -16,10 +16,13 @@ from rich.console import Console
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
+from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.share import share_directory
+from ballbot_ros.simulation.golden import duty_sha256, golden_hashes
 
 OLDEST_PYTHON = (3, 10)
 LEAST_FREE_BYTES = 200e6
+GOLDEN_SCENARIO = 'hardware_autonomous'
 DISCOVERY_S = 5.0
 DDS_PORT_BASE, PORTS_PER_DOMAIN = 7400, 250
 
@@ -140,6 +143,22 @@ def _discovery() -> str:
     return f'a message went from one participant to another after {heard[0] - begun:.2f} s'
 
 
+def _arithmetic() -> str:
+    """Run a scenario that has every device, noise and wall in it."""
+    try:
+        wanted = golden_hashes()[GOLDEN_SCENARIO]
+        got = duty_sha256(load_scenario(GOLDEN_SCENARIO))
+    except (BallbotError, OSError) as error:
+        raise _FailedCheckError(f'{error}: install the package again') from None
+    if got != wanted:
+        raise _FailedCheckError(
+            f'{GOLDEN_SCENARIO} has the duty_sha256 {got[:8]}… here, and {wanted[:8]}… elsewhere: '
+            'recordings of other machines will not replay identically; unless the scenario was '
+            'edited, report this with the processor and the versions of Python and numpy'
+        )
+    return f'{GOLDEN_SCENARIO} has the duty_sha256 {got[:8]}… that it has on every machine'
+
+
 def _disk() -> str:
     folder = Path('runs') if Path('runs').is_dir() else Path()
     if not os.access(folder, os.W_OK):
@@ -153,6 +172,7 @@ def _disk() -> str:
 _CHECKS: dict[str, Callable[[], str]] = {
     'Python': _python,
     'files': _files,
+    'arithmetic': _arithmetic,
     'rclpy': _rclpy,
     'RMW': _rmw,
     'domain': _domain,

@@ -1,0 +1,178 @@
+"""Runs whose results must be the same on every machine; also a program of its own.
+
+    python golden_runs.py            print the probes and the hashes of all runs as JSON
+    python golden_runs.py --probe    print the probes only
+    python golden_runs.py --write    make this machine's hashes the expected ones
+
+It needs no more than numpy, scipy, Pillow and PyYAML, so that it runs under other releases of
+Python and numpy than the test suite does.
+"""
+
+import hashlib
+import json
+import math
+import platform
+import struct
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import scipy
+from scipy.linalg import expm
+
+from ballbot_ros.numerics.random_numbers import bits_53, philox4x32, uniform
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    GYRO,
+    PLANT,
+    SONAR,
+    ParameterSet,
+    parameters_of,
+)
+from ballbot_ros.scenario.library import load_scenario, scenario_names
+from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
+from ballbot_ros.scenario.signal import Segment, Signal
+from ballbot_ros.share import share_directory
+from ballbot_ros.simulation.closed_loop import ClosedLoop
+from ballbot_ros.simulation.golden import GOLDEN_FILE, duty_sha256
+
+RANDOM_FILE = Path(__file__).parent / 'machines' / 'random_runs.json'
+MODELS = ('linear', 'nonlinear')
+SETS = 200
+TICKS = 60
+STARTS = {'': (0.0, 0.0), 'track': (-0.7, -0.55), 'corridor': (0.5, 0.0)}
+
+# What would end the run before it has begun, or is no arithmetic.
+_LEFT_ALONE = {
+    'duration', 'timeout', 'startup_timeout', 'real_time_factor', 'hold_time', 'push_duration',
+    'start_position_x', 'start_position_y', 'body_width', 'body_depth', 'cone_rays',
+    'time_start', 'ts2_period', 'ts3_period',
+}  # fmt: skip
+
+
+class Draw:
+    """Uniform numbers from a seed: the random module does not promise its integers for ever."""
+
+    def __init__(self, seed):
+        self._seed, self._count = np.uint64(seed), 0
+
+    def number(self, low=0.0, high=1.0):
+        zero = np.uint64(0)
+        words = philox4x32(np.uint64(self._count), zero, zero, zero, self._seed, zero)
+        self._count += 1
+        return low + (high - low) * uniform(int(bits_53(words.w0, words.w1)))
+
+    def choice(self, values):
+        return values[int(self.number() * len(values))]
+
+
+def random_run(seed, model):
+    """Return parameters and scenario of a random run; every other one has values from anywhere."""
+    draw, parameters = Draw(seed), ParameterSet()
+    wild = seed % 2 == 1
+    for node in (PLANT, GYRO, SONAR, CONTROLLER):
+        for name, row in parameters_of(node).items():
+            if name not in _LEFT_ALONE and row.bounds and not parameters.is_set(node, name):
+                parameters.set(node, name, random_value(draw, row, wild))
+    given_map = draw.choice(('', '', 'track', 'corridor'))
+    position = STARTS[given_map]
+    for node, name, value in (
+        (PLANT, 'plant_model', model),
+        (PLANT, 'map', given_map),
+        (PLANT, 'start_position_x', position[0]),
+        (PLANT, 'start_position_y', position[1]),
+        (PLANT, 'on_wall_hit', 'report'),
+        (PLANT, 'hold_time', draw.choice((0.0, 0.04))),
+        (PLANT, 'battery_model', draw.choice(('constant', 'draining'))),
+        (GYRO, 'seed', int(draw.number() * 2**63)),
+        (SONAR, 'distance_model', draw.choice(('exact', 'stepped'))),
+        (CONTROLLER, 'mode', draw.choice(('remote', 'autonomous'))),
+        (CONTROLLER, 'time_start', 40),
+        (CONTROLLER, 'time_auto', 80),
+    ):
+        parameters.set(node, name, value)
+    stick = Signal([Segment('stick', [(0.1, 0.0), (0.2, draw.number(-100.0, 100.0))])])
+    push = ScheduledPush(0.12, 0.05, draw.number(-1.0, 1.0), draw.number(-1.0, 1.0))
+    return parameters, Scenario(vertical=stick, horizontal=stick, pushes=(push,))
+
+
+def random_value(draw, row, wild):
+    low, high = row.bounds
+    defaults = row.default if isinstance(row.default, tuple) else (row.default,)
+    values = []
+    for default in defaults:
+        share = draw.number()
+        if wild and draw.number() < 0.2:
+            # Most bounds reach over many powers of ten: most often near the lower one.
+            value = low + (high - low) * share * share * share * share * share * share
+        elif default:
+            value = default * (0.7 + 0.6 * share)
+        else:
+            value = min(high, max(low, 0.02 * share))
+        values.append(min(high, max(low, value)))
+    if isinstance(row.default, int):
+        return int(values[0])
+    return values if isinstance(row.default, tuple) else values[0]
+
+
+def run_hash(parameters, scenario):
+    """Return a hash of every bit of the motion, the device readings and the duties of a run."""
+    loop, digest = ClosedLoop(parameters, scenario), hashlib.sha256()
+    for _ in range(TICKS):
+        tick = loop.tick()
+        truth = tick.truth
+        for pair in truth[1:8]:
+            digest.update(struct.pack('<2d', *(x if x == x else math.nan for x in pair)))
+        digest.update(struct.pack('<d', truth.battery_voltage))
+        digest.update(repr((tick.inputs, tick.outputs.duty)).encode())
+    return digest.hexdigest()[:16]
+
+
+def random_hashes():
+    return {model: [run_hash(*random_run(seed, model)) for seed in range(SETS)] for model in MODELS}
+
+
+def scenario_hashes():
+    return {name: duty_sha256(load_scenario(name)) for name in scenario_names()}
+
+
+def probes():
+    """Return what shows which kernels, C library and releases compute here."""
+    draw = Draw(0)
+    matrix = np.array([[draw.number(-0.3, 0.3) for _ in range(7)] for _ in range(7)])
+    sines = [math.sin(draw.number(-10.0, 10.0)) for _ in range(5000)]
+    return {
+        'expm': hashlib.sha256(expm(matrix).tobytes()).hexdigest()[:16],
+        'sine': hashlib.sha256(struct.pack('<5000d', *sines)).hexdigest()[:16],
+        'python': platform.python_version(),
+        'numpy': np.__version__,
+        'scipy': scipy.__version__,
+    }
+
+
+def write():
+    head = (
+        '# duty_sha256 of the shipped scenarios, the same on every machine. A change of one\n'
+        '# needs a line in CHANGELOG that says why; test/golden_runs.py --write makes this file.\n'
+    )
+    lines = [f'{name}: {digest}\n' for name, digest in scenario_hashes().items()]
+    (share_directory() / GOLDEN_FILE).write_text(head + ''.join(lines))
+    RANDOM_FILE.write_text(json.dumps(random_hashes(), indent=0) + '\n')
+
+
+def main(arguments):
+    # Parameters from all over their bounds overflow here and there.
+    warnings.simplefilter('ignore')
+    np.seterr(all='ignore')
+    if arguments == ['--write']:
+        write()
+        return
+    answer = {'probes': probes()}
+    if arguments != ['--probe']:
+        answer.update(scenarios=scenario_hashes(), random=random_hashes())
+    print(json.dumps(answer))
+
+
+if __name__ == '__main__':
+    main(sys.argv[1:])

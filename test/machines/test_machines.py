@@ -1,0 +1,143 @@
+"""The same bits whatever processor, C library, Python, numpy and scipy there is.
+
+Each row of the matrix computes the golden runs in a process of its own, and proves by the bits of
+scipy's matrix exponential or of the C library's sine that its setting took effect. A row whose
+setting this machine lacks is skipped as not exercised.
+"""
+
+import functools
+import json
+import os
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import setuptools
+from golden_runs import MODELS, RANDOM_FILE, SETS
+
+from ballbot_ros.scenario.library import scenario_names
+from ballbot_ros.simulation.golden import golden_hashes
+
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAM = ROOT / 'test' / 'golden_runs.py'
+
+# Oldest first: a processor that lacks one falls back to a kernel of another row.
+CORE_TYPES = ('Nehalem', 'Sandybridge', 'Haswell', 'SkylakeX')
+WITHOUT_FMA = {'GLIBC_TUNABLES': 'glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2,-AVX2_Usable,-AVX2_USABLE'}
+PACKAGES = ('numpy', 'scipy', 'pillow', 'PyYAML')
+
+
+def compute(*arguments, python=sys.executable, **settings):
+    kept = {'PATH', 'HOME', 'TMPDIR', 'LD_LIBRARY_PATH'}
+    environment = {name: value for name, value in os.environ.items() if name in kept}
+    done = subprocess.run(
+        [python, PROGRAM, *arguments],
+        env={**environment, 'PYTHONPATH': str(ROOT), 'PYTHONDONTWRITEBYTECODE': '1', **settings},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return json.loads(done.stdout)
+
+
+@functools.cache
+def probe(**settings):
+    return compute('--probe', **settings)['probes']
+
+
+def assert_golden(answer):
+    assert answer['scenarios'] == golden_hashes()
+    expected = json.loads(RANDOM_FILE.read_text())
+    differing = [
+        (model, seed)
+        for model in MODELS
+        for seed, hashes in enumerate(zip(answer['random'][model], expected[model], strict=True))
+        if hashes[0] != hashes[1]
+    ]
+    assert not differing
+
+
+def test_every_scenario_and_200_random_runs_of_each_model_have_a_golden_hash():
+    assert list(golden_hashes()) == scenario_names()
+    expected = json.loads(RANDOM_FILE.read_text())
+    assert list(expected) == list(MODELS)
+    for hashes in expected.values():
+        assert len(set(hashes)) == SETS == 200
+
+
+def test_this_machine_as_it_is():
+    assert_golden(compute())
+
+
+@pytest.mark.parametrize('core_type', CORE_TYPES)
+def test_the_kernels_of_another_processor(core_type):
+    number = CORE_TYPES.index(core_type)
+    others = CORE_TYPES[:number] or CORE_TYPES[1:2]
+    here = probe(OPENBLAS_CORETYPE=core_type)['expm']
+    if here in (probe(OPENBLAS_CORETYPE=other)['expm'] for other in others):
+        pytest.skip(f'not exercised: OPENBLAS_CORETYPE={core_type} changes no bit here')
+    assert_golden(compute(OPENBLAS_CORETYPE=core_type))
+
+
+def test_a_c_library_without_fused_multiply_add():
+    if probe(**WITHOUT_FMA)['sine'] == probe()['sine']:
+        pytest.skip('not exercised: GLIBC_TUNABLES changes no bit of the sine here')
+    assert_golden(compute(**WITHOUT_FMA))
+
+
+def find_python(minor):
+    """Return a working Python 3.`minor`, or None: from PATH, or from pyenv."""
+    pyenv = Path(os.environ.get('PYENV_ROOT', Path.home() / '.pyenv'))
+    candidates = [shutil.which(f'python3.{minor}')]
+    candidates += sorted(pyenv.glob(f'versions/3.{minor}.*/bin/python3'))
+    for candidate in filter(None, candidates):
+        command = [candidate, '-c', 'import sys, venv; print(sys.version_info[1])']
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.stdout.strip() == str(minor):
+            return candidate
+    return None
+
+
+def oldest_allowed(monkeypatch):
+    """Return the requirements for the oldest numpy and scipy that setup.py allows."""
+    arguments = {}
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(setuptools, 'setup', arguments.update)
+    runpy.run_path('setup.py')
+    bounds = dict(
+        re.fullmatch(r'([\w-]+)>=([\d.]+)', text).groups()
+        for text in arguments['install_requires']
+        if text.startswith(('numpy', 'scipy'))
+    )
+    return {name: f'{lowest}.0' for name, lowest in bounds.items()}
+
+
+OTHER_PYTHONS = [minor for minor in range(10, 14) if minor != sys.version_info.minor]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('minor', OTHER_PYTHONS)
+def test_another_python_with_the_oldest_or_newest_numpy_and_scipy(minor, tmp_path, monkeypatch):
+    """The oldest releases with the oldest Python, the newest with the others."""
+    python = find_python(minor)
+    if python is None:
+        pytest.skip(f'not exercised: this machine has no Python 3.{minor}')
+    pinned = oldest_allowed(monkeypatch) if minor == OTHER_PYTHONS[0] else {}
+    wanted = [f'{name}=={pinned[name]}' if name in pinned else name for name in PACKAGES]
+    subprocess.run([python, '-m', 'venv', '--without-pip', tmp_path / 'venv'], check=True)
+    own = tmp_path / 'venv' / 'bin' / 'python'
+    installed = subprocess.run(
+        [sys.executable, '-m', 'pip', '--python', own, 'install', '--quiet', '--no-compile',
+         '--disable-pip-version-check', '--only-binary=:all:', *wanted],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if installed.returncode:
+        pytest.skip(f'not exercised: pip installs no {" ".join(wanted)}: {installed.stderr[-200:]}')
+    answer = compute(python=own)
+    versions = answer['probes']
+    assert versions['python'].startswith(f'3.{minor}.')
+    for name, version in pinned.items():
+        assert versions[name] == version
+    assert_golden(answer)
