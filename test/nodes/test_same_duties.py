@@ -10,6 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from graph import NODES, Run, free_domain
 
+from ballbot_ros.parameters import GYRO, PLANT
+from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.simulation.golden import duty_sha256
+
 pytestmark = pytest.mark.graph
 
 DURATION_S = 2.0
@@ -23,19 +27,11 @@ REPETITIONS = 20
 
 @pytest.fixture(scope='session')
 def expected_sha256():
-    from ballbot_ros.parameters import GYRO, PLANT
-    from ballbot_ros.scenario.library import load_scenario
-    from ballbot_ros.simulation.closed_loop import ClosedLoop
-    from ballbot_ros.simulation.trajectory import TrajectoryLog
-
     scenario = load_scenario('stationary')
     scenario.parameters.set(GYRO, 'noise', 0.7)
     scenario.parameters.set(PLANT, 'battery_model', 'draining')
-    loop, log = ClosedLoop(scenario.parameters, scenario), TrajectoryLog()
-    for _ in range(round(DURATION_S * 250)):
-        tick = loop.tick()
-        log.add(tick.truth, *tick.outputs.duty)
-    return log.duty_sha256
+    scenario.parameters.set(PLANT, 'duration', DURATION_S)
+    return duty_sha256(scenario)
 
 
 def sha256_of(run):
