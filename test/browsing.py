@@ -139,7 +139,7 @@ def another(browser, address):
 
 
 def wait_until(condition, browser, timeout=None):
-    deadline = time.monotonic() + (timeout or bound_s(20.0))
+    deadline = time.monotonic() + (timeout or bound_s(60.0))
     while not condition():
         assert time.monotonic() < deadline, 'timeout'
         browser.page.wait_for_timeout(50)
