@@ -35,13 +35,16 @@ from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
 from ballbot_ros.scenario.signal import Segment, Signal
 from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.golden import GOLDEN_FILE, duty_sha256
+from ballbot_ros.simulation.golden import GOLDEN_FILE, arithmetic_sha256, duty_sha256
 
 RANDOM_FILE = Path(__file__).parent / 'machines' / 'random_runs.json'
 MODELS = ('linear', 'nonlinear')
 SETS = 200
 TICKS = 60
 STARTS = {'': (0.0, 0.0), 'track': (-0.7, -0.55), 'corridor': (0.5, 0.0)}
+
+# Bits of the C library's sine differ with these, of the OpenBLAS kernels with OPENBLAS_CORETYPE.
+WITHOUT_FMA = {'GLIBC_TUNABLES': 'glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2,-AVX2_Usable,-AVX2_USABLE'}
 
 # What would end the run before it has begun, or is no arithmetic.
 _LEFT_ALONE = {
@@ -123,7 +126,7 @@ def run_hash(parameters, scenario):
         tick = loop.tick()
         truth = tick.truth
         for pair in truth[1:8]:
-            digest.update(struct.pack('<2d', *(x if x == x else math.nan for x in pair)))
+            digest.update(struct.pack('<2d', *pair))
         digest.update(struct.pack('<d', truth.battery_voltage))
         digest.update(repr((tick.inputs, tick.outputs.duty)).encode())
     return digest.hexdigest()[:16]
@@ -153,11 +156,14 @@ def probes():
 
 def write():
     head = (
-        '# duty_sha256 of the shipped scenarios, the same on every machine. A change of one\n'
-        '# needs a line in CHANGELOG that says why; test/golden_runs.py --write makes this file.\n'
+        '# What every machine must compute to the bit: the arithmetic of ballbot_ros.numerics,\n'
+        '# and the duty_sha256 of each shipped scenario. A change needs a line in CHANGELOG that\n'
+        '# says why; test/golden_runs.py --write makes this file.\n'
     )
-    lines = [f'{name}: {digest}\n' for name, digest in scenario_hashes().items()]
-    (share_directory() / GOLDEN_FILE).write_text(head + ''.join(lines))
+    lines = [f'  {name}: {digest}\n' for name, digest in scenario_hashes().items()]
+    (share_directory() / GOLDEN_FILE).write_text(
+        f'{head}arithmetic: {arithmetic_sha256()}\nscenarios:\n{"".join(lines)}'
+    )
     RANDOM_FILE.write_text(json.dumps(random_hashes(), indent=0) + '\n')
 
 
@@ -170,7 +176,9 @@ def main(arguments):
         return
     answer = {'probes': probes()}
     if arguments != ['--probe']:
-        answer.update(scenarios=scenario_hashes(), random=random_hashes())
+        answer.update(
+            arithmetic=arithmetic_sha256(), scenarios=scenario_hashes(), random=random_hashes()
+        )
     print(json.dumps(answer))
 
 

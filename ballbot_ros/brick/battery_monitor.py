@@ -6,7 +6,7 @@ from ballbot_ros.brick.units import quantise
 
 ADC_BITS = 10
 FULL_SCALE_MV = 14180
-"""What one count more than the converter's largest would mean."""
+"""Voltage of count 1024, one above the largest."""
 
 
 def battery_mv(voltage: float) -> int:

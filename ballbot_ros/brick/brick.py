@@ -23,8 +23,7 @@ class DeviceInputs(NamedTuple):
     revolutions : tuple of int
         Motors B (plane x) and C (plane y) [deg].
     sonar_cm : int or None
-        Port S3 [cm]; :data:`~ballbot_ros.brick.units.NO_DATA_CM` from a sensor without data yet,
-        which leaves the register as it is.
+        Port S3 [cm]; :data:`~ballbot_ros.brick.units.NO_DATA_CM` if the sensor does not answer.
     battery_mv : int or None
         Battery voltage [mV].
     sticks : tuple of int or None
@@ -105,7 +104,7 @@ class Brick:
         self.systick_ms = systick_ms & UINT32
         self.gyro = inputs.gyro
         self.revolutions = inputs.revolutions
-        if inputs.sonar_cm is not None and inputs.sonar_cm != NO_DATA_CM:
+        if inputs.sonar_cm is not None:
             self._sonar_register = inputs.sonar_cm
         if inputs.battery_mv is not None:
             self.battery_mv = inputs.battery_mv

@@ -18,7 +18,7 @@ def status_page(
     bluetooth_connected: bool,
     sonar_cm: int,
 ) -> str:
-    """Return the page: eight lines of sixteen characters, numbers left-aligned.
+    """Return the page: eight lines of sixteen characters.
 
     Parameters
     ----------

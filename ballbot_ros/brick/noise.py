@@ -15,8 +15,6 @@ from ballbot_ros.numerics.random_numbers import bits_53, philox4x32
 _BLOCK = 256
 _WORD = 0xFFFFFFFF
 
-Pair = tuple[float, float]
-
 
 class DeviceNoise:
     """Two random numbers for each sample, made in blocks.
@@ -38,9 +36,9 @@ class DeviceNoise:
         self._device = np.uint64(zlib.crc32(device.encode()))
         self._draw = draw
         self._block = -1
-        self._pairs: list[Pair] = []
+        self._pairs: list[tuple[float, float]] = []
 
-    def pair(self, index: int) -> Pair:
+    def pair(self, index: int) -> tuple[float, float]:
         """Return the numbers of sample `index`, a non-negative integer."""
         block, offset = divmod(index, _BLOCK)
         if block != self._block:
@@ -48,7 +46,7 @@ class DeviceNoise:
             self._block = block
         return self._pairs[offset]
 
-    def _make(self, first: int) -> list[Pair]:
+    def _make(self, first: int) -> list[tuple[float, float]]:
         low = np.arange(first & _WORD, (first & _WORD) + _BLOCK, dtype=np.uint64)
         high = np.uint64(first >> 32)
         words = philox4x32(low, high, self._device, np.uint64(0), *self._key)

@@ -18,11 +18,11 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.share import share_directory
-from ballbot_ros.simulation.golden import duty_sha256, golden_hashes
+from ballbot_ros.simulation.golden import arithmetic_sha256, duty_sha256, load_golden
 
 OLDEST_PYTHON = (3, 10)
 LEAST_FREE_BYTES = 200e6
-GOLDEN_SCENARIO = 'hardware_autonomous'
+GOLDEN_SCENARIOS = ('stationary', 'hardware_autonomous')
 DISCOVERY_S = 5.0
 DDS_PORT_BASE, PORTS_PER_DOMAIN = 7400, 250
 
@@ -144,19 +144,20 @@ def _discovery() -> str:
 
 
 def _arithmetic() -> str:
-    """Run a scenario that has every device, noise and wall in it."""
-    try:
-        wanted = golden_hashes()[GOLDEN_SCENARIO]
-        got = duty_sha256(load_scenario(GOLDEN_SCENARIO))
-    except (BallbotError, OSError) as error:
-        raise _FailedCheckError(f'{error}: install the package again') from None
-    if got != wanted:
-        raise _FailedCheckError(
-            f'{GOLDEN_SCENARIO} has the duty_sha256 {got[:8]}… here, and {wanted[:8]}… elsewhere: '
-            'recordings of other machines will not replay identically; unless the scenario was '
-            'edited, report this with the processor and the versions of Python and numpy'
-        )
-    return f'{GOLDEN_SCENARIO} has the duty_sha256 {got[:8]}… that it has on every machine'
+    """Compare the arithmetic itself, and the duties of a linear and of a nonlinear run."""
+    golden = load_golden()
+    results = [('the arithmetic', golden.arithmetic, arithmetic_sha256())]
+    for name in GOLDEN_SCENARIOS:
+        wanted = golden.scenarios.get(name, '')
+        results.append((f'the run {name}', wanted, duty_sha256(load_scenario(name))))
+    for what, wanted, got in results:
+        if got != wanted:
+            raise _FailedCheckError(
+                f'{what} has the hash {got[:8]}… here and {wanted[:8]}… elsewhere, so recordings '
+                'of other machines will not replay as identical. Unless config/ was edited, '
+                'report this with the processor and the versions of Python and numpy'
+            )
+    return f'{" and ".join(GOLDEN_SCENARIOS)} have the duty_sha256 of every machine'
 
 
 def _disk() -> str:

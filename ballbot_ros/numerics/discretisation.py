@@ -10,16 +10,16 @@ Matrix = NDArray[np.float64]
 _TERMS = 18
 """Of Taylor's series: at a norm of 1/2, the next one is below 10^-21."""
 
-_MOST_DOUBLINGS = 1000
+_MOST_DOUBLINGS = 1100
 """Enough for any finite norm."""
 
 
 def zero_order_hold(a: Matrix, b: Matrix, dt: float) -> tuple[Matrix, Matrix]:
     """Return the discrete matrices of x' = A x + B u with u held for `dt` seconds.
 
-    Scaling and squaring, but of the exponential less the identity, so that motions far slower
-    than `dt` keep all their digits. Element by element in a fixed order: the matrix products and
-    the ``expm`` of numpy and scipy round as the processor's kernels do.
+    Scaling and squaring, applied to exp(M) - I, so that motions far slower than `dt` keep all
+    their digits. Element by element in a fixed order: the matrix products of numpy and the
+    ``expm`` of scipy round differently on different processors.
 
     Parameters
     ----------
@@ -55,24 +55,24 @@ def zero_order_hold(a: Matrix, b: Matrix, dt: float) -> tuple[Matrix, Matrix]:
             block[i, j] *= scale
 
     # X = exp(M) - I = M (I + M/2 (I + M/3 (I + ...)))
-    less_identity = block.copy()
+    exp_minus_one = block.copy()
     for term in range(_TERMS, 1, -1):
-        less_identity = _times(block, less_identity, 1.0 / term, 1.0)
+        exp_minus_one = _scaled_product(block, exp_minus_one, 1.0 / term, 1.0)
     # exp(2M) - I = X X + 2X
     for _ in range(doublings):
-        less_identity = _times(less_identity, less_identity, 1.0, 2.0)
+        exp_minus_one = _scaled_product(exp_minus_one, exp_minus_one, 1.0, 2.0)
 
     transition, held = np.zeros((n, n)), np.zeros((n, m))
     for i in range(n):
         for j in range(n):
-            transition[i, j] = less_identity[i, j] + (1.0 if i == j else 0.0)
+            transition[i, j] = exp_minus_one[i, j] + (1.0 if i == j else 0.0)
         for j in range(m):
-            held[i, j] = less_identity[i, n + j]
+            held[i, j] = exp_minus_one[i, n + j]
     return transition, held
 
 
-def _times(left: Matrix, right: Matrix, scale: float, share: float) -> Matrix:
-    """Return left · right · scale + left · share, of matrices whose lower rows are zero."""
+def _scaled_product(left: Matrix, right: Matrix, scale: float, weight: float) -> Matrix:
+    """Return left · right · scale + left · weight, of matrices whose lower rows are zero."""
     n, width = left.shape
     product = np.empty((n, width))
     for i in range(n):
@@ -80,5 +80,5 @@ def _times(left: Matrix, right: Matrix, scale: float, share: float) -> Matrix:
             total = 0.0
             for k in range(n):
                 total += left[i, k] * right[k, j]
-            product[i, j] = total * scale + left[i, j] * share
+            product[i, j] = total * scale + left[i, j] * weight
     return product

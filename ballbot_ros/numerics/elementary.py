@@ -46,13 +46,15 @@ def sine_cosine(angle: float) -> tuple[float, float]:
     if -_QUARTER_PI <= angle <= _QUARTER_PI:
         quarters, x = 0, angle
     else:
-        if not -_LARGEST_ANGLE < angle < _LARGEST_ANGLE:
-            if angle - angle != 0.0:
+        size = abs(angle)
+        if not size < _LARGEST_ANGLE:
+            if size - size != 0.0:
                 return math.nan, math.nan
-            # The remainder of a positive number is exact.
-            angle = angle % TWO_PI if angle > 0.0 else -(-angle % TWO_PI)
-        quarters = math.floor(angle * _TWO_OVER_PI + 0.5)
-        x = ((angle - quarters * _HALF_PI_1) - quarters * _HALF_PI_2) - quarters * _HALF_PI_3
+            size %= TWO_PI
+        quarters = math.floor(size * _TWO_OVER_PI + 0.5)
+        x = ((size - quarters * _HALF_PI_1) - quarters * _HALF_PI_2) - quarters * _HALF_PI_3
+        if angle < 0.0:
+            quarters, x = -quarters, -x
     z = x * x
     sine = x + x * (z * (_S3 + z * (_S5 + z * (_S7 + z * (_S9 + z * (_S11 + z * _S13))))))
     cosine = 1.0 + z * (
@@ -71,8 +73,15 @@ def sine_cosine(angle: float) -> tuple[float, float]:
 
 
 def natural_log(x: float) -> float:
-    """Return the natural logarithm of a positive number, to about one unit in the last place.
+    """Return the natural logarithm to about one unit in the last place.
 
+    Parameters
+    ----------
+    x : float
+        Positive and finite.
+
+    Notes
+    -----
     With x = m·2^e and m within sqrt(1/2) ... sqrt(2): e·ln 2 + 2 artanh((m - 1)/(m + 1)).
     """
     mantissa, exponent = math.frexp(x)

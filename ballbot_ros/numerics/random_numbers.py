@@ -1,4 +1,4 @@
-"""Random numbers as a function of key and counter: Philox4x32-10, and what is made of its words."""
+"""Random numbers as a function of key and counter: Philox4x32-10, and numbers derived from it."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def philox4x32(c0: Any, c1: Any, c2: Any, c3: Any, k0: Any, k1: Any) -> Words:
     return Words(c0, c1, c2, c3)
 
 
-_ODD = 2**53 - 1
-_PER_2_53, _PER_2_54 = float.fromhex('0x1p-53'), float.fromhex('0x1p-54')
+_PER_2_53 = float.fromhex('0x1p-53')
+_MEDIAN = float(2**52) - 0.5
 _HIGH_SHIFT, _LOW_SHIFT = np.uint64(21), np.uint64(11)
 
 
@@ -58,7 +58,7 @@ def bits_53(high: Any, low: Any) -> Any:
 
 def uniform(bits: int) -> float:
     """Return a number within [0, 1) from 53 random bits."""
-    return bits * _PER_2_53
+    return float(bits) * _PER_2_53
 
 
 def normal(bits: int) -> float:
@@ -67,8 +67,8 @@ def normal(bits: int) -> float:
     The quantile of (bits + 1/2) / 2^53, by the rational functions of algorithm AS 241, PPND16
     (Wichura 1988), accurate to about 1 part in 10^16. Complementary bits give opposite numbers.
     """
-    # Exact: an odd number of at most 53 bits.
-    q = (2 * bits - _ODD) * _PER_2_54
+    # Exact: 53 bits hold every half of a whole number up to 2^52.
+    q = (float(bits) - _MEDIAN) * _PER_2_53
     if -0.425 <= q <= 0.425:
         r = 0.180625 - q * q
         return (

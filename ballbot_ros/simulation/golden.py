@@ -1,9 +1,18 @@
-"""The shipped scenarios' hashes, which every machine must reproduce."""
+"""Golden results: what every machine must compute to the bit."""
 
 from __future__ import annotations
 
+import hashlib
+import struct
+from dataclasses import dataclass
+
+import numpy as np
 import yaml
 
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.numerics.discretisation import zero_order_hold
+from ballbot_ros.numerics.elementary import natural_log, sine_cosine
+from ballbot_ros.numerics.random_numbers import bits_53, normal, philox4x32, uniform
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.share import share_directory
@@ -11,13 +20,40 @@ from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 
-GOLDEN_FILE = 'config/duty_sha256.yaml'
+GOLDEN_FILE = 'config/golden.yaml'
+_DRAWS, _SYSTEMS = 5000, 20
 
 
-def golden_hashes() -> dict[str, str]:
-    """Return the ``duty_sha256`` of each shipped scenario by its name."""
-    text = (share_directory() / GOLDEN_FILE).read_text(encoding='utf-8')
-    return dict(yaml.safe_load(text))
+@dataclass(frozen=True)
+class Golden:
+    """The golden results.
+
+    Attributes
+    ----------
+    arithmetic : str
+        What :func:`arithmetic_sha256` must return.
+    scenarios : dict
+        The ``duty_sha256`` of each shipped scenario by its name.
+    """
+
+    arithmetic: str
+    scenarios: dict[str, str]
+
+
+def load_golden() -> Golden:
+    """Read the golden results.
+
+    Raises
+    ------
+    BallbotError
+        If the file is missing or damaged.
+    """
+    path = share_directory() / GOLDEN_FILE
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+        return Golden(str(content['arithmetic']), dict(content['scenarios']))
+    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError):
+        raise BallbotError(f'{path}: missing or damaged') from None
 
 
 def duty_sha256(scenario: Scenario) -> str:
@@ -30,3 +66,31 @@ def duty_sha256(scenario: Scenario) -> str:
         if loop.plant.stopped:
             break
     return log.duty_sha256
+
+
+def arithmetic_sha256() -> str:
+    """Return a hash of every bit that ``ballbot_ros.numerics`` computes from random inputs.
+
+    The control loop damps a difference in the last bit, and duties are whole numbers: a scenario's
+    hash can miss one.
+    """
+    counters, zero = np.arange(_DRAWS, dtype=np.uint64), np.uint64(0)
+    words = philox4x32(counters, zero, zero, zero, zero, zero)
+    digest = hashlib.sha256(np.array(words, dtype='<u8').tobytes())
+    for bits in bits_53(words.w0, words.w1).tolist():
+        number = uniform(bits)
+        values = (
+            number,
+            normal(bits),
+            # Most quantiles need no logarithm: those of few bits do.
+            normal(bits >> (bits % 50)),
+            *sine_cosine(4.0 * number - 2.0),
+            *sine_cosine(2000.0 * number - 1000.0),
+            natural_log(number + 1e-9),
+        )
+        digest.update(struct.pack('<8d', *values))
+    entries = np.array([uniform(bits) - 0.5 for bits in bits_53(words.w2, words.w3).tolist()])
+    for number, system in enumerate(entries[: _SYSTEMS * 28].reshape(_SYSTEMS, 4, 7)):
+        for matrix in zero_order_hold(system[:, :4] * (number + 1), system[:, 4:], 0.5):
+            digest.update(np.ascontiguousarray(matrix, dtype='<f8').tobytes())
+    return digest.hexdigest()

@@ -39,13 +39,6 @@ def test_samples_between_two_requests_but_the_newest_are_never_seen():
     assert read == [0, None, None, 10, 40]
 
 
-def test_a_sonar_without_data_yet_leaves_its_register_as_it_is():
-    brick = Brick()
-    for sample in (40, -1, -1):
-        tick(brick, STILL._replace(sonar_cm=sample), brick.read_sonar)
-    assert brick.sonar_cm == 40
-
-
 def test_display_and_log_show_what_was_read_last():
     brick = Brick()
     assert brick.sonar_cm == -1

@@ -1,11 +1,14 @@
 """`ballbot doctor`: whether this machine computes what every other one does."""
 
+import dataclasses
 import subprocess
 
 import pytest
 from graph import BALLBOT, environment
 
 from ballbot_ros.cli import doctor
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.simulation import golden
 
 
 @pytest.fixture
@@ -13,19 +16,53 @@ def only_arithmetic(monkeypatch):
     monkeypatch.setattr(doctor, '_CHECKS', {'arithmetic': doctor._arithmetic})
 
 
-def test_a_machine_that_gives_the_golden_hash_is_well(only_arithmetic, capsys):
+def test_a_machine_with_the_golden_hashes_passes(only_arithmetic, capsys):
     assert doctor.examine() == 0
-    golden = doctor.golden_hashes()[doctor.GOLDEN_SCENARIO]
-    assert capsys.readouterr().out.startswith('OK   arithmetic hardware_autonomous')
-    assert len(golden) == 64
+    assert capsys.readouterr().out == (
+        'OK   arithmetic stationary and hardware_autonomous have the duty_sha256 of every machine\n'
+    )
 
 
-def test_a_machine_that_gives_another_hash_is_told_so(only_arithmetic, monkeypatch, capsys):
-    monkeypatch.setattr(doctor, 'golden_hashes', lambda: {doctor.GOLDEN_SCENARIO: '0123456789'})
+@pytest.mark.parametrize(
+    ('changes', 'named'),
+    [
+        ({'arithmetic': '0123456789'}, 'the arithmetic has the hash '),
+        ({'scenarios': {'stationary': '0123456789'}}, 'the run stationary has the hash '),
+    ],
+)
+def test_a_machine_with_another_hash_fails_with_both_hashes(
+    only_arithmetic, monkeypatch, capsys, changes, named
+):
+    wrong = dataclasses.replace(golden.load_golden(), **changes)
+    monkeypatch.setattr(doctor, 'load_golden', lambda: wrong)
     assert doctor.examine() == 1
     [line] = capsys.readouterr().out.splitlines()
-    assert line.startswith('FAIL arithmetic hardware_autonomous has the duty_sha256 ')
-    assert 'and 01234567… elsewhere' in line
+    assert line.startswith(f'FAIL arithmetic {named}')
+    assert 'here and 01234567… elsewhere' in line
+
+
+@pytest.mark.parametrize('text', [None, '', 'scenarios: 3', '{', 'arithmetic: x'])
+def test_a_missing_or_damaged_golden_file_is_one_line(
+    only_arithmetic, monkeypatch, capsys, tmp_path, text
+):
+    if text is not None:
+        (tmp_path / 'config').mkdir()
+        (tmp_path / golden.GOLDEN_FILE).write_text(text)
+    monkeypatch.setattr(golden, 'share_directory', lambda: tmp_path)
+    with pytest.raises(BallbotError, match='missing or damaged'):
+        golden.load_golden()
+    assert doctor.examine() == 1
+    [line] = capsys.readouterr().out.splitlines()
+    assert line.endswith('golden.yaml: missing or damaged')
+
+
+def test_a_sine_of_the_c_library_is_noticed(monkeypatch):
+    """Its last bits differ, which the duties of a scenario need not show."""
+    import math
+
+    before = golden.arithmetic_sha256()
+    monkeypatch.setattr(golden, 'sine_cosine', lambda angle: (math.sin(angle), math.cos(angle)))
+    assert golden.arithmetic_sha256() != before == golden.load_golden().arithmetic
 
 
 @pytest.mark.graph

@@ -5,6 +5,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from golden_runs import WITHOUT_FMA
 from graph import BALLBOT, Run, environment, free_domain
 
 from ballbot_ros.analysis.message_comparison import Difference
@@ -72,7 +73,7 @@ def test_every_shipped_scenario_is_identical(tmp_path, name):
 def test_a_recording_of_another_processor_is_identical(tmp_path, monkeypatch, name):
     with monkeypatch.context() as there:
         there.setenv('OPENBLAS_CORETYPE', 'Nehalem')
-        there.setenv('GLIBC_TUNABLES', 'glibc.cpu.hwcaps=-FMA,-AVX2')
+        there.setenv('GLIBC_TUNABLES', WITHOUT_FMA['GLIBC_TUNABLES'])
         recording = record(tmp_path, name, '--processes=none', '--set=plant_sim.duration=4')
     done = replay(recording)
     assert done.returncode == 0, done.stdout + done.stderr

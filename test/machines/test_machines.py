@@ -17,17 +17,16 @@ from pathlib import Path
 
 import pytest
 import setuptools
-from golden_runs import MODELS, RANDOM_FILE, SETS
+from golden_runs import MODELS, RANDOM_FILE, SETS, WITHOUT_FMA
 
 from ballbot_ros.scenario.library import scenario_names
-from ballbot_ros.simulation.golden import golden_hashes
+from ballbot_ros.simulation.golden import load_golden
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / 'test' / 'golden_runs.py'
 
 # Oldest first: a processor that lacks one falls back to a kernel of another row.
 CORE_TYPES = ('Nehalem', 'Sandybridge', 'Haswell', 'SkylakeX')
-WITHOUT_FMA = {'GLIBC_TUNABLES': 'glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2,-AVX2_Usable,-AVX2_USABLE'}
 PACKAGES = ('numpy', 'scipy', 'pillow', 'PyYAML')
 
 
@@ -48,7 +47,9 @@ def probe(**settings):
 
 
 def assert_golden(answer):
-    assert answer['scenarios'] == golden_hashes()
+    golden = load_golden()
+    assert answer['arithmetic'] == golden.arithmetic
+    assert answer['scenarios'] == golden.scenarios
     expected = json.loads(RANDOM_FILE.read_text())
     differing = [
         (model, seed)
@@ -60,7 +61,7 @@ def assert_golden(answer):
 
 
 def test_every_scenario_and_200_random_runs_of_each_model_have_a_golden_hash():
-    assert list(golden_hashes()) == scenario_names()
+    assert list(load_golden().scenarios) == scenario_names()
     expected = json.loads(RANDOM_FILE.read_text())
     assert list(expected) == list(MODELS)
     for hashes in expected.values():

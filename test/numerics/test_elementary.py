@@ -37,6 +37,14 @@ def test_sine_is_odd_and_cosine_even(angle):
     assert sine_cosine(-angle) == (-sine, cosine)
 
 
+def test_the_symmetry_holds_where_the_reduction_changes_its_quarter():
+    for n in range(-99, 100, 2):
+        middle = n * math.pi / 4
+        for angle in (math.nextafter(middle, -math.inf), middle, math.nextafter(middle, math.inf)):
+            sine, cosine = sine_cosine(angle)
+            assert sine_cosine(-angle) == (-sine, cosine)
+
+
 @given(angles)
 def test_they_lie_on_the_unit_circle(angle):
     sine, cosine = sine_cosine(angle)

@@ -61,6 +61,12 @@ def test_53_bits_are_the_first_word_and_most_of_the_second(words):
     assert bits_53(np.uint64(high), np.uint64(low)) == (high * 2**32 + low) // 2**11
 
 
+def test_the_bits_of_numpy_numbers_make_the_same_numbers():
+    high, low = np.uint64(0xFFFFFFFF), np.uint64(5)
+    bits = bits_53(high, low)
+    assert (normal(bits), uniform(bits)) == (normal(int(bits)), uniform(int(bits)))
+
+
 @given(BITS)
 def test_a_uniform_number_keeps_every_bit(bits):
     number = uniform(bits)
