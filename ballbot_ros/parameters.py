@@ -325,7 +325,7 @@ TABLE: tuple[Parameter, ...] = (
          'period of task_ts3: operating state, battery, sound', '7.6'),
         ('lsb', 2.0**-10, 'deg', (1e-9, 1e3), 'value of one bit of the logged pitch', '7.4'),
         ('rejoin', False, '', None,
-         'true: a controller started in mid-run begins afresh; false: it fails the run',
+         'true: a controller started in mid-run begins afresh; false: it fails the run at once',
          'project'),
     ),
     *_rows(

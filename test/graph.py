@@ -138,9 +138,10 @@ class Run:
 class Node:
     """A node as a process of its own, as `ros2 run` starts it."""
 
-    def __init__(self, domain, name, **parameters):
+    def __init__(self, domain, name, remap='', **parameters):
         words = [f'{key}:={value}' for key, value in parameters.items()]
         arguments = [argument for word in words for argument in ('-p', word)]
+        arguments += ['-r', remap] if remap else []
         self.name = name
         self.process = subprocess.Popen(
             [sys.executable, '-m', f'ballbot_ros.nodes.{name}', '--ros-args', *arguments],

@@ -9,7 +9,6 @@ from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from rosbags.serde import SerdeError
 
 from ballbot_ros.messages.raw import decoder, has_stamp
 from ballbot_ros.messages.topics import Topic
@@ -116,7 +115,7 @@ class _Pairs:
     def difference(self, recorded: bytes, replayed: bytes) -> str:
         try:
             message = self._decode(recorded)
-        except SerdeError as error:
+        except ValueError as error:
             return f'recorded is no {self._type}: {error}'
         return first_difference(message, self._decode(replayed))
 

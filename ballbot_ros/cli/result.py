@@ -79,6 +79,7 @@ def print_json(result: Result) -> None:
         'missed_ticks': summary.get('missed_ticks'),
         'asked_again': summary.get('asked_again'),
         'round_trip_ms': summary.get('round_trip_ms'),
+        'participants': summary.get('participants', []),
         'recording': None if result.recording is None else str(result.recording),
         'figure': None if result.figure is None else str(result.figure),
         'metrics': {name: number(value) for name, value in result.metrics.items()},

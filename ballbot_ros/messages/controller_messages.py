@@ -65,6 +65,10 @@ class ControllerMessages:
         fill_controller_state(self._state.message, now, program.x, program.y)
         self._state.send(now)
 
+    def begin(self) -> None:
+        """Begin a run: its first operating state is a change."""
+        self.operating_state = ''
+
     def repeat_duty(self, stamp_ns: int) -> None:
         """Send the duty of the tick before, at `stamp_ns`, once more."""
         self._duty.send(stamp_ns)

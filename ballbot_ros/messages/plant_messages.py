@@ -53,10 +53,13 @@ class PlantMessages:
         self._accepted_push = make(ACCEPTED_PUSH)
         self._map = make(MAP)
 
-    def begin(self, start_ns: int, name: str, world: World | None) -> None:
-        """Announce a run, and what it begins with."""
+    def announce(self, start_ns: int, name: str) -> None:
+        """Announce a run, for its participants to join it."""
         fill_header(self._run.message, start_ns, name)
         self._run.send(start_ns)
+
+    def begin(self, start_ns: int, world: World | None) -> None:
+        """Tell what a run begins with."""
         if world:
             fill_map(self._map.message, start_ns, occupancy_grid(world.map))
             self._map.send(start_ns)
@@ -69,18 +72,24 @@ class PlantMessages:
             fill_accepted_push(self._accepted_push.message, stamp, push, number, acts=acts)
             self._accepted_push.send(stamp)
 
-    def truth(self, truth: Truth, *, wall_hit: bool) -> bool:
-        """Send the truth of a tick; return whether `wall_hit` has changed."""
+    def truth(self, truth: Truth, *, wall_hit: bool, again: bool = False) -> bool:
+        """Send the truth of a tick; return whether `wall_hit` has changed.
+
+        Where it is sent `again`, so is the newest battery sample: a controller that has just come
+        waits for it.
+        """
         now = truth.stamp_ns
         fill_clock(self._clock.message, now)
         self._clock.send(now)
+        # Before what the drivers answer: with it a run begins for the controller.
+        if now % BATTERY_NS == 0:
+            fill_battery(self._battery.message, truth)
+        if again or now % BATTERY_NS == 0:
+            self._battery.send(now)
         fill_body(self._body.message, truth)
         self._body.send(now)
         fill_motors(self._motors.message, truth)
         self._motors.send(now)
-        if now % BATTERY_NS == 0:
-            fill_battery(self._battery.message, truth)
-            self._battery.send(now)
         fill_odometry(self._odometry.message, truth, self._ball_radius)
         self._odometry.send(now)
         hit = self._wall_hit.message

@@ -11,7 +11,9 @@ from collections.abc import Callable
 from typing import Any
 
 from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
 
+from ballbot_ros.recording.encoding import encoder
 from ballbot_ros.recording.schemas import typestore
 from ballbot_ros.simulation.timing import SECOND_NS
 
@@ -32,7 +34,30 @@ def has_stamp(type_name: str) -> bool:
     return kind == Nodetype.NAME and detail in _STAMPS
 
 
+def same_content(type_name: str) -> Callable[[bytes, bytes], bool]:
+    """Return a function that tells whether two serialised messages of that type say the same.
+
+    Their bytes may differ all the same: nobody clears the gaps that align a number.
+    """
+    decode, encode = decoder(type_name), encoder(type_name)
+
+    def is_same(one: bytes, other: bytes) -> bool:
+        return one == other or encode(decode(one)) == encode(decode(other))
+
+    return is_same
+
+
 def decoder(type_name: str) -> Callable[[bytes], Any]:
-    """Return a function that decodes a serialised message of that type."""
-    decode = typestore().deserialize_cdr
-    return lambda data: decode(data, type_name)
+    """Return a function that decodes a serialised message of that type.
+
+    It raises ValueError for bytes that are none, such as text that is not UTF-8.
+    """
+    deserialize = typestore().deserialize_cdr
+
+    def decode(data: bytes) -> Any:
+        try:
+            return deserialize(data, type_name)
+        except SerdeError as error:
+            raise ValueError(str(error)) from None
+
+    return decode

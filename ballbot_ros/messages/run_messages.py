@@ -43,7 +43,8 @@ class RunMessages:
 
     def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
         """Make what a run begins with."""
-        self._plant.begin(start_ns, RUN_NAME, world)
+        self._plant.announce(start_ns, RUN_NAME)
+        self._plant.begin(start_ns, world)
         for number, push in enumerate(pushes, 1):
             self._plant.push(push, number)
 

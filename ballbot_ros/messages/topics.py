@@ -10,6 +10,7 @@ from ballbot_ros.parameters import (
     ENCODER,
     GAMEPAD,
     GYRO,
+    NODES,
     PLANT,
     RECORDER,
     SONAR,
@@ -58,6 +59,9 @@ class Topic(NamedTuple):
 
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', PLANT, TICK_NS)
 RUN = Topic('plant/run', 'std_msgs/msg/Header', PLANT)
+ROLL_CALL = Topic('plant/roll_call', 'std_msgs/msg/Header', PLANT)
+RUN_STATUS = Topic('plant/run_status', 'diagnostic_msgs/msg/DiagnosticStatus', PLANT)
+PARTICIPANTS = Topic('participants', 'diagnostic_msgs/msg/DiagnosticStatus', None)
 PLANT_JOINT_STATES = Topic('plant/joint_states', 'sensor_msgs/msg/JointState', PLANT, TICK_NS)
 PLANT_IMU = Topic('plant/imu', 'sensor_msgs/msg/Imu', PLANT, TICK_NS)
 PLANT_ODOM = Topic('plant/odom', 'nav_msgs/msg/Odometry', PLANT, TICK_NS)
@@ -88,14 +92,27 @@ TF = Topic('/tf', 'tf2_msgs/msg/TFMessage', None)
 TF_STATIC = Topic('/tf_static', 'tf2_msgs/msg/TFMessage', None)
 
 TOPICS = (
-    CLOCK, RUN, PLANT_JOINT_STATES, PLANT_IMU, PLANT_ODOM, BATTERY_STATE, WALL_HIT, MAP,
+    CLOCK, RUN, ROLL_CALL, RUN_STATUS,
+    PLANT_JOINT_STATES, PLANT_IMU, PLANT_ODOM, BATTERY_STATE, WALL_HIT, MAP,
     PUSH, ACCEPTED_PUSH,
     GYRO_IMU, JOINT_STATES, SONAR_RANGE, GAMEPAD_JOY,
     MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD,
-    RECORDER_ACK, DIAGNOSTICS,
+    RECORDER_ACK, PARTICIPANTS, DIAGNOSTICS,
 )  # fmt: skip
 """What the graph itself publishes. What others offer for driving is found by discovery, as the
 quality of service, and of ``cmd_vel`` even the type, is theirs to choose."""
+
+LOCKSTEP = {
+    topic: (topic.publisher,)
+    for topic in TOPICS
+    if topic.publisher and (topic.period_ns or topic in (RUN, ROLL_CALL, RUN_STATUS, RECORDER_ACK))
+} | {PARTICIPANTS: NODES}
+"""Topics on which nobody but the participants of a run may publish, and the roles that do."""
+
+
+def periodic_topics(role: str) -> tuple[Topic, ...]:
+    """Return the topics of which a role publishes a message at each multiple of their period."""
+    return tuple(topic for topic in TOPICS if topic.publisher == role and topic.period_ns)
 
 
 def message_class(type_name: str) -> Any:

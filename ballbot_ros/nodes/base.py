@@ -43,6 +43,9 @@ ROS_PARAMETERS = {'use_sim_time', 'start_type_description_service'}
 
 SPIN_S = 0.05
 FLUSH_S = 0.1
+NO_SAMPLE = (ValueError, IndexError, OverflowError)
+"""What reading a message raises that no node of ours has sent."""
+
 END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 """Environment variable: the process with which the node ends, the one that started it."""
 
@@ -70,13 +73,14 @@ def requested_qos(topic: Topic, depth: int) -> QoSProfile:
 class PublishedOutput:
     """A topic's one message and its publisher, as :class:`ballbot_ros.messages.outputs.Output`."""
 
-    def __init__(self, publisher: Any, message: Any) -> None:
-        self.message = message
-        self._publisher = publisher
+    def __init__(self, topic: Topic, publisher: Any) -> None:
+        self.topic = topic
+        self.message = topic.message_class()
+        self.publisher = publisher
 
     def send(self, stamp_ns: int) -> None:
         """Publish the message as it is now."""
-        self._publisher.publish(self.message)
+        self.publisher.publish(self.message)
 
 
 class BallbotNode(Node):
@@ -126,6 +130,7 @@ class BallbotNode(Node):
         self._problem = ''
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._advertised: dict[Topic, Any] = {}
+        self._run_outputs: list[PublishedOutput] = []
         self._diagnostics = self.advertise(DIAGNOSTICS)
         self.every(DIAGNOSTICS_PERIOD_S, self.report)
 
@@ -200,7 +205,15 @@ class BallbotNode(Node):
 
     def output(self, topic: Topic) -> PublishedOutput:
         """Return a publisher of `topic` with the message that it sends again and again."""
-        return PublishedOutput(self.advertise(topic), topic.message_class())
+        output = PublishedOutput(topic, self.advertise(topic))
+        self._run_outputs.append(output)
+        return output
+
+    def renew_outputs(self) -> None:
+        """Publish from new publishers, whose histories have nothing of an earlier run."""
+        for output in self._run_outputs:
+            self.destroy_publisher(output.publisher)
+            output.publisher = self.advertise(output.topic)
 
     def flush(self, *topics: Topic) -> None:
         """Let the last messages of `topics` reach their readers."""
@@ -213,7 +226,9 @@ class BallbotNode(Node):
         """Subscribe to `topic`; with `raw` the callback gets the bytes.
 
         In lockstep nothing newer than an unanswered sample comes, so a depth of one loses
-        nothing in the loop.
+        nothing in the loop. Of a periodic topic the node gets what is sent from now on: the plant
+        asks again for what it has missed, and of what was answered before it came it is not to
+        answer anything.
         """
         if raw:
             receive = callback
@@ -221,10 +236,22 @@ class BallbotNode(Node):
             decode = decoder(topic.type_name)
 
             def receive(data: bytes) -> None:
-                callback(decode(data))
+                try:
+                    message = decode(data)
+                except ValueError as error:
+                    self.ignore(topic, error)
+                    return
+                callback(message)
 
-        return self.create_subscription(
-            topic.message_class, topic.name, receive, requested_qos(topic, depth), raw=True
+        qos = requested_qos(topic, depth)
+        if topic.period_ns:
+            qos.durability = DurabilityPolicy.VOLATILE
+        return self.create_subscription(topic.message_class, topic.name, receive, qos, raw=True)
+
+    def ignore(self, topic: Topic, error: Exception) -> None:
+        """Warn of a message that is none, as only a stranger sends it."""
+        self.get_logger().warning(
+            f'{topic.name}: a message is ignored: {one_line(error)}', throttle_duration_sec=1.0
         )
 
     def sampled(self, now_ns: int) -> None:

@@ -10,13 +10,27 @@ from typing import Any
 from ballbot_ros.codegen.implementation import program_maker
 from ballbot_ros.controller.tasks import TS1_MS
 from ballbot_ros.messages.controller_messages import ControllerMessages
-from ballbot_ros.messages.conversions import stamp_ns, time_ns
 from ballbot_ros.messages.inputs import INPUTS, device_inputs
-from ballbot_ros.messages.topics import BATTERY_STATE, GAMEPAD_JOY, GYRO_IMU, JOINT_STATES, RUN
-from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.messages.raw import decoder, same_content, stamp_of
+from ballbot_ros.messages.topics import (
+    BATTERY_STATE,
+    GAMEPAD_JOY,
+    GYRO_IMU,
+    JOINT_STATES,
+    PARTICIPANTS,
+    Topic,
+)
+from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
+from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import CONTROLLER
-from ballbot_ros.simulation.lockstep import InputGate, TimerAudit
-from ballbot_ros.simulation.timing import FREE_RUNNING_SILENCE_S, MILLISECOND_NS, TICK_NS
+from ballbot_ros.simulation.lockstep import LockstepInputs, Run, Step, TimerAudit
+from ballbot_ros.simulation.sample_history import DEPTH
+from ballbot_ros.simulation.timing import (
+    FREE_RUNNING_SILENCE_S,
+    MILLISECOND_NS,
+    SECOND_NS,
+    TICK_NS,
+)
 
 
 class Controller(BallbotNode):
@@ -30,10 +44,14 @@ class Controller(BallbotNode):
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(CONTROLLER, values, use_sim_time=True)
         self._lockstep = self.values['lockstep']
-        self._gate = InputGate({topic.name: topic.period_ns for topic in INPUTS})
-        self._run_name: str | None = None
-        self._start_ns = 0
-        self._next_ns: int | None = None
+        self._inputs = LockstepInputs(
+            {topic.name: topic.period_ns for topic in INPUTS},
+            first=BATTERY_STATE.name,
+            every_tick=GYRO_IMU.name,
+            is_same={topic.name: same_content(topic.type_name) for topic in INPUTS},
+            tick_ns=TICK_NS,
+        )
+        self._start_ns: int | None = None
         self._make_program = program_maker(self.values)
         self._program = self._make_program()
         self._overruns = 0
@@ -47,93 +65,102 @@ class Controller(BallbotNode):
             self.create_timer(period_ms * 1e-3, self._timer_callback(audit))
         if not self._lockstep:
             self.every(TS1_MS * 1e-3, self._free_tick)
-        self.listen(RUN, self._on_run)
+        self._participation = Participation(self, CONTROLLER, self._on_run)
+        # Deep enough to see each of several samples of one tick.
+        depth = DEPTH if self._lockstep else 1
         for topic, reader in INPUTS.items():
-            self.listen(topic, self._input_callback(topic.name, reader))
+            self.listen(topic, self._input_callback(topic, reader), depth=depth, raw=True)
 
     def _timer_callback(self, audit: TimerAudit) -> Callable[[], None]:
         def fire() -> None:
-            if self._run_name is not None:
+            if self._start_ns is not None:
                 audit.fire(self.get_clock().now().nanoseconds, self._start_ns)
 
         return fire
 
-    def _input_callback(self, name: str, reader: Callable[[Any], Any]) -> Callable[[Any], None]:
-        def receive(message: Any) -> None:
-            stamp = stamp_ns(message)
+    def _input_callback(
+        self, topic: Topic, reader: Callable[[Any], Any]
+    ) -> Callable[[bytes], None]:
+        name, decode = topic.name, decoder(topic.type_name)
+        take = self._take if self._lockstep else self._take_free_running
+
+        def receive(data: bytes) -> None:
             try:
-                reading = reader(message)
-            except (ValueError, IndexError, OverflowError):
+                stamp, reading = stamp_of(data), reader(decode(data))
+            except NO_SAMPLE:
                 # As of another robot's joint states in the same domain.
                 self.warn(f'{name}: what no device of the brick gives is ignored')
                 return
-            if name == GAMEPAD_JOY.name:
-                self._sticks_at = time.monotonic()
-            if self._gate.put(name, stamp, reading):
-                if self._lockstep:
-                    self._try_tick()
-            elif self._lockstep and self._next_ns and stamp == self._next_ns - TICK_NS:
-                # The plant asks again: it has not got the answer.
-                self._resent += 1
-                self._messages.repeat_duty(stamp)
+            take(name, stamp, data, reading)
 
         return receive
 
-    def _on_run(self, header: Any) -> None:
-        if header.frame_id == self._run_name:
-            return
-        restarted = self._run_name is not None
-        self._run_name = header.frame_id
-        self._start_ns = time_ns(header.stamp)
-        self._next_ns = None
+    def _on_run(self, run: Run) -> None:
+        self._start_ns = run.start_ns
+        self._free_ticks = 0
         self._program = self._make_program()
+        self._inputs.begin(run.start_ns)
+        self._messages.begin()
         for audit in self._audits:
             audit.restart()
-        if restarted and (self._gate.stamp(GYRO_IMU.name) or 0) > self._start_ns:
-            # Another plant has begun at an earlier time.
-            self._gate.clear()
-        if self._lockstep:
-            self._try_tick()
 
-    def _try_tick(self) -> None:
-        if self._run_name is None:
-            return
-        if self._next_ns is None and not self._join():
-            return
-        assert self._next_ns is not None
-        if self._gate.ready(self._next_ns):
-            now = self._next_ns
-            self._next_ns = now + TICK_NS
-            self._tick(now, now - self._start_ns)
+    def _take(self, name: str, stamp: int, data: bytes, reading: Any) -> None:
+        step = self._inputs.take(name, stamp, data, reading)
+        # What was kept for those who come late is older than the tick for which the plant asks.
+        if step is Step.MISSED_START and stamp == self.get_clock().now().nanoseconds:
+            self._begin_afresh(stamp)
+        elif step is Step.TICK:
+            self._tick_of_lockstep()
+        elif step is Step.ANSWER_AGAIN:
+            self._resent += 1
+            self._messages.repeat_duty(stamp)
+        elif step is Step.OBJECT:
+            self._participation.object(
+                f'{name!r} has a second sample of {stamp / SECOND_NS:.3f} s, or one ahead of '
+                'the run',
+                name,
+                stamp,
+            )
 
-    def _join(self) -> bool:
-        """Begin at the run's first tick; in mid-run only where `rejoin` allows it."""
-        first = self._gate.stamp(GYRO_IMU.name)
-        if first is None or first < self._start_ns:
-            return False
-        if first > self._start_ns:
-            if not self.values['rejoin']:
-                self.finish()
-                self.fail(
-                    f'started in mid-run, at {first * 1e-9:.3f} s, without the state of the '
-                    'ticks before: the run has failed (rejoin: true begins afresh)'
-                )
-                return False
-            self.get_logger().warning(f'begins afresh in mid-run, at {first * 1e-9:.3f} s')
-        self._next_ns = first
-        return True
+    def _begin_afresh(self, stamp: int) -> None:
+        """Begin in mid-run, but only where `rejoin` allows it."""
+        if not self.values['rejoin']:
+            problem = (
+                f'{CONTROLLER} started in mid-run, at {stamp / SECOND_NS:.3f} s, without the state '
+                'of the ticks before (rejoin: true begins afresh)'
+            )
+            self._participation.object(problem)
+            self.finish()
+            self.fail(problem)
+            return
+        self.get_logger().warning(f'begins afresh in mid-run, at {stamp / SECOND_NS:.3f} s')
+        self._inputs.begin_afresh(stamp)
+
+    def _tick_of_lockstep(self) -> None:
+        now, start = self._inputs.next_ns, self._start_ns
+        assert now is not None
+        assert start is not None
+        self._inputs.ticked()
+        self._tick(now, now - start)
+
+    def _take_free_running(self, name: str, stamp: int, data: bytes, reading: Any) -> None:
+        if not self._participation.includes(stamp):
+            return
+        if name == GAMEPAD_JOY.name:
+            self._sticks_at = time.monotonic()
+        self._inputs.gate.put(name, stamp, reading)
 
     def _tick(self, now_ns: int, elapsed_ns: int) -> None:
-        inputs = device_inputs(lambda topic: self._gate.newest(topic.name))
+        inputs = device_inputs(lambda topic: self._inputs.gate.newest(topic.name))
         outputs = self._program.tick(elapsed_ns // MILLISECOND_NS, now_ns // MILLISECOND_NS, inputs)
         self._messages.tick(now_ns, outputs, self._program)
         self.sampled(now_ns)
 
     def _free_tick(self) -> None:
         """Run a tick on the newest samples; the wall clock is the time."""
-        gate = self._gate
+        gate = self._inputs.gate
         now = gate.stamp(GYRO_IMU.name)
-        if now is None or gate.stamp(BATTERY_STATE.name) is None or self._run_name is None:
+        if now is None or gate.stamp(BATTERY_STATE.name) is None:
             return
         if gate.stamp(JOINT_STATES.name) is None:
             return
@@ -158,6 +185,10 @@ class Controller(BallbotNode):
             'overruns': self._overruns,
             'answers sent again': self._resent,
         }
+
+    def close(self) -> None:
+        """Let an objection reach the plant."""
+        self.flush(PARTICIPANTS)
 
 
 def main() -> None:

@@ -9,7 +9,8 @@ from typing import Any
 from ballbot_ros.brick.encoder import Encoder
 from ballbot_ros.messages.conversions import fill_encoders, motor_angles, stamp_ns
 from ballbot_ros.messages.topics import JOINT_STATES, PLANT_JOINT_STATES
-from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
+from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import ENCODER
 
 
@@ -20,11 +21,19 @@ class EncoderDriver(BallbotNode):
         super().__init__(ENCODER, values)
         self._device = Encoder()
         self._output = self.output(JOINT_STATES)
+        self._participation = Participation(self, ENCODER)
         self.listen(PLANT_JOINT_STATES, self._on_truth)
 
     def _on_truth(self, truth: Any) -> None:
         now = stamp_ns(truth)
-        fill_encoders(self._output.message, now, self._device.read(motor_angles(truth)))
+        if not self._participation.includes(now):
+            return
+        try:
+            reading = self._device.read(motor_angles(truth))
+        except NO_SAMPLE as error:
+            self.ignore(PLANT_JOINT_STATES, error)
+            return
+        fill_encoders(self._output.message, now, reading)
         self._output.send(now)
         self.sampled(now)
 

@@ -10,16 +10,17 @@ from typing import Any
 
 from ballbot_ros.brick.bluetooth import PacketError
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.conversions import fill_sticks, log_packet, time_ns
+from ballbot_ros.messages.conversions import fill_sticks, log_packet
 from ballbot_ros.messages.raw import stamp_of
-from ballbot_ros.messages.topics import BLUETOOTH_TX, GAMEPAD_JOY, HISTORY, PLANT_JOINT_STATES, RUN
+from ballbot_ros.messages.topics import BLUETOOTH_TX, GAMEPAD_JOY, HISTORY, PLANT_JOINT_STATES
 from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.teleop_inputs import TeleopInputs
 from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GAMEPAD
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.lockstep import RunFollower
+from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.timing import MILLISECOND_NS, SLOW_NS
 from ballbot_ros.teleop.arbiter import SCENARIO, Arbiter, Command
 from ballbot_ros.teleop.complaints import Complaints
@@ -39,10 +40,7 @@ class GamepadTeleop(BallbotNode):
         super().__init__(GAMEPAD, values)
         name = self.values['scenario']
         self._scenario = load_scenario(name) if name else Scenario()
-        self._run = RunFollower()
-        # Free running, samples may be left out without a new run.
-        self._period_ns = SLOW_NS if self.values['lockstep'] else sys.maxsize
-        self._held_ns: int | None = None
+        self._start_ns = 0
         self._answered_ns: int | None = None
         self._command = Command(SCENARIO, NEUTRAL)
         self._output = self.output(GAMEPAD_JOY)
@@ -56,34 +54,24 @@ class GamepadTeleop(BallbotNode):
         if self._log:
             self.listen(BLUETOOTH_TX, self._on_log, depth=HISTORY)
             self.every(FLUSH_S, self._flush_log)
-        self.listen(RUN, self._on_run)
+        self._participation = Participation(self, GAMEPAD, self._on_run)
         self.listen(PLANT_JOINT_STATES, self._on_truth, raw=True)
 
-    def _on_run(self, header: Any) -> None:
-        start_ns = time_ns(header.stamp)
-        if not self._run.announced(start_ns, header.frame_id):
-            return
-        self._answered_ns = None
+    def _on_run(self, run: Run) -> None:
+        self._start_ns, self._answered_ns = run.start_ns, None
         if self._log:
-            self._log.begin_run(start_ns // MILLISECOND_NS)
-        if self._held_ns:
-            self._answer(self._held_ns)
+            self._log.begin_run(run.start_ns // MILLISECOND_NS)
 
     def _on_truth(self, truth: Any) -> None:
         now = stamp_of(truth)
-        if now % SLOW_NS == 0:
+        if now % SLOW_NS == 0 and self._participation.includes(now):
             self._answer(now)
 
     def _answer(self, now_ns: int) -> None:
-        elapsed = self._run.elapsed_ns(now_ns, self._period_ns)
-        if elapsed is None:
-            self._held_ns = now_ns
-            return
-        self._held_ns = None
         # Asked again, it says the same again, whatever the live inputs say by now.
         if now_ns != self._answered_ns:
             self._answered_ns = now_ns
-            self._decide(elapsed * 1e-9)
+            self._decide((now_ns - self._start_ns) * 1e-9)
             fill_sticks(self._output.message, now_ns, self._command.sticks, self._command.source)
         self._output.send(now_ns)
         self.sampled(now_ns)

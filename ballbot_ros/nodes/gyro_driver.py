@@ -9,7 +9,8 @@ from typing import Any
 from ballbot_ros.brick.gyro import Gyro
 from ballbot_ros.messages.conversions import body_rates, fill_gyro, stamp_ns
 from ballbot_ros.messages.topics import GYRO_IMU, PLANT_IMU
-from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
+from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import GYRO
 
 
@@ -20,11 +21,19 @@ class GyroDriver(BallbotNode):
         super().__init__(GYRO, values)
         self._device = Gyro(self.values)
         self._output = self.output(GYRO_IMU)
+        self._participation = Participation(self, GYRO)
         self.listen(PLANT_IMU, self._on_truth)
 
     def _on_truth(self, truth: Any) -> None:
         now = stamp_ns(truth)
-        fill_gyro(self._output.message, now, self._device.read(body_rates(truth), now))
+        if not self._participation.includes(now):
+            return
+        try:
+            reading = self._device.read(body_rates(truth), now)
+        except NO_SAMPLE as error:
+            self.ignore(PLANT_IMU, error)
+            return
+        fill_gyro(self._output.message, now, reading)
         self._output.send(now)
         self.sampled(now)
 

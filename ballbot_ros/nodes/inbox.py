@@ -11,11 +11,17 @@ from rclpy.qos import QoSProfile
 from ballbot_ros.messages.topics import Topic
 
 
-def hidden_node(name: str, namespace: str = '') -> Node:
-    """Return a node that no executor is to spin: its subscriptions are its owner's to empty."""
+def hidden_node(name: str, owner: Node | None = None) -> Node:
+    """Return a node that no executor is to spin: its subscriptions are its owner's to empty.
+
+    It is in the namespace of the node that owns it, if one does, and has its name before its own.
+    """
+    if owner is not None:
+        name = f'{owner.get_name()}_{name}'
     return Node(
         f'_{name}',
-        namespace=namespace,
+        context=owner.context if owner else None,
+        namespace=owner.get_namespace() if owner else '',
         use_global_arguments=False,
         start_parameter_services=False,
         enable_rosout=False,

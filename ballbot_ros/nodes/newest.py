@@ -40,22 +40,35 @@ class Newest:
     """
 
     def __init__(self, node: Node, topics: Collection[Topic]) -> None:
-        self._inbox = hidden_node(f'{node.get_name()}_inbox', node.get_namespace())
+        self._inbox = hidden_node('inbox', node)
         self._subscriptions = {
             topic: raw_subscription(self._inbox, topic, requested_qos(topic, 1)) for topic in topics
         }
         self._decoders = {topic: decoder(topic.type_name) for topic in topics}
         self._messages: dict[Topic, Any] = {}
+        self._changed: set[Topic] = set()
 
-    def take(self) -> set[Topic]:
-        """Take what has come; return the topics that have a new message."""
-        changed = set()
+    def take(self) -> tuple[Snapshot | None, set[Topic]]:
+        """Take what has come.
+
+        Returns
+        -------
+        snapshot : Snapshot or None
+            What the newest messages tell; None before the first of the robot's pose.
+        changed : set of Topic
+            The topics that have had a message since the last snapshot, so that of a run which was
+            announced before there was a pose nothing is missed.
+        """
         for topic, subscription in self._subscriptions.items():
             come = [data for data, _ in taken(subscription)]
             if come:
                 self._messages[topic] = self._decoders[topic](come[-1])
-                changed.add(topic)
-        return changed
+                self._changed.add(topic)
+        snapshot = snapshot_of(self)
+        if snapshot is None:
+            return None, set()
+        changed, self._changed = self._changed, set()
+        return snapshot, changed
 
     def __getitem__(self, topic: Topic) -> Any:
         """Return the newest message; None if there is none."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from array import array
@@ -21,6 +20,7 @@ from ballbot_ros.messages.conversions import (
     time_ns,
 )
 from ballbot_ros.messages.plant_messages import PlantMessages
+from ballbot_ros.messages.raw import decoder, same_content, stamp_of
 from ballbot_ros.messages.topics import (
     CLOCK,
     DIAGNOSTICS,
@@ -31,21 +31,26 @@ from ballbot_ros.messages.topics import (
     PLANT_ODOM,
     PUSH,
     RECORDER_ACK,
+    RUN_STATUS,
     WALL_HIT,
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
-from ballbot_ros.nodes.participants import Participants
+from ballbot_ros.nodes.plant_participants import PlantParticipants
 from ballbot_ros.nodes.plant_services import PlantServices
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterError
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.plant.truth import Push
+from ballbot_ros.recording.writer import OUTCOME_KEYS
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.pacer import SLOWEST, Pacer
+from ballbot_ros.simulation.participants import State
+from ballbot_ros.simulation.sample_history import DEPTH, Sample, SampleHistory
 from ballbot_ros.simulation.timing import (
     FIRST_TICK_NS,
     FREE_RUNNING_SILENCE_S,
+    SECOND_NS,
     TICK_NS,
     next_start_ns,
 )
@@ -57,6 +62,9 @@ WARN_S = 0.3
 STARTUP_WARN_S = 5.0
 SETTLE_S = 0.4
 TICK_S = TICK_NS * 1e-9
+
+MOST_PUSHES = 100
+"""Pushes from outside that act or are to come: each costs time in every step."""
 
 
 class PlantSim(BallbotNode):
@@ -82,16 +90,19 @@ class PlantSim(BallbotNode):
         self._run_number = 0
         self.summary: dict[str, Any] = {}
         self._messages = PlantMessages(self.output, self.values['ball_radius'])
-        self._participants = Participants(self)
+        self._participants = PlantParticipants(self, self._on_news)
+        self._duties = SampleHistory(same_content(MOTOR_DUTY.type_name))
+        self._decode_duty = decoder(MOTOR_DUTY.type_name)
         self.control = PlantServices(self)
         self.pacer = Pacer()
         if 0.0 < self.values['real_time_factor'] < SLOWEST:
             raise ParameterError(f'{PLANT}.real_time_factor: not 0, and slower than {SLOWEST}')
         self._resent = self._free_overruns = 0
-        self._ack_ns: int | None = None
         self._made_at = time.monotonic()
         self._reset_to(FIRST_TICK_NS)
-        self.listen(MOTOR_DUTY, self._on_duty)
+        # Deep enough to see each of several duties of one tick.
+        depth = DEPTH if self._lockstep else 1
+        self.listen(MOTOR_DUTY, self._on_duty, depth=depth, raw=True)
         self.listen(RECORDER_ACK, self._on_ack)
         self.listen(PUSH, self._on_push, depth=10)
         self.every(RESEND_S, self._watch)
@@ -106,7 +117,10 @@ class PlantSim(BallbotNode):
         self._pushes = 0
         self.log = TrajectoryLog(keep=self.values['duration'] > 0.0)
         self._round_trips = array('d')
+        self._duties.clear()
         self._duty: tuple[int, int] | None = None
+        self._is_open = self._is_held = False
+        self._ack_ns: int | None = None
         self._duty_at = 0.0
         self._free_duty = (0, 0)
         self._draining = False
@@ -114,10 +128,21 @@ class PlantSim(BallbotNode):
         self.pacer.restart()
 
     def _begin(self) -> None:
-        """Announce a run and publish its first truth."""
+        """Announce a run; in lockstep it opens when every participant has joined it."""
         self._run_number += 1
-        self._messages.begin(self._start_ns, f'{self._run_number} {self._token}', self._world)
+        run = f'{self._run_number} {self._token}'
+        self._sent_at = time.monotonic()
+        self._participants.gather(run, self._start_ns)
+        self._messages.announce(self._start_ns, run)
         self.end_alarm()
+        if not self._lockstep:
+            self._open()
+
+    def _open(self) -> None:
+        """Begin the run with those who are there: publish its first truth."""
+        self._is_open = True
+        self._participants.fix()
+        self._messages.begin(self._start_ns, self._world)
         for push in self._scenario.pushes_from(self._start_ns):
             self._accept(push)
         self._publish_truth()
@@ -133,9 +158,9 @@ class PlantSim(BallbotNode):
         self._reset_to(next_start_ns(self._plant.time_ns))
         self._begin()
 
-    def _publish_truth(self) -> None:
+    def _publish_truth(self, *, again: bool = False) -> None:
         self._truth = self._plant.truth()
-        if self._messages.truth(self._truth, wall_hit=self._plant.wall_hit):
+        if self._messages.truth(self._truth, wall_hit=self._plant.wall_hit, again=again):
             self._alarm_of_wall()
         self._asked_at = self._sent_at = time.monotonic()
         self.sampled(self._truth.stamp_ns)
@@ -147,8 +172,14 @@ class PlantSim(BallbotNode):
         elif not self._plant.stopped:
             self.alarm(str(self._plant.newest_hit))
 
-    def _on_duty(self, message: Any) -> None:
-        duty = duty_values(message)
+    def _on_duty(self, data: bytes) -> None:
+        stamp, now = stamp_of(data), self._plant.time_ns
+        if not self._is_open or stamp < self._start_ns:
+            return
+        try:
+            duty = duty_values(self._decode_duty(data))
+        except ValueError:
+            duty = None
         if duty is None:
             self.get_logger().warning(f'{MOTOR_DUTY.name}: not whole numbers within -100 … 100 %')
             return
@@ -156,7 +187,15 @@ class PlantSim(BallbotNode):
             self._free_duty = duty
             self._duty_at = time.monotonic()
             return
-        if self._duty is not None or stamp_ns(message) != self._plant.time_ns:
+        if stamp > now or self._duties.judge(stamp, data) is Sample.CONTRADICTING:
+            self._participants.object(
+                f'{MOTOR_DUTY.name!r} has a second duty of {stamp / SECOND_NS:.3f} s, or one ahead '
+                'of the run',
+                MOTOR_DUTY.name,
+                stamp,
+            )
+            return
+        if self._duty is not None or stamp != now:
             return
         self._duty = duty
         self._duty_at = time.monotonic()
@@ -165,24 +204,40 @@ class PlantSim(BallbotNode):
         self.advance()
 
     def _on_ack(self, header: Any) -> None:
-        self._ack_ns = time_ns(header.stamp)
+        ack = time_ns(header.stamp)
+        if not self._is_open or ack < self._start_ns:
+            return
+        if ack > self._plant.time_ns:
+            self._participants.object(
+                f'{RECORDER_ACK.name!r} is ahead of the run', RECORDER_ACK.name, ack
+            )
+            return
+        self._ack_ns = ack
         if self._draining:
             self._finish_when_recorded()
         else:
             self.advance()
 
     def _on_push(self, message: Any) -> None:
-        force, torque = push_forces(message)
-        if not all(map(math.isfinite, (*force, *torque))):
-            self.get_logger().warning(f'{PUSH.name}: a push that is not finite is ignored')
+        if not self._is_open:
             return
-        start = max(stamp_ns(message), self._plant.time_ns)
-        end = start + round(self.values['push_duration'] * 1e9)
-        self._accept(Push(start, end, force, torque))
+        force, torque = push_forces(message)
+        now = self._plant.time_ns
+        start = max(stamp_ns(message), now)
+        push = Push(start, start + round(self.values['push_duration'] * 1e9), force, torque)
+        problem = push.problem(now)
+        if not problem and self._plant.pushes >= MOST_PUSHES:
+            problem = f'there are {MOST_PUSHES} already'
+        if problem:
+            self.get_logger().warning(
+                f'{PUSH.name}: a push is ignored: {problem}', throttle_duration_sec=1.0
+            )
+        else:
+            self._accept(push)
 
     def advance(self) -> None:
         """Move on by a tick if its duty is here and nothing holds the plant back."""
-        if self._duty is None or self._draining or self._recorder_lags():
+        if self._duty is None or self._draining or self._is_held or self._recorder_lags():
             return
         if not self.control.may_advance():
             return
@@ -196,7 +251,7 @@ class PlantSim(BallbotNode):
         self._plant.tick(*duty)
         self._duty = None
         self.recover()
-        self._participants.rest()
+        self._participants.end_silence()
         if self._plant.stopped:
             self._publish_truth()
             self._end('failed', str(self._plant.newest_hit), status=1)
@@ -230,7 +285,7 @@ class PlantSim(BallbotNode):
             if now - self._made_at > SETTLE_S:
                 self._begin()
             return
-        if not self._lockstep:
+        if not self._may_go_on(calling=True) or self.finished or not self._lockstep:
             return
         if self.control.paused and self._duty is not None:
             return
@@ -240,21 +295,76 @@ class PlantSim(BallbotNode):
             return
         limit = float(self.values['timeout' if self.log.ticks else 'startup_timeout'])
         if silence > (WARN_S if self.log.ticks else STARTUP_WARN_S):
-            # Early, for those who live to have been heard when it is asked who is silent.
-            self._participants.look()
+            # Early, for those who live to have answered when it is asked who is silent.
+            self._participants.call_roll()
+            if waits_for_recorder:
+                # Of what it has not heard it acknowledges nothing.
+                self._participants.tell({})
             if silence <= limit:
                 what = RECORDER if waits_for_recorder else 'the duty'
                 self.warn(f'waiting for {what} at sim time {self._plant.time_ns * 1e-9:.3f} s')
         if not waits_for_recorder and now - self._asked_at > RESEND_S:
             sent_at = self._sent_at
             self._resent += 1
-            self._publish_truth()
+            self._publish_truth(again=True)
             self._sent_at = sent_at
         if WARN_S < silence <= limit:
             # Who waits is not to be taken for silent itself, on a busy machine neither.
             self.report()
         if silence > limit:
             self._silent(limit, recorder=waits_for_recorder)
+
+    def _on_news(self) -> None:
+        """Look at once where the run waits for this very news."""
+        if self._run_number and not self._is_open:
+            self._may_go_on()
+
+    def _may_go_on(self, *, calling: bool = False) -> bool:
+        """Tell whether the run has its participants and nobody else; hold or end it if not.
+
+        With `calling` the roll is called while that is not clear.
+        """
+        if self.finished:
+            return False
+        now = time.monotonic()
+        standing = self._participants.standing(self._plant.time_ns)
+        if standing.state is State.REFUSED:
+            self._end('failed', standing.reason, status=1)
+        elif standing.state is State.WAITING:
+            self._is_held = self._is_open and (self._lockstep or self._draining)
+            if calling:
+                self._wait(now, standing.reason)
+        elif not self._is_open:
+            self._open()
+        elif self._is_held:
+            self._is_held = False
+            self._sent_at = self._duty_at = now
+            self.recover()
+            self._participants.end_silence()
+            if self._draining:
+                self._finish_when_recorded()
+            elif self._duty is None:
+                self._publish_truth(again=True)
+            else:
+                self.advance()
+        return standing.state is State.COMPLETE
+
+    def _wait(self, now: float, reason: str) -> None:
+        """Call the roll until it is clear who takes part, within bounds before the first tick."""
+        self._participants.call_roll()
+        waited = now - self._sent_at
+        limit = float(self.values['startup_timeout'])
+        missing = self._participants.missing()
+        if self._is_held:
+            self.warn(reason)
+        elif self._is_open:
+            return
+        elif waited > limit and missing and self.values['on_timeout'] != 'wait':
+            who = ', '.join(missing)
+            self._end('failed', f'{who} silent for {limit:g} s before the first tick', status=1)
+        elif waited > STARTUP_WARN_S:
+            self.warn(reason)
+            self.report()
 
     def _recorder_left(self) -> bool:
         """Go on without a recorder that has taken its leave; tell whether it has."""
@@ -281,8 +391,14 @@ class PlantSim(BallbotNode):
 
     def _finish_when_recorded(self) -> None:
         last = self._truth.stamp_ns
-        if not self._lockstep or self._ack_ns is None or self._ack_ns >= last:
-            self._end('completed', '', status=0)
+        is_recorded = not self._lockstep or self._ack_ns is None or self._ack_ns >= last
+        # With a last look at who has taken part.
+        if is_recorded and self._may_go_on():
+            problem = self._participants.restarted_controller()
+            if problem:
+                self._end('failed', problem, status=1)
+            else:
+                self._end('completed', '', status=0)
 
     def _end(self, outcome: str, reason: str, status: int) -> None:
         """End the run: report it and finish."""
@@ -309,7 +425,9 @@ class PlantSim(BallbotNode):
                 'p99': float(np.percentile(trips, 99)),
                 'max': float(trips.max()),
             },
+            'participants': self._participants.as_json(),
         }
+        self._participants.tell({key: self.summary[key] for key in OUTCOME_KEYS})
         self.finish()
         if reason:
             self.fail(reason)
@@ -358,21 +476,22 @@ class PlantSim(BallbotNode):
     def close(self) -> None:
         """Save the trajectory, and let the last messages reach their readers."""
         self.stop()
-        self._participants.rest()
         path = self.values['trajectory_file']
         if path:
             try:
                 save_trajectory(Path(path), self.log.trajectory(), self.summary)
             except OSError as error:
                 raise BallbotError(f'{path}: {error.strerror}') from None
-        # The diagnostics hold the outcome, which the recorder notes.
-        self.flush(CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, WALL_HIT, DIAGNOSTICS)
+        # The status of the run holds the outcome, which the recorder notes.
+        self.flush(
+            CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, WALL_HIT, RUN_STATUS, DIAGNOSTICS
+        )
         self._lock.release()
 
 
 def _in_words(summary: Mapping[str, Any]) -> dict[str, Any]:
     """Return the summary as the diagnostics have it."""
-    words = {key: value for key, value in summary.items() if key != 'ticks'}
+    words = {key: summary[key] for key in summary if key not in ('ticks', 'participants')}
     if trips := words.pop('round_trip_ms', None):
         label = f'round trip {" / ".join(trips)} [ms]'
         words[label] = ' / '.join(f'{trip:.2f}' for trip in trips.values())

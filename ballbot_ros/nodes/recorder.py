@@ -13,31 +13,35 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
-from ballbot_ros.messages.conversions import fill_time
-from ballbot_ros.messages.raw import decoder, has_stamp, stamp_of
+from ballbot_ros.messages.conversions import fill_time, time_ns
+from ballbot_ros.messages.participation import RunStatus, decode_run_status
+from ballbot_ros.messages.raw import decoder, has_stamp, same_content, stamp_of
 from ballbot_ros.messages.topics import (
-    DIAGNOSTICS,
+    CLOCK,
     HISTORY,
     RECORDER_ACK,
+    RUN,
+    RUN_STATUS,
     TOPICS,
     Topic,
     message_class,
 )
 from ballbot_ros.nodes.base import BallbotNode, requested_qos, run_node
+from ballbot_ros.nodes.graph_look import UNKNOWN_NODE
 from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
+from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import PLANT, RECORDER, VISUALIZER
 from ballbot_ros.recording.attachments import media_type
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
-from ballbot_ros.recording.writer import RecordingWriter
-from ballbot_ros.simulation.timing import TICK_NS
+from ballbot_ros.recording.writer import RUN_PARTICIPANTS, RecordingWriter
+from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.recording_gate import RecordingGate, Stream
+from ballbot_ros.simulation.timing import SECOND_NS
 
 POLL_S = 5e-3
 FLUSH_S = 0.5
 DISCOVERY_S = 1.0
-
-_UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
-"""What the middleware calls a publisher's node of which it has not heard yet."""
 
 
 class Recorder(BallbotNode):
@@ -59,20 +63,25 @@ class Recorder(BallbotNode):
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
             self._writer.add_attachment(name, media_type(name), data)
-        self._inbox = hidden_node(f'{RECORDER}_inbox', self.get_namespace())
+        self._inbox = hidden_node('inbox', self)
         self._channels: dict[str, _Channel] = {}
         for topic in TOPICS:
             self._subscribe(topic, requested_qos(topic, HISTORY))
-        self._periodic = [c for c in self._channels.values() if c.topic.period_ns]
+        self._gate = RecordingGate(self)
+        self._required: list[_Channel] = []
+        self._run: str | None = None
         self._late: list[_Item] = []
         self._refused: set[str] = set()
         self._sighted: set[str] = set()
         self._acked_ns = 0
         self._lost = 0
-        self._early: list[tuple[int, tuple[_Channel, bytes, int]]] = []
-        self._decode_diagnostics = decoder(DIAGNOSTICS.type_name)
-        self._outcome: dict[str, str] = {}
+        self._announced = b''
+        self._decode_run = decoder(RUN.type_name)
+        self._status: RunStatus | None = None
+        self._outcome: Mapping[str, str] = {}
+        self._members: Mapping[str, str] = {}
         self._ack = self.output(RECORDER_ACK)
+        self._participation = Participation(self, RECORDER, self._on_run)
         self.every(POLL_S, self._poll)
         self.every(FLUSH_S, self._flush)
         self.every(DISCOVERY_S, self._discover)
@@ -92,6 +101,8 @@ class Recorder(BallbotNode):
     def _write_until(self, received_ns: float) -> None:
         if self.exit_status:
             return
+        if self._run is None:
+            self._gate.awaits_run = self.count_publishers(RUN.name) > 0
         come: list[_Item] = []
         for channel in self._channels.values():
             channel.take_into(come)
@@ -100,48 +111,88 @@ class Recorder(BallbotNode):
         self._late = [item for item in come if item[0] > received_ns]
         try:
             for _, channel, data, sequence in batch:
-                self._write(channel, data, sequence)
+                self._take(channel, data, sequence)
         except RecordingError as error:
             self._fail(error)
             return
-        complete = min(channel.complete_ns() for channel in self._periodic)
+        complete = min((channel.stream.complete_ns for channel in self._required), default=0)
         if complete > self._acked_ns:
             self._acked_ns = complete
             fill_time(self._ack.message.stamp, complete)
             self._ack.send(complete)
 
-    def _write(self, channel: _Channel, data: bytes, sequence: int) -> None:
-        if channel.lost_before(sequence):
-            self._lost += 1
-            self.warn(f'{channel.topic.name}: messages before number {sequence} were lost')
-        stamp = stamp_of(data) if channel.is_stamped else 0
-        if channel.topic.period_ns:
-            if stamp <= channel.newest_ns:
+    def _take(self, channel: _Channel, data: bytes, sequence: int) -> None:
+        if channel.topic is RUN:
+            if data == self._announced:
                 return
-            channel.newest_ns = stamp
-            if stamp > self.now_ns:
-                self.sampled(stamp)
-        if self.now_ns == 0:
-            # There is no time yet to log it with.
-            self._early.append((stamp, (channel, data, sequence)))
-            return
-        for early_stamp, early in self._early:
-            self._keep(early_stamp or self.now_ns, *early)
-        self._early.clear()
-        self._keep(stamp or self.now_ns, channel, data, sequence)
+            self._announced = data
+            if self._run is None:
+                # A player announces runs, but calls no roll.
+                header = self._decode_run(data)
+                self._begin(Run(header.frame_id, time_ns(header.stamp)))
+        elif channel.topic is RUN_STATUS:
+            self._note_status(data)
+        stamp = stamp_of(data) if channel.is_stamped else 0
+        self._gate.take(channel.stream, stamp, data, sequence)
 
-    def _keep(self, stamp: int, channel: _Channel, data: bytes, sequence: int) -> None:
+    def _on_run(self, run: Run) -> None:
+        self._write_until(time.time_ns())
+        try:
+            self._begin(run)
+        except RecordingError as error:
+            self._fail(error)
+
+    def _begin(self, run: Run) -> None:
+        self._run, self._outcome, self._members = run.name, {}, {}
+        if self._gate.begin(run, [channel.stream for channel in self._channels.values()]):
+            self._acked_ns, self._required = 0, []
+        self._take_status()
+
+    def keep(self, stream: Stream, log_ns: int, data: bytes, sequence: int) -> None:
+        """Write a message."""
+        channel = self._channels[stream.name]
         if channel.recorded is None:
             channel.recorded = self._announce(channel)
-        self._writer.write(channel.recorded, stamp, data, sequence)
-        if channel.topic is DIAGNOSTICS:
-            self._note_outcome(data)
+        self._writer.write(channel.recorded, log_ns, data, sequence)
+        if stream.period_ns:
+            self.sampled(self._gate.now_ns)
 
-    def _note_outcome(self, data: bytes) -> None:
-        for status in self._decode_diagnostics(data).status:
-            if status.name == f'{PLANT}: loop':
-                account = {item.key: item.value for item in status.values}
-                self._outcome = account if 'outcome' in account else {}
+    def object(self, stream: Stream, stamp_ns: int) -> None:
+        """Tell the plant of a sample that can't be of its run."""
+        topic = self._channels[stream.name].topic
+        self._participation.object(
+            f'{topic.name!r} has a second sample of {stamp_ns / SECOND_NS:.3f} s, or one ahead of '
+            'the run',
+            topic.name,
+            stamp_ns,
+        )
+
+    def lose(self, stream: Stream, sequence: int) -> None:
+        """Count lost messages, and say so."""
+        self._lost += 1
+        self.warn(f'{stream.name}: messages before number {sequence} were lost')
+
+    def has_several_publishers(self, stream: Stream) -> bool:
+        """Tell whether a topic has more than one publisher."""
+        return bool(self.count_publishers(stream.name) > 1)
+
+    def _note_status(self, data: bytes) -> None:
+        """Take from the plant's account what the run requires, and how it has ended."""
+        try:
+            status = decode_run_status(data)
+        except ValueError as error:
+            self.get_logger().warning(f'{error}; it is ignored')
+            return
+        self._status = status
+        self._take_status()
+
+    def _take_status(self) -> None:
+        status = self._status
+        if status and status.run == self._run:
+            self._gate.is_lockstep = status.is_lockstep
+            required = status.periodic_topics
+            self._required = [c for c in self._channels.values() if c.topic.name in required]
+            self._outcome, self._members = status.result, status.participants
 
     def _announce(self, channel: _Channel) -> Any:
         """Add a topic to the file, with what its publishers offer."""
@@ -169,7 +220,7 @@ class Recorder(BallbotNode):
                 continue
             offers = self.get_publishers_info_by_topic(name)
             # Discovery may tell of a publisher before it tells of its node: look once more.
-            if name not in self._sighted and any(o.node_name == _UNKNOWN_NODE for o in offers):
+            if name not in self._sighted and any(o.node_name == UNKNOWN_NODE for o in offers):
                 self._sighted.add(name)
                 continue
             # What is drawn for other tools follows from what is recorded.
@@ -205,6 +256,8 @@ class Recorder(BallbotNode):
     def close(self) -> None:
         """Take what has still come, and finish the file."""
         self._write_until(math.inf)
+        if self._members and self.exit_status == 0:
+            self._writer.add_metadata(RUN_PARTICIPANTS, self._members)
         if self._outcome and self.exit_status == 0:
             self._writer.add_outcome(self._outcome)
         if self._lost and self.exit_status == 0:
@@ -223,8 +276,14 @@ class _Channel:
         self.recorded: Any = None
         # Other publishers stamp with clocks of their own.
         self.is_stamped = topic.publisher is not None and has_stamp(topic.type_name)
-        self.newest_ns = 0
-        self._sequence = 0
+        self.stream = Stream(
+            subscription.topic_name,
+            period_ns=topic.period_ns,
+            is_clock=topic is CLOCK,
+            is_live=topic.publisher in (PLANT, None),
+            is_shared=topic.publisher is None,
+            is_same=same_content(topic.type_name) if topic.period_ns else None,
+        )
 
     def take_into(self, batch: list[_Item]) -> None:
         """Take all messages that wait."""
@@ -232,17 +291,6 @@ class _Channel:
             batch.append(
                 (info['received_timestamp'], self, data, info['publication_sequence_number'])
             )
-
-    def lost_before(self, sequence: int) -> bool:
-        """Note a publisher's sequence number; tell whether some before it are missing."""
-        last, self._sequence = self._sequence, sequence
-        return self.topic.publisher is not None and 0 < last < sequence - 1
-
-    def complete_ns(self) -> int:
-        """Return the newest tick at which nothing of this topic is still to come."""
-        if self.newest_ns == 0:
-            return 0
-        return self.newest_ns + self.topic.period_ns - TICK_NS
 
 
 _Item = tuple[int, _Channel, bytes, int]

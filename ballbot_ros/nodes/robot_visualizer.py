@@ -25,7 +25,7 @@ from ballbot_ros.messages.topics import (
     message_class,
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.newest import Newest, snapshot_of
+from ballbot_ros.nodes.newest import Newest
 from ballbot_ros.parameters import VISUALIZER, select
 from ballbot_ros.plant.model import Bodies
 from ballbot_ros.viewer.markers import RobotMarkers
@@ -67,8 +67,7 @@ class RobotVisualizer(BallbotNode):
         self.every(1.0 / self.values['rate'], self._update)
 
     def _update(self) -> None:
-        changed = self._newest.take()
-        now = snapshot_of(self._newest)
+        now, changed = self._newest.take()
         if now is None:
             return
         if RUN in changed:

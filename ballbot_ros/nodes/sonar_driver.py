@@ -10,7 +10,8 @@ from ballbot_ros.brick.sonar import Sonar
 from ballbot_ros.messages.conversions import ball_position, fill_sonar
 from ballbot_ros.messages.raw import decoder, stamp_of
 from ballbot_ros.messages.topics import PLANT_ODOM, SONAR_RANGE
-from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
+from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import SONAR
 from ballbot_ros.simulation.timing import SLOW_NS
 from ballbot_ros.world.sonar_beam import SonarBeam
@@ -25,14 +26,20 @@ class SonarDriver(BallbotNode):
         self._beam = SonarBeam(self.values)
         self._decode = decoder(PLANT_ODOM.type_name)
         self._output = self.output(SONAR_RANGE)
+        self._participation = Participation(self, SONAR)
         self.listen(PLANT_ODOM, self._on_truth, raw=True)
 
     def _on_truth(self, truth: Any) -> None:
         now = stamp_of(truth)
-        if now % SLOW_NS:
+        if now % SLOW_NS or not self._participation.includes(now):
             return
-        distance = self._beam.distance_m(ball_position(self._decode(truth)))
-        fill_sonar(self._output.message, now, self._device.read(distance, now))
+        try:
+            distance = self._beam.distance_m(ball_position(self._decode(truth)))
+            reading = self._device.read(distance, now)
+        except NO_SAMPLE as error:
+            self.ignore(PLANT_ODOM, error)
+            return
+        fill_sonar(self._output.message, now, reading)
         self._output.send(now)
         self.sampled(now)
 

@@ -82,8 +82,7 @@ class Viewer(BallbotNode):
 
     def _update(self) -> None:
         self._requests.make()
-        changed = self._newest.take()
-        now = snapshot_of(self._newest)
+        now, changed = self._newest.take()
         if now is None:
             return
         if self._requests.lost_plant:

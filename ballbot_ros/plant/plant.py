@@ -71,6 +71,11 @@ class Plant:
         """Add a disturbance; one that has ended does nothing."""
         self._pushes.append(push)
 
+    @property
+    def pushes(self) -> int:
+        """Number of pushes that act or are still to come."""
+        return len(self._pushes)
+
     def tick(self, duty_x: int, duty_y: int) -> None:
         """Advance by one tick of 4 ms under integer duties within -100 ... 100 %."""
         duties = (duty_x, duty_y)

@@ -9,6 +9,12 @@ STEP_NS = 1_000_000
 STEPS_PER_TICK = 4
 TICK_NS = STEPS_PER_TICK * STEP_NS
 
+FORCE_LIMIT = 1000.0
+"""Largest component of a push [N], [N·m]."""
+
+LATEST_NS = 3600 * 10**9
+"""How far ahead a push may be ordered [ns]."""
+
 Pair = tuple[float, float]
 """A value of plane x and one of plane y, in plane signs (docs/frames.md)."""
 
@@ -59,3 +65,13 @@ class Push:
     end_ns: int
     force: Pair
     torque: Pair = (0.0, 0.0)
+
+    def problem(self, now_ns: int) -> str:
+        """Return what is wrong with a push that comes from outside at `now_ns` [ns], or nothing."""
+        # Written so that NaN is not within.
+        if not all(abs(value) <= FORCE_LIMIT for value in (*self.force, *self.torque)):
+            return f'not within ±{FORCE_LIMIT:g} N and N·m'
+        if self.start_ns > now_ns + LATEST_NS:
+            ahead_s = (self.start_ns - now_ns) * 1e-9
+            return f'{ahead_s:.3g} s ahead of sim time; {LATEST_NS * 1e-9:g} s at most'
+        return ''

@@ -31,7 +31,11 @@ INCOMPLETE = 'incomplete'
 RUN_OUTCOME = 'ballbot_run'
 """Name of the metadata record that tells how the run ended, as its plant gave account of it."""
 
-_OUTCOME_KEYS = ('outcome', 'reason', 'ticks', 'duty_sha256')
+RUN_PARTICIPANTS = 'ballbot_participants'
+"""Name of the metadata record that tells who took part in the run, in words, by role."""
+
+OUTCOME_KEYS = ('outcome', 'reason', 'ticks', 'duty_sha256')
+"""What is told of a run that has ended."""
 
 
 def is_locked(file: int) -> bool:
@@ -250,7 +254,7 @@ class RecordingWriter:
 
     def add_outcome(self, account: Mapping[str, Any]) -> None:
         """Say how the recorded run ended: outcome, reason, ticks and duty_sha256 of `account`."""
-        self.add_metadata(RUN_OUTCOME, {key: str(account[key]) for key in _OUTCOME_KEYS})
+        self.add_metadata(RUN_OUTCOME, {key: str(account[key]) for key in OUTCOME_KEYS})
 
     def mark_incomplete(self, reason: str) -> None:
         """Say in the recording that it lacks something."""

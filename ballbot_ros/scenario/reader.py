@@ -9,6 +9,7 @@ from typing import Any
 
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, ParameterSet, parameters_of
+from ballbot_ros.plant.truth import FORCE_LIMIT
 from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush
@@ -20,7 +21,6 @@ from ballbot_ros.yaml_document import YamlDocument
 
 IDEAL = 'ideal'
 STICK_LIMIT = 100
-FORCE_LIMIT = 1000.0
 TIME_LIMIT = 1e6
 
 # Unit vectors in plane signs: forward, rightward.

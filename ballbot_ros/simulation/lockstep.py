@@ -1,9 +1,13 @@
-"""The gate of the lockstep: a tick runs when every input due at its time is in."""
+"""The controller's side of the lockstep: a tick runs when every input due at its time is in."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Any
+
+from ballbot_ros.simulation.sample_history import Sample, SampleHistory
 
 
 class InputGate:
@@ -56,47 +60,132 @@ class InputGate:
         return not self.missing(stamp_ns)
 
 
-class RunFollower:
-    """Tells to which run a stamp belongs, from the latched announcements of the plant.
-
-    Announcements and samples come on different topics, so a sample can overtake the announcement
-    of its run; until that has come the sample belongs to no known run.
+@dataclass(frozen=True)
+class Run:
+    """A run as its plant announces it.
 
     Attributes
     ----------
-    start_ns : int or None
-        First tick of the newest announced run.
+    name : str
+        Number of the run, and a token that tells its plant from all others.
+    start_ns : int
+        Stamp of its first tick [ns].
     """
 
-    def __init__(self) -> None:
-        self.start_ns: int | None = None
-        self._name: str | None = None
-        self._last_ns: int | None = None
+    name: str
+    start_ns: int
 
-    def announced(self, start_ns: int, name: str) -> bool:
-        """Take an announcement; return whether the run is a new one."""
-        if name == self._name:
-            return False
-        self._name, self.start_ns, self._last_ns = name, start_ns, None
-        return True
+    @property
+    def plant(self) -> str:
+        """The token of its plant."""
+        return self.name.partition(' ')[2]
 
-    def elapsed_ns(self, stamp_ns: int, period_ns: int) -> int | None:
-        """Return the time since the start of the run, or None if the run is not known yet.
+
+class Step(Enum):
+    """What the controller does with a sample."""
+
+    IGNORE = auto()
+    KEEP = auto()
+    TICK = auto()
+    ANSWER_AGAIN = auto()
+    OBJECT = auto()
+    MISSED_START = auto()
+
+
+class LockstepInputs:
+    """The controller's inputs in lockstep: decides what a sample leads to.
+
+    Samples count from the first one of the plant itself on: it comes when every participant has
+    joined the run, so none of an earlier run can follow it.
+
+    Parameters
+    ----------
+    periods_ns : mapping of str to int
+        The inputs and the period of each [ns].
+    first : str
+        The input that the plant itself publishes.
+    every_tick : str
+        The input whose first sample is the controller's first tick.
+    is_same : mapping of str to callable
+        For each input, whether two serialised messages say the same.
+    tick_ns : int
+        Period of the ticks [ns].
+
+    Attributes
+    ----------
+    gate : InputGate
+    next_ns : int or None
+        Stamp of the next tick [ns]; None before the first.
+    """
+
+    def __init__(
+        self,
+        periods_ns: Mapping[str, int],
+        *,
+        first: str,
+        every_tick: str,
+        is_same: Mapping[str, Callable[[bytes, bytes], bool]],
+        tick_ns: int,
+    ) -> None:
+        self.gate = InputGate(periods_ns)
+        self.next_ns: int | None = None
+        self._first, self._every_tick, self._tick_ns = first, every_tick, tick_ns
+        self._histories = {name: SampleHistory(is_same[name]) for name in periods_ns}
+        self._start_ns: int | None = None
+        self._is_open = False
+
+    def begin(self, start_ns: int) -> None:
+        """Wait for the first tick of a run, at `start_ns` [ns]; nothing of another one counts."""
+        self.gate.clear()
+        for history in self._histories.values():
+            history.clear()
+        self._start_ns, self.next_ns, self._is_open = start_ns, None, False
+
+    def take(self, name: str, stamp_ns: int, data: bytes, value: Any) -> Step:
+        """Decide what a sample leads to.
 
         Parameters
         ----------
+        name : str
+            The input.
         stamp_ns : int
-            Stamp of a sample.
-        period_ns : int
-            Period of such samples: a longer leap means that another run has begun.
+            Stamp of the sample [ns].
+        data : bytes
+            The sample as it came.
+        value : object
+            What the brick reads from it.
         """
-        if self.start_ns is None or stamp_ns < self.start_ns:
-            return None
-        leapt = self._last_ns is not None and stamp_ns > self._last_ns + period_ns
-        if leapt and stamp_ns != self.start_ns:
-            return None
-        self._last_ns = stamp_ns
-        return stamp_ns - self.start_ns
+        if self._start_ns is None or stamp_ns < self._start_ns:
+            return Step.IGNORE
+        self._is_open = self._is_open or name == self._first
+        if not self._is_open:
+            return Step.IGNORE
+        if self.next_ns is None and stamp_ns > self._start_ns and name != self._first:
+            return Step.MISSED_START if name == self._every_tick else Step.IGNORE
+        if self.next_ns is not None and stamp_ns > self.next_ns:
+            return Step.OBJECT
+        sample = self._histories[name].judge(stamp_ns, data)
+        if sample is Sample.CONTRADICTING:
+            return Step.OBJECT
+        if sample is Sample.REPEATED and self.next_ns == stamp_ns + self._tick_ns:
+            # The plant asks again: it has not got the answer.
+            return Step.ANSWER_AGAIN
+        if sample is not Sample.NEW:
+            return Step.IGNORE
+        self.gate.put(name, stamp_ns, value)
+        if self.next_ns is None and name == self._every_tick:
+            self.next_ns = stamp_ns
+        is_ready = self.next_ns is not None and self.gate.ready(self.next_ns)
+        return Step.TICK if is_ready else Step.KEEP
+
+    def begin_afresh(self, stamp_ns: int) -> None:
+        """Begin in mid-run, at a tick for which the plant asks [ns]."""
+        self.next_ns = stamp_ns
+
+    def ticked(self) -> None:
+        """Go on to the next tick."""
+        if self.next_ns is not None:
+            self.next_ns += self._tick_ns
 
 
 class TimerAudit:

@@ -31,7 +31,8 @@ def test_a_plant_that_is_never_heard_hangs(short_patience, monitor):
 
 
 def test_a_plant_that_falls_silent_hangs(monitor, start_node):
-    plant = start_node('plant_sim')
+    # It waits for nobody.
+    plant = start_node('plant_sim', lockstep='false')
     wait_for(lambda: monitor.poll() or monitor.now_ns, what='the first tick')
     assert not monitor.plant_hangs
     plant.process.send_signal(signal.SIGSTOP)

@@ -1,106 +1,221 @@
-"""Who is silent: who does not answer new subscriptions, else who lacks the tick."""
+"""Nodes left over, doubled, foreign or of the user's own: what a run with them comes to."""
 
-import os
-import signal
+import contextlib
+import time
 
 import pytest
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from graph import wait_for
 
-from ballbot_ros.cli.graph import ros
-from ballbot_ros.messages.conversions import fill_time
-from ballbot_ros.messages.topics import (
+rclpy = pytest.importorskip('rclpy')
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue  # noqa: E402
+from geometry_msgs.msg import Vector3Stamped  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import Header  # noqa: E402
+
+from ballbot_ros.messages.conversions import fill_time, time_ns  # noqa: E402
+from ballbot_ros.messages.participation import encode_announcement  # noqa: E402
+from ballbot_ros.messages.topics import (  # noqa: E402
     DIAGNOSTICS,
-    GAMEPAD_JOY,
     GYRO_IMU,
     JOINT_STATES,
-    SONAR_RANGE,
+    MOTOR_DUTY,
+    PARTICIPANTS,
+    ROLL_CALL,
+    RUN,
 )
-from ballbot_ros.nodes.base import offered_qos
-from ballbot_ros.nodes.participants import Participants
-from ballbot_ros.parameters import CONTROLLER, GYRO, NODES, RECORDER, SONAR
+from ballbot_ros.nodes.base import offered_qos  # noqa: E402
+from ballbot_ros.parameters import CONTROLLER, GYRO, NODES, PLANT, RECORDER  # noqa: E402
+from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
+from ballbot_ros.simulation.participants import Announcement, Participant  # noqa: E402
+from ballbot_ros.simulation.trajectory import load_trajectory  # noqa: E402
 
 pytestmark = pytest.mark.graph
 
-TICK_NS = 1_100_000_000
-EARLIER_NS = 1_000_000_000
-IN_TIME = dict.fromkeys((GYRO_IMU, JOINT_STATES, SONAR_RANGE, GAMEPAD_JOY), TICK_NS)
+OTHERS = [name for name in NODES if name not in (PLANT, RECORDER)]
+LONG = ('stationary', '--json', '--set', 'plant_sim.duration=60')
+
+
+class Stranger:
+    """A node of somebody else in the domain of a run."""
+
+    def __init__(self, domain, name):
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node(name, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+
+    def publish(self, topic, make, period_s=0.05):
+        publisher = self.node.create_publisher(topic.message_class, topic.name, offered_qos(1))
+        self.node.create_timer(period_s, lambda: publisher.publish(make()))
+
+    def spin_until(self, condition):
+        while not condition():
+            self.executor.spin_once(timeout_sec=0.1)
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
 
 
 @pytest.fixture
-def node(domain, monkeypatch):
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-    with ros():
-        made = rclpy.create_node('plant_sim')
+def stranger(domain, monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    with contextlib.closing(Stranger(domain, 'talker')) as made:
         yield made
-        made.destroy_node()
 
 
-@pytest.fixture
-def participants(node):
-    looking = Participants(node)
-    yield looking
-    looking.rest()
+def is_recording(folder):
+    paths = list(folder.glob('*.mcap'))
+    return bool(paths) and paths[0].stat().st_size > 20_000
 
 
-def publish(node, topic, message):
-    publisher = node.create_publisher(topic.message_class, topic.name, offered_qos(1))
-    publisher.publish(message)
+def counts(folder):
+    (path,) = folder.glob('*.mcap')
+    with RecordingReader(path) as reader:
+        assert reader.damage is None
+        return {name: topic.message_count for name, topic in reader.topics().items()}
 
 
-def report(node, *names):
-    status = [DiagnosticStatus(name=f'{name}: loop') for name in names]
-    publish(node, DIAGNOSTICS, DiagnosticArray(status=status))
+def of_another_clock():
+    message = JointState(name=['shoulder', 'elbow'], position=[1.0, 2.0])
+    fill_time(message.header.stamp, time.time_ns())
+    return message
 
 
-def answer(node, stamps_ns):
-    for topic, stamp_ns in stamps_ns.items():
-        message = topic.message_class()
-        fill_time(message.header.stamp, stamp_ns)
-        publish(node, topic, message)
+def test_a_run_beside_nodes_of_an_earlier_one_fails_and_names_them(start_node, start_run):
+    # The old gyro is noisy: its answers are not those of the run.
+    for name in OTHERS:
+        start_node(name, **({'noise': 0.7} if name == GYRO else {}))
+    assert start_node(PLANT, duration=1.0, real_time_factor=0.0).finish() == 0
+    run = start_run('stationary', '--json', '--no-record')
+    assert run.finish() == 1
+    assert run.result['outcome'] == 'failed'
+    assert run.result['ticks'] == 0
+    assert 'two nodes publish on' in run.result['reason']
+    assert run.result['reason'].count('(process ') == 2
+    assert 'Traceback' not in run.stderr
 
 
-def silent(participants, expected, *, recorder):
-    def answer_is_as_expected():
-        participants.look()
-        return participants.silent(TICK_NS, recorder=recorder) == expected
-
-    wait_for(answer_is_as_expected, what=f'the silence of {expected}')
-
-
-@pytest.mark.parametrize('recorder', [False, True])
-def test_who_is_not_heard_is_silent_whatever_of_its_tick_has_come(node, participants, recorder):
-    # As of a controller that is stopped with its duty on the way to the plant, not to the recorder.
-    report(node, *(set(NODES) - {CONTROLLER}))
-    answer(node, IN_TIME)
-    silent(participants, CONTROLLER, recorder=recorder)
-
-
-@pytest.mark.parametrize(
-    ('late', 'expected'), [({SONAR_RANGE: EARLIER_NS, GYRO_IMU: EARLIER_NS}, f'{GYRO}, {SONAR}')]
-)
-def test_of_those_who_are_heard_it_is_who_lacks_the_tick(node, participants, late, expected):
-    report(node, *NODES)
-    answer(node, IN_TIME | late)
-    silent(participants, expected, recorder=False)
+def test_left_nodes_and_a_restarted_one_serve_the_next_plant(start_node, tmp_path):
+    nodes = {name: start_node(name) for name in OTHERS}
+    recorder = start_node(RECORDER, output=tmp_path / 'all.mcap')
+    hashes = []
+    for number in range(3):
+        path = tmp_path / f'{number}.npz'
+        # The second one leaves at the first tick answers to another pose.
+        pose, duration = (0.02, 0.004) if number == 1 else (0.07, 1.5)
+        plant = start_node(PLANT, duration=duration, start_pitch_x=pose, real_time_factor=0.0,
+                           require_recorder='true', trajectory_file=path)  # fmt: skip
+        assert plant.finish() == 0, plant.output
+        hashes.append(load_trajectory(path)[1]['duty_sha256'])
+        nodes[CONTROLLER].kill()
+        nodes[CONTROLLER] = start_node(CONTROLLER)
+    assert hashes[0] == hashes[2]
+    assert nodes[CONTROLLER].process.poll() is None
+    recorder.interrupt()
+    assert 'lost' not in recorder.output, recorder.output
+    ticks = 375 + 1 + 375
+    found = counts(tmp_path)
+    assert [found[name] for name in ('/gyro', '/motor_duty', '/controller/state')] == [ticks] * 3
 
 
-@pytest.mark.parametrize(('recorder', 'expected'), [(False, CONTROLLER), (True, RECORDER)])
-def test_if_all_are_heard_and_all_inputs_there_it_is_whose_answer_lacks(
-    node, participants, recorder, expected
+def test_a_second_driver_under_another_name_fails_the_run(start_run, start_node, tmp_path):
+    run = start_run(*LONG, '--output', tmp_path)
+    wait_for(lambda: is_recording(tmp_path), what='the recording')
+    start_node(GYRO, remap='__node:=gyro_b', noise=0.7)
+    assert run.finish() == 1
+    for word in ("'gyro'", '/gyro_driver (process', '/gyro_b (process'):
+        assert word in run.result['reason']
+
+
+def test_a_stranger_fails_the_run_by_name_and_costs_the_recording_nothing(
+    start_run, stranger, tmp_path
 ):
-    report(node, *NODES)
-    answer(node, IN_TIME)
-    silent(participants, expected, recorder=recorder)
+    run = start_run(*LONG, '--output', tmp_path)
+    wait_for(lambda: is_recording(tmp_path), what='the recording')
+    stranger.publish(JOINT_STATES, of_another_clock)
+    stranger.spin_until(lambda: run.process.poll() is not None)
+    assert run.finish() == 1
+    expected = "/talker publishes on 'joint_states', but takes no part in the run"
+    assert run.result['reason'] == expected
+    found = counts(tmp_path)
+    assert found['/joint_states'] == found['/gyro'] > 10
 
 
-def test_what_was_heard_in_an_earlier_silence_does_not_count(node, participants, start_node):
-    report(node, *(set(NODES) - {CONTROLLER}))
-    # The controller reads these, too, and ignores what is in them.
-    answer(node, IN_TIME)
-    controller = start_node(CONTROLLER)
-    silent(participants, RECORDER, recorder=True)
-    os.kill(controller.process.pid, signal.SIGSTOP)
-    participants.rest()
-    silent(participants, CONTROLLER, recorder=True)
+def test_a_forged_run_fails_it_by_the_forger_s_name(start_run, stranger, tmp_path):
+    run = start_run(*LONG, '--output', tmp_path)
+    wait_for(lambda: is_recording(tmp_path), what='the recording')
+    stranger.publish(RUN, lambda: Header(frame_id='7 cafe'))
+    stranger.spin_until(lambda: run.process.poll() is not None)
+    assert run.finish() == 1
+    assert run.result['reason'] == (
+        "/talker publishes on 'plant/run', but takes no part in the run"
+    )
+
+
+def test_forged_diagnostics_change_neither_verdict_nor_recording(start_run, stranger, tmp_path):
+    forged = KeyValue(key='outcome', value='failed')
+    status = DiagnosticStatus(name='plant_sim: loop', values=[forged])
+    stranger.publish(DIAGNOSTICS, lambda: DiagnosticArray(status=[status]))
+    shortened = ('--set', 'plant_sim.duration=6')
+    run = start_run('stationary', '--json', '--output', tmp_path, *shortened)
+    stranger.spin_until(lambda: run.process.poll() is not None)
+    assert run.finish() == 0
+    rows = {row['role']: row for row in run.result['participants']}
+    assert set(rows) == set(NODES)
+    assert all(row['since_s'] == 0.0 and not row['successor'] for row in rows.values())
+    (path,) = tmp_path.glob('*.mcap')
+    with RecordingReader(path) as reader:
+        assert reader.complete
+        metadata = reader.metadata()
+    assert metadata['ballbot_run']['outcome'] == 'completed'
+    members = metadata['ballbot_participants']
+    assert set(members) == set(NODES)
+    for role, row in rows.items():
+        assert row['node'] in members[role]
+        assert row['parameters_sha256'][:12] in members[role]
+
+
+class OwnController:
+    """The least that a controller of somebody's own has to do; it drives nothing."""
+
+    def __init__(self, node):
+        self._participant = Participant(
+            CONTROLLER, '/talker', 'here', 1, 'mine', 'my own', '00', topics=(MOTOR_DUTY.name,)
+        )
+        self._duty = node.create_publisher(Vector3Stamped, MOTOR_DUTY.name, offered_qos(1))
+        self._announcement = node.create_publisher(
+            PARTICIPANTS.message_class, PARTICIPANTS.name, offered_qos(1)
+        )
+        node.create_subscription(Header, ROLL_CALL.name, self._answer, offered_qos(1))
+        node.create_subscription(GYRO_IMU.message_class, GYRO_IMU.name, self._tick, offered_qos(1))
+
+    def _answer(self, call):
+        announcement = Announcement(self._participant, call.frame_id)
+        self._announcement.publish(encode_announcement(announcement))
+
+    def _tick(self, gyro):
+        assert time_ns(gyro.header.stamp)
+        duty = Vector3Stamped()
+        duty.header.stamp = gyro.header.stamp
+        self._duty.publish(duty)
+
+
+def test_a_controller_without_a_state_topic_is_recorded(start_node, stranger, tmp_path):
+    controller = OwnController(stranger.node)
+    for name in OTHERS:
+        if name != CONTROLLER:
+            start_node(name)
+    recorder = start_node(RECORDER, output=tmp_path / 'own.mcap')
+    plant = start_node(PLANT, duration=1.0, real_time_factor=0.0, require_recorder='true')
+    stranger.spin_until(lambda: plant.process.poll() is not None)
+    assert controller
+    assert plant.finish() == 0, plant.output
+    recorder.interrupt()
+    found = counts(tmp_path)
+    assert found['/motor_duty'] == found['/gyro'] == 250
+    assert '/controller/state' not in found

@@ -21,7 +21,10 @@ COUNTS = {
     100: TICKS // 25,
 }
 UNSTAMPED = {'/operating_state', '/bluetooth/tx', '/lcd', '/wall_hit'}
-ONLY_IN_THE_GRAPH = {'/diagnostics', '/recorder/ack', '/rosout', '/parameter_events'}
+ONLY_IN_THE_GRAPH = {
+    '/diagnostics', '/recorder/ack', '/participants', '/plant/roll_call', '/plant/run_status',
+    '/rosout', '/parameter_events',
+}  # fmt: skip
 
 
 @pytest.fixture

@@ -1,12 +1,12 @@
-"""The gate, the run follower and the timer audit."""
+"""The gate, the controller's inputs, the history of samples and the timer audit."""
 
 import itertools
 import random
 
 import pytest
 
-from ballbot_ros.simulation.lockstep import InputGate, RunFollower, TimerAudit
-from ballbot_ros.simulation.timing import next_start_ns
+from ballbot_ros.simulation.lockstep import InputGate, LockstepInputs, Run, Step, TimerAudit
+from ballbot_ros.simulation.sample_history import DEPTH, Sample, SampleHistory
 
 MS = 1_000_000
 PERIODS = {'gyro': 4 * MS, 'sonar': 20 * MS, 'battery': 100 * MS}
@@ -68,54 +68,151 @@ def test_lost_doubled_and_late_samples_do_not_change_the_sequence_of_ticks(seed)
     assert ticks == [START + n * 4 * MS for n in range(15)]
 
 
-def test_time_counts_from_the_start_of_the_announced_run():
-    run = RunFollower()
-    assert run.elapsed_ns(START, 20 * MS) is None
-    assert run.announced(START, '1 abc')
-    assert run.elapsed_ns(START, 20 * MS) == 0
-    assert run.elapsed_ns(START + 20 * MS, 20 * MS) == 20 * MS
-    assert run.elapsed_ns(START + 20 * MS, 20 * MS) == 20 * MS
+def bare(one, other):
+    return one == other
 
 
-def test_an_announcement_that_comes_again_is_not_a_new_run():
-    run = RunFollower()
-    assert run.announced(START, '1 abc')
-    assert not run.announced(START, '1 abc')
-    assert run.announced(START, '2 abc')
+class Inputs:
+    """The inputs of a controller that waits for a run."""
+
+    def __init__(self, start_ms=1000):
+        self.inputs = LockstepInputs(
+            PERIODS,
+            first='battery',
+            every_tick='gyro',
+            is_same=dict.fromkeys(PERIODS, bare),
+            tick_ns=4 * MS,
+        )
+        self.ticks = []
+        if start_ms is not None:
+            self.inputs.begin(start_ms * MS)
+
+    def take(self, name, stamp_ms, data=b'true'):
+        step = self.inputs.take(name, stamp_ms * MS, data, data)
+        if step is Step.TICK:
+            self.ticks.append(self.inputs.next_ns // MS)
+            self.inputs.ticked()
+        return step
+
+    def take_all(self, *events):
+        return [self.take(*event) for event in events]
 
 
-def test_a_sample_that_overtakes_its_announcement_waits_for_it():
-    run = RunFollower()
-    run.announced(START, '1 abc')
-    assert run.elapsed_ns(START, 20 * MS) == 0
-    assert run.elapsed_ns(START + 100 * MS, 20 * MS) is None
-    run.announced(START + 100 * MS, '2 abc')
-    assert run.elapsed_ns(START + 100 * MS, 20 * MS) == 0
+FIRST = (('battery', 1000), ('gyro', 1000), ('sonar', 1000))
+IGNORE, KEEP, TICK, AGAIN, OBJECT, MISSED = (
+    Step.IGNORE, Step.KEEP, Step.TICK, Step.ANSWER_AGAIN, Step.OBJECT, Step.MISSED_START,
+)  # fmt: skip
 
 
-@pytest.mark.parametrize('reset_ms', [0, 40, 76, 80, 96, 100, 176, 196])
-def test_a_reset_at_any_time_begins_a_run_that_is_not_taken_for_the_old_one(reset_ms):
-    run = RunFollower()
-    run.announced(START, '1 abc')
-    for sample_ms in range(0, reset_ms + 1, 20):
-        assert run.elapsed_ns(START + sample_ms * MS, 20 * MS) == sample_ms * MS
-    new_start = next_start_ns(START + reset_ms * MS)
-    assert run.elapsed_ns(new_start, 20 * MS) is None
-    run.announced(new_start, '2 abc')
-    assert run.elapsed_ns(new_start, 20 * MS) == 0
+@pytest.mark.parametrize(
+    ('events', 'steps'),
+    [
+        # The plant itself opens the run; what comes before that is of another one.
+        (FIRST, (KEEP, KEEP, TICK)),
+        ((('gyro', 1000), ('sonar', 1000), *FIRST), (IGNORE, IGNORE, KEEP, KEEP, TICK)),
+        ((('gyro', 5000), ('sonar', 400), *FIRST), (IGNORE, IGNORE, KEEP, KEEP, TICK)),
+        ((('gyro', 1000, b'of another run'), *FIRST), (IGNORE, KEEP, KEEP, TICK)),
+        ((('battery', 900), ('gyro', 1000), *FIRST), (IGNORE, IGNORE, KEEP, KEEP, TICK)),
+        # Only one sample a stamp.
+        ((*FIRST, ('gyro', 1000, b'other')), (KEEP, KEEP, TICK, OBJECT)),
+        ((*FIRST, ('sonar', 1000, b'other')), (KEEP, KEEP, TICK, OBJECT)),
+        ((*FIRST, ('battery', 1000, b'other')), (KEEP, KEEP, TICK, OBJECT)),
+        ((*FIRST[:2], ('gyro', 1000, b'other')), (KEEP, KEEP, OBJECT)),
+        ((*FIRST, ('gyro', 1004), ('gyro', 1000, b'other')), (KEEP, KEEP, TICK, TICK, OBJECT)),
+        # Asked again, it answers again, but only for the tick before.
+        ((*FIRST, ('gyro', 1000)), (KEEP, KEEP, TICK, AGAIN)),
+        ((*FIRST, ('gyro', 1004), ('gyro', 1000)), (KEEP, KEEP, TICK, TICK, IGNORE)),
+        ((*FIRST, ('gyro', 1004), ('sonar', 1000)), (KEEP, KEEP, TICK, TICK, IGNORE)),
+        # Nobody is ahead of the plant.
+        ((*FIRST, ('gyro', 1008)), (KEEP, KEEP, TICK, OBJECT)),
+        ((*FIRST, ('sonar', 10**12)), (KEEP, KEEP, TICK, OBJECT)),
+        ((*FIRST, ('gyro', 0), ('gyro', 996)), (KEEP, KEEP, TICK, IGNORE, IGNORE)),
+        # A controller that comes later has missed the start.
+        ((('gyro', 1400), ('battery', 1400), ('gyro', 1404)), (IGNORE, KEEP, MISSED)),
+        ((('battery', 1000), ('gyro', 1004)), (KEEP, MISSED)),
+        # One of another clock is not kept in the place of the first one.
+        ((('battery', 1000), ('gyro', 5000), *FIRST[1:]), (KEEP, MISSED, KEEP, TICK)),
+        ((('battery', 1000), ('sonar', 10**12), *FIRST[1:]), (KEEP, IGNORE, KEEP, TICK)),
+    ],
+)
+def test_what_a_sample_leads_to(events, steps):
+    inputs = Inputs()
+    assert inputs.take_all(*events) == list(steps)
+    assert inputs.ticks == [1000, 1004][: steps.count(TICK)]
 
 
-def test_a_sample_of_the_run_before_belongs_to_no_known_run():
-    run = RunFollower()
-    run.announced(START + 100 * MS, '2 abc')
-    assert run.elapsed_ns(START, 20 * MS) is None
-    assert run.elapsed_ns(START + 100 * MS, 20 * MS) == 0
+def test_before_a_run_is_known_nothing_counts():
+    assert set(Inputs(None).take_all(*FIRST)) == {IGNORE}
 
 
-def test_a_follower_may_join_in_mid_run():
-    run = RunFollower()
-    run.announced(START, '1 abc')
-    assert run.elapsed_ns(START + 500 * MS, 20 * MS) == 500 * MS
+@pytest.mark.parametrize('start_ms', [1000, 1100, 1500])
+def test_another_run_begins_with_nothing_of_the_one_before(start_ms):
+    inputs = Inputs()
+    inputs.take_all(*FIRST, ('gyro', 1004), ('gyro', 1008))
+    inputs.inputs.begin(start_ms * MS)
+    assert inputs.inputs.gate.stamp('gyro') is None
+    ticks = len(inputs.ticks)
+    steps = inputs.take_all(
+        ('gyro', 1012), *((name, start_ms, b'another') for name in ('battery', 'gyro', 'sonar'))
+    )
+    assert steps == [IGNORE, KEEP, KEEP, TICK]
+    assert inputs.ticks[ticks:] == [start_ms]
+
+
+def test_a_controller_may_begin_afresh_with_the_next_whole_set_of_inputs():
+    inputs = Inputs()
+    assert inputs.take_all(('battery', 1500), ('gyro', 1520)) == [KEEP, MISSED]
+    inputs.inputs.begin_afresh(1520 * MS)
+    assert inputs.take_all(('sonar', 1520), ('gyro', 1520), ('gyro', 1524)) == [KEEP, TICK, TICK]
+    assert inputs.ticks == [1520, 1524]
+
+
+@pytest.mark.parametrize('seed', range(30))
+def test_whatever_is_repeated_left_over_or_reordered_the_ticks_are_the_same(seed):
+    chance = random.Random(seed)
+    inputs = Inputs()
+
+    def take_something_of_another_run():
+        event = (chance.choice(list(PERIODS)), 4 * chance.randrange(250), b'old')
+        assert inputs.take(*event) is IGNORE
+
+    take_something_of_another_run()
+    inputs.take('battery', 1000)
+    for now in range(1000, 1200, 4):
+        due = [name for name, period in PERIODS.items() if now * MS % period == 0]
+        events = [*due, *chance.choices(due, k=chance.randrange(3))]
+        chance.shuffle(events)
+        for name in events:
+            assert inputs.take(name, now) in (KEEP, TICK, AGAIN, IGNORE)
+            take_something_of_another_run()
+    assert inputs.ticks == list(range(1000, 1200, 4))
+
+
+def test_the_name_of_a_run_tells_its_plant():
+    assert Run('3 18ab', START).plant == Run('4 18ab', START).plant == '18ab'
+    assert Run('3 18ab', START).plant != Run('3 18ac', START).plant
+    assert Run('1', START).plant == ''
+
+
+def test_a_sample_is_new_repeated_contradicting_or_old():
+    history = SampleHistory(bare)
+    assert history.judge(20, b'a') is Sample.NEW
+    assert history.judge(20, b'a') is Sample.REPEATED
+    assert history.judge(20, b'b') is Sample.CONTRADICTING
+    assert history.judge(10, b'c') is Sample.OLD
+    assert history.judge(30, b'b') is Sample.NEW
+    assert history.judge(20, b'b') is Sample.CONTRADICTING
+    assert history.judge(20, b'a') is Sample.REPEATED
+    history.clear()
+    assert history.judge(10, b'c') is Sample.NEW
+
+
+def test_a_history_forgets_what_is_long_ago():
+    history = SampleHistory(bare)
+    for stamp in range(100):
+        history.judge(stamp, b'a')
+    assert history.judge(99, b'b') is history.judge(99 - DEPTH + 1, b'b') is Sample.CONTRADICTING
+    assert history.judge(99 - DEPTH, b'b') is Sample.OLD
 
 
 def audit(*times_ms, period_ms=20):

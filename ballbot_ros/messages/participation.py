@@ -1,0 +1,185 @@
+"""Announcements of participants, and the plant's account of a run, as serialised messages.
+
+Both are ``diagnostic_msgs/DiagnosticStatus``, whose keys and values any tool shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ballbot_ros.messages.raw import decoder
+from ballbot_ros.messages.topics import PARTICIPANTS, RUN_STATUS
+from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.writer import OUTCOME_KEYS
+from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
+from ballbot_ros.simulation.timing import SECOND_NS
+
+OK, ERROR = 0, 2
+
+_KEY_VALUE = 'diagnostic_msgs/msg/KeyValue'
+_encode = encoder(PARTICIPANTS.type_name)
+_decode = decoder(PARTICIPANTS.type_name)
+
+
+@dataclass(frozen=True)
+class RunStatus:
+    """The plant's account of a run: from its first tick on, and once more when it has ended.
+
+    Attributes
+    ----------
+    run : str
+        Its name, as ``plant/run`` has it.
+    is_lockstep : bool
+        Whether it waits for its participants.
+    periodic_topics : tuple of str
+        Topics of which the run has a message at each multiple of their period.
+    participants : mapping of str to str
+        Who takes part, in words, by role.
+    result : mapping of str to str
+        The :data:`OUTCOME_KEYS` of a run that has ended, otherwise nothing.
+    """
+
+    run: str
+    is_lockstep: bool
+    periodic_topics: tuple[str, ...]
+    participants: Mapping[str, str]
+    result: Mapping[str, str] = field(default_factory=dict)
+
+
+def encode_announcement(announcement: Announcement) -> bytes:
+    """Return an announcement as a serialised message of ``participants``."""
+    participant, objection = announcement.participant, announcement.objection
+    values = {
+        'role': participant.role,
+        'process': participant.process,
+        'instance': participant.instance,
+        'run': announcement.run,
+        'implementation': participant.implementation,
+        'parameters sha256': participant.parameters_sha256,
+        'guid prefix': participant.guid_prefix,
+        'topics': ' '.join(participant.topics),
+        'answered [ns]': announcement.answered_ns,
+    }
+    if objection:
+        values |= {'objection topic': objection.topic, 'objection stamp [ns]': objection.stamp_ns}
+    return _encoded(
+        ERROR if objection else OK,
+        participant.node,
+        objection.text if objection else f'takes part as {participant.role}',
+        participant.host,
+        values,
+    )
+
+
+def decode_announcement(data: bytes) -> Announcement:
+    """Return what a message of ``participants`` says.
+
+    Raises
+    ------
+    ValueError
+        If a key is missing, or a number is none.
+    """
+    message = _decode(data)
+    values = _values(message)
+    try:
+        participant = Participant(
+            role=values['role'],
+            node=message.name,
+            host=message.hardware_id,
+            process=int(values['process']),
+            instance=values['instance'],
+            implementation=values['implementation'],
+            parameters_sha256=values['parameters sha256'],
+            guid_prefix=values.get('guid prefix', ''),
+            topics=tuple(values['topics'].split()),
+        )
+        objection = None
+        if message.level != OK:
+            topic, stamp_ns = values['objection topic'], int(values['objection stamp [ns]'])
+            objection = Objection(message.message, topic, stamp_ns)
+        return Announcement(participant, values['run'], int(values['answered [ns]']), objection)
+    except KeyError as error:
+        raise ValueError(f'{PARTICIPANTS.name}: {message.name} tells no {error}') from None
+
+
+def encode_run_status(status: RunStatus) -> bytes:
+    """Return the account of a run as a serialised message of ``plant/run_status``."""
+    values = {
+        'run': status.run,
+        'lockstep': str(status.is_lockstep).lower(),
+        'periodic topics': ' '.join(status.periodic_topics),
+        **{f'participant {role}': text for role, text in status.participants.items()},
+        **status.result,
+    }
+    outcome = status.result.get('outcome', 'running')
+    level = ERROR if outcome == 'failed' else OK
+    return _encoded(level, status.run, outcome, '', values)
+
+
+def decode_run_status(data: bytes) -> RunStatus:
+    """Return what a message of ``plant/run_status`` says.
+
+    Raises
+    ------
+    ValueError
+        If a key is missing.
+    """
+    values = _values(_decode(data))
+    prefix = 'participant '
+    try:
+        return RunStatus(
+            values['run'],
+            values['lockstep'] == 'true',
+            tuple(values['periodic topics'].split()),
+            {
+                key.removeprefix(prefix): value
+                for key, value in values.items()
+                if key.startswith(prefix)
+            },
+            {key: values[key] for key in OUTCOME_KEYS} if 'outcome' in values else {},
+        )
+    except KeyError as error:
+        raise ValueError(f'{RUN_STATUS.name}: tells no {error}') from None
+
+
+def membership_json(member: Membership, start_ns: int) -> dict[str, Any]:
+    """Return what the verdict tells of a participant of a run that began at `start_ns` [ns]."""
+    participant = member.participant
+    namespace, _, _ = participant.node.rpartition('/')
+    return {
+        'role': participant.role,
+        'node': participant.node,
+        'namespace': namespace or '/',
+        'host': participant.host,
+        'process': participant.process,
+        'implementation': participant.implementation,
+        'parameters_sha256': participant.parameters_sha256,
+        'since_s': max(0, member.since_ns - start_ns) / SECOND_NS,
+        'successor': member.is_successor,
+    }
+
+
+def membership_text(member: Membership, start_ns: int) -> str:
+    """Return the same in one line."""
+    row = membership_json(member, start_ns)
+    since = f', since {row["since_s"]:.3f} s' if member.is_successor else ''
+    return (
+        f'{member.participant}{since}, {member.participant.implementation}, '
+        f'parameters {member.participant.parameters_sha256[:12]}'
+    )
+
+
+def _encoded(level: int, name: str, text: str, host: str, values: Mapping[str, Any]) -> bytes:
+    message = new_message(PARTICIPANTS.type_name)
+    message.level, message.name, message.message, message.hardware_id = level, name, text, host
+    for key, value in values.items():
+        pair = new_message(_KEY_VALUE)
+        pair.key, pair.value = key, str(value)
+        message.values.append(pair)
+    return _encode(message)
+
+
+def _values(message: Any) -> dict[str, str]:
+    return {pair.key: pair.value for pair in message.values}

@@ -1,0 +1,98 @@
+"""A node's part in the runs of the plant: it joins them, says so, and says what can't be theirs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import socket
+from collections.abc import Callable
+from typing import Any
+from uuid import uuid4
+
+from ballbot_ros import __version__
+from ballbot_ros.messages.conversions import time_ns
+from ballbot_ros.messages.participation import encode_announcement
+from ballbot_ros.messages.topics import PARTICIPANTS, ROLL_CALL, periodic_topics
+from ballbot_ros.nodes.base import BallbotNode
+from ballbot_ros.nodes.graph_look import guid_prefix
+from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.participants import Announcement, Objection, Participant
+
+
+def participant_of(node: BallbotNode, role: str) -> Participant:
+    """Return what a node of this package says of itself."""
+    values = json.dumps(node.values, sort_keys=True, default=list)
+    instance = uuid4().hex
+    return Participant(
+        role=role,
+        node=node.get_fully_qualified_name(),
+        host=socket.gethostname(),
+        process=os.getpid(),
+        instance=instance,
+        implementation=f'ballbot_ros {__version__} {type(node).__name__}',
+        parameters_sha256=hashlib.sha256(values.encode()).hexdigest(),
+        guid_prefix=guid_prefix(node, instance),
+        topics=tuple(topic.name for topic in periodic_topics(role)),
+    )
+
+
+class Participation:
+    """Joins every run that a plant announces, and answers its roll calls.
+
+    Parameters
+    ----------
+    node : BallbotNode
+    role : str
+    on_run : callable, optional
+        Called with each new run, before the node takes part in it.
+
+    Attributes
+    ----------
+    run : Run or None
+        The newest run.
+    """
+
+    def __init__(
+        self, node: BallbotNode, role: str, on_run: Callable[[Run], None] | None = None
+    ) -> None:
+        self._node = node
+        self._on_new_run = on_run
+        self._participant = participant_of(node, role)
+        self._objection: Objection | None = None
+        self._publisher = node.advertise(PARTICIPANTS)
+        self.run: Run | None = None
+        node.listen(ROLL_CALL, self._on_roll_call)
+
+    def includes(self, stamp_ns: int) -> bool:
+        """Tell whether a sample can be of the run that the node takes part in."""
+        return self.run is not None and stamp_ns >= self.run.start_ns
+
+    def object(self, text: str, topic: str = '', stamp_ns: int = 0) -> None:
+        """Tell the plant what has come that can't be of its run."""
+        objection = Objection(text, topic, stamp_ns)
+        if objection != self._objection:
+            self._objection = objection
+            self._announce()
+
+    def _on_roll_call(self, header: Any) -> None:
+        run = Run(header.frame_id, time_ns(header.stamp))
+        if run != self.run:
+            self._join(run)
+        self._announce()
+
+    def _join(self, run: Run) -> None:
+        if self.run and run.plant != self.run.plant:
+            self._node.renew_outputs()
+        self.run = run
+        self._objection = None
+        self._node.now_ns = 0
+        if self._on_new_run:
+            self._on_new_run(run)
+
+    def _announce(self) -> None:
+        if self.run:
+            announcement = Announcement(
+                self._participant, self.run.name, self._node.now_ns, self._objection
+            )
+            self._publisher.publish(encode_announcement(announcement))

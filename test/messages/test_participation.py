@@ -1,0 +1,146 @@
+"""Announcements and accounts come back as they were sent; what is malformed is a ValueError."""
+
+import dataclasses
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot_ros.messages.conversions import fill_header, fill_motors
+from ballbot_ros.messages.participation import (
+    RunStatus,
+    decode_announcement,
+    decode_run_status,
+    encode_announcement,
+    encode_run_status,
+    membership_json,
+    membership_text,
+)
+from ballbot_ros.messages.raw import same_content
+from ballbot_ros.messages.topics import LOCKSTEP, PARTICIPANTS, PLANT_JOINT_STATES, TOPICS
+from ballbot_ros.parameters import NODES
+from ballbot_ros.plant.truth import Truth
+from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.writer import OUTCOME_KEYS
+from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
+
+text = st.text(st.characters(exclude_categories=('Cs', 'Cc')))
+word = st.text(st.characters(categories=('L', 'N')), min_size=1)
+count = st.integers(0, 2**62)
+participants = st.builds(
+    Participant,
+    role=st.sampled_from(NODES),
+    node=text,
+    host=text,
+    process=count,
+    instance=text,
+    implementation=text,
+    parameters_sha256=text,
+    guid_prefix=text,
+    topics=st.lists(word).map(tuple),
+)
+announcements = st.builds(
+    Announcement,
+    participant=participants,
+    run=text,
+    answered_ns=count,
+    objection=st.none() | st.builds(Objection, text, text, count),
+)
+statuses = st.builds(
+    RunStatus,
+    run=text,
+    is_lockstep=st.booleans(),
+    periodic_topics=st.lists(word).map(tuple),
+    participants=st.dictionaries(word, text),
+    result=st.just({}) | st.fixed_dictionaries(dict.fromkeys(OUTCOME_KEYS, text)),
+)
+
+RUNNING = [('run', '1'), ('lockstep', 'true'), ('periodic topics', '')]
+GYRO = Participant('gyro_driver', '/lab/gyro', 'here', 7, 'x', 'ours', '0123456789abcdef')
+
+
+@given(announcements)
+def test_an_announcement_comes_back(announcement):
+    assert decode_announcement(encode_announcement(announcement)) == announcement
+
+
+@given(statuses)
+def test_an_account_of_a_run_comes_back(status):
+    assert decode_run_status(encode_run_status(status)) == status
+
+
+def status_message(*pairs, level=0):
+    message = new_message(PARTICIPANTS.type_name)
+    message.level, message.name = level, '/forger'
+    for key, value in pairs:
+        pair = new_message('diagnostic_msgs/msg/KeyValue')
+        pair.key, pair.value = key, value
+        message.values.append(pair)
+    return encoder(PARTICIPANTS.type_name)(message)
+
+
+@pytest.mark.parametrize('pairs', [(), [('role', 'gyro_driver')], [('process', 'many')]])
+def test_a_malformed_announcement_is_a_value_error(pairs):
+    with pytest.raises(ValueError, match=r'/forger|many'):
+        decode_announcement(status_message(*pairs))
+
+
+@pytest.mark.parametrize('pairs', [(), [('run', '1')], [*RUNNING, ('outcome', 'completed')]])
+def test_a_malformed_account_is_a_value_error(pairs):
+    with pytest.raises(ValueError, match='run_status'):
+        decode_run_status(status_message(*pairs))
+
+
+def test_without_its_prefix_an_announcement_is_still_one():
+    announcement = Announcement(dataclasses.replace(GYRO, guid_prefix=''), '1 abc')
+    assert decode_announcement(encode_announcement(announcement)) == announcement
+
+
+def test_the_verdict_tells_of_a_participant():
+    start_ns = 1_000_000_000
+    first, later = Membership(GYRO, 0), Membership(GYRO, 1_500_000_000, is_successor=True)
+    assert membership_json(first, start_ns) == {
+        'role': 'gyro_driver',
+        'node': '/lab/gyro',
+        'namespace': '/lab',
+        'host': 'here',
+        'process': 7,
+        'implementation': 'ours',
+        'parameters_sha256': '0123456789abcdef',
+        'since_s': 0.0,
+        'successor': False,
+    }
+    assert membership_json(later, start_ns)['since_s'] == 0.5
+    root = Membership(dataclasses.replace(GYRO, node='/gyro'), 0)
+    assert membership_json(root, start_ns)['namespace'] == '/'
+    assert membership_text(first, start_ns) == (
+        '/lab/gyro (process 7 on here), ours, parameters 0123456789ab'
+    )
+    assert 'since 0.500 s' in membership_text(later, start_ns)
+
+
+def test_the_gaps_that_align_a_number_do_not_count():
+    header = 'std_msgs/msg/Header'
+    message = new_message(header)
+    fill_header(message, 5, 'a')
+    data = encoder(header)(message)
+    motors = new_message(PLANT_JOINT_STATES.type_name)
+    fill_motors(motors, Truth(5, *[(1.0, 2.0)] * 7, battery_voltage=8.0))
+    data = bytearray(encoder(PLANT_JOINT_STATES.type_name)(motors))
+    is_same = same_content(PLANT_JOINT_STATES.type_name)
+    # The frame, an empty string, ends one byte behind its length; the next number is aligned.
+    gap = 4 + 8 + 4 + 1
+    assert data[gap : gap + 3] == b'\0\0\0'
+    other = bytearray(data)
+    other[gap] = 7
+    assert is_same(bytes(data), bytes(other))
+    other[-1] ^= 1
+    assert not is_same(bytes(data), bytes(other))
+
+
+def test_the_lockstep_is_what_periodic_samples_and_the_run_go_through():
+    names = {topic.name for topic in LOCKSTEP}
+    assert {topic.name for topic in TOPICS if topic.period_ns} <= names
+    assert {'plant/run', 'plant/roll_call', 'recorder/ack', 'participants'} <= names
+    assert not {'joy', 'cmd_vel', 'plant/push', '/diagnostics'} & names
+    assert set(NODES) == set(LOCKSTEP[PARTICIPANTS])

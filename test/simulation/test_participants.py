@@ -1,0 +1,535 @@
+"""Who belongs to a run: tables of events, and worlds of nodes that live, die and come back."""
+
+import dataclasses
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from ballbot_ros.simulation.participants import (
+    ANSWER_CALLS,
+    LEASE_S,
+    NAME_S,
+    Announcement,
+    Objection,
+    Participant,
+    Publisher,
+    Roster,
+    State,
+)
+
+RUN = '1 abc'
+START_NS = 1_000_000_000
+OWNERS = {
+    '/clock': ('plant_sim',),
+    'gyro': ('gyro_driver',),
+    'sonar': ('sonar_driver',),
+    'motor_duty': ('controller',),
+    'recorder/ack': ('recorder',),
+    'participants': ('plant_sim', 'gyro_driver', 'sonar_driver', 'controller', 'recorder'),
+}
+TOPICS = {roles[0]: topic for topic, roles in OWNERS.items() if len(roles) == 1}
+ROLES = ('gyro_driver', 'sonar_driver', 'controller')
+CALL_S = 0.1
+
+
+def a(role, instance='', node='', **more):
+    """A participant; two of the same words are the same one."""
+    instance = instance or f'first {role}'
+    return Participant(
+        role=role,
+        node=node or f'/{role}',
+        host='here',
+        process=len(instance),
+        instance=instance,
+        implementation=more.get('implementation', 'ours'),
+        parameters_sha256=more.get('parameters', '00'),
+        guid_prefix=instance.encode().hex(),
+        topics=(TOPICS[role],) if role in ROLES else (),
+    )
+
+
+PLANT = a('plant_sim')
+
+
+class World:
+    """Nodes around a roster: those who live answer each roll call, the dead stay in the graph."""
+
+    def __init__(self, required=ROLES):
+        self.roster = Roster(PLANT, required=required, stateless=ROLES[:2], owners=OWNERS)
+        self.living, self.graph, self.now_s = {}, {}, 0.0
+        self.now_ns = START_NS
+        self.roster.gather(RUN)
+        self.appear(PLANT)
+
+    def appear(self, participant, *, name=None):
+        """Show a node's publishers in the graph; `name` is '' while nobody knows it."""
+        name = participant.node if name is None else name
+        for topic in (TOPICS[participant.role], 'participants'):
+            gid = participant.instance.encode() + b'|' + topic.encode()
+            self.graph[gid] = (topic, name)
+
+    def join(self, *participants, run=RUN):
+        for participant in participants:
+            self.appear(participant)
+            self.living[participant.instance] = participant
+            self.roster.announced(Announcement(participant, run))
+        return self
+
+    def kill(self, *participants):
+        for participant in participants:
+            del self.living[participant.instance]
+        return self
+
+    def vanish(self, *instances):
+        """Let the graph forget nodes."""
+        for gid in list(self.graph):
+            if gid.rpartition(b'|')[0].decode() in instances:
+                del self.graph[gid]
+        return self
+
+    def stranger(self, topic, name='/talker', instance='stranger'):
+        self.graph[f'{instance}|{topic}'.encode()] = (topic, name)
+        return self
+
+    def look(self):
+        found = {topic: [] for topic in OWNERS}
+        for gid, (topic, name) in self.graph.items():
+            found[topic].append(Publisher(gid, name))
+        self.roster.looked(found, self.now_s)
+        return self.roster.standing(self.now_ns)
+
+    def watch(self, calls=ANSWER_CALLS + 2):
+        """Look and call the roll as the plant does, until it is clear; return the standing."""
+        for _ in range(calls):
+            standing = self.look()
+            if standing.state is not State.WAITING:
+                return standing
+            self.roster.called()
+            self.now_s += CALL_S
+            for participant in self.living.values():
+                self.roster.announced(Announcement(participant, RUN))
+        return self.look()
+
+    def watch_for(self, seconds):
+        return self.watch(round(seconds / CALL_S))
+
+    def begin(self):
+        assert self.watch().state is State.COMPLETE
+        self.roster.fix()
+        self.now_ns += 400_000_000
+        return self
+
+
+def world(*participants):
+    return World().join(*(participants or map(a, ROLES)))
+
+
+def is_refused(standing, *words):
+    assert standing.state is State.REFUSED, standing
+    assert '\n' not in standing.reason
+    for word in words:
+        assert word in standing.reason
+    return True
+
+
+def test_a_run_is_complete_when_every_role_has_joined_it():
+    empty = World()
+    for index, role in enumerate(ROLES):
+        standing = empty.watch()
+        assert standing.state is State.WAITING
+        assert all(missing in standing.reason for missing in ROLES[index:])
+        assert empty.roster.missing() == list(ROLES[index:])
+        empty.join(a(role))
+    assert empty.watch().state is State.COMPLETE
+    assert [member.participant.role for member in empty.roster.history] == ['plant_sim', *ROLES]
+    assert empty.roster.periodic_topics == ('gyro', 'sonar', 'motor_duty')
+
+
+def test_who_takes_part_in_another_run_does_not_take_part_in_this_one():
+    other = World().join(*map(a, ROLES), run='1 of another plant')
+    assert other.look().state is State.WAITING
+    assert other.roster.missing() == list(ROLES)
+    assert other.watch().state is State.COMPLETE  # with the answers to the roll call
+
+
+def test_a_node_of_another_name_in_a_role_is_as_good_as_ours():
+    assert world(a('gyro_driver', node='/my_gyro'), a('sonar_driver'), a('controller')).begin()
+
+
+@pytest.mark.parametrize('has_begun', [False, True])
+@pytest.mark.parametrize('role', ROLES)
+@pytest.mark.parametrize('node', ['', '/second'])
+def test_a_second_living_node_of_a_role_is_refused_with_both_names(has_begun, role, node):
+    run = world()
+    if has_begun:
+        run.begin()
+    second = a(role, 'the second', node)
+    run.join(second)
+    assert is_refused(run.watch(), TOPICS[role], role, str(a(role)), str(second))
+
+
+def test_all_roles_doubled_are_one_line():
+    run = world().join(*(a(role, f'second {role}') for role in ROLES))
+    assert is_refused(run.watch(), 'gyro_driver', 'likewise as sonar_driver, controller')
+
+
+@pytest.mark.parametrize('role', ROLES[:2])
+def test_a_killed_driver_is_replaced_by_its_like_while_its_publishers_are_still_there(role):
+    run = world().begin()
+    run.kill(a(role)).join(a(role, 'its successor'))
+    assert run.watch().state is State.COMPLETE
+    *first, last = run.roster.history
+    assert (last.participant, last.since_ns, last.is_successor) == (
+        a(role, 'its successor'), run.now_ns, True,
+    )  # fmt: skip
+    assert not any(member.is_successor for member in first)
+
+
+def test_all_drivers_may_be_replaced_at_once_and_again():
+    run = world().begin()
+    for generation in ('second', 'third'):
+        victims = [each for each in run.living.values() if each.role in ROLES[:2]]
+        run.kill(*victims).join(*(a(each.role, f'{generation} {each.role}') for each in victims))
+        assert run.watch().state is State.COMPLETE
+
+
+@pytest.mark.parametrize('change', [{'parameters': '01'}, {'implementation': 'theirs'}])
+def test_a_driver_is_not_replaced_by_a_different_one(change):
+    run = world().begin()
+    run.kill(a('gyro_driver')).join(a('gyro_driver', 'the other', **change))
+    assert is_refused(run.watch(), 'takes the place', 'other parameters', '/gyro_driver')
+
+
+def test_before_the_run_begins_anybody_may_be_replaced_by_anybody():
+    run = world()
+    assert run.watch().state is State.COMPLETE
+    run.kill(a('gyro_driver')).join(a('gyro_driver', 'the other', parameters='01'))
+    assert run.watch().state is State.COMPLETE
+    instances = [member.participant.instance for member in run.roster.history]
+    assert 'the other' in instances
+    assert a('gyro_driver').instance not in instances
+
+
+def test_a_controller_that_begins_afresh_is_a_successor_whatever_its_parameters():
+    run = world().begin()
+    run.kill(a('controller')).join(a('controller', 'afresh', parameters='rejoin'))
+    assert run.watch().state is State.COMPLETE
+    assert run.roster.history[-1].is_successor
+
+
+def test_one_who_was_thought_dead_and_comes_back_beside_its_successor_is_refused():
+    run = world().begin()
+    asleep = a('gyro_driver')
+    run.kill(asleep).join(a('gyro_driver', 'its successor'))
+    assert run.watch().state is State.COMPLETE
+    run.join(asleep)
+    assert is_refused(run.watch(), '/gyro_driver', 'gyro')
+
+
+def test_a_newcomer_whose_name_is_not_known_yet_is_waited_for():
+    run = world().begin()
+    run.kill(a('gyro_driver'))
+    newcomer = a('gyro_driver', 'its successor')
+    run.appear(newcomer, name='')
+    assert run.watch().state is State.WAITING
+    run.living[newcomer.instance] = newcomer
+    assert run.watch().state is State.COMPLETE
+
+
+def test_without_a_prefix_a_publisher_is_told_by_the_name_of_its_node():
+    plain = [dataclasses.replace(a(role), guid_prefix='') for role in ROLES]
+    assert world(*plain).begin().look().state is State.COMPLETE
+
+
+@pytest.mark.parametrize('has_begun', [False, True])
+@pytest.mark.parametrize('topic', OWNERS)
+def test_a_stranger_that_is_heard_is_refused_by_name(has_begun, topic):
+    run = world()
+    if has_begun:
+        run.begin()
+    run.stranger(topic)
+    assert run.look().state is State.WAITING
+    assert run.roster.suspected_topics == {topic}
+    run.roster.overheard(topic)
+    assert is_refused(run.watch(), '/talker', repr(topic))
+
+
+def test_a_stranger_that_is_heard_before_its_name_is_known_is_refused_when_it_is():
+    run = world().begin().stranger('gyro', name='')
+    run.look()
+    run.roster.overheard('gyro')
+    assert run.watch().state is State.WAITING
+    assert is_refused(run.stranger('gyro').watch(), '/talker')
+
+
+def test_a_stranger_that_nobody_ever_names_is_refused_all_the_same():
+    run = world().begin().stranger('gyro', name='')
+    run.look()
+    run.roster.overheard('gyro')
+    assert is_refused(run.watch_for(NAME_S + 1.0), 'gyro')
+
+
+def test_a_stranger_under_the_name_of_a_participant_is_one():
+    run = world().begin().stranger('gyro', name='/gyro_driver')
+    run.look()
+    run.roster.overheard('gyro')
+    assert is_refused(run.watch(), '/gyro_driver publishes')
+
+
+@pytest.mark.parametrize('has_begun', [False, True])
+def test_a_silent_stranger_is_waited_for_as_long_as_it_may_be_a_dead_process(has_begun):
+    run = world()
+    if has_begun:
+        run.begin()
+    run.stranger('gyro')
+    assert run.watch_for(LEASE_S - 1.0).state is State.WAITING
+    assert is_refused(run.watch_for(2.0), '/talker', 'gyro')
+
+
+def test_a_dead_stranger_that_leaves_the_graph_is_no_offence():
+    run = World().stranger('gyro')
+    # It dies late, while a participant is still missing.
+    assert run.watch_for(30.0).state is State.WAITING
+    run.join(*map(a, ROLES))
+    assert run.watch_for(LEASE_S - 1.0).state is State.WAITING
+    assert run.vanish('stranger').watch().state is State.COMPLETE
+
+
+def test_an_objection_names_the_stranger_on_its_topic_and_no_other():
+    run = world().begin().stranger('sonar', '/of_the_sonar', 'x').stranger('gyro')
+    run.look()
+    run.roster.object(Objection('two samples', 'gyro', run.now_ns))
+    assert is_refused(run.watch(), '/talker', 'gyro')
+
+
+def test_an_objection_names_a_stranger_that_has_gone():
+    run = world().begin().stranger('gyro')
+    run.look()
+    run.vanish('stranger')
+    run.roster.object(Objection('two samples', 'gyro', run.now_ns))
+    assert is_refused(run.watch(), '/talker', 'gyro')
+
+
+def test_a_stranger_that_left_long_ago_is_not_to_blame():
+    run = world().begin().stranger('sonar', '/dead_sonar')
+    run.watch_for(3.0)
+    run.vanish('stranger')
+    assert run.watch().state is State.COMPLETE
+    for _ in range(30):
+        run.look()
+        run.now_s += CALL_S
+    run.roster.object(Objection('two samples', 'gyro', run.now_ns))
+    standing = run.watch()
+    assert is_refused(standing, 'two samples')
+    assert 'dead_sonar' not in standing.reason
+
+
+def test_of_two_suspects_the_stranger_is_named_not_the_newcomer():
+    run = world().begin()
+    run.kill(a('gyro_driver'))
+    newcomer = a('gyro_driver', 'its successor')
+    run.appear(newcomer)
+    run.stranger('gyro')
+    run.look()
+    run.roster.overheard('gyro')
+    assert is_refused(run.watch(), '/talker')
+
+
+def test_a_newcomer_that_was_suspected_because_of_a_stranger_does_not_shield_it():
+    run = world().begin()
+    run.kill(a('gyro_driver'))
+    newcomer = a('gyro_driver', 'its successor')
+    run.appear(newcomer, name='')
+    run.look()
+    run.roster.overheard('gyro')
+    run.join(newcomer)
+    assert run.watch().state is State.COMPLETE
+    run.stranger('gyro')
+    run.look()
+    run.roster.overheard('gyro')
+    assert is_refused(run.watch(), '/talker')
+
+
+def test_who_could_not_look_for_a_while_accuses_nobody_of_having_stayed():
+    run = world().begin().stranger('gyro')
+    run.look()
+    run.now_s += 10 * LEASE_S
+    assert run.look().state is State.WAITING
+    assert run.vanish('stranger').look().state is State.COMPLETE
+
+
+def test_an_objection_to_a_participant_itself_is_the_reason():
+    run = world().begin()
+    run.roster.announced(
+        Announcement(a('controller'), RUN, 0, Objection('two samples of 1.4 s', 'gyro', run.now_ns))
+    )
+    assert is_refused(run.watch(), 'two samples of 1.4 s', '/gyro_driver', 'left')
+
+
+def test_a_participant_that_can_not_go_on_ends_the_run_at_once():
+    run = world().begin()
+    run.roster.object(Objection('started in mid-run'))
+    assert is_refused(run.look(), 'started in mid-run')
+
+
+def test_two_answers_to_the_tick_at_which_a_driver_was_replaced_are_no_offence():
+    run = world().begin()
+    run.kill(a('gyro_driver')).join(a('gyro_driver', 'its successor'))
+    run.roster.object(Objection('two samples', 'gyro', run.now_ns))
+    run.roster.object(Objection('two samples', 'gyro', run.now_ns - 40_000_000))
+    assert run.watch().state is State.COMPLETE
+    run.roster.object(Objection('two samples', 'gyro', run.now_ns + 4_000_000))
+    assert is_refused(run.watch(), 'two samples')
+
+
+def test_a_recorder_may_come_leave_and_be_replaced():
+    run = world().begin().join(a('recorder'))
+    assert run.watch().state is State.COMPLETE
+    assert run.roster.history[-1].participant == a('recorder')
+    run.kill(a('recorder')).join(a('recorder', 'another one', parameters='another file'))
+    assert run.watch().state is State.COMPLETE
+
+
+def test_what_gives_itself_out_as_a_participant_is_refused():
+    run = world().begin()
+    forged = dataclasses.replace(a('gyro_driver'), node='/forger', parameters_sha256='ff')
+    run.roster.announced(Announcement(forged, RUN))
+    assert is_refused(run.look(), '/forger', '/gyro_driver')
+
+
+def test_a_forged_announcement_that_answers_no_roll_call_is_not_believed():
+    run = world().begin()
+    run.roster.announced(Announcement(a('gyro_driver', 'forged', '/forger'), RUN))
+    assert run.watch().state is State.COMPLETE
+    assert run.roster.history[-1].participant == a('controller')
+
+
+def test_a_role_that_is_none_changes_nothing():
+    run = world().begin()
+    run.roster.announced(Announcement(dataclasses.replace(a('gyro_driver', 'x'), role='cook'), RUN))
+    assert run.look().state is State.COMPLETE
+
+
+def test_the_next_run_gathers_everybody_again_and_knows_the_dead():
+    run = world().begin()
+    run.kill(a('gyro_driver')).join(a('gyro_driver', 'its successor'))
+    assert run.watch().state is State.COMPLETE
+    run.roster.gather('2 abc')
+    assert run.look().state is State.WAITING
+    for participant in run.living.values():
+        run.roster.announced(Announcement(participant, '2 abc'))
+    # The publishers of the dead one are still in the graph.
+    assert run.look().state is State.COMPLETE
+    assert not any(member.is_successor for member in run.roster.history)
+
+
+@pytest.mark.parametrize(
+    ('dead', 'answered', 'expected'),
+    [
+        ({'controller'}, {}, ['controller']),
+        ({'gyro_driver', 'controller'}, {}, ['gyro_driver', 'controller']),
+        (set(), {'gyro_driver': START_NS}, ['gyro_driver']),
+        (set(), dict.fromkeys(ROLES[:2], START_NS), list(ROLES[:2])),
+        ({'sonar_driver'}, {'gyro_driver': START_NS}, ['sonar_driver']),
+        (set(), {}, []),
+    ],
+)  # fmt: skip
+def test_silent_is_who_answers_no_roll_call_else_who_lacks_the_tick(dead, answered, expected):
+    run = world().begin()
+    since, due_ns = run.roster.calls, START_NS + 4_000_000
+    run.roster.called()
+    for role in ROLES:
+        if role not in dead:
+            run.roster.announced(Announcement(a(role), RUN, answered.get(role, due_ns)))
+    due = {'gyro_driver': due_ns, 'sonar_driver': due_ns, 'controller': 0}
+    assert run.roster.silent(since, due) == expected
+
+
+def test_an_answer_to_an_earlier_roll_call_is_not_one_to_this_silence():
+    run = world().begin()
+    run.roster.called()
+    run.roster.announced(Announcement(a('controller'), RUN))
+    assert run.roster.silent(run.roster.calls, {'controller': 0}) == ['controller']
+
+
+class AnyHistory(RuleBasedStateMachine):
+    """Nodes that live, die and come back in any order; at any time it has to come out right.
+
+    The roster may take its time; in the end a run goes on if and only if each role has one
+    living participant, equal to the one of the start, and no stranger is there.
+    """
+
+    @initialize()
+    def start(self):
+        self.world = world().begin()
+        self.number = 0
+        self.refusable = False
+        self.strangers = set()
+
+    def new(self, role, **more):
+        self.number += 1
+        return a(role, f'number {self.number}', **more)
+
+    def of(self, role):
+        return [each for each in self.world.living.values() if each.role == role]
+
+    @rule(role=st.sampled_from(ROLES[:2]))
+    def kill(self, role):
+        self.world.kill(*self.of(role))
+
+    @rule(role=st.sampled_from(ROLES[:2]))
+    def restart(self, role):
+        if not self.of(role):
+            self.world.join(self.new(role))
+
+    @rule(role=st.sampled_from(ROLES))
+    def double(self, role):
+        self.refusable = self.refusable or bool(self.of(role))
+        if self.of(role):
+            self.world.join(self.new(role))
+
+    @rule(topic=st.sampled_from(list(OWNERS)), is_heard=st.booleans())
+    def stranger_comes(self, topic, is_heard):
+        self.world.stranger(topic, instance=f'stranger {topic}')
+        self.strangers.add(topic)
+        self.world.look()
+        if is_heard:
+            self.refusable = True
+            self.world.roster.overheard(topic)
+
+    @precondition(lambda self: self.strangers)
+    @rule()
+    def strangers_leave(self):
+        self.world.vanish(*(f'stranger {topic}' for topic in self.strangers))
+        self.strangers.clear()
+
+    @rule()
+    def time_passes(self):
+        standing = self.world.watch()
+        if standing.state is State.REFUSED:
+            assert self.refusable, standing
+            self.start()
+        elif standing.state is State.COMPLETE:
+            assert not self.strangers
+            for role in ROLES:
+                assert len(self.of(role)) <= 1, role
+
+    @invariant()
+    def nobody_takes_part_who_was_never_alone_in_its_role(self):
+        members = self.world.roster.history if hasattr(self, 'world') else ()
+        assert len({member.participant.instance for member in members}) == len(members)
+
+    def teardown(self):
+        if hasattr(self, 'world'):
+            standing = self.world.watch_for(LEASE_S + 2.0)
+            doubled = any(len(self.of(role)) > 1 for role in ROLES)
+            if doubled or self.strangers:
+                assert standing.state is State.REFUSED
+            elif standing.state is State.REFUSED:
+                assert self.refusable
+
+
+TestAnyHistory = AnyHistory.TestCase
+TestAnyHistory.settings = settings(max_examples=150, stateful_step_count=15, deadline=None)

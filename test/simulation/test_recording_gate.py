@@ -1,0 +1,303 @@
+"""What belongs into a recording: tables of messages, and random strangers among them."""
+
+import random
+
+import pytest
+
+from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.recording_gate import MOST_AHEAD_NS, RecordingGate, Stream
+from ballbot_ros.simulation.timing import SLOW_NS, TICK_NS
+
+MS = 1_000_000
+START = 1000 * MS
+WALL_NS = 1_795_000_000 * 1_000 * MS
+
+
+def bare(one, other):
+    return one == other
+
+
+class File:
+    """A recording in memory, and what the gate had to say."""
+
+    def __init__(self, run='1 abc', start_ns=START):
+        self.clock = Stream('/clock', period_ns=TICK_NS, is_clock=True, is_live=True, is_same=bare)
+        self.gyro = Stream('/gyro', period_ns=TICK_NS, is_same=bare)
+        self.sonar = Stream('/sonar', period_ns=SLOW_NS, is_same=bare)
+        self.state = Stream('/operating_state')
+        self.joy = Stream('/joy', is_live=True, is_shared=True)
+        self.map = Stream('/map', is_live=True)
+        self.streams = (self.clock, self.gyro, self.sonar, self.state, self.joy, self.map)
+        self.numbers = dict.fromkeys(self.streams, 0)
+        self.kept, self.objections, self.lost, self.crowded = [], [], [], set()
+        self.gate = RecordingGate(self)
+        if run:
+            self.begin(run, start_ns)
+
+    def begin(self, run, start_ns):
+        self.gate.begin(Run(run, start_ns), self.streams)
+
+    def keep(self, stream, log_ns, data, sequence):
+        self.kept.append((stream.name, log_ns // MS, data))
+
+    def object(self, stream, stamp_ns):
+        self.objections.append((stream.name, stamp_ns // MS))
+
+    def lose(self, stream, sequence):
+        self.lost.append((stream.name, sequence))
+
+    def has_several_publishers(self, stream):
+        return stream.name in self.crowded
+
+    def take(self, stream, stamp_ms, data=b'true', sequence=None):
+        self.numbers[stream] += 1
+        number = self.numbers[stream] if sequence is None else sequence
+        self.gate.take(stream, stamp_ms * MS, data, number)
+
+    def tick(self, now_ms):
+        self.take(self.clock, now_ms)
+        self.take(self.gyro, now_ms)
+        if now_ms * MS % SLOW_NS == 0:
+            self.take(self.sonar, now_ms)
+
+    def of(self, name):
+        return [(stamp, data) for topic, stamp, data in self.kept if topic == name]
+
+
+def test_every_message_of_a_run_passes_once_with_its_stamp():
+    file = File()
+    for now in (1000, 1004, 1008):
+        file.tick(now)
+        file.tick(now)
+    file.take(file.state, 0, b'balance')
+    expected = [b'true'] * 3
+    assert file.of('/gyro') == list(zip((1000, 1004, 1008), expected, strict=True))
+    assert file.of('/sonar') == [(1000, b'true')]
+    assert file.of('/operating_state') == [(1008, b'balance')]
+    assert file.objections == file.lost == []
+    assert file.gyro.complete_ns == file.clock.complete_ns == 1008 * MS
+    assert file.sonar.complete_ns == 1016 * MS
+
+
+def test_a_sample_that_overtakes_the_clock_waits_for_it():
+    file = File()
+    file.take(file.gyro, 1000)
+    assert file.kept == []
+    file.take(file.clock, 1000)
+    file.take(file.gyro, 1004)
+    assert file.gyro.newest_ns == 1000 * MS
+    file.take(file.clock, 1004)
+    assert file.of('/gyro') == [(1000, b'true'), (1004, b'true')]
+
+
+def test_what_is_left_of_an_earlier_run_does_not_pass():
+    file = File()
+    file.take(file.gyro, 5000, b'left')
+    file.take(file.state, 0, b'left')
+    file.take(file.sonar, 400, b'left')
+    file.take(file.map, 1000, b'map of this run')
+    file.tick(1000)
+    assert b'left' not in [data for _, _, data in file.kept]
+    assert file.of('/map') == [(1000, b'map of this run')]
+    assert file.objections == []
+
+
+def test_who_comes_later_gets_what_was_kept_for_it():
+    file = File()
+    file.take(file.state, 0, b'calibration')
+    file.take(file.gyro, 1400)
+    file.take(file.gyro, 1404)
+    for now in (1400, 1404):
+        file.take(file.clock, now)
+    assert file.of('/operating_state') == [(1400, b'calibration')]
+    assert [stamp for stamp, _ in file.of('/gyro')] == [1400, 1404]
+
+
+@pytest.mark.parametrize('is_first', [False, True])
+def test_a_contradiction_is_objected_to_and_costs_the_run_nothing(is_first):
+    file = File()
+    file.tick(1000)
+    file.take(file.clock, 1004)
+    for data in (b'false', b'true')[:: 1 if is_first else -1]:
+        file.take(file.gyro, 1004, data)
+    file.tick(1008)
+    assert (1004, b'true') in file.of('/gyro')
+    assert file.objections == [('/gyro', 1004)]
+
+
+@pytest.mark.parametrize('stamp_ms', [1000 + MOST_AHEAD_NS // MS + 4, WALL_NS // MS])
+def test_a_stamp_of_another_clock_is_objected_to_and_left_out(stamp_ms):
+    file = File()
+    file.tick(1000)
+    file.take(file.gyro, stamp_ms, b'stranger', sequence=1)
+    for now in (1004, 1008):
+        file.tick(now)
+    assert [data for _, data in file.of('/gyro')] == [b'true'] * 3
+    assert file.objections == [('/gyro', stamp_ms)]
+
+
+def test_a_guess_of_what_is_to_come_does_not_take_its_place():
+    file = File()
+    file.tick(1000)
+    file.take(file.gyro, 1012, b'guess')
+    for now in (1004, 1008, 1012, 1016):
+        file.tick(now)
+    assert [stamp for stamp, data in file.of('/gyro') if data == b'true'] == [
+        1000, 1004, 1008, 1012, 1016,
+    ]  # fmt: skip
+    assert file.objections == [('/gyro', 1012)]
+
+
+@pytest.mark.parametrize(('crowded', 'objections'), [(True, [('/clock', 90_000)]), (False, [])])
+def test_a_leap_of_the_clock_is_a_player_s_or_another_simulation_s(crowded, objections):
+    file = File()
+    file.tick(1000)
+    file.crowded = {'/clock'} if crowded else set()
+    file.take(file.clock, 90_000)
+    assert file.objections == objections
+    assert file.gate.now_ns == (1000 if crowded else 90_000) * MS
+
+
+@pytest.mark.parametrize(
+    ('events', 'lost'),
+    [
+        ([('gyro', 1004, 2), ('gyro', 1008, 3)], []),
+        ([('gyro', 1004, 3)], [('/gyro', 3)]),
+        # A repetition has the next number; another publisher's copy has one of its own.
+        ([('gyro', 1000, 2), ('gyro', 1004, 3)], []),
+        ([('gyro', 1000, 900), ('gyro', 1004, 2)], []),
+        ([('gyro', 1000, 1), ('gyro', 1004, 2)], []),
+        # A driver that was started again counts from the beginning.
+        ([('gyro', 1004, 1), ('gyro', 1008, 2)], []),
+        ([('gyro', 1000, 1), ('gyro', 1000, 2), ('gyro', 1000, 3), ('gyro', 1004, 4)], []),
+        ([('state', 0, 5), ('state', 0, 9)], [('/operating_state', 9)]),
+        ([('joy', 0, 5), ('joy', 0, 9)], []),
+    ],
+)
+def test_a_gap_in_a_publisher_s_numbers_is_a_lost_message(events, lost):
+    file = File()
+    file.tick(1000)
+    for name, stamp, number in events:
+        file.take(file.clock, max(stamp, 1000))
+        file.take(getattr(file, name), stamp, sequence=number)
+    assert file.lost == lost
+
+
+def test_strangers_on_a_topic_of_events_are_no_lost_messages():
+    file = File()
+    file.tick(1000)
+    file.crowded = {'/operating_state'}
+    for number in (3, 700, 4, 701):
+        file.take(file.state, 0, sequence=number)
+    assert file.lost == []
+    assert len(file.of('/operating_state')) == 4
+
+
+def test_the_next_run_of_a_plant_goes_on_and_the_last_messages_of_the_one_before_still_pass():
+    file = File()
+    file.tick(1000)
+    file.take(file.clock, 1004)
+    file.begin('2 abc', 1100 * MS)
+    file.take(file.gyro, 1004)
+    file.tick(1100)
+    assert [stamp for stamp, _ in file.of('/gyro')] == [1000, 1004, 1100]
+    assert file.lost == []
+
+
+def test_another_plant_begins_anew_at_an_earlier_time():
+    file = File()
+    for now in range(1000, 1040, 4):
+        file.tick(now)
+    file.begin('1 def', START)
+    file.take(file.gyro, 1036, b'left')
+    for stream in file.streams:
+        file.numbers[stream] = 0
+    for now in (1000, 1004):
+        file.tick(now)
+    assert [stamp for stamp, _ in file.of('/gyro')] == [*range(1000, 1040, 4), 1000, 1004]
+    assert file.objections == file.lost == []
+
+
+def test_without_a_run_everything_passes_in_its_order():
+    file = File(run=None)
+    file.take(file.state, 0, b'early')
+    for now in (500, 504, 400, 508):
+        file.tick(now)
+    assert file.of('/operating_state') == [(500, b'early')]
+    assert [stamp for stamp, _ in file.of('/gyro')] == [500, 504, 508]
+
+
+def test_until_the_run_of_a_plant_is_known_nothing_passes_and_nothing_is_lost():
+    file = File(run=None)
+    file.gate.awaits_run = True
+    file.take(file.gyro, 5000, b'left')
+    for now in (1000, 1004):
+        file.tick(now)
+    assert file.kept == []
+    file.begin('1 abc', START)
+    file.tick(1008)
+    assert file.of('/gyro') == [(now, b'true') for now in (1000, 1004, 1008)]
+    assert file.gyro.complete_ns == 1008 * MS
+
+
+def test_a_recorder_that_comes_in_mid_run_has_each_tick_once():
+    file = File(run=None)
+    file.gate.awaits_run = True
+    for now in (1400, 1404):
+        file.tick(now)
+    file.begin('1 abc', START)
+    file.tick(1404)
+    assert [stamp for stamp, _ in file.of('/gyro')] == [1400, 1404]
+    assert file.clock.complete_ns == 1404 * MS
+
+
+def test_what_waits_for_the_clock_of_a_dead_plant_is_not_the_next_one_s():
+    file = File()
+    file.tick(1000)
+    file.take(file.gyro, 1004, b'of the dead plant')
+    file.begin('1 def', START)
+    for stream in file.streams:
+        file.numbers[stream] = 0
+    for now in (1000, 1004):
+        file.tick(now)
+    assert b'of the dead plant' not in [data for _, data in file.of('/gyro')]
+    assert file.objections == []
+
+
+def test_free_running_a_second_sample_of_a_stamp_is_left_out():
+    file = File()
+    file.gate.is_lockstep = False
+    file.tick(1000)
+    file.take(file.gyro, 1000, b'another')
+    assert file.of('/gyro') == [(1000, b'true')]
+    assert file.objections == []
+
+
+@pytest.mark.parametrize('stamp_ms', [-5000, 400, WALL_NS // MS])
+def test_an_event_of_another_clock_is_logged_with_the_time_of_the_run(stamp_ms):
+    file = File()
+    file.tick(1000)
+    file.take(file.state, stamp_ms, b'x')
+    assert file.of('/operating_state') == [(1000, b'x')]
+
+
+def test_an_event_may_be_told_of_before_it_happens():
+    file = File()
+    file.tick(1000)
+    file.take(file.state, 8000, b'push')
+    assert file.of('/operating_state') == [(8000, b'push')]
+
+
+@pytest.mark.parametrize('seed', range(30))
+def test_whatever_strangers_send_the_run_s_own_samples_are_all_there_in_order(seed):
+    chance = random.Random(seed)
+    file = File()
+    for now in range(1000, 1400, 4):
+        for stream in (file.clock, file.gyro):
+            if chance.random() < 0.2:
+                stamp = chance.choice([0, now - 4, now, now + 4, now + 400, WALL_NS // MS])
+                file.take(file.gyro, stamp, b'false', sequence=chance.randrange(1000))
+            file.take(stream, now)
+    own = [stamp for stamp, data in file.of('/gyro') if data == b'true']
+    assert own == list(range(1000, 1400, 4))
+    assert all(stamp <= 1400 + 400 for stamp, _ in file.of('/gyro'))
