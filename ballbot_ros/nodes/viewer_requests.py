@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import queue
+import time
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import GetParameters, SetParameters
@@ -29,6 +31,16 @@ _SERVICES = {
 }
 
 
+ASK_AGAIN_S = 1.0
+
+
+class _Question(NamedTuple):
+    """Parameters of the plant that are asked for, and what takes their values."""
+
+    names: Sequence[str]
+    then: Callable[[dict[str, Any]], None]
+
+
 class ViewerRequests:
     """The page calls from its own threads; the node's makes the requests.
 
@@ -47,6 +59,8 @@ class ViewerRequests:
         self._push = node.advertise(PUSH, depth=1)
         self._push_message = PUSH.message_class()
         self._had_plant = False
+        self._question: _Question | None = None
+        self._asked_at = -math.inf
 
     @property
     def lost_plant(self) -> bool:
@@ -64,6 +78,7 @@ class ViewerRequests:
         """Make the requests that wait."""
         while not self._waiting.empty():
             self._waiting.get()()
+        self._ask()
 
     def _call(
         self, name: str, request: Any, then: Callable[[Any], None] = lambda response: None
@@ -115,16 +130,24 @@ class ViewerRequests:
     def plant_parameters(
         self, names: Sequence[str], then: Callable[[dict[str, Any]], None]
     ) -> None:
-        """Ask the plant, if there is one, for parameters; hand their values to `then`."""
+        """Ask the plant for parameters until it answers; hand their values to `then`."""
+        self._question, self._asked_at = _Question(names, then), -math.inf
+
+    def _ask(self) -> None:
+        """Ask what is not answered: a plant's topics may be there before its services."""
+        question, now = self._question, time.monotonic()
         client = self._clients[f'{PLANT}/get_parameters']
-        if not client.service_is_ready():
+        if question is None or now - self._asked_at < ASK_AGAIN_S or not client.service_is_ready():
             return
+        self._asked_at = now
 
         def take(response: GetParameters.Response) -> None:
-            values = map(parameter_value_to_python, response.values)
-            then(dict(zip(names, values, strict=True)))
+            if question is self._question:
+                self._question = None
+                values = map(parameter_value_to_python, response.values)
+                question.then(dict(zip(question.names, values, strict=True)))
 
-        self._call(f'{PLANT}/get_parameters', GetParameters.Request(names=names), take)
+        self._call(f'{PLANT}/get_parameters', GetParameters.Request(names=question.names), take)
 
 
 def _setting(name: str, value: Any) -> SetParameters.Request:
