@@ -13,14 +13,46 @@ from ballbot_ros.nodes.inbox import hidden_node, taken
 from ballbot_ros.parameters import PLANT
 
 PLANT_SILENCE_S = 2.3
-"""The plant reports at 1 Hz; after this it hangs."""
+"""The plant reports at 1 Hz; if it is silent for so long and does nothing, it hangs."""
 
 PLANT_STARTUP_S = 30.0
-"""The same until it is heard for the first time: its process has to start."""
+"""The same until it is heard for the first time, as its process has to start; and while it works,
+as one that gets little of a busy machine does, or that saves what the run has given."""
+
+
+class Liveness:
+    """Tells a plant that hangs from one that is slow.
+
+    Parameters
+    ----------
+    now_s : float
+        The time, here and below on a clock that only goes forward [s].
+    """
+
+    def __init__(self, now_s: float) -> None:
+        self._heard_s = self._worked_s = now_s
+        self._cpu_s = 0.0
+        self._limit_s = PLANT_STARTUP_S
+
+    def hear(self, now_s: float) -> None:
+        """Note a sign of life."""
+        self._heard_s = now_s
+        self._limit_s = PLANT_SILENCE_S
+
+    def see(self, cpu_s: float, now_s: float) -> None:
+        """Note how much processor time the plant has used."""
+        if cpu_s > self._cpu_s:
+            self._cpu_s, self._worked_s = cpu_s, now_s
+
+    def hangs(self, now_s: float) -> bool:
+        """Tell whether the plant has been silent for too long."""
+        silence_s = now_s - self._heard_s
+        is_idle = now_s - self._worked_s > self._limit_s
+        return silence_s > (self._limit_s if is_idle else PLANT_STARTUP_S)
 
 
 class GraphMonitor:
-    """Sim time and the plant's sign of life.
+    """Sim time and the plant's signs of life.
 
     Its node is spun by no executor: a look costs what it costs when it is taken, not at every
     tick.
@@ -37,8 +69,7 @@ class GraphMonitor:
         self._clock = self._subscribe(CLOCK, newest)
         self._diagnostics = self._subscribe(DIAGNOSTICS, QoSProfile(depth=50))
         self.now_ns = 0
-        self._heard_at = time.monotonic()
-        self._limit_s = PLANT_STARTUP_S
+        self._liveness = Liveness(time.monotonic())
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -53,16 +84,13 @@ class GraphMonitor:
         """Take what has come since the last look."""
         for clock, _ in taken(self._clock):
             self.now_ns = time_ns(clock.clock)
-            self._hear()
+            self._liveness.hear(time.monotonic())
         for report, _ in taken(self._diagnostics):
             if any(status.name.startswith(f'{PLANT}:') for status in report.status):
-                self._hear()
+                self._liveness.hear(time.monotonic())
 
-    def _hear(self) -> None:
-        self._heard_at = time.monotonic()
-        self._limit_s = PLANT_SILENCE_S
-
-    @property
-    def plant_hangs(self) -> bool:
-        """Whether the plant has been silent for too long."""
-        return time.monotonic() - self._heard_at > self._limit_s
+    def plant_hangs(self, cpu_s: float) -> bool:
+        """Tell whether the plant, which has used `cpu_s` of processor time [s], hangs."""
+        now = time.monotonic()
+        self._liveness.see(cpu_s, now)
+        return self._liveness.hangs(now)

@@ -88,6 +88,16 @@ class NodeProcess:
         return self._process.poll()
 
     @property
+    def cpu_s(self) -> float:
+        """The processor time that it has used [s]; 0 once it has ended."""
+        try:
+            fields = Path(f'/proc/{self.pid}/stat').read_text().rpartition(')')[2].split()
+        except OSError:
+            return 0.0
+        user, system = fields[11:13]
+        return (int(user) + int(system)) / os.sysconf('SC_CLK_TCK')
+
+    @property
     def died(self) -> bool:
         """Whether a signal ended it."""
         status = self.exit_status

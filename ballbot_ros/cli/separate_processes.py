@@ -113,7 +113,7 @@ def watch(
             # and the plant tells when it has waited long enough.
             if name == PLANT or process.exit_status == 2:
                 return end
-        if monitor.plant_hangs:
+        if monitor.plant_hangs(plant.cpu_s):
             progress.notice(f'{PLANT} does not answer')
             plant.kill()
             return f'{PLANT} does not answer'

@@ -355,6 +355,8 @@ class PlantSim(BallbotNode):
         waited = now - self._sent_at
         limit = float(self.values['startup_timeout'])
         missing = self._participants.missing()
+        # Who waits is not to be taken for silent itself, on a busy machine neither.
+        self.report()
         if self._is_held:
             self.warn(reason)
         elif self._is_open:
@@ -364,7 +366,6 @@ class PlantSim(BallbotNode):
             self._end('failed', f'{who} silent for {limit:g} s before the first tick', status=1)
         elif waited > STARTUP_WARN_S:
             self.warn(reason)
-            self.report()
 
     def _recorder_left(self) -> bool:
         """Go on without a recorder that has taken its leave; tell whether it has."""
