@@ -154,7 +154,7 @@ class Node:
         self.output = ''
 
     def finish(self, timeout=40.0):
-        self.output, _ = self.process.communicate(timeout=timeout)
+        self.output, _ = self.process.communicate(timeout=bound_s(timeout))
         return self.process.returncode
 
     def interrupt(self):

@@ -30,9 +30,10 @@ def test_the_robot_balances_on_wall_clock_timers(start_node, tmp_path):
         trajectory, summary = load_trajectory(path)
         assert summary['ticks'] == 1000
         if abs(trajectory.psi).max() < 0.2:
-            assert 0.5 < summary['real_time_factor'] < 1.1
+            # Only a machine that was late may be slow, or let it fall.
+            assert summary['real_time_factor'] < 1.1
+            assert summary['real_time_factor'] > 0.5 or summary['missed_ticks'] > 0
             return
-        # Only a machine that was late may let it fall.
         assert summary['missed_ticks'] > 0
     raise AssertionError(f'it fell {ATTEMPTS} times')
 

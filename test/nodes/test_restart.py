@@ -125,7 +125,7 @@ def test_a_restarted_controller_fails_the_run_and_says_so(start_graph, start_nod
 
 
 def test_a_controller_may_be_told_to_begin_afresh(start_graph, start_node, tmp_path):
-    nodes = start_graph(6.0, timeout=60.0)
+    nodes = start_graph(3.0, timeout=60.0)
     wait_for(lambda: is_under_way(tmp_path), what='the run')
     nodes['controller'].kill()
     controller = start_node('controller', rejoin='true')
