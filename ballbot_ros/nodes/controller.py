@@ -24,6 +24,7 @@ from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.simulation.lockstep import LockstepInputs, Run, Step, TimerAudit
+from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.sample_history import DEPTH
 from ballbot_ros.simulation.timing import (
     FREE_RUNNING_SILENCE_S,
@@ -106,7 +107,7 @@ class Controller(BallbotNode):
 
     def _take(self, name: str, stamp: int, data: bytes, reading: Any) -> None:
         step = self._inputs.take(name, stamp, data, reading)
-        # What was kept for those who come late is older than the tick for which the plant asks.
+        # It begins at the tick for which the plant asks, not at one that another has answered.
         if step is Step.MISSED_START and stamp == self.get_clock().now().nanoseconds:
             self._begin_afresh(stamp)
         elif step is Step.TICK:
@@ -115,12 +116,7 @@ class Controller(BallbotNode):
             self._resent += 1
             self._messages.repeat_duty(stamp)
         elif step is Step.OBJECT:
-            self._participation.object(
-                f'{name!r} has a second sample of {stamp / SECOND_NS:.3f} s, or one ahead of '
-                'the run',
-                name,
-                stamp,
-            )
+            self._participation.object(Objection.to_sample(name, stamp))
 
     def _begin_afresh(self, stamp: int) -> None:
         """Begin in mid-run, but only where `rejoin` allows it."""
@@ -129,7 +125,7 @@ class Controller(BallbotNode):
                 f'{CONTROLLER} started in mid-run, at {stamp / SECOND_NS:.3f} s, without the state '
                 'of the ticks before (rejoin: true begins afresh)'
             )
-            self._participation.object(problem)
+            self._participation.object(Objection(problem))
             self.finish()
             self.fail(problem)
             return

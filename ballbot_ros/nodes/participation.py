@@ -68,9 +68,8 @@ class Participation:
         """Tell whether a sample can be of the run that the node takes part in."""
         return self.run is not None and stamp_ns >= self.run.start_ns
 
-    def object(self, text: str, topic: str = '', stamp_ns: int = 0) -> None:
+    def object(self, objection: Objection) -> None:
         """Tell the plant what has come that can't be of its run."""
-        objection = Objection(text, topic, stamp_ns)
         if objection != self._objection:
             self._objection = objection
             self._announce()

@@ -98,7 +98,7 @@ class PlantParticipants:
             # Of its own runs an earlier one may still be under way.
             if self._run and Run(header.frame_id, 0).plant != Run(self._run, 0).plant:
                 problem = f'another run, {header.frame_id!r}, is announced on {topic.name!r}'
-                self.object(problem, topic.name)
+                self.object(Objection(problem, topic.name))
 
         self._node.listen(topic, receive, depth=HISTORY)
 
@@ -115,9 +115,9 @@ class PlantParticipants:
         self._roster.announced(announcement)
         self._on_news()
 
-    def object(self, text: str, topic: str, stamp_ns: int = 0) -> None:
+    def object(self, objection: Objection) -> None:
         """Take what the plant itself objects to."""
-        self._roster.object(Objection(text, topic, stamp_ns))
+        self._roster.object(objection)
         self._on_news()
 
     def standing(self, now_ns: int) -> Standing:

@@ -45,12 +45,11 @@ from ballbot_ros.recording.writer import OUTCOME_KEYS
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.pacer import SLOWEST, Pacer
-from ballbot_ros.simulation.participants import State
+from ballbot_ros.simulation.participants import Objection, State
 from ballbot_ros.simulation.sample_history import DEPTH, Sample, SampleHistory
 from ballbot_ros.simulation.timing import (
     FIRST_TICK_NS,
     FREE_RUNNING_SILENCE_S,
-    SECOND_NS,
     TICK_NS,
     next_start_ns,
 )
@@ -188,12 +187,7 @@ class PlantSim(BallbotNode):
             self._duty_at = time.monotonic()
             return
         if stamp > now or self._duties.judge(stamp, data) is Sample.CONTRADICTING:
-            self._participants.object(
-                f'{MOTOR_DUTY.name!r} has a second duty of {stamp / SECOND_NS:.3f} s, or one ahead '
-                'of the run',
-                MOTOR_DUTY.name,
-                stamp,
-            )
+            self._participants.object(Objection.to_sample(MOTOR_DUTY.name, stamp, 'duty'))
             return
         if self._duty is not None or stamp != now:
             return
@@ -208,9 +202,8 @@ class PlantSim(BallbotNode):
         if not self._is_open or ack < self._start_ns:
             return
         if ack > self._plant.time_ns:
-            self._participants.object(
-                f'{RECORDER_ACK.name!r} is ahead of the run', RECORDER_ACK.name, ack
-            )
+            text = f'{RECORDER_ACK.name!r} is ahead of the run'
+            self._participants.object(Objection(text, RECORDER_ACK.name, ack))
             return
         self._ack_ns = ack
         if self._draining:

@@ -36,8 +36,8 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS, RecordingWriter
 from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recording_gate import RecordingGate, Stream
-from ballbot_ros.simulation.timing import SECOND_NS
 
 POLL_S = 5e-3
 FLUSH_S = 0.5
@@ -160,12 +160,7 @@ class Recorder(BallbotNode):
     def object(self, stream: Stream, stamp_ns: int) -> None:
         """Tell the plant of a sample that can't be of its run."""
         topic = self._channels[stream.name].topic
-        self._participation.object(
-            f'{topic.name!r} has a second sample of {stamp_ns / SECOND_NS:.3f} s, or one ahead of '
-            'the run',
-            topic.name,
-            stamp_ns,
-        )
+        self._participation.object(Objection.to_sample(topic.name, stamp_ns))
 
     def lose(self, stream: Stream, sequence: int) -> None:
         """Count lost messages, and say so."""

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import NamedTuple
 
+from ballbot_ros.simulation.timing import SECOND_NS
+
 ANSWER_CALLS = 5
 """Roll calls that a living participant answers; who answers none of them is gone."""
 
@@ -84,6 +86,15 @@ class Objection:
     text: str
     topic: str = ''
     stamp_ns: int = 0
+
+    @classmethod
+    def to_sample(cls, topic: str, stamp_ns: int, kind: str = 'sample') -> Objection:
+        """Return the objection to a sample that no participant can have sent."""
+        text = (
+            f'{topic!r} has a second {kind} of {stamp_ns / SECOND_NS:.3f} s, or one ahead of the '
+            'run'
+        )
+        return cls(text, topic, stamp_ns)
 
 
 @dataclass(frozen=True)
