@@ -3,3 +3,8 @@
 
 class BallbotError(Exception):
     """A mistake or fault that ends in one line: what, where, and what is allowed."""
+
+
+def one_line(error: BaseException) -> str:
+    """Return an error's text on one line."""
+    return ' '.join(str(error).split())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import yaml
 
-from ballbot_ros.parameters import ALL_NODES, TABLE, Parameter, ParameterSet, Value, select
+from ballbot_ros.parameters import ALL_NODES, TABLE, Acts, Parameter, ParameterSet, Value, select
 from ballbot_ros.plant.model import PhysicalParameters
 
 DERIVED = {
@@ -31,6 +31,9 @@ def default_file() -> str:
     return '\n'.join(lines) + '\n'
 
 
+_NOTES = {Acts.AT_ONCE: ' (*at once*)', Acts.NEVER: ' (*read-only*)'}
+
+
 def reference_page() -> str:
     """Return the text of ``docs/parameters.md``."""
     lines = [
@@ -38,8 +41,9 @@ def reference_page() -> str:
         '',
         'Made from `ballbot_ros/parameters.py` by `scripts/generate`. Sections and equations are',
         "those of the document; *facts* are the devices' and the author's figures that it does not",
-        'give, *project* is what this simulator adds. Live parameters take a new value while the',
-        'node runs (`ros2 param set`).',
+        'give, *project* is what this simulator adds. A value that is given to a running node',
+        '(`ros2 param set`) acts from the next run on, which `plant_sim/reset` begins, unless the',
+        'parameter acts *at once* or is *read-only*.',
     ]
     for nodes in _groups():
         lines += [
@@ -50,10 +54,10 @@ def reference_page() -> str:
             '|---|---|---|---|---|---|',
         ]
         for row in _rows_of(nodes):
-            live = ' (live)' if row.live else ''
+            note = _NOTES.get(row.acts, '')
             lines.append(
                 f'| `{row.name}` | {_text(row.default)} | {row.unit} | {_allowed(row)} '
-                f'| {row.description}{live} | {row.source} |'
+                f'| {row.description}{note} | {row.source} |'
             )
     physical = select(PhysicalParameters, ParameterSet().values('plant_sim'))
     lines += [
@@ -98,5 +102,5 @@ def _allowed(row: Parameter) -> str:
     if row.choices:
         return row.choices_text
     if row.bounds:
-        return f'{row.bounds[0]:g} … {row.bounds[1]:g}'
+        return row.bounds_text
     return 'true, false' if isinstance(row.default, bool) else 'any text'

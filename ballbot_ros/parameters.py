@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
+from enum import Enum
 from typing import Any, TypeVar
 
 from ballbot_ros.errors import BallbotError
@@ -44,6 +45,14 @@ class ParameterError(BallbotError):
     """An unknown parameter, or a value of the wrong type or out of bounds."""
 
 
+class Acts(Enum):
+    """From when on a value acts that a running node is given."""
+
+    AT_ONCE = 'at once'
+    NEXT_RUN = 'next run'
+    NEVER = 'never'
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One row of the table.
@@ -58,10 +67,12 @@ class Parameter:
         ``'1'`` for a pure number, empty for text and switches.
     bounds : tuple of float or None
         Inclusive lower and upper bound of a number, or of each element of an array.
+    or_zero : bool
+        Whether 0, which lies out of bounds, is allowed and means something else.
     choices : tuple
         The words a text, or the numbers a whole number may be; empty for any.
-    live : bool
-        Whether a running node takes a new value; the others are read once at the start.
+    acts : Acts
+        From when on a new value acts in a running node; never, where it is read-only.
     """
 
     nodes: tuple[str, ...]
@@ -69,10 +80,11 @@ class Parameter:
     default: Value
     unit: str
     bounds: tuple[float, float] | None
+    or_zero: bool
     choices: tuple[str | int, ...]
     description: str
     source: str
-    live: bool
+    acts: Acts
 
     def check(self, value: Any, where: str) -> Value:
         """Return `value` in the parameter's own type.
@@ -118,6 +130,14 @@ class Parameter:
         return ', '.join(map(str, self.choices))
 
     @property
+    def bounds_text(self) -> str:
+        """The bounds in words, without the unit."""
+        if not self.bounds:
+            return ''
+        low, high = self.bounds
+        return f'{"0 or " if self.or_zero else ""}{low:g} … {high:g}'
+
+    @property
     def _spaced_unit(self) -> str:
         return '' if self.unit in ('', '1') else f' {self.unit}'
 
@@ -125,17 +145,18 @@ class Parameter:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ParameterError(f'{name}: {value!r} is not a number')
         low, high = self.bounds or (-math.inf, math.inf)
-        if not low <= value <= high:
+        if not (low <= value <= high or (self.or_zero and value == 0)):
             raise ParameterError(
-                f'{name}: {value!r} is not within {low:g} … {high:g}{self._spaced_unit}'
+                f'{name}: {value!r} is not within {self.bounds_text}{self._spaced_unit}'
             )
         return value if isinstance(self.default, int) else float(value)
 
 
 def _rows(nodes: str | tuple[str, ...], *rows: tuple[Any, ...]) -> list[Parameter]:
     parameters = []
-    for name, default, unit, allowed, description, source, *live in rows:
+    for name, default, unit, allowed, description, source, *acts in rows:
         is_text = isinstance(default, str)
+        or_zero = isinstance(allowed, _OrZero)
         is_choice = allowed is not None and (is_text or len(allowed) > 2)
         parameters.append(
             Parameter(
@@ -144,13 +165,20 @@ def _rows(nodes: str | tuple[str, ...], *rows: tuple[Any, ...]) -> list[Paramete
                 default=default,
                 unit=unit,
                 bounds=(allowed[0], allowed[-1]) if allowed and not is_text else None,
+                or_zero=or_zero,
                 choices=allowed if is_choice else (),
                 description=description,
                 source=source,
-                live=bool(live and live[0]),
+                acts=acts[0] if acts else Acts.NEXT_RUN,
             )
         )
     return parameters
+
+
+class _OrZero(tuple[float, float]):
+    """Bounds beside which 0 is allowed."""
+
+    __slots__ = ()
 
 
 _ANY = (-1e9, 1e9)
@@ -159,7 +187,7 @@ _UINT32 = (0, 2**32 - 1)
 # Whole ticks, of which the 100 ms on whose multiples runs begin are a multiple.
 _PERIODS = (4, 20, 100)
 
-# name, default, unit, bounds or choices, description, source[, live]
+# name, default, unit, bounds or choices, description, source[, from when on a new value acts]
 TABLE: tuple[Parameter, ...] = (
     *_rows(
         (GYRO, SONAR),
@@ -183,7 +211,7 @@ TABLE: tuple[Parameter, ...] = (
         (PLANT, CONTROLLER, GAMEPAD),
         ('lockstep', True, '', None,
          'true: each tick waits for its inputs; false: wall-clock timers, newest sample wins',
-         'project'),
+         'project', Acts.NEVER),
     ),
     *_rows(
         (PLANT, CONTROLLER, GAMEPAD, VIEWER, VISUALIZER),
@@ -249,9 +277,10 @@ TABLE: tuple[Parameter, ...] = (
          'project'),
         ('idle_current', 0.1, 'A', (0.0, 10.0), 'current of the brick, draining model',
          'project'),
-        ('push_duration', 0.1, 's', (0.001, 10.0), 'how long a plant/push acts', 'project', True),
-        ('real_time_factor', 1.0, '1', (0.0, 1000.0),
-         'pace against the wall clock; 0: as fast as it can', 'project', True),
+        ('push_duration', 0.1, 's', (0.001, 10.0), 'how long a plant/push acts', 'project',
+         Acts.AT_ONCE),
+        ('real_time_factor', 1.0, '1', _OrZero((0.01, 1000.0)),
+         'pace against the wall clock; 0: as fast as it can', 'project', Acts.AT_ONCE),
         ('duration', 0.0, 's', (0.0, 1e6), 'length of the run; 0: until stopped', 'project'),
         ('timeout', 2.0, 's', (0.2, 3600.0), 'silence after which the run has failed', 'project'),
         ('startup_timeout', 30.0, 's', (0.2, 3600.0), 'the same before the first tick',
@@ -359,34 +388,50 @@ TABLE: tuple[Parameter, ...] = (
     ),
     *_rows(
         RECORDER,
-        ('output', '', '', None, 'file to write; empty: a new one under runs/', 'project'),
+        ('output', '', '', None, 'file to write; empty: a new one under runs/', 'project',
+         Acts.NEVER),
         ('attachments', '', '', None,
-         'folder whose files are attached to the recording; empty: none', 'project'),
+         'folder whose files are attached to the recording; empty: none', 'project', Acts.NEVER),
     ),
     *_rows(
         PLAYER,
-        ('file', '', '', None, 'recording to play', 'project'),
-        ('rate', 1.0, '1', (0.01, 100.0), 'speed in times real time', 'project', True),
-        ('start', 0.0, 's', (0.0, 1e9), 'where to begin, after the first message', 'project'),
-        ('loop', False, '', None, 'true: begins again at the end', 'project'),
-        ('topics', '', '', None, 'topics to play, with commas between; empty: all', 'project'),
+        ('file', '', '', None, 'recording to play', 'project', Acts.NEVER),
+        ('rate', 1.0, '1', (0.01, 100.0), 'speed in times real time', 'project', Acts.AT_ONCE),
+        ('start', 0.0, 's', (0.0, 1e9), 'where to begin, after the first message', 'project',
+         Acts.NEVER),
+        ('loop', False, '', None, 'true: begins again at the end', 'project', Acts.NEVER),
+        ('topics', '', '', None, 'topics to play, with commas between; empty: all', 'project',
+         Acts.NEVER),
     ),
     *_rows(
         VIEWER,
         ('host', '127.0.0.1', '', None,
-         'address of this machine on which the page is served', 'project'),
-        ('port', 8080, '1', (0, 65535), 'its port; 0: a free one', 'project'),
+         'address of this machine on which the page is served', 'project', Acts.NEVER),
+        ('port', 8080, '1', (0, 65535), 'its port; 0: a free one', 'project', Acts.NEVER),
     ),
     *_rows(
         VISUALIZER,
-        ('rate', 30.0, 'Hz', (1.0, 250.0), 'markers and transforms a second, at most', 'project'),
+        ('rate', 30.0, 'Hz', (1.0, 250.0), 'markers and transforms a second, at most', 'project',
+         Acts.NEVER),
     ),
     *_rows(
         SUPERVISOR,
         ('scenario', '', '', None,
-         'scenario (name or file) of the run that supervisor/start begins', 'project', True),
+         'scenario (name or file) of the run that supervisor/start begins', 'project',
+         Acts.AT_ONCE),
     ),
 )  # fmt: skip
+
+PATHS = frozenset(
+    {'map', 'scenario', 'trajectory_file', 'log_csv', 'output', 'attachments', 'file'}
+)
+"""Parameters that name, or may name, a file or folder."""
+
+AGREED = tuple(
+    row.name for row in TABLE if len(set(row.nodes) & set(NODES)) > 1 and row.name != 'scenario'
+)
+"""Parameters that the participants of a run have to agree on. A scenario may be given to the plant
+for its pushes, or to the gamepad for its sticks, alone."""
 
 _BY_NODE: dict[str, dict[str, Parameter]] = {
     node: {row.name: row for row in TABLE if node in row.nodes} for node in ALL_NODES

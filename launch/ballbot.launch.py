@@ -25,8 +25,7 @@ from ballbot_ros.parameters import (
     VISUALIZER,
     ParameterSet,
 )
-from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.share import share_directory
 
 ARGUMENTS = {
@@ -49,7 +48,7 @@ def launch_graph(context):
         # If it is missing that ends the launch here, before there are processes to be left behind.
         FindPackagePrefix('rviz2').perform(context)
     parameters = ParameterSet()
-    scenario = load_scenario(given['scenario']) if given['scenario'] else Scenario()
+    scenario = scenario_of(given['scenario'])
     if given['scenario']:
         parameters.update(scenario.parameters)
         parameters.set(GAMEPAD, 'scenario', given['scenario'])

@@ -176,9 +176,11 @@ def _counters(run: RunData) -> dict[str, float]:
     newest: dict[str, dict[str, str]] = {}
     rates = []
     for _, status in run.statuses:
-        node = status.name.partition(':')[0].rpartition('/')[2]
-        newest[node] = {each.key: each.value for each in status.values}
-        if node == PLANT and (rate := _read(newest[node], 'rate [Hz]')) > 0.0:
+        values = {each.key: each.value for each in status.values}
+        # Older recordings have the node's name only.
+        role = values.get('role') or status.name.partition(':')[0].rpartition('/')[2]
+        newest[role] = values
+        if role == PLANT and (rate := _read(values, 'rate [Hz]')) > 0.0:
             rates.append(rate)
     plant, controller = newest.get(PLANT, {}), newest.get(CONTROLLER, {})
     late = _read(plant, 'overruns')

@@ -23,12 +23,14 @@ from ballbot_ros.cli.graph_monitor import GraphMonitor
 from ballbot_ros.cli.node_process import NodeProcess, stop_all
 from ballbot_ros.cli.node_thread import NodeThread
 from ballbot_ros.cli.progress import Progress
-from ballbot_ros.cli.requirements import require_toolchain, require_viewer
+from ballbot_ros.cli.requirements import require_viewer
 from ballbot_ros.cli.separate_processes import start_nodes, watch
+from ballbot_ros.codegen.implementation import require_implementation
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.parameter_file import write_parameter_file
 from ballbot_ros.parameters import (
     ALL_NODES,
+    CONTROLLER,
     GAMEPAD,
     NODES,
     PLANT,
@@ -74,7 +76,7 @@ def drive_by_hand(
     for assignment in assignments:
         assign(parameters, assignment)
 
-    require_toolchain(parameters)
+    require_implementation(parameters.values(CONTROLLER)['implementation'])
     if viewer:
         require_viewer(parameters)
     settle_map(parameters)

@@ -22,7 +22,11 @@ def ros() -> Iterator[None]:
         yield
         return
     prepare_middleware()
-    rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+    # The command itself tells of the run; the nodes, only what is wrong.
+    rclpy.init(
+        args=['--ros-args', '--log-level', 'WARN'],
+        signal_handler_options=rclpy.SignalHandlerOptions.NO,
+    )
     try:
         yield
     finally:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import KeyValue
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from ballbot_ros.messages.conversions import time_ns
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
 from ballbot_ros.nodes.inbox import hidden_node, taken
 from ballbot_ros.parameters import PLANT
+
+_ROLE_OF_PLANT = KeyValue(key='role', value=PLANT)
 
 PLANT_SILENCE_S = 2.3
 """The plant reports at 1 Hz; if it is silent for so long and does nothing, it hangs."""
@@ -86,7 +89,7 @@ class GraphMonitor:
             self.now_ns = time_ns(clock.clock)
             self._liveness.hear(time.monotonic())
         for report, _ in taken(self._diagnostics):
-            if any(status.name.startswith(f'{PLANT}:') for status in report.status):
+            if any(_ROLE_OF_PLANT in status.values for status in report.status):
                 self._liveness.hear(time.monotonic())
 
     def plant_hangs(self, cpu_s: float) -> bool:

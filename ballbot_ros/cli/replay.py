@@ -28,8 +28,7 @@ from ballbot_ros.analysis.replay import (
 )
 from ballbot_ros.cli.experiment import assign
 from ballbot_ros.cli.progress import Progress
-from ballbot_ros.cli.requirements import require_toolchain
-from ballbot_ros.codegen.implementation import program_maker
+from ballbot_ros.codegen.implementation import program_maker, require_implementation
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import Topic
@@ -79,7 +78,7 @@ def replay_recording(
         if not runs:
             raise RecordingError(f'{path}: no tick in it has a duty: nothing to replay')
         parameters.set(CONTROLLER, 'implementation', controller)
-        require_toolchain(parameters)
+        require_implementation(parameters.values(CONTROLLER)['implementation'])
         if assignments:
             for assignment in assignments:
                 if not assignment.startswith(f'{CONTROLLER}.'):

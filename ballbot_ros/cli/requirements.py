@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.parameters import CONTROLLER, VIEWER, ParameterSet
+from ballbot_ros.parameters import VIEWER, ParameterSet
 
 
 def require_rclpy(otherwise: str = '') -> None:
@@ -26,21 +26,6 @@ def require_rclpy(otherwise: str = '') -> None:
             f'ROS 2 is not there ({error}): source ROS 2 Jazzy, install '
             f'"ballbot_ros[ros]"{otherwise}'
         ) from None
-
-
-def require_toolchain(parameters: ParameterSet) -> None:
-    """Find out whether the controller can be built.
-
-    Raises
-    ------
-    CodegenError
-        If a tool is missing; the Debian package is named.
-    """
-    implementation = parameters.values(CONTROLLER)['implementation']
-    if implementation != 'python':
-        from ballbot_ros.codegen.toolchain import TARGETS, require_tools
-
-        require_tools(TARGETS[implementation])
 
 
 def require_viewer(parameters: ParameterSet, processes: str = 'separate') -> None:

@@ -22,8 +22,9 @@ from ballbot_ros.cli.experiment import (
     tidied,
 )
 from ballbot_ros.cli.progress import Progress
-from ballbot_ros.cli.requirements import require_rclpy, require_toolchain
+from ballbot_ros.cli.requirements import require_rclpy
 from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
+from ballbot_ros.codegen.implementation import require_implementation
 from ballbot_ros.parameters import (
     CONTROLLER,
     GAMEPAD,
@@ -35,7 +36,6 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.pacer import SLOWEST
 
 
 @dataclass(frozen=True)
@@ -85,12 +85,10 @@ def parameters_of_run(scenario: Scenario, reference: str, options: RunOptions) -
     parameters = ParameterSet()
     parameters.update(scenario.parameters)
     real_time_factor = options.real_time_factor
-    if real_time_factor is not None and 0.0 < real_time_factor < SLOWEST:
-        raise ParameterError(f'--real-time-factor {real_time_factor}: 0, or {SLOWEST} and more')
     if real_time_factor is None and not parameters.is_set(PLANT, 'real_time_factor'):
         real_time_factor = 1.0 if options.viewer else 0.0
     if real_time_factor is not None:
-        parameters.set(PLANT, 'real_time_factor', real_time_factor)
+        parameters.set(PLANT, 'real_time_factor', real_time_factor, '--real-time-factor')
     if options.seed is not None:
         parameters.set(GYRO, 'seed', options.seed, '--seed')
     for assignment in options.assignments:
@@ -123,7 +121,7 @@ def run_scenario(
     """
     scenario = load_scenario(reference)
     parameters = parameters_of_run(scenario, reference, options)
-    require_toolchain(parameters)
+    require_implementation(parameters.values(CONTROLLER)['implementation'])
     if '/' in reference or reference.endswith(('.yaml', '.yml')):
         reference = str(Path(reference).resolve())
     parameters.set(GAMEPAD, 'scenario', reference)

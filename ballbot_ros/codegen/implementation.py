@@ -11,6 +11,20 @@ from ballbot_ros.controller.interface import Program
 from ballbot_ros.controller.program import ControlProgram
 
 
+def require_implementation(name: str) -> None:
+    """Find out whether what computes can be built.
+
+    Raises
+    ------
+    CodegenError
+        If a tool is missing; the text names its Debian package.
+    """
+    if name != 'python':
+        from ballbot_ros.codegen.toolchain import TARGETS, require_tools
+
+        require_tools(TARGETS[name])
+
+
 def program_maker(values: Mapping[str, Any]) -> Callable[[], Program]:
     """Return what makes a fresh control program, as the parameter `implementation` says.
 

@@ -5,6 +5,7 @@ Both are ``diagnostic_msgs/DiagnosticStatus``, whose keys and values any tool sh
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,6 +19,7 @@ from ballbot_ros.simulation.timing import SECOND_NS
 
 OK, ERROR = 0, 2
 
+_PARAMETER = 'parameter '
 _KEY_VALUE = 'diagnostic_msgs/msg/KeyValue'
 _encode = encoder(PARTICIPANTS.type_name)
 _decode = decoder(PARTICIPANTS.type_name)
@@ -62,6 +64,9 @@ def encode_announcement(announcement: Announcement) -> bytes:
         'topics': ' '.join(participant.topics),
         'answered [ns]': announcement.answered_ns,
     }
+    values |= {
+        f'{_PARAMETER}{name}': json.dumps(value) for name, value in participant.parameters.items()
+    }
     if objection:
         values |= {'objection topic': objection.topic, 'objection stamp [ns]': objection.stamp_ns}
     return _encoded(
@@ -79,7 +84,7 @@ def decode_announcement(data: bytes) -> Announcement:
     Raises
     ------
     ValueError
-        If a key is missing, or a number is none.
+        If a key is missing, a number is none, or a parameter's value is no JSON.
     """
     message = _decode(data)
     values = _values(message)
@@ -94,6 +99,11 @@ def decode_announcement(data: bytes) -> Announcement:
             parameters_sha256=values['parameters sha256'],
             guid_prefix=values.get('guid prefix', ''),
             topics=tuple(values['topics'].split()),
+            parameters={
+                key.removeprefix(_PARAMETER): _parameter(value)
+                for key, value in values.items()
+                if key.startswith(_PARAMETER)
+            },
         )
         objection = None
         if message.level != OK:
@@ -169,6 +179,13 @@ def membership_text(member: Membership, start_ns: int) -> str:
         f'{member.participant}{since}, {member.participant.implementation}, '
         f'parameters {member.participant.parameters_sha256[:12]}'
     )
+
+
+def _parameter(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError(f'{text[:20]} ...: nested too deeply') from None
 
 
 def _encoded(level: int, name: str, text: str, host: str, values: Mapping[str, Any]) -> bytes:

@@ -37,12 +37,15 @@ class PlantMessages:
     ----------
     make : callable
         Makes the output of a topic.
+
+    Attributes
+    ----------
     ball_radius : float
         Height of the ball's centre [m].
     """
 
-    def __init__(self, make: MakeOutput, ball_radius: float) -> None:
-        self._ball_radius = ball_radius
+    def __init__(self, make: MakeOutput) -> None:
+        self.ball_radius = 0.0
         self._clock = make(CLOCK)
         self._run = make(RUN)
         self._motors = make(PLANT_JOINT_STATES)
@@ -90,7 +93,7 @@ class PlantMessages:
         self._body.send(now)
         fill_motors(self._motors.message, truth)
         self._motors.send(now)
-        fill_odometry(self._odometry.message, truth, self._ball_radius)
+        fill_odometry(self._odometry.message, truth, self.ball_radius)
         self._odometry.send(now)
         hit = self._wall_hit.message
         if hit.data == wall_hit:

@@ -34,7 +34,8 @@ class RunMessages:
 
     def __init__(self, sink: Sink, ball_radius: float) -> None:
         make = partial(EncodedOutput, sink=sink)
-        self._plant = PlantMessages(make, ball_radius)
+        self._plant = PlantMessages(make)
+        self._plant.ball_radius = ball_radius
         self._gyro = make(GYRO_IMU)
         self._encoders = make(JOINT_STATES)
         self._sonar = make(SONAR_RANGE)

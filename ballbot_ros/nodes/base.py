@@ -12,35 +12,20 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.exceptions import (
-    InvalidParameterTypeException,
-    InvalidParameterValueException,
-)
 from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import DIAGNOSTICS, Topic
 from ballbot_ros.nodes.middleware import prepare_middleware
-from ballbot_ros.parameters import TABLE, Parameter, ParameterError, nearest, parameters_of
+from ballbot_ros.nodes.node_parameters import ParameterNode
 from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
-ROS_PARAMETERS = {'use_sim_time', 'start_type_description_service'}
-"""What every node of ROS has."""
-
 SPIN_S = 0.05
 FLUSH_S = 0.1
 NO_SAMPLE = (ValueError, IndexError, OverflowError)
@@ -83,13 +68,13 @@ class PublishedOutput:
         self.publisher.publish(self.message)
 
 
-class BallbotNode(Node):
+class BallbotNode(ParameterNode):
     """A node of the graph.
 
     Parameters
     ----------
-    name : str
-        A node of the parameter table.
+    role : str
+        A node of the parameter table; ROS may give it another name.
     values : mapping or None
         Parameter values to begin with, for a node made in a program; the command line's and
         parameter files' otherwise.
@@ -98,8 +83,6 @@ class BallbotNode(Node):
 
     Attributes
     ----------
-    values : dict
-        Every parameter of the table by name.
     done : rclpy.Future
         Done when the node has finished its work; its process may then end.
     exit_status : int
@@ -107,19 +90,9 @@ class BallbotNode(Node):
     """
 
     def __init__(
-        self, name: str, values: Mapping[str, Any] | None = None, *, use_sim_time: bool = False
+        self, role: str, values: Mapping[str, Any] | None = None, *, use_sim_time: bool = False
     ) -> None:
-        overrides = [
-            RosParameter(key, value=list(value) if isinstance(value, tuple) else value)
-            for key, value in (values or {}).items()
-        ]
-        overrides.append(RosParameter('use_sim_time', value=use_sim_time))
-        super().__init__(name, parameter_overrides=overrides, use_global_arguments=values is None)
-        self.values: dict[str, Any] = {}
-        for row in parameters_of(name).values():
-            self.values[row.name] = self._declare(row)
-        self._refuse_unknown()
-        self.add_on_set_parameters_callback(self._on_set_parameters)
+        super().__init__(role, values, use_sim_time=use_sim_time)
         self.done = rclpy.Future()
         self.exit_status = 0
         self.now_ns = 0
@@ -133,54 +106,6 @@ class BallbotNode(Node):
         self._run_outputs: list[PublishedOutput] = []
         self._diagnostics = self.advertise(DIAGNOSTICS)
         self.every(DIAGNOSTICS_PERIOD_S, self.report)
-
-    def _declare(self, row: Parameter) -> Any:
-        descriptor = ParameterDescriptor(
-            description=f'{row.description} [{row.unit}]' if row.unit else row.description,
-            read_only=not row.live,
-        )
-        if row.choices:
-            descriptor.additional_constraints = f'one of {row.choices_text}'
-        elif row.bounds and isinstance(row.default, int):
-            descriptor.integer_range = [
-                IntegerRange(from_value=int(row.bounds[0]), to_value=int(row.bounds[1]))
-            ]
-        elif row.bounds and isinstance(row.default, float):
-            low, high = row.bounds
-            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-        elif row.bounds:
-            low, high = row.bounds
-            descriptor.additional_constraints = f'each within {low:g} … {high:g}'
-        default = list(row.default) if isinstance(row.default, tuple) else row.default
-        try:
-            parameter = self.declare_parameter(row.name, default, descriptor)
-        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-            raise ParameterError(f'{self.get_name()}.{row.name}: {one_line(error)}') from None
-        value = parameter.value
-        return row.check(
-            value.tolist() if hasattr(value, 'tolist') else value, f'{self.get_name()}.'
-        )
-
-    def _refuse_unknown(self) -> None:
-        """Raise ParameterError for a parameter that no node has: a slip of the pen."""
-        known = {row.name for row in TABLE} | ROS_PARAMETERS
-        for name in self._parameter_overrides:
-            if name not in known and not name.startswith('qos_overrides.'):
-                raise ParameterError(
-                    f'{self.get_name()} has no parameter {name!r}; {nearest(name, self.get_name())}'
-                )
-
-    def _on_set_parameters(self, parameters: list[RosParameter]) -> SetParametersResult:
-        rows = parameters_of(self.get_name())
-        for parameter in parameters:
-            row = rows.get(parameter.name)
-            if row is None:
-                continue
-            try:
-                self.values[row.name] = row.check(parameter.value, f'{self.get_name()}.')
-            except ParameterError as error:
-                return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
 
     @property
     def finished(self) -> bool:
@@ -300,6 +225,7 @@ class BallbotNode(Node):
         now = time.monotonic()
         span = now - self._reported_at
         content = {
+            'role': self.role,
             'rate [Hz]': f'{(self._samples - self._reported_samples) / span:.1f}' if span else '0',
             'age [s]': f'{now - self._last_sample_at:.3f}',
             'samples': self._samples,
@@ -308,7 +234,7 @@ class BallbotNode(Node):
         self._reported_samples, self._reported_at = self._samples, now
         status = DiagnosticStatus(
             level=self._level,
-            name=f'{self.get_name()}: loop',
+            name=f'{self.get_fully_qualified_name()}: loop',
             message=self._problem or 'OK',
             hardware_id='ballbot',
             values=[KeyValue(key=key, value=str(value)) for key, value in content.items()],
@@ -319,11 +245,6 @@ class BallbotNode(Node):
 
     def close(self) -> None:
         """Finish what the node has open; called once, after the last callback."""
-
-
-def one_line(error: BaseException) -> str:
-    """Return an error's text on one line."""
-    return ' '.join(str(error).split())
 
 
 def run_node(make: Callable[[], BallbotNode]) -> int:
@@ -352,6 +273,7 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
             node = make()
             if stop.signal:
                 node.finish()
+            node.get_logger().info('started')
             spin([node], node.done)
             node.close()
             return node.exit_status

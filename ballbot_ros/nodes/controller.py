@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ballbot_ros.codegen.implementation import program_maker
+from ballbot_ros.codegen.implementation import program_maker, require_implementation
 from ballbot_ros.controller.tasks import TS1_MS
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.inputs import INPUTS, device_inputs
@@ -45,6 +45,8 @@ class Controller(BallbotNode):
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(CONTROLLER, values, use_sim_time=True)
         self._lockstep = self.values['lockstep']
+        if self._lockstep:
+            self.require_sim_time('in lockstep its timers go by /clock')
         self._inputs = LockstepInputs(
             {topic.name: topic.period_ns for topic in INPUTS},
             first=BATTERY_STATE.name,
@@ -60,17 +62,39 @@ class Controller(BallbotNode):
         self._free_ticks = 0
         self._sticks_at = self._tick_at = time.monotonic()
         self._messages = ControllerMessages(self.output)
-        self._periods_ms = (TS1_MS, self.values['ts2_period'], self.values['ts3_period'])
-        self._audits = [TimerAudit(period_ms * MILLISECOND_NS) for period_ms in self._periods_ms]
-        for period_ms, audit in zip(self._periods_ms, self._audits, strict=True):
-            self.create_timer(period_ms * 1e-3, self._timer_callback(audit))
+        self._task_timers: list[Any] = []
+        self._set_timers()
         if not self._lockstep:
             self.every(TS1_MS * 1e-3, self._free_tick)
-        self._participation = Participation(self, CONTROLLER, self._on_run)
+        self._participation = Participation(self, self._on_run)
         # Deep enough to see each of several samples of one tick.
         depth = DEPTH if self._lockstep else 1
         for topic, reader in INPUTS.items():
             self.listen(topic, self._input_callback(topic, reader), depth=depth, raw=True)
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Find out whether there is all that the control program needs."""
+        # To build takes seconds, in which the run would wait: it is done at the next one's start.
+        require_implementation(values['implementation'])
+
+    def take_values(self) -> None:
+        """Let everything act that was asked for: a run begins."""
+        before = self.values
+        super().take_values()
+        if self.values != before:
+            self._make_program = program_maker(self.values)
+            self._set_timers()
+
+    def _set_timers(self) -> None:
+        """Have a timer for each period of the tasks."""
+        for timer in self._task_timers:
+            self.destroy_timer(timer)
+        self._periods_ms = (TS1_MS, self.values['ts2_period'], self.values['ts3_period'])
+        self._audits = [TimerAudit(period_ms * MILLISECOND_NS) for period_ms in self._periods_ms]
+        self._task_timers = [
+            self.create_timer(period_ms * 1e-3, self._timer_callback(audit))
+            for period_ms, audit in zip(self._periods_ms, self._audits, strict=True)
+        ]
 
     def _timer_callback(self, audit: TimerAudit) -> Callable[[], None]:
         def fire() -> None:

@@ -21,7 +21,7 @@ class EncoderDriver(BallbotNode):
         super().__init__(ENCODER, values)
         self._device = Encoder()
         self._output = self.output(JOINT_STATES)
-        self._participation = Participation(self, ENCODER)
+        self._participation = Participation(self)
         self.listen(PLANT_JOINT_STATES, self._on_truth)
 
     def _on_truth(self, truth: Any) -> None:

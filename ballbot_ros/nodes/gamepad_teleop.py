@@ -18,8 +18,7 @@ from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.teleop_inputs import TeleopInputs
 from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GAMEPAD
-from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.timing import MILLISECOND_NS, SLOW_NS
 from ballbot_ros.teleop.arbiter import SCENARIO, Arbiter, Command
@@ -27,7 +26,10 @@ from ballbot_ros.teleop.complaints import Complaints
 from ballbot_ros.teleop.csv_log import CsvLog
 from ballbot_ros.teleop.device_list import list_devices
 from ballbot_ros.teleop.errors import TeleopError
+from ballbot_ros.teleop.gamepad import ANY
+from ballbot_ros.teleop.sdl import SdlBackend
 from ballbot_ros.teleop.sticks import NEUTRAL
+from ballbot_ros.teleop.terminal import why_no_keyboard
 
 LIST_DEVICES = '--list-devices'
 FLUSH_S = 0.5
@@ -38,24 +40,60 @@ class GamepadTeleop(BallbotNode):
 
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(GAMEPAD, values)
-        name = self.values['scenario']
-        self._scenario = load_scenario(name) if name else Scenario()
+        self._scenario = scenario_of(self.values['scenario'])
         self._start_ns = 0
         self._answered_ns: int | None = None
         self._command = Command(SCENARIO, NEUTRAL)
         self._output = self.output(GAMEPAD_JOY)
         self._sources = Arbiter()
         self._complaints = Complaints()
-        self._log = CsvLog(Path(self.values['log_csv'])) if self.values['log_csv'] else None
+        self._log: CsvLog | None = None
+        self._log_subscription: Any = None
         self._inputs = TeleopInputs(self, self._sources, self._complaints)
         self.terminal: TeleopTerminal | None = None
+        self._set_terminal()
+        self._set_log()
+        self.every(FLUSH_S, self._flush_log)
+        self._participation = Participation(self, self._on_run)
+        self.listen(PLANT_JOINT_STATES, self._on_truth, raw=True)
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Find out whether scenario, terminal and gamepad are there, and the log's file is not."""
+        scenario_of(values['scenario'])
+        path = values['log_csv']
+        if path and path != self.values['log_csv'] and Path(path).exists():
+            raise TeleopError(f'{path}: exists already; choose another file')
+        if values['keyboard'] and (obstacle := why_no_keyboard()):
+            raise TeleopError(f'keyboard: {obstacle}')
+        if values['device'] not in ('', ANY):
+            SdlBackend()
+
+    def take_values(self) -> None:
+        """Let everything act that was asked for: a run begins."""
+        before = self.values
+        super().take_values()
+        if self.values == before:
+            return
+        self._scenario = scenario_of(self.values['scenario'])
+        self._inputs.take_values()
+        if self.values['keyboard'] != before['keyboard']:
+            self._set_terminal()
+        if self.values['log_csv'] != before['log_csv']:
+            self._close_log()
+            self._set_log()
+
+    def _set_terminal(self) -> None:
+        if self.terminal:
+            self.terminal.close()
+            self.terminal = None
         if self.values['keyboard']:
             self.terminal = TeleopTerminal(self, self._sources, lambda: self._command)
-        if self._log:
-            self.listen(BLUETOOTH_TX, self._on_log, depth=HISTORY)
-            self.every(FLUSH_S, self._flush_log)
-        self._participation = Participation(self, GAMEPAD, self._on_run)
-        self.listen(PLANT_JOINT_STATES, self._on_truth, raw=True)
+
+    def _set_log(self) -> None:
+        if self.values['log_csv']:
+            self._log = CsvLog(Path(self.values['log_csv']))
+            if self._log_subscription is None:
+                self._log_subscription = self.listen(BLUETOOTH_TX, self._on_log, depth=HISTORY)
 
     def _on_run(self, run: Run) -> None:
         self._start_ns, self._answered_ns = run.start_ns, None
@@ -131,9 +169,13 @@ class GamepadTeleop(BallbotNode):
         if self.terminal:
             self.terminal.close()
         self._inputs.close()
+        self._close_log()
+
+    def _close_log(self) -> None:
         if self._log:
             try:
                 self._log.close()
+                self._log = None
             except TeleopError as error:
                 self._give_up_log(error)
 

@@ -12,6 +12,7 @@ from ballbot_ros.messages.topics import GYRO_IMU, PLANT_IMU
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import GYRO
+from ballbot_ros.simulation.lockstep import Run
 
 
 class GyroDriver(BallbotNode):
@@ -21,8 +22,11 @@ class GyroDriver(BallbotNode):
         super().__init__(GYRO, values)
         self._device = Gyro(self.values)
         self._output = self.output(GYRO_IMU)
-        self._participation = Participation(self, GYRO)
+        self._participation = Participation(self, self._on_run)
         self.listen(PLANT_IMU, self._on_truth)
+
+    def _on_run(self, run: Run) -> None:
+        self._device = Gyro(self.values)
 
     def _on_truth(self, truth: Any) -> None:
         now = stamp_ns(truth)

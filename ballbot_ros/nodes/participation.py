@@ -6,7 +6,9 @@ import hashlib
 import json
 import os
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
@@ -16,24 +18,44 @@ from ballbot_ros.messages.participation import encode_announcement
 from ballbot_ros.messages.topics import PARTICIPANTS, ROLL_CALL, periodic_topics
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.graph_look import guid_prefix
+from ballbot_ros.parameters import PATHS
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import Announcement, Objection, Participant
+from ballbot_ros.world.library import map_path
+
+MAP_HASH = 'map_sha256'
+"""What stands for a map beside its name: the same file has other paths elsewhere."""
 
 
-def participant_of(node: BallbotNode, role: str) -> Participant:
-    """Return what a node of this package says of itself."""
-    values = json.dumps(node.values, sort_keys=True, default=list)
+def participant_of(node: BallbotNode) -> Participant:
+    """Return what a node of this package says of itself, but for its parameters."""
     instance = uuid4().hex
     return Participant(
-        role=role,
+        role=node.role,
         node=node.get_fully_qualified_name(),
         host=socket.gethostname(),
         process=os.getpid(),
         instance=instance,
         implementation=f'ballbot_ros {__version__} {type(node).__name__}',
-        parameters_sha256=hashlib.sha256(values.encode()).hexdigest(),
+        parameters_sha256='',
         guid_prefix=guid_prefix(node, instance),
-        topics=tuple(topic.name for topic in periodic_topics(role)),
+        topics=tuple(topic.name for topic in periodic_topics(node.role)),
+    )
+
+
+def with_values(participant: Participant, values: Mapping[str, Any]) -> Participant:
+    """Return a participant with the values of its parameters that act in a run.
+
+    Where files lie on this machine is nobody's business: of their paths only the names are told.
+    """
+    text = json.dumps(values, sort_keys=True, default=list)
+    told = {name: Path(value).name if name in PATHS else value for name, value in values.items()}
+    if values.get('map'):
+        told[MAP_HASH] = hashlib.sha256(map_path(values['map']).read_bytes()).hexdigest()
+    return replace(
+        participant,
+        parameters_sha256=hashlib.sha256(text.encode()).hexdigest(),
+        parameters=told,
     )
 
 
@@ -43,7 +65,6 @@ class Participation:
     Parameters
     ----------
     node : BallbotNode
-    role : str
     on_run : callable, optional
         Called with each new run, before the node takes part in it.
 
@@ -53,12 +74,10 @@ class Participation:
         The newest run.
     """
 
-    def __init__(
-        self, node: BallbotNode, role: str, on_run: Callable[[Run], None] | None = None
-    ) -> None:
+    def __init__(self, node: BallbotNode, on_run: Callable[[Run], None] | None = None) -> None:
         self._node = node
         self._on_new_run = on_run
-        self._participant = participant_of(node, role)
+        self._participant = participant_of(node)
         self._objection: Objection | None = None
         self._publisher = node.advertise(PARTICIPANTS)
         self.run: Run | None = None
@@ -86,6 +105,9 @@ class Participation:
         self.run = run
         self._objection = None
         self._node.now_ns = 0
+        self._node.take_values()
+        self._participant = with_values(self._participant, self._node.values)
+        self._node.get_logger().info(f'takes part in run {run.number} of plant {run.plant}')
         if self._on_new_run:
             self._on_new_run(run)
 

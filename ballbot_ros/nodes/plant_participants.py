@@ -28,8 +28,8 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.graph_look import GraphLook
-from ballbot_ros.nodes.participation import participant_of
-from ballbot_ros.parameters import CONTROLLER, ENCODER, GAMEPAD, GYRO, PLANT, RECORDER, SONAR
+from ballbot_ros.nodes.participation import MAP_HASH, participant_of, with_values
+from ballbot_ros.parameters import AGREED, CONTROLLER, ENCODER, GAMEPAD, GYRO, RECORDER, SONAR
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import (
     Announcement,
@@ -60,14 +60,12 @@ class PlantParticipants:
     def __init__(self, node: BallbotNode, on_news: Callable[[], None]) -> None:
         self._node = node
         self._on_news = on_news
-        self._own = participant_of(node, PLANT)
+        self._own = participant_of(node)
         self._lockstep: bool = node.values['lockstep']
-        required = [*_DRIVERS, CONTROLLER]
-        if node.values['require_recorder']:
-            required.append(RECORDER)
         self._roster = Roster(
             self._own,
-            required=required if self._lockstep else (),
+            required=(),
+            shared=(*AGREED, MAP_HASH),
             stateless=_DRIVERS,
             owners={topic.name: roles for topic, roles in LOCKSTEP.items()},
         )
@@ -85,7 +83,11 @@ class PlantParticipants:
     def gather(self, run: str, start_ns: int) -> None:
         """Begin to gather the participants of a run."""
         self._run, self._start_ns = run, start_ns
-        self._roster.gather(run)
+        self._own = with_values(self._own, self._node.values)
+        required = [*_DRIVERS, CONTROLLER] if self._lockstep else []
+        if self._lockstep and self._node.values['require_recorder']:
+            required.append(RECORDER)
+        self._roster.gather(run, self._own, required)
         self._announcement.publish(encode_announcement(Announcement(self._own, run)))
         self._send_roll_call()
         self._look.stop_listening()

@@ -6,12 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 from std_srvs.srv import SetBool, Trigger
 
+from ballbot_ros.parameters import PLANT
+
 if TYPE_CHECKING:
     from ballbot_ros.nodes.plant_sim import PlantSim
 
 
 class PlantServices:
     """Serves ``plant_sim/reset``, ``plant_sim/pause`` and ``plant_sim/step``.
+
+    These names are the role's: they stay where the node is given another name.
 
     Attributes
     ----------
@@ -28,7 +32,7 @@ class PlantServices:
             ('pause', SetBool, self._pause),
             ('step', Trigger, self._step),
         ):
-            plant.create_service(kind, f'{plant.get_name()}/{name}', callback)
+            plant.create_service(kind, f'{PLANT}/{name}', callback)
 
     def may_advance(self) -> bool:
         """Tell whether the plant may move on by one tick, and use up a step."""
@@ -46,6 +50,8 @@ class PlantServices:
         return response
 
     def _pause(self, request: Any, response: Any) -> Any:
+        if request.data != self.paused:
+            self._plant.get_logger().info('paused' if request.data else 'goes on')
         self.paused = request.data
         response.success = True
         response.message = 'paused' if self.paused else 'running'

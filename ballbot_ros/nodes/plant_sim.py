@@ -36,15 +36,15 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
+from ballbot_ros.nodes.one_shot import OneShot
 from ballbot_ros.nodes.plant_participants import PlantParticipants
 from ballbot_ros.nodes.plant_services import PlantServices
-from ballbot_ros.parameters import PLANT, RECORDER, ParameterError
+from ballbot_ros.parameters import PLANT, RECORDER
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.plant.truth import Push
 from ballbot_ros.recording.writer import OUTCOME_KEYS
-from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.pacer import SLOWEST, Pacer
+from ballbot_ros.scenario.library import scenario_of
+from ballbot_ros.simulation.pacer import Pacer
 from ballbot_ros.simulation.participants import Objection, State
 from ballbot_ros.simulation.sample_history import DEPTH, Sample, SampleHistory
 from ballbot_ros.simulation.timing import (
@@ -82,21 +82,20 @@ class PlantSim(BallbotNode):
         self._lock = DomainLock(rclpy.get_default_context().get_domain_id())
         super().__init__(PLANT, values)
         self._lockstep = self.values['lockstep']
-        name = self.values['scenario']
-        self._scenario = load_scenario(name) if name else Scenario()
+        self._scenario = scenario_of(self.values['scenario'])
         self._world = World.of(self.values)
         self._token = f'{time.time_ns():x}'
         self._run_number = 0
         self.summary: dict[str, Any] = {}
-        self._messages = PlantMessages(self.output, self.values['ball_radius'])
+        self._messages = PlantMessages(self.output)
         self._participants = PlantParticipants(self, self._on_news)
         self._duties = SampleHistory(same_content(MOTOR_DUTY.type_name))
         self._decode_duty = decoder(MOTOR_DUTY.type_name)
         self.control = PlantServices(self)
         self.pacer = Pacer()
-        if 0.0 < self.values['real_time_factor'] < SLOWEST:
-            raise ParameterError(f'{PLANT}.real_time_factor: not 0, and slower than {SLOWEST}')
+        self._pace_timer = OneShot(self, self.advance)
         self._resent = self._free_overruns = 0
+        self._waits_for = ''
         self._made_at = time.monotonic()
         self._reset_to(FIRST_TICK_NS)
         # Deep enough to see each of several duties of one tick.
@@ -105,12 +104,36 @@ class PlantSim(BallbotNode):
         self.listen(RECORDER_ACK, self._on_ack)
         self.listen(PUSH, self._on_push, depth=10)
         self.every(RESEND_S, self._watch)
-        if not self._lockstep:
+        self._free_timer = None if self._lockstep else self.every(TICK_S, self._free_tick)
+        self.on_live_values()
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Find out whether there is such a scenario and a place to start from on such a map."""
+        scenario_of(values['scenario'])
+        World.of(values)
+
+    def on_live_values(self) -> None:
+        """Go on at another pace."""
+        if self._free_timer is not None:
             factor = self.values['real_time_factor'] or 1.0
-            self.every(TICK_S / factor, self._free_tick)
+            self._free_timer.timer_period_ns = round(TICK_NS / factor)
+        self.pacer.restart()
+        if self._pace_timer.is_running:
+            self._pace_timer.cancel()
+            self.advance()
+
+    def take_values(self) -> None:
+        """Let everything act that was asked for: a run begins."""
+        before = self.values
+        super().take_values()
+        if self.values != before:
+            self._scenario = scenario_of(self.values['scenario'])
+            self._world = World.of(self.values)
 
     def _reset_to(self, start_ns: int) -> None:
         """Put everything at the start of a run whose first tick is at `start_ns`."""
+        self.take_values()
+        self._messages.ball_radius = self.values['ball_radius']
         self._start_ns = start_ns
         self._plant = Plant(self.values, start_ns, self._world)
         self._pushes = 0
@@ -125,12 +148,14 @@ class PlantSim(BallbotNode):
         self._draining = False
         self._begun_at = self._ended_at = time.monotonic()
         self.pacer.restart()
+        self._pace_timer.cancel()
 
     def _begin(self) -> None:
         """Announce a run; in lockstep it opens when every participant has joined it."""
         self._run_number += 1
         run = f'{self._run_number} {self._token}'
         self._sent_at = time.monotonic()
+        self._waits_for = ''
         self._participants.gather(run, self._start_ns)
         self._messages.announce(self._start_ns, run)
         self.end_alarm()
@@ -141,6 +166,7 @@ class PlantSim(BallbotNode):
         """Begin the run with those who are there: publish its first truth."""
         self._is_open = True
         self._participants.fix()
+        self.get_logger().info(f'run {self._run_number} begins at sim time {self._start_s:.3f} s')
         self._messages.begin(self._start_ns, self._world)
         for push in self._scenario.pushes_from(self._start_ns):
             self._accept(push)
@@ -151,9 +177,11 @@ class PlantSim(BallbotNode):
         self._plant.push(push)
         self._pushes += 1
         self._messages.push(push, self._pushes)
+        self.get_logger().info(str(push))
 
     def reset(self) -> None:
         """Begin a new run at the next multiple of 100 ms."""
+        self.get_logger().info(f'reset: run {self._run_number} ends {self._how_far()}')
         self._reset_to(next_start_ns(self._plant.time_ns))
         self._begin()
 
@@ -232,11 +260,17 @@ class PlantSim(BallbotNode):
         """Move on by a tick if its duty is here and nothing holds the plant back."""
         if self._duty is None or self._draining or self._is_held or self._recorder_lags():
             return
+        if self._pace_timer.is_running:
+            return
+        factor = self.values['real_time_factor']
+        if not self.control.paused and (delay_s := self.pacer.delay_s(factor)):
+            self._pace_timer.start(delay_s)
+            return
         if not self.control.may_advance():
             return
         if self.log.ticks == 0:
             self._begun_at = time.monotonic()
-        self.pacer.wait(self.values['real_time_factor'])
+        self.pacer.ticked(factor)
         self._tick(self._duty)
 
     def _tick(self, duty: tuple[int, int]) -> None:
@@ -280,7 +314,7 @@ class PlantSim(BallbotNode):
             return
         if not self._may_go_on(calling=True) or self.finished or not self._lockstep:
             return
-        if self.control.paused and self._duty is not None:
+        if self._duty is not None and (self.control.paused or self._pace_timer.is_running):
             return
         waits_for_recorder = self._draining or self._duty is not None
         silence = now - (self._duty_at if waits_for_recorder else self._sent_at)
@@ -348,6 +382,9 @@ class PlantSim(BallbotNode):
         waited = now - self._sent_at
         limit = float(self.values['startup_timeout'])
         missing = self._participants.missing()
+        if reason != self._waits_for:
+            self._waits_for = reason
+            self.get_logger().info(f'run {self._run_number}: {reason}')
         # Who waits is not to be taken for silent itself, on a busy machine neither.
         self.report()
         if self._is_held:
@@ -422,12 +459,21 @@ class PlantSim(BallbotNode):
             'participants': self._participants.as_json(),
         }
         self._participants.tell({key: self.summary[key] for key in OUTCOME_KEYS})
+        if self._run_number:
+            self.get_logger().info(f'run {self._run_number} {outcome} {self._how_far()}')
         self.finish()
         if reason:
             self.fail(reason)
         else:
             self.report()
         self.exit_status = status
+
+    @property
+    def _start_s(self) -> float:
+        return self._start_ns * 1e-9
+
+    def _how_far(self) -> str:
+        return f'after {self.log.ticks} ticks, duties {self.log.duty_sha256[:12]}'
 
     def stop(self) -> None:
         """End a run that was told to stop."""

@@ -19,7 +19,9 @@ from ballbot_ros.messages.raw import decoder, has_stamp, same_content, stamp_of
 from ballbot_ros.messages.topics import (
     CLOCK,
     HISTORY,
+    MARKERS,
     RECORDER_ACK,
+    ROBOT_DESCRIPTION,
     RUN,
     RUN_STATUS,
     TOPICS,
@@ -30,7 +32,7 @@ from ballbot_ros.nodes.base import BallbotNode, requested_qos, run_node
 from ballbot_ros.nodes.graph_look import UNKNOWN_NODE
 from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
 from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.parameters import PLANT, RECORDER, VISUALIZER
+from ballbot_ros.parameters import PLANT, RECORDER
 from ballbot_ros.recording.attachments import media_type
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
@@ -81,7 +83,8 @@ class Recorder(BallbotNode):
         self._outcome: Mapping[str, str] = {}
         self._members: Mapping[str, str] = {}
         self._ack = self.output(RECORDER_ACK)
-        self._participation = Participation(self, RECORDER, self._on_run)
+        self._participation = Participation(self, self._on_run)
+        self.get_logger().info(f'records to {path}')
         self.every(POLL_S, self._poll)
         self.every(FLUSH_S, self._flush)
         self.every(DISCOVERY_S, self._discover)
@@ -210,6 +213,7 @@ class Recorder(BallbotNode):
 
     def _discover(self) -> None:
         """Subscribe to topics that the graph has beside its own."""
+        drawing = self._publishers_of(MARKERS) & self._publishers_of(ROBOT_DESCRIPTION)
         for name, _ in self.get_topic_names_and_types():
             if name in self._channels or name in self._refused:
                 continue
@@ -219,7 +223,7 @@ class Recorder(BallbotNode):
                 self._sighted.add(name)
                 continue
             # What is drawn for other tools follows from what is recorded.
-            offers = [offer for offer in offers if offer.node_name != VISUALIZER]
+            offers = [offer for offer in offers if _node_of(offer) not in drawing]
             if not offers:
                 continue
             # Not the graph's types, which are also those that somebody would like to read.
@@ -240,6 +244,9 @@ class Recorder(BallbotNode):
                 ),
             )
 
+    def _publishers_of(self, topic: Topic) -> set[tuple[str, str]]:
+        return {_node_of(offer) for offer in self.get_publishers_info_by_topic(topic.name)}
+
     def diagnose(self) -> Mapping[str, Any]:
         """Return what was recorded."""
         return {
@@ -258,6 +265,7 @@ class Recorder(BallbotNode):
         if self._lost and self.exit_status == 0:
             self._writer.mark_incomplete(f'{self._lost} gaps in the sequence of messages')
         self._writer.close()
+        self.get_logger().info(f'{self._writer.path} is finished')
         # Last: the middleware may be held up by a node that hangs, and the file is not to be.
         self._inbox.destroy_node()
 
@@ -290,6 +298,11 @@ class _Channel:
 
 _Item = tuple[int, _Channel, bytes, int]
 """When a message came, on which channel, the message, and its publisher's number."""
+
+
+def _node_of(offer: Any) -> tuple[str, str]:
+    """Return namespace and name of the node that a publisher belongs to."""
+    return offer.node_namespace, offer.node_name
 
 
 def _new_path() -> Path:

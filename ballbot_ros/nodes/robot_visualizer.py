@@ -46,14 +46,10 @@ class RobotVisualizer(BallbotNode):
 
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(VISUALIZER, values)
-        dimensions = select(Dimensions, self.values)
-        self._frames = Frames(dimensions)
-        self._markers = RobotMarkers(dimensions, message_class('visualization_msgs/msg/Marker'))
         self._array = MARKERS.message_class()
         self._output = self.advertise(MARKERS, depth=1)
         self._description = self.advertise(ROBOT_DESCRIPTION, depth=1)
-        text = robot_description(dimensions, select(Bodies, self.values))
-        self._description.publish(ROBOT_DESCRIPTION.message_class(data=text))
+        self._describe()
         try:
             self._transforms: Transforms | None = Transforms(
                 self, self._frames.at((0.0, 0.0), (0.0, 0.0))
@@ -66,11 +62,27 @@ class RobotVisualizer(BallbotNode):
         self._newest = Newest(self, _DRAWN)
         self.every(1.0 / self.values['rate'], self._update)
 
+    def _describe(self) -> None:
+        """Publish what the robot looks like, and draw it like that from now on."""
+        dimensions = select(Dimensions, self.values)
+        self._frames = Frames(dimensions)
+        self._markers = RobotMarkers(dimensions, message_class('visualization_msgs/msg/Marker'))
+        text = robot_description(dimensions, select(Bodies, self.values))
+        self._description.publish(ROBOT_DESCRIPTION.message_class(data=text))
+
+    def take_values(self) -> None:
+        """Let everything act that was asked for: a run begins."""
+        before = self.values
+        super().take_values()
+        if self.values != before:
+            self._describe()
+
     def _update(self) -> None:
         now, changed = self._newest.take()
         if now is None:
             return
         if RUN in changed:
+            self.take_values()
             self._floor = None  # that of an earlier run
         if MAP in changed:
             self._floor = floor_map_of(map_grid(self._newest[MAP]))

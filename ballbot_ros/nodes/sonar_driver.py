@@ -13,6 +13,7 @@ from ballbot_ros.messages.topics import PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import SONAR
+from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.timing import SLOW_NS
 from ballbot_ros.world.sonar_beam import SonarBeam
 
@@ -26,8 +27,16 @@ class SonarDriver(BallbotNode):
         self._beam = SonarBeam(self.values)
         self._decode = decoder(PLANT_ODOM.type_name)
         self._output = self.output(SONAR_RANGE)
-        self._participation = Participation(self, SONAR)
+        self._participation = Participation(self, self._on_run)
         self.listen(PLANT_ODOM, self._on_truth, raw=True)
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Find out whether the sensor can look at such a map."""
+        SonarBeam(values)
+
+    def _on_run(self, run: Run) -> None:
+        self._device = Sonar(self.values)
+        self._beam = SonarBeam(self.values)
 
     def _on_truth(self, truth: Any) -> None:
         now = stamp_of(truth)

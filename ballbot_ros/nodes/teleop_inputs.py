@@ -8,10 +8,11 @@ from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
+from ballbot_ros.errors import one_line
 from ballbot_ros.messages.conversions import planar_velocity
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import CMD_VEL, CMD_VEL_STAMPED, JOY, VIEWER_JOY, Topic
-from ballbot_ros.nodes.base import BallbotNode, one_line
+from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.parameters import select
 from ballbot_ros.teleop import arbiter
 from ballbot_ros.teleop.arbiter import Arbiter
@@ -44,19 +45,33 @@ class TeleopInputs:
 
     def __init__(self, node: BallbotNode, sources: Arbiter, complaints: Complaints) -> None:
         self._node, self._sources, self._complaints = node, sources, complaints
-        mapping = select(JoyMapping, node.values)
-        self._listen_to_joy(JOY, arbiter.JOY, mapping)
-        self._listen_to_joy(VIEWER_JOY, arbiter.VIEWER, JoyMapping(node.values['gp_max']))
-        self._velocity = select(VelocityMapping, node.values)
+        self._set_mappings()
+        self._listen_to_joy(JOY, arbiter.JOY, lambda: self._mapping)
+        self._listen_to_joy(VIEWER_JOY, arbiter.VIEWER, lambda: self._screen_mapping)
         self._cmd_vel: Topic | None = None
         self._cmd_vel_subscription: Any = None
         node.every(LOOK_S, self._look_for_cmd_vel)
-        self._gamepad = self._open_gamepad(node.values['device'], mapping)
+        self._device: str = node.values['device']
+        self._gamepad = self._open_gamepad()
 
     @property
     def gamepad(self) -> str:
         """Name of the gamepad that is read directly, or nothing."""
         return self._gamepad.name if self._gamepad else ''
+
+    def take_values(self) -> None:
+        """Go by the parameters of a run that begins."""
+        self._set_mappings()
+        if self._node.values['device'] != self._device:
+            self.close()
+            self._device = self._node.values['device']
+            self._gamepad = self._open_gamepad()
+
+    def _set_mappings(self) -> None:
+        values = self._node.values
+        self._mapping = select(JoyMapping, values)
+        self._screen_mapping = JoyMapping(values['gp_max'])
+        self._velocity = select(VelocityMapping, values)
 
     def close(self) -> None:
         """Close the gamepad."""
@@ -88,9 +103,9 @@ class TeleopInputs:
             topic.message_class, topic.name, lambda data: take(decode(data)), NEWEST, raw=True
         )
 
-    def _listen_to_joy(self, topic: Topic, source: str, mapping: JoyMapping) -> None:
+    def _listen_to_joy(self, topic: Topic, source: str, mapping: Callable[[], JoyMapping]) -> None:
         def take(message: Any) -> None:
-            self._take(source, topic.name, lambda: mapping.sticks(message.axes, message.buttons))
+            self._take(source, topic.name, lambda: mapping().sticks(message.axes, message.buttons))
 
         self._subscribe(topic, take)
 
@@ -131,7 +146,8 @@ class TeleopInputs:
             # Another node of this process reads it with another type.
             self.complain(f'{CMD_VEL.name} type', one_line(error))
 
-    def _open_gamepad(self, wanted: str, mapping: JoyMapping) -> Gamepad | None:
+    def _open_gamepad(self) -> Gamepad | None:
+        wanted = self._device
         if not wanted:
             return None
         try:
@@ -143,7 +159,7 @@ class TeleopInputs:
             return None
 
         def take(state: PadState) -> None:
-            self._take(arbiter.DEVICE, 'gamepad', lambda: mapping.sticks(*state))
+            self._take(arbiter.DEVICE, 'gamepad', lambda: self._mapping.sticks(*state))
 
         return Gamepad(
             wanted,

@@ -33,6 +33,7 @@ from ballbot_ros.viewer.robot import Dimensions
 from ballbot_ros.viewer.snapshot import History, Snapshot
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.exports import floor_map_of
+from ballbot_ros.world.floor_map import FloorMap
 from ballbot_ros.world.library import load_map
 
 _SHOWN = (
@@ -59,8 +60,7 @@ class Viewer(BallbotNode):
         from ballbot_ros.viewer.panel import PERIOD, Panel
 
         host, port = self.values['host'], self.values['port']
-        name = self.values['map']
-        self._floor = load_map(name) if name else None
+        self._floor = self._load_floor()
         self._page = Page(select(Dimensions, self.values), 'NXT Ballbot', host, port)
         self._panel = Panel(self._page.server.gui)
         self._panel_period = PERIOD
@@ -111,11 +111,21 @@ class Viewer(BallbotNode):
         the map that has them.
         """
         self._history.clear()
-        floor = self._floor
+        self.take_values()
+        floor = self._floor = self._load_floor()
         if floor is None and published is not None:
             floor = floor_map_of(map_grid(published))
         self._page.show_floor(floor, _start(now))
         self._requests.plant_parameters(_ASKED, self._take_parameters)
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Find out whether there is such a map."""
+        if values['map']:
+            load_map(values['map'])
+
+    def _load_floor(self) -> FloorMap | None:
+        name = self.values['map']
+        return load_map(name) if name else None
 
     def _take_parameters(self, values: Mapping[str, Any]) -> None:
         """Show what the plant says that it simulates."""

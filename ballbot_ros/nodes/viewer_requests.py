@@ -15,8 +15,9 @@ from rclpy.parameter import parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
 from ballbot_ros.messages.conversions import fill_push
-from ballbot_ros.messages.topics import PUSH
+from ballbot_ros.messages.topics import PUSH, RUN
 from ballbot_ros.nodes.base import BallbotNode
+from ballbot_ros.nodes.graph_look import UNKNOWN_NODE
 from ballbot_ros.parameters import PLANT, SUPERVISOR
 from ballbot_ros.plant.truth import Pair
 
@@ -24,14 +25,13 @@ _SERVICES = {
     f'{PLANT}/pause': SetBool,
     f'{PLANT}/step': Trigger,
     f'{PLANT}/reset': Trigger,
-    f'{PLANT}/set_parameters': SetParameters,
-    f'{PLANT}/get_parameters': GetParameters,
     f'{SUPERVISOR}/set_parameters': SetParameters,
     f'{SUPERVISOR}/start': Trigger,
 }
-
+_PARAMETER_SERVICES = {SetParameters: 'set_parameters', GetParameters: 'get_parameters'}
 
 ASK_AGAIN_S = 1.0
+PARAMETERS_OF_PLANT = f'parameters of {PLANT}'
 
 
 class _Question(NamedTuple):
@@ -56,6 +56,7 @@ class ViewerRequests:
         self._tell = tell
         self._waiting: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._clients = {name: node.create_client(kind, name) for name, kind in _SERVICES.items()}
+        self._plant_parameters = _ParameterClients(node)
         self._push = node.advertise(PUSH, depth=1)
         self._push_message = PUSH.message_class()
         self._had_plant = False
@@ -83,8 +84,10 @@ class ViewerRequests:
     def _call(
         self, name: str, request: Any, then: Callable[[Any], None] = lambda response: None
     ) -> None:
-        client = self._clients[name]
-        if client.service_is_ready():
+        self._send(self._clients[name], name, request, then)
+
+    def _send(self, client: Any, name: str, request: Any, then: Callable[[Any], None]) -> None:
+        if client is not None and client.service_is_ready():
             client.call_async(request).add_done_callback(lambda future: then(future.result()))
         else:
             self._tell(f'{name}: no such service at present')
@@ -104,7 +107,12 @@ class ViewerRequests:
     def pace(self, factor: float) -> None:
         """Set the real-time factor; 0 is as fast as it can."""
         request = _setting('real_time_factor', factor)
-        self._waiting.put(lambda: self._call(f'{PLANT}/set_parameters', request))
+
+        def send() -> None:
+            client = self._plant_parameters.find(SetParameters)
+            self._send(client, PARAMETERS_OF_PLANT, request, lambda response: None)
+
+        self._waiting.put(send)
 
     def push(self, force: Pair) -> None:
         """Push the body [N], in plane signs."""
@@ -136,8 +144,10 @@ class ViewerRequests:
     def _ask(self) -> None:
         """Ask what is not answered: a plant's topics may be there before its services."""
         question, now = self._question, time.monotonic()
-        client = self._clients[f'{PLANT}/get_parameters']
-        if question is None or now - self._asked_at < ASK_AGAIN_S or not client.service_is_ready():
+        if question is None or now - self._asked_at < ASK_AGAIN_S:
+            return
+        client = self._plant_parameters.find(GetParameters)
+        if client is None or not client.service_is_ready():
             return
         self._asked_at = now
 
@@ -147,7 +157,37 @@ class ViewerRequests:
                 values = map(parameter_value_to_python, response.values)
                 question.then(dict(zip(question.names, values, strict=True)))
 
-        self._call(f'{PLANT}/get_parameters', GetParameters.Request(names=question.names), take)
+        request = GetParameters.Request(names=question.names)
+        self._send(client, PARAMETERS_OF_PLANT, request, take)
+
+
+class _ParameterClients:
+    """Clients of the plant's parameters, whose services have its node's name, whatever that is."""
+
+    def __init__(self, node: BallbotNode) -> None:
+        self._node = node
+        self._plant = ''
+        self._clients: dict[Any, Any] = {}
+
+    def find(self, kind: Any) -> Any:
+        """Return the client of a service, or None while the plant's name is not known."""
+        offers = self._node.get_publishers_info_by_topic(RUN.name)
+        names = [
+            f'{offer.node_namespace.rstrip("/")}/{offer.node_name}'
+            for offer in offers
+            if offer.node_name != UNKNOWN_NODE
+        ]
+        if not names:
+            return None
+        if names[0] != self._plant:
+            self._plant = names[0]
+            for client in self._clients.values():
+                self._node.destroy_client(client)
+            self._clients = {
+                kind: self._node.create_client(kind, f'{self._plant}/{service}')
+                for kind, service in _PARAMETER_SERVICES.items()
+            }
+        return self._clients[kind]
 
 
 def _setting(name: str, value: Any) -> SetParameters.Request:

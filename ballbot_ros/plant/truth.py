@@ -66,6 +66,16 @@ class Push:
     force: Pair
     torque: Pair = (0.0, 0.0)
 
+    def __str__(self) -> str:
+        """Return what acts when, for people; sim time."""
+        acts = [
+            f'{name} ({x + 0.0:g}, {y + 0.0:g}) {unit}'
+            for name, (x, y), unit in (('force', self.force, 'N'), ('torque', self.torque, 'N·m'))
+            if x or y
+        ]
+        span = f'{self.start_ns * 1e-9:.3f} s to {self.end_ns * 1e-9:.3f} s'
+        return f'push from {span}: {", ".join(acts) or "nothing"}'
+
     def problem(self, now_ns: int) -> str:
         """Return what is wrong with a push that comes from outside at `now_ns` [ns], or nothing."""
         # Written so that NaN is not within.

@@ -39,6 +39,17 @@ def load_scenario(name_or_file: str) -> Scenario:
     return ScenarioReader(YamlDocument(path), load_profile).scenario()
 
 
+def scenario_of(name_or_file: str) -> Scenario:
+    """Read a scenario, or return one in which nothing happens for ''.
+
+    Raises
+    ------
+    ScenarioError, YamlError, ParameterError
+        As :func:`load_scenario` does.
+    """
+    return load_scenario(name_or_file) if name_or_file else Scenario()
+
+
 def load_profile(name: str) -> ParameterSet:
     """Return what the profile `name` sets: nothing for ``ideal``, which the defaults are.
 

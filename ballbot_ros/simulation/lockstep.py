@@ -76,6 +76,11 @@ class Run:
     start_ns: int
 
     @property
+    def number(self) -> str:
+        """Its number, from 1 on."""
+        return self.name.partition(' ')[0]
+
+    @property
     def plant(self) -> str:
         """The token of its plant."""
         return self.name.partition(' ')[2]

@@ -6,12 +6,9 @@ import time
 
 from ballbot_ros.simulation.timing import TICK_NS
 
-SLOWEST = 0.01
-"""The smallest factor: a tick then takes 0.4 s, in which the plant answers nobody."""
-
 
 class Pacer:
-    """Delays each tick until the wall clock has reached it.
+    """Tells when each tick is due on the wall clock.
 
     Attributes
     ----------
@@ -27,19 +24,30 @@ class Pacer:
         """Begin pacing from now on."""
         self._due: float | None = None
 
-    def wait(self, factor: float) -> None:
-        """Wait until the next tick is due at `factor` times real time; 0 never waits."""
+    def delay_s(self, factor: float) -> float:
+        """Return how long [s] the next tick has to wait at `factor` times real time.
+
+        It is 0 where the tick is due, and always at a factor of 0.
+        """
+        if factor == 0.0 or self._due is None:
+            return 0.0
+        return max(0.0, self._due - time.monotonic())
+
+    def ticked(self, factor: float) -> None:
+        """Note that the tick is made now; the next one follows a period later."""
         if factor == 0.0:
             self._due = None
             return
         period = TICK_NS * 1e-9 / factor
         now = time.monotonic()
-        if self._due is None:
-            self._due = now
-        ahead = self._due - now
-        if ahead > 0.0:
-            time.sleep(ahead)
-        elif ahead < -period:
+        due = now if self._due is None else self._due
+        if now - due > period:
             self.late += 1
-            self._due = now
-        self._due += period
+            due = now
+        self._due = due + period
+
+    def wait(self, factor: float) -> None:
+        """Sleep until the next tick is due, and make it; not for a callback."""
+        if delay_s := self.delay_s(factor):
+            time.sleep(delay_s)
+        self.ticked(factor)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ballbot_ros.simulation.timing import SECOND_NS
 
@@ -54,6 +54,8 @@ class Participant:
         know: its publishers are then told by the name of their node.
     topics : tuple of str
         The periodic topics that it publishes, a message at each multiple of their period.
+    parameters : mapping of str to object
+        Its parameters' values in this run, as far as it tells them.
     """
 
     role: str
@@ -65,6 +67,7 @@ class Participant:
     parameters_sha256: str
     guid_prefix: str = ''
     topics: tuple[str, ...] = ()
+    parameters: Mapping[str, Any] = field(default_factory=dict)
 
     def __str__(self) -> str:
         return f'{self.node} (process {self.process} on {self.host})'
@@ -215,6 +218,8 @@ class Roster:
         The plant, whose runs these are.
     required : collection of str
         The roles without which no run begins.
+    shared : collection of str
+        The parameters of which all that have them are to have the same value.
     stateless : collection of str
         The roles whose participant may be replaced in mid-run by one that is equal to it; any
         other one begins afresh.
@@ -227,11 +232,13 @@ class Roster:
         plant: Participant,
         *,
         required: Collection[str],
+        shared: Collection[str] = (),
         stateless: Collection[str],
         owners: Mapping[str, Collection[str]],
     ) -> None:
         self._plant = plant
         self._required = tuple(required)
+        self._shared = tuple(shared)
         self._stateless = frozenset(stateless)
         self._owners = owners
         self._publishers: dict[bytes, str] = {}
@@ -241,8 +248,25 @@ class Roster:
         self._calls = 0
         self._run = _Run('')
 
-    def gather(self, run: str) -> None:
-        """Begin to gather the participants of a run."""
+    def gather(
+        self,
+        run: str,
+        plant: Participant | None = None,
+        required: Collection[str] | None = None,
+    ) -> None:
+        """Begin to gather the participants of a run.
+
+        Parameters
+        ----------
+        run : str
+            Its name.
+        plant : Participant, optional
+            The plant with the parameters of this run; otherwise as before.
+        required : collection of str, optional
+            The roles without which it does not begin; otherwise as before.
+        """
+        self._plant = plant or self._plant
+        self._required = self._required if required is None else tuple(required)
         self._run = _Run(run)
         self._run.heard[self._plant.instance] = _Heard(Announcement(self._plant, run), self._calls)
 
@@ -349,7 +373,7 @@ class Roster:
         run = self._run
         problem = run.offence or self._sentence() or self._settle_contests() or self._admit(now_ns)
         if not (problem or run.contests):
-            problem = self._judge_objections()
+            problem = self._judge_objections() or self._disagreement()
         if problem:
             return Standing(State.REFUSED, problem)
         waits = [*self.missing(), *(f'one answer as {role}' for role in run.contests)]
@@ -458,6 +482,19 @@ class Roster:
             suspect = self._likeliest(on_this_topic or strangers)
             if self._can_be_named(suspect):
                 return suspect.offence
+        return ''
+
+    def _disagreement(self) -> str:
+        """Return which two participants have different values of one parameter, or nothing."""
+        for name in self._shared:
+            first: Participant | None = None
+            for member in self._run.members.values():
+                if name not in member.parameters:
+                    continue
+                first = first or member
+                one, other = first.parameters[name], member.parameters[name]
+                if one != other:
+                    return f'{name} is {one!r} in {first.node}, but {other!r} in {member.node}'
         return ''
 
     def _unexplained(self, objection: Objection) -> str:

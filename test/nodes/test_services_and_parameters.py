@@ -17,7 +17,8 @@ from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
 from ballbot_ros.messages.conversions import body_pitch, time_ns  # noqa: E402
 from ballbot_ros.messages.topics import DIAGNOSTICS, OPERATING_STATE, PLANT_IMU, RUN  # noqa: E402
-from ballbot_ros.parameters import NODES, RECORDER, parameters_of  # noqa: E402
+from ballbot_ros.nodes.node_parameters import NEXT_RUN  # noqa: E402
+from ballbot_ros.parameters import NODES, RECORDER, Acts, parameters_of  # noqa: E402
 
 pytestmark = pytest.mark.graph
 
@@ -106,10 +107,12 @@ def test_every_parameter_is_described_with_its_range(graph, client):
         response = client.call(DescribeParameters, f'{name}/describe_parameters', request)
         for row, descriptor in zip(rows.values(), response.descriptors, strict=True):
             assert row.description in descriptor.description
-            assert descriptor.read_only == (not row.live)
-            choices = ', '.join(map(str, row.choices))
-            assert descriptor.additional_constraints.endswith(choices)
-            scalar = row.bounds and not row.choices and not isinstance(row.default, tuple)
+            assert descriptor.read_only == (row.acts is Acts.NEVER)
+            is_range = row.bounds and not row.choices
+            scalar = is_range and not row.or_zero and not isinstance(row.default, tuple)
+            told = row.choices_text if row.choices else row.bounds_text if is_range else ''
+            if not scalar:
+                assert descriptor.additional_constraints.endswith(told)
             ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
             assert [(r.from_value, r.to_value) for r in ranges] == [row.bounds] * bool(scalar)
 
@@ -122,7 +125,7 @@ def test_live_parameters_are_set_and_checked(graph, client):
 
     assert set_value('real_time_factor', 2.0).successful
     assert not set_value('real_time_factor', -1.0).successful
-    assert not set_value('gravity', 3.0).successful
+    assert set_value('gravity', 3.0).reason == NEXT_RUN
 
 
 def test_every_node_reports_diagnostics(graph, client):
@@ -132,7 +135,7 @@ def test_every_node_reports_diagnostics(graph, client):
         reports: list[DiagnosticArray] = client.seen.get(DIAGNOSTICS.name, [])
         return {status.name.partition(':')[0] for report in reports for status in report.status}
 
-    client.spin_until(lambda: nodes_seen() == set(GRAPH))
+    client.spin_until(lambda: nodes_seen() == {f'/{name}' for name in GRAPH})
     status = client.seen[DIAGNOSTICS.name][-1].status[0]
-    assert {'rate [Hz]', 'age [s]'} <= {value.key for value in status.values}
+    assert {'role', 'rate [Hz]', 'age [s]'} <= {value.key for value in status.values}
     assert status.level in (status.OK, status.WARN)  # a busy machine may be late

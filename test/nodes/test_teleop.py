@@ -96,7 +96,7 @@ class Driver(Client):
         reports = self.seen.get(DIAGNOSTICS.name, [])
         for report in reversed(reports):
             for status in report.status:
-                if status.name.startswith(GAMEPAD):
+                if status.name.startswith(f'/{GAMEPAD}'):
                     return status
         return DiagnosticStatus()
 

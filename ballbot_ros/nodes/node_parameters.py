@@ -1,0 +1,198 @@
+"""A node's ROS parameters: declared from the table, checked, and taken over at a run's start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from ballbot_ros.errors import BallbotError, one_line
+from ballbot_ros.parameters import TABLE, Acts, Parameter, ParameterError, nearest, parameters_of
+
+SIM_TIME = 'use_sim_time'
+_ROS_PARAMETERS = {SIM_TIME, 'start_type_description_service'}
+"""What every node of ROS has."""
+
+NEXT_RUN = 'acts from the next run on (plant_sim/reset begins one)'
+UNCHANGED = 'it is read-only, and has this value'
+
+
+class ParameterNode(Node):
+    """A node with the parameters of one role.
+
+    Parameters
+    ----------
+    role : str
+        A node of the parameter table; the node's name too, unless ROS gives it another one.
+    values : mapping or None
+        Parameter values to begin with, for a node made in a program; the command line's and
+        parameter files' otherwise.
+    use_sim_time : bool
+        Whether the node's clock is ``/clock``, unless it is told otherwise.
+
+    Attributes
+    ----------
+    role : str
+    values : dict
+        Every parameter of the table by name, with the values that act now.
+
+    Raises
+    ------
+    ParameterError
+        If a value is not allowed, or a parameter is known to no node.
+    """
+
+    def __init__(
+        self, role: str, values: Mapping[str, Any] | None = None, *, use_sim_time: bool = False
+    ) -> None:
+        given = [_ros_parameter(name, value) for name, value in (values or {}).items()]
+        super().__init__(role, parameter_overrides=given, use_global_arguments=values is None)
+        self.role = role
+        self._rows = parameters_of(role)
+        self._sim_time_reason = ''
+        self._asked = {row.name: self._declare(row) for row in self._rows.values()}
+        self.values: dict[str, Any] = dict(self._asked)
+        self._refuse_unknown()
+        if use_sim_time and SIM_TIME not in self._parameter_overrides:
+            super().set_parameters_atomically([RosParameter(SIM_TIME, value=True)])
+
+    def require_sim_time(self, reason: str) -> None:
+        """Refuse another clock than ``/clock``, now and later.
+
+        Raises
+        ------
+        ParameterError
+            If the node has another one.
+        """
+        self._sim_time_reason = reason
+        self._check_sim_time(self.get_parameter(SIM_TIME).value)
+
+    def _check_sim_time(self, value: Any) -> None:
+        if self._sim_time_reason and value is False:
+            raise ParameterError(f'{self.get_name()}.{SIM_TIME}: false: {self._sim_time_reason}')
+
+    def _declare(self, row: Parameter) -> Any:
+        descriptor = ParameterDescriptor(
+            description=f'{row.description} [{row.unit}]' if row.unit else row.description,
+            read_only=row.acts is Acts.NEVER,
+        )
+        if row.choices:
+            descriptor.additional_constraints = f'one of {row.choices_text}'
+        elif row.bounds and (row.or_zero or isinstance(row.default, tuple)):
+            each = 'each within ' if isinstance(row.default, tuple) else ''
+            descriptor.additional_constraints = each + row.bounds_text
+        elif row.bounds and isinstance(row.default, int):
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(row.bounds[0]), to_value=int(row.bounds[1]))
+            ]
+        elif row.bounds:
+            low, high = row.bounds
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        value = row.default
+        if given := self._parameter_overrides.pop(row.name, None):
+            value = row.check(_plain(given.value), f'{self.get_name()}.')
+        self.declare_parameter(row.name, _ros_parameter(row.name, value).value, descriptor)
+        return value
+
+    def _refuse_unknown(self) -> None:
+        """Raise ParameterError for a parameter that no node has: a slip of the pen."""
+        known = {row.name for row in TABLE} | _ROS_PARAMETERS
+        for name in self._parameter_overrides:
+            if name not in known and not name.startswith('qos_overrides.'):
+                raise ParameterError(
+                    f'{self.get_name()} has no parameter {name!r}; {nearest(name, self.role)}'
+                )
+
+    def _in_own_type(self, parameter: RosParameter) -> RosParameter:
+        """Return a parameter with a whole number as the float that is meant, say."""
+        row = self._rows.get(parameter.name)
+        try:
+            value = row.check(_plain(parameter.value), '') if row else parameter.value
+        except ParameterError:
+            return parameter  # to be refused where there is an answer to give
+        return _ros_parameter(parameter.name, value) if row else parameter
+
+    def set_parameters(self, parameter_list: list[RosParameter]) -> list[SetParametersResult]:
+        """Set parameters one by one, as :meth:`set_parameters_atomically` does."""
+        return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
+
+    def set_parameters_atomically(self, parameter_list: list[RosParameter]) -> SetParametersResult:
+        """Set parameters, all or none; the answer says from when on they act.
+
+        What may not be set is no error where it is set to what it is, as by loading a dump.
+        """
+        changes = [each for each in parameter_list if not self._is_kept(each)]
+        if not changes:
+            return SetParametersResult(successful=True, reason=UNCHANGED)
+        asked = dict(self._asked)
+        try:
+            for each in changes:
+                if row := self._rows.get(each.name):
+                    asked[row.name] = row.check(_plain(each.value), f'{self.get_name()}.')
+                elif each.name == SIM_TIME:
+                    self._check_sim_time(each.value)
+            if asked != self._asked:
+                self.check(asked)
+        except BallbotError as error:
+            return SetParametersResult(successful=False, reason=one_line(error))
+        result = super().set_parameters_atomically([self._in_own_type(each) for each in changes])
+        if result.successful:
+            self._asked = asked
+            result.reason = self._take_live(each.name for each in changes)
+        return result
+
+    def _is_kept(self, parameter: RosParameter) -> bool:
+        """Tell whether a parameter may not be set, but has the value that is asked for."""
+        name = parameter.name
+        if not self.has_parameter(name) or not self.describe_parameter(name).read_only:
+            return False
+        return bool(self._in_own_type(parameter).value == self.get_parameter(name).value)
+
+    def _take_live(self, names: Iterable[str]) -> str:
+        """Let those act that may act at once; return what is to be said of the others."""
+        waiting, live = [], []
+        for name in names:
+            row = self._rows.get(name)
+            if row is None or self.values[name] == self._asked[name]:
+                continue
+            if row.acts is Acts.AT_ONCE:
+                self.values[name] = self._asked[name]
+                live.append(name)
+            else:
+                waiting.append(name)
+        if live:
+            self.on_live_values()
+        return NEXT_RUN if waiting else ''
+
+    def take_values(self) -> None:
+        """Let everything act that was asked for: a run begins."""
+        self.values = dict(self._asked)
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Find out whether values can act together, before they are taken.
+
+        Raises
+        ------
+        BallbotError
+            If they can't.
+        """
+
+    def on_live_values(self) -> None:
+        """Take note that values act which may change at any time."""
+
+
+def _ros_parameter(name: str, value: Any) -> RosParameter:
+    return RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
+
+
+def _plain(value: Any) -> Any:
+    """Return an array of ROS as a list."""
+    return value.tolist() if hasattr(value, 'tolist') else value

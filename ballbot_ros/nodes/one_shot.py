@@ -1,0 +1,41 @@
+"""A timer that calls back once, so that no callback sleeps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+
+class OneShot:
+    """Calls back once after each :meth:`start`, on the wall clock.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    callback : callable
+    """
+
+    def __init__(self, node: Node, callback: Callable[[], None]) -> None:
+        self._callback = callback
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(1.0, self._fire, clock=steady, autostart=False)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether it is going to call back."""
+        return not self._timer.is_canceled()
+
+    def start(self, delay_s: float) -> None:
+        """Call back in `delay_s` [s], and not when it was to before."""
+        self._timer.timer_period_ns = max(1, round(delay_s * 1e9))
+        self._timer.reset()
+
+    def cancel(self) -> None:
+        """Call back no more."""
+        self._timer.cancel()
+
+    def _fire(self) -> None:
+        self._timer.cancel()
+        self._callback()

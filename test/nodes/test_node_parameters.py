@@ -1,0 +1,197 @@
+"""What a running node makes of parameters that it is given."""
+
+import contextlib
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+import rclpy
+from rclpy.parameter import Parameter
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.controller import Controller
+from ballbot_ros.nodes.encoder_driver import EncoderDriver
+from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
+from ballbot_ros.nodes.gyro_driver import GyroDriver
+from ballbot_ros.nodes.plant_sim import PlantSim
+from ballbot_ros.nodes.recorder import Recorder
+from ballbot_ros.nodes.sonar_driver import SonarDriver
+from ballbot_ros.parameters import ALL_NODES, Acts, parameters_of
+
+pytestmark = pytest.mark.graph
+
+NODES = {
+    PlantSim: {'timeout': 3},
+    GyroDriver: {'noise': 1},
+    EncoderDriver: {},
+    SonarDriver: {'map': 'track'},
+    Controller: {'k_f': [0, -1, 0, 0]},
+    GamepadTeleop: {'device': ''},
+    Recorder: {},
+}
+
+
+@pytest.fixture
+def make(domain, monkeypatch, tmp_path):
+    """Make nodes in this process; they go with the test."""
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.chdir(tmp_path)
+    with contextlib.ExitStack() as stack:
+
+        def make(kind, arguments=(), **values):
+            rclpy.init(args=['--ros-args', *arguments] if arguments else [])
+            stack.callback(rclpy.try_shutdown)
+            node = kind(None if arguments else values)
+            stack.callback(node.destroy_node)
+            stack.callback(node.close)
+            return node
+
+        yield make
+
+
+def set_one(node, name, value):
+    return node.set_parameters([Parameter(name, value=value)])[0]
+
+
+@pytest.mark.parametrize('kind', NODES, ids=lambda kind: kind.__name__)
+def test_a_node_takes_its_own_dump(make, kind):
+    node = make(kind, **NODES[kind])
+    names = [*node.list_parameters([], 10).names, 'use_sim_time', 'start_type_description_service']
+    dump = node.get_parameters(sorted({*names}))
+    assert {each.name for each in dump} >= set(parameters_of(node.role))
+    # As they come through a service.
+    sent = [Parameter.from_parameter_msg(each.to_parameter_msg()) for each in dump]
+    for parameter, result in zip(dump, node.set_parameters(sent), strict=True):
+        assert result.successful, (parameter.name, result.reason)
+
+
+@pytest.mark.parametrize('kind', NODES, ids=lambda kind: kind.__name__)
+def test_every_parameter_acts_when_the_table_says(make, kind):
+    node = make(kind, **NODES[kind])
+    for name, row in parameters_of(node.role).items():
+        value = another(row, node.values[name])
+        if value is None:
+            continue
+        before = node.values[name]
+        result = set_one(node, name, value)
+        if row.acts is Acts.NEVER:
+            assert not result.successful
+            assert 'read-only' in result.reason
+            continue
+        assert result.successful, (name, result.reason)
+        at_once = row.acts is Acts.AT_ONCE
+        assert node.values[name] == (row.check(value, '') if at_once else before)
+        assert ('from the next run on' in result.reason) == (not at_once)
+        assert set_one(node, name, list(before) if isinstance(before, tuple) else before).successful
+
+
+OTHER_TEXTS = {'map': 'corridor', 'scenario': 'square', 'output': 'x.mcap', 'attachments': '.'}
+
+
+def another(row, value):
+    """Another value that is allowed, for what needs no file or device."""
+    if isinstance(value, bool):
+        return None if row.name == 'keyboard' else not value
+    if row.choices:
+        others = [each for each in row.choices if each not in (value, 'arm', 'c')]
+        return others[0] if others else None
+    if isinstance(value, str):
+        return OTHER_TEXTS.get(row.name)
+    if isinstance(value, tuple):
+        return [each / 2 for each in value]
+    if row.name == 'cone_rays':
+        return 9
+    low, high = row.bounds
+    half = type(row.default)(value / 2)
+    return half if half != value and half >= low else high
+
+
+def test_what_acts_from_the_next_run_on_does_so_together(make):
+    node = make(GyroDriver)
+    assert set_one(node, 'noise', 2.5).successful
+    assert set_one(node, 'seed', 7).successful
+    assert (node.values['noise'], node.values['seed']) == (0.0, 1)
+    node.take_values()
+    assert (node.values['noise'], node.values['seed']) == (2.5, 7)
+
+
+def test_none_of_several_is_taken_if_one_is_refused(make):
+    node = make(PlantSim)
+    pair = [Parameter('push_duration', value=0.5), Parameter('real_time_factor', value=1e-4)]
+    result = node.set_parameters_atomically(pair)
+    assert not result.successful
+    assert result.reason == 'plant_sim.real_time_factor: 0.0001 is not within 0 or 0.01 … 1000'
+    assert node.values['push_duration'] == 0.1
+    assert node.get_parameter('push_duration').value == 0.1
+
+
+@pytest.mark.parametrize(
+    ('kind', 'name', 'value', 'words'),
+    [
+        (PlantSim, 'map', 'nowhere', 'unknown map'),
+        (PlantSim, 'scenario', 'nothing', 'unknown scenario'),
+        (PlantSim, 'gravity', 'much', 'not a number'),
+        (PlantSim, 'gravity', True, 'not a number'),
+        (PlantSim, 'gravity', -1.0, 'not within 0 … 100 m/s²'),
+        (PlantSim, 'real_time_factor', -1, 'not within 0 or 0.01 … 1000'),
+        (PlantSim, 'lockstep', False, 'read-only'),
+        (SonarDriver, 'cone_rays', 4, 'even'),
+        (SonarDriver, 'map', 'nowhere', 'unknown map'),
+        (GamepadTeleop, 'scenario', 'nothing', 'unknown scenario'),
+        (GamepadTeleop, 'keyboard', True, 'keyboard'),
+        (GamepadTeleop, 'log_csv', '/dev/null', 'exists already'),
+        (Controller, 'k_f', [1.0, 2.0], 'not a list of 4 numbers'),
+        (Controller, 'ts2_period', 5, 'not one of 4, 20, 100'),
+        (Controller, 'use_sim_time', False, 'timers go by /clock'),
+        (Recorder, 'output', 'other.mcap', 'read-only'),
+    ],
+    ids=lambda value: getattr(value, '__name__', str(value)),
+)
+def test_what_cannot_be_is_refused_with_the_reason(make, kind, name, value, words):
+    node = make(kind)
+    result = set_one(node, name, value)
+    assert not result.successful
+    assert words in result.reason
+    assert '\n' not in result.reason
+
+
+def test_a_whole_number_is_taken_for_a_float(make):
+    node = make(PlantSim, duration=4)
+    assert node.values['duration'] == 4.0
+    assert set_one(node, 'real_time_factor', 1).successful
+    assert node.get_parameter('real_time_factor').value == 1.0
+    assert type(node.values['real_time_factor']) is float
+    assert set_one(node, 'real_time_factor', 0).successful
+
+
+def test_a_whole_number_is_taken_for_a_float_on_the_command_line(make):
+    node = make(GyroDriver, ['-p', 'noise:=1'])
+    assert node.values['noise'] == 1.0
+
+
+def test_in_lockstep_the_controller_has_no_other_clock(make):
+    with pytest.raises(BallbotError, match='use_sim_time: false: in lockstep'):
+        make(Controller, ['-p', 'use_sim_time:=false'])
+
+
+def test_free_running_it_may_have_another_clock(make):
+    node = make(Controller, ['-p', 'use_sim_time:=false', '-p', 'lockstep:=false'])
+    assert node.get_parameter('use_sim_time').value is False
+    assert set_one(node, 'use_sim_time', True).successful
+
+
+def test_the_clock_is_sim_time_unless_it_is_told_otherwise(make):
+    node = make(Controller)
+    assert node.get_parameter('use_sim_time').value is True
+    assert node.get_clock().ros_time_is_active
+
+
+@pytest.mark.parametrize('kind', [PlantSim, GyroDriver, Controller], ids=lambda kind: kind.__name__)
+def test_a_renamed_node_is_the_same_in_all_but_its_name(make, kind):
+    node = make(kind, ['-r', '__node:=another', '-r', '__ns:=/robot'])
+    assert node.get_fully_qualified_name() == '/robot/another'
+    assert node.role in ALL_NODES
+    assert not set_one(node, next(iter(parameters_of(node.role))), 'none').successful
+    for name, value in node.values.items():
+        assert set_one(node, name, list(value) if isinstance(value, tuple) else value).successful
