@@ -138,7 +138,7 @@ setup(
     entry_points={
         'console_scripts': [
             f'ballbot = {PACKAGE}.cli.main:main',
-            *(f'{node} = {PACKAGE}.nodes.{node}:main' for node in NODES),
+            *(f'{node} = {PACKAGE}.nodes.executables:{node}' for node in NODES),
         ],
     },
 )

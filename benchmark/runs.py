@@ -114,7 +114,7 @@ def run_nodes(duration: float, *, single_threaded: Sequence[str]) -> Run:
         write_parameter_file(parameter_file, parameters)
         commands = {}
         for name in NODES:
-            node = [f'ballbot_ros.nodes.{name}']
+            node = ['ballbot_ros.nodes', name]
             if name in single_threaded:
                 node = ['benchmark.single_threaded', name]
             commands[name] = [*node, '--ros-args', '--params-file', str(parameter_file)]

@@ -1,7 +1,7 @@
 """Runs a node of the robot on rclpy's SingleThreadedExecutor instead of its own choice.
 
-``python -m benchmark.single_threaded NODE --ros-args …`` is like ``python -m
-ballbot_ros.nodes.NODE --ros-args …`` but for the executor.
+``python -m benchmark.single_threaded NODE --ros-args …`` is like ``python -m ballbot_ros.nodes
+NODE --ros-args …`` but for the executor.
 """
 
 from __future__ import annotations

@@ -1,14 +1,15 @@
 """Launches the whole graph and, if wanted, the recorder and RViz."""
 
 import shutil
+import sys
 import tempfile
+from difflib import get_close_matches
 from pathlib import Path
 
 import yaml
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler, Shutdown
 from launch.event_handlers import OnProcessExit, OnShutdown
-from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackagePrefix
@@ -38,10 +39,56 @@ ARGUMENTS = {
     'rviz': ('false', 'true: show the robot in RViz'),
 }
 SWITCHES = ('record', 'rviz')
+OF_ROS = ('launch-prefix', 'launch-prefix-filter')
+"""What the command `ros2 launch` adds of its own."""
+
+
+class LaunchError(RuntimeError):
+    """What ends the launch with a status other than 0."""
+
+
+def check_names(context):
+    """Refuse an argument that is misspelt, where this file is the one that was launched.
+
+    What another launch file includes may have arguments of that file about it.
+    """
+    if Path(__file__).name not in {Path(word).name for word in sys.argv}:
+        return
+    for word in context.argv:
+        name = word.partition(':=')[0]
+        if name not in ARGUMENTS and name not in OF_ROS:
+            close = get_close_matches(name, ARGUMENTS)
+            hint = f'did you mean {close[0]}?' if close else f'there are {", ".join(ARGUMENTS)}'
+            raise LaunchError(f'no launch argument {name!r}; {hint}')
+
+
+class End:
+    """Ends the launch with the run, and as the run has ended.
+
+    The plant ends when the run does. A node that refuses to start ends with status 2; one that
+    fails, with 1, and the plant, which misses it, says more. One that was killed may be started
+    again.
+    """
+
+    def __init__(self, nodes):
+        self._names = {node: name for name, node in nodes.items()}
+        self._failure = ''
+
+    def __call__(self, event, context):
+        name, status = self._names.get(event.action), event.returncode
+        if name is None:
+            return None
+        if status > 0 or (status < 0 and name == PLANT):
+            self._failure = self._failure or f'{name} ended with status {status}'
+        if self._failure and (name == PLANT or status == 2 or context.is_shutdown):
+            failure, self._failure = self._failure, ''
+            raise LaunchError(failure)
+        return [Shutdown(reason='the run has ended')] if name == PLANT else None
 
 
 def launch_graph(context):
     """Return the nodes, with the parameters of the scenario and of the arguments."""
+    check_names(context)
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     record, show = given['record'] == 'true', given['rviz'] == 'true'
     if show:
@@ -85,10 +132,7 @@ def launch_graph(context):
         for name in (*names, *([VISUALIZER] if show else []))
     }
     windows = [rviz(given['namespace'])] if show else []
-    # The plant ends when the run does, and takes the others with it.
-    end = RegisterEventHandler(
-        OnProcessExit(target_action=nodes[PLANT], on_exit=[EmitEvent(event=Shutdown())])
-    )
+    end = RegisterEventHandler(OnProcessExit(on_exit=End(nodes)))
     tidy = RegisterEventHandler(OnShutdown(on_shutdown=lambda *_: shutil.rmtree(folder, True)))
     return [*nodes.values(), *windows, end, tidy]
 

@@ -87,7 +87,7 @@ def children(pid):
             words = (entry / 'cmdline').read_bytes().split(b'\0')
             if int(parent) == pid:
                 for word in words:
-                    name = word.decode().removeprefix('ballbot_ros.nodes.')
+                    name = word.decode()
                     if name in (*NODES, 'viewer'):
                         found[name] = int(entry.name)
     return found
@@ -144,7 +144,7 @@ class Node:
         arguments += ['-r', remap] if remap else []
         self.name = name
         self.process = subprocess.Popen(
-            [sys.executable, '-m', f'ballbot_ros.nodes.{name}', '--ros-args', *arguments],
+            [sys.executable, '-m', 'ballbot_ros.nodes', name, '--ros-args', *arguments],
             env=environment(domain),
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

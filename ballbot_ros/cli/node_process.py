@@ -43,7 +43,7 @@ class NodeProcess:
         self.name = name
         self._process = subprocess.Popen(
             [
-                sys.executable, '-m', f'ballbot_ros.nodes.{name}',
+                sys.executable, '-m', 'ballbot_ros.nodes', name,
                 '--ros-args', '--params-file', str(parameter_file), '--log-level', 'WARN',
             ],
             env={

@@ -87,6 +87,8 @@ class BallbotNode(ParameterNode):
         Done when the node has finished its work; its process may then end.
     exit_status : int
         The status with which it then ends.
+    awaits : str
+        What has to come before it does anything; '' for nothing.
     """
 
     def __init__(
@@ -95,6 +97,7 @@ class BallbotNode(ParameterNode):
         super().__init__(role, values, use_sim_time=use_sim_time)
         self.done = rclpy.Future()
         self.exit_status = 0
+        self.awaits = ''
         self.now_ns = 0
         self._samples = 0
         self._reported_samples = 0
@@ -271,9 +274,11 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
             prepare_middleware()
             rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
             node = make()
+            node.get_logger().info(
+                f'started, waits for {node.awaits}' if node.awaits else 'started'
+            )
             if stop.signal:
                 node.finish()
-            node.get_logger().info('started')
             spin([node], node.done)
             node.close()
             return node.exit_status

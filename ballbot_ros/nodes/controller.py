@@ -214,7 +214,3 @@ class Controller(BallbotNode):
 def main() -> None:
     """Run the node."""
     sys.exit(run_node(Controller))
-
-
-if __name__ == '__main__':
-    main()

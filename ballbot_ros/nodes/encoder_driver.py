@@ -41,7 +41,3 @@ class EncoderDriver(BallbotNode):
 def main() -> None:
     """Run the node."""
     sys.exit(run_node(EncoderDriver))
-
-
-if __name__ == '__main__':
-    main()

@@ -190,7 +190,3 @@ def main() -> None:
             sys.exit(2)
         return
     sys.exit(run_node(GamepadTeleop))
-
-
-if __name__ == '__main__':
-    main()

@@ -45,7 +45,3 @@ class GyroDriver(BallbotNode):
 def main() -> None:
     """Run the node."""
     sys.exit(run_node(GyroDriver))
-
-
-if __name__ == '__main__':
-    main()

@@ -81,6 +81,7 @@ class Participation:
         self._objection: Objection | None = None
         self._publisher = node.advertise(PARTICIPANTS)
         self.run: Run | None = None
+        node.awaits = 'a run'
         node.listen(ROLL_CALL, self._on_roll_call)
 
     def includes(self, stamp_ns: int) -> bool:
@@ -107,7 +108,7 @@ class Participation:
         self._node.now_ns = 0
         self._node.take_values()
         self._participant = with_values(self._participant, self._node.values)
-        self._node.get_logger().info(f'takes part in run {run.number} of plant {run.plant}')
+        self._node.get_logger().info(f'takes part in run {run.number}')
         if self._on_new_run:
             self._on_new_run(run)
 

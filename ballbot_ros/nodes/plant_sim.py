@@ -95,7 +95,6 @@ class PlantSim(BallbotNode):
         self.pacer = Pacer()
         self._pace_timer = OneShot(self, self.advance)
         self._resent = self._free_overruns = 0
-        self._waits_for = ''
         self._made_at = time.monotonic()
         self._reset_to(FIRST_TICK_NS)
         # Deep enough to see each of several duties of one tick.
@@ -155,7 +154,7 @@ class PlantSim(BallbotNode):
         self._run_number += 1
         run = f'{self._run_number} {self._token}'
         self._sent_at = time.monotonic()
-        self._waits_for = ''
+        self._waits_for: list[str] = []
         self._participants.gather(run, self._start_ns)
         self._messages.announce(self._start_ns, run)
         self.end_alarm()
@@ -382,9 +381,9 @@ class PlantSim(BallbotNode):
         waited = now - self._sent_at
         limit = float(self.values['startup_timeout'])
         missing = self._participants.missing()
-        if reason != self._waits_for:
-            self._waits_for = reason
-            self.get_logger().info(f'run {self._run_number}: {reason}')
+        if missing and missing != self._waits_for:
+            self._waits_for = missing
+            self.get_logger().info(f'run {self._run_number} waits for {", ".join(missing)}')
         # Who waits is not to be taken for silent itself, on a busy machine neither.
         self.report()
         if self._is_held:
@@ -473,6 +472,8 @@ class PlantSim(BallbotNode):
         return self._start_ns * 1e-9
 
     def _how_far(self) -> str:
+        if self.log.ticks == 0:
+            return 'before its first tick'
         return f'after {self.log.ticks} ticks, duties {self.log.duty_sha256[:12]}'
 
     def stop(self) -> None:
@@ -541,7 +542,3 @@ def _in_words(summary: Mapping[str, Any]) -> dict[str, Any]:
 def main() -> None:
     """Run the node."""
     sys.exit(run_node(PlantSim))
-
-
-if __name__ == '__main__':
-    main()

@@ -174,7 +174,3 @@ def _qos(offers: Sequence[QosProfile]) -> QoSProfile:
 def main() -> None:
     """Run the node."""
     sys.exit(run_node(Player))
-
-
-if __name__ == '__main__':
-    main()

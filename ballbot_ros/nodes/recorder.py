@@ -321,7 +321,3 @@ def _read_folder(folder: str) -> dict[str, bytes]:
 def main() -> None:
     """Run the node."""
     sys.exit(run_node(Recorder))
-
-
-if __name__ == '__main__':
-    main()

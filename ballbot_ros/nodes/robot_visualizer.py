@@ -148,7 +148,3 @@ def _fill(
 def main() -> None:
     """Run the node."""
     sys.exit(run_node(RobotVisualizer))
-
-
-if __name__ == '__main__':
-    main()

@@ -56,7 +56,3 @@ class SonarDriver(BallbotNode):
 def main() -> None:
     """Run the node."""
     sys.exit(run_node(SonarDriver))
-
-
-if __name__ == '__main__':
-    main()

@@ -181,7 +181,3 @@ def _start(now: Snapshot) -> tuple[float, float]:
 def main() -> None:
     """Run the node."""
     sys.exit(run_node(Viewer))
-
-
-if __name__ == '__main__':
-    main()

@@ -265,5 +265,5 @@ def test_a_keyboard_without_a_terminal_and_a_log_that_is_there_are_mistakes(star
 
 def test_list_devices_tells_that_there_is_none():
     pytest.importorskip('pygame')
-    for command in ([sys.executable, '-m', f'ballbot_ros.nodes.{GAMEPAD}'], [*BALLBOT, 'drive']):
+    for command in ([sys.executable, '-m', 'ballbot_ros.nodes', GAMEPAD], [*BALLBOT, 'drive']):
         assert subprocess.check_output([*command, '--list-devices']) == b'no gamepad found\n'

@@ -1,0 +1,5 @@
+"""``python -m ballbot_ros.nodes NODE`` is like ``ros2 run ballbot_ros NODE``."""
+
+from ballbot_ros.nodes.executables import main
+
+main()
