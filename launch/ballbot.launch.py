@@ -75,6 +75,7 @@ class End:
         self._failure = ''
 
     def __call__(self, event, context):
+        """Return what follows the end of a process, or raise LaunchError."""
         name, status = self._names.get(event.action), event.returncode
         if name is None:
             return None

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameter_file import read_parameter_file
-from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.parameters import PLANT, ParameterSet
 from ballbot_ros.recording.attachments import MAPS, PARAMETERS, SCENARIO, VERSIONS
-from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.world.floor_map import FloorMap
 from ballbot_ros.world.image import read_map
+from ballbot_ros.world.library import load_map, map_names
 from ballbot_ros.yaml_document import YamlDocument
 
 
@@ -27,14 +30,16 @@ class Attached:
     ----------
     scenario : Scenario or None
     parameters : ParameterSet
-        Every parameter; the defaults where none are attached.
+        Every parameter; the defaults where none are attached or told.
     has_parameters : bool
-        Whether they were attached.
+        Whether they were attached, or told by the participants.
     versions : dict of str to str
     floor_map : FloorMap or None
         None where no map is attached.
     notices : list of str
         What is not there or cannot be read.
+    files : mapping of str to AttachedFile
+        The attachments themselves.
     """
 
     scenario: Scenario | None = None
@@ -43,12 +48,32 @@ class Attached:
     versions: dict[str, str] = field(default_factory=dict)
     floor_map: FloorMap | None = None
     notices: list[str] = field(default_factory=list)
+    files: Mapping[str, AttachedFile] = field(default_factory=dict)
+
+    def in_run(self, run: str, told: ToldParameters) -> Attached:
+        """Return what holds in a run, by the name that ``plant/run`` gives it."""
+        if run not in told:
+            return self
+        parameters = told.of(run, self.parameters, self.files)
+        name = parameters.values(PLANT)['map']
+        floor_map = self.floor_map
+        if name not in self.files:
+            # The file of another map is nowhere here: the topic map tells the walls.
+            floor_map = load_map(name) if name in map_names() else None
+        notices = [each for each in self.notices if not each.startswith(f'No {PARAMETERS} ')]
+        return replace(
+            self,
+            parameters=parameters,
+            has_parameters=True,
+            floor_map=floor_map,
+            notices=notices,
+        )
 
 
 def read_attached(recording: RecordingReader) -> Attached:
     """Read the attachments; one that is not there or not readable is noted, not an error."""
-    attached = Attached()
     files = recording.attachments()
+    attached = Attached(files=files)
     # Their readers take files, whose names and lines they tell.
     with TemporaryDirectory(prefix='ballbot_') as folder:
         for name in (SCENARIO, PARAMETERS, VERSIONS, *(name for name in MAPS if name in files)):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.namespace import robot_namespace
+from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.conversions import (
     ball_position,
@@ -32,6 +33,7 @@ from ballbot_ros.messages.topics import (
     MAP,
     MOTOR_DUTY,
     OPERATING_STATE,
+    PARTICIPANTS,
     PLANT_IMU,
     PLANT_JOINT_STATES,
     PLANT_ODOM,
@@ -44,7 +46,7 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RawMessage, RecordingReader
 
-_EVENTS = (OPERATING_STATE, RUN, DIAGNOSTICS, LCD, SOUND, MAP)
+_EVENTS = (OPERATING_STATE, RUN, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP)
 _FOREVER_NS = 2**63 - 1
 _OTHER_CLOCK_MS = 3.6e6
 _PROGRESS_STRIDE = 4096
@@ -171,11 +173,13 @@ class Extraction:
         default_factory=lambda: {topic: Columns(*TICKED[topic][:2]) for topic in TICKED}
     )
     announced: list[tuple[int, int]] = field(default_factory=list)
+    names: dict[tuple[int, int], str] = field(default_factory=dict)
+    told: ToldParameters = field(default_factory=ToldParameters)
     states: list[tuple[int, int, str]] = field(default_factory=list)
     statuses: list[tuple[int, int, Any]] = field(default_factory=list)
     pages: list[tuple[int, int, str]] = field(default_factory=list)
     tones: list[tuple[int, int, Tone]] = field(default_factory=list)
-    map: Any = None
+    maps: list[tuple[int, int, Any]] = field(default_factory=list)
     traffic: dict[str, Traffic] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
 
@@ -195,10 +199,11 @@ class Extraction:
             )
         return runs
 
-    def announce(self, start: int) -> None:
+    def announce(self, start: int, name: str) -> None:
         """Note what ``plant/run`` says."""
         epoch, newest = self.announced[-1] if self.announced else (0, -1)
         self.announced.append((epoch + (start <= newest), start))
+        self.names[self.announced[-1]] = name
 
 
 def extract(recording: RecordingReader, progress: Callable[[int, int], None]) -> Extraction:
@@ -221,7 +226,9 @@ def extract(recording: RecordingReader, progress: Callable[[int, int], None]) ->
         stamp = log_ns = raw.stamp_ns
         newest_log = max(newest_log, log_ns)
         topic = wanted.get(raw.topic)
-        if topic is not None:
+        if topic is PARTICIPANTS:
+            extraction.told.add(raw.data)
+        elif topic is not None:
             message = recording.decode(raw)
             try:
                 if topic in TICKED:
@@ -245,7 +252,7 @@ def _take_event(
     extraction: Extraction, topic: Topic, message: Any, epoch: int, log_ns: int
 ) -> None:
     if topic is RUN:
-        extraction.announce(stamp_ns(_Headed(message)))
+        extraction.announce(stamp_ns(_Headed(message)), message.frame_id)
     elif topic is OPERATING_STATE:
         extraction.states.append((epoch, log_ns, message.data))
     elif topic is DIAGNOSTICS:
@@ -255,7 +262,7 @@ def _take_event(
     elif topic is SOUND:
         extraction.tones.append((epoch, log_ns, tone_of(message)))
     else:
-        extraction.map = message
+        extraction.maps.append((epoch, log_ns, message))
 
 
 @dataclass(frozen=True)

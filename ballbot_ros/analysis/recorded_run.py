@@ -9,9 +9,18 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ballbot_ros.analysis.namespace import robot_namespace
+from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import push_forces, stamp_ns, stick_values, time_ns
-from ballbot_ros.messages.topics import ACCEPTED_PUSH, GAMEPAD_JOY, MOTOR_DUTY, RUN, TOPICS, Topic
+from ballbot_ros.messages.topics import (
+    ACCEPTED_PUSH,
+    GAMEPAD_JOY,
+    MOTOR_DUTY,
+    PARTICIPANTS,
+    RUN,
+    TOPICS,
+    Topic,
+)
 from ballbot_ros.plant.truth import Push
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -24,6 +33,8 @@ class RecordedRun:
 
     Attributes
     ----------
+    name : str
+        Its name, as ``plant/run`` has it.
     start_ns, last_ns : int
         Sim time [ns] of its first tick, and of its last one that has a duty.
     sticks : dict of int to tuple of int
@@ -36,6 +47,7 @@ class RecordedRun:
         The pushes that acted, from the scenario or from outside.
     """
 
+    name: str
     start_ns: int
     last_ns: int
     sticks: dict[int, tuple[int, int]] = field(default_factory=dict)
@@ -89,26 +101,31 @@ def recorded_topics(reader: RecordingReader) -> dict[str, Topic]:
     return {name: names[name] for name in reader.topics() if name in names}
 
 
-def recorded_runs(reader: RecordingReader) -> list[RecordedRun]:
-    """Return the runs of a recording, in the order of time.
+def recorded_runs(reader: RecordingReader) -> tuple[list[RecordedRun], ToldParameters]:
+    """Return the runs of a recording, in the order of time, and what was told of their parameters.
 
     Raises
     ------
     RecordingError
         If it has none, its beginning is missing, or a message cannot be used.
     """
-    wanted = (RUN, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY)
+    wanted = (RUN, PARTICIPANTS, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY)
     topics = {name: topic for name, topic in recorded_topics(reader).items() if topic in wanted}
-    starts: set[int] = set()
+    told = ToldParameters()
+    names: dict[int, str] = {}
     sticks: dict[int, tuple[int, int]] = {}
     sources: dict[int, str] = {}
     duties: dict[int, tuple[int, int]] = {}
     begun: dict[str, Any] = {}
     pushes: list[Push] = []
-    for name, log_ns, message in reader.messages(topics):
-        topic = topics[name]
+    for raw in reader.raw_messages(topics):
+        name, log_ns, topic = raw.topic, raw.stamp_ns, topics[raw.topic]
+        if topic is PARTICIPANTS:
+            told.add(raw.data)
+            continue
+        message = reader.decode(raw)
         if topic is RUN:
-            starts.add(time_ns(message.stamp))
+            names[time_ns(message.stamp)] = message.frame_id
         elif topic is GAMEPAD_JOY:
             with taken_from(reader, name, log_ns):
                 sticks[stamp_ns(message)] = stick_values(message)
@@ -120,14 +137,17 @@ def recorded_runs(reader: RecordingReader) -> list[RecordedRun]:
             pushes.append(Push(stamp_ns(start), stamp_ns(message), *push_forces(start)))
         else:
             begun[message.header.frame_id] = message
-    if not starts or (duties and min(duties) < min(starts)):
+    if not names or (duties and min(duties) < min(names)):
         raise RecordingError(f'{reader.path}: begins in mid-run')
     # Several topics come in no fixed order, so what belongs to which run follows from the stamps.
-    order = sorted(starts)
-    runs = [RecordedRun(start, start - TICK_NS, sticks, sources, duties) for start in order]
+    order = sorted(names)
+    runs = [
+        RecordedRun(names[start], start, start - TICK_NS, sticks, sources, duties)
+        for start in order
+    ]
     for stamp in duties:
         run = runs[bisect_right(order, stamp) - 1]
         run.last_ns = max(run.last_ns, stamp)
     for push in pushes:
         runs[bisect_right(order, push.start_ns) - 1].pushes.append(push)
-    return runs
+    return runs, told

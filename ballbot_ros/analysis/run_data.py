@@ -188,6 +188,8 @@ def read_run(
         known = '1' if len(runs) == 1 else f'1 … {len(runs)}'
         raise RecordingError(f'{path}: there is no run {number}, only {known}')
     epoch, start, end = runs[number - 1]
+    run = extraction.names.get((epoch, start), '')
+    attached = attached.in_run(run, extraction.told)
     notices = [*extraction.notices, *attached.notices]
     if len(runs) > 1:
         notices.append(f'The file holds {len(runs)} runs; this is run {number}.')
@@ -219,7 +221,7 @@ def read_run(
         trajectory=trajectory,
         series=series,
         states=_states(extraction, epoch, start, end, last),
-        grid=_grid(extraction.map),
+        grid=None if run in extraction.told and not plant['map'] else _grid(extraction, epoch, end),
         statuses=tuple(
             ((stamp - start) / SECOND_NS, status)
             for each, stamp, status in extraction.statuses
@@ -302,9 +304,14 @@ def _states(
     )
 
 
-def _grid(message: Any) -> OccupancyGrid | None:
-    if message is None:
+def _grid(extraction: Extraction, epoch: int, end: int) -> OccupancyGrid | None:
+    """Return the map that was published last before a run has ended."""
+    published = [
+        message for each, stamp, message in extraction.maps if (each, stamp) < (epoch, end)
+    ]
+    if not published:
         return None
+    message = published[-1]
     info = message.info
     if message.data.size != info.width * info.height or not info.resolution > 0.0:
         return None

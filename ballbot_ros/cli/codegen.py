@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.table import Table
 
+from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.codegen.application import (
     PARAMETER_FILE,
     STACK_BYTES,
@@ -36,6 +37,7 @@ from ballbot_ros.codegen.toolchain import ARM, HOST, Target, build, missing_tool
 from ballbot_ros.controller.tasks import TS1_MS, TaskTiming
 from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameters import CONTROLLER, ParameterSet
+from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 from ballbot_ros.simulation.scenario_steps import scenario_steps
 
@@ -46,7 +48,7 @@ RANDOM_TICKS = 150
 
 def generate(folder: Path, parameter_file: Path | None, mode: str | None) -> None:
     """Write the application into `folder`."""
-    parameters = read_parameter_file(parameter_file) if parameter_file else ParameterSet()
+    parameters = _read(parameter_file) if parameter_file else ParameterSet()
     if mode:
         parameters.set(CONTROLLER, 'mode', mode)
     values = parameters.values(CONTROLLER)
@@ -54,6 +56,16 @@ def generate(folder: Path, parameter_file: Path | None, mode: str | None) -> Non
         print(path)
     again = shlex.join(['ballbot', 'codegen', '--check', str(folder)])
     print(f'parameters {parameter_hash(values)}; check with: {again}')
+
+
+def _read(path: Path) -> ParameterSet:
+    """Read a parameter file, or what the last run of a recording had."""
+    if path.suffix != '.mcap':
+        return read_parameter_file(path)
+    attached = read_run(path).attached
+    if not attached.has_parameters:
+        raise RecordingError(f'{path}: tells no parameters')
+    return attached.parameters
 
 
 def check(folder: Path) -> int:

@@ -196,7 +196,8 @@ def map_command(image: str, wrl: Path | None, nav2: Path | None, check: bool) ->
 @click.option(
     '--params',
     type=PATH,
-    help="Parameter file whose controller values are used, with --output.  [default: the table's]",
+    help='Parameter file, or recording of runs whose last one had the controller values, with '
+    "--output.  [default: the table's]",
 )
 @click.option(
     '--mode',

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich.console import Console
 from rich.markup import escape
@@ -26,12 +25,13 @@ from ballbot_ros.analysis.replay import (
     replay_controller,
     replay_run,
 )
+from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.cli.experiment import assign
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.codegen.implementation import program_maker, require_implementation
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.topics import Topic
+from ballbot_ros.messages.topics import PARTICIPANTS, Topic
 from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterError, ParameterSet
 from ballbot_ros.recording.attachments import PARAMETERS
@@ -73,27 +73,37 @@ def replay_recording(
 
     With `assignments` another controller is asked what it would have done with the same inputs.
     """
-    with RecordingReader(path) as reader, _parameters(reader) as parameters:
-        runs = [run for run in recorded_runs(reader) if run.ticks]
-        if not runs:
+    with RecordingReader(path) as reader, TemporaryDirectory(prefix='ballbot_') as scratch:
+        attached = _attached_parameters(reader, Path(scratch))
+        if attached is None and not _tells_participants(reader):
+            raise RecordingError(_nothing_to_replay_by(path))
+        runs, told = recorded_runs(reader)
+        jobs = [
+            _Job(run, _parameters(reader, run, told, attached, Path(scratch)))
+            for run in runs
+            if run.ticks
+        ]
+        if not jobs:
             raise RecordingError(f'{path}: no tick in it has a duty: nothing to replay')
-        parameters.set(CONTROLLER, 'implementation', controller)
-        require_implementation(parameters.values(CONTROLLER)['implementation'])
+        for job in jobs:
+            job.parameters.set(CONTROLLER, 'implementation', controller)
+        require_implementation(controller)
         if assignments:
             for assignment in assignments:
                 if not assignment.startswith(f'{CONTROLLER}.'):
                     raise ParameterError(
                         f'--set {assignment}: of a recorded run only the {CONTROLLER} can be asked'
                     )
-                assign(parameters, assignment)
-            divergences = [_ask(reader, run, parameters) for run in runs]
+                for job in jobs:
+                    assign(job.parameters, assignment)
+            divergences = [_ask(reader, job) for job in jobs]
             (_print_divergences_json if as_json else _print_divergences)(divergences)
             return 0
         outcomes = [
-            _replay(reader, runs, parameters, 'controller', CONTROLLER_TOPICS),
-            _replay(reader, runs, parameters, 'robot', ALL_TOPICS),
+            _replay(reader, jobs, 'controller', CONTROLLER_TOPICS),
+            _replay(reader, jobs, 'robot', ALL_TOPICS),
         ]
-        (_print_json if as_json else print_outcomes)(outcomes, len(runs))
+        (_print_json if as_json else print_outcomes)(outcomes, len(jobs))
         if reader.damage:
             print(
                 f'note: {path}: {reader.damage}: only what is whole was compared', file=sys.stderr
@@ -101,36 +111,63 @@ def replay_recording(
         return 0 if all(outcome.difference is None for outcome in outcomes) else 1
 
 
-@contextmanager
-def _parameters(reader: RecordingReader) -> Iterator[ParameterSet]:
-    """Take the parameters that are attached, and the map beside them."""
+class _Job(NamedTuple):
+    """A run, and the parameters it had."""
+
+    run: RecordedRun
+    parameters: ParameterSet
+
+
+def _nothing_to_replay_by(path: Path) -> str:
+    return (
+        f'{path}: {PARAMETERS} is not attached, and no participant has told its parameters: '
+        'nothing to replay it by'
+    )
+
+
+def _tells_participants(reader: RecordingReader) -> bool:
+    return any(name.endswith(f'/{PARTICIPANTS.name}') for name in reader.topics())
+
+
+def _attached_parameters(reader: RecordingReader, scratch: Path) -> ParameterSet | None:
+    """Return the parameters that are attached, if any are."""
     attached = reader.attachments()
     if PARAMETERS not in attached:
-        raise RecordingError(
-            f'{reader.path}: {PARAMETERS} is not attached: nothing to replay it by'
-        )
-    with TemporaryDirectory(prefix='ballbot_') as scratch:
-        file = Path(scratch) / PARAMETERS
-        file.write_bytes(attached[PARAMETERS].data)
-        try:
-            parameters = read_parameter_file(file)
-        except BallbotError as error:
-            text = str(error).replace(str(file), f'{reader.path}: {PARAMETERS}')
-            raise RecordingError(text) from None
-        name = parameters.values(PLANT)['map']
-        if is_file_name(name):
-            if name not in attached:
-                raise RecordingError(f'{reader.path}: the map {name!r} is not attached')
-            image = Path(scratch) / f'map{Path(name).suffix}'
-            image.write_bytes(attached[name].data)
-            parameters.set(PLANT, 'map', str(image))
-        yield parameters
+        return None
+    file = scratch / PARAMETERS
+    file.write_bytes(attached[PARAMETERS].data)
+    try:
+        return read_parameter_file(file)
+    except BallbotError as error:
+        text = str(error).replace(str(file), f'{reader.path}: {PARAMETERS}')
+        raise RecordingError(text) from None
+
+
+def _parameters(
+    reader: RecordingReader,
+    run: RecordedRun,
+    told: ToldParameters,
+    attached: ParameterSet | None,
+    scratch: Path,
+) -> ParameterSet:
+    """Return the parameters of a run, with its map beside them."""
+    if attached is None and run.name not in told:
+        raise RecordingError(_nothing_to_replay_by(reader.path))
+    files = reader.attachments()
+    parameters = told.of(run.name, attached or ParameterSet(), files)
+    name = parameters.values(PLANT)['map']
+    if is_file_name(name):
+        if name not in files:
+            raise RecordingError(f'{reader.path}: the map {name!r} is not attached')
+        image = scratch / f'map{Path(name).suffix}'
+        image.write_bytes(files[name].data)
+        parameters.set(PLANT, 'map', str(image))
+    return parameters
 
 
 def _replay(
     reader: RecordingReader,
-    runs: Sequence[RecordedRun],
-    parameters: ParameterSet,
+    jobs: Sequence[_Job],
     what: str,
     topics: Sequence[Topic],
 ) -> Outcome:
@@ -138,8 +175,8 @@ def _replay(
     recorded = recorded_topics(reader).values()
     comparison = Comparison([topic for topic in topics if topic in recorded])
     ticks = 0
-    with Progress(what, sum(run.ticks for run in runs) * TICK_NS / SECOND_NS) as progress:
-        for run in runs:
+    with Progress(what, sum(job.run.ticks for job in jobs) * TICK_NS / SECOND_NS) as progress:
+        for run, parameters in jobs:
             replayed: Iterator[Any]
             if what == 'controller':
                 replayed = replay_controller(reader, run, _program(parameters), comparison)
@@ -148,13 +185,13 @@ def _replay(
             for _ in replayed:
                 ticks += 1
                 progress.update(ticks * TICK_NS / SECOND_NS)
-    compare_events(reader, runs[-1].last_ns, comparison)
+    compare_events(reader, jobs[-1].run.last_ns, comparison)
     difference = comparison.first_difference(complete=reader.complete)
     outcome = Outcome(what, ticks, comparison.compared, difference)
     if difference and what == 'robot':
         # Of a run that has ended before, the last one that had begun.
-        run = next(run for run in reversed(runs) if run.start_ns <= difference.stamp_ns)
-        outcome.around = _around(reader, run, parameters, difference.stamp_ns)
+        job = next(job for job in reversed(jobs) if job.run.start_ns <= difference.stamp_ns)
+        outcome.around = _around(reader, job, difference.stamp_ns)
     return outcome
 
 
@@ -162,14 +199,12 @@ def _program(parameters: ParameterSet) -> Program:
     return program_maker(parameters.values(CONTROLLER))()
 
 
-def _around(
-    reader: RecordingReader, run: RecordedRun, parameters: ParameterSet, stamp_ns: int
-) -> list[ReplayedTick]:
+def _around(reader: RecordingReader, job: _Job, stamp_ns: int) -> list[ReplayedTick]:
     """Return the recorded inputs about a tick, and what the controller makes of them."""
     reach = AROUND_TICKS * TICK_NS
     nothing = Comparison(())
     found = []
-    for tick in replay_controller(reader, run, _program(parameters), nothing):
+    for tick in replay_controller(reader, job.run, _program(job.parameters), nothing):
         if tick.stamp_ns > stamp_ns + reach:
             break
         if tick.stamp_ns >= stamp_ns - reach:
@@ -177,8 +212,9 @@ def _around(
     return found
 
 
-def _ask(reader: RecordingReader, run: RecordedRun, parameters: ParameterSet) -> Divergence:
+def _ask(reader: RecordingReader, job: _Job) -> Divergence:
     """Compare another controller's duties with the recorded ones."""
+    run, parameters = job
     duties = run.duties
     divergence = Divergence()
     with Progress('controller', run.ticks * TICK_NS / SECOND_NS) as progress:

@@ -20,11 +20,13 @@ from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.graph_look import guid_prefix
 from ballbot_ros.parameters import PATHS
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.participants import Announcement, Objection, Participant
+from ballbot_ros.simulation.participants import (
+    MAP_HASH,
+    Announcement,
+    Objection,
+    Participant,
+)
 from ballbot_ros.world.library import map_path
-
-MAP_HASH = 'map_sha256'
-"""What stands for a map beside its name: the same file has other paths elsewhere."""
 
 
 def participant_of(node: BallbotNode) -> Participant:

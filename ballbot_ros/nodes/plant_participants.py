@@ -28,10 +28,11 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.graph_look import GraphLook
-from ballbot_ros.nodes.participation import MAP_HASH, participant_of, with_values
+from ballbot_ros.nodes.participation import participant_of, with_values
 from ballbot_ros.parameters import AGREED, CONTROLLER, ENCODER, GAMEPAD, GYRO, RECORDER, SONAR
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import (
+    MAP_HASH,
     Announcement,
     Objection,
     Roster,
@@ -63,8 +64,6 @@ class PlantParticipants:
         self._own = participant_of(node)
         self._lockstep: bool = node.values['lockstep']
         self._roster = Roster(
-            self._own,
-            required=(),
             shared=(*AGREED, MAP_HASH),
             stateless=_DRIVERS,
             owners={topic.name: roles for topic, roles in LOCKSTEP.items()},

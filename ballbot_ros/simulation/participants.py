@@ -30,6 +30,11 @@ LEASE_S = 21.0
 A publisher that is there for longer was alive while the run waited for it to leave."""
 
 
+MAP_HASH = 'map_sha256'
+"""Among a participant's parameters, what stands for a map beside its name: the same file may have
+another path elsewhere."""
+
+
 @dataclass(frozen=True)
 class Participant:
     """A node that takes part in runs.
@@ -214,10 +219,6 @@ class Roster:
 
     Parameters
     ----------
-    plant : Participant
-        The plant, whose runs these are.
-    required : collection of str
-        The roles without which no run begins.
     shared : collection of str
         The parameters of which all that have them are to have the same value.
     stateless : collection of str
@@ -229,15 +230,13 @@ class Roster:
 
     def __init__(
         self,
-        plant: Participant,
         *,
-        required: Collection[str],
-        shared: Collection[str] = (),
+        shared: Collection[str],
         stateless: Collection[str],
         owners: Mapping[str, Collection[str]],
     ) -> None:
-        self._plant = plant
-        self._required = tuple(required)
+        self._plant: Participant | None = None
+        self._required: tuple[str, ...] = ()
         self._shared = tuple(shared)
         self._stateless = frozenset(stateless)
         self._owners = owners
@@ -248,27 +247,21 @@ class Roster:
         self._calls = 0
         self._run = _Run('')
 
-    def gather(
-        self,
-        run: str,
-        plant: Participant | None = None,
-        required: Collection[str] | None = None,
-    ) -> None:
+    def gather(self, run: str, plant: Participant, required: Collection[str]) -> None:
         """Begin to gather the participants of a run.
 
         Parameters
         ----------
         run : str
             Its name.
-        plant : Participant, optional
-            The plant with the parameters of this run; otherwise as before.
-        required : collection of str, optional
-            The roles without which it does not begin; otherwise as before.
+        plant : Participant
+            The plant, whose run it is.
+        required : collection of str
+            The roles without which it does not begin.
         """
-        self._plant = plant or self._plant
-        self._required = self._required if required is None else tuple(required)
+        self._plant, self._required = plant, tuple(required)
         self._run = _Run(run)
-        self._run.heard[self._plant.instance] = _Heard(Announcement(self._plant, run), self._calls)
+        self._run.heard[plant.instance] = _Heard(Announcement(plant, run), self._calls)
 
     def fix(self) -> None:
         """Let the run begin with those who are there; from now on each of them has to stay."""
@@ -277,7 +270,8 @@ class Roster:
     def called(self) -> None:
         """Note a roll call, which the plant answers, too."""
         self._calls += 1
-        self._run.heard[self._plant.instance].calls = self._calls
+        if self._plant:
+            self._run.heard[self._plant.instance].calls = self._calls
 
     def announced(self, announcement: Announcement) -> None:
         """Take an announcement; one for another run changes nothing."""
@@ -487,14 +481,15 @@ class Roster:
     def _disagreement(self) -> str:
         """Return which two participants have different values of one parameter, or nothing."""
         for name in self._shared:
-            first: Participant | None = None
-            for member in self._run.members.values():
-                if name not in member.parameters:
-                    continue
-                first = first or member
-                one, other = first.parameters[name], member.parameters[name]
-                if one != other:
-                    return f'{name} is {one!r} in {first.node}, but {other!r} in {member.node}'
+            tellers = [each for each in self._run.members.values() if name in each.parameters]
+            tellers.sort(key=lambda each: each.node)
+            for other in tellers[1:]:
+                values = tellers[0].parameters[name], other.parameters[name]
+                if values[0] != values[1]:
+                    return (
+                        f'{name} is {values[0]!r} in {tellers[0].node}, '
+                        f'but {values[1]!r} in {other.node}'
+                    )
         return ''
 
     def _unexplained(self, objection: Objection) -> str:

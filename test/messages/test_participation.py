@@ -38,6 +38,7 @@ participants = st.builds(
     parameters_sha256=text,
     guid_prefix=text,
     topics=st.lists(word).map(tuple),
+    parameters=st.dictionaries(word, st.booleans() | count | text | st.lists(st.floats(-1, 1))),
 )
 announcements = st.builds(
     Announcement,

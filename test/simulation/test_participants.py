@@ -45,6 +45,7 @@ def a(role, instance='', node='', **more):
         instance=instance,
         implementation=more.get('implementation', 'ours'),
         parameters_sha256=more.get('parameters', '00'),
+        parameters=more.get('values', {}),
         guid_prefix=instance.encode().hex(),
         topics=(TOPICS[role],) if role in ROLES else (),
     )
@@ -57,10 +58,10 @@ class World:
     """Nodes around a roster: those who live answer each roll call, the dead stay in the graph."""
 
     def __init__(self, required=ROLES):
-        self.roster = Roster(PLANT, required=required, stateless=ROLES[:2], owners=OWNERS)
+        self.roster = Roster(shared=('radius', 'seed'), stateless=ROLES[:2], owners=OWNERS)
         self.living, self.graph, self.now_s = {}, {}, 0.0
         self.now_ns = START_NS
-        self.roster.gather(RUN)
+        self.roster.gather(RUN, PLANT, required)
         self.appear(PLANT)
 
     def appear(self, participant, *, name=None):
@@ -406,6 +407,32 @@ def test_a_forged_announcement_that_answers_no_roll_call_is_not_believed():
     assert run.roster.history[-1].participant == a('controller')
 
 
+@pytest.mark.parametrize(
+    ('gyro', 'sonar', 'controller', 'reason'),
+    [
+        ({'seed': 1}, {'seed': 1}, {}, ''),
+        ({'seed': 1, 'noise': 2}, {'seed': 1, 'noise': 3}, {}, ''),
+        ({'radius': 0.5}, {}, {'seed': 4}, ''),
+        ({'seed': 1}, {'seed': 2}, {}, 'seed is 1 in /gyro_driver, but 2 in /sonar_driver'),
+        ({}, {'radius': 1.0}, {'radius': 2.0}, 'radius is 2.0 in /controller, but 1.0 in /sonar'),
+        ({'radius': [1]}, {'radius': {'a': 2}}, {}, "but {'a': 2} in /sonar_driver"),
+    ],
+)
+def test_what_participants_share_has_to_be_the_same(gyro, sonar, controller, reason):
+    values = dict(zip(ROLES, (gyro, sonar, controller), strict=True))
+    standing = world(*(a(role, values=values[role]) for role in ROLES)).watch()
+    if reason:
+        assert is_refused(standing, reason)
+    else:
+        assert standing.state is State.COMPLETE
+
+
+def test_a_successor_has_to_share_it_too():
+    driver, follower = (a('controller', each, values={'seed': n}) for n, each in enumerate('xy'))
+    there = world(a('gyro_driver', values={'seed': 0}), a('sonar_driver'), driver).begin()
+    assert is_refused(there.kill(driver).join(follower).watch(), 'seed is 1 in /controller')
+
+
 def test_a_role_that_is_none_changes_nothing():
     run = world().begin()
     run.roster.announced(Announcement(dataclasses.replace(a('gyro_driver', 'x'), role='cook'), RUN))
@@ -416,7 +443,7 @@ def test_the_next_run_gathers_everybody_again_and_knows_the_dead():
     run = world().begin()
     run.kill(a('gyro_driver')).join(a('gyro_driver', 'its successor'))
     assert run.watch().state is State.COMPLETE
-    run.roster.gather('2 abc')
+    run.roster.gather('2 abc', PLANT, ROLES)
     assert run.look().state is State.WAITING
     for participant in run.living.values():
         run.roster.announced(Announcement(participant, '2 abc'))

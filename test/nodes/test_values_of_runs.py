@@ -1,0 +1,114 @@
+"""Parameters that are set while a graph runs: each run has those of its start, and tells them."""
+
+import contextlib
+import re
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from graph import NODES, wait_for
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from ros_client import Client
+from std_srvs.srv import Trigger
+
+from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.cli.replay import replay_recording
+from ballbot_ros.messages.topics import PLANT_IMU
+from ballbot_ros.nodes.node_parameters import NEXT_RUN
+from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR
+
+pytestmark = pytest.mark.graph
+
+DRIVERS = [name for name in NODES if name not in ('plant_sim', 'recorder')]
+
+
+@pytest.fixture
+def client(domain):
+    with contextlib.closing(Client(domain)) as client:
+        client.watch(PLANT_IMU)
+        yield client
+
+
+def set_value(client, node, name, value):
+    parameter = Parameter(name, value=value).to_parameter_msg()
+    request = SetParameters.Request(parameters=[parameter])
+    return client.call(SetParameters, f'{node}/set_parameters', request).results[0]
+
+
+def test_each_run_is_recorded_and_replayed_with_its_own_values(
+    start_node, client, tmp_path, capsys
+):
+    path = tmp_path / 'runs.mcap'
+    for name in DRIVERS:
+        start_node(name, remap=f'__node:=my_{name}')
+    recorder = start_node('recorder', output=path)
+    plant = start_node(
+        'plant_sim', remap='__node:=ball_plant', real_time_factor=0, require_recorder='true'
+    )
+    client.spin_until(lambda: PLANT_IMU.name in client.newest and client.now_ns() > 1_500_000_000)
+    for node, name, value in (
+        ('my_gyro_driver', 'noise', 0.5),
+        ('my_gyro_driver', 'seed', 3),
+        ('my_sonar_driver', 'seed', 3),
+        ('my_controller', 'pwm_gain', 0.9),
+        ('my_controller', 'ts2_period', 4),
+        ('ball_plant', 'start_pitch_x', 0.02),
+        ('ball_plant', 'map', 'corridor'),
+        ('my_sonar_driver', 'map', 'corridor'),
+        ('ball_plant', 'duration', 2),
+    ):
+        assert set_value(client, node, name, value).reason == NEXT_RUN
+    first_end = client.now_ns()
+    assert client.call(Trigger, 'plant_sim/reset', Trigger.Request()).success
+    assert plant.finish() == 0
+    assert 'run 2 completed after 500 ticks' in plant.output
+    assert recorder.interrupt() == 0
+
+    assert replay_recording(path, controller='python', assignments=[], as_json=False) == 0
+    assert re.findall(r'(\w+), 2 runs: identical', capsys.readouterr().out) == [
+        'controller', 'robot',
+    ]  # fmt: skip
+    first, second = read_run(path, 1), read_run(path, 2)
+    assert first.end * 1e9 + 1e9 > first_end - 1e9
+    told = [run.attached.parameters.values for run in (first, second)]
+    assert [values(GYRO)['noise'] for values in told] == [0.0, 0.5]
+    assert [values(SONAR)['seed'] for values in told] == [1, 3]
+    assert [values(CONTROLLER)['pwm_gain'] for values in told] == [1.0, 0.9]
+    assert [values(PLANT)['map'] for values in told] == ['', 'corridor']
+    assert (first.grid, second.attached.has_parameters) == (None, True)
+    assert second.grid is not None
+    assert second.complete
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({GYRO: {'seed': 2}}, 'seed is 2 in /gyro_driver, but 1 in /sonar_driver'),
+        ({CONTROLLER: {'wheel_radius': 0.03}}, 'wheel_radius is 0.03 in /controller, but 0.021'),
+        ({SONAR: {'map': 'track'}}, "map is '' in /plant_sim, but 'track' in /sonar_driver"),
+    ],
+    ids=['seed', 'radius', 'map'],
+)
+def test_what_nodes_share_has_to_be_the_same(start_node, changes, words):
+    for name in DRIVERS:
+        start_node(name, **changes.get(name, {}))
+    plant = start_node('plant_sim', duration=1)
+    assert plant.finish() == 1
+    assert words in plant.output
+    assert 'before its first tick' in plant.output
+
+
+def test_at_the_slowest_pace_the_plant_still_answers(start_node, client):
+    for name in DRIVERS:
+        start_node(name)
+    plant = start_node('plant_sim', real_time_factor=0.01)
+    client.spin_until(lambda: PLANT_IMU.name in client.newest)
+    assert not set_value(client, 'plant_sim', 'real_time_factor', 1e-4).successful
+    assert set_value(client, 'plant_sim', 'real_time_factor', 0.0).successful
+    # At the pace before, a quarter of an hour.
+    client.spin_until(lambda: client.now_ns() > 10_000_000_000)
+    assert plant.interrupt() == 0
+    assert 'waiting for' not in plant.output
+    wait_for(lambda: plant.process.poll() is not None)
