@@ -40,7 +40,7 @@ from ballbot_ros.messages.topics import (
     TOPICS,
     Topic,
 )
-from ballbot_ros.nodes.base import offered_qos, requested_qos, spin
+from ballbot_ros.nodes.base import reliable_qos, spin
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.parameters import CONTROLLER, ENCODER, GAMEPAD, GYRO, NODES, PLANT, RECORDER, SONAR
 from ballbot_ros.simulation.lockstep import InputGate
@@ -99,7 +99,7 @@ class Relay:
     def sender(self, topic: Topic) -> Callable[[int], None]:
         """Return what publishes `topic` with a stamp [ns]."""
         publisher = self.node.create_publisher(
-            topic.message_class, topic.name, offered_qos(HISTORY)
+            topic.message_class, topic.name, reliable_qos(HISTORY, latched=True)
         )
         message = topic.message_class(**CONTENT.get(topic, {}))
         stamp = time_in(message)
@@ -117,7 +117,7 @@ class Relay:
             topic.message_class,
             topic.name,
             lambda message: on_stamp(time_ns(time_in(message))),
-            requested_qos(topic, 1),
+            reliable_qos(1, latched=True),
         )
 
 
@@ -249,7 +249,7 @@ class RecorderRelay(Relay):
                 topic.message_class,
                 topic.name,
                 self._callback(topic),
-                requested_qos(topic, HISTORY),
+                reliable_qos(HISTORY, latched=True),
                 raw=True,
             )
         self.node.create_timer(ACK_PERIOD_S, self._acknowledge)

@@ -112,7 +112,7 @@ def _drive(
     if viewer:
         names.append(VIEWER)
     processes: dict[str, NodeProcess] = {}
-    with StopRequest(numbers=STOP_SIGNALS) as stop, ros(), GraphMonitor() as monitor:
+    with StopRequest(numbers=STOP_SIGNALS) as stop, ros('INFO'), GraphMonitor() as monitor:
         gamepad = GamepadTeleop(parameters.values(GAMEPAD))
         thread = NodeThread(gamepad)
         if hint:

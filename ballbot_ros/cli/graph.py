@@ -15,16 +15,21 @@ from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
 
 
 @contextmanager
-def ros() -> Iterator[None]:
-    """Have rclpy ready for the nodes of this process, on this machine unless told otherwise."""
+def ros(log_level: str = 'WARN') -> Iterator[None]:
+    """Have rclpy ready for the nodes of this process, on this machine unless told otherwise.
+
+    Parameters
+    ----------
+    log_level : str
+        Of the nodes; the command itself tells of the run.
+    """
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     if rclpy.ok():
         yield
         return
     prepare_middleware()
-    # The command itself tells of the run; the nodes, only what is wrong.
     rclpy.init(
-        args=['--ros-args', '--log-level', 'WARN'],
+        args=['--ros-args', '--log-level', log_level],
         signal_handler_options=rclpy.SignalHandlerOptions.NO,
     )
     try:

@@ -27,6 +27,7 @@ def play_file(values: Mapping[str, Any]) -> int:
     for name, value in values.items():
         checked.set(PLAYER, name, value)
     require_rclpy()
+    from rclpy.logging import LoggingSeverity
     from rclpy.parameter import Parameter
 
     from ballbot_ros.nodes.base import run_node
@@ -36,6 +37,7 @@ def play_file(values: Mapping[str, Any]) -> int:
 
     def make() -> Player:
         player = Player(values)
+        player.get_logger().set_level(LoggingSeverity.WARN)
         if not sys.stdin.isatty():
             return player
 

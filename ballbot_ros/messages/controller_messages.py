@@ -69,6 +69,7 @@ class ControllerMessages:
         """Begin a run: its first operating state is a change."""
         self.operating_state = ''
 
-    def repeat_duty(self, stamp_ns: int) -> None:
-        """Send the duty of the tick before, at `stamp_ns`, once more."""
+    def repeat(self, stamp_ns: int) -> None:
+        """Send what each tick has, of the one before, at `stamp_ns`, once more."""
         self._duty.send(stamp_ns)
+        self._state.send(stamp_ns)

@@ -19,7 +19,8 @@ from ballbot_ros.parameters import (
 from ballbot_ros.simulation.timing import BATTERY_NS, SLOW_NS, TICK_NS
 
 HISTORY = 128
-"""Depth of a publisher: the plant runs at most :data:`MAX_LEAD_TICKS` ahead of the recorder."""
+"""Messages that a publisher keeps: the plant runs at most :data:`MAX_LEAD_TICKS` ahead of the
+recorder."""
 
 MAX_LEAD_TICKS = 50
 
@@ -37,15 +38,25 @@ class Topic(NamedTuple):
         The one node that publishes it; None where several may.
     period_ns : int
         In lockstep one message comes at each multiple of it [ns]; 0 for a topic of events.
-    depth : int
-        How many messages the publisher keeps for those who come late.
+    keeps : int
+        How many messages a publisher keeps for who comes late: the newest of a state, which holds
+        until the next one; none of a stream or of events.
+    has_history : bool
+        Whether the messages come on :attr:`history` as well. The recorder takes them from there:
+        the newest alone is not enough for it, and an event can be asked for no second time.
     """
 
     name: str
     type_name: str
     publisher: str | None
     period_ns: int = 0
-    depth: int = HISTORY
+    keeps: int = 0
+    has_history: bool = False
+
+    @property
+    def history(self) -> Topic:
+        """The hidden topic that keeps the newest :data:`HISTORY` messages for who comes late."""
+        return self._replace(name=f'{self.name}/_history', keeps=HISTORY, has_history=False)
 
     @property
     def message_class(self) -> Any:
@@ -58,18 +69,33 @@ class Topic(NamedTuple):
 
 
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', PLANT, TICK_NS)
-RUN = Topic('plant/run', 'std_msgs/msg/Header', PLANT)
-ROLL_CALL = Topic('plant/roll_call', 'std_msgs/msg/Header', PLANT)
-RUN_STATUS = Topic('plant/run_status', 'diagnostic_msgs/msg/DiagnosticStatus', PLANT)
-PARTICIPANTS = Topic('participants', 'diagnostic_msgs/msg/DiagnosticStatus', None)
+RUN = Topic('plant/run', 'std_msgs/msg/Header', PLANT, keeps=1, has_history=True)
+ROLL_CALL = Topic('plant/roll_call', 'std_msgs/msg/Header', PLANT, keeps=1, has_history=True)
+RUN_STATUS = Topic(
+    'plant/run_status',
+    'diagnostic_msgs/msg/DiagnosticStatus',
+    PLANT,
+    keeps=1,
+    has_history=True,
+)
+PARTICIPANTS = Topic('participants', 'diagnostic_msgs/msg/DiagnosticStatus', None, keeps=HISTORY)
 PLANT_JOINT_STATES = Topic('plant/joint_states', 'sensor_msgs/msg/JointState', PLANT, TICK_NS)
 PLANT_IMU = Topic('plant/imu', 'sensor_msgs/msg/Imu', PLANT, TICK_NS)
 PLANT_ODOM = Topic('plant/odom', 'nav_msgs/msg/Odometry', PLANT, TICK_NS)
-BATTERY_STATE = Topic('battery_state', 'sensor_msgs/msg/BatteryState', PLANT, BATTERY_NS)
-WALL_HIT = Topic('wall_hit', 'std_msgs/msg/Bool', PLANT)
-MAP = Topic('map', 'nav_msgs/msg/OccupancyGrid', PLANT, depth=1)
+BATTERY_STATE = Topic(
+    'battery_state',
+    'sensor_msgs/msg/BatteryState',
+    PLANT,
+    BATTERY_NS,
+    keeps=1,
+    has_history=True,
+)
+WALL_HIT = Topic('wall_hit', 'std_msgs/msg/Bool', PLANT, keeps=1, has_history=True)
+MAP = Topic('map', 'nav_msgs/msg/OccupancyGrid', PLANT, keeps=1)
 PUSH = Topic('plant/push', 'geometry_msgs/msg/WrenchStamped', None)
-ACCEPTED_PUSH = Topic('plant/accepted_push', 'geometry_msgs/msg/WrenchStamped', PLANT)
+ACCEPTED_PUSH = Topic(
+    'plant/accepted_push', 'geometry_msgs/msg/WrenchStamped', PLANT, has_history=True
+)
 GYRO_IMU = Topic('gyro', 'sensor_msgs/msg/Imu', GYRO, TICK_NS)
 JOINT_STATES = Topic('joint_states', 'sensor_msgs/msg/JointState', ENCODER, TICK_NS)
 SONAR_RANGE = Topic('sonar', 'sensor_msgs/msg/Range', SONAR, SLOW_NS)
@@ -80,16 +106,18 @@ CMD_VEL = Topic('cmd_vel', 'geometry_msgs/msg/Twist', None)
 CMD_VEL_STAMPED = Topic('cmd_vel', 'geometry_msgs/msg/TwistStamped', None)
 MOTOR_DUTY = Topic('motor_duty', 'geometry_msgs/msg/Vector3Stamped', CONTROLLER, TICK_NS)
 CONTROLLER_STATE = Topic('controller/state', 'sensor_msgs/msg/JointState', CONTROLLER, TICK_NS)
-OPERATING_STATE = Topic('operating_state', 'std_msgs/msg/String', CONTROLLER)
-BLUETOOTH_TX = Topic('bluetooth/tx', 'std_msgs/msg/UInt8MultiArray', CONTROLLER)
-SOUND = Topic('sound', 'geometry_msgs/msg/Vector3Stamped', CONTROLLER)
-LCD = Topic('lcd', 'std_msgs/msg/String', CONTROLLER)
+OPERATING_STATE = Topic(
+    'operating_state', 'std_msgs/msg/String', CONTROLLER, keeps=1, has_history=True
+)
+BLUETOOTH_TX = Topic('bluetooth/tx', 'std_msgs/msg/UInt8MultiArray', CONTROLLER, has_history=True)
+SOUND = Topic('sound', 'geometry_msgs/msg/Vector3Stamped', CONTROLLER, has_history=True)
+LCD = Topic('lcd', 'std_msgs/msg/String', CONTROLLER, keeps=1, has_history=True)
 RECORDER_ACK = Topic('recorder/ack', 'std_msgs/msg/Header', RECORDER)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None)
-ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', VISUALIZER)
-MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', VISUALIZER)
+ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', VISUALIZER, keeps=1)
+MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', VISUALIZER, keeps=1)
 TF = Topic('/tf', 'tf2_msgs/msg/TFMessage', None)
-TF_STATIC = Topic('/tf_static', 'tf2_msgs/msg/TFMessage', None)
+TF_STATIC = Topic('/tf_static', 'tf2_msgs/msg/TFMessage', None, keeps=1)
 
 TOPICS = (
     CLOCK, RUN, ROLL_CALL, RUN_STATUS,
@@ -102,11 +130,14 @@ TOPICS = (
 """What the graph itself publishes. What others offer for driving is found by discovery, as the
 quality of service, and of ``cmd_vel`` even the type, is theirs to choose."""
 
-LOCKSTEP = {
+_PUBLISHERS = {
     topic: (topic.publisher,)
     for topic in TOPICS
     if topic.publisher and (topic.period_ns or topic in (RUN, ROLL_CALL, RUN_STATUS, RECORDER_ACK))
 } | {PARTICIPANTS: NODES}
+LOCKSTEP = _PUBLISHERS | {
+    topic.history: roles for topic, roles in _PUBLISHERS.items() if topic.has_history
+}
 """Topics on which nobody but the participants of a run may publish, and the roles that do."""
 
 

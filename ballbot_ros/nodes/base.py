@@ -15,12 +15,13 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.raw import decoder
-from ballbot_ros.messages.topics import DIAGNOSTICS, Topic
+from ballbot_ros.messages.topics import DIAGNOSTICS, HISTORY, Topic
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.node_parameters import ParameterNode
 from ballbot_ros.stop_request import StopRequest
@@ -37,35 +38,74 @@ END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 _PR_SET_PDEATHSIG = 1
 
 
-def offered_qos(depth: int) -> QoSProfile:
-    """Return what publishers offer: reliable and latched, so that start-up order is free."""
+def reliable_qos(depth: int, *, latched: bool) -> QoSProfile:
+    """Return reliable delivery, where `latched` also of what was sent before."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
 
 
+def offered_qos(topic: Topic) -> QoSProfile:
+    """Return what publishers offer; what they keep for the readers they have is deep."""
+    return reliable_qos(topic.keeps or HISTORY, latched=topic.keeps > 0)
+
+
 def requested_qos(topic: Topic, depth: int) -> QoSProfile:
-    """Return what subscriptions ask for: latched from our own nodes, not of any other tool."""
-    profile = offered_qos(depth)
-    if topic.publisher is None:
-        profile.durability = DurabilityPolicy.VOLATILE
-    return profile
+    """Return what subscriptions ask for: what is kept, but not of what any tool may publish."""
+    return reliable_qos(depth, latched=topic.keeps > 0 and topic.publisher is not None)
 
 
-class PublishedOutput:
-    """A topic's one message and its publisher, as :class:`ballbot_ros.messages.outputs.Output`."""
+class Output:
+    """A topic's publishers, with the message that :class:`ballbot_ros.messages.outputs.Output` has.
 
-    def __init__(self, topic: Topic, publisher: Any) -> None:
-        self.topic = topic
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    topic : Topic
+    """
+
+    def __init__(self, node: Node, topic: Topic) -> None:
+        self._node, self._topic = node, topic
         self.message = topic.message_class()
-        self.publisher = publisher
+        self._make()
+
+    def _make(self) -> None:
+        kind, topic = self._topic.message_class, self._topic
+        # The history first: who hears of the topic has heard of it by then.
+        self._publishers = []
+        if topic.has_history:
+            qos = reliable_qos(HISTORY, latched=True)
+            self._publishers.append(self._node.create_publisher(kind, topic.history.name, qos))
+        qos = offered_qos(topic)
+        self._publishers.append(self._node.create_publisher(kind, topic.name, qos))
+
+    def renew(self) -> None:
+        """Publish from new publishers, which keep nothing of before."""
+        for publisher in self._publishers:
+            self._node.destroy_publisher(publisher)
+        self._make()
 
     def send(self, stamp_ns: int) -> None:
         """Publish the message as it is now."""
-        self.publisher.publish(self.message)
+        self.publish(self.message)
+
+    def publish(self, message: Any) -> None:
+        """Publish a message, or one that is serialised."""
+        for publisher in self._publishers:
+            publisher.publish(message)
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether anybody subscribes to the topic."""
+        return bool(self._publishers[-1].get_subscription_count())
+
+    def flush(self) -> None:
+        """Let the last messages reach their readers."""
+        for publisher in self._publishers:
+            publisher.wait_for_all_acked(Duration(seconds=FLUSH_S))
 
 
 class BallbotNode(ParameterNode):
@@ -105,9 +145,8 @@ class BallbotNode(ParameterNode):
         self._level = DiagnosticStatus.OK
         self._problem = ''
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._advertised: dict[Topic, Any] = {}
-        self._run_outputs: list[PublishedOutput] = []
-        self._diagnostics = self.advertise(DIAGNOSTICS)
+        self._own_outputs: dict[Topic, Output] = {}
+        self._diagnostics = self.output(DIAGNOSTICS)
         self.every(DIAGNOSTICS_PERIOD_S, self.report)
 
     @property
@@ -124,29 +163,21 @@ class BallbotNode(ParameterNode):
         """Call back on the wall clock."""
         return self.create_timer(period_s, callback, clock=self._steady)
 
-    def advertise(self, topic: Topic, depth: int | None = None) -> Any:
-        """Return a publisher of `topic`, of another depth than the table's where one is given."""
-        qos = offered_qos(depth or topic.depth)
-        publisher = self.create_publisher(topic.message_class, topic.name, qos)
-        self._advertised[topic] = publisher
-        return publisher
-
-    def output(self, topic: Topic) -> PublishedOutput:
-        """Return a publisher of `topic` with the message that it sends again and again."""
-        output = PublishedOutput(topic, self.advertise(topic))
-        self._run_outputs.append(output)
+    def output(self, topic: Topic) -> Output:
+        """Return what publishes on `topic`, with the message that it sends again and again."""
+        output = self._own_outputs[topic] = Output(self, topic)
         return output
 
-    def renew_outputs(self) -> None:
-        """Publish from new publishers, whose histories have nothing of an earlier run."""
-        for output in self._run_outputs:
-            self.destroy_publisher(output.publisher)
-            output.publisher = self.advertise(output.topic)
+    def renew_outputs(self, but: Topic) -> None:
+        """Keep nothing of an earlier run for who comes late, `but` on one topic."""
+        for topic, output in self._own_outputs.items():
+            if topic is not but and (topic.keeps or topic.has_history):
+                output.renew()
 
     def flush(self, *topics: Topic) -> None:
         """Let the last messages of `topics` reach their readers."""
         for topic in topics:
-            self._advertised[topic].wait_for_all_acked(Duration(seconds=FLUSH_S))
+            self._own_outputs[topic].flush()
 
     def listen(
         self, topic: Topic, callback: Callable[..., None], *, depth: int = 1, raw: bool = False

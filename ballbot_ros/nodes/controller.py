@@ -138,7 +138,7 @@ class Controller(BallbotNode):
             self._tick_of_lockstep()
         elif step is Step.ANSWER_AGAIN:
             self._resent += 1
-            self._messages.repeat_duty(stamp)
+            self._messages.repeat(stamp)
         elif step is Step.OBJECT:
             self._participation.object(Objection.to_sample(name, stamp))
 

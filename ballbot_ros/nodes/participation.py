@@ -69,6 +69,8 @@ class Participation:
     node : BallbotNode
     on_run : callable, optional
         Called with each new run, before the node takes part in it.
+    on_call : callable, optional
+        Called at each roll call, once it is answered.
 
     Attributes
     ----------
@@ -76,12 +78,17 @@ class Participation:
         The newest run.
     """
 
-    def __init__(self, node: BallbotNode, on_run: Callable[[Run], None] | None = None) -> None:
+    def __init__(
+        self,
+        node: BallbotNode,
+        on_run: Callable[[Run], None] = lambda run: None,
+        on_call: Callable[[], None] = lambda: None,
+    ) -> None:
         self._node = node
-        self._on_new_run = on_run
+        self._on_new_run, self._on_call = on_run, on_call
         self._participant = participant_of(node)
         self._objection: Objection | None = None
-        self._publisher = node.advertise(PARTICIPANTS)
+        self._publisher = node.output(PARTICIPANTS)
         self.run: Run | None = None
         node.awaits = 'a run'
         node.listen(ROLL_CALL, self._on_roll_call)
@@ -101,18 +108,18 @@ class Participation:
         if run != self.run:
             self._join(run)
         self._announce()
+        self._on_call()
 
     def _join(self, run: Run) -> None:
         if self.run and run.plant != self.run.plant:
-            self._node.renew_outputs()
+            self._node.renew_outputs(but=PARTICIPANTS)
         self.run = run
         self._objection = None
         self._node.now_ns = 0
         self._node.take_values()
         self._participant = with_values(self._participant, self._node.values)
         self._node.get_logger().info(f'takes part in run {run.number}')
-        if self._on_new_run:
-            self._on_new_run(run)
+        self._on_new_run(run)
 
     def _announce(self) -> None:
         if self.run:

@@ -35,6 +35,7 @@ from ballbot_ros.simulation.participants import (
     MAP_HASH,
     Announcement,
     Objection,
+    Participant,
     Roster,
     Standing,
     State,
@@ -69,8 +70,8 @@ class PlantParticipants:
             owners={topic.name: roles for topic, roles in LOCKSTEP.items()},
         )
         self._look = GraphLook(node, tuple(LOCKSTEP))
-        self._announcement = node.advertise(PARTICIPANTS)
-        self._status = node.advertise(RUN_STATUS)
+        self._announcement = node.output(PARTICIPANTS)
+        self._status = node.output(RUN_STATUS)
         self._roll_call = node.output(ROLL_CALL)
         self._run = ''
         self._start_ns = 0
@@ -181,6 +182,10 @@ class PlantParticipants:
                 since_s = (member.since_ns - self._start_ns) / SECOND_NS
                 return f'{member.participant} began afresh at {since_s:.3f} s of the run'
         return ''
+
+    def member(self, role: str) -> Participant | None:
+        """Return who has a role in this run."""
+        return self._roster.members.get(role)
 
     def missing(self) -> list[str]:
         """Return the roles that nobody has taken yet."""

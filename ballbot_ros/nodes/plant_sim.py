@@ -45,11 +45,12 @@ from ballbot_ros.plant.truth import Push
 from ballbot_ros.recording.writer import OUTCOME_KEYS
 from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.simulation.pacer import Pacer
-from ballbot_ros.simulation.participants import Objection, State
+from ballbot_ros.simulation.participants import Objection, Participant, State
 from ballbot_ros.simulation.sample_history import DEPTH, Sample, SampleHistory
 from ballbot_ros.simulation.timing import (
     FIRST_TICK_NS,
     FREE_RUNNING_SILENCE_S,
+    SLOW_NS,
     TICK_NS,
     next_start_ns,
 )
@@ -59,6 +60,9 @@ from ballbot_ros.world.world import World
 RESEND_S = 0.1
 WARN_S = 0.3
 STARTUP_WARN_S = 5.0
+STILL_S = 1.0
+"""While the plant stands still it tells so often where, for who comes late."""
+
 SETTLE_S = 0.4
 TICK_S = TICK_NS * 1e-9
 
@@ -142,6 +146,9 @@ class PlantSim(BallbotNode):
         self._duty: tuple[int, int] | None = None
         self._is_open = self._is_held = False
         self._ack_ns: int | None = None
+        self._recorder: Participant | None = None
+        self._newest_recorder: Participant | None = None
+        self._sync_ns = start_ns
         self._duty_at = 0.0
         self._free_duty = (0, 0)
         self._draining = False
@@ -165,6 +172,7 @@ class PlantSim(BallbotNode):
         """Begin the run with those who are there: publish its first truth."""
         self._is_open = True
         self._participants.fix()
+        self._recorder = self._newest_recorder = self._participants.member(RECORDER)
         self.get_logger().info(f'run {self._run_number} begins at sim time {self._start_s:.3f} s')
         self._messages.begin(self._start_ns, self._world)
         for push in self._scenario.pushes_from(self._start_ns):
@@ -293,10 +301,32 @@ class PlantSim(BallbotNode):
         return round(duration * 1e9) if duration else float('inf')
 
     def _recorder_lags(self) -> bool:
+        """Tell whether the recorder has to catch up first.
+
+        A stream keeps nothing for who comes late. Hence the recorder has to have all of a tick
+        from which on nothing may be missed: the first one, that is, and each that was asked for
+        again.
+        """
         now = self._plant.time_ns
-        if self._ack_ns is None:
-            return bool(self.values['require_recorder'])
+        if self._recorder is None:
+            return False
+        if self._ack_ns is None or self._ack_ns < self._sync_ns:
+            return now >= self._sync_ns
         return now - self._ack_ns > MAX_LEAD_TICKS * TICK_NS
+
+    def _is_syncing(self) -> bool:
+        """Tell whether a tick is to be sent again for the recorder."""
+        is_missed = self._ack_ns is None or self._ack_ns < self._sync_ns
+        return is_missed and self._recorder_lags()
+
+    def _meet_recorder(self) -> None:
+        """Let a recorder that has come begin at a tick of which every driver sends something."""
+        recorder = self._participants.member(RECORDER)
+        if recorder != self._newest_recorder:
+            self._recorder = self._newest_recorder = recorder
+            self._ack_ns = None
+            self._sync_ns = -(-self._plant.time_ns // SLOW_NS) * SLOW_NS
+            self.advance()
 
     def _watch(self) -> None:
         """Ask again after a silence; in the end find out who is silent."""
@@ -314,6 +344,8 @@ class PlantSim(BallbotNode):
         if not self._may_go_on(calling=True) or self.finished or not self._lockstep:
             return
         if self._duty is not None and (self.control.paused or self._pace_timer.is_running):
+            if now - self._asked_at > STILL_S:
+                self._publish_truth(again=True)
             return
         waits_for_recorder = self._draining or self._duty is not None
         silence = now - (self._duty_at if waits_for_recorder else self._sent_at)
@@ -329,16 +361,25 @@ class PlantSim(BallbotNode):
             if silence <= limit:
                 what = RECORDER if waits_for_recorder else 'the duty'
                 self.warn(f'waiting for {what} at sim time {self._plant.time_ns * 1e-9:.3f} s')
-        if not waits_for_recorder and now - self._asked_at > RESEND_S:
-            sent_at = self._sent_at
-            self._resent += 1
-            self._publish_truth(again=True)
-            self._sent_at = sent_at
+        is_syncing = self._duty is not None and self._is_syncing()
+        if (is_syncing or not waits_for_recorder) and now - self._asked_at > RESEND_S:
+            if is_syncing:
+                self._participants.call_roll()
+            self._ask_again()
         if WARN_S < silence <= limit:
             # Who waits is not to be taken for silent itself, on a busy machine neither.
             self.report()
         if silence > limit:
             self._silent(limit, recorder=waits_for_recorder)
+
+    def _ask_again(self) -> None:
+        """Ask for the duty of this tick again; the silence goes on."""
+        sent_at = self._sent_at
+        self._resent += 1
+        # Who answers only now may not have been found by the recorder yet.
+        self._sync_ns = self._plant.time_ns
+        self._publish_truth(again=True)
+        self._sent_at = sent_at
 
     def _on_news(self) -> None:
         """Look at once where the run waits for this very news."""
@@ -362,18 +403,24 @@ class PlantSim(BallbotNode):
                 self._wait(now, standing.reason)
         elif not self._is_open:
             self._open()
-        elif self._is_held:
+        else:
+            self._meet_recorder()
+            self._release()
+        return standing.state is State.COMPLETE
+
+    def _release(self) -> None:
+        """Go on with a run that was held, if it was."""
+        if self._is_held:
             self._is_held = False
-            self._sent_at = self._duty_at = now
+            self._sent_at = self._duty_at = time.monotonic()
             self.recover()
             self._participants.end_silence()
             if self._draining:
                 self._finish_when_recorded()
             elif self._duty is None:
-                self._publish_truth(again=True)
+                self._ask_again()
             else:
                 self.advance()
-        return standing.state is State.COMPLETE
 
     def _wait(self, now: float, reason: str) -> None:
         """Call the roll until it is clear who takes part, within bounds before the first tick."""
@@ -400,7 +447,7 @@ class PlantSim(BallbotNode):
         """Go on without a recorder that has taken its leave; tell whether it has."""
         if self.values['require_recorder'] or self.count_publishers(RECORDER_ACK.name):
             return False
-        self._ack_ns = None
+        self._recorder = self._ack_ns = None
         self.get_logger().warning('the recorder has left the run')
         if self._draining:
             self._finish_when_recorded()

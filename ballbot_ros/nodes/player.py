@@ -21,7 +21,7 @@ from std_srvs.srv import SetBool
 
 from ballbot_ros.messages.conversions import fill_clock
 from ballbot_ros.messages.topics import CLOCK, HISTORY, TOPICS, message_class
-from ballbot_ros.nodes.base import FLUSH_S, BallbotNode, offered_qos, run_node
+from ballbot_ros.nodes.base import FLUSH_S, BallbotNode, reliable_qos, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.parameters import PLANT, PLAYER
 from ballbot_ros.recording.playback import Playback
@@ -66,7 +66,7 @@ class Player(BallbotNode):
         }
         self._made_clock = None
         if not chosen and CLOCK.name not in topics:
-            self._made_clock = self.advertise(CLOCK)
+            self._made_clock = self.output(CLOCK)
         self._owned_clocks = int(CLOCK.name in self._outputs or self._made_clock is not None)
         if self._recording.damage:
             self.warn(f'{self._recording.path}: {self._recording.damage}: it is played up to there')
@@ -153,7 +153,7 @@ def _is_truth(name: str) -> bool:
 def _qos(offers: Sequence[QosProfile]) -> QoSProfile:
     """Return the strongest of the recorded offers, which suits whom the others suit."""
     if not offers:
-        return offered_qos(HISTORY)
+        return reliable_qos(HISTORY, latched=True)
     offer = min(
         offers,
         key=lambda each: (each.reliability != 'reliable', each.durability != 'transient_local'),

@@ -28,7 +28,7 @@ from ballbot_ros.messages.topics import (
     Topic,
     message_class,
 )
-from ballbot_ros.nodes.base import BallbotNode, requested_qos, run_node
+from ballbot_ros.nodes.base import BallbotNode, reliable_qos, run_node
 from ballbot_ros.nodes.graph_look import UNKNOWN_NODE
 from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
 from ballbot_ros.nodes.participation import Participation
@@ -67,8 +67,11 @@ class Recorder(BallbotNode):
             self._writer.add_attachment(name, media_type(name), data)
         self._inbox = hidden_node('inbox', self)
         self._channels: dict[str, _Channel] = {}
+        self._histories: set[str] = set()
         for topic in TOPICS:
-            self._subscribe(topic, requested_qos(topic, HISTORY))
+            # Somebody else's states and events need not be kept to be recorded.
+            latched = topic.keeps > 0 and not topic.has_history and topic.publisher is not None
+            self._subscribe(topic, reliable_qos(HISTORY, latched=latched))
         self._gate = RecordingGate(self)
         self._required: list[_Channel] = []
         self._run: str | None = None
@@ -83,7 +86,7 @@ class Recorder(BallbotNode):
         self._outcome: Mapping[str, str] = {}
         self._members: Mapping[str, str] = {}
         self._ack = self.output(RECORDER_ACK)
-        self._participation = Participation(self, self._on_run)
+        self._participation = Participation(self, self._on_run, self._repeat_ack)
         self.get_logger().info(f'records to {path}')
         self.every(POLL_S, self._poll)
         self.every(FLUSH_S, self._flush)
@@ -91,7 +94,12 @@ class Recorder(BallbotNode):
 
     def _subscribe(self, topic: Topic, qos: QoSProfile) -> None:
         subscription = raw_subscription(self._inbox, topic, qos)
-        self._channels[subscription.topic_name] = _Channel(topic, subscription)
+        channel = _Channel(topic, subscription)
+        if topic.has_history:
+            qos = reliable_qos(HISTORY, latched=True)
+            channel.history = raw_subscription(self._inbox, topic.history, qos)
+            self._histories.add(channel.history.topic_name)
+        self._channels[subscription.topic_name] = channel
 
     def _poll(self) -> None:
         """Write what has come until now, in the order in which it came, and acknowledge it.
@@ -138,6 +146,11 @@ class Recorder(BallbotNode):
         stamp = stamp_of(data) if channel.is_stamped else 0
         self._gate.take(channel.stream, stamp, data, sequence)
 
+    def _repeat_ack(self) -> None:
+        """Tell the plant again, which may have found this node only now."""
+        if self._acked_ns:
+            self._ack.send(self._acked_ns)
+
     def _on_run(self, run: Run) -> None:
         self._write_until(time.time_ns())
         try:
@@ -149,6 +162,8 @@ class Recorder(BallbotNode):
         self._run, self._outcome, self._members = run.name, {}, {}
         if self._gate.begin(run, [channel.stream for channel in self._channels.values()]):
             self._acked_ns, self._required = 0, []
+            for channel in self._channels.values():
+                channel.has_history = False
         self._take_status()
 
     def keep(self, stream: Stream, log_ns: int, data: bytes, sequence: int) -> None:
@@ -215,7 +230,7 @@ class Recorder(BallbotNode):
         """Subscribe to topics that the graph has beside its own."""
         drawing = self._publishers_of(MARKERS) & self._publishers_of(ROBOT_DESCRIPTION)
         for name, _ in self.get_topic_names_and_types():
-            if name in self._channels or name in self._refused:
+            if name in self._channels or name in self._refused or name in self._histories:
                 continue
             offers = self.get_publishers_info_by_topic(name)
             # Discovery may tell of a publisher before it tells of its node: look once more.
@@ -276,6 +291,8 @@ class _Channel:
     def __init__(self, topic: Topic, subscription: Any) -> None:
         self.topic = topic
         self.subscription = subscription
+        self.history: Any = None
+        self.has_history = False
         self.recorded: Any = None
         # Other publishers stamp with clocks of their own.
         self.is_stamped = topic.publisher is not None and has_stamp(topic.type_name)
@@ -289,8 +306,18 @@ class _Channel:
         )
 
     def take_into(self, batch: list[_Item]) -> None:
-        """Take all messages that wait."""
-        for data, info in taken(self.subscription):
+        """Take all messages that wait, from the topic's history if it has one.
+
+        A topic's history is found before the topic, so there are no messages whose history is not
+        known yet. Its publisher may have left before the last message is taken.
+        """
+        come = list(taken(self.subscription))
+        if self.history:
+            self.has_history = self.has_history or self.history.get_publisher_count() > 0
+            if self.has_history:
+                come.clear()
+            come += taken(self.history)
+        for data, info in come:
             batch.append(
                 (info['received_timestamp'], self, data, info['publication_sequence_number'])
             )

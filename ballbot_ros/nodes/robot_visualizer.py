@@ -46,9 +46,8 @@ class RobotVisualizer(BallbotNode):
 
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(VISUALIZER, values)
-        self._array = MARKERS.message_class()
-        self._output = self.advertise(MARKERS, depth=1)
-        self._description = self.advertise(ROBOT_DESCRIPTION, depth=1)
+        self._markers_output = self.output(MARKERS)
+        self._description = self.output(ROBOT_DESCRIPTION)
         self._describe()
         try:
             self._transforms: Transforms | None = Transforms(
@@ -68,7 +67,8 @@ class RobotVisualizer(BallbotNode):
         self._frames = Frames(dimensions)
         self._markers = RobotMarkers(dimensions, message_class('visualization_msgs/msg/Marker'))
         text = robot_description(dimensions, select(Bodies, self.values))
-        self._description.publish(ROBOT_DESCRIPTION.message_class(data=text))
+        self._description.message.data = text
+        self._description.publish(self._description.message)
 
     def take_values(self) -> None:
         """Let everything act that was asked for: a run begins."""
@@ -95,12 +95,13 @@ class RobotVisualizer(BallbotNode):
             if self._transforms is not None:
                 self._transforms.publish(self.now_ns, self._frames.at(now.position, now.psi))
         is_whole = time.monotonic() - self._whole_at >= WHOLE_S
-        if (changed or is_whole) and self._output.get_subscription_count():
+        if (changed or is_whole) and self._markers_output.is_watched:
             if is_whole:
                 self._whole_at = time.monotonic()
             places = in_map(self._frames.at(now.position, now.psi))
-            self._array.markers = self._markers.at(now, places, whole=is_whole)
-            self._output.publish(self._array)
+            message = self._markers_output.message
+            message.markers = self._markers.at(now, places, whole=is_whole)
+            self._markers_output.publish(message)
 
     def close(self) -> None:
         """Take leave of the topics."""
@@ -124,17 +125,17 @@ class Transforms:
 
     def __init__(self, node: BallbotNode, frames: dict[str, Transform]) -> None:
         new_transform = message_class('geometry_msgs/msg/TransformStamped')
-        self._message = TF.message_class(transforms=[new_transform() for _ in MOVING])
-        self._output = node.advertise(TF)
-        fixed = TF_STATIC.message_class(transforms=[new_transform()])
-        _fill((SONAR,), fixed, 0, frames)
-        self._static = node.advertise(TF_STATIC, depth=1)
-        self._static.publish(fixed)
+        self._moving = node.output(TF)
+        self._moving.message.transforms = [new_transform() for _ in MOVING]
+        fixed = node.output(TF_STATIC)
+        fixed.message.transforms = [new_transform()]
+        _fill((SONAR,), fixed.message, 0, frames)
+        fixed.publish(fixed.message)
 
     def publish(self, stamp_ns: int, frames: dict[str, Transform]) -> None:
         """Publish the frames that move."""
-        _fill(MOVING, self._message, stamp_ns, frames)
-        self._output.publish(self._message)
+        _fill(MOVING, self._moving.message, stamp_ns, frames)
+        self._moving.send(stamp_ns)
 
 
 def _fill(

@@ -72,8 +72,7 @@ class Viewer(BallbotNode):
         self._ticks: list[tuple[float, float]] = []
         self._updates = 0
         self._is_driving = False
-        self._joy = self.advertise(VIEWER_JOY, depth=1)
-        self._joy_message = VIEWER_JOY.message_class()
+        self._joy = self.output(VIEWER_JOY)
         self.every(UPDATE_S, self._update)
         self.every(_STICK_PERIOD_S, self._drive)
         if warning := warning_of(host):
@@ -163,8 +162,8 @@ class Viewer(BallbotNode):
         """Publish the on-screen sticks while they are held, and once that they are let go."""
         sticks = self._controls.drive(time.monotonic())
         if sticks is not None or self._is_driving:
-            fill_joy(self._joy_message, self.now_ns, sticks or (0.0, 0.0))
-            self._joy.publish(self._joy_message)
+            fill_joy(self._joy.message, self.now_ns, sticks or (0.0, 0.0))
+            self._joy.send(self.now_ns)
         self._is_driving = sticks is not None
 
     def close(self) -> None:

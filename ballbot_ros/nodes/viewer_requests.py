@@ -57,8 +57,7 @@ class ViewerRequests:
         self._waiting: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._clients = {name: node.create_client(kind, name) for name, kind in _SERVICES.items()}
         self._plant_parameters = _ParameterClients(node)
-        self._push = node.advertise(PUSH, depth=1)
-        self._push_message = PUSH.message_class()
+        self._push = node.output(PUSH)
         self._had_plant = False
         self._question: _Question | None = None
         self._asked_at = -math.inf
@@ -118,8 +117,8 @@ class ViewerRequests:
         """Push the body [N], in plane signs."""
 
         def publish() -> None:
-            fill_push(self._push_message, self._node.now_ns, force)
-            self._push.publish(self._push_message)
+            fill_push(self._push.message, self._node.now_ns, force)
+            self._push.send(self._node.now_ns)
 
         self._waiting.put(publish)
 

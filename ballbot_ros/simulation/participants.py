@@ -553,6 +553,11 @@ class Roster:
         return self._calls
 
     @property
+    def members(self) -> Mapping[str, Participant]:
+        """Who has which role at present."""
+        return self._run.members
+
+    @property
     def history(self) -> tuple[Membership, ...]:
         """Everybody who has taken part in this run, in the order of joining it."""
         return tuple(self._run.history)

@@ -210,15 +210,23 @@ class RecordingGate:
 
     def _pass(self, message: _Message) -> None:
         stream, stamp_ns, data, sequence = message
+        is_missed = self._is_missed_before(message)
         sample = stream.judge(stamp_ns, data, sequence)
         if sample is Sample.CONTRADICTING and self.is_lockstep:
             self._writer.object(stream, stamp_ns)
         elif sample is not Sample.NEW:
             return
-        elif stream.has_lost_before(sequence) and (
+        elif (stream.has_lost_before(sequence) or is_missed) and (
             # The numbers of a stranger's events are between those of the run.
             stream.period_ns or not self._writer.has_several_publishers(stream)
         ):
             self._writer.lose(stream, sequence)
         is_of_run = self._first_ns <= stamp_ns <= self.now_ns + LATEST_NS and stamp_ns > 0
         self._writer.keep(stream, stamp_ns if is_of_run else self.now_ns, data, sequence)
+
+    def _is_missed_before(self, message: _Message) -> bool:
+        """Tell whether a stream leaps over a stamp of this run: numbers tell of one sender only."""
+        stream = message.stream
+        if not (self.is_lockstep and self._run and stream.period_ns and stream.newest_ns):
+            return False
+        return message.stamp_ns > max(stream.newest_ns + stream.period_ns, self._run.start_ns)

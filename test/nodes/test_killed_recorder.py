@@ -16,7 +16,7 @@ rclpy = pytest.importorskip('rclpy')
 from rclpy.context import Context  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
-from ballbot_ros.nodes.base import offered_qos  # noqa: E402
+from ballbot_ros.nodes.base import reliable_qos  # noqa: E402
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
@@ -33,7 +33,9 @@ class Ticking:
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain)
         self._node = rclpy.create_node('ticking', context=self._context)
-        self._publisher = self._node.create_publisher(Clock, '/clock', offered_qos(128))
+        self._publisher = self._node.create_publisher(
+            Clock, '/clock', reliable_qos(128, latched=True)
+        )
         self.now = 0.0
         self._begun = time.monotonic()
         self._stop = threading.Event()

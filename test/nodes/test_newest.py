@@ -9,7 +9,7 @@ pytest.importorskip('rclpy')
 from ros_client import Client
 
 from ballbot_ros.messages.topics import PLANT_IMU, PLANT_ODOM, RUN
-from ballbot_ros.nodes.base import offered_qos
+from ballbot_ros.nodes.base import reliable_qos
 from ballbot_ros.nodes.newest import Newest
 
 pytestmark = pytest.mark.graph
@@ -21,7 +21,7 @@ def test_a_run_announced_before_the_first_pose_is_not_missed(domain):
 
         def publish(topic):
             publisher = client.node.create_publisher(
-                topic.message_class, topic.name, offered_qos(1)
+                topic.message_class, topic.name, reliable_qos(1, latched=True)
             )
             publisher.publish(topic.message_class())
 

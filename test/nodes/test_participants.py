@@ -25,7 +25,7 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     ROLL_CALL,
     RUN,
 )
-from ballbot_ros.nodes.base import offered_qos  # noqa: E402
+from ballbot_ros.nodes.base import reliable_qos  # noqa: E402
 from ballbot_ros.parameters import CONTROLLER, GYRO, NODES, PLANT, RECORDER  # noqa: E402
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 from ballbot_ros.simulation.participants import Announcement, Participant  # noqa: E402
@@ -48,7 +48,9 @@ class Stranger:
         self.executor.add_node(self.node)
 
     def publish(self, topic, make, period_s=0.05):
-        publisher = self.node.create_publisher(topic.message_class, topic.name, offered_qos(1))
+        publisher = self.node.create_publisher(
+            topic.message_class, topic.name, reliable_qos(1, latched=True)
+        )
         self.node.create_timer(period_s, lambda: publisher.publish(make()))
 
     def spin_until(self, condition):
@@ -187,12 +189,18 @@ class OwnController:
         self._participant = Participant(
             CONTROLLER, '/talker', 'here', 1, 'mine', 'my own', '00', topics=(MOTOR_DUTY.name,)
         )
-        self._duty = node.create_publisher(Vector3Stamped, MOTOR_DUTY.name, offered_qos(1))
-        self._announcement = node.create_publisher(
-            PARTICIPANTS.message_class, PARTICIPANTS.name, offered_qos(1)
+        self._duty = node.create_publisher(
+            Vector3Stamped, MOTOR_DUTY.name, reliable_qos(1, latched=True)
         )
-        node.create_subscription(Header, ROLL_CALL.name, self._answer, offered_qos(1))
-        node.create_subscription(GYRO_IMU.message_class, GYRO_IMU.name, self._tick, offered_qos(1))
+        self._announcement = node.create_publisher(
+            PARTICIPANTS.message_class, PARTICIPANTS.name, reliable_qos(1, latched=True)
+        )
+        node.create_subscription(
+            Header, ROLL_CALL.name, self._answer, reliable_qos(1, latched=True)
+        )
+        node.create_subscription(
+            GYRO_IMU.message_class, GYRO_IMU.name, self._tick, reliable_qos(1, latched=False)
+        )
 
     def _answer(self, call):
         announcement = Announcement(self._participant, call.frame_id)

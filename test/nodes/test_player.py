@@ -18,7 +18,7 @@ from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
 from ballbot_ros.messages.topics import message_class  # noqa: E402
-from ballbot_ros.nodes.base import offered_qos  # noqa: E402
+from ballbot_ros.nodes.base import reliable_qos  # noqa: E402
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 
 pytestmark = pytest.mark.graph
@@ -42,7 +42,11 @@ class Listener:
         self.found = {name: [] for name in topics}
         for name, type_name in topics.items():
             self.node.create_subscription(
-                message_class(type_name), name, self.found[name].append, offered_qos(1000), raw=True
+                message_class(type_name),
+                name,
+                self.found[name].append,
+                reliable_qos(1000, latched=True),
+                raw=True,
             )
 
         self._done = rclpy.Future()
@@ -166,7 +170,7 @@ def test_a_clock_from_elsewhere_ends_it(recording, domain, start_node, listen):
     player = start_node('player', file=recording, loop=True)
     wait_for(lambda: listener.node.count_publishers('/clock') > 0)
     listener.node.create_publisher(
-        message_class('rosgraph_msgs/msg/Clock'), '/clock', offered_qos(1)
+        message_class('rosgraph_msgs/msg/Clock'), '/clock', reliable_qos(1, latched=True)
     )
     assert player.finish() == 2
     assert 'a plant publishes /clock' in player.output

@@ -9,7 +9,7 @@ pytest.importorskip('rclpy')
 from ros_client import Client
 
 from ballbot_ros.messages.topics import RUN
-from ballbot_ros.nodes.base import offered_qos
+from ballbot_ros.nodes.base import Output, reliable_qos
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 
 pytestmark = pytest.mark.graph
@@ -17,16 +17,14 @@ pytestmark = pytest.mark.graph
 
 def test_the_plant_is_asked_by_whatever_name_it_has_until_it_answers(domain):
     with contextlib.closing(Client(domain)) as client:
-        client.node.advertise = lambda topic, depth: client.node.create_publisher(
-            topic.message_class, topic.name, offered_qos(depth)
-        )
+        client.node.output = lambda topic: Output(client.node, topic)
         requests = ViewerRequests(client.node, print)
         answers = []
         requests.plant_parameters(['map'], answers.append)
         requests.make()
         # Who announces runs is the plant.
         client.node.declare_parameter('map', 'the map')
-        client.node.create_publisher(RUN.message_class, RUN.name, offered_qos(1))
+        client.node.create_publisher(RUN.message_class, RUN.name, reliable_qos(1, latched=True))
 
         def is_answered():
             requests.make()

@@ -183,6 +183,35 @@ def test_a_gap_in_a_publisher_s_numbers_is_a_lost_message(events, lost):
     assert file.lost == lost
 
 
+@pytest.mark.parametrize(
+    ('stamps_ms', 'sonar_ms', 'lost'),
+    [
+        ((1000, 1004, 1008), (1000, 1020), []),
+        ((1000, 1008), (1000,), [('/gyro', 1)]),
+        ((1000, 1004), (1000, 1040), [('/sonar', 1)]),
+        # The first that it gets of a run in which it has come late.
+        ((1400, 1404), (1420,), []),
+    ],
+)
+def test_a_stamp_that_is_leapt_over_is_a_lost_message_whoever_sends_the_next(
+    stamps_ms, sonar_ms, lost
+):
+    file = File()
+    for now in range(1000, 1500, 4):
+        file.take(file.clock, now)
+    for now in stamps_ms:
+        file.take(file.gyro, now, sequence=1)
+    for now in sonar_ms:
+        file.take(file.sonar, now, sequence=1)
+    assert file.lost == lost
+    # The leap from one run to the next is none.
+    file.begin('2 abc', 2000 * MS)
+    file.numbers.update({file.gyro: 1, file.sonar: 1})
+    file.tick(2000)
+    file.tick(2004)
+    assert file.lost == lost
+
+
 def test_strangers_on_a_topic_of_events_are_no_lost_messages():
     file = File()
     file.tick(1000)
