@@ -98,7 +98,7 @@ class ParameterNode(Node):
             descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
         value = row.default
         if given := self._parameter_overrides.pop(row.name, None):
-            value = row.check(_plain(given.value), f'{self.get_name()}.')
+            value = row.check(_read(row, given), f'{self.get_name()}.')
         self.declare_parameter(row.name, _ros_parameter(row.name, value).value, descriptor)
         return value
 
@@ -115,7 +115,7 @@ class ParameterNode(Node):
         """Return a parameter with a whole number as the float that is meant, say."""
         row = self._rows.get(parameter.name)
         try:
-            value = row.check(_plain(parameter.value), '') if row else parameter.value
+            value = row.check(_read(row, parameter), '') if row else parameter.value
         except ParameterError:
             return parameter  # to be refused where there is an answer to give
         return _ros_parameter(parameter.name, value) if row else parameter
@@ -136,7 +136,7 @@ class ParameterNode(Node):
         try:
             for each in changes:
                 if row := self._rows.get(each.name):
-                    asked[row.name] = row.check(_plain(each.value), f'{self.get_name()}.')
+                    asked[row.name] = row.check(_read(row, each), f'{self.get_name()}.')
                 elif each.name == SIM_TIME:
                     self._check_sim_time(each.value)
             if asked != self._asked:
@@ -193,6 +193,15 @@ def _ros_parameter(name: str, value: Any) -> RosParameter:
     return RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
 
 
-def _plain(value: Any) -> Any:
-    """Return an array of ROS as a list."""
-    return value.tolist() if hasattr(value, 'tolist') else value
+def _read(row: Parameter, parameter: RosParameter) -> Any:
+    """Return the value that is meant."""
+    value = parameter.value
+    if hasattr(value, 'tolist'):
+        return value.tolist()
+    if isinstance(row.default, float) and isinstance(value, str):
+        # YAML takes 1e-05 for text, as `ros2 param load` hands it on.
+        try:
+            return float(value)
+        except ValueError:
+            return value
+    return value

@@ -165,6 +165,14 @@ def test_a_whole_number_is_taken_for_a_float(make):
     assert set_one(node, 'real_time_factor', 0).successful
 
 
+def test_a_number_that_yaml_takes_for_text_is_taken_for_a_float(make):
+    node = make(PlantSim)
+    assert set_one(node, 'motor_inertia', '2e-05').successful
+    assert node.get_parameter('motor_inertia').value == 2e-5
+    assert not set_one(node, 'motor_inertia', 'nan').successful
+    assert not set_one(node, 'map', '1e-05').successful
+
+
 def test_a_whole_number_is_taken_for_a_float_on_the_command_line(make):
     node = make(GyroDriver, ['-p', 'noise:=1'])
     assert node.values['noise'] == 1.0
