@@ -9,6 +9,7 @@ import sys
 
 import pytest
 from generated import need
+from graph import record
 
 from ballbot_ros.cli import codegen
 from ballbot_ros.codegen.errors import CodegenError
@@ -53,6 +54,15 @@ def test_it_writes_the_folder(tmp_path, parameters):
     for line in files:
         assert line.startswith(str(folder))
     assert last.endswith(f"check with: ballbot codegen --check '{folder}'")
+
+
+def test_it_is_made_for_what_a_recorded_run_had(tmp_path):
+    path, _ = record(
+        tmp_path, 'stationary', '--set=plant_sim.duration=1.2', '--set=controller.k_i=-0.008'
+    )
+    done = ballbot('codegen', '--output', tmp_path / 'c', '--params', path)
+    assert done.returncode == 0, done.stderr
+    assert 'const float k_i = -0.008f;' in (tmp_path / 'c/ballbot_parameters.c').read_text()
 
 
 def test_an_untouched_folder_is_equal_and_is_measured(tmp_path, parameters, few_sequences, capsys):
