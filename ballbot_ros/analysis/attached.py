@@ -52,7 +52,7 @@ class Attached:
 
     def in_run(self, run: str, told: ToldParameters) -> Attached:
         """Return what holds in a run, by the name that ``plant/run`` gives it."""
-        if run not in told:
+        if not told.tells(run):
             return self
         parameters = told.of(run, self.parameters, self.files)
         name = parameters.values(PLANT)['map']
@@ -61,8 +61,13 @@ class Attached:
             # The file of another map is nowhere here: the topic map tells the walls.
             floor_map = load_map(name) if name in map_names() else None
         notices = [each for each in self.notices if not each.startswith(f'No {PARAMETERS} ')]
+        scenario = self.scenario
+        if scenario and told.is_of_another_scenario(run):
+            scenario = None
+            notices.append(f'{SCENARIO} is not that of this run; {_WITHOUT[SCENARIO]}.')
         return replace(
             self,
+            scenario=scenario,
             parameters=parameters,
             has_parameters=True,
             floor_map=floor_map,

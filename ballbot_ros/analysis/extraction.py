@@ -38,6 +38,7 @@ from ballbot_ros.messages.topics import (
     PLANT_JOINT_STATES,
     PLANT_ODOM,
     RUN,
+    RUN_STATUS,
     SONAR_RANGE,
     SOUND,
     TOPICS,
@@ -46,7 +47,7 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RawMessage, RecordingReader
 
-_EVENTS = (OPERATING_STATE, RUN, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP)
+_EVENTS = (OPERATING_STATE, RUN, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP)
 _FOREVER_NS = 2**63 - 1
 _OTHER_CLOCK_MS = 3.6e6
 _PROGRESS_STRIDE = 4096
@@ -226,8 +227,8 @@ def extract(recording: RecordingReader, progress: Callable[[int, int], None]) ->
         stamp = log_ns = raw.stamp_ns
         newest_log = max(newest_log, log_ns)
         topic = wanted.get(raw.topic)
-        if topic is PARTICIPANTS:
-            extraction.told.add(raw.data)
+        if topic in (PARTICIPANTS, RUN_STATUS):
+            extraction.told.add(topic, raw.data)
         elif topic is not None:
             message = recording.decode(raw)
             try:

@@ -18,6 +18,7 @@ from ballbot_ros.messages.topics import (
     MOTOR_DUTY,
     PARTICIPANTS,
     RUN,
+    RUN_STATUS,
     TOPICS,
     Topic,
 )
@@ -109,7 +110,7 @@ def recorded_runs(reader: RecordingReader) -> tuple[list[RecordedRun], ToldParam
     RecordingError
         If it has none, its beginning is missing, or a message cannot be used.
     """
-    wanted = (RUN, PARTICIPANTS, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY)
+    wanted = (RUN, RUN_STATUS, PARTICIPANTS, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY)
     topics = {name: topic for name, topic in recorded_topics(reader).items() if topic in wanted}
     told = ToldParameters()
     names: dict[int, str] = {}
@@ -120,8 +121,8 @@ def recorded_runs(reader: RecordingReader) -> tuple[list[RecordedRun], ToldParam
     pushes: list[Push] = []
     for raw in reader.raw_messages(topics):
         name, log_ns, topic = raw.topic, raw.stamp_ns, topics[raw.topic]
-        if topic is PARTICIPANTS:
-            told.add(raw.data)
+        if topic in (PARTICIPANTS, RUN_STATUS):
+            told.add(topic, raw.data)
             continue
         message = reader.decode(raw)
         if topic is RUN:

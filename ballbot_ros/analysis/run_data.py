@@ -201,6 +201,7 @@ def read_run(
     if not series:
         raise RecordingError(f'{path}: run {number} of {len(runs)} has no ticks')
     plant = dict(attached.parameters.values(PLANT))
+    has_map = bool(plant['map']) or not extraction.told.tells(run)
     trajectory, missing = _trajectory(series, start, bool(plant['lockstep']))
     last = trajectory.time[-1] if len(trajectory.time) else 0.0
     if not attached.has_parameters and PLANT_ODOM in series:
@@ -221,7 +222,7 @@ def read_run(
         trajectory=trajectory,
         series=series,
         states=_states(extraction, epoch, start, end, last),
-        grid=None if run in extraction.told and not plant['map'] else _grid(extraction, epoch, end),
+        grid=_grid(extraction, epoch, end) if has_map else None,
         statuses=tuple(
             ((stamp - start) / SECOND_NS, status)
             for each, stamp, status in extraction.statuses

@@ -6,33 +6,67 @@ import hashlib
 from collections.abc import Mapping
 from typing import Any
 
-from ballbot_ros.messages.participation import decode_announcement
-from ballbot_ros.parameters import NODES, PATHS, ParameterError, ParameterSet
+from ballbot_ros.messages.participation import decode_announcement, decode_run_status
+from ballbot_ros.messages.topics import RUN_STATUS, Topic
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    GYRO,
+    NODES,
+    PATHS,
+    PLANT,
+    SONAR,
+    ParameterError,
+    ParameterSet,
+)
 from ballbot_ros.recording.attachments import MAPS
 from ballbot_ros.recording.reader import AttachedFile
-from ballbot_ros.simulation.participants import MAP_HASH
+from ballbot_ros.simulation.participants import MAP_HASH, Participant
 from ballbot_ros.world.library import is_file_name
+
+_SIMULATED = {PLANT, GYRO, SONAR, CONTROLLER}
+"""Roles without whose parameters a run can't be made again."""
 
 
 class ToldParameters:
-    """Collects the announcements of a recording."""
+    """Collects what a recording tells of the participants of its runs."""
 
     def __init__(self) -> None:
-        self._runs: dict[str, dict[str, Mapping[str, Any]]] = {}
+        self._told: dict[str, list[Participant]] = {}
+        self._members: dict[str, Mapping[str, str]] = {}
 
-    def add(self, data: bytes) -> None:
-        """Take a message of ``participants``; one that is none tells nothing."""
+    def add(self, topic: Topic, data: bytes) -> None:
+        """Take a message of ``participants`` or ``plant/run_status``, if it is one."""
         try:
+            if topic is RUN_STATUS:
+                status = decode_run_status(data)
+                self._members[status.run] = status.participants
+                return
             announcement = decode_announcement(data)
         except ValueError:
             return
-        participant = announcement.participant
-        if participant.role in NODES and participant.parameters:
-            roles = self._runs.setdefault(announcement.run, {})
-            roles[participant.role] = participant.parameters
+        if announcement.participant.role in NODES and announcement.participant.parameters:
+            self._told.setdefault(announcement.run, []).append(announcement.participant)
 
-    def __contains__(self, run: str) -> bool:
-        return run in self._runs
+    def _of_run(self, run: str) -> dict[str, Mapping[str, Any]]:
+        """Return the parameters by role: of whoever took part, not of who came in between."""
+        members = self._members.get(run, {})
+        values: dict[str, Mapping[str, Any]] = {}
+        for each in self._told.get(run, ()):
+            if each.parameters_sha256[:12] in members.get(each.role, ''):
+                values.setdefault(each.role, each.parameters)
+        return values
+
+    def tells(self, run: str) -> bool:
+        """Tell whether all is known of a run, by its name, that it can be made again by."""
+        return self._of_run(run).keys() >= _SIMULATED
+
+    def is_of_another_scenario(self, run: str) -> bool:
+        """Tell whether a run had another scenario than the first one that told its own."""
+        scenarios = [self._scenario(each) for each in (*self._told, run)]
+        return bool(scenarios[-1] != scenarios[0])
+
+    def _scenario(self, run: str) -> Any:
+        return self._of_run(run).get(PLANT, {}).get('scenario')
 
     def of(
         self, run: str, attached: ParameterSet, files: Mapping[str, AttachedFile]
@@ -50,11 +84,11 @@ class ToldParameters:
         """
         parameters = ParameterSet()
         parameters.update(attached)
-        for role, values in self._runs.get(run, {}).items():
+        for role, values in self._of_run(run).items():
             for name, value in values.items():
                 if name in PATHS and name != 'map':
                     continue  # of no use elsewhere
-                if name == 'map' and is_file_name(value):
+                if name == 'map' and isinstance(value, str) and is_file_name(value):
                     value = _attached_map(files, values.get(MAP_HASH)) or value
                 try:
                     parameters.set(role, name, value)

@@ -28,8 +28,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.trajectory import Trajectory
-from ballbot_ros.world.errors import WorldError
-from ballbot_ros.world.library import image_suffix, is_file_name, map_path
+from ballbot_ros.world.library import image_suffix, is_file_name, read_map_file
 from ballbot_ros.world.sonar_beam import SonarBeam
 from ballbot_ros.world.world import World
 from ballbot_ros.yaml_document import parse_value
@@ -165,11 +164,7 @@ def attachments_of(experiment: Experiment) -> dict[str, bytes]:
     parameters.set(GAMEPAD, 'scenario', '')
     attached_map = {}
     if name := experiment.parameters.values(PLANT)['map']:
-        path = map_path(name)
-        try:
-            image = path.read_bytes()
-        except OSError as error:
-            raise WorldError(f'{path}: {error.strerror}') from None
+        image = read_map_file(name)
         attached = f'map{image_suffix(image)}'
         attached_map[attached] = image
         if is_file_name(name):

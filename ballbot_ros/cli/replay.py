@@ -151,7 +151,7 @@ def _parameters(
     scratch: Path,
 ) -> ParameterSet:
     """Return the parameters of a run, with its map beside them."""
-    if attached is None and run.name not in told:
+    if attached is None and not told.tells(run.name):
         raise RecordingError(_nothing_to_replay_by(reader.path))
     files = reader.attachments()
     parameters = told.of(run.name, attached or ParameterSet(), files)

@@ -1,4 +1,4 @@
-"""What every node shares: parameters from the table, latched topics, diagnostics, the main loop."""
+"""What every node shares: its publishers and subscriptions, diagnostics, the main loop."""
 
 from __future__ import annotations
 
@@ -173,6 +173,10 @@ class BallbotNode(ParameterNode):
         for topic, output in self._own_outputs.items():
             if topic is not but and (topic.keeps or topic.has_history):
                 output.renew()
+
+    def forget(self, topic: Topic) -> None:
+        """Keep nothing of a topic for who comes late."""
+        self._own_outputs[topic].renew()
 
     def flush(self, *topics: Topic) -> None:
         """Let the last messages of `topics` reach their readers."""

@@ -63,7 +63,8 @@ class GamepadTeleop(BallbotNode):
         path = values['log_csv']
         if path and path != self.values['log_csv'] and Path(path).exists():
             raise TeleopError(f'{path}: exists already; choose another file')
-        if values['keyboard'] and (obstacle := why_no_keyboard()):
+        is_new = values['keyboard'] and not self.values['keyboard']
+        if is_new and (obstacle := why_no_keyboard()):
             raise TeleopError(f'keyboard: {obstacle}')
         if values['device'] not in ('', ANY):
             SdlBackend()
@@ -78,9 +79,14 @@ class GamepadTeleop(BallbotNode):
         self._inputs.take_values()
         if self.values['keyboard'] != before['keyboard']:
             self._set_terminal()
+        elif self.terminal:
+            self.terminal.take_values()
         if self.values['log_csv'] != before['log_csv']:
             self._close_log()
-            self._set_log()
+            try:
+                self._set_log()
+            except TeleopError as error:
+                self._give_up_log(error)
 
     def _set_terminal(self) -> None:
         if self.terminal:

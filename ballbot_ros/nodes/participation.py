@@ -26,7 +26,7 @@ from ballbot_ros.simulation.participants import (
     Objection,
     Participant,
 )
-from ballbot_ros.world.library import map_path
+from ballbot_ros.world.library import read_map_file
 
 
 def participant_of(node: BallbotNode) -> Participant:
@@ -53,7 +53,7 @@ def with_values(participant: Participant, values: Mapping[str, Any]) -> Particip
     text = json.dumps(values, sort_keys=True, default=list)
     told = {name: Path(value).name if name in PATHS else value for name, value in values.items()}
     if values.get('map'):
-        told[MAP_HASH] = hashlib.sha256(map_path(values['map']).read_bytes()).hexdigest()
+        told[MAP_HASH] = hashlib.sha256(read_map_file(values['map'])).hexdigest()
     return replace(
         participant,
         parameters_sha256=hashlib.sha256(text.encode()).hexdigest(),

@@ -88,7 +88,6 @@ class PlantParticipants:
         if self._lockstep and self._node.values['require_recorder']:
             required.append(RECORDER)
         self._roster.gather(run, self._own, required)
-        self._announcement.publish(encode_announcement(Announcement(self._own, run)))
         self._send_roll_call()
         self._look.stop_listening()
         self.end_silence()
@@ -137,8 +136,10 @@ class PlantParticipants:
         return standing
 
     def _send_roll_call(self) -> None:
+        """Call the roll, and answer it as everybody does."""
         fill_header(self._roll_call.message, self._start_ns, self._run)
         self._roll_call.send(self._start_ns)
+        self._announcement.publish(encode_announcement(Announcement(self._own, self._run)))
 
     def call_roll(self) -> None:
         """Have every participant announce itself again."""

@@ -57,8 +57,7 @@ class PlantServices:
         response.message = 'paused' if self.paused else 'running'
         if not self.paused:
             self._steps = 0
-            self._plant.pacer.restart()
-            self._plant.advance()
+            self._plant.go_on()
         return response
 
     def _step(self, request: Any, response: Any) -> Any:

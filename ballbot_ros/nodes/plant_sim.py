@@ -24,6 +24,7 @@ from ballbot_ros.messages.raw import decoder, same_content, stamp_of
 from ballbot_ros.messages.topics import (
     CLOCK,
     DIAGNOSTICS,
+    MAP,
     MAX_LEAD_TICKS,
     MOTOR_DUTY,
     PLANT_IMU,
@@ -163,6 +164,9 @@ class PlantSim(BallbotNode):
         self._sent_at = time.monotonic()
         self._waits_for: list[str] = []
         self._participants.gather(run, self._start_ns)
+        if self._world is None:
+            # That of an earlier run is none of this one.
+            self.forget(MAP)
         self._messages.announce(self._start_ns, run)
         self.end_alarm()
         if not self._lockstep:
@@ -322,9 +326,9 @@ class PlantSim(BallbotNode):
     def _meet_recorder(self) -> None:
         """Let a recorder that has come begin at a tick of which every driver sends something."""
         recorder = self._participants.member(RECORDER)
-        if recorder != self._newest_recorder:
+        if recorder != self._newest_recorder and not self._draining:
             self._recorder = self._newest_recorder = recorder
-            self._ack_ns = None
+            self._ack_ns, self._duty_at = None, time.monotonic()
             self._sync_ns = -(-self._plant.time_ns // SLOW_NS) * SLOW_NS
             self.advance()
 
@@ -341,11 +345,13 @@ class PlantSim(BallbotNode):
             if now - self._made_at > SETTLE_S:
                 self._begin()
             return
-        if not self._may_go_on(calling=True) or self.finished or not self._lockstep:
+        if not self._may_go_on(calling=True) or self.finished:
             return
-        if self._duty is not None and (self.control.paused or self._pace_timer.is_running):
-            if now - self._asked_at > STILL_S:
-                self._publish_truth(again=True)
+        has_duty = self._duty is not None or not self._lockstep
+        if has_duty and (self.control.paused or self._pace_timer.is_running):
+            self._stand_still(now)
+            return
+        if not self._lockstep:
             return
         waits_for_recorder = self._draining or self._duty is not None
         silence = now - (self._duty_at if waits_for_recorder else self._sent_at)
@@ -372,12 +378,27 @@ class PlantSim(BallbotNode):
         if silence > limit:
             self._silent(limit, recorder=waits_for_recorder)
 
+    def _stand_still(self, now: float) -> None:
+        """Tell who comes late where the robot stands; let a recorder go that leaves."""
+        if now - self._asked_at > STILL_S:
+            self._publish_truth(again=True)
+        if self._lockstep and self._recorder_lags():
+            self._recorder_left()
+
+    def go_on(self) -> None:
+        """Go on after a pause, in which nobody was silent."""
+        self._duty_at = self._sent_at = time.monotonic()
+        self._participants.end_silence()
+        self.pacer.restart()
+        self.advance()
+
     def _ask_again(self) -> None:
         """Ask for the duty of this tick again; the silence goes on."""
         sent_at = self._sent_at
         self._resent += 1
-        # Who answers only now may not have been found by the recorder yet.
-        self._sync_ns = self._plant.time_ns
+        if self._ack_ns is not None:
+            # Who answers only now may not have been found by the recorder yet.
+            self._sync_ns = self._plant.time_ns
         self._publish_truth(again=True)
         self._sent_at = sent_at
 
@@ -468,7 +489,12 @@ class PlantSim(BallbotNode):
 
     def _finish_when_recorded(self) -> None:
         last = self._truth.stamp_ns
-        is_recorded = not self._lockstep or self._ack_ns is None or self._ack_ns >= last
+        is_recorded = (
+            not self._lockstep
+            or self._recorder is None
+            or (self._ack_ns is None and self._sync_ns > last)
+            or (self._ack_ns is not None and self._ack_ns >= last)
+        )
         # With a last look at who has taken part.
         if is_recorded and self._may_go_on():
             problem = self._participants.restarted_controller()

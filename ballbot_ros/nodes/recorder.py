@@ -69,8 +69,8 @@ class Recorder(BallbotNode):
         self._channels: dict[str, _Channel] = {}
         self._histories: set[str] = set()
         for topic in TOPICS:
-            # Somebody else's states and events need not be kept to be recorded.
-            latched = topic.keeps > 0 and not topic.has_history and topic.publisher is not None
+            # What has a history is kept there; a node of somebody's own need not keep it.
+            latched = topic.keeps > 0 and not topic.has_history
             self._subscribe(topic, reliable_qos(HISTORY, latched=latched))
         self._gate = RecordingGate(self)
         self._required: list[_Channel] = []
@@ -153,6 +153,7 @@ class Recorder(BallbotNode):
 
     def _on_run(self, run: Run) -> None:
         self._write_until(time.time_ns())
+        self._gate.takes_part = True
         try:
             self._begin(run)
         except RecordingError as error:
@@ -160,10 +161,10 @@ class Recorder(BallbotNode):
 
     def _begin(self, run: Run) -> None:
         self._run, self._outcome, self._members = run.name, {}, {}
+        for channel in self._channels.values():
+            channel.has_history = False
         if self._gate.begin(run, [channel.stream for channel in self._channels.values()]):
             self._acked_ns, self._required = 0, []
-            for channel in self._channels.values():
-                channel.has_history = False
         self._take_status()
 
     def keep(self, stream: Stream, log_ns: int, data: bytes, sequence: int) -> None:

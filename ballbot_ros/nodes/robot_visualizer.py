@@ -76,6 +76,8 @@ class RobotVisualizer(BallbotNode):
         super().take_values()
         if self.values != before:
             self._describe()
+            if self._transforms is not None:
+                self._transforms.fix(self._frames.at((0.0, 0.0), (0.0, 0.0)))
 
     def _update(self) -> None:
         now, changed = self._newest.take()
@@ -127,10 +129,14 @@ class Transforms:
         new_transform = message_class('geometry_msgs/msg/TransformStamped')
         self._moving = node.output(TF)
         self._moving.message.transforms = [new_transform() for _ in MOVING]
-        fixed = node.output(TF_STATIC)
-        fixed.message.transforms = [new_transform()]
-        _fill((SONAR,), fixed.message, 0, frames)
-        fixed.publish(fixed.message)
+        self._fixed = node.output(TF_STATIC)
+        self._fixed.message.transforms = [new_transform()]
+        self.fix(frames)
+
+    def fix(self, frames: dict[str, Transform]) -> None:
+        """Publish the frame that does not move."""
+        _fill((SONAR,), self._fixed.message, 0, frames)
+        self._fixed.send(0)
 
     def publish(self, stamp_ns: int, frames: dict[str, Transform]) -> None:
         """Publish the frames that move."""

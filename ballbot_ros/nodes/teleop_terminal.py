@@ -39,13 +39,14 @@ class TeleopTerminal:
         self._node, self._sources, self._command = node, sources, command
         self._state = ''
         self.gone = False
-        node.listen(OPERATING_STATE, self._on_state)
+        self._subscription = node.listen(OPERATING_STATE, self._on_state)
         self._reset = node.create_client(Trigger, f'{PLANT}/reset')
         if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
             # A terminal that vanishes is an input that is gone, not the end of the node.
             signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        self._keys = KeyboardSticks(node.values['gp_max'])
         self._terminal = Terminal(
-            KeyboardSticks(node.values['gp_max']),
+            self._keys,
             self._status,
             on_sticks=lambda sticks: sources.report(KEYBOARD, sticks, time.monotonic()),
             on_reset=lambda: self._reset.call_async(Trigger.Request()),
@@ -53,9 +54,15 @@ class TeleopTerminal:
             on_gone=self._leave,
         )
 
+    def take_values(self) -> None:
+        """Go by the parameters of a run that begins."""
+        self._keys.full = self._node.values['gp_max']
+
     def close(self) -> None:
         """Give the terminal back."""
         self._terminal.close()
+        self._node.destroy_subscription(self._subscription)
+        self._node.destroy_client(self._reset)
 
     def _on_state(self, message: Any) -> None:
         self._state = message.data

@@ -110,7 +110,11 @@ class Viewer(BallbotNode):
         the map that has them.
         """
         self._history.clear()
+        before = select(Dimensions, self.values)
         self.take_values()
+        dimensions = select(Dimensions, self.values)
+        if dimensions != before:
+            self._robot = self._page.show_robot(dimensions)
         floor = self._floor = self._load_floor()
         if floor is None and published is not None:
             floor = floor_map_of(map_grid(published))
@@ -142,7 +146,7 @@ class Viewer(BallbotNode):
         self._page.show_floor(floor, _start(now))
 
     def _sound(self) -> None:
-        """Play a tone that is new, not one that a latched topic has kept."""
+        """Play a tone of the run that is shown, not a late one."""
         message = self._newest[SOUND]
         if self.now_ns - stamp_ns(message) < _LATE_TONE_NS:
             self._panel.play(tone_of(message))

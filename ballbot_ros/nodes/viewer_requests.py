@@ -109,9 +109,14 @@ class ViewerRequests:
 
         def send() -> None:
             client = self._plant_parameters.find(SetParameters)
-            self._send(client, PARAMETERS_OF_PLANT, request, lambda response: None)
+            self._send(client, PARAMETERS_OF_PLANT, request, self._tell_refusal)
 
         self._waiting.put(send)
+
+    def _tell_refusal(self, response: SetParameters.Response) -> None:
+        for result in response.results:
+            if not result.successful:
+                self._tell(f'{PARAMETERS_OF_PLANT}: {result.reason}')
 
     def push(self, force: Pair) -> None:
         """Push the body [N], in plane signs."""
@@ -151,8 +156,11 @@ class ViewerRequests:
         self._asked_at = now
 
         def take(response: GetParameters.Response) -> None:
-            if question is self._question:
-                self._question = None
+            if question is not self._question:
+                return
+            self._question = None
+            # A player announces runs, too, but has no parameters of a plant.
+            if len(response.values) == len(question.names):
                 values = map(parameter_value_to_python, response.values)
                 question.then(dict(zip(question.names, values, strict=True)))
 

@@ -125,6 +125,9 @@ class RecordingGate:
         The newest sim time of this plant [ns], 0 before the first.
     is_lockstep : bool
         Whether each stamp has one sample. Free running, the last one of a stamp is left out.
+    takes_part : bool
+        Whether the recorder takes part in the runs: no stamp of theirs is then left out. A player
+        may leap.
     awaits_run : bool
         Whether there is a plant whose run is not known yet; until it is, nothing passes.
     """
@@ -133,6 +136,7 @@ class RecordingGate:
         self._writer = writer
         self.is_lockstep = True
         self.awaits_run = False
+        self.takes_part = False
         self._run: Run | None = None
         self._first_ns = 0
         self._held: list[_Message] = []
@@ -227,6 +231,7 @@ class RecordingGate:
     def _is_missed_before(self, message: _Message) -> bool:
         """Tell whether a stream leaps over a stamp of this run: numbers tell of one sender only."""
         stream = message.stream
-        if not (self.is_lockstep and self._run and stream.period_ns and stream.newest_ns):
+        is_expected = self.is_lockstep and self.takes_part and stream.period_ns
+        if not (is_expected and self._run and stream.newest_ns):
             return False
         return message.stamp_ns > max(stream.newest_ns + stream.period_ns, self._run.start_ns)

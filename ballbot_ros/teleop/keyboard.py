@@ -29,12 +29,13 @@ class KeyboardSticks:
 
     Attributes
     ----------
+    full : int
     speed_percent : int
         Share of the full stick that a key gives.
     """
 
     def __init__(self, full: int) -> None:
-        self._full = full
+        self.full = full
         self.speed_percent = 50
         self._signs = [0, 0]
         self._until = [-math.inf, -math.inf]
@@ -67,7 +68,7 @@ class KeyboardSticks:
 
     def sticks(self, now: float) -> Sticks:
         """Return the sticks at `now`."""
-        value = quantise(self._full * self.speed_percent / 100)
+        value = quantise(self.full * self.speed_percent / 100)
         vertical, horizontal = (
             sign * value if now <= until else 0
             for sign, until in zip(self._signs, self._until, strict=True)

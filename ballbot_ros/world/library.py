@@ -39,6 +39,21 @@ def map_path(name_or_file: str) -> Path:
     )
 
 
+def read_map_file(name_or_file: str) -> bytes:
+    """Read the image of a map as it stands in its file.
+
+    Raises
+    ------
+    WorldError
+        If there is no such file.
+    """
+    path = map_path(name_or_file)
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise WorldError(f'{path}: {error.strerror}') from None
+
+
 def load_map(name_or_file: str) -> FloorMap:
     """Read a shipped map by its name, or an image by its path.
 

@@ -10,8 +10,11 @@ import pytest
 pytest.importorskip('rclpy')
 
 from graph import NODES, wait_for
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from ros_client import Client
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
 from ballbot_ros.messages.conversions import fill_clock, stamp_ns
 from ballbot_ros.messages.topics import (
@@ -21,8 +24,10 @@ from ballbot_ros.messages.topics import (
     HISTORY,
     JOINT_STATES,
     LCD,
+    MAP,
     MOTOR_DUTY,
     OPERATING_STATE,
+    PARTICIPANTS,
     PLANT_IMU,
     RUN,
     SOUND,
@@ -31,6 +36,7 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.nodes.base import Output, reliable_qos
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.simulation.timing import SLOW_NS, TICK_NS
 
 pytestmark = pytest.mark.graph
 
@@ -74,6 +80,11 @@ def test_a_late_subscriber_gets_the_newest_of_a_state_and_nothing_old(
         )
     named = {topic.name for topic in (*STATES, *STREAMS) if topic is not SOUND}
     late.spin_until(lambda: named <= set(late.seen), what=f'{named}')
+    for topic in (*STATES, *STREAMS):
+        (offer,) = late.node.get_publishers_info_by_topic(topic.name)
+        assert offer.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+        keeps = DurabilityPolicy.TRANSIENT_LOCAL if topic in STATES else DurabilityPolicy.VOLATILE
+        assert offer.qos_profile.durability == keeps, topic.name
     # What stands still is told again, and only that.
     late.spin_for(REPEATED_S)
     now = stamp_ns(late.seen[PLANT_IMU.name][-1])
@@ -87,6 +98,69 @@ def test_a_late_subscriber_gets_the_newest_of_a_state_and_nothing_old(
     for topic in STREAMS[:-1]:
         assert {stamp_ns(each) for each in late.seen[topic.name]} == {now}
     assert SOUND.name not in late.seen
+
+
+def test_a_map_of_an_earlier_run_is_not_that_of_one_without(start_node, client, make_client):
+    for name in DRIVERS:
+        start_node(name, **({'map': 'corridor'} if name == 'sonar_driver' else {}))
+    start_node('plant_sim', map='corridor', real_time_factor=0)
+    client.watch(MAP)
+    client.spin_until(lambda: {MAP.name, PLANT_IMU.name} <= client.newest.keys())
+    for node in ('plant_sim', 'sonar_driver'):
+        parameter = Parameter('map', value='').to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        answer = client.call(SetParameters, f'{node}/set_parameters', request)
+        assert answer.results[0].successful
+    reset_at = client.now_ns()
+    client.call(Trigger, 'plant_sim/reset', Trigger.Request())
+    client.spin_until(lambda: client.now_ns() > reset_at + 1_000_000_000)
+    late = make_client()
+    for topic in (RUN, MAP, PLANT_IMU):
+        late.watch(topic)
+    late.spin_until(lambda: {RUN.name, PLANT_IMU.name} <= late.newest.keys())
+    late.spin_for(1.0)
+    assert late.newest[RUN.name].frame_id.startswith('2 ')
+    assert MAP.name not in late.newest
+
+
+@pytest.mark.parametrize('meanwhile', ['waits for a duty', 'is paused'])
+def test_a_recorder_may_come_while_the_plant(start_node, client, tmp_path, meanwhile):
+    path = tmp_path / 'run.mcap'
+    drivers = {name: start_node(name) for name in DRIVERS}
+    plant = start_node('plant_sim', real_time_factor=0, timeout=60, duration=20)
+    client.watch(PARTICIPANTS, HISTORY)
+    client.spin_until(lambda: PLANT_IMU.name in client.newest and client.now_ns() > 1_100_000_000)
+
+    def set_pause(*, pause):
+        assert client.call(SetBool, 'plant_sim/pause', SetBool.Request(data=pause)).success
+
+    set_pause(pause=True)
+    client.spin_for(0.3)
+    # At a tick at which the slow drivers send nothing.
+    while client.now_ns() % SLOW_NS != 2 * TICK_NS:
+        before = client.now_ns()
+        client.call(Trigger, 'plant_sim/step', Trigger.Request())
+        client.spin_until(lambda: client.now_ns() > before)  # noqa: B023
+    gyro = drivers['gyro_driver'].process.pid
+    if meanwhile == 'waits for a duty':
+        os.kill(gyro, signal.SIGSTOP)
+        set_pause(pause=False)
+    recorder = start_node('recorder', output=path)
+
+    def has_come():
+        return 'recorder' in {message.name[1:] for message in client.seen[PARTICIPANTS.name]}
+
+    client.spin_until(has_come)
+    client.spin_for(1.0)
+    if meanwhile == 'waits for a duty':
+        os.kill(gyro, signal.SIGCONT)
+    else:
+        set_pause(pause=False)
+    assert plant.finish() == 0, plant.output
+    assert recorder.interrupt() == 0
+    with RecordingReader(path) as recording:
+        assert recording.complete
+        assert recording.topics()['/motor_duty'].message_count > 4000
 
 
 def test_every_change_is_recorded_that_comes_while_the_recorder_is_stopped(

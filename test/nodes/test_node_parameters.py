@@ -178,6 +178,24 @@ def test_a_whole_number_is_taken_for_a_float_on_the_command_line(make):
     assert node.values['noise'] == 1.0
 
 
+def test_a_log_that_can_not_be_made_at_the_next_run_does_not_end_the_driving(make, tmp_path):
+    node = make(GamepadTeleop)
+    path = tmp_path / 'none' / 'log.csv'
+    assert set_one(node, 'log_csv', str(path)).successful
+    node.take_values()
+    assert node.exit_status == 1
+    assert set_one(node, 'log_csv', str(tmp_path / 'log.csv')).successful
+    node.take_values()
+    assert (tmp_path / 'log.csv').exists()
+
+
+def test_with_the_keyboard_at_work_other_parameters_are_taken(make):
+    node = make(GamepadTeleop)
+    # While the panel is up, standard output is a pipe.
+    node.values['keyboard'] = node._asked['keyboard'] = True
+    assert set_one(node, 'deadzone', 0.2).successful
+
+
 def test_in_lockstep_the_controller_has_no_other_clock(make):
     with pytest.raises(BallbotError, match='use_sim_time: false: in lockstep'):
         make(Controller, ['-p', 'use_sim_time:=false'])

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from graph import NODES, wait_for
+from graph import NODES
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from ros_client import Client
@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.cli.replay import replay_recording
-from ballbot_ros.messages.topics import PLANT_IMU
+from ballbot_ros.messages.topics import PLANT_IMU, RUN
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR
 
@@ -82,6 +82,22 @@ def test_each_run_is_recorded_and_replayed_with_its_own_values(
     assert second.complete
 
 
+def test_a_run_replays_whose_recorder_came_last(start_node, client, tmp_path):
+    path = tmp_path / 'run.mcap'
+    for name in DRIVERS:
+        start_node(name)
+    plant = start_node(
+        'plant_sim', real_time_factor=0, duration=2, start_pitch_x=0.02, require_recorder='true'
+    )
+    # By then it has announced itself to whoever was there.
+    client.watch(RUN)
+    client.spin_until(lambda: RUN.name in client.newest)
+    recorder = start_node('recorder', output=path)
+    assert plant.finish() == 0
+    assert recorder.interrupt() == 0
+    assert replay_recording(path, controller='python', assignments=[], as_json=False) == 0
+
+
 @pytest.mark.parametrize(
     ('changes', 'words'),
     [
@@ -111,4 +127,3 @@ def test_at_the_slowest_pace_the_plant_still_answers(start_node, client):
     client.spin_until(lambda: client.now_ns() > 10_000_000_000)
     assert plant.interrupt() == 0
     assert 'waiting for' not in plant.output
-    wait_for(lambda: plant.process.poll() is not None)

@@ -6,6 +6,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from rcl_interfaces.srv import SetParameters
 from ros_client import Client
 
 from ballbot_ros.messages.topics import RUN
@@ -32,3 +33,24 @@ def test_the_plant_is_asked_by_whatever_name_it_has_until_it_answers(domain):
 
         client.spin_until(is_answered)
         assert answers == [{'map': 'the map'}]
+
+
+def test_a_player_announces_runs_but_has_no_parameters_of_a_plant(domain):
+    with contextlib.closing(Client(domain)) as client:
+        client.node.output = lambda topic: Output(client.node, topic)
+        told, answers = [], []
+        requests = ViewerRequests(client.node, told.append)
+        client.node.create_publisher(RUN.message_class, RUN.name, reliable_qos(1, latched=True))
+        requests.plant_parameters(['map'], answers.append)
+
+        def is_found():
+            found = requests._plant_parameters.find(SetParameters)
+            return found and found.service_is_ready()
+
+        client.spin_until(is_found)
+        requests.pace(0.5)
+        client.spin_until(lambda: requests.make() or told)
+        assert told[0].startswith('parameters of plant_sim: ')
+        requests.plant_parameters(['scenario', 'use_sim_time'], answers.append)
+        client.spin_until(lambda: requests.make() or requests._question is None)
+        assert answers == []

@@ -31,6 +31,7 @@ class File:
         self.numbers = dict.fromkeys(self.streams, 0)
         self.kept, self.objections, self.lost, self.crowded = [], [], [], set()
         self.gate = RecordingGate(self)
+        self.gate.takes_part = True
         if run:
             self.begin(run, start_ns)
 

@@ -1,0 +1,101 @@
+"""Whose parameters count for a run, and what is no parameter."""
+
+import hashlib
+
+import pytest
+
+from ballbot_ros.analysis.told_parameters import ToldParameters
+from ballbot_ros.messages.participation import (
+    RunStatus,
+    encode_announcement,
+    encode_run_status,
+    membership_text,
+)
+from ballbot_ros.messages.topics import PARTICIPANTS, RUN_STATUS
+from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
+from ballbot_ros.recording.reader import AttachedFile
+from ballbot_ros.simulation.participants import MAP_HASH, Announcement, Membership, Participant
+
+RUN = '1 abc'
+FILES = {'map.png': AttachedFile('image/png', b'a map')}
+
+
+def a(role, sha, **values):
+    return Participant(role, f'/{role}', 'here', 1, sha, 'ours', sha * 12, parameters=values)
+
+
+def told(*participants, members=None, run=RUN):
+    told = ToldParameters()
+    for each in participants:
+        told.add(PARTICIPANTS, encode_announcement(Announcement(each, run)))
+    joined = {
+        each.role: membership_text(Membership(each, 0), 0) for each in members or participants
+    }
+    told.add(RUN_STATUS, encode_run_status(RunStatus(run, True, (), joined)))
+    return told
+
+
+SIMULATED = [
+    a(PLANT, 'c', ball_radius=0.03),
+    a(GYRO, 'd', seed=4),
+    a(SONAR, 'e', seed=4),
+    a(CONTROLLER, 'f', k_i=-0.5),
+]
+
+
+def values(told, role, attached=None, run=RUN):
+    return told.of(run, attached or ParameterSet(), FILES).values(role)
+
+
+def test_what_was_told_comes_before_what_is_attached():
+    attached = ParameterSet()
+    attached.set(CONTROLLER, 'k_i', -0.1)
+    attached.set(CONTROLLER, 'a_d', 0.7)
+    found = values(told(*SIMULATED), CONTROLLER, attached)
+    assert (found['k_i'], found['a_d'], found['ball_radius']) == (-0.5, 0.7, 0.03)
+    assert values(told(*SIMULATED), CONTROLLER, attached, run='2 abc')['k_i'] == -0.1
+
+
+@pytest.mark.parametrize('without', range(4))
+def test_a_run_is_told_only_if_all_that_it_is_made_of_is(without):
+    assert told(*SIMULATED).tells(RUN)
+    assert not told(*SIMULATED).tells('2 abc')
+    some = [each for number, each in enumerate(SIMULATED) if number != without]
+    assert not told(*some).tells(RUN)
+
+
+@pytest.mark.parametrize('order', [1, -1])
+def test_the_parameters_are_those_of_who_took_part(order):
+    member, stranger = a(GYRO, 'a', noise=0.5), a(GYRO, 'b', noise=9.0)
+    both = [member, stranger][::order]
+    assert values(told(*both, members=[member]), GYRO)['noise'] == 0.5
+
+
+@pytest.mark.parametrize('value', [None, 5, [1], {'a': 1}, True])
+def test_what_is_no_value_is_left_out(value):
+    assert values(told(a(PLANT, 'a', map=value, gravity='much', wings=2)), PLANT)['map'] == ''
+
+
+def test_of_a_map_that_is_a_file_the_attachment_is_taken_if_it_is_that_one():
+    sha = hashlib.sha256(b'a map').hexdigest()
+    same = told(a(PLANT, 'a', map='hall.png', **{MAP_HASH: sha}))
+    assert values(same, PLANT)['map'] == 'map.png'
+    other = told(a(PLANT, 'a', map='hall.png', **{MAP_HASH: sha[::-1]}))
+    assert values(other, PLANT)['map'] == 'hall.png'
+
+
+def test_another_scenario_is_told_from_the_first():
+    runs = ToldParameters()
+    for run, scenario in (('1 x', 'push'), ('2 x', 'push'), ('3 x', 'square')):
+        plant = a(PLANT, 'a', scenario=scenario, gravity=9.0)
+        runs.add(PARTICIPANTS, encode_announcement(Announcement(plant, run)))
+        joined = {PLANT: membership_text(Membership(plant, 0), 0)}
+        runs.add(RUN_STATUS, encode_run_status(RunStatus(run, True, (), joined)))
+    assert [runs.is_of_another_scenario(f'{n} x') for n in (1, 2, 3)] == [False, False, True]
+
+
+def test_what_is_malformed_tells_nothing():
+    runs = ToldParameters()
+    runs.add(PARTICIPANTS, b'')
+    runs.add(RUN_STATUS, b'\x00' * 20)
+    assert not runs.tells('')
