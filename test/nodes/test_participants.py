@@ -19,6 +19,7 @@ from ballbot_ros.messages.participation import encode_announcement  # noqa: E402
 from ballbot_ros.messages.topics import (  # noqa: E402
     DIAGNOSTICS,
     GYRO_IMU,
+    HISTORY,
     JOINT_STATES,
     MOTOR_DUTY,
     PARTICIPANTS,
@@ -190,7 +191,7 @@ class OwnController:
             CONTROLLER, '/talker', 'here', 1, 'mine', 'my own', '00', topics=(MOTOR_DUTY.name,)
         )
         self._duty = node.create_publisher(
-            Vector3Stamped, MOTOR_DUTY.name, reliable_qos(1, latched=True)
+            Vector3Stamped, MOTOR_DUTY.name, reliable_qos(HISTORY, latched=False)
         )
         self._announcement = node.create_publisher(
             PARTICIPANTS.message_class, PARTICIPANTS.name, reliable_qos(1, latched=True)
