@@ -74,6 +74,10 @@ class Stream:
             self._sequence = sequence
         return sample
 
+    def follows(self, sequence: int) -> bool:
+        """Tell whether a number comes next to that of the message before."""
+        return sequence == self._sequence + 1
+
     def has_lost_before(self, sequence: int) -> bool:
         """Note a publisher's number; tell whether some before it are missing."""
         last, self._sequence = self._sequence, sequence
@@ -229,9 +233,13 @@ class RecordingGate:
         self._writer.keep(stream, stamp_ns if is_of_run else self.now_ns, data, sequence)
 
     def _is_missed_before(self, message: _Message) -> bool:
-        """Tell whether a stream leaps over a stamp of this run: numbers tell of one sender only."""
+        """Tell whether a stream leaps over a stamp of this run where another sender begins.
+
+        One and the same has left the stamp out, if its numbers do not leap: nobody has waited for
+        that sample.
+        """
         stream = message.stream
         is_expected = self.is_lockstep and self.takes_part and stream.period_ns
-        if not (is_expected and self._run and stream.newest_ns):
+        if not (is_expected and self._run and stream.newest_ns) or stream.follows(message.sequence):
             return False
         return message.stamp_ns > max(stream.newest_ns + stream.period_ns, self._run.start_ns)
