@@ -4,7 +4,9 @@ import time
 
 import rclpy
 from graph import bound_s
+from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 
 from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.messages.topics import PLANT_IMU
@@ -53,6 +55,12 @@ class Client:
         future = client.call_async(request)
         self.spin_until(future.done)
         return future.result()
+
+    def set_value(self, node, name, value):
+        """Set a parameter as `ros2 param set` does; return the answer."""
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        return self.call(SetParameters, f'{node}/set_parameters', request).results[0]
 
     def now_ns(self):
         return stamp_ns(self.newest[PLANT_IMU.name])

@@ -10,8 +10,6 @@ import pytest
 pytest.importorskip('rclpy')
 
 from graph import NODES, wait_for
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from ros_client import Client
 from std_srvs.srv import SetBool, Trigger
@@ -107,10 +105,7 @@ def test_a_map_of_an_earlier_run_is_not_that_of_one_without(start_node, client, 
     client.watch(MAP)
     client.spin_until(lambda: {MAP.name, PLANT_IMU.name} <= client.newest.keys())
     for node in ('plant_sim', 'sonar_driver'):
-        parameter = Parameter('map', value='').to_parameter_msg()
-        request = SetParameters.Request(parameters=[parameter])
-        answer = client.call(SetParameters, f'{node}/set_parameters', request)
-        assert answer.results[0].successful
+        assert client.set_value(node, 'map', '').successful
     reset_at = client.now_ns()
     client.call(Trigger, 'plant_sim/reset', Trigger.Request())
     client.spin_until(lambda: client.now_ns() > reset_at + 1_000_000_000)

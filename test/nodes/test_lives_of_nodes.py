@@ -1,6 +1,5 @@
 """How nodes begin and end, and what they tell of their lives."""
 
-import contextlib
 import re
 import signal
 import subprocess
@@ -12,7 +11,6 @@ pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import WrenchStamped
 from graph import NODES, environment
-from ros_client import Client
 from std_srvs.srv import SetBool, Trigger
 
 from ballbot_ros.messages.topics import PLANT_IMU, RUN
@@ -20,14 +18,6 @@ from ballbot_ros.messages.topics import PLANT_IMU, RUN
 pytestmark = pytest.mark.graph
 
 DRIVERS = [name for name in NODES if name not in ('plant_sim', 'recorder')]
-
-
-@pytest.fixture
-def client(domain):
-    with contextlib.closing(Client(domain)) as client:
-        client.watch(PLANT_IMU)
-        client.watch(RUN)
-        yield client
 
 
 def lines_of(output):

@@ -1,6 +1,5 @@
 """Pause, step, reset, pushes, parameters and diagnostics of a running graph."""
 
-import contextlib
 import math
 import time
 
@@ -10,8 +9,7 @@ rclpy = pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import WrenchStamped  # noqa: E402
-from rcl_interfaces.srv import DescribeParameters, SetParameters  # noqa: E402
-from ros_client import Client  # noqa: E402
+from rcl_interfaces.srv import DescribeParameters  # noqa: E402
 from std_msgs.msg import Header, String  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
@@ -23,14 +21,6 @@ from ballbot_ros.parameters import NODES, RECORDER, Acts, parameters_of  # noqa:
 pytestmark = pytest.mark.graph
 
 GRAPH = [name for name in NODES if name != RECORDER]
-
-
-@pytest.fixture
-def client(domain):
-    with contextlib.closing(Client(domain)) as client:
-        client.watch(PLANT_IMU)
-        client.watch(RUN)
-        yield client
 
 
 @pytest.fixture
@@ -118,14 +108,9 @@ def test_every_parameter_is_described_with_its_range(graph, client):
 
 
 def test_live_parameters_are_set_and_checked(graph, client):
-    def set_value(name, value):
-        parameter = rclpy.parameter.Parameter(name, value=value).to_parameter_msg()
-        request = SetParameters.Request(parameters=[parameter])
-        return client.call(SetParameters, 'plant_sim/set_parameters', request).results[0]
-
-    assert set_value('real_time_factor', 2.0).successful
-    assert not set_value('real_time_factor', -1.0).successful
-    assert set_value('gravity', 3.0).reason == NEXT_RUN
+    assert client.set_value('plant_sim', 'real_time_factor', 2.0).successful
+    assert not client.set_value('plant_sim', 'real_time_factor', -1.0).successful
+    assert client.set_value('plant_sim', 'gravity', 3.0).reason == NEXT_RUN
 
 
 def test_every_node_reports_diagnostics(graph, client):

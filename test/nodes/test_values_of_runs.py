@@ -1,6 +1,5 @@
 """Parameters that are set while a graph runs: each run has those of its start, and tells them."""
 
-import contextlib
 import re
 
 import pytest
@@ -8,9 +7,6 @@ import pytest
 pytest.importorskip('rclpy')
 
 from graph import NODES
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
-from ros_client import Client
 from std_srvs.srv import Trigger
 
 from ballbot_ros.analysis.run_data import read_run
@@ -22,19 +18,6 @@ from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR
 pytestmark = pytest.mark.graph
 
 DRIVERS = [name for name in NODES if name not in ('plant_sim', 'recorder')]
-
-
-@pytest.fixture
-def client(domain):
-    with contextlib.closing(Client(domain)) as client:
-        client.watch(PLANT_IMU)
-        yield client
-
-
-def set_value(client, node, name, value):
-    parameter = Parameter(name, value=value).to_parameter_msg()
-    request = SetParameters.Request(parameters=[parameter])
-    return client.call(SetParameters, f'{node}/set_parameters', request).results[0]
 
 
 def test_each_run_is_recorded_and_replayed_with_its_own_values(
@@ -59,7 +42,7 @@ def test_each_run_is_recorded_and_replayed_with_its_own_values(
         ('my_sonar_driver', 'map', 'corridor'),
         ('ball_plant', 'duration', 2),
     ):
-        assert set_value(client, node, name, value).reason == NEXT_RUN
+        assert client.set_value(node, name, value).reason == NEXT_RUN
     first_end = client.now_ns()
     assert client.call(Trigger, 'plant_sim/reset', Trigger.Request()).success
     assert plant.finish() == 0
@@ -90,7 +73,6 @@ def test_a_run_replays_whose_recorder_came_last(start_node, client, tmp_path):
         'plant_sim', real_time_factor=0, duration=2, start_pitch_x=0.02, require_recorder='true'
     )
     # By then it has announced itself to whoever was there.
-    client.watch(RUN)
     client.spin_until(lambda: RUN.name in client.newest)
     recorder = start_node('recorder', output=path)
     assert plant.finish() == 0
@@ -121,8 +103,8 @@ def test_at_the_slowest_pace_the_plant_still_answers(start_node, client):
         start_node(name)
     plant = start_node('plant_sim', real_time_factor=0.01)
     client.spin_until(lambda: PLANT_IMU.name in client.newest)
-    assert not set_value(client, 'plant_sim', 'real_time_factor', 1e-4).successful
-    assert set_value(client, 'plant_sim', 'real_time_factor', 0.0).successful
+    assert not client.set_value('plant_sim', 'real_time_factor', 1e-4).successful
+    assert client.set_value('plant_sim', 'real_time_factor', 0.0).successful
     # At the pace before, a quarter of an hour.
     client.spin_until(lambda: client.now_ns() > 10_000_000_000)
     assert plant.interrupt() == 0

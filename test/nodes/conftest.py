@@ -1,0 +1,17 @@
+import contextlib
+
+import pytest
+
+from ballbot_ros.messages.topics import PLANT_IMU, RUN
+
+
+@pytest.fixture
+def client(domain):
+    """A node of the test's own that watches the truth and the runs."""
+    pytest.importorskip('rclpy')
+    from ros_client import Client
+
+    with contextlib.closing(Client(domain)) as client:
+        client.watch(PLANT_IMU)
+        client.watch(RUN)
+        yield client
