@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import KeyValue
@@ -12,19 +13,21 @@ from ballbot_ros.messages.conversions import time_ns
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
 from ballbot_ros.nodes.inbox import hidden_node, taken
 from ballbot_ros.parameters import PLANT
+from ballbot_ros.processes import activities
+from ballbot_ros.simulation.patience import Activity, Patience
 
 _ROLE_OF_PLANT = KeyValue(key='role', value=PLANT)
 
 PLANT_SILENCE_S = 2.3
-"""The plant reports at 1 Hz; if it is silent for so long and does nothing, it hangs."""
+"""The plant reports at 1 Hz; if it is silent for so long that the machine gave it, it hangs."""
 
-PLANT_STARTUP_S = 30.0
-"""The same until it is heard for the first time, as its process has to start; and while it works,
-as one that gets little of a busy machine does, or that saves what the run has given."""
+PLANT_BUSY_S = 30.0
+"""The same until it is heard for the first time, as its process has to start, and once its run has
+ended, as it saves what the run has given."""
 
 
 class Liveness:
-    """Tells a plant that hangs from one that is slow.
+    """Tells a plant that hangs from one that the machine keeps waiting.
 
     Parameters
     ----------
@@ -33,25 +36,19 @@ class Liveness:
     """
 
     def __init__(self, now_s: float) -> None:
-        self._heard_s = self._worked_s = now_s
-        self._cpu_s = 0.0
-        self._limit_s = PLANT_STARTUP_S
-
-    def hear(self, now_s: float) -> None:
-        """Note a sign of life."""
         self._heard_s = now_s
-        self._limit_s = PLANT_SILENCE_S
+        self._limit_s = PLANT_BUSY_S
+        self._patience = Patience()
 
-    def see(self, cpu_s: float, now_s: float) -> None:
-        """Note how much processor time the plant has used."""
-        if cpu_s > self._cpu_s:
-            self._cpu_s, self._worked_s = cpu_s, now_s
+    def hear(self, now_s: float, *, has_ended: bool = False) -> None:
+        """Note a sign of life, and whether it tells of the end of the run."""
+        self._heard_s = now_s
+        self._limit_s = PLANT_BUSY_S if has_ended else PLANT_SILENCE_S
 
-    def hangs(self, now_s: float) -> bool:
-        """Tell whether the plant has been silent for too long."""
-        silence_s = now_s - self._heard_s
-        is_idle = now_s - self._worked_s > self._limit_s
-        return silence_s > (self._limit_s if is_idle else PLANT_STARTUP_S)
+    def hangs(self, now_s: float, process: int, activities: Mapping[int, Activity]) -> bool:
+        """Tell whether the plant, which is this process, has been silent for too long."""
+        self._patience.look(self._heard_s, now_s, activities)
+        return self._patience.silence_s(process) > self._limit_s
 
 
 class GraphMonitor:
@@ -89,11 +86,11 @@ class GraphMonitor:
             self.now_ns = time_ns(clock.clock)
             self._liveness.hear(time.monotonic())
         for report, _ in taken(self._diagnostics):
-            if any(_ROLE_OF_PLANT in status.values for status in report.status):
-                self._liveness.hear(time.monotonic())
+            for status in report.status:
+                if _ROLE_OF_PLANT in status.values:
+                    has_ended = any(value.key == 'outcome' for value in status.values)
+                    self._liveness.hear(time.monotonic(), has_ended=has_ended)
 
-    def plant_hangs(self, cpu_s: float) -> bool:
-        """Tell whether the plant, which has used `cpu_s` of processor time [s], hangs."""
-        now = time.monotonic()
-        self._liveness.see(cpu_s, now)
-        return self._liveness.hangs(now)
+    def plant_hangs(self, process: int) -> bool:
+        """Tell whether the plant, which is this process, hangs."""
+        return self._liveness.hangs(time.monotonic(), process, activities([process]))

@@ -9,14 +9,19 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from pathlib import Path
 
 from ballbot_ros.nodes.base import END_WITH_PARENT
 from ballbot_ros.nodes.domain_lock import HANDED_ON, DomainLock
+from ballbot_ros.processes import activities
+from ballbot_ros.simulation.patience import Patience
 
 GRACE_S = 1.5
 LAST_GRACE_S = 5.0
 """Longer: what is waited for is the recording."""
+
+_LOOK_S = 0.05
 
 
 class NodeProcess:
@@ -88,16 +93,6 @@ class NodeProcess:
         return self._process.poll()
 
     @property
-    def cpu_s(self) -> float:
-        """The processor time that it has used [s]; 0 once it has ended."""
-        try:
-            fields = Path(f'/proc/{self.pid}/stat').read_text().rpartition(')')[2].split()
-        except OSError:
-            return 0.0
-        user, system = fields[11:13]
-        return (int(user) + int(system)) / os.sysconf('SC_CLK_TCK')
-
-    @property
     def died(self) -> bool:
         """Whether a signal ended it."""
         status = self.exit_status
@@ -118,12 +113,13 @@ class NodeProcess:
         if self.running:
             self._process.terminate()
 
-    def wait_until(self, deadline: float) -> None:
-        """Wait for the end until `deadline` (monotonic), then kill."""
-        try:
-            self._process.wait(max(0.0, deadline - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            self.kill()
+    def wait(self, most_s: float) -> None:
+        """Wait for the end, but not for longer than `most_s` [s]."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(most_s)
+
+    def hand_on_the_rest(self) -> None:
+        """Hand on the last lines of a process that has ended."""
         self._reader.join(0.2)
 
     def kill(self) -> None:
@@ -139,6 +135,17 @@ def stop_all(processes: Collection[NodeProcess], last: str) -> None:
     for batch, grace_s in ((others, GRACE_S), (rest, LAST_GRACE_S)):
         for process in batch:
             process.request_stop()
-        deadline = time.monotonic() + grace_s
-        for process in batch:
-            process.wait_until(deadline)
+        _await_end(batch, grace_s)
+
+
+def _await_end(processes: Collection[NodeProcess], grace_s: float) -> None:
+    """Wait until all have ended, and kill who has not though the machine gave it the time."""
+    begun, patience = time.monotonic(), Patience()
+    while running := [process for process in processes if process.running]:
+        patience.look(begun, time.monotonic(), activities(process.pid for process in running))
+        for process in running:
+            if patience.silence_s(process.pid) > grace_s:
+                process.kill()
+        running[0].wait(_LOOK_S)
+    for process in processes:
+        process.hand_on_the_rest()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +63,7 @@ def run_in_separate_processes(
             trajectory, summary = load_trajectory(trajectory_file)
         else:
             trajectory, summary = None, {'outcome': 'failed', 'reason': '', 'ticks': 0}
-        return Finished(_judged(summary, failure, processes, stop, is_replaced()), trajectory)
+        return Finished(judged(summary, failure, processes, stop, is_replaced()), trajectory)
 
 
 def start_nodes(
@@ -113,7 +113,7 @@ def watch(
             # and the plant tells when it has waited long enough.
             if name == PLANT or process.exit_status == 2:
                 return end
-        if monitor.plant_hangs(plant.cpu_s):
+        if monitor.plant_hangs(plant.pid):
             progress.notice(f'{PLANT} does not answer')
             plant.kill()
             return f'{PLANT} does not answer'
@@ -121,26 +121,29 @@ def watch(
     return ''
 
 
-def _judged(
+def judged(
     summary: dict[str, Any],
     failure: str,
-    processes: dict[str, NodeProcess],
+    processes: Mapping[str, NodeProcess],
     stop: StopRequest,
     is_replaced: bool,
 ) -> dict[str, Any]:
-    """Return the plant's summary with what it can't know."""
-    judged = dict(summary)
-    judged['exit_status'] = 1
+    """Return the plant's summary with what it can't know.
+
+    A run that the plant has completed is completed, whatever becomes of the processes then.
+    """
+    verdict = dict(summary)
+    verdict['exit_status'] = 1
     dead = [p for p in processes.values() if p.exit_status in (1, 2) and p.name != PLANT]
     if stop.signal:
-        judged.update(outcome='stopped', exit_status=128 + stop.signal)
-    elif is_replaced and judged['outcome'] != 'completed':
-        judged.update(outcome='stopped', exit_status=0)
-    elif failure:
-        judged.update(outcome='failed', reason=failure)
-    elif judged['outcome'] == 'completed' and any(p.name == RECORDER for p in dead):
-        judged.update(outcome='failed', reason=f'{RECORDER} failed')
-    if judged['outcome'] == 'failed' and any(p.exit_status == 2 for p in processes.values()):
-        judged['exit_status'] = 2
-        judged['reason'] = judged['reason'] or 'a node refused to start'
-    return judged
+        verdict.update(outcome='stopped', exit_status=128 + stop.signal)
+    elif is_replaced and verdict['outcome'] != 'completed':
+        verdict.update(outcome='stopped', exit_status=0)
+    elif failure and verdict['outcome'] != 'completed':
+        verdict.update(outcome='failed', reason=failure)
+    elif verdict['outcome'] == 'completed' and any(p.name == RECORDER for p in dead):
+        verdict.update(outcome='failed', reason=f'{RECORDER} failed')
+    if verdict['outcome'] == 'failed' and any(p.exit_status == 2 for p in processes.values()):
+        verdict['exit_status'] = 2
+        verdict['reason'] = verdict['reason'] or 'a node refused to start'
+    return verdict

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -26,10 +27,11 @@ from ballbot_ros.messages.topics import (
     RUN_STATUS,
     Topic,
 )
-from ballbot_ros.nodes.base import BallbotNode
+from ballbot_ros.nodes.base import END_WITH_PARENT, BallbotNode
 from ballbot_ros.nodes.graph_look import GraphLook
 from ballbot_ros.nodes.participation import participant_of, with_values
 from ballbot_ros.parameters import AGREED, CONTROLLER, ENCODER, GAMEPAD, GYRO, RECORDER, SONAR
+from ballbot_ros.processes import activities, children
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import (
     MAP_HASH,
@@ -40,6 +42,7 @@ from ballbot_ros.simulation.participants import (
     Standing,
     State,
 )
+from ballbot_ros.simulation.patience import Patience
 from ballbot_ros.simulation.timing import SECOND_NS, SLOW_NS
 
 _DRIVERS = (GYRO, ENCODER, SONAR, GAMEPAD)
@@ -76,6 +79,8 @@ class PlantParticipants:
         self._run = ''
         self._start_ns = 0
         self._silent_since: int | None = None
+        self._starting: list[int] = []
+        self._patience = Patience()
         self._watch_over(RUN)
         self._watch_over(ROLL_CALL)
         node.listen(PARTICIPANTS, self._on_announcement, depth=HISTORY, raw=True)
@@ -88,6 +93,8 @@ class PlantParticipants:
         if self._lockstep and self._node.values['require_recorder']:
             required.append(RECORDER)
         self._roster.gather(run, self._own, required)
+        # A command starts the nodes together; of others nothing is known before they are heard.
+        self._starting = children(os.getppid()) if END_WITH_PARENT in os.environ else []
         self._send_roll_call()
         self._look.stop_listening()
         self.end_silence()
@@ -196,21 +203,49 @@ class PlantParticipants:
         """Forget which roll calls were made because of a silence."""
         self._silent_since = None
 
-    def silent(self, now_ns: int, *, recorder: bool) -> str:
+    def silences_s(self, since_s: float, now_ns: int, *, recorder: bool) -> dict[str, float]:
         """Return who has not answered the roll calls of a silence, or lacks the tick.
 
         Parameters
         ----------
+        since_s : float
+            When the silence began [s].
         now_ns : int
             The tick that is not answered [ns].
         recorder : bool
             Whether it is the recorder's answer that is waited for, not the controller's. It is
             that one's fault where all others have done their part.
+
+        Returns
+        -------
+        dict of str to float
+            The roles, and how much of the silence counts for each [s].
         """
         due = {role: now_ns for role in _DRIVERS if role not in _SLOW or now_ns % SLOW_NS == 0}
         due |= {role: 0 for role in _DRIVERS if role not in due} | {CONTROLLER: 0}
         last = RECORDER if recorder else CONTROLLER
         if recorder:
             due[RECORDER] = 0
+        members = self._roster.members
+        self._look_at_silence(since_s, filter(None, map(self._process, members.values())))
         since = self._roster.calls if self._silent_since is None else self._silent_since
-        return ', '.join(self._roster.silent(since, due)) or last
+        found = self._roster.silences_s(since, due, self._silence_s)
+        return found or {last: self._silence_s(members.get(last))}
+
+    def waited_s(self, since_s: float) -> float:
+        """Return for how long those have been waited for who are to take part [s]."""
+        joined = set(map(self._process, self._roster.members.values()))
+        starting = [process for process in self._starting if process not in joined]
+        self._look_at_silence(since_s, starting)
+        return min(map(self._patience.silence_s, starting), default=self._patience.silence_s())
+
+    def _look_at_silence(self, since_s: float, processes: Iterable[int]) -> None:
+        self._patience.look(since_s, time.monotonic(), activities(processes))
+
+    def _process(self, participant: Participant | None) -> int | None:
+        """Return the process of a participant on this machine."""
+        is_here = participant is not None and participant.host == self._own.host
+        return participant.process if participant and is_here else None
+
+    def _silence_s(self, participant: Participant | None) -> float:
+        return self._patience.silence_s(self._process(participant))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from array import array
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -354,10 +354,17 @@ class PlantSim(BallbotNode):
         if not self._lockstep:
             return
         waits_for_recorder = self._draining or self._duty is not None
-        silence = now - (self._duty_at if waits_for_recorder else self._sent_at)
+        since = self._duty_at if waits_for_recorder else self._sent_at
+        silence = now - since
         if waits_for_recorder and self._recorder_left():
             return
         limit = float(self.values['timeout' if self.log.ticks else 'startup_timeout'])
+        silent: dict[str, float] = {}
+        if silence > WARN_S:
+            silent = self._participants.silences_s(
+                since, self._plant.time_ns, recorder=waits_for_recorder
+            )
+            silence = max(silent.values())
         if silence > (WARN_S if self.log.ticks else STARTUP_WARN_S):
             # Early, for those who live to have answered when it is asked who is silent.
             self._participants.call_roll()
@@ -376,7 +383,7 @@ class PlantSim(BallbotNode):
             # Who waits is not to be taken for silent itself, on a busy machine neither.
             self.report()
         if silence > limit:
-            self._silent(limit, recorder=waits_for_recorder)
+            self._give_up([role for role in silent if silent[role] > limit], limit)
 
     def _stand_still(self, now: float) -> None:
         """Tell who comes late where the robot stands; let a recorder go that leaves."""
@@ -446,7 +453,7 @@ class PlantSim(BallbotNode):
     def _wait(self, now: float, reason: str) -> None:
         """Call the roll until it is clear who takes part, within bounds before the first tick."""
         self._participants.call_roll()
-        waited = now - self._sent_at
+        waited = self._participants.waited_s(self._sent_at)
         limit = float(self.values['startup_timeout'])
         missing = self._participants.missing()
         if missing and missing != self._waits_for:
@@ -476,10 +483,9 @@ class PlantSim(BallbotNode):
             self.advance()
         return True
 
-    def _silent(self, limit: float, *, recorder: bool) -> None:
-        now = self._plant.time_ns
-        who = self._participants.silent(now, recorder=recorder)
-        problem = f'{who} silent for {limit:g} s at sim time {now * 1e-9:.3f} s'
+    def _give_up(self, silent: Sequence[str], limit: float) -> None:
+        now_s = self._plant.time_ns * 1e-9
+        problem = f'{", ".join(silent)} silent for {limit:g} s at sim time {now_s:.3f} s'
         if self.values['on_timeout'] == 'wait':
             self.warn(problem + ': waiting for it')
             return

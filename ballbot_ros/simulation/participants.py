@@ -6,7 +6,7 @@ has and the roll calls it has made, and does what the :class:`Standing` says.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Any, NamedTuple
@@ -516,8 +516,13 @@ class Roster:
         """Return the required roles that have no participant in this run."""
         return [role for role in self._required if role not in self._run.members]
 
-    def silent(self, since_call: int, due_ns: Mapping[str, int]) -> list[str]:
-        """Return the roles whose participant does not answer.
+    def silences_s(
+        self,
+        since_call: int,
+        due_ns: Mapping[str, int],
+        silence_s: Callable[[Participant | None], float],
+    ) -> dict[str, float]:
+        """Return the roles whose participant does not answer, and for how long that is so [s].
 
         Parameters
         ----------
@@ -526,26 +531,30 @@ class Roster:
         due_ns : mapping of str to int
             The roles whose answer is waited for, in the order in which one depends on the other,
             and the stamp that is due [ns].
+        silence_s : callable
+            How much of the silence counts for a participant.
 
         Returns
         -------
-        list of str
-            Those that answered no roll call since; if all did, those whose newest sample is
-            older than what is due.
+        dict of str to float
+            Those that answered no roll call since, each for itself; if all did, those whose
+            newest sample is older than what is due, since one of them may wait for another.
         """
         run = self._run
         found = {}
         for role in due_ns:
             member = run.members.get(role)
             found[role] = run.heard.get(member.instance) if member else None
+        silences_s = {role: silence_s(run.members.get(role)) for role in found}
         unheard = [role for role, heard in found.items() if not heard or heard.calls <= since_call]
         if unheard:
-            return unheard
-        return [
+            return {role: silences_s[role] for role in unheard}
+        lacking = [
             role
             for role, heard in found.items()
             if heard and heard.announcement.answered_ns < due_ns[role]
         ]
+        return dict.fromkeys(lacking, min(silences_s[role] for role in lacking)) if lacking else {}
 
     @property
     def calls(self) -> int:

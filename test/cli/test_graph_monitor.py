@@ -1,6 +1,8 @@
 """The look into a running graph."""
 
+import contextlib
 import signal
+import subprocess
 
 import pytest
 from graph import bound_s, wait_for
@@ -8,6 +10,7 @@ from graph import bound_s, wait_for
 from ballbot_ros.cli import graph_monitor
 from ballbot_ros.cli.graph import ros
 from ballbot_ros.cli.graph_monitor import GraphMonitor, Liveness
+from ballbot_ros.simulation.patience import Activity
 
 pytestmark = pytest.mark.graph
 
@@ -22,40 +25,71 @@ def monitor(domain, monkeypatch):
 
 @pytest.fixture
 def short_patience(monkeypatch):
-    monkeypatch.setattr(graph_monitor, 'PLANT_STARTUP_S', 0.2)
+    monkeypatch.setattr(graph_monitor, 'PLANT_BUSY_S', 0.2)
 
 
 def test_a_plant_that_is_never_heard_hangs(short_patience, monitor):
     monitor.poll()
-    wait_for(lambda: monitor.plant_hangs(0.0), timeout=2.0, what='the end of the patience')
+    with subprocess.Popen(['sleep', '60']) as plant:
+        wait_for(
+            lambda: monitor.plant_hangs(plant.pid), timeout=2.0, what='the end of the patience'
+        )
+        plant.kill()
 
 
-def test_a_plant_that_falls_silent_hangs(monitor, start_node):
+@pytest.mark.parametrize('how', ['stopped', 'spinning'])
+def test_a_plant_that_falls_silent_hangs(monitor, start_node, how):
     # It waits for nobody.
     plant = start_node('plant_sim', lockstep='false')
     wait_for(lambda: monitor.poll() or monitor.now_ns, what='the first tick')
-    assert not monitor.plant_hangs(0.0)
+    assert not monitor.plant_hangs(plant.process.pid)
     plant.process.send_signal(signal.SIGSTOP)
-    wait_for(
-        lambda: monitor.poll() or monitor.plant_hangs(0.0), timeout=bound_s(3.0), what='its end'
-    )
+    with contextlib.ExitStack() as stack:
+        pid = plant.process.pid
+        if how == 'spinning':
+            spinner = stack.enter_context(subprocess.Popen(['sh', '-c', 'while :; do :; done']))
+            stack.callback(spinner.kill)
+            pid = spinner.pid
+        wait_for(
+            lambda: monitor.poll() or monitor.plant_hangs(pid), timeout=bound_s(3.0), what='its end'
+        )
 
 
-def test_a_plant_that_works_in_silence_hangs_only_after_long():
+IDLE = Activity(cpu_s=1.0, queued_s=0.0, is_due=False)
+
+
+def test_a_plant_that_has_not_begun_and_one_that_saves_have_long():
     liveness = Liveness(0.0)
-    assert not liveness.hangs(29.0)
-    assert liveness.hangs(31.0)
+    for now in range(301):
+        assert not liveness.hangs(0.1 * now, 1, {1: IDLE})
+    assert liveness.hangs(30.2, 1, {1: IDLE})
     liveness.hear(31.0)
-    for now in range(31, 61):
-        liveness.see(cpu_s=0.01 * now, now_s=now)
-        assert not liveness.hangs(now)
-    assert liveness.hangs(62.0)
+    assert not liveness.hangs(31.2, 1, {1: IDLE})
+    liveness.hear(32.0, has_ended=True)
+    for now in range(320, 620):
+        assert not liveness.hangs(0.1 * now, 1, {1: IDLE})
+    assert liveness.hangs(62.2, 1, {1: IDLE})
 
 
-def test_a_plant_that_stops_working_hangs_at_once():
+@pytest.mark.parametrize('is_spinning', [False, True])
+def test_a_plant_that_has_its_time_and_says_nothing_hangs_soon(is_spinning):
     liveness = Liveness(0.0)
     liveness.hear(10.0)
-    liveness.see(cpu_s=1.0, now_s=12.0)
-    liveness.see(cpu_s=1.0, now_s=14.0)
-    assert not liveness.hangs(14.0)
-    assert liveness.hangs(14.4)
+    ends = [
+        0.1 * look
+        for look in range(100, 150)
+        if liveness.hangs(
+            0.1 * look, 1, {1: Activity(0.1 * look if is_spinning else 1.0, 0.0, is_spinning)}
+        )
+    ]
+    assert 12.25 < ends[0] < 12.45
+
+
+def test_a_plant_that_the_machine_keeps_waiting_does_not_hang():
+    liveness = Liveness(0.0)
+    liveness.hear(0.0)
+    for look in range(2000):
+        now = 0.1 * look
+        assert not liveness.hangs(now, 1, {1: Activity(0.02 * now, 0.98 * now, is_due=True)})
+        if look == 1000:
+            liveness.hear(now)

@@ -471,14 +471,34 @@ def test_silent_is_who_answers_no_roll_call_else_who_lacks_the_tick(dead, answer
         if role not in dead:
             run.roster.announced(Announcement(a(role), RUN, answered.get(role, due_ns)))
     due = {'gyro_driver': due_ns, 'sonar_driver': due_ns, 'controller': 0}
-    assert run.roster.silent(since, due) == expected
+    silences_s = run.roster.silences_s(since, due, lambda participant: 3.0)
+    assert silences_s == dict.fromkeys(expected, 3.0)
+
+
+def test_a_silence_is_each_ones_own_but_who_is_alive_may_wait_for_another():
+    run = world().begin()
+    own_s = {'gyro_driver': 1.0, 'sonar_driver': 2.0, 'controller': 3.0}
+
+    def silences_s():
+        due = dict.fromkeys(own_s, START_NS + 4_000_000)
+        return run.roster.silences_s(since, due, lambda each: own_s[each.role])
+
+    since = run.roster.calls
+    run.roster.called()
+    assert silences_s() == own_s
+    run.roster.announced(Announcement(a('gyro_driver'), RUN))
+    assert silences_s() == {'sonar_driver': 2.0, 'controller': 3.0}
+    for role in ROLES:
+        run.roster.announced(Announcement(a(role), RUN))
+    assert silences_s() == dict.fromkeys(own_s, 1.0)
 
 
 def test_an_answer_to_an_earlier_roll_call_is_not_one_to_this_silence():
     run = world().begin()
     run.roster.called()
     run.roster.announced(Announcement(a('controller'), RUN))
-    assert run.roster.silent(run.roster.calls, {'controller': 0}) == ['controller']
+    since = run.roster.calls
+    assert run.roster.silences_s(since, {'controller': 0}, lambda each: 1.0) == {'controller': 1.0}
 
 
 class AnyHistory(RuleBasedStateMachine):
