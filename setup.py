@@ -108,9 +108,11 @@ setup(
         'parquet': [
             'pyarrow>=14',
         ],
-        # The 3D viewer.
+        # The 3D viewer. viewer/guarded_server.py uses internals of viser, so it stays in one minor
+        # series.
         'viewer': [
-            'viser>=1.1,<2',
+            'viser>=1.1,<1.2',
+            'websockets>=13.1',
             'trimesh>=4.0',
             'imageio>=2.34',
             'imageio-ffmpeg>=0.5',

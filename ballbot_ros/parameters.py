@@ -406,7 +406,8 @@ TABLE: tuple[Parameter, ...] = (
     *_rows(
         VIEWER,
         ('host', '127.0.0.1', '', None,
-         'address of this machine on which the page is served', 'project', Acts.NEVER),
+         'address that serves the page: all who reach it can look, those with the token can steer',
+         'project', Acts.NEVER),
         ('port', 8080, '1', (0, 65535), 'its port; 0: a free one', 'project', Acts.NEVER),
     ),
     *_rows(

@@ -132,6 +132,16 @@ def browsing(address):
         yield Browser(page, address)
 
 
+class StubRobot:
+    """Notes what the page asks for."""
+
+    def __init__(self):
+        self.asked = []
+
+    def __getattr__(self, name):
+        return lambda *arguments: self.asked.append((name, *arguments))
+
+
 def another(browser, address):
     """Open one more page; it ends with the first."""
     page = browser.page

@@ -69,7 +69,11 @@ def compare(
 @click.argument('recording', type=PATH)
 @click.argument('other', required=False, type=PATH)
 @click.option(
-    '--host', default='127.0.0.1', show_default=True, help='Address on which the page is served.'
+    '--host',
+    default='127.0.0.1',
+    show_default=True,
+    help='Address on which the page is served. Everybody who reaches it can look; whoever has the '
+    'printed address with its token can steer.',
 )
 @click.option(
     '--port',

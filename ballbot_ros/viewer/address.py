@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import ipaddress
 import socket
 
 from ballbot_ros.viewer.errors import ViewerError
 
-_LOOPBACK = ('127.0.0.1', 'localhost', '::1')
+LOOPBACK = ('127.0.0.1', 'localhost', '::1')
 
 
 def require_viser() -> None:
@@ -51,8 +52,19 @@ def location(host: str, port: int) -> str:
     return f'[{host}]:{port}' if ':' in host else f'{host}:{port}'
 
 
+def is_any_address(host: str) -> bool:
+    """Tell whether `host` stands for all addresses of this machine."""
+    try:
+        return ipaddress.ip_address(host).is_unspecified
+    except ValueError:  # a name
+        return False
+
+
 def warning_of(host: str) -> str:
     """Return a warning where others in the network reach the page, else nothing."""
-    if host in _LOOPBACK:
+    if host in LOOPBACK:
         return ''
-    return f'the viewer and its controls are open to everybody who reaches {host}'
+    return (
+        'the viewer is open to the network: everybody who reaches it can look, '
+        'and whoever has the address with the token can steer'
+    )

@@ -5,14 +5,18 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
+import secrets
+import socket
 import threading
 from typing import Any
 
 import numpy as np
 import viser
 
-from ballbot_ros.viewer.address import check_address, location
+from ballbot_ros.viewer.address import check_address
+from ballbot_ros.viewer.door import Door
 from ballbot_ros.viewer.floor import Area
+from ballbot_ros.viewer.guarded_server import GuardedServer
 from ballbot_ros.viewer.robot import Dimensions
 from ballbot_ros.viewer.scene import Robot, Scene
 from ballbot_ros.viewer.snapshot import Snapshot
@@ -25,6 +29,7 @@ UPDATE_S = 1.0 / 60.0
 PANEL_WIDTH = 340
 _ORBIT = 'orbit'
 _NOTICE_S = 5.0
+_TOKEN_BYTES = 16
 
 # On a narrow screen viser lays the panel over the scene: so it stands below it.
 _SHEET = '.mantine-Paper-root[style*="bottom: 0px"]'
@@ -33,6 +38,15 @@ div:has(> {_SHEET}) {{ flex-direction: column !important }}
 {_SHEET} {{ position: static !important; width: 100% !important; max-height: 50% !important }}
 {_SHEET} .mantine-ScrollArea-content > div {{ width: 100% !important }}
 </style>"""
+
+# The server ignores the controls of who may not steer; here they are only put out of sight.
+_ONLY_SHOWS = """<style>
+.mantine-Paper-root[data-with-border]:has(.mantine-Button-root, .mantine-Slider-root) {
+  display: none
+}
+</style>
+<div style="font-size:13px;margin:4px 1em">This page only shows. To steer, open the address that the
+viewer has printed, with its token.</div>"""
 
 
 class Page:
@@ -57,10 +71,10 @@ class Page:
 
     def __init__(self, dimensions: Dimensions, title: str, host: str, port: int) -> None:
         check_address(host, port)
+        self._door = Door(host, socket.gethostname(), secrets.token_urlsafe(_TOKEN_BYTES))
         logging.getLogger('websockets').setLevel(logging.ERROR)
         with contextlib.redirect_stdout(io.StringIO()):  # it greets at length
-            self.server = viser.ViserServer(host, port, label=title, verbose=False)
-        self._host = host
+            self.server = GuardedServer(self._door, port, title)
         self._title = title
         self._dimensions = dimensions
         self._area = Area.of(None)
@@ -79,8 +93,8 @@ class Page:
 
     @property
     def address(self) -> str:
-        """Where the page is."""
-        return f'http://{location(self._host, self.server.get_port())}'
+        """Where the page is, with the token that lets its user steer."""
+        return self._door.address(self.server.get_port())
 
     @property
     def dimensions(self) -> Dimensions:
@@ -110,7 +124,9 @@ class Page:
             self._aspects.clear()
 
     def _welcome(self, client: viser.ClientHandle) -> None:
-        """Give a new browser its views."""
+        """Give a new browser its views; without the token it has no controls."""
+        if not self.server.may_steer(client.client_id):
+            client.gui.add_html(_ONLY_SHOWS, order=-1.5)
         names = [*VIEWS, _ORBIT]
         labels = [f'{number} {TITLES[view]}' for number, view in enumerate(VIEWS, 1)]
         labels.append('6 Free orbit')

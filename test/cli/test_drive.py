@@ -133,7 +133,7 @@ def test_the_page_and_the_keyboard_go_together(start_drive):
     drive = start_drive('--no-record', '--viewer', '--set', 'viewer.port=0')
     pids = drive.begin(CHILDREN - {'recorder'} | {'viewer'})
     line = wait_for(
-        lambda: re.search(rb'viewer  (http://127.0.0.1:\d+)\r?\n', drive.screen),
+        lambda: re.search(rb'viewer  (http://127.0.0.1:\d+/\?token=\S+)\r?\n', drive.screen),
         what='the address of the page',
     )
     drive.wait_for_text(b'arrows drive', line.end())  # the panel is drawn anew below it

@@ -5,6 +5,7 @@ import signal
 
 import pytest
 from graph import wait_for
+from mcap.reader import make_reader
 
 pytest.importorskip('viser', reason='the extra viewer is not installed')
 pytestmark = pytest.mark.graph
@@ -49,5 +50,20 @@ def test_the_page_stays_from_run_to_run(start_run, client, tmp_path):
     run.process.send_signal(signal.SIGINT)
     assert run.finish() == 128 + signal.SIGINT
     assert 'stopped' in run.stdout
-    assert len(set(re.findall(rb'viewer  (\S+)', terminal.screen))) == 1
+    (address,) = set(re.findall(rb'viewer  (\S+)', terminal.screen))
     assert terminal.screen.count(b'the page stays') == 1
+    token = address.rpartition(b'token=')[2]
+    recordings = list(tmp_path.rglob('*.mcap'))
+    assert len(recordings) == 3
+    assert not any(token in content for path in recordings for content in contents(path))
+
+
+def contents(recording):
+    """Return all that a recording holds."""
+    with recording.open('rb') as stream:
+        reader = make_reader(stream)
+        return [
+            *(message.data for _, _, message in reader.iter_messages()),
+            *(attachment.data for attachment in reader.iter_attachments()),
+            *(str(record).encode() for record in reader.iter_metadata()),
+        ]

@@ -33,6 +33,7 @@ ROSDEP_KEYS = {
     'scipy': 'python3-scipy',
     'trimesh': 'python3-trimesh-pip',
     'viser': None,
+    'websockets': None,
     'zstandard': 'mcap-ros2-support',
     'ros-jazzy-common-interfaces': 'std_msgs',
     'ros-jazzy-rclpy': 'rclpy',

@@ -6,6 +6,7 @@ import math
 import socket
 import threading
 import time
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ import viser
 pytest.importorskip('rclpy')
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('needs_browser')]
 
-from browsing import another, browsing, running, serving, wait_until  # noqa: E402
+from browsing import StubRobot, another, browsing, running, serving, wait_until  # noqa: E402
 from graph import bound_s, wait_for  # noqa: E402
 from ros_client import Client  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
@@ -45,7 +46,7 @@ DIMENSIONS = select(Dimensions, ParameterSet().values(VIEWER))
 
 
 HANDSHAKE = """GET / HTTP/1.1\r
-Host: 127.0.0.1\r
+Host: 127.0.0.1:{port}\r
 Upgrade: websocket\r
 Connection: Upgrade\r
 Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r
@@ -61,7 +62,7 @@ def unread(port):
     with socket.socket() as stuck:
         stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         stuck.connect(('127.0.0.1', port))
-        stuck.sendall(HANDSHAKE.format(version=viser.__version__).encode())
+        stuck.sendall(HANDSHAKE.format(port=port, version=viser.__version__).encode())
         yield
 
 
@@ -178,7 +179,7 @@ def shows_what_it_should(browser, view):
 def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
     with running(domain, *DRIVE), Truth(domain) as truth:
         viewer, address = start_viewer(start_node, port=0)
-        port = int(address.rpartition(':')[2])
+        port = urlsplit(address).port
         # What stands still is not drawn, so pages load sooner.
         truth.pause_when_calibrated()
         with browsing(address) as browser:
@@ -208,8 +209,11 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             shown = browser.shown_time()
             viewer.kill()
             viewer.wait()
-            start_viewer(start_node, port=port)
+            _, address = start_viewer(start_node, port=port)
             wait_until(lambda: (browser.shown_time() or 0.0) > shown, browser)
+            browser.wait_for_text('This page only shows')  # its token was the other viewer's
+            browser.page.goto(address)
+            browser.wait_for_text('state', 60.0)
             pause_holds_it(browser)
 
 
@@ -305,16 +309,6 @@ def test_a_browser_that_stops_reading_holds_up_nobody(recording):
     page.stop()
     assert slowest < 1.0
     assert waiting < 500
-
-
-class StubRobot:
-    """Notes what the page asks for."""
-
-    def __init__(self):
-        self.asked = []
-
-    def __getattr__(self, name):
-        return lambda *arguments: self.asked.append((name, *arguments))
 
 
 def test_scenarios_are_offered_where_they_can_be_started(recording):

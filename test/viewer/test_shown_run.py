@@ -127,7 +127,9 @@ def test_an_address_of_version_6_stands_in_brackets():
 
 def test_a_page_for_the_network_warns():
     assert warning_of('127.0.0.1') == ''
-    assert 'everybody' in warning_of('0.0.0.0')
+    for host in ('0.0.0.0', '::', '192.0.2.1', 'robot'):
+        assert 'everybody who reaches it can look' in warning_of(host)
+        assert 'whoever has the address with the token can steer' in warning_of(host)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,106 @@
+"""viser's server behind the page's door."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Awaitable, Callable, Iterator
+from http import HTTPStatus
+from typing import Any
+
+import viser
+import websockets.asyncio.server
+from viser.infra import ClientId, Message
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.http11 import Request, Response
+
+from ballbot_ros.viewer.door import Door
+from ballbot_ros.viewer.errors import ViewerError
+
+_REFUSAL = 'The viewer answers only at the address that it has printed.\n'
+
+Answer = Callable[[ServerConnection, Request], Awaitable[Response | None] | Response | None]
+
+
+class GuardedServer(viser.ViserServer):
+    """Answers whom the door admits, and lets those steer who have its token.
+
+    viser has no hook for either, so this uses its internals: its call of ``serve`` is given
+    another answer to requests, and its handling of messages about what all browsers share passes
+    a check. Messages about what is a browser's own, such as its camera, take another way.
+
+    Parameters
+    ----------
+    door : Door
+    port : int
+    title : str
+
+    Raises
+    ------
+    ViewerError
+        If viser no longer starts its server in the way that is guarded here.
+    """
+
+    def __init__(self, door: Door, port: int, title: str) -> None:
+        self._door = door
+        self._is_guarded = False
+        with _instead_of_serve(self._serve):
+            super().__init__(door.host, port, label=title, verbose=False)
+        if not self._is_guarded:
+            self.stop()
+            raise ViewerError(f'viser {viser.__version__} cannot be guarded; viser 1.1 can')
+
+    def may_steer(self, client_id: int) -> bool:
+        """Tell whether a browser has the token."""
+        connection = self._websock_server._live_connections.get(client_id)
+        if connection is None or connection.request is None:
+            return False
+        return self._door.may_steer(connection.request.path)
+
+    def _serve(
+        self, *arguments: Any, process_request: Answer | None = None, **options: Any
+    ) -> serve:
+        """Serve as viser asks for it, behind the door."""
+        dispatch = self._websock_server._handle_incoming_message
+
+        async def dispatch_steering(client_id: ClientId, message: Message) -> None:
+            if self.may_steer(client_id):
+                await dispatch(client_id, message)
+
+        self._websock_server._handle_incoming_message = dispatch_steering  # type: ignore[method-assign]
+
+        def answer(
+            connection: ServerConnection, request: Request
+        ) -> Awaitable[Response | None] | Response | None:
+            response = self._answer(connection, request)
+            if response is None and process_request is not None:
+                return process_request(connection, request)
+            return response
+
+        self._is_guarded = True
+        return serve(*arguments, process_request=answer, **options)
+
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Return the answer to a request that is not for viser, else None."""
+        hosts = request.headers.get_all('Host')
+        origins = request.headers.get_all('Origin')
+        address, port = connection.local_address[:2]
+        if not self._door.admits(hosts, origins, (address, port)):
+            return connection.respond(HTTPStatus.FORBIDDEN, _REFUSAL)
+        if 'Upgrade' in request.headers or '?' not in request.path:
+            return None
+        page = self._door.page(hosts[0], request.path)
+        if request.path == page:
+            return None
+        response = connection.respond(HTTPStatus.FOUND, '')
+        response.headers['Location'] = page
+        return response
+
+
+@contextlib.contextmanager
+def _instead_of_serve(replacement: Callable[..., serve]) -> Iterator[None]:
+    module: Any = websockets.asyncio.server
+    module.serve = replacement
+    try:
+        yield
+    finally:
+        module.serve = serve

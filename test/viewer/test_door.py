@@ -1,0 +1,117 @@
+"""Who is let in to the page, and who may steer."""
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from ballbot_ros.viewer.door import Door
+
+LOCAL = Door('127.0.0.1', 'robot', 'secret')
+EVERYWHERE = Door('0.0.0.0', 'Robot', 'secret')
+EVERYWHERE_6 = Door('::', 'robot', 'secret')
+NAMED = Door('lab.example', 'robot', 'secret')
+
+
+@pytest.mark.parametrize(
+    ('door', 'at', 'host'),
+    [
+        (LOCAL, ('127.0.0.1', 8080), '127.0.0.1:8080'),
+        (LOCAL, ('127.0.0.1', 8080), 'localhost:8080'),
+        (LOCAL, ('127.0.0.1', 8080), 'LocalHost:8080'),
+        (LOCAL, ('127.0.0.1', 80), '127.0.0.1'),
+        (LOCAL, ('127.0.0.1', 80), '127.0.0.1:80'),
+        (Door('::1', 'robot', 'secret'), ('::1', 8080), '[::1]:8080'),
+        (EVERYWHERE, ('192.0.2.7', 8080), '192.0.2.7:8080'),
+        (EVERYWHERE, ('192.0.2.7', 8080), 'robot:8080'),
+        (EVERYWHERE, ('127.0.0.1', 8080), 'localhost:8080'),
+        (EVERYWHERE_6, ('2001:db8::7', 8080), '[2001:db8::7]:8080'),
+        (NAMED, ('192.0.2.7', 8080), 'lab.example:8080'),
+        (NAMED, ('192.0.2.7', 8080), '192.0.2.7:8080'),
+    ],
+)
+def test_whoever_calls_this_machine_by_its_names_comes_in(door, at, host):
+    assert door.admits([host], [], at)
+    assert door.admits([host], [f'http://{host}'], at)
+    assert not door.admits([host], ['null'], at)
+    assert not door.admits([host], [f'https://{host}'], at)
+    assert not door.admits([host], ['https://evil.example'], at)
+    assert not door.admits([host], [f'http://{host}', 'https://evil.example'], at)
+
+
+@pytest.mark.parametrize(
+    ('door', 'hosts'),
+    [
+        (LOCAL, []),
+        (LOCAL, ['127.0.0.1:8080', 'evil.example:8080']),
+        (LOCAL, ['127.0.0.1:8081']),
+        (LOCAL, ['127.0.0.1']),
+        (LOCAL, ['127.0.0.1:80']),
+        (LOCAL, ['evil.example:8080']),
+        (LOCAL, ['127.0.0.1.evil.example:8080']),
+        (LOCAL, ['evil.example@127.0.0.1:8080']),
+        (LOCAL, ['192.0.2.7:8080']),
+        (LOCAL, ['robot:8080']),
+        (EVERYWHERE, ['evil.example:8080']),
+        (EVERYWHERE, ['192.0.2.8:8080']),
+        (NAMED, ['evil.lab.example:8080']),
+    ],
+)
+def test_whoever_calls_it_otherwise_does_not(door, hosts):
+    assert not door.admits(hosts, [], ('127.0.0.1', 8080))
+
+
+def test_a_page_at_another_port_or_name_of_this_machine_is_another():
+    for origin in ('http://127.0.0.1:9000', 'http://localhost:8080', 'http://127.0.0.1'):
+        assert not LOCAL.admits(['127.0.0.1:8080'], [origin], ('127.0.0.1', 8080))
+
+
+@given(st.text())
+@example('127.0.0.1:8080 ')
+@example('[::1]')
+def test_no_other_name_comes_in(host):
+    served = {'127.0.0.1:8080', 'localhost:8080', '[::1]:8080'}
+    assert LOCAL.admits([host], [], ('127.0.0.1', 8080)) == (host.lower() in served)
+
+
+@given(st.text(st.characters(codec=None)))
+@example('')
+@example('secre')
+@example('secrets')
+@example('Secret')
+@example('secret&token=')
+@example('\udcff')
+def test_only_the_token_steers(text):
+    steers = text.rpartition('token=')[2] == 'secret'
+    for target in (f'/?token={text}', f'/?websocket=ws://127.0.0.1:8080/?token={text}'):
+        assert LOCAL.may_steer(target) == steers
+
+
+def test_the_token_steers():
+    assert LOCAL.may_steer('/?token=secret')
+    for target in ('', '/', '/?token', '/?token=', '/?secret', '/?websocket=ws://evil.example/'):
+        assert not LOCAL.may_steer(target)
+
+
+@pytest.mark.parametrize(
+    ('door', 'address'),
+    [
+        (LOCAL, 'http://127.0.0.1:8080/?token=secret'),
+        (EVERYWHERE, 'http://Robot:8080/?token=secret'),
+        (EVERYWHERE_6, 'http://robot:8080/?token=secret'),
+        (NAMED, 'http://lab.example:8080/?token=secret'),
+    ],
+)
+def test_the_address_has_the_token(door, address):
+    assert door.address(8080) == address
+
+
+def test_a_page_connects_to_where_it_comes_from():
+    page = '/?websocket=ws://localhost:8080/?token=secret'
+    for target in ('/?token=secret', page, '/?websocket=ws://127.0.0.1:8080/?token=secret'):
+        assert LOCAL.page('localhost:8080', target) == page
+    for target in (
+        '/?token=wrong',
+        '/?websocket=ws://evil.example/',
+        '/?playbackPath=https://evil.example/run.viser',
+    ):
+        assert LOCAL.page('localhost:8080', target) == '/'

@@ -1,0 +1,247 @@
+"""Foreign pages, and clients without the token, at a page that is served."""
+
+import contextlib
+import http.client
+import itertools
+import threading
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from types import SimpleNamespace
+from urllib.parse import urlsplit
+
+import msgspec
+import pytest
+import viser
+from browsing import StubRobot, another, browsing, wait_until
+from graph import wait_for
+from viser import _messages
+from viser.infra import _infra
+from websockets.sync.client import connect
+
+from ballbot_ros.parameters import VIEWER, ParameterSet, select
+from ballbot_ros.viewer.browser import browser_program
+from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.live_controls import LiveControls
+from ballbot_ros.viewer.page import Page
+from ballbot_ros.viewer.panel import Panel
+from ballbot_ros.viewer.robot import Dimensions
+from ballbot_ros.viewer.snapshot import History, Snapshot
+
+PROTOCOL = f'viser-v{viser.__version__}'
+UPGRADE = {
+    'Upgrade': 'websocket',
+    'Connection': 'Upgrade',
+    'Sec-WebSocket-Key': 'dGhlIHNhbXBsZSBub25jZQ==',
+    'Sec-WebSocket-Version': '13',
+    'Sec-WebSocket-Protocol': PROTOCOL,
+}
+FOREIGN = 'evil.example'
+FIELDS_OF_VIEW = itertools.count(0.5, 0.001)
+
+# Sends the messages; tells whether the server has answered, or has refused the connection.
+PRESS = """([address, protocol, messages]) => new Promise(resolve => {
+  const socket = new WebSocket(address, [protocol]);
+  socket.onopen = () => messages.forEach(each => socket.send(Uint8Array.from(each)));
+  socket.onmessage = () => resolve('answered');
+  socket.onerror = () => resolve('refused');
+})"""
+
+
+class Served:
+    """A page with controls; notes what is asked of the robot."""
+
+    def __init__(self):
+        self.robot = StubRobot()
+        self.page = Page(select(Dimensions, ParameterSet().values(VIEWER)), 'test', '127.0.0.1', 0)
+        self.server = self.page.server
+        self.controls = LiveControls(self.server.gui, self.robot, ['push', 'square'])
+        self.controls.offer_scenarios(offer=True)
+        Panel(self.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)), History().trace())
+        self.address = self.page.address
+        self.place = urlsplit(self.address).netloc
+        self.inputs = {
+            handle.label: handle for handle in self.server.gui._gui_input_handle_from_uuid.values()
+        }
+
+    def status(self, **headers):
+        """Return the status of the answer to a request with these headers."""
+        connection = http.client.HTTPConnection(self.place)
+        with contextlib.closing(connection):
+            connection.request('GET', '/', headers=headers)
+            return connection.getresponse().status
+
+    def set(self, name, /, **updates):
+        """Return the message by which a browser changes a control."""
+        return _messages.GuiUpdateMessage(self.inputs[name]._impl.uuid, updates)
+
+
+def camera(fov):
+    """Return the message by which a browser tells its camera; it introduces itself with one."""
+    return _messages.ViewerCameraMessage(
+        wxyz=(1.0, 0.0, 0.0, 0.0), position=(0.0, 0.0, 1.0), fov=fov, near=0.01, far=1000.0,
+        image_height=400, image_width=600, look_at=(0.0, 0.0, 0.0), up_direction=(0.0, 0.0, 1.0),
+    )  # fmt: skip
+
+
+def encoded(message):
+    return msgspec.msgpack.encode(message.as_serializable_dict())
+
+
+@pytest.fixture
+def served():
+    served = Served()
+    yield served
+    served.page.stop()
+
+
+@contextlib.contextmanager
+def client(served, query=''):
+    """Connect without a browser; yield a function that sends, and returns when all is handled."""
+
+    def send(*messages):
+        fov = next(FIELDS_OF_VIEW)
+        for message in (*messages, camera(fov)):
+            socket.send(encoded(message))
+        wait_for(lambda: fov in fields_of_view(), what='the last message')
+
+    def fields_of_view():
+        return [each.camera.fov for each in served.server.get_clients().values()]
+
+    with connect(f'ws://{served.place}/{query}', subprotocols=[PROTOCOL]) as socket:
+        send()
+        yield send
+
+
+def test_foreign_pages_are_refused(served):
+    own = f'http://{served.place}'
+    port = urlsplit(own).port
+    assert served.status() == 200
+    assert served.status(**UPGRADE) == 101
+    assert served.status(**UPGRADE, Origin=own) == 101
+    assert served.status(**UPGRADE, Origin='https://evil.example') == 403
+    assert served.status(**UPGRADE, Origin='null') == 403
+    foreign = f'{FOREIGN}:{port}'
+    assert served.status(Host=foreign) == 403
+    assert served.status(**UPGRADE, Host=foreign) == 403
+    assert served.status(**UPGRADE, Host=foreign, Origin=f'http://{foreign}') == 403
+
+
+@pytest.mark.parametrize('query', ['', '?token=', '?token=wrong'])
+def test_a_client_without_the_token_changes_nothing(served, query, monkeypatch):
+    shared = []
+    monkeypatch.setattr(served.server, 'request_share_url', lambda: shared.append('shared'))
+    force, drive = served.inputs['Force [N]'], served.inputs['Drive forward']
+    before = force.value, drive.label
+    with client(served, query) as send, client(served, f'?{urlsplit(served.address).query}') as own:
+        send(
+            served.set('Run', value='Pause'),
+            served.set('Start', value=True),
+            served.set('Force [N]', value=3.0),
+            served.set('Drive forward', label='Drive back'),
+            *[_messages.GuiButtonHoldMessage(drive._impl.uuid, 20.0)] * 3,
+            _messages.ShareUrlRequest(),
+        )
+        own(served.set('Run', value='Step'))
+        wait_for(lambda: ('step',) in served.robot.asked, what='the step')
+        assert served.robot.asked == [('step',)]
+        assert (force.value, drive.label) == before
+        assert not served.controls.sticks._told
+        assert not shared
+        own(served.set('Force [N]', value=3.0))
+        assert force.value == 3.0
+
+
+def test_a_viser_that_serves_in_another_way_serves_nothing(monkeypatch):
+    websockets = SimpleNamespace(**vars(_infra.websockets))
+    websockets.asyncio = SimpleNamespace(
+        server=SimpleNamespace(**vars(_infra.websockets.asyncio.server))
+    )
+    monkeypatch.setattr(_infra, 'websockets', websockets)
+    with pytest.raises(ViewerError, match='cannot be guarded'):
+        Served()
+
+
+class Blank(BaseHTTPRequestHandler):
+    """An empty page."""
+
+    def do_GET(self):
+        self.send_response(200)
+        self.send_header('Content-Type', 'text/html')
+        self.end_headers()
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def foreign_site():
+    """Serve an empty page; yield its port."""
+    with HTTPServer(('127.0.0.1', 0), Blank) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield server.server_port
+        server.shutdown()
+        thread.join()
+
+
+@pytest.fixture
+def foreign_browser(needs_browser):
+    """A browser that a foreign name leads to this machine."""
+    from playwright.sync_api import sync_playwright
+
+    flags = ['--no-sandbox', f'--host-resolver-rules=MAP {FOREIGN} 127.0.0.1']
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=browser_program(), args=flags)
+        yield browser.new_page()
+        browser.close()
+
+
+@pytest.mark.slow
+def test_no_foreign_page_in_a_browser_steers(served, foreign_site, foreign_browser):
+    page = foreign_browser
+    port = urlsplit(served.address).port
+    query = urlsplit(served.address).query
+    presses = [list(encoded(each)) for each in (camera(0.5), served.set('Run', value='Pause'))]
+
+    def press(address):
+        return page.evaluate(PRESS, [address, PROTOCOL, presses])
+
+    for site in (f'127.0.0.1:{foreign_site}', f'{FOREIGN}:{foreign_site}'):
+        page.goto(f'http://{site}/')
+        for target in ('', f'?{query}'):  # even one that has come by the token
+            assert press(f'ws://{served.place}/{target}') == 'refused'
+
+    answer = page.goto(f'http://{FOREIGN}:{port}/')  # the name has come to mean this machine
+    assert answer.status == 403
+    assert page.evaluate('location.origin') == f'http://{FOREIGN}:{port}'
+    assert press(f'ws://{FOREIGN}:{port}/?{query}') == 'refused'
+    assert press(f'ws://{served.place}/?{query}') == 'refused'
+
+    assert page.goto(f'http://{served.place}/').status == 200
+    assert press(f'ws://{served.place}/') == 'answered'
+    assert served.robot.asked == []
+    assert press(f'ws://{served.place}/?{query}') == 'answered'
+    wait_for(lambda: served.robot.asked == [('pause', True)], what='the pause')
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_with_the_token_a_page_steers_without_it_only_shows(served, needs_browser):
+    with browsing(served.address) as browser:
+        browser.press('Pause')
+        wait_until(lambda: served.robot.asked == [('pause', True)], browser)
+        browser.page.reload()
+        browser.press('Run')
+        wait_until(lambda: served.robot.asked[1:] == [('pause', False)], browser)
+        assert browser.errors == []
+
+        for query in ('', '?token=wrong', '?websocket=ws://evil.example'):
+            other = another(browser, f'http://{served.place}/{query}')
+            assert other.page.url == f'http://{served.place}/'
+            other.wait_for_text('This page only shows')
+            for text in ('Time', 'Scenario', 'Push', 'Sticks (hold)'):
+                other.page.get_by_text(text, exact=True).wait_for(state='hidden')
+            other.wait_for_text('Last 10 s')
+            other.choose('1 Top')
+            assert other.errors == []
+            other.page.close()
+        assert len(served.robot.asked) == 2
