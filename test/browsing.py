@@ -103,8 +103,8 @@ class Browser:
 
     def tones(self):
         """Return how many tones the page has been told to play."""
-        tone = self.page.locator('audio')
-        return int(tone.get_attribute('data-number')) if tone.count() else 0
+        tones = self.page.locator('audio').evaluate_all('all => all.map(a => a.dataset.number)')
+        return int(tones[0]) if tones else 0
 
     def has_moved(self, seconds=1.0):
         """Tell whether pictures a while apart differ in more than single pixels."""
