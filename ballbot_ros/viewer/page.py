@@ -20,7 +20,7 @@ from ballbot_ros.viewer.guarded_server import GuardedServer
 from ballbot_ros.viewer.robot import Dimensions
 from ballbot_ros.viewer.scene import Robot, Scene
 from ballbot_ros.viewer.snapshot import Snapshot
-from ballbot_ros.viewer.views import TITLES, TRACKING, VIEWS, VISTA, Camera, camera
+from ballbot_ros.viewer.views import TITLES, TRACKING, VIEWS, VISTA, camera
 from ballbot_ros.world.floor_map import FloorMap
 
 UPDATE_S = 1.0 / 60.0
@@ -163,30 +163,29 @@ class Page:
 
         New are the view, the floor, and the shape of the window.
         """
-        clients = self.server.get_clients()
-        due = []
+        for client in self.server.get_clients().values():
+            try:
+                self._point(client, now)
+            except (ArithmeticError, AssertionError, TypeError, ValueError):
+                self._forget(client)  # what it tells of its camera is no camera
+
+    def _point(self, client: viser.ClientHandle, now: Snapshot) -> None:
+        number, aspect = client.client_id, client.camera.aspect
         with self._lock:
-            for number, view in self._views.items():
-                client = clients.get(number)
-                if client is None or view == _ORBIT:
-                    continue
-                aspect = client.camera.aspect
-                if view in TRACKING or self._aspects.get(number) != aspect:
-                    self._aspects[number] = aspect
-                    due.append((client, view, aspect))
-        for client, view, aspect in due:
-            _point(client, camera(view, now, self._dimensions, self._area, aspect))
+            view = self._views.get(number, _ORBIT)
+            if view == _ORBIT or (view not in TRACKING and self._aspects.get(number) == aspect):
+                return
+            self._aspects[number] = aspect
+            area = self._area
+        to = camera(view, now, self._dimensions, area, aspect)
+        with client.atomic():
+            client.camera.up_direction = np.array(to.up)
+            client.camera.position = np.array(to.position)
+            client.camera.look_at = np.array(to.look_at)
+            if client.camera.fov != to.fov:
+                client.camera.fov = to.fov
 
     def stop(self) -> None:
         """Close the page."""
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
-
-
-def _point(client: viser.ClientHandle, to: Camera) -> None:
-    with client.atomic():
-        client.camera.up_direction = np.array(to.up)
-        client.camera.position = np.array(to.position)
-        client.camera.look_at = np.array(to.look_at)
-        if client.camera.fov != to.fov:
-            client.camera.fov = to.fov

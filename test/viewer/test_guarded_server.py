@@ -1,6 +1,7 @@
 """Foreign pages, and clients without the token, at a page that is served."""
 
 import contextlib
+import dataclasses
 import http.client
 import itertools
 import threading
@@ -74,12 +75,13 @@ class Served:
         return _messages.GuiUpdateMessage(self.inputs[name]._impl.uuid, updates)
 
 
-def camera(fov):
+def camera(fov, **changes):
     """Return the message by which a browser tells its camera; it introduces itself with one."""
-    return _messages.ViewerCameraMessage(
+    message = _messages.ViewerCameraMessage(
         wxyz=(1.0, 0.0, 0.0, 0.0), position=(0.0, 0.0, 1.0), fov=fov, near=0.01, far=1000.0,
         image_height=400, image_width=600, look_at=(0.0, 0.0, 0.0), up_direction=(0.0, 0.0, 1.0),
     )  # fmt: skip
+    return dataclasses.replace(message, **changes)
 
 
 def encoded(message):
@@ -97,9 +99,9 @@ def served():
 def client(served, query=''):
     """Connect without a browser; yield a function that sends, and returns when all is handled."""
 
-    def send(*messages):
+    def send(*messages, **changes):
         fov = next(FIELDS_OF_VIEW)
-        for message in (*messages, camera(fov)):
+        for message in (*messages, camera(fov, **changes)):
             socket.send(encoded(message))
         wait_for(lambda: fov in fields_of_view(), what='the last message')
 
@@ -148,6 +150,17 @@ def test_a_client_without_the_token_changes_nothing(served, query, monkeypatch):
         assert not shared
         own(served.set('Force [N]', value=3.0))
         assert force.value == 3.0
+
+
+@pytest.mark.filterwarnings('ignore:.*does not match annotation')
+@pytest.mark.parametrize('changes', [{'image_height': 0}, {'image_width': 0}, {'position': ()}])
+def test_a_camera_that_is_none_ends_nothing(served, changes):
+    now = Snapshot(0.0, (0.0, 0.0), (0.0, 0.0))
+    with client(served) as hostile, client(served):
+        wait_for(lambda: len(served.page._views) == 2, what='the welcome')
+        hostile(**changes)
+        served.page.look(now)
+        assert len(served.page._aspects) == 1  # the other's camera is pointed
 
 
 def test_a_viser_that_serves_in_another_way_serves_nothing(monkeypatch):
