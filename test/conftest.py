@@ -1,11 +1,11 @@
 import contextlib
-import os
 import signal
 
 import pytest
 from graph import Node, Run, free_domain
 
 from ballbot_ros.nodes.middleware import prepare_middleware
+from ballbot_ros.nodes.shared_memory import sweep
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
 
@@ -15,9 +15,11 @@ prepare_middleware()
 # A suite that a shell runs in the background ignores SIGINT, and so would all that it starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Shared memory has locks that all domains have in common, so one test could hold up another, and
-# what a killed process leaves behind stays until the next boot.
-os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
+
+def pytest_sessionfinish(session):
+    """Leave shared memory without what the processes that tests kill leave there."""
+    if not hasattr(session.config, 'workerinput'):  # the other workers of pytest-xdist have ended
+        sweep(older_than_s=0)
 
 
 @pytest.fixture(scope='session')

@@ -11,6 +11,8 @@ import tempfile
 import time
 from pathlib import Path
 
+import pytest
+
 from ballbot_ros.parameters import NODES
 
 BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
@@ -50,6 +52,20 @@ def environment(domain):
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'PYTHONUNBUFFERED': '1',
     }
+
+
+def private_shared_memory(*broken_ports):
+    """The beginning of a command that sees shared memory of its own, with ports that are broken.
+
+    They hold up no other graph on this machine. The test is skipped where this can't be had.
+    """
+    as_root = [] if os.geteuid() == 0 else ['--map-root-user']
+    breaking = [f'touch -d @0 /dev/shm/fastrtps_port{port}' for port in broken_ports]
+    script = ' && '.join(['mount -t tmpfs tmpfs /dev/shm', *breaking, 'exec "$@"'])
+    command = ['unshare', *as_root, '--mount', 'sh', '-c', script, 'sh']
+    if subprocess.run([*command, 'true'], capture_output=True, check=False).returncode:
+        pytest.skip('no mount namespace can be made here')
+    return command
 
 
 def wait_for(condition, timeout=20.0, what='it'):

@@ -233,8 +233,9 @@ def codegen(
 
 
 @click.command(short_help='Check that this machine is ready.')
-def doctor() -> int:
+@click.option('--fix', is_flag=True, help='Remove what killed processes left in shared memory.')
+def doctor(fix: bool) -> int:
     """Check Python, rclpy, discovery, disk and ports; say what to do where one is not OK."""
     from ballbot_ros.cli.doctor import examine
 
-    return examine()
+    return examine(fix=fix)

@@ -5,17 +5,24 @@ from __future__ import annotations
 import os
 import platform
 import shutil
+import signal
 import socket
+import subprocess
 import sys
-import time
-import uuid
 from collections.abc import Callable
 from pathlib import Path
 
 from rich.console import Console
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
+from ballbot_ros.nodes.middleware import ros_domain
+from ballbot_ros.nodes.shared_memory import (
+    SHARED_MEMORY,
+    Leftover,
+    clear_shared_memory,
+    find_broken_ports,
+    find_leftovers,
+)
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.golden import arithmetic_sha256, duty_sha256, load_golden
@@ -23,7 +30,6 @@ from ballbot_ros.simulation.golden import arithmetic_sha256, duty_sha256, load_g
 OLDEST_PYTHON = (3, 10)
 LEAST_FREE_BYTES = 200e6
 GOLDEN_SCENARIOS = ('stationary', 'hardware_autonomous')
-DISCOVERY_S = 5.0
 DDS_PORT_BASE, PORTS_PER_DOMAIN = 7400, 250
 
 
@@ -31,11 +37,18 @@ class _FailedCheckError(BallbotError):
     """A check that failed, and what to do."""
 
 
-def examine() -> int:
-    """Run every check; return 0 if all are OK, else 1."""
+def examine(*, fix: bool = False) -> int:
+    """Run every check; return 0 if all are OK, else 1.
+
+    Parameters
+    ----------
+    fix : bool
+        Whether to remove what killed processes left in shared memory.
+    """
     console = Console(highlight=False)
     sick = False
-    for name, check in _CHECKS.items():
+    checks = {**_CHECKS, 'leftovers': _remove_leftovers} if fix else _CHECKS
+    for name, check in checks.items():
         try:
             console.print(f'[green]OK  [/] {name:<10} {check()}', soft_wrap=True)
         except BallbotError as problem:
@@ -101,46 +114,35 @@ def _ports() -> str:
     return f'UDP {port} and above are free for discovery'
 
 
+def _leftovers() -> str:
+    if broken := find_broken_ports():
+        raise _FailedCheckError(f'{broken[0]} holds up every node: run `ballbot doctor --fix`')
+    if left := find_leftovers():
+        return f'{_amount(left)}, left by killed processes, which the next run or --fix removes'
+    return f'killed processes left nothing in {SHARED_MEMORY}'
+
+
+def _remove_leftovers() -> str:
+    return f'{_amount(clear_shared_memory())} removed from {SHARED_MEMORY}'
+
+
+def _amount(files: list[Leftover]) -> str:
+    return f'{len(files)} files ({sum(file.size for file in files) / 1e6:.1f} MB)'
+
+
 def _discovery() -> str:
-    """Send a message from one context of this process to another."""
-    try:
-        import rclpy
-        from rclpy.executors import SingleThreadedExecutor
-        from std_msgs.msg import String
-    except ImportError as error:
-        raise _FailedCheckError(str(error)) from None
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    prepare_middleware()
-    token = uuid.uuid4().hex
-    heard: list[float] = []
-    contexts = [rclpy.Context(), rclpy.Context()]
-    try:
-        for context in contexts:
-            rclpy.init(context=context)
-        talker, listener = (
-            rclpy.create_node(f'doctor_{token}_{index}', context=context)
-            for index, context in enumerate(contexts)
-        )
-        topic = f'doctor_{token}'
-        publisher = talker.create_publisher(String, topic, 1)
-        listener.create_subscription(String, topic, lambda m: heard.append(time.monotonic()), 1)
-        executor = SingleThreadedExecutor(context=contexts[1])
-        executor.add_node(listener)
-        begun = time.monotonic()
-        while not heard and time.monotonic() - begun < DISCOVERY_S:
-            publisher.publish(String())
-            executor.spin_once(timeout_sec=0.05)
-    except RuntimeError as error:
-        raise _FailedCheckError(' '.join(str(error).split())) from None
-    finally:
-        for context in contexts:
-            context.try_shutdown()
-    if not heard:
+    """Try discovery in a process of its own, since the middleware can hang, deaf to signals."""
+    done = subprocess.run(
+        [sys.executable, '-m', 'ballbot_ros.cli.discovery'],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
+    )  # fmt: skip
+    if done.returncode == -signal.SIGALRM:
         raise _FailedCheckError(
-            f'no message within {DISCOVERY_S:g} s: allow UDP multicast on the loopback interface '
-            '(firewall, container network)'
+            f'the middleware hangs: run `ballbot doctor --fix`, or look into {SHARED_MEMORY}'
         )
-    return f'a message went from one participant to another after {heard[0] - begun:.2f} s'
+    if done.returncode:
+        raise _FailedCheckError(' '.join(done.stdout.split()) or f'ended with {done.returncode}')
+    return done.stdout.strip()
 
 
 def _arithmetic() -> str:
@@ -178,6 +180,7 @@ _CHECKS: dict[str, Callable[[], str]] = {
     'RMW': _rmw,
     'domain': _domain,
     'ports': _ports,
+    'leftovers': _leftovers,
     'discovery': _discovery,
     'disk': _disk,
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.shared_memory import clear_shared_memory
 from ballbot_ros.share import share_directory
 
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
@@ -30,12 +31,18 @@ def ros_domain() -> int:
 
 
 def prepare_middleware() -> None:
-    """Have participants find each other soon, unless the user has profiles of their own.
+    """Clear what killed processes left, and have participants find each other soon.
 
     Raises
     ------
     BallbotError
-        If there is no such ROS domain.
+        If there is no such ROS domain, or something that can't be cleared would hold up the node.
     """
     ros_domain()
+    clear_shared_memory()
+    use_profiles()
+
+
+def use_profiles() -> None:
+    """Have participants find each other soon, unless the user has profiles of their own."""
     os.environ.setdefault(PROFILES, str(share_directory() / 'config' / 'fastdds.xml'))

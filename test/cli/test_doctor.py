@@ -1,13 +1,16 @@
 """`ballbot doctor`: whether this machine computes what every other one does."""
 
 import dataclasses
+import signal
 import subprocess
+from pathlib import Path
 
 import pytest
-from graph import BALLBOT, environment
+from graph import BALLBOT, environment, private_shared_memory, wait_for
 
 from ballbot_ros.cli import doctor
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.shared_memory import Leftover
 from ballbot_ros.simulation import golden
 
 
@@ -63,6 +66,71 @@ def test_a_sine_of_the_c_library_is_noticed(monkeypatch):
     before = golden.arithmetic_sha256()
     monkeypatch.setattr(golden, 'sine_cosine', lambda angle: (math.sin(angle), math.cos(angle)))
     assert golden.arithmetic_sha256() != before == golden.load_golden().arithmetic
+
+
+@pytest.fixture
+def only_leftovers(monkeypatch):
+    files = [Leftover(Path('a'), 1_500_000), Leftover(Path('b'), 32)]
+    monkeypatch.setattr(doctor, '_CHECKS', {'leftovers': doctor._leftovers})
+    monkeypatch.setattr(doctor, 'find_broken_ports', list)
+    monkeypatch.setattr(doctor, 'find_leftovers', lambda: files)
+    monkeypatch.setattr(doctor, 'clear_shared_memory', lambda: files)
+
+
+def test_leftovers_are_counted(only_leftovers, capsys):
+    assert doctor.examine() == 0
+    assert capsys.readouterr().out.startswith('OK   leftovers  2 files (1.5 MB), left by killed')
+
+
+def test_fix_tells_what_it_removed(only_leftovers, capsys):
+    assert doctor.examine(fix=True) == 0
+    assert capsys.readouterr().out == 'OK   leftovers  2 files (1.5 MB) removed from /dev/shm\n'
+
+
+def test_fix_tells_what_it_can_not_remove(only_leftovers, monkeypatch, capsys):
+    def refuse():
+        raise BallbotError('remove it as root')
+
+    monkeypatch.setattr(doctor, 'clear_shared_memory', refuse)
+    assert doctor.examine(fix=True) == 1
+    assert capsys.readouterr().out == 'FAIL leftovers  remove it as root\n'
+
+
+@pytest.mark.graph
+@pytest.mark.slow
+def test_a_broken_port_is_found_and_mended_and_never_hangs_the_command(domain):
+    both = '"$@"; echo "ended with $?"; "$@" --fix'
+    done = subprocess.run(
+        [*private_shared_memory(7000), 'sh', '-c', both, 'sh', *BALLBOT, 'doctor'],
+        capture_output=True, text=True, env=environment(domain), check=False,
+    )  # fmt: skip
+    found, mended = done.stdout.split('ended with 1\n')
+    assert 'FAIL leftovers  /dev/shm/fastrtps_port7000 holds up every node: ' in found
+    assert 'FAIL discovery  the middleware hangs: ' in found
+    assert 'FAIL' not in mended, mended
+    assert done.returncode == 0
+
+
+@pytest.mark.graph
+def test_the_command_ends_on_sigint_while_the_middleware_hangs(domain):
+    with subprocess.Popen(
+        [*private_shared_memory(7000), *BALLBOT, 'doctor'],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment(domain),
+    ) as process:  # fmt: skip
+        children = Path(f'/proc/{process.pid}/task/{process.pid}/children')
+        [child] = wait_for(lambda: discovery_processes(children), what='the check of discovery')
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate()
+    assert output.splitlines()[-1].startswith('FAIL leftovers')
+    assert process.returncode == 128 + signal.SIGINT
+    assert 'Traceback' not in errors
+    assert not child.exists()
+
+
+def discovery_processes(children):
+    """Those that have begun to use the middleware."""
+    processes = [Path('/proc') / pid for pid in children.read_text().split()]
+    return [p for p in processes if b'libfastrtps' in (p / 'maps').read_bytes()]
 
 
 @pytest.mark.graph

@@ -1,0 +1,74 @@
+"""Sends a message from one participant to another: `ballbot doctor` runs it as a process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+import uuid
+
+from ballbot_ros.errors import one_line
+from ballbot_ros.nodes.middleware import use_profiles
+
+DISCOVERY_S = 5.0
+LIMIT_S = 10
+"""Whole seconds after which the system ends the process, whatever the middleware does."""
+
+
+def main() -> int:
+    """Print how long a message took, or why none came.
+
+    Returns
+    -------
+    int
+        0 if one came, else 1.
+    """
+    signal.alarm(LIMIT_S)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from std_msgs.msg import String
+    except ImportError as error:
+        print(error)
+        return 1
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    use_profiles()
+    token = uuid.uuid4().hex
+    heard: list[float] = []
+    contexts = [rclpy.Context(), rclpy.Context()]
+    try:
+        for context in contexts:
+            rclpy.init(context=context)
+        talker, listener = (
+            rclpy.create_node(f'doctor_{token}_{index}', context=context)
+            for index, context in enumerate(contexts)
+        )
+        topic = f'doctor_{token}'
+        publisher = talker.create_publisher(String, topic, 1)
+        listener.create_subscription(String, topic, lambda m: heard.append(time.monotonic()), 1)
+        executor = SingleThreadedExecutor(context=contexts[1])
+        executor.add_node(listener)
+        begun = time.monotonic()
+        while not heard and time.monotonic() - begun < DISCOVERY_S:
+            publisher.publish(String())
+            executor.spin_once(timeout_sec=0.05)
+    except RuntimeError as error:
+        print(one_line(error))
+        return 1
+    finally:
+        for context in contexts:
+            context.try_shutdown()
+    if not heard:
+        print(
+            f'no message within {DISCOVERY_S:g} s: allow UDP multicast on the loopback interface '
+            '(firewall, container network)'
+        )
+        return 1
+    print(f'a message went from one participant to another after {heard[0] - begun:.2f} s')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,274 @@
+"""What killed processes leave of Fast DDS in shared memory, and its removal.
+
+Fast DDS (2.14) has two kinds of resources there. A *segment* has the messages of one participant:
+``fastrtps_<16 hexadecimal digits>``; its owner holds a lock (``flock``) on ``…_el``. A *port* is
+the queue that a participant reads: ``fastrtps_port<number>``; its reader holds a lock on ``…_el``,
+or on ``…_sl`` if there may be several. A port that is only written to has no lock, but is mapped.
+Ports are opened, made and removed under the semaphore ``sem.fastrtps_port<number>_mutex``.
+
+A process killed while it makes a port leaves one whose first word is not :data:`INITIALISED`. Fast
+DDS waits for that word without a time limit, deaf to signals.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import fcntl
+import mmap
+import os
+import re
+import stat
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+from ballbot_ros.errors import BallbotError
+
+SHARED_MEMORY = Path('/dev/shm')
+SETTLED_S = 5.0
+"""Age from which nothing is still being made: that takes milliseconds."""
+
+POLL_S = 0.05
+INITIALISED = (2).to_bytes(4, 'little')
+SMALLEST_PORT = 1024 * 20
+"""Bytes: a port has the state of 1024 readers. Opening a smaller one crashes."""
+
+_FILE = re.compile(r'(?:sem\.)?(fastrtps_(?:port\d+|[0-9a-f]{16}))(?:_el|_sl|_mutex)?')
+_LIBC = ctypes.CDLL(None)
+
+
+class Leftover(NamedTuple):
+    """A file that no living process holds, with its size in bytes."""
+
+    path: Path
+    size: int
+
+
+def find_leftovers(
+    folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S
+) -> list[Leftover]:
+    """Return this user's files that no living process holds.
+
+    Parameters
+    ----------
+    folder : Path
+    older_than_s : float
+        Younger resources are left alone.
+    """
+    with _dead_resources(folder, older_than_s) as dead:
+        return [leftover for resource in dead for leftover in resource.leftovers]
+
+
+def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> list[Leftover]:
+    """Remove this user's files that no living process holds, and return them.
+
+    A port that has been broken for :data:`SETTLED_S` is removed even if processes hold it: they
+    wait for it in vain, as would all others.
+
+    Parameters
+    ----------
+    folder : Path
+    older_than_s : float
+        Younger resources are left alone.
+    """
+    with _dead_resources(folder, older_than_s) as dead:
+        blocking = [resource.port_only for resource in _resources(folder) if resource.blocks]
+        return [leftover for resource in (*dead, *blocking) for leftover in resource.remove()]
+
+
+def find_broken_ports(folder: Path = SHARED_MEMORY) -> list[Path]:
+    """Return the ports that would hold up or crash a process of this user."""
+    return [
+        resource.path
+        for resource in _resources(folder)
+        if resource.is_broken and os.access(resource.path, os.R_OK | os.W_OK)
+    ]
+
+
+def clear_shared_memory(folder: Path = SHARED_MEMORY) -> list[Leftover]:
+    """Sweep, and wait until no port is broken: a young one may be being made.
+
+    Returns
+    -------
+    list of Leftover
+        What was removed.
+
+    Raises
+    ------
+    BallbotError
+        If a broken port can't be removed.
+    """
+    removed = sweep(folder)
+    deadline = time.monotonic() + SETTLED_S
+    while broken := find_broken_ports(folder):
+        if time.monotonic() > deadline:
+            raise BallbotError(
+                f'{broken[0]}, left by a killed process, would hold up every node and can not be '
+                f'removed: as its owner or root, `rm {broken[0]}`'
+            )
+        time.sleep(POLL_S)
+        removed += sweep(folder)
+    return removed
+
+
+@dataclass(frozen=True, eq=False)
+class _Resource:
+    """A port or segment with the files that belong to it."""
+
+    path: Path
+    files: dict[Path, os.stat_result]
+
+    @property
+    def age_s(self) -> float:
+        """Age of the youngest file."""
+        return min(map(_age_s, self.files.values()))
+
+    @property
+    def is_own(self) -> bool:
+        return all(status.st_uid == os.geteuid() for status in self.files.values())
+
+    @property
+    def is_broken(self) -> bool:
+        """Whether it is a port that holds up or crashes a process that opens it."""
+        status = self.files.get(self.path)
+        if status is None or not self.path.name.startswith('fastrtps_port'):
+            return False
+        if status.st_size < SMALLEST_PORT:
+            return True
+        try:
+            with self.path.open('rb') as file:
+                return file.read(len(INITIALISED)) != INITIALISED
+        except OSError:  # gone, or another user's
+            return False
+
+    @property
+    def blocks(self) -> bool:
+        """Whether it is broken for good, whatever processes that wait for it do with the locks."""
+        return self.is_broken and _age_s(self.files[self.path]) >= SETTLED_S
+
+    @property
+    def mutex(self) -> Path:
+        return self.path.with_name(f'sem.{self.path.name}_mutex')
+
+    @property
+    def port_only(self) -> _Resource:
+        """The port without lock files: a reader of its predecessor may still hold those."""
+        kept = (self.path, self.mutex)
+        return _Resource(self.path, {path: self.files[path] for path in kept if path in self.files})
+
+    @property
+    def leftovers(self) -> list[Leftover]:
+        return [Leftover(path, status.st_size) for path, status in self.files.items()]
+
+    def claim(self, claims: ExitStack) -> bool:
+        """Take the locks, which keeps processes from opening a port, if no process holds any."""
+        with ExitStack() as locks:
+            try:
+                if self.mutex in self.files:
+                    mutex = locks.enter_context(self.mutex.open('r+b', buffering=0))
+                    # Taken already: by a process that has it mapped, or by one that is dead.
+                    if _semaphore('sem_trywait', mutex):
+                        locks.callback(_release, mutex)
+                for path in self.files:
+                    if path.name.endswith(('_el', '_sl')):
+                        lock = locks.enter_context(path.open('rb'))
+                        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if any(path.lstat().st_ino != old.st_ino for path, old in self.files.items()):
+                    return False  # made again meanwhile
+            except OSError:  # locked, or gone by now
+                return False
+            claims.enter_context(locks.pop_all())
+            return True
+
+    def remove(self) -> list[Leftover]:
+        """Remove the files; return those that this process removed."""
+        removed = []
+        for leftover in self.leftovers:
+            with suppress(OSError):
+                leftover.path.unlink()
+                removed.append(leftover)
+        return removed
+
+
+def _resources(folder: Path) -> list[_Resource]:
+    """Return the resources in `folder`; the lock files come after what they lock."""
+    found: dict[str, dict[Path, os.stat_result]] = {}
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if match := _FILE.fullmatch(path.name):
+            with suppress(FileNotFoundError):
+                status = path.lstat()
+                if stat.S_ISREG(status.st_mode):
+                    found.setdefault(match[1], {})[path] = status
+    return [_Resource(folder / name, files) for name, files in found.items()]
+
+
+@contextmanager
+def _dead_resources(folder: Path, older_than_s: float) -> Iterator[list[_Resource]]:
+    """Give the resources that no living process holds; none can be opened meanwhile."""
+    with ExitStack() as claims:
+        if not folder.is_dir():
+            yield []
+            return
+        # Two sweepers at once could take each other's claims for those of the dead.
+        directory = os.open(folder, os.O_RDONLY)
+        claims.callback(os.close, directory)
+        fcntl.flock(directory, fcntl.LOCK_EX)
+        old = [r for r in _resources(folder) if r.is_own and r.age_s >= older_than_s]
+        with ExitStack() as brief_claims:
+            unlocked = [resource for resource in old if resource.claim(brief_claims)]
+        # A live port without a lock is not to be kept from being opened while all maps are read.
+        candidates = _unmapped(unlocked)
+        yield _unmapped([resource for resource in candidates if resource.claim(claims)])
+
+
+def _age_s(status: os.stat_result) -> float:
+    return time.time() - status.st_mtime
+
+
+def _unmapped(resources: Iterable[_Resource]) -> list[_Resource]:
+    """Return the resources of which no process has mapped a file, as far as this user may see."""
+    unmapped = list(resources)
+    for maps in Path('/proc').glob('[0-9]*/maps'):
+        if not unmapped:
+            break
+        with suppress(OSError):  # the process has ended, or is another user's
+            mapped = _mapped_files(maps.read_bytes())
+            unmapped = [r for r in unmapped if mapped.isdisjoint(map(_as_mapped, r.files.values()))]
+    return unmapped
+
+
+def _mapped_files(maps: bytes) -> set[tuple[bytes, ...]]:
+    """Return device and inode of Fast DDS's files in a process's maps."""
+    return {
+        tuple(line.split(maxsplit=5)[3:5])
+        for line in maps.splitlines()
+        if b'/fastrtps_' in line or b'/sem.fastrtps_' in line
+    }
+
+
+def _as_mapped(status: os.stat_result) -> tuple[bytes, ...]:
+    """Return a file's device and inode as maps have them."""
+    device = f'{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}'
+    return device.encode(), str(status.st_ino).encode()
+
+
+def _semaphore(operation: str, file: BinaryIO) -> bool:
+    """Carry out an operation on the semaphore in `file`; return whether it succeeded."""
+    try:
+        with mmap.mmap(file.fileno(), 0) as memory:
+            semaphore = ctypes.c_char.from_buffer(memory)
+            failed: int = getattr(_LIBC, operation)(ctypes.byref(semaphore))
+            del semaphore  # the mapping can't be closed before
+    except ValueError:  # an empty file
+        return False
+    return not failed
+
+
+def _release(mutex: BinaryIO) -> None:
+    # A process that waits for one that is removed meanwhile makes its own after half a second.
+    # Let in here, it could open the port together with another one that has a new semaphore.
+    if os.fstat(mutex.fileno()).st_nlink:
+        _semaphore('sem_post', mutex)

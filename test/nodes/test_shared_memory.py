@@ -1,0 +1,312 @@
+"""What killed processes leave in shared memory goes, and what a living one holds stays."""
+
+import ctypes
+import json
+import mmap
+import os
+import re
+import subprocess
+import sys
+import threading
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from graph import BALLBOT, environment, private_shared_memory, wait_for
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes import middleware, shared_memory
+from ballbot_ros.nodes.shared_memory import (
+    INITIALISED,
+    SMALLEST_PORT,
+    clear_shared_memory,
+    find_broken_ports,
+    find_leftovers,
+    sweep,
+)
+
+PORT, SEGMENT = 'fastrtps_port7004', 'fastrtps_0123456789abcdef'
+MUTEX = f'sem.{PORT}_mutex'
+WHOLE_PORT = INITIALISED.ljust(SMALLEST_PORT, b'\0')
+BROKEN_PORTS = {
+    'empty': b'',
+    'not initialised': bytes(SMALLEST_PORT),
+    'being initialised': b'\1'.ljust(SMALLEST_PORT, b'\0'),
+    'truncated': INITIALISED,
+}
+HOLD = {
+    'lock': 'file = open(path); fcntl.flock(file, fcntl.LOCK_EX)',
+    'shared lock': 'file = open(path); fcntl.flock(file, fcntl.LOCK_SH)',
+    'mapping': 'file = open(path, "r+b"); memory = mmap.mmap(file.fileno(), 0)',
+}
+
+
+def make(folder, name, content=b'', age_s=3600.0):
+    path = folder / name
+    path.write_bytes(content)
+    set_age(path, age_s)
+    return path
+
+
+def set_age(path, age_s):
+    made = shared_memory.time.time() - age_s
+    os.utime(path, (made, made))
+
+
+def make_mutex(folder):
+    path = make(folder, MUTEX, bytes(32))
+    with path.open('r+b') as file, mmap.mmap(file.fileno(), 0) as memory:
+        semaphore = ctypes.c_char.from_buffer(memory)
+        assert ctypes.CDLL(None).sem_init(ctypes.byref(semaphore), 1, 1) == 0
+        del semaphore
+    set_age(path, 3600.0)
+    return path
+
+
+def acquire(mutex):
+    with mutex.open('r+b', buffering=0) as file:
+        return shared_memory._semaphore('sem_trywait', file)
+
+
+def make_port(folder):
+    """A port with all of its files."""
+    make(folder, PORT, WHOLE_PORT)
+    make(folder, f'{PORT}_el')
+    make(folder, f'{PORT}_sl')
+    make_mutex(folder)
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+@contextmanager
+def held(path, how):
+    """Have another process hold a file."""
+    script = (
+        f'import fcntl, mmap, sys; path = {str(path)!r}; {HOLD[how]}; print(); sys.stdin.read()'
+    )
+    with subprocess.Popen(
+        [sys.executable, '-c', script], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as holder:
+        holder.stdout.readline()
+        yield
+        holder.kill()
+
+
+def test_what_nobody_holds_goes(tmp_path):
+    make_port(tmp_path)
+    make(tmp_path, SEGMENT, bytes(1000))
+    make(tmp_path, f'{SEGMENT}_el')
+    expected = {tmp_path / name: (tmp_path / name).stat().st_size for name in names(tmp_path)}
+    assert dict(find_leftovers(tmp_path)) == expected
+    assert names(tmp_path) == sorted(path.name for path in expected)
+    assert dict(sweep(tmp_path, older_than_s=0)) == expected
+    assert names(tmp_path) == []
+
+
+def test_what_is_not_the_middlewares_stays(tmp_path):
+    for name in ('sem.other', 'fastrtps_port', 'fastrtps_port7x', f'{SEGMENT}0', f'my_{PORT}'):
+        make(tmp_path, name)
+    (tmp_path / PORT).mkdir()
+    (tmp_path / SEGMENT).symlink_to(tmp_path / 'sem.other')
+    before = names(tmp_path)
+    assert sweep(tmp_path, older_than_s=0) == []
+    assert names(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ('name', 'how'),
+    [
+        (f'{PORT}_el', 'lock'),
+        (f'{PORT}_sl', 'shared lock'),
+        (PORT, 'mapping'),
+        (MUTEX, 'mapping'),
+        (f'{SEGMENT}_el', 'lock'),
+        (SEGMENT, 'mapping'),
+    ],
+)
+def test_what_a_process_holds_stays_with_all_that_belongs_to_it(tmp_path, name, how):
+    make_port(tmp_path)
+    make(tmp_path, SEGMENT, bytes(1000))
+    make(tmp_path, f'{SEGMENT}_el')
+    before = names(tmp_path)
+    of_port = PORT in name
+    with held(tmp_path / name, how):
+        sweep(tmp_path, older_than_s=0)
+        assert names(tmp_path) == [n for n in before if (PORT in n) == of_port]
+    sweep(tmp_path, older_than_s=0)
+    assert names(tmp_path) == []
+
+
+def test_a_port_whose_maker_died_with_the_semaphore_goes(tmp_path):
+    make_port(tmp_path)
+    assert acquire(tmp_path / MUTEX)
+    sweep(tmp_path, older_than_s=0)
+    assert names(tmp_path) == []
+
+
+def test_a_resource_with_a_young_file_stays(tmp_path):
+    make_port(tmp_path)
+    make(tmp_path, f'{PORT}_el', age_s=0.0)
+    assert sweep(tmp_path) == []
+    assert len(sweep(tmp_path, older_than_s=0)) == 4
+
+
+def test_another_users_files_stay(tmp_path, monkeypatch):
+    make_port(tmp_path)
+    monkeypatch.setattr(shared_memory.os, 'geteuid', lambda: os.getuid() + 1)
+    assert sweep(tmp_path) == []
+
+
+def test_a_missing_folder_has_no_leftovers(tmp_path):
+    assert clear_shared_memory(tmp_path / 'missing') == []
+
+
+def test_a_file_that_vanishes_meanwhile_is_not_counted(tmp_path, monkeypatch):
+    make_port(tmp_path)
+    search = shared_memory._unmapped
+
+    def search_and_lose_one(resources):
+        (tmp_path / PORT).unlink(missing_ok=True)
+        return search(resources)
+
+    monkeypatch.setattr(shared_memory, '_unmapped', search_and_lose_one)
+    assert PORT not in [leftover.path.name for leftover in sweep(tmp_path)]
+
+
+def test_a_port_that_is_made_again_meanwhile_stays(tmp_path, monkeypatch):
+    make_port(tmp_path)
+    operate = shared_memory._semaphore
+
+    def make_again(operation, file):
+        new = make(tmp_path, 'new', WHOLE_PORT)
+        new.rename(tmp_path / PORT)
+        return operate(operation, file)
+
+    monkeypatch.setattr(shared_memory, '_semaphore', make_again)
+    assert sweep(tmp_path) == []
+
+
+def test_a_port_can_not_be_opened_while_it_is_judged(tmp_path):
+    make_port(tmp_path)
+    with shared_memory._dead_resources(tmp_path, 0):
+        assert not acquire(tmp_path / MUTEX)
+    assert acquire(tmp_path / MUTEX)
+
+
+def test_who_waits_for_a_removed_port_is_not_let_in(tmp_path):
+    make_port(tmp_path)
+    with (tmp_path / MUTEX).open('r+b', buffering=0) as waiting:
+        assert sweep(tmp_path)
+        assert not shared_memory._semaphore('sem_trywait', waiting)
+
+
+def test_a_sweep_waits_for_another(tmp_path):
+    make_port(tmp_path)
+    waiting = re.compile(rf'-> FLOCK .*:{tmp_path.stat().st_ino} ')
+    removed = []
+    with shared_memory._dead_resources(tmp_path, 0):
+        other = threading.Thread(target=lambda: removed.extend(sweep(tmp_path, older_than_s=0)))
+        other.start()
+        wait_for(lambda: waiting.search(Path('/proc/locks').read_text()))
+        assert not removed
+    other.join()
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize('content', BROKEN_PORTS.values(), ids=BROKEN_PORTS)
+def test_a_broken_port_is_found_and_goes_once_it_is_old(tmp_path, content):
+    port = make(tmp_path, PORT, content, age_s=0.0)
+    make_mutex(tmp_path)
+    make(tmp_path, f'{PORT}1', WHOLE_PORT, age_s=0.0)
+    make(tmp_path, SEGMENT, age_s=0.0)
+    assert find_broken_ports(tmp_path) == [port]
+    with held(tmp_path / MUTEX, 'mapping'):  # by its maker, or by one that waits for it
+        assert sweep(tmp_path, older_than_s=0)
+        assert port.exists()
+        set_age(port, 3600.0)
+        sweep(tmp_path)
+        assert not port.exists()
+
+
+def test_a_young_broken_port_is_given_time(tmp_path, monkeypatch):
+    make(tmp_path, PORT, age_s=0.0)
+    monkeypatch.setattr(
+        shared_memory.time, 'sleep', lambda s: make(tmp_path, PORT, WHOLE_PORT, age_s=0.0)
+    )
+    assert clear_shared_memory(tmp_path) == []
+    assert names(tmp_path) == [PORT]
+
+
+def test_a_broken_port_that_stays_so_goes(tmp_path, monkeypatch):
+    port = make(tmp_path, PORT, age_s=0.0)
+    monkeypatch.setattr(shared_memory.time, 'sleep', lambda s: set_age(port, 3600.0))
+    assert clear_shared_memory(tmp_path) == [(port, 0)]
+
+
+def test_a_broken_port_that_can_not_be_removed_is_one_line(tmp_path, monkeypatch):
+    port = make(tmp_path, PORT)
+
+    def refuse(path):
+        raise PermissionError
+
+    monkeypatch.setattr(Path, 'unlink', refuse)
+    monkeypatch.setattr(shared_memory, 'SETTLED_S', 0.0)
+    with pytest.raises(BallbotError, match=rf'^{port}, left .* every node .* `rm {port}`$'):
+        clear_shared_memory(tmp_path)
+
+
+def test_every_process_with_ros_clears_first(monkeypatch):
+    cleared = []
+    monkeypatch.setattr(middleware, 'clear_shared_memory', lambda: cleared.append(True))
+    middleware.prepare_middleware()
+    assert cleared
+
+
+def run_privately(domain, *command, broken_ports=()):
+    """Return the result of a run that sees shared memory of its own."""
+    run = [*command, 'run', 'stationary', '--no-record', '--json']
+    done = subprocess.run(
+        [*private_shared_memory(*broken_ports), *run],
+        capture_output=True, text=True, check=False, env=environment(domain),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.graph
+def test_a_run_is_not_held_up_by_broken_ports(domain):
+    assert run_privately(domain, *BALLBOT, broken_ports=(7000, 7004))['outcome'] == 'passed'
+
+
+SWEPT = """
+import pathlib, subprocess, sys
+from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, sweep
+
+def mapped_inodes():
+    for maps in pathlib.Path('/proc').glob('[0-9]*/maps'):
+        try:
+            for line in maps.read_text().splitlines():
+                if '/dev/shm/fastrtps_' in line:
+                    yield int(line.split()[4])
+        except OSError:
+            pass
+
+run = subprocess.Popen(sys.argv[1:])
+most = 0
+while run.poll() is None:
+    before = {path: path.stat().st_ino for path in SHARED_MEMORY.iterdir() if path.exists()}
+    most = max(most, len(before))
+    if removed := sweep(older_than_s=0):
+        lost = {before.get(leftover.path) for leftover in removed} & set(mapped_inodes())
+        assert not lost, (removed, lost)
+assert most > 40, most
+sys.exit(run.returncode)
+"""
+
+
+@pytest.mark.graph
+def test_a_live_graph_keeps_its_files_under_a_loop_of_sweeps(domain):
+    result = run_privately(domain, sys.executable, '-c', SWEPT, *BALLBOT)
+    assert result['outcome'] == 'passed'
