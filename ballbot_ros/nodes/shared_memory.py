@@ -37,6 +37,7 @@ SMALLEST_PORT = 1024 * 20
 """Bytes: a port has the state of 1024 readers. Opening a smaller one crashes."""
 
 _FILE = re.compile(r'(?:sem\.)?(fastrtps_(?:port\d+|[0-9a-f]{16}))(?:_el|_sl|_mutex)?')
+_LOCKED_FILE = re.compile(rb' ([0-9a-f]+:[0-9a-f]+):(\d+) ')
 _LIBC = ctypes.CDLL(None)
 
 
@@ -75,8 +76,12 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
         Younger resources are left alone.
     """
     with _dead_resources(folder, older_than_s) as dead:
-        blocking = [resource.port_only for resource in _resources(folder) if resource.blocks]
-        return [leftover for resource in (*dead, *blocking) for leftover in resource.remove()]
+        removed = [leftover for resource in dead for leftover in resource.remove()]
+    if any(resource.blocks for resource in _resources(folder)):
+        with _only_sweep(folder):
+            blocking = [resource.port_only for resource in _resources(folder) if resource.blocks]
+            removed += [leftover for port in blocking for leftover in port.remove()]
+    return removed
 
 
 def find_broken_ports(folder: Path = SHARED_MEMORY) -> list[Path]:
@@ -125,6 +130,13 @@ class _Resource:
     def age_s(self) -> float:
         """Age of the youngest file."""
         return min(map(_age_s, self.files.values()))
+
+    @property
+    def identities(self) -> Iterator[tuple[bytes, ...]]:
+        """Device and inode of each file as ``/proc`` has them."""
+        for status in self.files.values():
+            device = f'{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}'
+            yield device.encode(), str(status.st_ino).encode()
 
     @property
     def is_own(self) -> bool:
@@ -208,24 +220,34 @@ def _resources(folder: Path) -> list[_Resource]:
 @contextmanager
 def _dead_resources(folder: Path, older_than_s: float) -> Iterator[list[_Resource]]:
     """Give the resources that no living process holds; none can be opened meanwhile."""
+    old = [r for r in _resources(folder) if r.is_own and r.age_s >= older_than_s]
+    # A look first: what a live graph has is not to be kept from being opened.
+    candidates = _unmapped(_unlocked(old))
     with ExitStack() as claims:
-        if not folder.is_dir():
-            yield []
-            return
-        # Two sweepers at once could take each other's claims for those of the dead.
-        directory = os.open(folder, os.O_RDONLY)
-        claims.callback(os.close, directory)
-        fcntl.flock(directory, fcntl.LOCK_EX)
-        old = [r for r in _resources(folder) if r.is_own and r.age_s >= older_than_s]
-        with ExitStack() as brief_claims:
-            unlocked = [resource for resource in old if resource.claim(brief_claims)]
-        # A live port without a lock is not to be kept from being opened while all maps are read.
-        candidates = _unmapped(unlocked)
+        if candidates:
+            claims.enter_context(_only_sweep(folder))
         yield _unmapped([resource for resource in candidates if resource.claim(claims)])
+
+
+@contextmanager
+def _only_sweep(folder: Path) -> Iterator[None]:
+    """Wait for other sweeps: two could take each other's claims for those of the dead."""
+    directory = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(directory, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(directory)
 
 
 def _age_s(status: os.stat_result) -> float:
     return time.time() - status.st_mtime
+
+
+def _unlocked(resources: Iterable[_Resource]) -> list[_Resource]:
+    """Return the resources of which no process has locked a file, as far as this user may see."""
+    locked = set(_LOCKED_FILE.findall(Path('/proc/locks').read_bytes()))
+    return [r for r in resources if locked.isdisjoint(r.identities)]
 
 
 def _unmapped(resources: Iterable[_Resource]) -> list[_Resource]:
@@ -236,7 +258,7 @@ def _unmapped(resources: Iterable[_Resource]) -> list[_Resource]:
             break
         with suppress(OSError):  # the process has ended, or is another user's
             mapped = _mapped_files(maps.read_bytes())
-            unmapped = [r for r in unmapped if mapped.isdisjoint(map(_as_mapped, r.files.values()))]
+            unmapped = [r for r in unmapped if mapped.isdisjoint(r.identities)]
     return unmapped
 
 
@@ -247,12 +269,6 @@ def _mapped_files(maps: bytes) -> set[tuple[bytes, ...]]:
         for line in maps.splitlines()
         if b'/fastrtps_' in line or b'/sem.fastrtps_' in line
     }
-
-
-def _as_mapped(status: os.stat_result) -> tuple[bytes, ...]:
-    """Return a file's device and inode as maps have them."""
-    device = f'{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}'
-    return device.encode(), str(status.st_ino).encode()
 
 
 def _semaphore(operation: str, file: BinaryIO) -> bool:
