@@ -7,6 +7,9 @@ from pathlib import Path
 
 from ballbot_ros.simulation.patience import Activity
 
+END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
+"""Environment variable: the process with which a node ends, the command that started it."""
+
 _PROC = Path('/proc')
 _DUE = ('R', 'D')
 """States of a thread that has a processor or waits for one, and of one that waits for a disk."""

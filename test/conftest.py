@@ -1,11 +1,12 @@
 import contextlib
 import signal
+import time
 
 import pytest
 from graph import Node, Run, free_domain
 
 from ballbot_ros.nodes.middleware import prepare_middleware
-from ballbot_ros.nodes.shared_memory import sweep
+from ballbot_ros.nodes.shared_memory import SETTLED_S, find_leftovers, sweep
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
 
@@ -18,8 +19,10 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 def pytest_sessionfinish(session):
     """Leave shared memory without what the processes that tests kill leave there."""
-    if not hasattr(session.config, 'workerinput'):  # the other workers of pytest-xdist have ended
-        sweep(older_than_s=0)
+    is_last = not hasattr(session.config, 'workerinput')  # pytest-xdist's workers have ended
+    if is_last and find_leftovers(older_than_s=0):
+        time.sleep(SETTLED_S)  # what is young may be another graph's that is just beginning
+        sweep()
 
 
 @pytest.fixture(scope='session')

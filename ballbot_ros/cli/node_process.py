@@ -12,9 +12,8 @@ from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
 
-from ballbot_ros.nodes.base import END_WITH_PARENT
 from ballbot_ros.nodes.domain_lock import HANDED_ON, DomainLock
-from ballbot_ros.processes import activities
+from ballbot_ros.processes import END_WITH_PARENT, activities
 from ballbot_ros.simulation.patience import Patience
 
 GRACE_S = 1.5

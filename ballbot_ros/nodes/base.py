@@ -24,6 +24,7 @@ from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import DIAGNOSTICS, HISTORY, Topic
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.node_parameters import ParameterNode
+from ballbot_ros.processes import END_WITH_PARENT
 from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -31,9 +32,6 @@ SPIN_S = 0.05
 FLUSH_S = 0.1
 NO_SAMPLE = (ValueError, IndexError, OverflowError)
 """What reading a message raises that no node of ours has sent."""
-
-END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
-"""Environment variable: the process with which the node ends, the one that started it."""
 
 _PR_SET_PDEATHSIG = 1
 

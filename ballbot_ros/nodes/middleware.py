@@ -6,6 +6,7 @@ import os
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.shared_memory import clear_shared_memory
+from ballbot_ros.processes import END_WITH_PARENT
 from ballbot_ros.share import share_directory
 
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
@@ -33,13 +34,16 @@ def ros_domain() -> int:
 def prepare_middleware() -> None:
     """Clear what killed processes left, and have participants find each other soon.
 
+    A command clears for the nodes that it starts.
+
     Raises
     ------
     BallbotError
         If there is no such ROS domain, or something that can't be cleared would hold up the node.
     """
     ros_domain()
-    clear_shared_memory()
+    if END_WITH_PARENT not in os.environ:
+        clear_shared_memory()
     use_profiles()
 
 

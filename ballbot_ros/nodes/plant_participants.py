@@ -27,11 +27,11 @@ from ballbot_ros.messages.topics import (
     RUN_STATUS,
     Topic,
 )
-from ballbot_ros.nodes.base import END_WITH_PARENT, BallbotNode
+from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.graph_look import GraphLook
 from ballbot_ros.nodes.participation import participant_of, with_values
 from ballbot_ros.parameters import AGREED, CONTROLLER, ENCODER, GAMEPAD, GYRO, RECORDER, SONAR
-from ballbot_ros.processes import activities, children
+from ballbot_ros.processes import END_WITH_PARENT, activities, children
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import (
     MAP_HASH,

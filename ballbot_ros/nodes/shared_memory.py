@@ -224,18 +224,23 @@ def _dead_resources(folder: Path, older_than_s: float) -> Iterator[list[_Resourc
     # A look first: what a live graph has is not to be kept from being opened.
     candidates = _unmapped(_unlocked(old))
     with ExitStack() as claims:
-        if candidates:
-            claims.enter_context(_only_sweep(folder))
+        if candidates and not claims.enter_context(_only_sweep(folder, waiting=False)):
+            candidates = []  # another sweep is about to remove them
         yield _unmapped([resource for resource in candidates if resource.claim(claims)])
 
 
 @contextmanager
-def _only_sweep(folder: Path) -> Iterator[None]:
-    """Wait for other sweeps: two could take each other's claims for those of the dead."""
+def _only_sweep(folder: Path, *, waiting: bool = True) -> Iterator[bool]:
+    """Give whether this is the only sweep: two could take each other's claims for the dead's."""
     directory = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(directory, fcntl.LOCK_EX)
-        yield
+        fcntl.flock(directory, fcntl.LOCK_EX if waiting else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        is_only = False
+    else:
+        is_only = True
+    try:
+        yield is_only
     finally:
         os.close(directory)
 

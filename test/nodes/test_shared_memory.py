@@ -25,6 +25,7 @@ from ballbot_ros.nodes.shared_memory import (
     find_leftovers,
     sweep,
 )
+from ballbot_ros.processes import END_WITH_PARENT
 
 PORT, SEGMENT = 'fastrtps_port7004', 'fastrtps_0123456789abcdef'
 MUTEX = f'sem.{PORT}_mutex'
@@ -236,11 +237,17 @@ def test_who_waits_for_a_removed_port_is_not_let_in(tmp_path):
         assert not shared_memory._semaphore('sem_trywait', waiting)
 
 
-@pytest.mark.parametrize('content', [WHOLE_PORT, b''], ids=['dead', 'broken'])
-def test_a_sweep_waits_for_another(tmp_path, monkeypatch, content):
-    port = make(tmp_path, PORT, content)
-    if not content:  # a process waits for it
-        monkeypatch.setattr(shared_memory, '_unmapped', lambda resources: [])
+def test_of_two_sweeps_at_once_one_does_the_work(tmp_path):
+    make_port(tmp_path)
+    with shared_memory._only_sweep(tmp_path):
+        assert sweep(tmp_path) == []
+    assert sweep(tmp_path)
+
+
+def test_a_sweep_waits_for_another_where_a_port_is_broken(tmp_path, monkeypatch):
+    port = make(tmp_path, PORT, b'')
+    # A process waits for it.
+    monkeypatch.setattr(shared_memory, '_unmapped', lambda resources: [])
     waiting = re.compile(rf'-> FLOCK .*:{tmp_path.stat().st_ino} ')
     removed = []
     with shared_memory._only_sweep(tmp_path):
@@ -249,7 +256,7 @@ def test_a_sweep_waits_for_another(tmp_path, monkeypatch, content):
         wait_for(lambda: waiting.search(Path('/proc/locks').read_text()))
         assert port.exists()
     other.join()
-    assert removed == [(port, len(content))]
+    assert removed == [(port, 0)]
 
 
 @pytest.mark.parametrize('content', BROKEN_PORTS.values(), ids=BROKEN_PORTS)
@@ -293,11 +300,14 @@ def test_a_broken_port_that_can_not_be_removed_is_one_line(tmp_path, monkeypatch
         clear_shared_memory(tmp_path)
 
 
-def test_every_process_with_ros_clears_first(monkeypatch):
+def test_who_begins_with_ros_clears_first_but_not_a_node_whose_command_has(monkeypatch):
     cleared = []
     monkeypatch.setattr(middleware, 'clear_shared_memory', lambda: cleared.append(True))
     middleware.prepare_middleware()
-    assert cleared
+    assert cleared == [True]
+    monkeypatch.setenv(END_WITH_PARENT, '1')
+    middleware.prepare_middleware()
+    assert cleared == [True]
 
 
 def run_privately(domain, *command, broken_ports=()):
