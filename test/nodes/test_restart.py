@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy
 from ros_client import Client
 
 from ballbot_ros.messages.inputs import INPUTS
-from ballbot_ros.messages.topics import PLANT_IMU
+from ballbot_ros.messages.topics import GYRO_IMU, PLANT_IMU
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SLOW_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import load_trajectory
@@ -111,6 +111,29 @@ def test_restarted_drivers_and_a_second_plant_change_no_duty(
         assert reader.complete
         for topic in ('/motor_duty', '/plant/imu', '/gyro'):
             assert reader.topics()[topic].message_count == ticks
+
+
+def test_all_drivers_may_be_killed_at_once_and_before_they_are_known(
+    domain, start_graph, start_node
+):
+    nodes = start_graph(60.0, timeout=60.0)
+    with contextlib.closing(Client(domain)) as client:
+        client.watch(PLANT_IMU)
+        client.spin_until(lambda: PLANT_IMU.name in client.newest, what='the first tick')
+        for driver in DRIVERS:
+            nodes[driver].kill()
+        stopped = await_standstill(client)
+        # The middleware keeps the dead in the graph for 20 s.
+        known = client.node.count_publishers(GYRO_IMU.name)
+        short_lived = [start_node(driver) for driver in DRIVERS]
+        client.spin_until(lambda: client.node.count_publishers(GYRO_IMU.name) > known)
+        for node in short_lived:
+            node.kill()
+        for driver in DRIVERS:
+            start_node(driver)
+        client.spin_until(
+            lambda: client.now_ns() > stopped + 5 * SLOW_NS, what='a tick after the restart'
+        )
 
 
 def test_a_restarted_controller_fails_the_run_and_says_so(start_graph, start_node, tmp_path):
