@@ -16,6 +16,7 @@ from rich.console import Console
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.middleware import ros_domain
+from ballbot_ros.nodes.participant_ports import PORT_BASE, PORTS_PER_DOMAIN
 from ballbot_ros.nodes.shared_memory import (
     SHARED_MEMORY,
     Leftover,
@@ -30,7 +31,6 @@ from ballbot_ros.simulation.golden import arithmetic_sha256, duty_sha256, load_g
 OLDEST_PYTHON = (3, 10)
 LEAST_FREE_BYTES = 200e6
 GOLDEN_SCENARIOS = ('stationary', 'hardware_autonomous')
-DDS_PORT_BASE, PORTS_PER_DOMAIN = 7400, 250
 
 
 class _FailedCheckError(BallbotError):
@@ -101,7 +101,7 @@ def _domain() -> str:
 
 
 def _ports() -> str:
-    port = DDS_PORT_BASE + PORTS_PER_DOMAIN * ros_domain()
+    port = PORT_BASE + PORTS_PER_DOMAIN * ros_domain()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         # Discovery shares its multicast port among participants; another program may not.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -93,6 +93,21 @@ def find_broken_ports(folder: Path = SHARED_MEMORY) -> list[Path]:
     ]
 
 
+def find_dead_ports(folder: Path = SHARED_MEMORY) -> list[int]:
+    """Return the numbers of the ports whose reader has ended without closing them.
+
+    Another process may still write to them.
+    """
+    left = [
+        resource
+        for resource in _resources(folder)
+        if resource.path in resource.files
+        and any(path.name.endswith(('_el', '_sl')) for path in resource.files)
+    ]
+    names = [resource.path.name.removeprefix('fastrtps_port') for resource in _unlocked(left)]
+    return [int(name) for name in names if name.isdecimal()]
+
+
 def clear_shared_memory(folder: Path = SHARED_MEMORY) -> list[Leftover]:
     """Sweep, and wait until no port is broken: a young one may be being made.
 
