@@ -3,45 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
-from ballbot_ros.simulation.patience import Activity
+from ballbot_ros.simulation.silence_timer import Threads, ThreadTime
 
 END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 """Environment variable: the process with which a node ends, the command that started it."""
 
 _PROC = Path('/proc')
-_DUE = ('R', 'D')
-"""States of a thread that has a processor or waits for one, and of one that waits for a disk."""
+_RUNNABLE = 'R'
 
 
-def activity(process: int) -> Activity | None:
-    """Return what the machine has given to a process, None if it is gone or nothing tells."""
-    cpu_ns = queued_ns = 0
-    states = []
-    try:
-        threads = [*(_PROC / str(process) / 'task').iterdir()]
-    except OSError:
-        return None
-    for thread in threads:
-        try:
-            states.append((thread / 'stat').read_text().rpartition(')')[2].split()[0])
-            cpu, queued, _ = (thread / 'schedstat').read_text().split()
-        except OSError:  # it has just ended, or the kernel keeps no such account
-            continue
-        cpu_ns += int(cpu)
-        queued_ns += int(queued)
-    return Activity(cpu_ns * 1e-9, queued_ns * 1e-9, any(state in _DUE for state in states))
+def threads_of(process: int) -> Threads:
+    """Return what the machine has given to the threads of a process.
+
+    Returns
+    -------
+    mapping of int to ThreadTime
+        Empty if the process is gone, or the kernel keeps no account of threads.
+    """
+    found = {}
+    with suppress(OSError):
+        for thread in (_PROC / str(process) / 'task').iterdir():
+            # It may just have ended, or there is no account.
+            with suppress(OSError):
+                cpu_ns, queued_ns, _ = map(int, (thread / 'schedstat').read_text().split())
+                state = (thread / 'stat').read_text().rpartition(')')[2].split()[0]
+                if cpu_ns:
+                    time = ThreadTime(cpu_ns * 1e-9, queued_ns * 1e-9, state == _RUNNABLE)
+                    found[int(thread.name)] = time
+    return found
 
 
-def activities(processes: Iterable[int]) -> dict[int, Activity]:
+def threads_by_process(processes: Iterable[int]) -> dict[int, Threads]:
     """Return what the machine has given to those of the processes that it tells of."""
-    found = {process: activity(process) for process in processes}
-    return {process: each for process, each in found.items() if each is not None}
+    found = {process: threads_of(process) for process in processes}
+    return {process: threads for process, threads in found.items() if threads}
 
 
 def children(parent: int) -> list[int]:
-    """Return the processes that a process has started and that have not ended."""
+    """Return the processes that a process has started and not yet waited for."""
     found = []
     for entry in _PROC.iterdir():
         if not entry.name.isdigit():

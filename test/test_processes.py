@@ -9,7 +9,8 @@ import sys
 import pytest
 from graph import wait_for
 
-from ballbot_ros.processes import activities, activity, children
+from ballbot_ros import processes
+from ballbot_ros.processes import children, threads_by_process, threads_of
 
 SPIN = [sys.executable, '-c', 'while True: pass']
 WAIT = [sys.executable, '-c', 'input()']
@@ -28,37 +29,48 @@ def start():
         yield start
 
 
+def cpu_s(process):
+    return sum(thread.cpu_s for thread in threads_of(process.pid).values())
+
+
+def is_runnable(process):
+    return any(thread.is_runnable for thread in threads_of(process.pid).values())
+
+
 def test_a_process_that_computes_gets_time_and_one_that_waits_gets_none(start):
     spinning, waiting = start(SPIN), start(WAIT)
-    wait_for(lambda: not activity(waiting.pid).is_due, what='its wait')
-    before = activities([spinning.pid, waiting.pid])
-    wait_for(lambda: activity(spinning.pid).cpu_s > before[spinning.pid].cpu_s + 0.05)
-    assert activity(spinning.pid).is_due
-    assert activity(waiting.pid) == before[waiting.pid]
+    wait_for(lambda: cpu_s(waiting) and not is_runnable(waiting), what='its wait')
+    before, used_s = threads_of(waiting.pid), cpu_s(spinning)
+    wait_for(lambda: cpu_s(spinning) > used_s + 0.05, what='some work')
+    assert is_runnable(spinning)
+    assert threads_of(waiting.pid) == before
 
 
-def test_a_process_is_due_while_others_have_its_processor(start):
+def test_a_process_queues_while_others_have_its_processor(start):
     (cpu, *_) = os.sched_getaffinity(0)
-    processes = [start(SPIN) for _ in range(4)]
-    for process in processes:
+    competitors = [start(SPIN) for _ in range(4)]
+    for process in competitors:
         os.sched_setaffinity(process.pid, {cpu})
-    before = activities([process.pid for process in processes])
+
+    def queued_s(process):
+        return max(thread.queued_s for thread in threads_of(process.pid).values())
+
+    wait_for(lambda: all(map(threads_of, (each.pid for each in competitors))))
+    before = {process.pid: queued_s(process) for process in competitors}
     wait_for(
-        lambda: all(
-            activity(process.pid).queued_s > before[process.pid].queued_s + 0.1
-            for process in processes
-        ),
+        lambda: all(queued_s(process) > before[process.pid] + 0.1 for process in competitors),
         what='their wait for the processor',
     )
+    assert all(map(is_runnable, competitors))
 
 
-def test_a_process_that_is_stopped_is_not_due(start):
-    process = start(SPIN)
-    process.send_signal(signal.SIGSTOP)
-    wait_for(lambda: not activity(process.pid).is_due, what='its stop')
-    stopped = activity(process.pid)
-    wait_for(lambda: activity(os.getpid()).cpu_s, what='anything')
-    assert activity(process.pid) == stopped
+def test_a_process_that_is_stopped_neither_runs_nor_queues(start):
+    stopped, spinning = start(SPIN), start(SPIN)
+    stopped.send_signal(signal.SIGSTOP)
+    wait_for(lambda: not is_runnable(stopped), what='its stop')
+    before, used_s = threads_of(stopped.pid), cpu_s(spinning)
+    wait_for(lambda: cpu_s(spinning) > used_s + 0.05, what='some work')
+    assert threads_of(stopped.pid) == before
 
 
 def test_of_a_process_that_is_gone_nothing_is_told(start):
@@ -66,6 +78,20 @@ def test_of_a_process_that_is_gone_nothing_is_told(start):
     assert process.pid in children(os.getpid())
     process.kill()
     process.wait()
-    assert activity(process.pid) is None
-    assert activities([process.pid]) == {}
+    assert threads_of(process.pid) == {}
+    assert threads_by_process([process.pid]) == {}
     assert process.pid not in children(os.getpid())
+
+
+@pytest.mark.parametrize('account', [None, '0 0 0'], ids=['none', 'empty'])
+def test_a_kernel_without_an_account_tells_nothing(tmp_path, monkeypatch, account):
+    thread = tmp_path / '7' / 'task' / '7'
+    thread.mkdir(parents=True)
+    (thread / 'stat').write_text('7 (a (node)) R 1')
+    if account:
+        (thread / 'schedstat').write_text(account)
+    monkeypatch.setattr(processes, '_PROC', tmp_path)
+    assert threads_by_process([7]) == {}
+    (thread / 'schedstat').write_text('2000000000 500000000 3')
+    (only,) = threads_of(7).values()
+    assert (only.cpu_s, only.queued_s, only.is_runnable) == (2.0, 0.5, True)

@@ -12,7 +12,7 @@ from ballbot_ros.errors import one_line
 from ballbot_ros.nodes.middleware import use_profiles
 
 DISCOVERY_S = 5.0
-LIMIT_S = 10
+LIMIT_S = 20
 """Whole seconds after which the system ends the process, whatever the middleware does."""
 
 
@@ -24,7 +24,6 @@ def main() -> int:
     int
         0 if one came, else 1.
     """
-    signal.alarm(LIMIT_S)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         import rclpy
@@ -35,6 +34,7 @@ def main() -> int:
         return 1
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     use_profiles()
+    signal.alarm(LIMIT_S)
     token = uuid.uuid4().hex
     heard: list[float] = []
     contexts = [rclpy.Context(), rclpy.Context()]
@@ -54,6 +54,7 @@ def main() -> int:
         while not heard and time.monotonic() - begun < DISCOVERY_S:
             publisher.publish(String())
             executor.spin_once(timeout_sec=0.05)
+        executor.shutdown()
     except RuntimeError as error:
         print(one_line(error))
         return 1

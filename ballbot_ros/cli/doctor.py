@@ -14,6 +14,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from ballbot_ros.cli.discovery import LIMIT_S
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.middleware import ros_domain
 from ballbot_ros.nodes.participant_ports import PORT_BASE, PORTS_PER_DOMAIN
@@ -127,7 +128,8 @@ def _remove_leftovers() -> str:
 
 
 def _amount(files: list[Leftover]) -> str:
-    return f'{len(files)} files ({sum(file.size for file in files) / 1e6:.1f} MB)'
+    plural = '' if len(files) == 1 else 's'
+    return f'{len(files)} file{plural} ({sum(file.size for file in files) / 1e6:.1f} MB)'
 
 
 def _discovery() -> str:
@@ -138,7 +140,8 @@ def _discovery() -> str:
     )  # fmt: skip
     if done.returncode == -signal.SIGALRM:
         raise _FailedCheckError(
-            f'the middleware hangs: run `ballbot doctor --fix`, or look into {SHARED_MEMORY}'
+            f'the middleware gives no answer in {LIMIT_S} s: run `ballbot doctor --fix`, or look '
+            f'into {SHARED_MEMORY}'
         )
     if done.returncode:
         raise _FailedCheckError(' '.join(done.stdout.split()) or f'ended with {done.returncode}')

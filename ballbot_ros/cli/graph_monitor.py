@@ -13,13 +13,13 @@ from ballbot_ros.messages.conversions import time_ns
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
 from ballbot_ros.nodes.inbox import hidden_node, taken
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.processes import activities
-from ballbot_ros.simulation.patience import Activity, Patience
+from ballbot_ros.processes import threads_by_process
+from ballbot_ros.simulation.silence_timer import SilenceTimer, Threads
 
 _ROLE_OF_PLANT = KeyValue(key='role', value=PLANT)
 
 PLANT_SILENCE_S = 2.3
-"""The plant reports at 1 Hz; if it is silent for so long that the machine gave it, it hangs."""
+"""The plant reports at 1 Hz; if it has this much time of the machine and is silent, it hangs."""
 
 PLANT_BUSY_S = 30.0
 """The same until it is heard for the first time, as its process has to start, and once its run has
@@ -38,17 +38,19 @@ class Liveness:
     def __init__(self, now_s: float) -> None:
         self._heard_s = now_s
         self._limit_s = PLANT_BUSY_S
-        self._patience = Patience()
+        self._has_ended = False
+        self._timer = SilenceTimer()
 
     def hear(self, now_s: float, *, has_ended: bool = False) -> None:
         """Note a sign of life, and whether it tells of the end of the run."""
         self._heard_s = now_s
-        self._limit_s = PLANT_BUSY_S if has_ended else PLANT_SILENCE_S
+        self._has_ended = self._has_ended or has_ended
+        self._limit_s = PLANT_BUSY_S if self._has_ended else PLANT_SILENCE_S
 
-    def hangs(self, now_s: float, process: int, activities: Mapping[int, Activity]) -> bool:
+    def hangs(self, now_s: float, process: int, threads: Mapping[int, Threads]) -> bool:
         """Tell whether the plant, which is this process, has been silent for too long."""
-        self._patience.look(self._heard_s, now_s, activities)
-        return self._patience.silence_s(process) > self._limit_s
+        self._timer.update(self._heard_s, now_s, threads)
+        return self._timer.silence_s(process) > self._limit_s
 
 
 class GraphMonitor:
@@ -93,4 +95,4 @@ class GraphMonitor:
 
     def plant_hangs(self, process: int) -> bool:
         """Tell whether the plant, which is this process, hangs."""
-        return self._liveness.hangs(time.monotonic(), process, activities([process]))
+        return self._liveness.hangs(time.monotonic(), process, threads_by_process([process]))

@@ -13,8 +13,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from ballbot_ros.nodes.domain_lock import HANDED_ON, DomainLock
-from ballbot_ros.processes import END_WITH_PARENT, activities
-from ballbot_ros.simulation.patience import Patience
+from ballbot_ros.processes import END_WITH_PARENT, threads_by_process
+from ballbot_ros.simulation.silence_timer import SilenceTimer
 
 GRACE_S = 1.5
 LAST_GRACE_S = 5.0
@@ -138,12 +138,13 @@ def stop_all(processes: Collection[NodeProcess], last: str) -> None:
 
 
 def _await_end(processes: Collection[NodeProcess], grace_s: float) -> None:
-    """Wait until all have ended, and kill who has not though the machine gave it the time."""
-    begun, patience = time.monotonic(), Patience()
+    """Wait until all have ended, and kill those that had the time to and did not."""
+    begun, timer = time.monotonic(), SilenceTimer()
     while running := [process for process in processes if process.running]:
-        patience.look(begun, time.monotonic(), activities(process.pid for process in running))
+        threads = threads_by_process(process.pid for process in running)
+        timer.update(begun, time.monotonic(), threads)
         for process in running:
-            if patience.silence_s(process.pid) > grace_s:
+            if timer.silence_s(process.pid) > grace_s:
                 process.kill()
         running[0].wait(_LOOK_S)
     for process in processes:

@@ -24,7 +24,7 @@ from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import DIAGNOSTICS, HISTORY, Topic
 from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
 from ballbot_ros.nodes.node_parameters import ParameterNode
-from ballbot_ros.nodes.participant_ports import off_the_ports_of_the_dead
+from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.processes import END_WITH_PARENT
 from ballbot_ros.stop_request import StopRequest
 
@@ -307,7 +307,7 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
         try:
             prepare_middleware()
             rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
-            with off_the_ports_of_the_dead(ros_domain()):
+            with avoid_stale_ports(ros_domain()):
                 node = make()
             node.get_logger().info(
                 f'started, waits for {node.awaits}' if node.awaits else 'started'

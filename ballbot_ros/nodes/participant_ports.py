@@ -15,7 +15,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 
-from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, find_dead_ports
+from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, find_stale_ports
 
 PORT_BASE, PORTS_PER_DOMAIN, PORTS_PER_PARTICIPANT = 7400, 250, 2
 DISCOVERY_PORT, USER_PORT = 10, 11
@@ -25,15 +25,15 @@ MOST_AVOIDED = 16
 """Half of the numbers at which participants on one machine look for each other."""
 
 
-def dead_participants(domain: int, folder: Path = SHARED_MEMORY) -> list[int]:
+def stale_participants(domain: int, folder: Path = SHARED_MEMORY) -> list[int]:
     """Return the numbers of a domain's participants that have died and left their port."""
     first = PORT_BASE + PORTS_PER_DOMAIN * domain + USER_PORT
     ports = range(first, first - USER_PORT + PORTS_PER_DOMAIN, PORTS_PER_PARTICIPANT)
-    return sorted(ports.index(port) for port in find_dead_ports(folder) if port in ports)
+    return sorted(ports.index(port) for port in find_stale_ports(folder) if port in ports)
 
 
 @contextmanager
-def off_the_ports_of_the_dead(domain: int, folder: Path = SHARED_MEMORY) -> Iterator[None]:
+def avoid_stale_ports(domain: int, folder: Path = SHARED_MEMORY) -> Iterator[None]:
     """Have a participant that begins within the block take another number.
 
     Their ports for discovery are held meanwhile: Fast DDS then tries the next number.
@@ -46,7 +46,7 @@ def off_the_ports_of_the_dead(domain: int, folder: Path = SHARED_MEMORY) -> Iter
     """
     first = PORT_BASE + PORTS_PER_DOMAIN * domain + DISCOVERY_PORT
     with ExitStack() as held:
-        for number in islice(dead_participants(domain, folder), MOST_AVOIDED):
+        for number in islice(stale_participants(domain, folder), MOST_AVOIDED):
             holder = held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             # Processes that start at the same time hold it together; Fast DDS does not share it.
             holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

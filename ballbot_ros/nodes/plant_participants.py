@@ -31,7 +31,7 @@ from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.graph_look import GraphLook
 from ballbot_ros.nodes.participation import participant_of, with_values
 from ballbot_ros.parameters import AGREED, CONTROLLER, ENCODER, GAMEPAD, GYRO, RECORDER, SONAR
-from ballbot_ros.processes import END_WITH_PARENT, activities, children
+from ballbot_ros.processes import END_WITH_PARENT, children, threads_by_process
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import (
     MAP_HASH,
@@ -42,7 +42,7 @@ from ballbot_ros.simulation.participants import (
     Standing,
     State,
 )
-from ballbot_ros.simulation.patience import Patience
+from ballbot_ros.simulation.silence_timer import SilenceTimer
 from ballbot_ros.simulation.timing import SECOND_NS, SLOW_NS
 
 _DRIVERS = (GYRO, ENCODER, SONAR, GAMEPAD)
@@ -80,7 +80,7 @@ class PlantParticipants:
         self._start_ns = 0
         self._silent_since: int | None = None
         self._starting: list[int] = []
-        self._patience = Patience()
+        self._timer = SilenceTimer()
         self._watch_over(RUN)
         self._watch_over(ROLL_CALL)
         node.listen(PARTICIPANTS, self._on_announcement, depth=HISTORY, raw=True)
@@ -237,10 +237,10 @@ class PlantParticipants:
         joined = set(map(self._process, self._roster.members.values()))
         starting = [process for process in self._starting if process not in joined]
         self._look_at_silence(since_s, starting)
-        return min(map(self._patience.silence_s, starting), default=self._patience.silence_s())
+        return min(map(self._timer.silence_s, starting), default=self._timer.silence_s())
 
     def _look_at_silence(self, since_s: float, processes: Iterable[int]) -> None:
-        self._patience.look(since_s, time.monotonic(), activities(processes))
+        self._timer.update(since_s, time.monotonic(), threads_by_process(processes))
 
     def _process(self, participant: Participant | None) -> int | None:
         """Return the process of a participant on this machine."""
@@ -248,4 +248,4 @@ class PlantParticipants:
         return participant.process if participant and is_here else None
 
     def _silence_s(self, participant: Participant | None) -> float:
-        return self._patience.silence_s(self._process(participant))
+        return self._timer.silence_s(self._process(participant))

@@ -359,19 +359,18 @@ class PlantSim(BallbotNode):
         if waits_for_recorder and self._recorder_left():
             return
         limit = float(self.values['timeout' if self.log.ticks else 'startup_timeout'])
-        silent: dict[str, float] = {}
-        if silence > WARN_S:
-            silent = self._participants.silences_s(
-                since, self._plant.time_ns, recorder=waits_for_recorder
-            )
-            silence = max(silent.values())
+        silent: list[str] = []
+        if silence > min(WARN_S, limit):
+            now_ns = self._plant.time_ns
+            found = self._participants.silences_s(since, now_ns, recorder=waits_for_recorder)
+            silent = [role for role in found if found[role] > limit]
         if silence > (WARN_S if self.log.ticks else STARTUP_WARN_S):
             # Early, for those who live to have answered when it is asked who is silent.
             self._participants.call_roll()
             if waits_for_recorder:
                 # Of what it has not heard it acknowledges nothing.
                 self._participants.tell({})
-            if silence <= limit:
+            if not silent:
                 what = RECORDER if waits_for_recorder else 'the duty'
                 self.warn(f'waiting for {what} at sim time {self._plant.time_ns * 1e-9:.3f} s')
         is_syncing = self._duty is not None and self._is_syncing()
@@ -379,11 +378,11 @@ class PlantSim(BallbotNode):
             if is_syncing:
                 self._participants.call_roll()
             self._ask_again()
-        if WARN_S < silence <= limit:
+        if silence > WARN_S and not silent:
             # Who waits is not to be taken for silent itself, on a busy machine neither.
             self.report()
-        if silence > limit:
-            self._give_up([role for role in silent if silent[role] > limit], limit)
+        if silent:
+            self._give_up(silent, limit)
 
     def _stand_still(self, now: float) -> None:
         """Tell who comes late where the robot stands; let a recorder go that leaves."""
@@ -453,7 +452,7 @@ class PlantSim(BallbotNode):
     def _wait(self, now: float, reason: str) -> None:
         """Call the roll until it is clear who takes part, within bounds before the first tick."""
         self._participants.call_roll()
-        waited = self._participants.waited_s(self._sent_at)
+        counted = self._participants.waited_s(self._sent_at)
         limit = float(self.values['startup_timeout'])
         missing = self._participants.missing()
         if missing and missing != self._waits_for:
@@ -465,10 +464,10 @@ class PlantSim(BallbotNode):
             self.warn(reason)
         elif self._is_open:
             return
-        elif waited > limit and missing and self.values['on_timeout'] != 'wait':
+        elif counted > limit and missing and self.values['on_timeout'] != 'wait':
             who = ', '.join(missing)
             self._end('failed', f'{who} silent for {limit:g} s before the first tick', status=1)
-        elif waited > STARTUP_WARN_S:
+        elif now - self._sent_at > STARTUP_WARN_S:
             self.warn(reason)
 
     def _recorder_left(self) -> bool:

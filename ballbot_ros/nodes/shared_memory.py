@@ -78,9 +78,9 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
     with _dead_resources(folder, older_than_s) as dead:
         removed = [leftover for resource in dead for leftover in resource.remove()]
     if any(resource.blocks for resource in _resources(folder)):
-        with _only_sweep(folder):
-            blocking = [resource.port_only for resource in _resources(folder) if resource.blocks]
-            removed += [leftover for port in blocking for leftover in port.remove()]
+        with _only_sweep(folder) as is_only:
+            blocking = [resource for resource in _resources(folder) if is_only and resource.blocks]
+            removed += [left for resource in blocking for left in resource.port_only.remove()]
     return removed
 
 
@@ -93,7 +93,7 @@ def find_broken_ports(folder: Path = SHARED_MEMORY) -> list[Path]:
     ]
 
 
-def find_dead_ports(folder: Path = SHARED_MEMORY) -> list[int]:
+def find_stale_ports(folder: Path = SHARED_MEMORY) -> list[int]:
     """Return the numbers of the ports whose reader has ended without closing them.
 
     Another process may still write to them.
@@ -122,7 +122,8 @@ def clear_shared_memory(folder: Path = SHARED_MEMORY) -> list[Leftover]:
         If a broken port can't be removed.
     """
     removed = sweep(folder)
-    deadline = time.monotonic() + SETTLED_S
+    # One that was broken a moment ago is old enough within half of this.
+    deadline = time.monotonic() + 2.0 * SETTLED_S
     while broken := find_broken_ports(folder):
         if time.monotonic() > deadline:
             raise BallbotError(
@@ -239,17 +240,17 @@ def _dead_resources(folder: Path, older_than_s: float) -> Iterator[list[_Resourc
     # A look first: what a live graph has is not to be kept from being opened.
     candidates = _unmapped(_unlocked(old))
     with ExitStack() as claims:
-        if candidates and not claims.enter_context(_only_sweep(folder, waiting=False)):
+        if candidates and not claims.enter_context(_only_sweep(folder)):
             candidates = []  # another sweep is about to remove them
         yield _unmapped([resource for resource in candidates if resource.claim(claims)])
 
 
 @contextmanager
-def _only_sweep(folder: Path, *, waiting: bool = True) -> Iterator[bool]:
+def _only_sweep(folder: Path) -> Iterator[bool]:
     """Give whether this is the only sweep: two could take each other's claims for the dead's."""
     directory = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(directory, fcntl.LOCK_EX if waiting else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(directory, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         is_only = False
     else:

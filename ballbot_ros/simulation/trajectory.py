@@ -87,8 +87,14 @@ class TrajectoryLog:
 
 
 def save_trajectory(path: Path, trajectory: Trajectory, summary: dict[str, Any]) -> None:
-    """Write a trajectory and a summary of the run to an .npz file."""
-    np.savez(path, **vars(trajectory), summary=np.array(json.dumps(summary)))
+    """Write a trajectory and a summary of the run to an .npz file.
+
+    The file is there once it is whole.
+    """
+    partial = path.with_name(f'{path.name}.part')
+    with partial.open('wb') as file:
+        np.savez(file, **vars(trajectory), summary=np.array(json.dumps(summary)))
+    partial.replace(path)
 
 
 def load_trajectory(path: Path) -> tuple[Trajectory, dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""viser's server behind the page's door."""
+"""viser's server with a check of who is answered, and who may steer."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from viser.infra import ClientId, Message
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
 
-from ballbot_ros.viewer.door import Door
+from ballbot_ros.viewer.access_policy import AccessPolicy
 from ballbot_ros.viewer.errors import ViewerError
 
 _REFUSAL = 'The viewer answers only at the address that it has printed.\n'
@@ -22,7 +22,7 @@ Answer = Callable[[ServerConnection, Request], Awaitable[Response | None] | Resp
 
 
 class GuardedServer(viser.ViserServer):
-    """Answers whom the door admits, and lets those steer who have its token.
+    """Answers the requests that a policy allows, and lets those steer that have its token.
 
     viser has no hook for either, so this uses its internals: its call of ``serve`` is given
     another answer to requests, and its handling of messages about what all browsers share passes
@@ -30,7 +30,7 @@ class GuardedServer(viser.ViserServer):
 
     Parameters
     ----------
-    door : Door
+    policy : AccessPolicy
     port : int
     title : str
 
@@ -40,11 +40,11 @@ class GuardedServer(viser.ViserServer):
         If viser no longer starts its server in the way that is guarded here.
     """
 
-    def __init__(self, door: Door, port: int, title: str) -> None:
-        self._door = door
+    def __init__(self, policy: AccessPolicy, port: int, title: str) -> None:
+        self._policy = policy
         self._is_guarded = False
         with _instead_of_serve(self._serve):
-            super().__init__(door.host, port, label=title, verbose=False)
+            super().__init__(policy.host, port, label=title, verbose=False)
         if not self._is_guarded:
             self.stop()
             raise ViewerError(f'viser {viser.__version__} cannot be guarded; viser 1.1 can')
@@ -54,12 +54,12 @@ class GuardedServer(viser.ViserServer):
         connection = self._websock_server._live_connections.get(client_id)
         if connection is None or connection.request is None:
             return False
-        return self._door.may_steer(connection.request.path)
+        return self._policy.may_steer(connection.request.path)
 
     def _serve(
         self, *arguments: Any, process_request: Answer | None = None, **options: Any
     ) -> serve:
-        """Serve as viser asks for it, behind the door."""
+        """Serve as viser asks for it, but for requests that are not allowed."""
         dispatch = self._websock_server._handle_incoming_message
 
         async def dispatch_steering(client_id: ClientId, message: Message) -> None:
@@ -84,11 +84,11 @@ class GuardedServer(viser.ViserServer):
         hosts = request.headers.get_all('Host')
         origins = request.headers.get_all('Origin')
         address, port = connection.local_address[:2]
-        if not self._door.admits(hosts, origins, (address, port)):
+        if not self._policy.allows(hosts, origins, (address, port)):
             return connection.respond(HTTPStatus.FORBIDDEN, _REFUSAL)
         if 'Upgrade' in request.headers or '?' not in request.path:
             return None
-        page = self._door.page(hosts[0], request.path)
+        page = self._policy.page(hosts[0], request.path)
         if request.path == page:
             return None
         response = connection.respond(HTTPStatus.FOUND, '')

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import viser
 
+from ballbot_ros.viewer.access_policy import AccessPolicy
 from ballbot_ros.viewer.address import check_address
-from ballbot_ros.viewer.door import Door
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.guarded_server import GuardedServer
 from ballbot_ros.viewer.robot import Dimensions
@@ -71,10 +71,10 @@ class Page:
 
     def __init__(self, dimensions: Dimensions, title: str, host: str, port: int) -> None:
         check_address(host, port)
-        self._door = Door(host, socket.gethostname(), secrets.token_urlsafe(_TOKEN_BYTES))
+        self._policy = AccessPolicy(host, socket.gethostname(), secrets.token_urlsafe(_TOKEN_BYTES))
         logging.getLogger('websockets').setLevel(logging.ERROR)
         with contextlib.redirect_stdout(io.StringIO()):  # it greets at length
-            self.server = GuardedServer(self._door, port, title)
+            self.server = GuardedServer(self._policy, port, title)
         self._title = title
         self._dimensions = dimensions
         self._area = Area.of(None)
@@ -94,7 +94,7 @@ class Page:
     @property
     def address(self) -> str:
         """Where the page is, with the token that lets its user steer."""
-        return self._door.address(self.server.get_port())
+        return self._policy.address(self.server.get_port())
 
     @property
     def dimensions(self) -> Dimensions:

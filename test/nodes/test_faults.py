@@ -19,6 +19,20 @@ def first_ticks_are_recorded(path):
     return path.exists() and path.stat().st_size > 20_000
 
 
+def test_a_lost_node_is_named_by_the_shortest_timeout(start_run, tmp_path):
+    recording = tmp_path / 'stationary.mcap'
+    run = start_run(
+        'stationary', '--output', tmp_path,
+        '--set', f'plant_sim.duration={SIM_TIME_S}', '--set', 'plant_sim.timeout=0.2',
+    )  # fmt: skip
+    pids = run.nodes()
+    wait_for(lambda: first_ticks_are_recorded(recording), what='the recording')
+    os.kill(pids['gyro_driver'], signal.SIGKILL)
+    assert run.finish() == 1
+    assert 'gyro_driver' in run.stdout
+    assert ' silent for 0.2 s at ' in run.stdout
+
+
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP], ids=lambda n: n.name)
 @pytest.mark.parametrize('victim', NODES)
 def test_a_lost_node_is_named_within_3_s(start_run, tmp_path, victim, number):

@@ -3,7 +3,7 @@
 import fcntl
 import signal
 import socket
-from contextlib import ExitStack, closing
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -11,13 +11,15 @@ from graph import wait_for
 
 from ballbot_ros.nodes.participant_ports import (
     MOST_AVOIDED,
-    dead_participants,
-    off_the_ports_of_the_dead,
+    avoid_stale_ports,
+    stale_participants,
 )
 
-DOMAIN = 3
-FIRST = 7400 + 250 * DOMAIN
-"""RTPS: port base and domain gain; a participant's own ports are 10 and 11 + 2 * its number."""
+
+@pytest.fixture
+def first(domain):
+    """RTPS: port base and domain gain; a participant's own ports are 10 and 11 + 2 * its number."""
+    return 7400 + 250 * domain
 
 
 def make_port(folder, port, lock='_el'):
@@ -35,57 +37,55 @@ def can_bind(port):
     return True
 
 
-def test_who_has_left_a_port_without_a_lock_is_dead(tmp_path):
-    make_port(tmp_path, FIRST + 11)
-    make_port(tmp_path, FIRST + 15, '_sl')
-    make_port(tmp_path, FIRST + 17)
-    with (tmp_path / f'fastrtps_port{FIRST + 17}_el').open() as living:
+def test_who_has_left_a_port_without_a_lock_is_dead(domain, first, tmp_path):
+    make_port(tmp_path, first + 11)
+    make_port(tmp_path, first + 15, '_sl')
+    make_port(tmp_path, first + 17)
+    with (tmp_path / f'fastrtps_port{first + 17}_el').open() as living:
         fcntl.flock(living, fcntl.LOCK_EX)
-        assert dead_participants(DOMAIN, tmp_path) == [0, 2]
-    assert dead_participants(DOMAIN, tmp_path) == [0, 2, 3]
+        assert stale_participants(domain, tmp_path) == [0, 2]
+    assert stale_participants(domain, tmp_path) == [0, 2, 3]
 
 
-def test_what_is_no_participants_port_tells_nothing(tmp_path):
-    make_port(tmp_path, FIRST + 11, lock='')
-    make_port(tmp_path, FIRST + 12)
-    make_port(tmp_path, FIRST + 11 + 250)
+def test_what_is_no_participants_port_tells_nothing(domain, first, tmp_path):
+    make_port(tmp_path, first + 11, lock='')
+    make_port(tmp_path, first + 12)
+    make_port(tmp_path, first + 11 + 250)
     make_port(tmp_path, 7003)
-    (tmp_path / f'fastrtps_port{FIRST + 13}_el').touch()
+    (tmp_path / f'fastrtps_port{first + 13}_el').touch()
     (tmp_path / 'fastrtps_0123456789abcdef').touch()
     (tmp_path / 'fastrtps_0123456789abcdef_el').touch()
-    assert dead_participants(DOMAIN, tmp_path) == []
-    assert dead_participants(DOMAIN, tmp_path / 'missing') == []
+    assert stale_participants(domain, tmp_path) == []
+    assert stale_participants(domain, tmp_path / 'missing') == []
 
 
-def test_the_numbers_of_the_dead_are_held_for_as_long_as_it_takes(tmp_path):
-    make_port(tmp_path, FIRST + 13)
-    with off_the_ports_of_the_dead(DOMAIN, tmp_path):
-        assert not can_bind(FIRST + 12)
-        assert can_bind(FIRST + 10)
-        assert can_bind(FIRST + 14)
-    assert can_bind(FIRST + 12)
+def test_the_numbers_of_the_dead_are_held_for_as_long_as_it_takes(domain, first, tmp_path):
+    make_port(tmp_path, first + 13)
+    with avoid_stale_ports(domain, tmp_path):
+        assert not can_bind(first + 12)
+        assert can_bind(first + 10)
+        assert can_bind(first + 14)
+    assert can_bind(first + 12)
 
 
-def test_two_that_start_at_once_hold_them_together(tmp_path):
-    make_port(tmp_path, FIRST + 13)
-    with off_the_ports_of_the_dead(DOMAIN, tmp_path):
-        with off_the_ports_of_the_dead(DOMAIN, tmp_path):
+def test_two_that_start_at_once_hold_them_together(domain, first, tmp_path):
+    make_port(tmp_path, first + 13)
+    with avoid_stale_ports(domain, tmp_path):
+        with avoid_stale_ports(domain, tmp_path):
             pass
-        assert not can_bind(FIRST + 12)
-        with ExitStack() as second:
-            second.enter_context(off_the_ports_of_the_dead(DOMAIN, tmp_path))
+        assert not can_bind(first + 12)
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as other:
-        other.bind(('127.0.0.1', FIRST + 12))
-        with off_the_ports_of_the_dead(DOMAIN, tmp_path):  # what is taken need not be held
+        other.bind(('127.0.0.1', first + 12))
+        with avoid_stale_ports(domain, tmp_path):  # what is taken need not be held
             pass
 
 
-def test_enough_numbers_are_left(tmp_path):
+def test_enough_numbers_are_left(domain, first, tmp_path):
     for number in range(MOST_AVOIDED + 1):
-        make_port(tmp_path, FIRST + 11 + 2 * number)
-    with off_the_ports_of_the_dead(DOMAIN, tmp_path):
-        assert not can_bind(FIRST + 10 + 2 * (MOST_AVOIDED - 1))
-        assert can_bind(FIRST + 10 + 2 * MOST_AVOIDED)
+        make_port(tmp_path, first + 11 + 2 * number)
+    with avoid_stale_ports(domain, tmp_path):
+        assert not can_bind(first + 10 + 2 * (MOST_AVOIDED - 1))
+        assert can_bind(first + 10 + 2 * MOST_AVOIDED)
 
 
 def participant_number(node, domain):
@@ -102,14 +102,14 @@ def participant_number(node, domain):
 
 
 @pytest.mark.graph
-def test_a_restarted_node_takes_another_number_than_the_killed_one(domain, start_node):
+def test_a_restarted_node_takes_another_number_than_the_killed_one(domain, first, start_node):
     pytest.importorskip('rclpy')
     nodes = [start_node(name) for name in ('gyro_driver', 'encoder_driver')]
     numbers = [
         wait_for(lambda node=node: participant_number(node, domain), what='its participant')
         for node in nodes
     ]
-    port = f'fastrtps_port{7400 + 250 * domain + 11 + 2 * int(numbers[0])}'
+    port = f'fastrtps_port{first + 11 + 2 * int(numbers[0])}'
     maps = Path(f'/proc/{nodes[1].process.pid}/maps')
     wait_for(lambda: port in maps.read_text(), what='that somebody writes to its port')
     # Or it might find out in time that nobody reads there any more.

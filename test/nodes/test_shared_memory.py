@@ -4,16 +4,14 @@ import ctypes
 import json
 import mmap
 import os
-import re
 import subprocess
 import sys
-import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from graph import BALLBOT, environment, private_shared_memory, wait_for
+from graph import BALLBOT, environment, private_shared_memory
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes import middleware, shared_memory
@@ -237,26 +235,14 @@ def test_who_waits_for_a_removed_port_is_not_let_in(tmp_path):
         assert not shared_memory._semaphore('sem_trywait', waiting)
 
 
-def test_of_two_sweeps_at_once_one_does_the_work(tmp_path):
-    make_port(tmp_path)
+@pytest.mark.parametrize('content', [WHOLE_PORT, b''], ids=['dead', 'broken'])
+def test_of_two_sweeps_at_once_one_does_the_work(tmp_path, monkeypatch, content):
+    port = make(tmp_path, PORT, content)
+    if not content:  # a process waits for it
+        monkeypatch.setattr(shared_memory, '_unmapped', lambda resources: [])
     with shared_memory._only_sweep(tmp_path):
         assert sweep(tmp_path) == []
-    assert sweep(tmp_path)
-
-
-def test_a_sweep_waits_for_another_where_a_port_is_broken(tmp_path, monkeypatch):
-    port = make(tmp_path, PORT, b'')
-    # A process waits for it.
-    monkeypatch.setattr(shared_memory, '_unmapped', lambda resources: [])
-    waiting = re.compile(rf'-> FLOCK .*:{tmp_path.stat().st_ino} ')
-    removed = []
-    with shared_memory._only_sweep(tmp_path):
-        other = threading.Thread(target=lambda: removed.extend(sweep(tmp_path, older_than_s=0)))
-        other.start()
-        wait_for(lambda: waiting.search(Path('/proc/locks').read_text()))
-        assert port.exists()
-    other.join()
-    assert removed == [(port, 0)]
+    assert sweep(tmp_path) == [(port, len(content))]
 
 
 @pytest.mark.parametrize('content', BROKEN_PORTS.values(), ids=BROKEN_PORTS)

@@ -10,7 +10,7 @@ from ballbot_ros.viewer.address import LOOPBACK, is_any_address, location
 
 
 @dataclass(frozen=True)
-class Door:
+class AccessPolicy:
     """Decides on each request by what its browser tells, and by the token in its address.
 
     Every web page that is open in a browser of this machine can send requests here. No page can
@@ -37,7 +37,7 @@ class Door:
         name = self.machine if is_any_address(self.host) else self.host
         return f'http://{location(name, port)}/?token={self.token}'
 
-    def admits(self, hosts: Sequence[str], origins: Sequence[str], at: tuple[str, int]) -> bool:
+    def allows(self, hosts: Sequence[str], origins: Sequence[str], at: tuple[str, int]) -> bool:
         """Tell whether a request may come in.
 
         Parameters

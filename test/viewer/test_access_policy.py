@@ -4,23 +4,23 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from ballbot_ros.viewer.door import Door
+from ballbot_ros.viewer.access_policy import AccessPolicy
 
-LOCAL = Door('127.0.0.1', 'robot', 'secret')
-EVERYWHERE = Door('0.0.0.0', 'Robot', 'secret')
-EVERYWHERE_6 = Door('::', 'robot', 'secret')
-NAMED = Door('lab.example', 'robot', 'secret')
+LOCAL = AccessPolicy('127.0.0.1', 'robot', 'secret')
+EVERYWHERE = AccessPolicy('0.0.0.0', 'Robot', 'secret')
+EVERYWHERE_6 = AccessPolicy('::', 'robot', 'secret')
+NAMED = AccessPolicy('lab.example', 'robot', 'secret')
 
 
 @pytest.mark.parametrize(
-    ('door', 'at', 'host'),
+    ('policy', 'at', 'host'),
     [
         (LOCAL, ('127.0.0.1', 8080), '127.0.0.1:8080'),
         (LOCAL, ('127.0.0.1', 8080), 'localhost:8080'),
         (LOCAL, ('127.0.0.1', 8080), 'LocalHost:8080'),
         (LOCAL, ('127.0.0.1', 80), '127.0.0.1'),
         (LOCAL, ('127.0.0.1', 80), '127.0.0.1:80'),
-        (Door('::1', 'robot', 'secret'), ('::1', 8080), '[::1]:8080'),
+        (AccessPolicy('::1', 'robot', 'secret'), ('::1', 8080), '[::1]:8080'),
         (EVERYWHERE, ('192.0.2.7', 8080), '192.0.2.7:8080'),
         (EVERYWHERE, ('192.0.2.7', 8080), 'robot:8080'),
         (EVERYWHERE, ('127.0.0.1', 8080), 'localhost:8080'),
@@ -29,17 +29,17 @@ NAMED = Door('lab.example', 'robot', 'secret')
         (NAMED, ('192.0.2.7', 8080), '192.0.2.7:8080'),
     ],
 )
-def test_whoever_calls_this_machine_by_its_names_comes_in(door, at, host):
-    assert door.admits([host], [], at)
-    assert door.admits([host], [f'http://{host}'], at)
-    assert not door.admits([host], ['null'], at)
-    assert not door.admits([host], [f'https://{host}'], at)
-    assert not door.admits([host], ['https://evil.example'], at)
-    assert not door.admits([host], [f'http://{host}', 'https://evil.example'], at)
+def test_whoever_calls_this_machine_by_its_names_comes_in(policy, at, host):
+    assert policy.allows([host], [], at)
+    assert policy.allows([host], [f'http://{host}'], at)
+    assert not policy.allows([host], ['null'], at)
+    assert not policy.allows([host], [f'https://{host}'], at)
+    assert not policy.allows([host], ['https://evil.example'], at)
+    assert not policy.allows([host], [f'http://{host}', 'https://evil.example'], at)
 
 
 @pytest.mark.parametrize(
-    ('door', 'hosts'),
+    ('policy', 'hosts'),
     [
         (LOCAL, []),
         (LOCAL, ['127.0.0.1:8080', 'evil.example:8080']),
@@ -56,13 +56,13 @@ def test_whoever_calls_this_machine_by_its_names_comes_in(door, at, host):
         (NAMED, ['evil.lab.example:8080']),
     ],
 )
-def test_whoever_calls_it_otherwise_does_not(door, hosts):
-    assert not door.admits(hosts, [], ('127.0.0.1', 8080))
+def test_whoever_calls_it_otherwise_does_not(policy, hosts):
+    assert not policy.allows(hosts, [], ('127.0.0.1', 8080))
 
 
 def test_a_page_at_another_port_or_name_of_this_machine_is_another():
     for origin in ('http://127.0.0.1:9000', 'http://localhost:8080', 'http://127.0.0.1'):
-        assert not LOCAL.admits(['127.0.0.1:8080'], [origin], ('127.0.0.1', 8080))
+        assert not LOCAL.allows(['127.0.0.1:8080'], [origin], ('127.0.0.1', 8080))
 
 
 @given(st.text())
@@ -70,7 +70,7 @@ def test_a_page_at_another_port_or_name_of_this_machine_is_another():
 @example('[::1]')
 def test_no_other_name_comes_in(host):
     served = {'127.0.0.1:8080', 'localhost:8080', '[::1]:8080'}
-    assert LOCAL.admits([host], [], ('127.0.0.1', 8080)) == (host.lower() in served)
+    assert LOCAL.allows([host], [], ('127.0.0.1', 8080)) == (host.lower() in served)
 
 
 @given(st.text(st.characters(codec=None)))
@@ -93,7 +93,7 @@ def test_the_token_steers():
 
 
 @pytest.mark.parametrize(
-    ('door', 'address'),
+    ('policy', 'address'),
     [
         (LOCAL, 'http://127.0.0.1:8080/?token=secret'),
         (EVERYWHERE, 'http://Robot:8080/?token=secret'),
@@ -101,8 +101,8 @@ def test_the_token_steers():
         (NAMED, 'http://lab.example:8080/?token=secret'),
     ],
 )
-def test_the_address_has_the_token(door, address):
-    assert door.address(8080) == address
+def test_the_address_has_the_token(policy, address):
+    assert policy.address(8080) == address
 
 
 def test_a_page_connects_to_where_it_comes_from():

@@ -1,0 +1,108 @@
+"""How long a process has been silent, on a machine that may be too busy to let it answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+LOOK_S = 0.2
+"""The most that counts between two looks: a process that could not look has heard nothing."""
+
+
+@dataclass(frozen=True)
+class ThreadTime:
+    """What the machine has given to a thread so far.
+
+    Attributes
+    ----------
+    cpu_s : float
+        Processor time [s].
+    queued_s : float
+        Time for which it waited for a processor [s].
+    is_runnable : bool
+        Whether it has a processor, or waits for one, at present.
+    """
+
+    cpu_s: float
+    queued_s: float
+    is_runnable: bool
+
+    def held_up_s(self, before: ThreadTime, span_s: float) -> float:
+        """Return for how much of the last `span_s` it waited for a processor [s].
+
+        Parameters
+        ----------
+        before : ThreadTime
+            That of the same thread at the beginning of this time.
+        span_s : float
+            Its length [s].
+        """
+        if self.is_runnable and (self.cpu_s, self.queued_s) == (before.cpu_s, before.queued_s):
+            return span_s  # the system counts a time in the queue when it ends
+        return self.queued_s - before.queued_s
+
+
+Threads = Mapping[int, ThreadTime]
+"""The threads of a process, by their id."""
+
+
+def available_s(threads: Threads, before: Threads, span_s: float) -> float:
+    """Return for how much of the last `span_s` a process could run as far as it wanted to [s].
+
+    Parameters
+    ----------
+    threads, before : mapping of int to ThreadTime
+        Its threads now, and at the beginning of this time.
+    span_s : float
+        The length of this time [s].
+    """
+    known = threads.keys() & before.keys()
+    held_up = (threads[each].held_up_s(before[each], span_s) for each in known)
+    used_s = sum(threads[each].cpu_s - before[each].cpu_s for each in known)
+    return min(max(span_s - max(held_up, default=0.0), used_s, 0.0), span_s)
+
+
+class SilenceTimer:
+    """Counts a silence by the time that the machine gave to each process that could end it.
+
+    A process that is stopped or gone, one that waits for a message or a disk, and one that computes
+    without end have had the time; one that waits for a processor has not.
+    """
+
+    def __init__(self) -> None:
+        self._since_s = self._looked_at_s = self._elapsed_s = 0.0
+        self._known: dict[int, Threads] = {}
+        self._silences_s: dict[int, float] = {}
+
+    def update(self, since_s: float, now_s: float, processes: Mapping[int, Threads]) -> None:
+        """Look at a silence.
+
+        Parameters
+        ----------
+        since_s : float
+            When it began, on a clock that only goes forward [s]. Another time than at the look
+            before is another silence.
+        now_s : float
+            The time on the same clock [s].
+        processes : mapping of int to mapping
+            Those that could end it, as far as they are on this machine, by process id.
+        """
+        if since_s != self._since_s:
+            self._since_s = self._looked_at_s = since_s
+            self._elapsed_s = 0.0
+            self._known.clear()
+            self._silences_s.clear()
+        span_s = min(now_s - self._looked_at_s, LOOK_S)
+        self._looked_at_s = now_s
+        self._elapsed_s += span_s
+        for process in self._silences_s.keys() | processes.keys():
+            threads, before = processes.get(process), self._known.get(process)
+            had_s = available_s(threads, before, span_s) if threads and before else span_s
+            self._silences_s[process] = self._silences_s.get(process, 0.0) + had_s
+        self._known = dict(processes)
+
+    def silence_s(self, process: int | None = None) -> float:
+        """Return how much of it counts for a process [s]; None stands for one that is elsewhere."""
+        if process is None:
+            return self._elapsed_s
+        return self._silences_s.get(process, self._elapsed_s)
