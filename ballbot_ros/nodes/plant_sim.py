@@ -361,8 +361,8 @@ class PlantSim(BallbotNode):
         limit = float(self.values['timeout' if self.log.ticks else 'startup_timeout'])
         silent: list[str] = []
         if silence > min(WARN_S, limit):
-            now_ns = self._plant.time_ns
-            found = self._participants.silences_s(since, now_ns, recorder=waits_for_recorder)
+            asked_ns = self._truth.stamp_ns  # at the end of a run the last tick is behind
+            found = self._participants.silences_s(since, asked_ns, recorder=waits_for_recorder)
             silent = [role for role in found if found[role] > limit]
         if silence > (WARN_S if self.log.ticks else STARTUP_WARN_S):
             # Early, for those who live to have answered when it is asked who is silent.

@@ -58,7 +58,7 @@ def available_s(threads: Threads, before: Threads, span_s: float) -> float:
     """
     known = threads.keys() & before.keys()
     held_up = (threads[each].held_up_s(before[each], span_s) for each in known)
-    used_s = sum(threads[each].cpu_s - before[each].cpu_s for each in known)
+    used_s = max((threads[each].cpu_s - before[each].cpu_s for each in known), default=0.0)
     return min(max(span_s - max(held_up, default=0.0), used_s, 0.0), span_s)
 
 

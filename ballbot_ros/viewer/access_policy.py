@@ -18,7 +18,7 @@ class AccessPolicy:
     The name of a foreign page may point to this machine, too (DNS rebinding), so only the names
     are let in that this machine is known by.
 
-    Parameters
+    Attributes
     ----------
     host : str
         Where the page is served.
