@@ -11,6 +11,7 @@ from rclpy.parameter import Parameter
 from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.messages.topics import PLANT_IMU
 from ballbot_ros.nodes.base import requested_qos
+from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 
 
 class Client:
@@ -19,7 +20,8 @@ class Client:
     def __init__(self, domain):
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node('test_client', context=self.context)
+        with avoid_stale_ports(domain):
+            self.node = rclpy.create_node('test_client', context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.newest = {}

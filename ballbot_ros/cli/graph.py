@@ -10,7 +10,8 @@ from pathlib import Path
 import rclpy
 
 from ballbot_ros.cli.experiment import Experiment
-from ballbot_ros.nodes.middleware import prepare_middleware
+from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
+from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
 
 
@@ -33,7 +34,8 @@ def ros(log_level: str = 'WARN') -> Iterator[None]:
         signal_handler_options=rclpy.SignalHandlerOptions.NO,
     )
     try:
-        yield
+        with avoid_stale_ports(ros_domain()):
+            yield
     finally:
         rclpy.try_shutdown()
 

@@ -94,16 +94,13 @@ def find_broken_ports(folder: Path = SHARED_MEMORY) -> list[Path]:
 
 
 def find_stale_ports(folder: Path = SHARED_MEMORY) -> list[int]:
-    """Return the numbers of the ports whose reader has ended without closing them.
+    """Return the numbers of the ports that nobody reads.
 
-    Another process may still write to them.
+    Another process may still write to them, and a reader that was killed may still be registered:
+    what it does not take fills the port, and so does Fast DDS find no fault with it if the lock
+    file is missing.
     """
-    left = [
-        resource
-        for resource in _resources(folder)
-        if resource.path in resource.files
-        and any(path.name.endswith(('_el', '_sl')) for path in resource.files)
-    ]
+    left = [resource for resource in _resources(folder) if resource.path in resource.files]
     names = [resource.path.name.removeprefix('fastrtps_port') for resource in _unlocked(left)]
     return [int(name) for name in names if name.isdecimal()]
 

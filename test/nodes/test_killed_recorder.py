@@ -8,6 +8,7 @@ import time
 import pytest
 from graph import Node, bound_s, free_domain, wait_for
 
+from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.repair import repair
 
@@ -32,7 +33,8 @@ class Ticking:
     def __init__(self, domain):
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain)
-        self._node = rclpy.create_node('ticking', context=self._context)
+        with avoid_stale_ports(domain):
+            self._node = rclpy.create_node('ticking', context=self._context)
         self._publisher = self._node.create_publisher(
             Clock, '/clock', reliable_qos(128, latched=True)
         )

@@ -37,18 +37,18 @@ def can_bind(port):
     return True
 
 
-def test_who_has_left_a_port_without_a_lock_is_dead(domain, first, tmp_path):
+def test_a_port_that_nobody_has_locked_is_stale(domain, first, tmp_path):
     make_port(tmp_path, first + 11)
     make_port(tmp_path, first + 15, '_sl')
+    make_port(tmp_path, first + 19, lock='')
     make_port(tmp_path, first + 17)
     with (tmp_path / f'fastrtps_port{first + 17}_el').open() as living:
         fcntl.flock(living, fcntl.LOCK_EX)
-        assert stale_participants(domain, tmp_path) == [0, 2]
-    assert stale_participants(domain, tmp_path) == [0, 2, 3]
+        assert stale_participants(domain, tmp_path) == [0, 2, 4]
+    assert stale_participants(domain, tmp_path) == [0, 2, 3, 4]
 
 
 def test_what_is_no_participants_port_tells_nothing(domain, first, tmp_path):
-    make_port(tmp_path, first + 11, lock='')
     make_port(tmp_path, first + 12)
     make_port(tmp_path, first + 11 + 250)
     make_port(tmp_path, 7003)

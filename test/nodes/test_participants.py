@@ -27,6 +27,7 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     RUN,
 )
 from ballbot_ros.nodes.base import reliable_qos  # noqa: E402
+from ballbot_ros.nodes.participant_ports import avoid_stale_ports  # noqa: E402
 from ballbot_ros.parameters import CONTROLLER, GYRO, NODES, PLANT, RECORDER  # noqa: E402
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 from ballbot_ros.simulation.participants import Announcement, Participant  # noqa: E402
@@ -44,7 +45,8 @@ class Stranger:
     def __init__(self, domain, name):
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node(name, context=self.context)
+        with avoid_stale_ports(domain):
+            self.node = rclpy.create_node(name, context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
 

@@ -19,6 +19,7 @@ from std_srvs.srv import SetBool  # noqa: E402
 
 from ballbot_ros.messages.topics import message_class  # noqa: E402
 from ballbot_ros.nodes.base import reliable_qos  # noqa: E402
+from ballbot_ros.nodes.participant_ports import avoid_stale_ports  # noqa: E402
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 
 pytestmark = pytest.mark.graph
@@ -36,7 +37,8 @@ class Listener:
     def __init__(self, domain, topics):
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node('listener', context=self.context)
+        with avoid_stale_ports(domain):
+            self.node = rclpy.create_node('listener', context=self.context)
         self._executor = EventsExecutor(context=self.context)
         self._executor.add_node(self.node)
         self.found = {name: [] for name in topics}
