@@ -96,9 +96,9 @@ def find_broken_ports(folder: Path = SHARED_MEMORY) -> list[Path]:
 def find_stale_ports(folder: Path = SHARED_MEMORY) -> list[int]:
     """Return the numbers of the ports that nobody reads.
 
-    Another process may still write to them, and a reader that was killed may still be registered:
-    what it does not take fills the port, and so does Fast DDS find no fault with it if the lock
-    file is missing.
+    Another process may still write to them. A reader that was killed may still be registered, and
+    what it no longer takes fills the port. If the lock file is missing, Fast DDS takes such a port
+    for a good one.
     """
     left = [resource for resource in _resources(folder) if resource.path in resource.files]
     names = [resource.path.name.removeprefix('fastrtps_port') for resource in _unlocked(left)]
