@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from ballbot_ros import processes
 from ballbot_ros.parameters import NODES
 
 BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
@@ -95,17 +96,12 @@ def alive(pid):
 def children(pid):
     """The node processes below a run: name -> pid."""
     found = {}
-    for entry in Path('/proc').iterdir():
-        if not entry.name.isdigit():
-            continue
+    for child in processes.children(pid):
         with contextlib.suppress(OSError):
-            parent = (entry / 'stat').read_text().rpartition(')')[2].split()[1]
-            words = (entry / 'cmdline').read_bytes().split(b'\0')
-            if int(parent) == pid:
-                for word in words:
-                    name = word.decode()
-                    if name in (*NODES, 'viewer'):
-                        found[name] = int(entry.name)
+            for word in Path(f'/proc/{child}/cmdline').read_bytes().split(b'\0'):
+                name = word.decode()
+                if name in (*NODES, 'viewer'):
+                    found[name] = child
     return found
 
 
