@@ -134,18 +134,24 @@ def _amount(files: list[Leftover]) -> str:
 
 def _discovery() -> str:
     """Try discovery in a process of its own, since the middleware can hang, deaf to signals."""
-    done = subprocess.run(
+    process = subprocess.Popen(
         [sys.executable, '-m', 'ballbot_ros.cli.discovery'],
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
-    if done.returncode == -signal.SIGALRM:
+    try:
+        output, _ = process.communicate()
+    finally:
+        # subprocess.run does not await the process that it kills at an interrupt.
+        process.kill()
+        process.wait()
+    if process.returncode == -signal.SIGALRM:
         raise _FailedCheckError(
             f'the middleware gives no answer in {LIMIT_S} s: run `ballbot doctor --fix`, or look '
             f'into {SHARED_MEMORY}'
         )
-    if done.returncode:
-        raise _FailedCheckError(' '.join(done.stdout.split()) or f'ended with {done.returncode}')
-    return done.stdout.strip()
+    if process.returncode:
+        raise _FailedCheckError(' '.join(output.split()) or f'ended with {process.returncode}')
+    return output.strip()
 
 
 def _arithmetic() -> str:
