@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
 
 class StopRequest:
-    """Within the block, signals are noted instead of interrupting.
+    """Within the block, signals are noted instead of interrupting; a loop looks at them.
 
-    What a block around it has noted before counts within it, too.
+    Nothing is done in the handler, which may come in the midst of anything: a lock that it needs
+    may be held by what it interrupts. What a block around it has noted before counts within it,
+    too.
 
     Parameters
     ----------
-    then : callable, optional
-        Called with the first of them; a loop may look at `signal` instead.
     numbers : sequence of int
         The signals.
 
@@ -29,12 +29,10 @@ class StopRequest:
 
     def __init__(
         self,
-        then: Callable[[], None] = lambda: None,
         numbers: Sequence[int] = (signal.SIGINT, signal.SIGTERM),
     ) -> None:
         self.signal = 0
         self._numbers = numbers
-        self._then = then
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> StopRequest:
@@ -50,9 +48,7 @@ class StopRequest:
             signal.signal(number, handler)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        if not self.signal:
-            self.signal = number
-            self._then()
+        self.signal = self.signal or number
 
 
 @contextmanager

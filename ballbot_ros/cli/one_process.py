@@ -49,8 +49,8 @@ def run_in_one_process(experiment: Experiment, scratch: Path, progress: Progress
             if experiment.recording:
                 nodes.append(Recorder(parameters.values(RECORDER)))
             plant.every(UPDATE_S, lambda: progress.update(plant.log.ticks * TICK_NS / SECOND_NS))
-            with StopRequest(plant.finish) as stop:
-                spin(nodes, plant.done)
+            with StopRequest() as stop:
+                spin(nodes, plant.done, stop)
             plant.stop()
             summary = {**plant.summary, 'exit_status': 128 + stop.signal if stop.signal else 1}
             if plant.exit_status == 2:

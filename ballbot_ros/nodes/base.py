@@ -297,13 +297,8 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
         if os.getppid() != int(parent):
             return 0  # it has gone already
     node: BallbotNode | None = None
-
-    def finish() -> None:
-        if node is not None:
-            node.finish()
-
     # A second signal must not interrupt the closing, hence no handlers of rclpy's own.
-    with StopRequest(finish) as stop:
+    with StopRequest() as stop:
         try:
             prepare_middleware()
             rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
@@ -312,9 +307,7 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
             node.get_logger().info(
                 f'started, waits for {node.awaits}' if node.awaits else 'started'
             )
-            if stop.signal:
-                node.finish()
-            spin([node], node.done)
+            spin([node], node.done, stop)
             node.close()
             return node.exit_status
         except BallbotError as error:
@@ -332,8 +325,8 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
             rclpy.try_shutdown()
 
 
-def spin(nodes: Sequence[BallbotNode], done: rclpy.Future) -> None:
-    """Run the nodes' callbacks until `done`.
+def spin(nodes: Sequence[BallbotNode], done: rclpy.Future, stop: StopRequest | None = None) -> None:
+    """Run the nodes' callbacks until `done`, or until told to stop.
 
     Unlike ``spin_once`` this stays in C++ from one callback to the next. Where there are no
     callbacks it comes back now and then, so that a signal is noticed.
@@ -341,5 +334,5 @@ def spin(nodes: Sequence[BallbotNode], done: rclpy.Future) -> None:
     executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)
-    while not done.done():
+    while not (done.done() or (stop and stop.signal)):
         executor.spin_until_future_complete(done, SPIN_S)

@@ -108,3 +108,25 @@ def test_what_is_no_node_is_a_mistake(arguments, told):
     assert done.returncode == 2
     assert done.stderr.startswith(f'error: {told} is no node; there are plant_sim, gyro_driver, ')
     assert len(done.stderr.splitlines()) == 1
+
+
+SIGNALLED_WITHIN_THE_LOCK = """
+import rclpy, signal
+from ballbot_ros.nodes.executables import start
+
+class Future(rclpy.Future):
+    def done(self):
+        with self._lock:
+            signal.raise_signal(signal.SIGTERM)
+        return super().done()
+
+rclpy.Future = Future
+start('gyro_driver')
+"""
+
+
+def test_a_signal_ends_a_node_whatever_lock_it_holds(domain):
+    done = subprocess.run(
+        [sys.executable, '-c', SIGNALLED_WITHIN_THE_LOCK], env=environment(domain), check=False
+    )
+    assert done.returncode == 0
