@@ -109,10 +109,12 @@ def watch(
                 return ''
             end = f'{name} {process.how_it_ended}'
             progress.notice(end)
-            # A node that refuses its parameters never comes; another may be restarted by hand,
-            # and the plant tells when it has waited long enough.
+            # A node that refuses its parameters never comes. In mid-run another may be restarted by
+            # hand, and the plant tells when it has waited long enough.
             if name == PLANT or process.exit_status == 2:
                 return end
+            if name in NODES and monitor.now_ns <= FIRST_TICK_NS:
+                return f'{end} before the first tick'
         if monitor.plant_hangs(plant.pid):
             progress.notice(f'{PLANT} does not answer')
             plant.kill()
