@@ -24,6 +24,7 @@ from ballbot_ros.messages.conversions import (
     stamp_ns,
     tone_of,
 )
+from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -227,6 +228,8 @@ def extract(recording: RecordingReader, progress: Callable[[int, int], None]) ->
         stamp = log_ns = raw.stamp_ns
         newest_log = max(newest_log, log_ns)
         topic = wanted.get(raw.topic)
+        if topic is MOTOR_DUTY and is_stop(raw.data):
+            topic = None  # it answers no tick
         if topic in (PARTICIPANTS, RUN_STATUS):
             extraction.told.add(topic, raw.data)
         elif topic is not None:

@@ -12,6 +12,7 @@ from ballbot_ros.analysis.namespace import robot_namespace
 from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import push_forces, stamp_ns, stick_values, time_ns
+from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.topics import (
     ACCEPTED_PUSH,
     GAMEPAD_JOY,
@@ -123,6 +124,8 @@ def recorded_runs(reader: RecordingReader) -> tuple[list[RecordedRun], ToldParam
         name, log_ns, topic = raw.topic, raw.stamp_ns, topics[raw.topic]
         if topic in (PARTICIPANTS, RUN_STATUS):
             told.add(topic, raw.data)
+            continue
+        if topic is MOTOR_DUTY and is_stop(raw.data):
             continue
         message = reader.decode(raw)
         if topic is RUN:

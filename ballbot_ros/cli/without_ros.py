@@ -55,8 +55,12 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
                 progress.notice(hit)
             summary = account(hit)
             if recording:
+                last_ns = loop.plant.time_ns - TICK_NS
                 if hit:
+                    last_ns = loop.plant.time_ns
                     recording.add_truth(loop.plant.truth(), wall_hit=loop.plant.wall_hit)
+                if summary['outcome'] != 'completed':
+                    recording.stop_motors(last_ns)
                 recording.close(summary)
         except RecordingError as error:
             summary = account(str(error))

@@ -12,12 +12,14 @@ from ballbot_ros.messages.conversions import (
     fill_motors,
     fill_odometry,
 )
+from ballbot_ros.messages.motor_stop import fill_stop
 from ballbot_ros.messages.outputs import MakeOutput
 from ballbot_ros.messages.topics import (
     ACCEPTED_PUSH,
     BATTERY_STATE,
     CLOCK,
     MAP,
+    MOTOR_DUTY,
     PLANT_IMU,
     PLANT_JOINT_STATES,
     PLANT_ODOM,
@@ -25,7 +27,7 @@ from ballbot_ros.messages.topics import (
     WALL_HIT,
 )
 from ballbot_ros.plant.truth import Push, Truth
-from ballbot_ros.simulation.timing import BATTERY_NS
+from ballbot_ros.simulation.timing import BATTERY_NS, TICK_NS
 from ballbot_ros.world.exports import occupancy_grid
 from ballbot_ros.world.world import World
 
@@ -55,6 +57,7 @@ class PlantMessages:
         self._wall_hit = make(WALL_HIT)
         self._accepted_push = make(ACCEPTED_PUSH)
         self._map = make(MAP)
+        self._duty = make(MOTOR_DUTY)
 
     def announce(self, start_ns: int, name: str) -> None:
         """Announce a run, for its participants to join it."""
@@ -101,3 +104,9 @@ class PlantMessages:
         hit.data = wall_hit
         self._wall_hit.send(now)
         return True
+
+    def stop_motors(self, last_ns: int) -> None:
+        """Tell that the motors are off from the tick on that follows the last one."""
+        stamp = last_ns + TICK_NS
+        fill_stop(self._duty.message, stamp)
+        self._duty.send(stamp)

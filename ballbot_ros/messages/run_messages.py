@@ -53,6 +53,10 @@ class RunMessages:
         """Make what the plant publishes at a tick."""
         self._plant.truth(truth, wall_hit=wall_hit)
 
+    def stop_motors(self, last_ns: int) -> None:
+        """Make what the plant publishes when a run ends that has not completed."""
+        self._plant.stop_motors(last_ns)
+
     def tick(self, tick: Tick, program: Program, source: str = SCENARIO) -> None:
         """Make the messages of a tick; `source` has the gamepad's command."""
         now = tick.truth.stamp_ns

@@ -63,6 +63,10 @@ class SimulatedRecording:
         """Write the last truth of a run that has ended before its time."""
         self._messages.truth(truth, wall_hit=wall_hit)
 
+    def stop_motors(self, last_ns: int) -> None:
+        """Write that the motors are off once the run has ended, which has not completed."""
+        self._messages.stop_motors(last_ns)
+
     def close(self, outcome: Mapping[str, Any]) -> None:
         """Say how the run ended, and finish the file."""
         self._writer.add_outcome(outcome)

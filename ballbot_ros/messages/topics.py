@@ -134,7 +134,7 @@ _PUBLISHERS = {
     topic: (topic.publisher,)
     for topic in TOPICS
     if topic.publisher and (topic.period_ns or topic in (RUN, ROLL_CALL, RUN_STATUS, RECORDER_ACK))
-} | {PARTICIPANTS: NODES}
+} | {PARTICIPANTS: NODES, MOTOR_DUTY: (CONTROLLER, PLANT)}
 LOCKSTEP = _PUBLISHERS | {
     topic.history: roles for topic, roles in _PUBLISHERS.items() if topic.has_history
 }

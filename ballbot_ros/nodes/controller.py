@@ -17,6 +17,7 @@ from ballbot_ros.messages.topics import (
     GAMEPAD_JOY,
     GYRO_IMU,
     JOINT_STATES,
+    MOTOR_DUTY,
     PARTICIPANTS,
     Topic,
 )
@@ -207,8 +208,10 @@ class Controller(BallbotNode):
         }
 
     def close(self) -> None:
-        """Let an objection reach the plant."""
-        self.flush(PARTICIPANTS)
+        """Switch off the motors, and let an objection reach the plant."""
+        if self.now_ns:
+            self._messages.stop_motors(self.now_ns)
+        self.flush(MOTOR_DUTY, PARTICIPANTS)
 
 
 def main() -> None:

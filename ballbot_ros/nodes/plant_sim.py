@@ -19,6 +19,7 @@ from ballbot_ros.messages.conversions import (
     stamp_ns,
     time_ns,
 )
+from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.plant_messages import PlantMessages
 from ballbot_ros.messages.raw import decoder, same_content, stamp_of
 from ballbot_ros.messages.topics import (
@@ -224,6 +225,9 @@ class PlantSim(BallbotNode):
         if not self._lockstep:
             self._free_duty = duty
             self._duty_at = time.monotonic()
+            return
+        if is_stop(data):
+            # The controller leaves; another may come.
             return
         if stamp > now or self._duties.judge(stamp, data) is Sample.CONTRADICTING:
             self._participants.object(Objection.to_sample(MOTOR_DUTY.name, stamp, 'duty'))
@@ -488,8 +492,6 @@ class PlantSim(BallbotNode):
         if self.values['on_timeout'] == 'wait':
             self.warn(problem + ': waiting for it')
             return
-        self._plant.tick(0, 0)
-        self._publish_truth()
         self._end('failed', problem, status=1)
 
     def _finish_when_recorded(self) -> None:
@@ -516,6 +518,8 @@ class PlantSim(BallbotNode):
             self._ended_at = time.monotonic()
         # A duty may still come; it is of no tick of this run.
         self._draining = True
+        if outcome != 'completed' and self._is_open:
+            self._messages.stop_motors(self._truth.stamp_ns)
         wall = self._ended_at - self._begun_at
         trips = np.array(self._round_trips[1:]) * 1e3 if len(self._round_trips) > 1 else None
         self.summary = {
@@ -603,8 +607,9 @@ class PlantSim(BallbotNode):
                 raise BallbotError(f'{path}: {error.strerror}') from None
         # The status of the run holds the outcome, which the recorder notes.
         self.flush(
-            CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, WALL_HIT, RUN_STATUS, DIAGNOSTICS
-        )
+            CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, WALL_HIT, MOTOR_DUTY, RUN_STATUS,
+            DIAGNOSTICS,
+        )  # fmt: skip
         self._lock.release()
 
 

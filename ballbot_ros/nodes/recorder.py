@@ -14,12 +14,14 @@ from typing import Any
 from rclpy.qos import QoSProfile
 
 from ballbot_ros.messages.conversions import fill_time, time_ns
+from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.participation import RunStatus, decode_run_status
 from ballbot_ros.messages.raw import decoder, has_stamp, same_content, stamp_of
 from ballbot_ros.messages.topics import (
     CLOCK,
     HISTORY,
     MARKERS,
+    MOTOR_DUTY,
     RECORDER_ACK,
     ROBOT_DESCRIPTION,
     RUN,
@@ -44,6 +46,8 @@ from ballbot_ros.simulation.recording_gate import RecordingGate, Stream
 POLL_S = 5e-3
 FLUSH_S = 0.5
 DISCOVERY_S = 1.0
+END_S = 1.0
+"""For how long the end of a run is awaited that is stopped together with the recorder."""
 
 
 class Recorder(BallbotNode):
@@ -84,6 +88,7 @@ class Recorder(BallbotNode):
         self._decode_run = decoder(RUN.type_name)
         self._status: RunStatus | None = None
         self._outcome: Mapping[str, str] = {}
+        self._stop: tuple[Stream, bytes, int] | None = None
         self._members: Mapping[str, str] = {}
         self._ack = self.output(RECORDER_ACK)
         self._participation = Participation(self, self._on_run, self._repeat_ack)
@@ -143,6 +148,10 @@ class Recorder(BallbotNode):
                 self._begin(Run(header.frame_id, time_ns(header.stamp)))
         elif channel.topic is RUN_STATUS:
             self._note_status(data)
+        elif channel.topic is MOTOR_DUTY and is_stop(data):
+            # A controller that leaves in mid-run says so, too: what counts is how the run ends.
+            self._stop = self._stop or (channel.stream, data, sequence)
+            return
         stamp = stamp_of(data) if channel.is_stamped else 0
         self._gate.take(channel.stream, stamp, data, sequence)
 
@@ -153,6 +162,7 @@ class Recorder(BallbotNode):
 
     def _on_run(self, run: Run) -> None:
         self._write_until(time.time_ns())
+        self._write_stop()
         self._gate.takes_part = True
         try:
             self._begin(run)
@@ -160,7 +170,7 @@ class Recorder(BallbotNode):
             self._fail(error)
 
     def _begin(self, run: Run) -> None:
-        self._run, self._outcome, self._members = run.name, {}, {}
+        self._run, self._outcome, self._members, self._stop = run.name, {}, {}, None
         for channel in self._channels.values():
             channel.has_history = False
         if self._gate.begin(run, [channel.stream for channel in self._channels.values()]):
@@ -263,6 +273,21 @@ class Recorder(BallbotNode):
     def _publishers_of(self, topic: Topic) -> set[tuple[str, str]]:
         return {_node_of(offer) for offer in self.get_publishers_info_by_topic(topic.name)}
 
+    def _await_end(self) -> None:
+        """Take what comes until the run has ended, which is told to stop when the recorder is."""
+        deadline = time.monotonic() + END_S
+        self._write_until(math.inf)
+        is_under_way = self._gate.takes_part and self._gate.now_ns > 0 and not self.exit_status
+        while is_under_way and not (self._outcome or self._stop) and time.monotonic() < deadline:
+            time.sleep(POLL_S)
+            self._write_until(math.inf)
+
+    def _write_stop(self) -> None:
+        """Write that the motors are off, unless the run has completed."""
+        if self._stop and self._outcome.get('outcome') != 'completed' and not self.exit_status:
+            stream, data, sequence = self._stop
+            self.keep(stream, stamp_of(data), data, sequence)
+
     def diagnose(self) -> Mapping[str, Any]:
         """Return what was recorded."""
         return {
@@ -273,7 +298,8 @@ class Recorder(BallbotNode):
 
     def close(self) -> None:
         """Take what has still come, and finish the file."""
-        self._write_until(math.inf)
+        self._await_end()
+        self._write_stop()
         if self._members and self.exit_status == 0:
             self._writer.add_metadata(RUN_PARTICIPANTS, self._members)
         if self._outcome and self.exit_status == 0:

@@ -495,7 +495,7 @@ class Roster:
     def _unexplained(self, objection: Objection) -> str:
         """Return the text of an objection that no publisher in the graph explains."""
         roles = self._owners.get(objection.topic, ())
-        senders = [str(each) for role, each in self._run.members.items() if role in roles]
+        senders = [str(self._run.members[role]) for role in roles if role in self._run.members]
         sent_by = f', sent by {senders[0]} or by a node that has left' if senders else ''
         return objection.text + sent_by
 

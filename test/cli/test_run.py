@@ -219,10 +219,15 @@ def _undisturbed_sha256():
 def test_nodes_end_with_the_run_that_started_them(start_run, tmp_path):
     run = start_run('stationary', '--output', tmp_path, '--set=plant_sim.duration=600')
     pids = run.nodes()
-    wait_for((tmp_path / 'stationary.mcap').exists, what='the recording')
+    recording = tmp_path / 'stationary.mcap'
+    wait_for(lambda: recording.exists() and recording.stat().st_size > 20_000, what='the recording')
     run.process.kill()
     wait_for(lambda: not any(alive(pid) for pid in pids.values()), what='the end of all nodes')
     assert set(pids) == set(NODES)
+    with RecordingReader(recording) as reader:
+        *_, (_, _, last) = reader.messages(['/motor_duty'])
+        assert reader.damage is None
+    assert last.header.frame_id == 'stop'
 
 
 @pytest.mark.graph

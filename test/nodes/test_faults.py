@@ -8,11 +8,20 @@ import pytest
 from graph import NODES, alive, bound_s, wait_for
 from terminal import Terminal
 
+from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.recording.reader import RecordingReader
 
 pytestmark = pytest.mark.graph
 
 SIM_TIME_S = 60.0
+
+
+def the_motors_are_off(duties):
+    """The last duty, and no other, tells that the run has ended and nothing drives."""
+    *answers, last = duties
+    assert (last.header.frame_id, last.vector.x, last.vector.y) == ('stop', 0.0, 0.0)
+    assert all(answer.header.frame_id == '' for answer in answers)
+    assert stamp_ns(answers[-1]) < stamp_ns(last)
 
 
 def first_ticks_are_recorded(path):
@@ -59,10 +68,9 @@ def test_a_lost_node_is_named_within_3_s(start_run, tmp_path, victim, number):
 
     with RecordingReader(recording) as reader:
         assert (reader.damage is None) == (victim != 'recorder'), reader.damage
-        duties = [
-            (message.vector.x, message.vector.y)
-            for _, _, message in reader.messages(['/motor_duty'])
-        ]
+        duties = [message for _, _, message in reader.messages(['/motor_duty'])]
         stamps = [stamp for _, stamp, _ in reader.messages(['/plant/imu'])]
     assert len(duties) > 10
     assert len(stamps) > 10
+    if victim != 'recorder':
+        the_motors_are_off(duties)

@@ -4,7 +4,7 @@ import contextlib
 
 import numpy as np
 import pytest
-from graph import NODES, wait_for
+from graph import NODES, Node, wait_for
 
 pytest.importorskip('rclpy')
 
@@ -147,10 +147,11 @@ def test_a_restarted_controller_fails_the_run_and_says_so(start_graph, start_nod
     assert 'controller' in nodes['plant_sim'].output
 
 
-def test_a_controller_may_be_told_to_begin_afresh(start_graph, start_node, tmp_path):
+@pytest.mark.parametrize('leave', [Node.kill, Node.interrupt], ids=lambda leave: leave.__name__)
+def test_a_controller_may_be_told_to_begin_afresh(start_graph, start_node, tmp_path, leave):
     nodes = start_graph(3.0, timeout=60.0)
     wait_for(lambda: is_under_way(tmp_path), what='the run')
-    nodes['controller'].kill()
+    leave(nodes['controller'])
     controller = start_node('controller', rejoin='true')
     status = nodes['plant_sim'].finish()
     controller.interrupt()

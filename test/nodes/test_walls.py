@@ -82,6 +82,11 @@ def test_a_hit_ends_the_run_alike_in_every_way(make_runs, tmp_path):
         odometry = recorded(run, '/plant/odom')
         assert odometry[-1][0] == end, processes
         assert repr(odometry) == repr(recorded(expected, '/plant/odom')), processes
+        # The motors are off from the next tick on; in the graph the controller may have answered
+        # the last truth.
+        last_ns, last = recorded(run, '/motor_duty')[-1]
+        assert (last.header.frame_id, last.vector.x, last.vector.y) == ('stop', 0.0, 0.0), processes
+        assert last_ns == end + 4_000_000, processes
         if processes != 'none':
             assert reported_errors(run) == {run.result['reason']}, processes
         the_map_is_recorded_once_as_it_is(run, processes)

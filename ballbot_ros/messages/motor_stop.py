@@ -1,0 +1,29 @@
+"""The end of the motors' work: a ``motor_duty`` of zero that answers no tick.
+
+A run that does not complete ends with one, from the plant and from the controller, whichever of
+them is still there. Its frame_id tells it from the answers, whose frame_id is empty.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+from ballbot_ros.messages.conversions import fill_header
+
+FRAME_ID = 'stop'
+
+# In CDR, after the four bytes that tell the encoding and a stamp of eight.
+_BEGIN = 12
+_ENCODED = struct.pack(f'<I{len(FRAME_ID) + 1}s', len(FRAME_ID) + 1, FRAME_ID.encode())
+
+
+def fill_stop(message: Any, stamp_ns: int) -> None:
+    """Write ``motor_duty``: from `stamp_ns` on the motors are off."""
+    fill_header(message.header, stamp_ns, FRAME_ID)
+    message.vector.x = message.vector.y = 0.0
+
+
+def is_stop(data: bytes) -> bool:
+    """Tell whether a serialised ``motor_duty`` answers no tick."""
+    return data[_BEGIN : _BEGIN + len(_ENCODED)] == _ENCODED
