@@ -1,0 +1,336 @@
+"""Breaks runs on purpose and judges what becomes of them: ``python -m campaign.campaign``."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import random
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from datetime import datetime
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from ballbot_ros.cli.invoke import invoke
+from ballbot_ros.errors import BallbotError
+from campaign.fault import Verdict
+from campaign.faults import BY_NAME, FAULTS
+from campaign.schedule import Schedule, Trial, table_of
+from campaign.site import DOMAINS_EACH, MARK, end_all
+
+DOMAINS = range(40, 50)
+"""Neither the default domain nor those that the tests use."""
+
+AT_ONCE = 2
+LIMIT_S = 300.0
+"""A trial that has not ended by then is ended, and did not hold [s]."""
+
+OVERTIME_S = 60.0
+"""What is still under way so long after the campaign's time is cut off, and does not count [s]."""
+
+WIDTH = 100
+"""Of the table where there is no terminal."""
+
+POLL_S = 0.1
+
+
+@click.command(context_settings={'help_option_names': ['-h', '--help'], 'max_content_width': 100})
+@click.option(
+    '--minutes',
+    type=click.FloatRange(0.1, 1440.0),
+    default=10.0,
+    show_default=True,
+    help='Time for trials; none begins that is not expected to end within it.',
+)
+@click.option('--seed', type=click.IntRange(0), help='Of all that is random.  [default: a new one]')
+@click.option(
+    '--only',
+    type=click.Choice(list(BY_NAME)),
+    metavar='FAULT',
+    multiple=True,
+    help='Try this fault; may be given again.  [default: all, in the order of the list below]',
+)
+@click.option('--trial', type=click.IntRange(0), help='Carry out only this trial of the fault.')
+@click.option(
+    '--output',
+    type=click.Path(path_type=Path, file_okay=False),
+    help='Folder for what is left of trials that did not hold.  [default: runs/<date>_campaign]',
+)
+def campaign(
+    minutes: float,
+    seed: int | None,
+    only: tuple[str, ...],
+    trial: int | None,
+    output: Path | None,
+) -> int:
+    """Break runs at random moments, and judge what becomes of them.
+
+    Prints what was tried, how often everything held that docs/reliability.md promises, and the
+    longest time until all had ended. The exit status is 0 if everything held, 130 if it was
+    interrupted, else 1, with the command that repeats each trial that did not.
+    """
+    if trial is not None and len(only) != 1:
+        raise click.UsageError('--trial needs one fault: give --only once')
+    seed = random.randrange(1_000_000) if seed is None else seed
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = WIDTH
+    output = output or Path('runs', f'{datetime.now():%Y-%m-%d_%H-%M-%S}_campaign')
+    wanted = [fault for fault in FAULTS if fault.name in (only or BY_NAME)]
+    mounts = own_mounts()
+    impossible = [fault.name for fault in wanted if fault.needs_mounts and not mounts]
+    possible = [fault for fault in wanted if fault.name not in impossible]
+    console.print(f'seed {seed}, {minutes:g} min')
+    schedule = Schedule(possible, 60.0 * minutes)
+    # A shell that runs it in the background has it ignore SIGINT.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+    interrupted = False
+    with Campaign(seed, output, mounts, console) as conduct:
+        try:
+            if trial is None:
+                conduct.follow(schedule)
+            elif possible:
+                conduct.follow_one(Trial(possible[0], trial))
+        except KeyboardInterrupt:
+            interrupted = True
+    console.print(table_of(wanted, conduct.verdicts, impossible))
+    if conduct.failures:
+        console.print(f'{len(conduct.failures)} did not hold; what is left of them is in {output}')
+        for command in conduct.failures:
+            console.print(f'  {command}', soft_wrap=True, markup=False)
+    return 130 if interrupted else 1 if conduct.failures else 0
+
+
+class Campaign:
+    """Carries out trials, two at a time, each as a process of its own.
+
+    Parameters
+    ----------
+    seed : int
+    output : Path
+        Folder for what is left of trials that did not hold.
+    mounts : sequence of str
+        Beginning of a command that may mount; empty where there is none.
+    console : Console
+
+    Attributes
+    ----------
+    verdicts : dict of str to list of Verdict
+        By the fault's name.
+    failures : list of str
+        The commands that repeat the trials that did not hold.
+    """
+
+    def __init__(self, seed: int, output: Path, mounts: Sequence[str], console: Console) -> None:
+        self.verdicts: dict[str, list[Verdict]] = {}
+        self.failures: list[str] = []
+        self._seed = seed
+        self._output = output
+        self._mounts = mounts
+        self._console = console
+        self._running: list[TrialProcess] = []
+        self._stack = ExitStack()
+        self._begun_s = time.monotonic()
+
+    def __enter__(self) -> Campaign:
+        self._scratch = Path(self._stack.enter_context(_scratch_folder()))
+        self._domains = [self._stack.enter_context(free_domains()) for _ in range(AT_ONCE)]
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for process in self._running:
+            process.end()
+        self._stack.close()
+
+    def follow(self, schedule: Schedule) -> None:
+        """Carry out what a schedule hands out."""
+        while True:
+            now_s = time.monotonic() - self._begun_s
+            while len(self._running) < AT_ONCE and (
+                trial := schedule.next(now_s, [each.trial.fault for each in self._running])
+            ):
+                self._begin(trial)
+            if now_s > schedule.length_s + OVERTIME_S:
+                self._cut_off()
+            if not self._running and not schedule.has_more(now_s):
+                return
+            for process in self._reap():
+                schedule.took(process.trial.fault, process.age_s)
+            time.sleep(POLL_S)
+
+    def follow_one(self, trial: Trial) -> None:
+        """Carry out one trial."""
+        self._begin(trial)
+        while self._running:
+            self._reap()
+            time.sleep(POLL_S)
+
+    def _begin(self, trial: Trial) -> None:
+        taken = [process.domains for process in self._running]
+        domains = next(each for each in self._domains if each not in taken)
+        name = f'{trial.fault.name} {trial.number}'.replace(' ', '_').replace('/', '_')
+        process = TrialProcess(trial, self._seed, self._scratch / name, domains, self._mounts)
+        self._running.append(process)
+
+    def _cut_off(self) -> None:
+        for process in self._running:
+            process.end()
+            self._console.print(f'       cut off: {process.trial.fault.name}')
+        self._running.clear()
+
+    def _reap(self) -> list[TrialProcess]:
+        ended = [process for process in self._running if process.has_ended]
+        for process in ended:
+            self._running.remove(process)
+            attempt, verdict = process.verdict()
+            trial = process.trial
+            self.verdicts.setdefault(trial.fault.name, []).append(verdict)
+            now_s = time.monotonic() - self._begun_s
+            mark = '[green]held[/]' if verdict.holds else '[red]did not hold[/]'
+            line = f'{now_s:5.0f} s  {mark}  {trial.fault.name}: {escape(attempt)}'
+            self._console.print(line, soft_wrap=True)
+            if not verdict.holds:
+                self._keep(process, verdict)
+            shutil.rmtree(process.folder, ignore_errors=True)
+        return ended
+
+    def _keep(self, process: TrialProcess, verdict: Verdict) -> None:
+        for complaint in verdict.complaints:
+            self._console.print(f'         {complaint}', markup=False, soft_wrap=True)
+        self._output.mkdir(parents=True, exist_ok=True)
+        shutil.copytree(process.folder, self._output / process.folder.name, dirs_exist_ok=True)
+        words = ['scripts/campaign', '--seed', str(self._seed), '--only', process.trial.fault.name]
+        self.failures.append(shlex.join([*words, '--trial', str(process.trial.number)]))
+
+
+class TrialProcess:
+    """A trial under way.
+
+    Parameters
+    ----------
+    trial : Trial
+    seed : int
+        Of the campaign.
+    folder : Path
+        For everything that it writes.
+    domains : sequence of int
+    mounts : sequence of str
+        Beginning of a command that may mount; empty where there is none.
+    """
+
+    def __init__(
+        self,
+        trial: Trial,
+        seed: int,
+        folder: Path,
+        domains: Sequence[int],
+        mounts: Sequence[str],
+    ) -> None:
+        self.trial, self.folder, self.domains = trial, folder, domains
+        self._begun_s = time.monotonic()
+        folder.mkdir(parents=True)
+        words = [trial.fault.name, seed, trial.number, folder, *domains]
+        command = [*mounts, sys.executable, '-m', 'campaign.trial', *map(str, words)]
+        self._output = folder / 'trial.txt'
+        with self._output.open('wb') as output:
+            self._process = subprocess.Popen(
+                command,
+                env={**os.environ, MARK: str(folder)},
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    @property
+    def age_s(self) -> float:
+        """Time since it began [s]."""
+        return time.monotonic() - self._begun_s
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it has ended, at the latest by its limit."""
+        if self._process.poll() is None and self.age_s > LIMIT_S:
+            self.end()
+        return self._process.poll() is not None
+
+    def end(self) -> None:
+        """End it and all its processes."""
+        end_all(self.folder)
+        self._process.wait()
+
+    def verdict(self) -> tuple[str, Verdict]:
+        """Return what it has tried, and the verdict.
+
+        Where it did not come to one, nothing is known, so it did not hold.
+        """
+        last = self._output.read_text(errors='replace').strip().rpartition('\n')[2]
+        try:
+            found = json.loads(last)
+            attempt = found.pop('attempt')
+            return attempt, Verdict(tuple(found.pop('complaints')), **found)
+        except (ValueError, AttributeError, KeyError, TypeError):
+            how = f'trial {self.trial.number} ended with status {self._process.returncode}: {last}'
+            return 'no verdict', Verdict((how,), self.age_s, LIMIT_S)
+
+
+def own_mounts() -> list[str]:
+    """Return the beginning of a command that has mounts and a ``/dev/shm`` of its own.
+
+    Empty where the machine allows none.
+    """
+    as_root = [] if os.geteuid() == 0 else ['--map-root-user']
+    script = 'mount -t tmpfs tmpfs /dev/shm && exec "$@"'
+    command = ['unshare', *as_root, '--mount', 'sh', '-c', script, 'sh']
+    try:
+        done = subprocess.run([*command, 'true'], capture_output=True, check=False)
+    except FileNotFoundError:
+        return []
+    return [] if done.returncode else command
+
+
+@contextmanager
+def free_domains() -> Iterator[tuple[int, ...]]:
+    """Give ROS domains that no other campaign on this machine has meanwhile.
+
+    Raises
+    ------
+    BallbotError
+        If there are none.
+    """
+    with ExitStack() as locks:
+        found: list[int] = []
+        for domain in DOMAINS:
+            path = Path(tempfile.gettempdir(), f'ballbot_campaign_domain_{domain}.lock')
+            lock = path.open('w')
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                lock.close()
+                continue
+            locks.enter_context(lock)
+            found.append(domain)
+            if len(found) == DOMAINS_EACH:
+                yield tuple(found)
+                return
+    raise BallbotError('other campaigns have all ROS domains: wait until one of them has ended')
+
+
+def _scratch_folder() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix='ballbot_campaign_')
+
+
+if __name__ == '__main__':
+    sys.exit(invoke(campaign, 'scripts/campaign'))

@@ -1,0 +1,179 @@
+"""Files and words that no recorder and no user would write."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ballbot_ros.parameters import PLANT, parameters_of
+from campaign.fault import Verdict
+from campaign.run import NAME, SCENARIO, judge_printed, write_scenario
+from campaign.site import BALLBOT, Program, Site
+
+COMMAND_BOUND_S = 60.0
+RECORDED_S = 1.2
+STATUSES = (0, 1, 2)
+
+Damage = Callable[[random.Random, bytes], bytes]
+
+
+def cut(generator: random.Random, data: bytes) -> bytes:
+    """Cut off the end."""
+    return data[: generator.randrange(len(data))]
+
+
+def flip(generator: random.Random, data: bytes) -> bytes:
+    """Flip some bits."""
+    damaged = bytearray(data)
+    for _ in range(generator.choice((1, 1, 3, 30))):
+        damaged[generator.randrange(len(damaged))] ^= 1 << generator.randrange(8)
+    return bytes(damaged)
+
+
+def blank(generator: random.Random, data: bytes) -> bytes:
+    """Overwrite a part with zeros, as a file system does after a power cut."""
+    begin = generator.randrange(len(data))
+    length = min(generator.choice((16, 512, 4096, 65536)), len(data) - begin)
+    return data[:begin] + bytes(length) + data[begin + length :]
+
+
+def repeat(generator: random.Random, data: bytes) -> bytes:
+    """Have a part twice."""
+    begin, end = sorted(generator.randrange(len(data)) for _ in range(2))
+    return data[:end] + data[begin:]
+
+
+DAMAGES: tuple[Damage, ...] = (cut, flip, blank, repeat)
+
+
+@dataclass(frozen=True)
+class DamagedRecording:
+    """A damaged recording, handed to every command that reads one.
+
+    Attributes
+    ----------
+    damage : callable
+    seed : int
+        Of what is random about the damage.
+    """
+
+    damage: Damage
+    seed: int
+
+    def __str__(self) -> str:
+        return f'{(self.damage.__doc__ or "").rstrip(".").lower()}, drawn with seed {self.seed}'
+
+    @classmethod
+    def draw(cls, generator: random.Random, turn: int) -> DamagedRecording:
+        """Draw one; the kinds of damage take turns."""
+        return cls(DAMAGES[turn % len(DAMAGES)], generator.getrandbits(32))
+
+    def carry_out(self, site: Site) -> Verdict:
+        """Record, damage, read."""
+        folder = site.folder / 'whole'
+        scenario = write_scenario(site.folder)
+        recorder = site.start(
+            'run', *BALLBOT, 'run', scenario, '--processes=none', '--output', folder,
+            '--set', f'{PLANT}.duration={RECORDED_S}',
+        )  # fmt: skip
+        site.await_end(recorder, COMMAND_BOUND_S)
+        data = (folder / f'{NAME}.mcap').read_bytes()
+        damaged = site.folder / 'damaged.mcap'
+        damaged.write_bytes(self.damage(random.Random(self.seed), data))
+        return run_commands(
+            site,
+            {
+                'info': ('info', damaged),
+                'repair': ('repair', damaged, '--output', site.folder / 'repaired.mcap'),
+                'replay': ('replay', damaged),
+                'report': ('report', damaged, '--output', site.folder / 'report'),
+                'export': ('export', damaged, '--to', 'csv', '--output', site.folder / 'tables'),
+            },
+        )
+
+
+@dataclass(frozen=True)
+class FuzzedInput:
+    """A scenario with slips in its text, and parameters with values out of the blue.
+
+    Attributes
+    ----------
+    scenario : bytes
+    assignments : sequence of str
+    """
+
+    scenario: bytes
+    assignments: Sequence[str]
+
+    def __str__(self) -> str:
+        return f'scenario {self.scenario!r}, --set {" --set ".join(self.assignments)}'
+
+    @classmethod
+    def draw(cls, generator: random.Random, turn: int) -> FuzzedInput:
+        """Draw a scenario and three assignments."""
+        text = SCENARIO.encode()
+        for _ in range(generator.randint(1, 3)):
+            text = generator.choice((*DAMAGES, swap))(generator, text) or b' '
+        names = list(parameters_of(PLANT))
+        assignments = [
+            f'{generator.choice((PLANT, PLANT, "nobody"))}.{generator.choice(names)}={value}'
+            for value in generator.choices(VALUES, k=3)
+        ]
+        return cls(text, assignments)
+
+    def carry_out(self, site: Site) -> Verdict:
+        """Run it without ROS: what is wrong is to be found before anything starts."""
+        scenario = site.folder / 'fuzzed.yaml'
+        scenario.write_bytes(self.scenario)
+        whole = write_scenario(site.folder)
+        words = ['--processes=none', '--no-record']
+        # Last, so that it counts: whatever a slip has made of it, the run is short.
+        short = ['--real-time-factor=0', '--set', f'{PLANT}.duration=0.1']
+        sets = [word for each in self.assignments for word in ('--set', each)]
+        return run_commands(
+            site,
+            {
+                'scenario': ('run', scenario, *words, *short),
+                'parameters': ('run', whole, *words, *sets, *short),
+            },
+        )
+
+
+VALUES = (
+    'nan', 'inf', '-inf', '-1', '0', '1e308', '1e-320', '10' * 200, '', ' ', '[', '{}', '[1, 2]',
+    'true', 'null', '~', '"', "'", '\\', '%s', '🤖', '0x10', '1_000', '2026-01-01', '&a [*a]',
+    '!!python/name:x', '../../etc/passwd', '/dev/null', 'track',
+)  # fmt: skip
+
+
+def swap(generator: random.Random, data: bytes) -> bytes:
+    """Put another value in the place of one."""
+    lines = data.split(b'\n')
+    number = generator.randrange(len(lines))
+    key, colon, _ = lines[number].partition(b':')
+    lines[number] = key + colon + b' ' + generator.choice(VALUES).encode()
+    return b'\n'.join(lines)
+
+
+def run_commands(site: Site, commands: dict[str, tuple[str | Path, ...]]) -> Verdict:
+    """Run commands one after the other; each ends in time with a status of its own, no crash."""
+    complaints = []
+    longest_s = 0.0
+    for name, words in commands.items():
+        program = site.start(name, *BALLBOT, *words)
+        end = site.await_end(program, COMMAND_BOUND_S)
+        longest_s = max(longest_s, end.took_s)
+        complaints += [f'{name}: {each}' for each in judge_command(program, end.status)]
+    return Verdict(tuple(complaints), longest_s, COMMAND_BOUND_S)
+
+
+def judge_command(program: Program, status: int | None) -> list[str]:
+    """Return what does not hold of a command that was given nonsense."""
+    if status is None:
+        return [f'not ended after {COMMAND_BOUND_S:.0f} s']
+    complaints = judge_printed(program.text)
+    if status not in STATUSES:
+        complaints.append(f'status {status}')
+    return complaints

@@ -1,0 +1,91 @@
+"""What is left of a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+from ballbot_ros.messages.conversions import stamp_ns
+from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.repair import repair
+from ballbot_ros.simulation.timing import FIRST_TICK_NS, TICK_NS
+
+Duty = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Remains:
+    """What is left of a recording, repaired if its recorder did not finish it.
+
+    Attributes
+    ----------
+    problem : str
+        Why nothing can be read; empty if it can.
+    finished : bool
+        Whether nothing had to be repaired.
+    missing : str
+        What the recorder itself says is missing.
+    truths : int
+        Number of truths of the plant.
+    duties : tuple
+        Duties [%] by tick, from the first on.
+    """
+
+    problem: str = ''
+    finished: bool = False
+    missing: str = ''
+    truths: int = 0
+    duties: tuple[Duty, ...] = ()
+
+
+def read_remains(path: Path, folder: Path) -> Remains | None:
+    """Read what is left of a recording; None if it was never begun.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    folder : Path
+        For the repaired copy, if it takes one.
+    """
+    if not path.exists():
+        return None
+    try:
+        with RecordingReader(path) as reader:
+            finished, missing = reader.broken is None, reader.damage or ''
+        if not finished:
+            path = repair(path, folder / f'{path.stem}_repaired.mcap').output or path
+            with RecordingReader(path) as reader:
+                if reader.broken:
+                    return Remains(problem=f'repaired, still {reader.broken}')
+        with path.open('rb') as file:
+            read_by_others = sum(1 for _ in make_reader(file).iter_messages())
+        with RecordingReader(path) as reader:
+            if reader.count != read_by_others:
+                problem = f'{reader.count} messages, the package mcap reads {read_by_others}'
+                return Remains(problem=problem)
+            topics = reader.topics()
+            truths = topics.get(PLANT_IMU.resolved())
+            return Remains(
+                finished=finished,
+                missing=missing if finished else '',
+                truths=truths.message_count if truths else 0,
+                duties=_duties(reader) if MOTOR_DUTY.resolved() in topics else (),
+            )
+    except (RecordingError, McapError) as error:
+        return Remains(problem=str(error))
+
+
+def _duties(reader: RecordingReader) -> tuple[Duty, ...]:
+    found: list[Duty] = []
+    for _, _, message in reader.messages([MOTOR_DUTY.resolved()]):
+        tick = (stamp_ns(message) - FIRST_TICK_NS) // TICK_NS
+        if tick != len(found):
+            raise RecordingError(f'a duty of tick {tick} follows that of tick {len(found) - 1}')
+        found.append((message.vector.x, message.vector.y))
+    return tuple(found)

@@ -1,0 +1,136 @@
+"""Drivers that are killed and started again."""
+
+from __future__ import annotations
+
+import math
+import random
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from signal import Signals
+from typing import NamedTuple
+
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    ENCODER,
+    GAMEPAD,
+    GYRO,
+    NODES,
+    PLANT,
+    RECORDER,
+    SONAR,
+)
+from ballbot_ros.simulation.trajectory import load_trajectory
+from campaign.fault import Verdict
+from campaign.remains import read_remains
+from campaign.run import (
+    FIRST_TICKS_BYTES,
+    START_PITCH_DEG,
+    judge_printed,
+    ticks_of,
+    undisturbed,
+)
+from campaign.site import Program, Site, Stopwatch, wait_until
+
+DRIVERS = (GYRO, ENCODER, SONAR, GAMEPAD)
+DURATION_S = 4.0
+PATIENCE_S = 60.0
+BOUND_S = 60.0
+END_S = 15.0
+
+
+class Restart(NamedTuple):
+    """A driver that is killed, and started again later.
+
+    Attributes
+    ----------
+    driver : str
+    killed_s : float
+        Time since the first tick, or since the restart before [s].
+    away_s : float
+        Time until it is started again [s].
+    """
+
+    driver: str
+    killed_s: float
+    away_s: float
+
+
+@dataclass(frozen=True)
+class Restarts:
+    """Drivers of a run that are killed and started again, one after the other."""
+
+    restarts: Sequence[Restart]
+
+    def __str__(self) -> str:
+        return ', '.join(
+            f'{each.driver} killed after {each.killed_s:.3f} s, away for {each.away_s:.3f} s'
+            for each in self.restarts
+        )
+
+    @classmethod
+    def draw(cls, generator: random.Random, turn: int) -> Restarts:
+        """Draw one to three; of four trials in a row each driver is the first in one."""
+        drivers = [DRIVERS[turn % len(DRIVERS)]]
+        drivers += generator.choices(DRIVERS, k=generator.randrange(3))
+        return cls(
+            [Restart(d, generator.uniform(0.0, 1.5), generator.uniform(0.0, 1.0)) for d in drivers]
+        )
+
+    def carry_out(self, site: Site) -> Verdict:
+        """Run every node by itself, and judge the plant's account and the recording."""
+        recording, account = site.folder / 'run.mcap', site.folder / 'trajectory.npz'
+        pitch = math.radians(START_PITCH_DEG)
+        nodes = {name: site.start_node(name) for name in (*DRIVERS, CONTROLLER)}
+        nodes[RECORDER] = site.start_node(RECORDER, output=recording)
+        nodes[PLANT] = site.start_node(
+            PLANT, duration=DURATION_S, start_pitch_x=pitch, real_time_factor=1.0,
+            require_recorder='true', timeout=PATIENCE_S, trajectory_file=account,
+        )  # fmt: skip
+        wait_until(
+            lambda: recording.exists() and recording.stat().st_size > FIRST_TICKS_BYTES,
+            'the first tick',
+        )
+        watch = Stopwatch()
+        lives = list(nodes.values())
+        for number, restart in enumerate(self.restarts, start=1):
+            time.sleep(restart.killed_s)
+            nodes[restart.driver].send(Signals.SIGKILL)
+            time.sleep(restart.away_s)
+            nodes[restart.driver] = site.start_node(restart.driver, number)
+            lives.append(nodes[restart.driver])
+        complaints = []
+        while nodes[PLANT].status is None and watch.look(site.alive()) < BOUND_S:
+            time.sleep(0.05)
+        if nodes[PLANT].status is None:
+            complaints.append(f'had not ended {BOUND_S:.0f} s after the first kill')
+        took_s = watch.elapsed_s
+        complaints += _end(site, [nodes[name] for name in NODES if name != PLANT])
+        complaints += judge_printed(''.join(life.text for life in lives))
+        if nodes[PLANT].status == 0:
+            expected = undisturbed(site, ticks_of(DURATION_S))
+            if load_trajectory(account)[1]['duty_sha256'] != expected.duty_sha256:
+                complaints.append('other duties than those of an undisturbed run')
+            remains = read_remains(recording, site.folder)
+            if not remains or not remains.finished or len(remains.duties) != expected.ticks:
+                complaints.append(f'of {expected.ticks} duties the recording has {remains}')
+            elif remains.missing:
+                complaints.append(f'the recording lacks something: {remains.missing}')
+        elif nodes[PLANT].status is not None:
+            last = nodes[PLANT].text.strip().rpartition('\n')[2]
+            complaints.append(f'{PLANT} ended with status {nodes[PLANT].status}: {last}')
+        return Verdict(tuple(complaints), took_s, BOUND_S)
+
+
+def _end(site: Site, nodes: Sequence[Program]) -> list[str]:
+    """Interrupt the nodes that wait for another run; return what does not hold."""
+    for node in nodes:
+        node.send(Signals.SIGINT)
+    watch = Stopwatch()
+    while (alive := site.alive()) and watch.look(alive) < END_S:
+        time.sleep(0.05)
+    wrong = {node.name: node.status for node in nodes if node.status}
+    complaints = [f'status of {name} after SIGINT: {status}' for name, status in wrong.items()]
+    if alive:
+        complaints.append(f'SIGINT does not end {", ".join(alive.values())}')
+    return complaints

@@ -1,0 +1,251 @@
+"""A run in a trial: how it is started, and how its end is judged."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ballbot_ros.parameters import PLANT
+from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.simulation.closed_loop import ClosedLoop
+from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
+from ballbot_ros.simulation.trajectory import TrajectoryLog
+from campaign.remains import Remains, read_remains
+from campaign.site import BALLBOT, End, Program, Site, wait_until
+
+NAME = 'balance'
+START_PITCH_DEG = 4.0
+SCENARIO = f"""purpose: balances from a pitch of {START_PITCH_DEG:g} degrees, whatever it takes
+duration: 60.0
+start:
+  pitch_x_deg: {START_PITCH_DEG}
+"""
+"""Like the scenario `stationary`, but without expectations: a short run passes, too."""
+
+FIRST_TICKS_BYTES = 20_000
+"""A recording of this size has more in it than attachments."""
+
+CRASH = re.compile(
+    r'Traceback \(most recent call last\)|Segmentation fault|core dumped|terminate called'
+    r'|Fatal Python error|died of SIG(?:SEGV|ABRT|BUS|FPE|ILL)'
+)
+
+
+@dataclass(frozen=True)
+class RunEnd:
+    """What is left when a run has ended.
+
+    Attributes
+    ----------
+    end : End
+        Of its processes.
+    text : str
+        All that was printed.
+    result : mapping
+        The result as JSON; empty if none was printed.
+    remains : Remains or None
+        Of the recording; None if there is none.
+    """
+
+    end: End
+    text: str
+    result: Mapping[str, Any]
+    remains: Remains | None
+
+    @property
+    def ticks(self) -> int:
+        """Ticks of the run by its own account."""
+        return int(self.result.get('ticks') or 0)
+
+    @property
+    def reason(self) -> str:
+        """Why it failed."""
+        return str(self.result.get('reason', ''))
+
+    @property
+    def completed(self) -> bool:
+        """Whether it came to its end all the same."""
+        return self.result.get('outcome') == 'passed'
+
+
+class Run:
+    """`ballbot run` as a process of a trial.
+
+    Parameters
+    ----------
+    site : Site
+    duration : float
+        Sim time [s].
+    output : Path, optional
+        Folder of the recording; by default in the site's.
+    name : str
+        Of the files that it prints to.
+    domain : int, optional
+        Another one than the site's first.
+    real_time_factor : float
+    settings : str
+        More parameters of the run, as ``node.param=value``.
+    """
+
+    def __init__(
+        self,
+        site: Site,
+        duration: float,
+        *settings: str,
+        output: Path | None = None,
+        name: str = 'run',
+        domain: int | None = None,
+        real_time_factor: float = 1.0,
+    ) -> None:
+        folder = output or site.folder / f'{name}_output'
+        words = ['run', write_scenario(site.folder), '--json', '--output', folder]
+        words += ['--real-time-factor', real_time_factor]
+        for setting in (f'{PLANT}.duration={duration}', *settings):
+            words += ['--set', setting]
+        self._site = site
+        self.recording = folder / f'{NAME}.mcap'
+        self.program: Program = site.start(name, *BALLBOT, *words, domain=domain)
+
+    def has_ticks(self) -> bool:
+        """Whether the first ticks stand in the recording."""
+        try:
+            return self.recording.stat().st_size > FIRST_TICKS_BYTES
+        except OSError:
+            return False
+
+    def await_ticks(self) -> None:
+        """Wait until the first ticks stand in the recording, or the run has ended."""
+        wait_until(lambda: self.has_ticks() or self.program.status is not None, 'the first tick')
+
+    def await_end(self, bound_s: float, beside: Collection[int] = ()) -> RunEnd:
+        """Wait until the run and all processes of the trial but those `beside` have ended."""
+        end = self._site.await_end(self.program, bound_s, beside)
+        return RunEnd(
+            end, self.program.text, self.result(), read_remains(self.recording, self._site.folder)
+        )
+
+    def result(self) -> dict[str, Any]:
+        """Return the result that it has printed; empty if it has printed none."""
+        try:
+            found = json.loads(self.program.stdout)
+        except ValueError:
+            return {}
+        return found if isinstance(found, dict) else {}
+
+
+def write_scenario(folder: Path) -> Path:
+    """Write the scenario of the trials, and return its file."""
+    path = folder / f'{NAME}.yaml'
+    path.write_text(SCENARIO)
+    return path
+
+
+def undisturbed(site: Site, ticks: int) -> TrajectoryLog:
+    """Return what the run does in so many ticks if nothing disturbs it."""
+    scenario = load_scenario(str(write_scenario(site.folder)))
+    loop, log = ClosedLoop(scenario.parameters, scenario), TrajectoryLog()
+    for _ in range(ticks):
+        tick = loop.tick()
+        log.add(tick.truth, *tick.outputs.duty)
+    return log
+
+
+def undisturbed_duties(site: Site, ticks: int) -> list[tuple[float, float]]:
+    """Return the duties [%] of so many ticks if nothing disturbs the run."""
+    duty = undisturbed(site, ticks).trajectory().duty
+    return [(float(x), float(y)) for x, y in duty]
+
+
+def ticks_of(duration: float) -> int:
+    """Return the number of ticks of a time [s]."""
+    return round(duration * SECOND_NS) // TICK_NS
+
+
+# --- Judging ------------------------------------------------------------------------------------
+
+
+def judge_printed(text: str) -> list[str]:
+    """Judge whether nothing has crashed."""
+    found = CRASH.search(text)
+    return [f'printed {found[0]!r}'] if found else []
+
+
+def judge_end(end: End, bound_s: float) -> list[str]:
+    """Judge whether everything has ended in time, and nothing has outlived the command."""
+    if end.status is None:
+        return [f'had not ended {bound_s:.0f} s after the fault']
+    if end.survivors:
+        return [f'left processes behind: {", ".join(end.survivors)}']
+    return []
+
+
+def judge_completed(run: RunEnd, duty_sha256: str) -> list[str]:
+    """Judge whether a completed run has the duties of an undisturbed one, all recorded."""
+    complaints = []
+    if run.result.get('outcome') != 'passed' or run.end.status != 0:
+        outcome = run.result.get('outcome', 'no result')
+        complaints.append(f'status {run.end.status}, {outcome}: {run.reason}')
+    elif run.result.get('duty_sha256') != duty_sha256:
+        complaints.append('completed with other duties than an undisturbed run')
+    if not complaints and run.remains and len(run.remains.duties) != run.ticks:
+        complaints.append(f'recorded {len(run.remains.duties)} duties of {run.ticks}')
+    return complaints
+
+
+def judge_failed(run: RunEnd, named: Collection[str]) -> list[str]:
+    """Judge whether a run has failed with status 1, and a reason with one of these names."""
+    complaints = []
+    outcome = run.result.get('outcome', 'no result')
+    if run.end.status != 1 or outcome != 'failed':
+        complaints.append(f'status {run.end.status}, {outcome}, instead of 1, failed')
+    if not any(name in run.reason for name in named):
+        complaints.append(f'the reason does not name {" or ".join(named)}: {run.reason!r}')
+    return complaints
+
+
+def judge_recording(
+    run: RunEnd,
+    undisturbed: Collection[tuple[float, float]],
+    *,
+    lost_ticks: int = 0,
+    must_be_finished: bool = True,
+    ends_with_zero: bool = False,
+) -> list[str]:
+    """Judge whether the recording can be read, and has the right duties up to the end.
+
+    Parameters
+    ----------
+    run : RunEnd
+    undisturbed : collection of tuple
+        Duties of an undisturbed run, at least as many as the run has ticks.
+    lost_ticks : int
+        How many of the run's ticks may be missing at its end.
+    must_be_finished : bool
+        Whether the recorder must have finished the file.
+    ends_with_zero : bool
+        Whether the last duty must be zero.
+    """
+    remains = run.remains
+    if remains is None:
+        return [f'no recording of {run.ticks} ticks'] if run.ticks > lost_ticks else []
+    if remains.problem:
+        return [f'the recording can not be read: {remains.problem}']
+    complaints = []
+    if must_be_finished and not remains.finished:
+        complaints.append('the recording is not finished')
+    if must_be_finished and remains.missing:
+        complaints.append(f'the recording lacks something: {remains.missing}')
+    duties, expected = remains.duties, list(undisturbed)
+    if len(duties) < run.ticks - lost_ticks:
+        complaints.append(f'recorded {len(duties)} duties of {run.ticks}')
+    # The last one may be the zero of a run that failed.
+    wrong = [tick for tick, pair in enumerate(duties[:-1]) if pair != expected[tick]]
+    if wrong:
+        complaints.append(f'other duties than those of an undisturbed run from tick {wrong[0]} on')
+    if ends_with_zero and duties and duties[-1] != (0.0, 0.0):
+        complaints.append(f'the last recorded duty is {duties[-1]}, not zero')
+    return complaints

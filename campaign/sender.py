@@ -1,0 +1,100 @@
+"""The node of a stranger, as a process of its own; needs rclpy.
+
+``python -m campaign.sender TOPIC CONTENT PERIOD …`` sends until it is killed.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import rclpy
+from rclpy.serialization import serialize_message
+
+from ballbot_ros.messages.topics import message_class
+from ballbot_ros.nodes.base import reliable_qos
+from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
+from ballbot_ros.nodes.participant_ports import avoid_stale_ports
+from campaign.strangers import LOOP_TOPICS, OPEN_TOPICS, STRANGER, Content
+
+LARGE = 5_000
+"""Length of each sequence and text of a message at length."""
+
+
+def main(words: Sequence[str]) -> None:
+    """Send what the words say: a topic, a content and a period [s], as often as they come."""
+    prepare_middleware()
+    rclpy.init()
+    with avoid_stale_ports(ros_domain()):
+        node = rclpy.create_node(STRANGER)
+    for name, content, period_s in zip(*[iter(words)] * 3, strict=True):
+        topic = next(topic for topic in (*OPEN_TOPICS, *LOOP_TOPICS) if topic.name == name)
+        kind = topic.message_class
+        qos = reliable_qos(1, latched=topic.keeps > 0)
+        publisher = node.create_publisher(kind, topic.name, qos)
+        message = MAKERS[Content(content)](kind)
+        node.create_timer(float(period_s), partial(publisher.publish, message))
+    rclpy.spin(node)
+
+
+def filled(kind: Any, number: float, length: int) -> Any:
+    """Return a message whose floats are all `number`, and whose sequences have this length."""
+    message = kind()
+    for name, type_name in kind.get_fields_and_field_types().items():
+        setattr(message, name, _value(getattr(message, name), type_name, number, length))
+    return message
+
+
+def _value(default: Any, type_name: str, number: float, length: int) -> Any:
+    if type_name.startswith('sequence<'):
+        item = type_name.removeprefix('sequence<').partition(',')[0].rstrip('>')
+        return [_item(item, number, length)] * length
+    if type_name.endswith(']'):
+        return [_item(type_name.partition('[')[0], number, length)] * len(default)
+    if '/' in type_name:
+        return filled(type(default), number, length)
+    return _item(type_name, number, length)
+
+
+def _item(type_name: str, number: float, length: int) -> Any:
+    if '/' in type_name:
+        package, name = type_name.split('/')
+        # Sequences in a sequence stay short.
+        return filled(message_class(f'{package}/msg/{name}'), number, 1)
+    if type_name in ('double', 'float'):
+        return number
+    if type_name == 'string':
+        return '\N{ROBOT FACE}' * length
+    if type_name == 'boolean':
+        return True
+    if type_name == 'octet':
+        return b'\x7f'
+    return 127  # the most that every integer type holds
+
+
+def _cut(kind: Any) -> bytes:
+    whole = serialize_message(filled(kind, 1.0, 3))
+    return bytes(whole[: len(whole) // 2])
+
+
+def _noise(kind: Any) -> bytes:
+    return b'\x00\x01\x00\x00' + random.Random(kind.__name__).randbytes(256)
+
+
+MAKERS: dict[Content, Callable[[Any], Any]] = {
+    Content.NOTHING: lambda kind: kind(),
+    Content.NAN: lambda kind: filled(kind, math.nan, 3),
+    Content.INFINITY: lambda kind: filled(kind, math.inf, 3),
+    Content.AT_LENGTH: lambda kind: filled(kind, math.nan, LARGE),
+    Content.HALF: _cut,
+    Content.NOISE: _noise,
+}
+"""Each makes from a message's class what is sent: a message, or bytes in the place of one."""
+
+
+if __name__ == '__main__':
+    main(sys.argv[1:])

@@ -1,0 +1,221 @@
+"""Signals to a node or to the command, at a random moment of a run."""
+
+from __future__ import annotations
+
+import os
+import random
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum
+from signal import Signals
+
+from ballbot_ros.parameters import NODES, PLANT, RECORDER
+from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
+from campaign.fault import Verdict
+from campaign.run import (
+    Run,
+    RunEnd,
+    judge_completed,
+    judge_end,
+    judge_failed,
+    judge_printed,
+    judge_recording,
+    ticks_of,
+    undisturbed,
+    undisturbed_duties,
+)
+from campaign.site import Site, wait_until
+
+LONG_S, SHORT_S = 60.0, 1.5
+"""Sim time of a run that would outlast the fault, and of one that may end before it [s]."""
+
+STARTUP_TIMEOUT_S = 10.0
+HANG_AT_START_S = 30.0
+"""From when on the command gives up a plant that has not been heard yet [s]."""
+
+STOP_S = 15.0
+"""Until a fault is named, the nodes are stopped, and the recording is finished: 3, 1.5 and 5 s are
+promised; the rest is for the processes to end [s]."""
+
+LOSS_TICKS = SECOND_NS // TICK_NS + 50
+"""What a killed recorder may lose: a second, and what the plant was ahead of it."""
+
+
+class Moment(Enum):
+    """When a signal is sent; its text follows the name of a fault."""
+
+    START = 'before the first tick'
+    MIDDLE = 'in mid-run'
+    END = 'near the end'
+
+    @property
+    def duration_s(self) -> float:
+        """Sim time of the run [s]."""
+        return SHORT_S if self is Moment.END else LONG_S
+
+    def delay_s(self, generator: random.Random) -> float:
+        """Draw how long to wait after the victim, or the first tick, is there [s]."""
+        earliest, latest = {
+            Moment.START: (0.0, 1.5),
+            Moment.MIDDLE: (0.0, 2.5),
+            Moment.END: (0.4, SHORT_S + 0.5),
+        }[self]
+        return generator.uniform(earliest, latest)
+
+
+@dataclass(frozen=True)
+class NodeSignal:
+    """A signal to a node of a run.
+
+    Attributes
+    ----------
+    victim : str
+    number : Signals
+    moment : Moment
+    delay_s : float
+        From the moment on [s].
+    """
+
+    victim: str
+    number: Signals
+    moment: Moment
+    delay_s: float
+
+    def __str__(self) -> str:
+        return (
+            f'{self.number.name} to {self.victim} {self.moment.value}, after {self.delay_s:.3f} s'
+        )
+
+    @classmethod
+    def draw(
+        cls,
+        generator: random.Random,
+        turn: int,
+        *,
+        moment: Moment,
+        signals: tuple[Signals, ...],
+    ) -> NodeSignal:
+        """Draw one; of seven trials in a row each node is the victim of one."""
+        victim = NODES[turn % len(NODES)]
+        return cls(victim, generator.choice(signals), moment, moment.delay_s(generator))
+
+    @property
+    def bound_s(self) -> float:
+        """Time until everything has ended [s]."""
+        if self.moment is Moment.START and self.number == Signals.SIGSTOP:
+            return STOP_S + (HANG_AT_START_S if self.victim == PLANT else STARTUP_TIMEOUT_S)
+        return STOP_S
+
+    def carry_out(self, site: Site) -> Verdict:
+        """Send it, and judge the end of the run."""
+        duration = self.moment.duration_s
+        run = Run(site, duration, f'{PLANT}.startup_timeout={STARTUP_TIMEOUT_S}')
+        if self.moment is Moment.START:
+            wait_until(lambda: self.victim in run.program.nodes(), self.victim)
+        else:
+            run.await_ticks()
+        victim = run.program.nodes().get(self.victim)
+        time.sleep(self.delay_s)
+        # In another life the number of a node that has ended may be another process's.
+        if victim and victim in site.alive():
+            with suppress(ProcessLookupError):
+                os.kill(victim, self.number)
+        end = run.await_end(self.bound_s)
+        expected = undisturbed_duties(site, max(end.ticks, ticks_of(SHORT_S)) + LOSS_TICKS)
+        complaints = self.judge(end, expected, undisturbed(site, ticks_of(SHORT_S)).duty_sha256)
+        return Verdict(tuple(complaints), end.end.took_s, self.bound_s)
+
+    def judge(
+        self, run: RunEnd, expected: list[tuple[float, float]], short_sha256: str
+    ) -> list[str]:
+        """Return what does not hold.
+
+        Parameters
+        ----------
+        run : RunEnd
+        expected : list of tuple
+            The duties of an undisturbed run.
+        short_sha256 : str
+            Their hash up to the end of a short run.
+        """
+        complaints = judge_printed(run.text) + judge_end(run.end, self.bound_s)
+        if run.end.status is None:
+            return complaints
+        completed = self.moment is Moment.END and run.completed
+        if completed:
+            complaints += judge_completed(run, short_sha256)
+        else:
+            complaints += judge_failed(run, [self.victim])
+        of_recorder = self.victim == RECORDER
+        complaints += judge_recording(
+            run,
+            expected,
+            lost_ticks=LOSS_TICKS if of_recorder and not completed else 0,
+            must_be_finished=not of_recorder and run.ticks > 0,
+            ends_with_zero=not of_recorder and not completed,
+        )
+        return complaints
+
+
+@dataclass(frozen=True)
+class CommandSignal:
+    """A signal to the command.
+
+    Attributes
+    ----------
+    number : Signals
+    moment : Moment
+    delay_s : float
+        From the moment on [s].
+    """
+
+    number: Signals
+    moment: Moment
+    delay_s: float
+
+    def __str__(self) -> str:
+        return f'{self.number.name} to ballbot run {self.moment.value}, after {self.delay_s:.3f} s'
+
+    @classmethod
+    def draw(
+        cls, generator: random.Random, turn: int, *, signals: tuple[Signals, ...]
+    ) -> CommandSignal:
+        """Draw one; the moments take turns."""
+        moment = list(Moment)[turn % len(Moment)]
+        return cls(generator.choice(signals), moment, moment.delay_s(generator))
+
+    def carry_out(self, site: Site) -> Verdict:
+        """Send it, and judge the end of the command and its nodes."""
+        run = Run(site, self.moment.duration_s)
+        if self.moment is Moment.START:
+            wait_until(lambda: bool(run.program.nodes()), 'the first node')
+        else:
+            run.await_ticks()
+        time.sleep(self.delay_s)
+        run.program.send(self.number)
+        end = run.await_end(STOP_S)
+        expected = undisturbed_duties(site, ticks_of(self.moment.duration_s))
+        complaints = self.judge(end, expected, undisturbed(site, ticks_of(SHORT_S)).duty_sha256)
+        return Verdict(tuple(complaints), end.end.took_s, STOP_S)
+
+    def judge(
+        self, run: RunEnd, expected: list[tuple[float, float]], short_sha256: str
+    ) -> list[str]:
+        """Return what does not hold; `expected` and `short_sha256` are as for a node's signal."""
+        killed = self.number == Signals.SIGKILL
+        complaints = judge_printed(run.text)
+        if killed:
+            # Its nodes notice and end by themselves.
+            if run.end.took_s > STOP_S:
+                complaints.append(f'nodes still there {STOP_S:.0f} s after the command was killed')
+        else:
+            complaints += judge_end(run.end, STOP_S)
+        if run.end.status is None:
+            return complaints
+        if run.completed and self.moment is Moment.END:
+            complaints += judge_completed(run, short_sha256)
+        elif run.end.status not in (128 + self.number, -self.number):
+            complaints.append(f'status {run.end.status} instead of {128 + self.number}')
+        complaints += judge_recording(run, expected, must_be_finished=not killed and run.ticks > 0)
+        return complaints

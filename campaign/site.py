@@ -1,0 +1,244 @@
+"""Where a trial takes place: its folder, its ROS domains, its processes and their time."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from ballbot_ros.parameters import NODES
+from ballbot_ros.processes import children, threads_by_process
+from ballbot_ros.simulation.silence_timer import SilenceTimer
+
+MARK = 'BALLBOT_CAMPAIGN_TRIAL'
+"""Environment variable by which the processes of a trial are known, also those left over."""
+
+BALLBOT = ('ballbot_ros.cli.main',)
+DOMAINS_EACH = 3
+
+_POLL_S = 0.05
+_START_S = 60.0
+"""What may pass until a process or a first message is there [s]."""
+
+
+class CampaignError(Exception):
+    """A trial could not be carried out, so nothing is known of the fault."""
+
+
+class Stopwatch:
+    """Counts the time that the machine gave to processes: a busy machine is no fault."""
+
+    def __init__(self) -> None:
+        self._begun_s = time.monotonic()
+        self._timer = SilenceTimer()
+        self.elapsed_s = 0.0
+
+    def look(self, processes: Iterable[int]) -> float:
+        """Return the least that one of the processes had of the time since the start [s].
+
+        Parameters
+        ----------
+        processes : iterable of int
+            Those that are alive.
+        """
+        threads = threads_by_process(processes)
+        self._timer.update(self._begun_s, time.monotonic(), threads)
+        had_s = [self._timer.silence_s(process) for process in threads]
+        self.elapsed_s = max(self.elapsed_s, min(had_s, default=self._timer.silence_s()))
+        return self.elapsed_s
+
+
+class End(NamedTuple):
+    """How the processes of a trial ended.
+
+    Attributes
+    ----------
+    status : int or None
+        Exit status of the program, or a negative signal number; None if it had to be killed.
+    took_s : float
+        Until no process was left, in time that the machine gave [s].
+    survivors : tuple of str
+        Processes that were still there when the program had ended.
+    """
+
+    status: int | None
+    took_s: float
+    survivors: tuple[str, ...]
+
+
+class Program:
+    """A Python module as a process of a trial; what it prints goes to files.
+
+    Parameters
+    ----------
+    name : str
+        Of the files.
+    words : sequence of str
+        The module and its arguments.
+    folder : Path
+        For the files.
+    environment : mapping of str to str
+    """
+
+    def __init__(
+        self, name: str, words: Sequence[object], folder: Path, environment: Mapping[str, str]
+    ) -> None:
+        self.name = name
+        self._paths = [folder / f'{name}.{stream}' for stream in ('stdout', 'stderr')]
+        with self._paths[0].open('wb') as stdout, self._paths[1].open('wb') as stderr:
+            self._process = subprocess.Popen(
+                [sys.executable, '-m', *map(str, words)],
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=stdout,
+                stderr=stderr,
+            )
+        self.pid = self._process.pid
+
+    @property
+    def status(self) -> int | None:
+        """The exit status, a negative signal number, or None while it runs."""
+        return self._process.poll()
+
+    @property
+    def stdout(self) -> str:
+        """What it has printed to standard output."""
+        return self._paths[0].read_text(errors='replace')
+
+    @property
+    def text(self) -> str:
+        """All that it has printed."""
+        return ''.join(path.read_text(errors='replace') for path in self._paths)
+
+    def send(self, number: signal.Signals) -> None:
+        """Send a signal, if it still runs."""
+        if self.status is None:
+            self._process.send_signal(number)
+
+    def nodes(self) -> dict[str, int]:
+        """Return the process numbers of the nodes that it has started, by name."""
+        found = {}
+        for child in children(self.pid):
+            with suppress(OSError):
+                words = Path(f'/proc/{child}/cmdline').read_text().split('\0')
+                found.update({name: child for name in NODES if name in words})
+        return found
+
+
+class Site:
+    """Where a trial takes place; at the end of the block no process of it is left.
+
+    Parameters
+    ----------
+    folder : Path
+        Has everything that the trial writes.
+    domains : sequence of int
+        ROS domains that are nobody else's meanwhile.
+    """
+
+    def __init__(self, folder: Path, domains: Sequence[int]) -> None:
+        self.folder = folder.resolve()
+        self.domains = domains
+        self.temporary = self.folder / 'tmp'
+
+    def __enter__(self) -> Site:
+        self.temporary.mkdir(parents=True)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        end_all(self.folder)
+
+    def environment(self, domain: int | None = None) -> dict[str, str]:
+        """Return the environment of a process of the trial."""
+        return {
+            **os.environ,
+            MARK: str(self.folder),
+            'TMPDIR': str(self.temporary),
+            'ROS_DOMAIN_ID': str(self.domains[0] if domain is None else domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+            'OPENBLAS_NUM_THREADS': '1',
+            'PYTHONUNBUFFERED': '1',
+        }
+
+    def start(self, name: str, *words: object, domain: int | None = None) -> Program:
+        """Start a Python module as a process."""
+        return Program(name, words, self.folder, self.environment(domain))
+
+    def start_node(self, node: str, number: int = 0, **parameters: object) -> Program:
+        """Start a node by itself, as ``ros2 run`` does; `number` counts its lives."""
+        settings = [f'{key}:={value}' for key, value in parameters.items()]
+        arguments = [word for setting in settings for word in ('-p', setting)]
+        words = ('ballbot_ros.nodes', node, '--ros-args', *arguments)
+        return self.start(f'{node}_{number}' if number else node, *words)
+
+    def alive(self) -> dict[int, str]:
+        """Return the living processes of the trial and what they are."""
+        return processes_of(self.folder)
+
+    def await_end(self, program: Program, bound_s: float, beside: Collection[int] = ()) -> End:
+        """Wait until a program and all processes of the trial have ended; kill them if they do not.
+
+        Parameters
+        ----------
+        program : Program
+        bound_s : float
+            Time that they may take [s].
+        beside : collection of int
+            Processes of the trial that go on.
+        """
+        watch = Stopwatch()
+        survivors: tuple[str, ...] | None = None
+        while True:
+            status = program.status
+            alive = {pid: what for pid, what in self.alive().items() if pid not in beside}
+            if status is not None and survivors is None:
+                survivors = tuple(alive.values())
+            if survivors is not None and not alive:
+                return End(status, watch.elapsed_s, survivors)
+            if watch.look(alive) > bound_s:
+                end_all(self.folder)
+                return End(status, watch.elapsed_s, tuple(alive.values()))
+            time.sleep(_POLL_S)
+
+
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    """Wait for what comes before the fault.
+
+    Raises
+    ------
+    CampaignError
+        If it does not come.
+    """
+    watch = Stopwatch()
+    while not condition():
+        if watch.look([os.getpid()]) > _START_S:
+            raise CampaignError(f'{what} did not come within {_START_S:.0f} s')
+        time.sleep(_POLL_S)
+
+
+def processes_of(folder: Path) -> dict[int, str]:
+    """Return the processes of the trial in a folder, but this one, and their command lines."""
+    mark = f'{MARK}={folder}'.encode()
+    found = {}
+    for entry in Path('/proc').glob('[0-9]*'):
+        process = int(entry.name)
+        with suppress(OSError):
+            if process != os.getpid() and mark in (entry / 'environ').read_bytes().split(b'\0'):
+                words = (entry / 'cmdline').read_text(errors='replace').split('\0')
+                found[process] = ' '.join(words[1:4]) or entry.name
+    return found
+
+
+def end_all(folder: Path) -> None:
+    """Kill what is left of the trial in a folder."""
+    while alive := processes_of(folder):
+        for process in alive:
+            with suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
+        time.sleep(_POLL_S)

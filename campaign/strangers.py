@@ -1,0 +1,162 @@
+"""Nodes of somebody else that send nonsense on the graph's topics."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+from ballbot_ros.messages.topics import (
+    BLUETOOTH_TX,
+    CMD_VEL,
+    DIAGNOSTICS,
+    JOY,
+    LCD,
+    LOCKSTEP,
+    OPERATING_STATE,
+    PUSH,
+    SOUND,
+    VIEWER_JOY,
+    Topic,
+)
+from campaign.fault import Verdict
+from campaign.run import (
+    Run,
+    RunEnd,
+    judge_completed,
+    judge_end,
+    judge_failed,
+    judge_printed,
+    judge_recording,
+    ticks_of,
+    undisturbed,
+    undisturbed_duties,
+)
+from campaign.site import CampaignError, Site
+
+STRANGER = 'stranger'
+OPEN_TOPICS = (
+    JOY, VIEWER_JOY, CMD_VEL, PUSH, DIAGNOSTICS, OPERATING_STATE, LCD, SOUND, BLUETOOTH_TX,
+    Topic('somebody/s_camera', 'std_msgs/msg/UInt8MultiArray', None),
+)  # fmt: skip
+"""What anybody may publish: nothing of it may end a run, and nonsense may not change it."""
+
+LOOP_TOPICS = tuple(sorted(LOCKSTEP))
+"""On these nobody but the participants may publish."""
+
+DURATION_S = 3.0
+BOUND_S = 45.0
+"""A publisher without a sample is waited for, for up to 21 s [s]."""
+
+PERIODS_S = (0.002, 0.02, 0.2)
+
+
+class Content(Enum):
+    """What can be sent."""
+
+    NOTHING = 'an empty message'
+    NAN = 'NaN'
+    INFINITY = 'infinity'
+    AT_LENGTH = 'NaN at length'
+    HALF = 'half a message'
+    NOISE = 'noise'
+
+
+class Nonsense(NamedTuple):
+    """What is sent, how often.
+
+    Attributes
+    ----------
+    topic : Topic
+    content : Content
+    period_s : float
+    """
+
+    topic: Topic
+    content: Content
+    period_s: float
+
+    @classmethod
+    def draw(cls, generator: random.Random, topic: Topic) -> Nonsense:
+        """Draw what is sent on a topic."""
+        content = generator.choice(list(Content))
+        period_s = generator.choice(PERIODS_S)
+        # Much, or often: both at once would be a busy machine.
+        return cls(topic, content, max(PERIODS_S) if content is Content.AT_LENGTH else period_s)
+
+    @property
+    def words(self) -> tuple[object, ...]:
+        """It as arguments of ``campaign.sender``."""
+        return self.topic.name, self.content.value, self.period_s
+
+    def __str__(self) -> str:
+        return f'{self.content.value} on {self.topic.name} every {1e3 * self.period_s:g} ms'
+
+
+@dataclass(frozen=True)
+class Stranger:
+    """A node that sends nonsense from a moment of a run on.
+
+    Attributes
+    ----------
+    sends : sequence of Nonsense
+    delay_s : float
+        From the start of the command on [s].
+    in_the_loop : bool
+        Whether it publishes where only participants may.
+    """
+
+    sends: Sequence[Nonsense]
+    delay_s: float
+    in_the_loop: bool
+
+    def __str__(self) -> str:
+        return f'after {self.delay_s:.3f} s: {", ".join(map(str, self.sends))}'
+
+    @classmethod
+    def draw(cls, generator: random.Random, turn: int, *, in_the_loop: bool) -> Stranger:
+        """Draw one; the first topics take turns."""
+        topics = LOOP_TOPICS if in_the_loop else OPEN_TOPICS
+        chosen = [topics[turn % len(topics)]]
+        if not in_the_loop:
+            chosen += generator.sample([topic for topic in topics if topic not in chosen], k=2)
+        sends = [Nonsense.draw(generator, topic) for topic in chosen]
+        return cls(sends, generator.uniform(0.0, 4.0), in_the_loop)
+
+    def carry_out(self, site: Site) -> Verdict:
+        """Send it until the run ends, and judge that."""
+        run = Run(site, DURATION_S)
+        time.sleep(self.delay_s)
+        words = [word for each in self.sends for word in each.words]
+        stranger = site.start(STRANGER, 'campaign.sender', *words)
+        end = run.await_end(BOUND_S, beside=[stranger.pid])
+        if stranger.status is not None:
+            raise CampaignError(f'the stranger has ended: {stranger.text}')
+        expected = undisturbed_duties(site, ticks_of(DURATION_S))
+        complaints = self.judge(end, expected, undisturbed(site, len(expected)).duty_sha256)
+        return Verdict(tuple(complaints), end.end.took_s, BOUND_S)
+
+    def judge(self, run: RunEnd, expected: list[tuple[float, float]], sha256: str) -> list[str]:
+        """Return what does not hold.
+
+        Parameters
+        ----------
+        run : RunEnd
+        expected : list of tuple
+            The duties of an undisturbed run.
+        sha256 : str
+            Their hash.
+        """
+        complaints = judge_printed(run.text) + judge_end(run.end, BOUND_S)
+        if run.end.status is None:
+            return complaints
+        if run.completed or not self.in_the_loop:
+            return complaints + judge_completed(run, sha256)
+        return (
+            complaints
+            + judge_failed(run, [STRANGER])
+            + judge_recording(run, expected, must_be_finished=run.ticks > 0)
+        )

@@ -1,0 +1,174 @@
+"""What is wrong around a run: a full disk, a busy machine, leftovers of killed processes."""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from signal import Signals
+
+from ballbot_ros.nodes.participant_ports import DISCOVERY_PORT, PORT_BASE, PORTS_PER_DOMAIN
+from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, SMALLEST_PORT
+from campaign.fault import Verdict
+from campaign.run import (
+    Run,
+    judge_completed,
+    judge_end,
+    judge_failed,
+    judge_printed,
+    judge_recording,
+    ticks_of,
+    undisturbed,
+    undisturbed_duties,
+)
+from campaign.signals import LONG_S, LOSS_TICKS, SHORT_S
+from campaign.site import Site
+
+DISK_BOUND_S = 45.0
+BUSY_BOUND_S = 120.0
+LEFT_BOUND_S = 60.0
+NO_SPACE = 'No space left on device'
+
+BUSY_LOOPS = 4
+LOOP = 'while True: pass'
+RUNS_AT_ONCE = 3
+PORTS = 20
+"""Leftovers are spread over the ports of so many participants."""
+OLD_S = 3600.0
+
+
+@contextmanager
+def file_system(folder: Path, size_kb: int) -> Iterator[None]:
+    """Have a file system of its own in a folder, of so many KiB."""
+    folder.mkdir(exist_ok=True)
+    options = ['-o', f'size={size_kb}k']
+    subprocess.run(['mount', '-t', 'tmpfs', *options, 'tmpfs', folder], check=True)
+    try:
+        yield
+    finally:
+        subprocess.run(['umount', '--lazy', folder], check=True)
+
+
+@dataclass(frozen=True)
+class FullDisk:
+    """A disk that becomes full while it is recorded.
+
+    Attributes
+    ----------
+    size_kb : int
+    """
+
+    size_kb: int
+
+    def __str__(self) -> str:
+        return f'a disk of {self.size_kb} KiB for the recording'
+
+    @classmethod
+    def draw(cls, generator: random.Random, turn: int) -> FullDisk:
+        """Draw one that is full at once, or after some seconds."""
+        return cls(generator.choice((4, 16, 64, 256, 1024)) + generator.randrange(0, 64, 4))
+
+    def carry_out(self, site: Site) -> Verdict:
+        """Record to it until it is full."""
+        disk = site.folder / 'disk'
+        with file_system(disk, self.size_kb):
+            run = Run(site, LONG_S, output=disk / 'run', real_time_factor=0.0)
+            end = run.await_end(DISK_BOUND_S)
+        expected = undisturbed_duties(site, end.ticks + LOSS_TICKS)
+        complaints = judge_printed(end.text) + judge_end(end.end, DISK_BOUND_S)
+        if end.result:
+            complaints += judge_failed(end, [NO_SPACE])
+        elif end.end.status not in (1, 2) or NO_SPACE not in end.text:
+            complaints.append(f'status {end.end.status}, and no word of {NO_SPACE!r}')
+        complaints += judge_recording(end, expected, lost_ticks=end.ticks, must_be_finished=False)
+        return Verdict(tuple(complaints), end.end.took_s, DISK_BOUND_S)
+
+
+@dataclass(frozen=True)
+class BusyMachine:
+    """Runs at once beside processes that compute without end."""
+
+    def __str__(self) -> str:
+        return f'{RUNS_AT_ONCE} runs at once beside {BUSY_LOOPS} busy loops'
+
+    @classmethod
+    def draw(cls, generator: random.Random, turn: int) -> BusyMachine:
+        """Return it; nothing about it is random."""
+        return cls()
+
+    def carry_out(self, site: Site) -> Verdict:
+        """Keep the machine busy, and judge each run."""
+        sha256 = undisturbed(site, ticks_of(SHORT_S)).duty_sha256
+        complaints = []
+        with ExitStack() as stack:
+            loops = [subprocess.Popen([sys.executable, '-c', LOOP]) for _ in range(BUSY_LOOPS)]
+            for loop in loops:
+                stack.callback(loop.wait)
+                stack.callback(loop.kill)
+            busy = [loop.pid for loop in loops]
+            runs = [
+                Run(site, SHORT_S, name=f'run_{domain}', domain=domain, real_time_factor=0.0)
+                for domain in site.domains[:RUNS_AT_ONCE]
+            ]
+            ends = [run.await_end(BUSY_BOUND_S, beside=busy) for run in runs]
+        for end in ends:
+            complaints += judge_printed(end.text) + judge_completed(end, sha256)
+        took_s = max(end.end.took_s for end in ends)
+        return Verdict(tuple(complaints), took_s, BUSY_BOUND_S)
+
+
+@dataclass(frozen=True)
+class Leftovers:
+    """What a graph that was killed at once has left in shared memory, and broken ports with it.
+
+    Attributes
+    ----------
+    broken : tuple of int
+        Ports whose making was cut short, counted from a domain's first one for a participant.
+    sizes : tuple of int
+        Their lengths [byte].
+    """
+
+    broken: tuple[int, ...]
+    sizes: tuple[int, ...]
+
+    def __str__(self) -> str:
+        ports = ', '.join(f'{p} ({s} bytes)' for p, s in zip(self.broken, self.sizes, strict=True))
+        return f'broken ports {ports}, and what a killed graph leaves'
+
+    @classmethod
+    def draw(cls, generator: random.Random, turn: int) -> Leftovers:
+        """Draw some broken ports; their numbers count from a domain's first participant's."""
+        ports = tuple(sorted(generator.sample(range(PORTS), k=generator.randint(1, 6))))
+        sizes = (0, 1, SMALLEST_PORT - 1, SMALLEST_PORT, 4 * SMALLEST_PORT)
+        return cls(ports, tuple(generator.choice(sizes) for _ in ports))
+
+    def carry_out(self, site: Site) -> Verdict:
+        """Run a graph to its sudden end, break ports, and run another one in the same place."""
+        first = Run(site, LONG_S, name='first')
+        first.await_ticks()
+        for process in (first.program.pid, *site.alive()):
+            os.kill(process, Signals.SIGKILL)
+        site.await_end(first.program, LEFT_BOUND_S)
+        port = PORT_BASE + PORTS_PER_DOMAIN * site.domains[0] + DISCOVERY_PORT
+        for number, size in zip(self.broken, self.sizes, strict=True):
+            SHARED_MEMORY.joinpath(f'fastrtps_port{port + number}').write_bytes(bytes(size))
+        for path in SHARED_MEMORY.iterdir():
+            status = path.stat()
+            os.utime(path, (status.st_atime - OLD_S, status.st_mtime - OLD_S))
+        left = {(path.name, path.stat().st_ino) for path in SHARED_MEMORY.glob('*fastrtps*')}
+
+        run = Run(site, SHORT_S, name='second')
+        end = run.await_end(LEFT_BOUND_S)
+        duties = undisturbed_duties(site, ticks_of(SHORT_S))
+        complaints = judge_printed(end.text) + judge_end(end.end, LEFT_BOUND_S)
+        complaints += judge_completed(end, undisturbed(site, len(duties)).duty_sha256)
+        complaints += judge_recording(end, duties)
+        still = {(path.name, path.stat().st_ino) for path in SHARED_MEMORY.glob('*fastrtps*')}
+        complaints += [f'{name} is still there' for name, _ in sorted(left & still)]
+        return Verdict(tuple(complaints), end.end.took_s, LEFT_BOUND_S)

@@ -1,0 +1,65 @@
+"""What a trial does follows from seed and number alone."""
+
+import random
+
+import pytest
+
+from ballbot_ros.parameters import NODES
+from campaign.damaged_files import DAMAGES, FuzzedInput
+from campaign.faults import FAULTS
+from campaign.restarts import DRIVERS
+from campaign.strangers import LOOP_TOPICS, OPEN_TOPICS
+
+NAMES = [fault.name for fault in FAULTS]
+OF_NODES = [fault for fault in FAULTS if ' of a node ' in fault.name or ' to a node ' in fault.name]
+
+
+def test_each_fault_has_a_name_of_its_own():
+    assert len(set(NAMES)) == len(NAMES)
+
+
+@pytest.mark.parametrize('fault', FAULTS, ids=NAMES)
+def test_the_same_seed_and_number_draw_the_same_attempt(fault):
+    assert [fault.attempt(3, number) for number in range(5)] == [
+        fault.attempt(3, number) for number in range(5)
+    ]
+
+
+@pytest.mark.parametrize('fault', FAULTS[:-1], ids=NAMES[:-1])
+def test_another_seed_and_another_number_draw_another_attempt(fault):
+    assert len({str(fault.attempt(seed, 0)) for seed in range(5)}) > 2
+    assert len({str(fault.attempt(0, number)) for number in range(5)}) > 2
+
+
+@pytest.mark.parametrize('fault', OF_NODES, ids=lambda fault: fault.name)
+def test_of_seven_trials_in_a_row_each_node_is_the_victim_of_one(fault):
+    victims = [fault.attempt(9, number).victim for number in range(10, 17)]
+    assert sorted(victims) == sorted(NODES)
+
+
+def test_each_topic_and_driver_has_its_turn():
+    attempts = {fault.name: fault.attempt for fault in FAULTS}
+    for name, topics in (
+        ('nonsense on open topics', OPEN_TOPICS),
+        ('a stranger in the loop', LOOP_TOPICS),
+    ):
+        first = {attempts[name](1, number).sends[0].topic for number in range(len(topics))}
+        assert first == set(topics)
+    restarts = attempts['drivers killed and started again']
+    first = {restarts(1, number).restarts[0].driver for number in range(len(DRIVERS))}
+    assert first == set(DRIVERS)
+
+
+@pytest.mark.parametrize('damage', DAMAGES, ids=lambda damage: damage.__name__)
+def test_a_damage_is_done_to_data_of_any_length(damage):
+    whole = random.Random(1).randbytes(300)
+    for length in (2, 300):
+        done = {damage(random.Random(seed), whole[:length]) for seed in range(20)}
+        assert done - {whole[:length]}
+
+
+def test_fuzzed_words_can_be_handed_to_a_process():
+    for number in range(200):
+        attempt = FuzzedInput.draw(random.Random(number), number)
+        assert not any('\0' in word for word in attempt.assignments)
+        assert attempt.scenario

@@ -1,0 +1,130 @@
+"""What counts as held: each thing that must hold is missed if it alone does not."""
+
+from dataclasses import replace
+from signal import Signals
+
+import pytest
+
+from campaign.remains import Remains
+from campaign.run import RunEnd
+from campaign.signals import LOSS_TICKS, CommandSignal, Moment, NodeSignal
+from campaign.site import End
+from campaign.strangers import OPEN_TOPICS, Content, Nonsense, Stranger
+
+DUTIES = [(float(tick % 7), 1.0) for tick in range(900)]
+SHA = 'a' * 64
+ENDED = End(status=1, took_s=4.0, survivors=())
+FAILED = RunEnd(
+    ENDED,
+    'gyro_driver died of SIGKILL',
+    {'outcome': 'failed', 'reason': 'gyro_driver silent for 2 s', 'ticks': 500},
+    Remains(finished=True, truths=501, duties=(*DUTIES[:500], (0.0, 0.0))),
+)
+COMPLETED = RunEnd(
+    ENDED._replace(status=0),
+    '',
+    {'outcome': 'passed', 'reason': '', 'ticks': 500, 'duty_sha256': SHA},
+    Remains(finished=True, truths=501, duties=tuple(DUTIES[:500])),
+)
+
+
+def in_mid_run(victim='gyro_driver', number=Signals.SIGKILL):
+    return NodeSignal(victim, number, Moment.MIDDLE, 0.5)
+
+
+def judge(run, attempt=None):
+    return (attempt or in_mid_run()).judge(run, DUTIES, SHA)
+
+
+def with_result(run, **changes):
+    return replace(run, result={**run.result, **changes})
+
+
+def with_remains(run, **changes):
+    return replace(run, remains=replace(run.remains, **changes))
+
+
+def test_a_run_that_failed_as_it_should_holds():
+    assert judge(FAILED) == []
+
+
+@pytest.mark.parametrize(
+    ('run', 'complaint'),
+    [
+        (replace(FAILED, end=ENDED._replace(status=None)), 'had not ended 15 s after'),
+        (replace(FAILED, end=ENDED._replace(survivors=('controller',))), 'left processes behind'),
+        (replace(FAILED, end=ENDED._replace(status=0)), 'status 0, failed'),
+        (replace(FAILED, end=ENDED._replace(status=-11), result={}), 'status -11, no result'),
+        (replace(FAILED, text='Traceback (most recent call last):'), "printed 'Traceback"),
+        (replace(FAILED, text='controller died of SIGSEGV'), "printed 'died of SIGSEGV'"),
+        (with_result(FAILED, outcome='stopped'), 'status 1, stopped'),
+        (with_result(FAILED, reason='controller silent for 2 s'), 'does not name gyro_driver'),
+        (replace(FAILED, remains=None), 'no recording of 500 ticks'),
+        (with_remains(FAILED, problem='cut off'), 'can not be read: cut off'),
+        (with_remains(FAILED, finished=False), 'not finished'),
+        (with_remains(FAILED, missing='3 of /gyro'), 'lacks something: 3 of /gyro'),
+        (with_remains(FAILED, duties=tuple(DUTIES[:499])), 'recorded 499 duties of 500'),
+        (with_remains(FAILED, duties=tuple(DUTIES[:500])), 'the last recorded duty is (2.0, 1.0)'),
+        (with_remains(FAILED, duties=((5.0, 5.0), *DUTIES[1:500], (0.0, 0.0))), 'from tick 0 on'),
+    ],
+)  # fmt: skip
+def test_what_a_lost_node_must_not_cost(run, complaint):
+    complaints = judge(run)
+    assert any(complaint in each for each in complaints), complaints
+
+
+def test_only_near_its_end_a_run_may_complete_all_the_same():
+    near_the_end = NodeSignal('gyro_driver', Signals.SIGKILL, Moment.END, 1.4)
+    assert judge(COMPLETED, near_the_end) == []
+    assert judge(COMPLETED) != []
+    assert judge(with_result(COMPLETED, duty_sha256='b' * 64), near_the_end) == [
+        'completed with other duties than an undisturbed run'
+    ]
+    short = with_remains(COMPLETED, duties=tuple(DUTIES[:490]))
+    assert 'recorded 490 duties of 500' in judge(short, near_the_end)
+
+
+def test_a_lost_recorder_may_cost_a_second():
+    lost = with_result(FAILED, reason='recorder silent for 2 s', ticks=700)
+    lost = with_remains(lost, finished=False, duties=tuple(DUTIES[: 700 - LOSS_TICKS]))
+    assert judge(lost, in_mid_run('recorder')) == []
+    more = with_remains(lost, duties=tuple(DUTIES[: 699 - LOSS_TICKS]))
+    assert judge(more, in_mid_run('recorder')) == ['recorded 399 duties of 700']
+    never_begun = with_result(replace(lost, remains=None), ticks=0)
+    assert judge(never_begun, in_mid_run('recorder')) == []
+
+
+@pytest.mark.parametrize(
+    ('number', 'status', 'holds'),
+    [
+        (Signals.SIGINT, 130, True), (Signals.SIGTERM, 143, True), (Signals.SIGTERM, -15, True),
+        (Signals.SIGKILL, -9, True), (Signals.SIGINT, 1, False), (Signals.SIGTERM, 130, False),
+    ],
+)  # fmt: skip
+def test_the_status_tells_the_signal_that_ended_the_command(number, status, holds):
+    attempt = CommandSignal(number, Moment.MIDDLE, 0.1)
+    stopped = replace(COMPLETED, end=ENDED._replace(status=status), result={'outcome': 'stopped'})
+    complaints = attempt.judge(stopped, DUTIES, SHA)
+    assert (complaints == []) == holds, complaints
+
+
+def test_nodes_may_outlive_a_killed_command_for_a_while_only():
+    attempt = CommandSignal(Signals.SIGKILL, Moment.MIDDLE, 0.1)
+    end = End(status=-9, took_s=1.0, survivors=('plant_sim',))
+    killed = RunEnd(end, '', {}, with_remains(COMPLETED, finished=False).remains)
+    assert attempt.judge(killed, DUTIES, SHA) == []
+    later = replace(killed, end=end._replace(took_s=99.0))
+    assert attempt.judge(later, DUTIES, SHA) == [
+        'nodes still there 15 s after the command was killed'
+    ]
+
+
+def test_nonsense_may_end_a_run_only_in_the_loop():
+    sends = [Nonsense(OPEN_TOPICS[0], Content.NAN, 0.02)]
+    named = with_result(FAILED, reason="/stranger publishes on 'gyro', but takes no part")
+    for run, in_the_loop, holds in (
+        (COMPLETED, True, True), (COMPLETED, False, True), (named, True, True),
+        (named, False, False), (FAILED, True, False),
+    ):  # fmt: skip
+        complaints = Stranger(sends, 0.1, in_the_loop).judge(run, DUTIES, SHA)
+        assert (complaints == []) == holds, complaints

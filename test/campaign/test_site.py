@@ -1,0 +1,53 @@
+"""The processes of a trial: none of them outlives it."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from campaign.campaign import campaign
+from campaign.site import MARK, Site, processes_of
+
+SLEEP = ('timeit', '-n', '1', 'import time; time.sleep(60)')
+
+
+def test_a_program_that_hangs_is_killed_and_has_no_status(tmp_path):
+    with Site(tmp_path, [1]) as site:
+        program = site.start('hangs', *SLEEP)
+        end = site.await_end(program, bound_s=0.3)
+        assert end.status is None
+        assert end.took_s > 0.3
+        assert program.status == -9
+        assert site.alive() == {}
+
+
+def test_what_outlives_a_program_is_told_and_killed(tmp_path):
+    parent = f'import subprocess, sys; subprocess.Popen([sys.executable, "-m", *{SLEEP!r}])'
+    with Site(tmp_path, [1]) as site:
+        program = site.start('parent', 'timeit', '-n', '1', '-r', '1', parent)
+        end = site.await_end(program, bound_s=0.3)
+    assert end.status == 0
+    assert len(end.survivors) == 1
+    assert processes_of(tmp_path) == {}
+
+
+def test_other_processes_are_left_alone(tmp_path):
+    other = subprocess.Popen(
+        [sys.executable, '-m', *SLEEP], env={**os.environ, MARK: f'{tmp_path}_2'}
+    )
+    try:
+        with Site(tmp_path, [1]) as site:
+            assert site.alive() == {}
+        assert other.poll() is None
+    finally:
+        other.kill()
+        other.wait()
+
+
+@pytest.mark.parametrize(
+    'words', [['--only', 'flood'], ['--trial', '3'], ['--minutes', '0'], ['--seed', '-1']]
+)
+def test_a_slip_in_the_words_is_a_mistake(words):
+    assert CliRunner().invoke(campaign, words).exit_code == 2
