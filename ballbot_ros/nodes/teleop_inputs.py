@@ -97,17 +97,27 @@ class TeleopInputs:
         if self._complaints.add(name, text):
             self._node.warn(str(self._complaints))
 
-    def _subscribe(self, topic: Topic, take: Callable[[Any], None]) -> Any:
+    def _subscribe(self, topic: Topic, source: str, read: Callable[[Any], Sticks | None]) -> Any:
         decode = decoder(topic.type_name)
+
+        def sticks(data: bytes) -> Sticks | None:
+            try:
+                message = decode(data)
+            except ValueError as error:
+                raise TeleopError(f'no {topic.type_name}: {one_line(error)}') from None
+            return read(message)
+
+        def take(data: bytes) -> None:
+            self._take(source, topic.name, lambda: sticks(data))
+
         return self._node.create_subscription(
-            topic.message_class, topic.name, lambda data: take(decode(data)), NEWEST, raw=True
+            topic.message_class, topic.name, take, NEWEST, raw=True
         )
 
     def _listen_to_joy(self, topic: Topic, source: str, mapping: Callable[[], JoyMapping]) -> None:
-        def take(message: Any) -> None:
-            self._take(source, topic.name, lambda: mapping().sticks(message.axes, message.buttons))
-
-        self._subscribe(topic, take)
+        self._subscribe(
+            topic, source, lambda message: mapping().sticks(message.axes, message.buttons)
+        )
 
     def _look_for_cmd_vel(self) -> None:
         """Subscribe to ``cmd_vel`` as it is published: the middleware allows one type only."""
@@ -134,13 +144,12 @@ class TeleopInputs:
         self._listen_to_cmd_vel(known[0])
 
     def _listen_to_cmd_vel(self, topic: Topic) -> None:
-        def take(message: Any) -> None:
+        def read(message: Any) -> Sticks | None:
             twist = message.twist if topic is CMD_VEL_STAMPED else message
-            forward, left = planar_velocity(twist)
-            self._take(arbiter.CMD_VEL, CMD_VEL.name, lambda: self._velocity.sticks(forward, left))
+            return self._velocity.sticks(*planar_velocity(twist))
 
         try:
-            self._cmd_vel_subscription = self._subscribe(topic, take)
+            self._cmd_vel_subscription = self._subscribe(topic, arbiter.CMD_VEL, read)
             self._cmd_vel = topic
         except RuntimeError as error:
             # Another node of this process reads it with another type.

@@ -62,9 +62,9 @@ class Driver(Client):
         self.last_sent = 0.0
 
     @contextlib.contextmanager
-    def sending(self, topic, message, qos=10):
-        """Publish a message every PERIOD_S within the block."""
-        publisher = self.node.create_publisher(type(message), topic, qos)
+    def sending(self, topic, message, qos=10, kind=None):
+        """Publish a message, or bytes in the place of one, every PERIOD_S within the block."""
+        publisher = self.node.create_publisher(kind or type(message), topic, qos)
 
         def send():
             publisher.publish(message)
@@ -188,6 +188,16 @@ def test_joy_of_no_use_is_reported(driver):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.WARN)
         assert driver.status().message == 'viewer/joy: no axis 1, only 1 axes'
     with driver.sending('viewer/joy', joy()):
+        driver.spin_until(lambda: driver.status().level == DiagnosticStatus.OK)
+
+
+@pytest.mark.parametrize(('topic', 'kind'), [('joy', Joy), ('viewer/joy', Joy), ('cmd_vel', Twist)])
+def test_bytes_that_are_no_message_are_reported(driver, topic, kind):
+    with driver.sending(topic, b'\0\1\0\0' + bytes(5), kind=kind):
+        driver.spin_until(lambda: driver.status().level == DiagnosticStatus.WARN)
+        told = driver.status().message
+        assert told.startswith(f'{topic}: no {kind.__module__.split(".")[0]}/msg/{kind.__name__}: ')
+    with driver.sending(topic, kind() if kind is Twist else joy()):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.OK)
 
 
