@@ -45,7 +45,10 @@ WIDTH = 100
 POLL_S = 0.1
 
 
-@click.command(context_settings={'help_option_names': ['-h', '--help'], 'max_content_width': 100})
+@click.command(
+    context_settings={'help_option_names': ['-h', '--help'], 'max_content_width': 100},
+    epilog='\b\nFaults:\n' + '\n'.join(f'  {name}' for name in BY_NAME),
+)
 @click.option(
     '--minutes',
     type=click.FloatRange(0.1, 1440.0),

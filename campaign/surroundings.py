@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from signal import Signals
 
@@ -54,35 +55,54 @@ def file_system(folder: Path, size_kb: int) -> Iterator[None]:
         subprocess.run(['umount', '--lazy', folder], check=True)
 
 
+class Disk(Enum):
+    """What is on the disk that becomes full."""
+
+    RECORDING = 'the recording'
+    TEMPORARY = 'temporary files'
+
+
 @dataclass(frozen=True)
 class FullDisk:
-    """A disk that becomes full while it is recorded.
+    """A disk that becomes full during a run.
 
     Attributes
     ----------
+    disk : Disk
     size_kb : int
+        Its size [KiB].
     """
 
+    disk: Disk
     size_kb: int
 
     def __str__(self) -> str:
-        return f'a disk of {self.size_kb} KiB for the recording'
+        return f'{self.size_kb} KiB for {self.disk.value}'
 
     @classmethod
     def draw(cls, generator: random.Random, turn: int) -> FullDisk:
-        """Draw one that is full at once, or after some seconds."""
-        return cls(generator.choice((4, 16, 64, 256, 1024)) + generator.randrange(0, 64, 4))
+        """Draw one that is full at once, or after some seconds; the disks take turns."""
+        disk = list(Disk)[turn % len(Disk)]
+        sizes = (4, 16, 64, 256, 1024) if disk is Disk.RECORDING else (4, 8, 16, 32)
+        return cls(disk, generator.choice(sizes) + generator.choice((0, 4)))
 
     def carry_out(self, site: Site) -> Verdict:
-        """Record to it until it is full."""
-        disk = site.folder / 'disk'
-        with file_system(disk, self.size_kb):
-            run = Run(site, LONG_S, output=disk / 'run', real_time_factor=0.0)
+        """Run until the disk is full."""
+        output = site.folder / 'disk'
+        is_of_recording = self.disk is Disk.RECORDING
+        with file_system(output if is_of_recording else site.temporary, self.size_kb):
+            duration = LONG_S if is_of_recording else SHORT_S
+            run = Run(site, duration, output=output / 'run', real_time_factor=0.0)
             end = run.await_end(DISK_BOUND_S)
         expected = undisturbed_duties(site, end.ticks + LOSS_TICKS)
         complaints = judge_printed(end.text) + judge_end(end.end, DISK_BOUND_S)
-        if end.result:
-            complaints += judge_failed(end, [NO_SPACE])
+        if end.completed and not is_of_recording:
+            sha256 = undisturbed(site, ticks_of(SHORT_S)).duty_sha256
+            complaints += judge_completed(end, sha256)
+        elif end.result:
+            # That the picture can't be written either says nothing of what ended the run.
+            named = f'{run.recording.name}: {NO_SPACE}' if is_of_recording else NO_SPACE
+            complaints += judge_failed(end, [named])
         elif end.end.status not in (1, 2) or NO_SPACE not in end.text:
             complaints.append(f'status {end.end.status}, and no word of {NO_SPACE!r}')
         complaints += judge_recording(end, expected, lost_ticks=end.ticks, must_be_finished=False)
