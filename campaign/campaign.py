@@ -28,6 +28,7 @@ from campaign.fault import Verdict
 from campaign.faults import BY_NAME, FAULTS
 from campaign.schedule import Schedule, Trial, table_of
 from campaign.site import DOMAINS_EACH, MARK, end_all
+from campaign.trial import OWN_MEMORY
 
 DOMAINS = range(40, 50)
 """Neither the default domain nor those that the tests use."""
@@ -249,7 +250,7 @@ class TrialProcess:
         self._output = folder / 'trial.txt'
         with self._output.open('wb') as output:
             self._process = subprocess.Popen(
-                command,
+                [*command, OWN_MEMORY] if mounts else command,
                 env={**os.environ, MARK: str(folder)},
                 stdin=subprocess.DEVNULL,
                 stdout=output,

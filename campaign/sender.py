@@ -24,6 +24,9 @@ from campaign.strangers import LOOP_TOPICS, OPEN_TOPICS, STRANGER, Content
 LARGE = 5_000
 """Length of each sequence and text of a message at length."""
 
+ENCODING = b'\x00\x01\x00\x00'
+"""The first bytes of a message: little-endian CDR."""
+
 
 def main(words: Sequence[str]) -> None:
     """Send what the words say: a topic, a content and a period [s], as often as they come."""
@@ -82,7 +85,9 @@ def _cut(kind: Any) -> bytes:
 
 
 def _noise(kind: Any) -> bytes:
-    return b'\x00\x01\x00\x00' + random.Random(kind.__name__).randbytes(256)
+    # Not longer: of a type without sequences the middleware takes no more.
+    length = len(serialize_message(kind())) - len(ENCODING)
+    return ENCODING + random.Random(kind.__name__).randbytes(length)
 
 
 MAKERS: dict[Content, Callable[[Any], Any]] = {

@@ -152,7 +152,7 @@ class NodeSignal:
             run,
             expected,
             lost_ticks=LOSS_TICKS if of_recorder and not completed else 0,
-            must_be_finished=not of_recorder and run.ticks > 0,
+            must_be_finished=not of_recorder,
             ends_with_zero=not of_recorder and not completed,
         )
         return complaints
@@ -217,5 +217,5 @@ class CommandSignal:
             complaints += judge_completed(run, short_sha256)
         elif run.end.status not in (128 + self.number, -self.number):
             complaints.append(f'status {run.end.status} instead of {128 + self.number}')
-        complaints += judge_recording(run, expected, must_be_finished=not killed and run.ticks > 0)
+        complaints += judge_recording(run, expected, must_be_finished=not killed)
         return complaints

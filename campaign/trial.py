@@ -1,6 +1,6 @@
 """One trial, as a process of its own, which prints the verdict as JSON.
 
-``python -m campaign.trial FAULT SEED NUMBER FOLDER DOMAIN…``
+``python -m campaign.trial FAULT SEED NUMBER FOLDER DOMAIN… [--own-memory]``
 """
 
 from __future__ import annotations
@@ -10,23 +10,35 @@ import signal
 import sys
 from pathlib import Path
 
+from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, sweep
 from campaign.fault import Verdict
 from campaign.faults import BY_NAME
-from campaign.site import CampaignError, Site, Stopwatch
+from campaign.site import START_S, CampaignError, Site
+
+OWN_MEMORY = '--own-memory'
+"""Says that nobody else has this ``/dev/shm``."""
+
+
+def judge_shared_memory() -> tuple[str, ...]:
+    """Judge whether the next run can remove all that is left in shared memory."""
+    sweep(older_than_s=0.0)
+    left = sorted(SHARED_MEMORY.glob('*fastrtps*'))
+    return tuple(f'{path} is left, and is not swept' for path in left)
 
 
 def main(words: list[str]) -> int:
     """Carry out a trial."""
     # What a shell runs in the background ignores SIGINT, and so would all that it starts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    name, seed, number, folder, *domains = words
+    name, seed, number, folder, *domains = [word for word in words if word != OWN_MEMORY]
     attempt = BY_NAME[name].attempt(int(seed), int(number))
-    watch = Stopwatch()
     with Site(Path(folder), [int(domain) for domain in domains]) as site:
         try:
             verdict = attempt.carry_out(site)
         except CampaignError as error:
-            verdict = Verdict((str(error),), watch.elapsed_s, 1.0)
+            verdict = Verdict((str(error),), 0.0, START_S)
+    if OWN_MEMORY in words:
+        verdict = verdict._replace(complaints=verdict.complaints + judge_shared_memory())
     print(json.dumps({'attempt': str(attempt), **verdict._asdict()}))
     return 0
 
