@@ -34,6 +34,8 @@ class Remains:
         Number of truths of the plant.
     duties : tuple
         Duties [%] by tick, from the first on.
+    strange : int
+        Number of messages on the same topic that are none, or not of the next tick.
     """
 
     problem: str = ''
@@ -41,6 +43,7 @@ class Remains:
     missing: str = ''
     truths: int = 0
     duties: tuple[Duty, ...] = ()
+    strange: int = 0
 
 
 def read_remains(path: Path, folder: Path) -> Remains | None:
@@ -71,21 +74,29 @@ def read_remains(path: Path, folder: Path) -> Remains | None:
                 return Remains(problem=problem)
             topics = reader.topics()
             truths = topics.get(PLANT_IMU.resolved())
+            duties, strange = _duties(reader) if MOTOR_DUTY.resolved() in topics else ((), 0)
             return Remains(
                 finished=finished,
                 missing=missing if finished else '',
                 truths=truths.message_count if truths else 0,
-                duties=_duties(reader) if MOTOR_DUTY.resolved() in topics else (),
+                duties=duties,
+                strange=strange,
             )
     except (RecordingError, McapError) as error:
         return Remains(problem=str(error))
 
 
-def _duties(reader: RecordingReader) -> tuple[Duty, ...]:
+def _duties(reader: RecordingReader) -> tuple[tuple[Duty, ...], int]:
     found: list[Duty] = []
-    for _, _, message in reader.messages([MOTOR_DUTY.resolved()]):
-        tick = (stamp_ns(message) - FIRST_TICK_NS) // TICK_NS
-        if tick != len(found):
-            raise RecordingError(f'a duty of tick {tick} follows that of tick {len(found) - 1}')
-        found.append((message.vector.x, message.vector.y))
-    return tuple(found)
+    strange = 0
+    for raw in reader.raw_messages([MOTOR_DUTY.resolved()]):
+        try:
+            message = reader.decode(raw)
+        except RecordingError:
+            strange += 1
+            continue
+        if stamp_ns(message) == FIRST_TICK_NS + len(found) * TICK_NS:
+            found.append((message.vector.x, message.vector.y))
+        else:
+            strange += 1
+    return tuple(found), strange

@@ -62,6 +62,11 @@ class RunEnd:
         return int(self.result.get('ticks') or 0)
 
     @property
+    def most_ticks(self) -> int:
+        """Ticks by its own account or by the recording, whichever has more."""
+        return max(self.ticks, len(self.remains.duties) if self.remains else 0)
+
+    @property
     def reason(self) -> str:
         """Why it failed."""
         return str(self.result.get('reason', ''))
@@ -87,7 +92,7 @@ class Run:
     domain : int, optional
         Another one than the site's first.
     real_time_factor : float
-    settings : str
+    *settings : str
         More parameters of the run, as ``node.param=value``.
     """
 
@@ -191,8 +196,9 @@ def judge_completed(run: RunEnd, duty_sha256: str) -> list[str]:
         complaints.append(f'status {run.end.status}, {outcome}: {run.reason}')
     elif run.result.get('duty_sha256') != duty_sha256:
         complaints.append('completed with other duties than an undisturbed run')
-    if not complaints and run.remains and len(run.remains.duties) != run.ticks:
-        complaints.append(f'recorded {len(run.remains.duties)} duties of {run.ticks}')
+    recorded = len(run.remains.duties) if run.remains else 0
+    if not complaints and recorded != run.ticks:
+        complaints.append(f'recorded {recorded} duties of {run.ticks}')
     return complaints
 
 
@@ -214,6 +220,7 @@ def judge_recording(
     lost_ticks: int = 0,
     must_be_finished: bool = True,
     ends_with_zero: bool = False,
+    beside_stranger: bool = False,
 ) -> list[str]:
     """Judge whether the recording can be read, and has the right duties up to the end.
 
@@ -221,13 +228,15 @@ def judge_recording(
     ----------
     run : RunEnd
     undisturbed : collection of tuple
-        Duties of an undisturbed run, at least as many as the run has ticks.
+        Duties of an undisturbed run, as many as the run has ticks.
     lost_ticks : int
         How many of the run's ticks may be missing at its end.
     must_be_finished : bool
         Whether the recorder must have finished the file.
     ends_with_zero : bool
         Whether the last duty must be zero.
+    beside_stranger : bool
+        Whether a stranger's messages may stand among those of the run.
     """
     remains = run.remains
     if remains is None:
@@ -239,6 +248,8 @@ def judge_recording(
         complaints.append('the recording is not finished')
     if must_be_finished and remains.missing:
         complaints.append(f'the recording lacks something: {remains.missing}')
+    if remains.strange and not beside_stranger:
+        complaints.append(f'{remains.strange} recorded duties are not of the next tick')
     duties, expected = remains.duties, list(undisturbed)
     if len(duties) < run.ticks - lost_ticks:
         complaints.append(f'recorded {len(duties)} duties of {run.ticks}')

@@ -137,8 +137,8 @@ class Stranger:
         end = run.await_end(BOUND_S, beside=[stranger.pid])
         if stranger.status is not None:
             raise CampaignError(f'the stranger has ended: {stranger.text}')
-        expected = undisturbed_duties(site, ticks_of(DURATION_S))
-        complaints = self.judge(end, expected, undisturbed(site, len(expected)).duty_sha256)
+        sha256 = undisturbed(site, ticks_of(DURATION_S)).duty_sha256
+        complaints = self.judge(end, undisturbed_duties(site, end.most_ticks), sha256)
         return Verdict(tuple(complaints), end.end.took_s, BOUND_S)
 
     def judge(self, run: RunEnd, expected: list[tuple[float, float]], sha256: str) -> list[str]:
@@ -157,4 +157,8 @@ class Stranger:
             return complaints
         if run.completed or not self.in_the_loop:
             return complaints + judge_completed(run, sha256)
-        return complaints + judge_failed(run, [STRANGER]) + judge_recording(run, expected)
+        return (
+            complaints
+            + judge_failed(run, [STRANGER])
+            + judge_recording(run, expected, ends_with_zero=True, beside_stranger=True)
+        )

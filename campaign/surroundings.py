@@ -27,7 +27,7 @@ from campaign.run import (
     undisturbed,
     undisturbed_duties,
 )
-from campaign.signals import LONG_S, LOSS_TICKS, SHORT_S
+from campaign.signals import LONG_S, SHORT_S
 from campaign.site import Site
 
 DISK_BOUND_S = 45.0
@@ -94,7 +94,7 @@ class FullDisk:
             duration = LONG_S if is_of_recording else SHORT_S
             run = Run(site, duration, output=output / 'run', real_time_factor=0.0)
             end = run.await_end(DISK_BOUND_S)
-        expected = undisturbed_duties(site, end.ticks + LOSS_TICKS)
+        expected = undisturbed_duties(site, end.most_ticks)
         complaints = judge_printed(end.text) + judge_end(end.end, DISK_BOUND_S)
         if end.completed and not is_of_recording:
             sha256 = undisturbed(site, ticks_of(SHORT_S)).duty_sha256

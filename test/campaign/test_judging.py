@@ -63,6 +63,7 @@ def test_a_run_that_failed_as_it_should_holds():
         (with_remains(FAILED, problem='cut off'), 'can not be read: cut off'),
         (with_remains(FAILED, finished=False), 'not finished'),
         (with_remains(FAILED, missing='3 of /gyro'), 'lacks something: 3 of /gyro'),
+        (with_remains(FAILED, strange=2), '2 recorded duties are not of the next tick'),
         (with_remains(FAILED, duties=tuple(DUTIES[:499])), 'recorded 499 duties of 500'),
         (with_remains(FAILED, duties=tuple(DUTIES[:500])), 'the last recorded duty is (2.0, 1.0)'),
         (with_remains(FAILED, duties=((5.0, 5.0), *DUTIES[1:500], (0.0, 0.0))), 'from tick 0 on'),
@@ -82,6 +83,7 @@ def test_only_near_its_end_a_run_may_complete_all_the_same():
     ]
     short = with_remains(COMPLETED, duties=tuple(DUTIES[:490]))
     assert 'recorded 490 duties of 500' in judge(short, near_the_end)
+    assert 'recorded 0 duties of 500' in judge(replace(COMPLETED, remains=None), near_the_end)
 
 
 def test_a_lost_recorder_may_cost_a_second():
