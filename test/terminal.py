@@ -4,6 +4,7 @@ import contextlib
 import fcntl
 import os
 import pty
+import re
 import struct
 import termios
 import threading
@@ -31,6 +32,12 @@ class Terminal:
     def wait_for_text(self, text, since=0, timeout=20.0):
         wait_for(
             lambda: text in self.screen[since:], timeout=timeout, what=f'{text!r} on the screen'
+        )
+
+    def wait_for_match(self, pattern, since=0):
+        wait_for(
+            lambda: re.search(pattern.encode(), self.screen[since:]),
+            what=f'{pattern!r} on the screen',
         )
 
     def hang_up(self):
