@@ -7,7 +7,7 @@ import subprocess
 import time
 
 import numpy as np
-from graph import BALLBOT, bound_s, environment
+from graph import BALLBOT, LAST_RESORT_S, environment
 from PIL import Image
 
 from ballbot_ros.viewer.browser import browser_page
@@ -31,7 +31,7 @@ def running(domain, *arguments):
         yield process
     finally:
         process.terminate()
-        process.communicate(timeout=20.0)
+        process.communicate(timeout=LAST_RESORT_S)
 
 
 @contextlib.contextmanager
@@ -56,13 +56,14 @@ class Browser:
         # What the panel and the notice about missing graphics hardware leave free of the page.
         self.scene = {'x': 0, 'y': 160, 'width': width - 360, 'height': height - 160}
         self.errors = []
+        page.set_default_timeout(LAST_RESORT_S * 1e3)
         page.on('console', lambda m: m.type == 'error' and self.errors.append(m.text))
         page.on('pageerror', lambda error: self.errors.append(str(error)))
         page.goto(address)
-        self.wait_for_text('state', 60.0)
+        self.wait_for_text('state')
 
-    def wait_for_text(self, text, timeout=30.0):
-        self.page.get_by_text(text).first.wait_for(timeout=timeout * 1e3)
+    def wait_for_text(self, text):
+        self.page.get_by_text(text).first.wait_for()
 
     def press(self, name):
         self.page.get_by_role('button', name=name, exact=True).click()
@@ -148,8 +149,8 @@ def another(browser, address):
     return Browser(page.context.browser.new_page(viewport=page.viewport_size), address)
 
 
-def wait_until(condition, browser, timeout=None):
-    deadline = time.monotonic() + (timeout or bound_s(60.0))
+def wait_until(condition, browser):
+    deadline = time.monotonic() + LAST_RESORT_S
     while not condition():
-        assert time.monotonic() < deadline, 'timeout'
+        assert time.monotonic() < deadline, 'it did not happen'
         browser.page.wait_for_timeout(50)

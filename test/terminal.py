@@ -29,10 +29,8 @@ class Terminal:
     def press(self, keys):
         os.write(self._ours, keys)
 
-    def wait_for_text(self, text, since=0, timeout=20.0):
-        wait_for(
-            lambda: text in self.screen[since:], timeout=timeout, what=f'{text!r} on the screen'
-        )
+    def wait_for_text(self, text, since=0):
+        wait_for(lambda: text in self.screen[since:], what=f'{text!r} on the screen')
 
     def wait_for_match(self, pattern, since=0):
         wait_for(

@@ -15,7 +15,7 @@ WHITE = np.full((20, 30), 255, dtype=np.uint8)
 def ballbot_map(*arguments, **options):
     return subprocess.run(
         [*BALLBOT, 'map', *map(str, arguments)],
-        capture_output=True, text=True, timeout=60.0, check=False, **options,
+        capture_output=True, text=True, check=False, **options,
     )  # fmt: skip
 
 

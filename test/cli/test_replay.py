@@ -23,7 +23,7 @@ DUTY = 'geometry_msgs/msg/Vector3Stamped'
 def replay(*arguments):
     return subprocess.run(
         [*BALLBOT, 'replay', *map(str, arguments)],
-        capture_output=True, text=True, env=environment(0), check=False, timeout=100,
+        capture_output=True, text=True, env=environment(0), check=False,
     )  # fmt: skip
 
 

@@ -119,6 +119,7 @@ OTHER_PYTHONS = [minor for minor in range(10, 14) if minor != sys.version_info.m
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)  # pip downloads
 @pytest.mark.parametrize('minor', OTHER_PYTHONS)
 def test_another_python_with_the_oldest_or_newest_numpy_and_scipy(minor, tmp_path, monkeypatch):
     """The oldest releases with the oldest Python, the newest with the others."""

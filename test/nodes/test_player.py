@@ -7,7 +7,7 @@ import time
 from itertools import pairwise
 
 import pytest
-from graph import BALLBOT, environment, record, wait_for
+from graph import BALLBOT, LAST_RESORT_S, environment, record, wait_for
 
 rclpy = pytest.importorskip('rclpy')
 
@@ -120,7 +120,7 @@ def test_pause_and_seek(recording, start_node, listen):
     player = start_node('player', file=recording, loop=True)
     wait_for(lambda: len(clock) > 100)
     pause = listener.node.create_client(SetBool, '/player/pause')
-    pause.wait_for_service(10.0)
+    assert pause.wait_for_service(LAST_RESORT_S)
     answer = pause.call_async(SetBool.Request(data=True))
     wait_for(answer.done)
     assert answer.result().message == 'paused'

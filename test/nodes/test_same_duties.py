@@ -8,29 +8,32 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from graph import NODES, Run, free_domain
+from graph import NODES, Node, Run, free_domain
 
-from ballbot_ros.parameters import GYRO, PLANT
+from ballbot_ros.parameters import GYRO, PLANT, RECORDER
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
+from ballbot_ros.simulation.trajectory import load_trajectory
 
 pytestmark = pytest.mark.graph
 
 DURATION_S = 2.0
+NOISE = 0.7
+NOISY_PLANT = {'duration': DURATION_S, 'battery_model': 'draining'}
 NOISY = [
-    f'--set=plant_sim.duration={DURATION_S}',
-    '--set=gyro_driver.noise=0.7',
-    '--set=plant_sim.battery_model=draining',
+    f'--set=gyro_driver.noise={NOISE}',
+    *(f'--set=plant_sim.{name}={value}' for name, value in NOISY_PLANT.items()),
 ]
+OTHERS = [name for name in NODES if name not in (PLANT, RECORDER)]
 REPETITIONS = 20
 
 
 @pytest.fixture(scope='session')
 def expected_sha256():
     scenario = load_scenario('stationary')
-    scenario.parameters.set(GYRO, 'noise', 0.7)
-    scenario.parameters.set(PLANT, 'battery_model', 'draining')
-    scenario.parameters.set(PLANT, 'duration', DURATION_S)
+    scenario.parameters.set(GYRO, 'noise', NOISE)
+    for name, value in NOISY_PLANT.items():
+        scenario.parameters.set(PLANT, name, value)
     return duty_sha256(scenario)
 
 
@@ -51,17 +54,30 @@ def test_every_way_of_running_gives_the_same_duties(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('pair', range(REPETITIONS // 2))
-def test_every_repetition_gives_the_same_duties(expected_sha256, pair):
-    """Two at a time, each in a domain of its own."""
+def test_every_repetition_gives_the_same_duties(tmp_path, expected_sha256):
+    """Two graphs at a time, each in a domain of its own, with one plant after the other."""
+    start_pitch_x = load_scenario('stationary').parameters.values(PLANT)['start_pitch_x']
     with contextlib.ExitStack() as stack:
-        runs = []
-        for _ in range(2):
-            domain = stack.enter_context(free_domain())
-            runs.append(Run(domain, 'stationary', '--no-record', '--json', *NOISY))
-            stack.callback(runs[-1].kill)
-        for run in runs:
-            assert sha256_of(run) == expected_sha256
+        domains = [stack.enter_context(free_domain()) for _ in range(2)]
+
+        def start(domain, name, **parameters):
+            node = Node(domain, name, **parameters)
+            stack.callback(node.kill)
+            return node
+
+        for domain in domains:
+            for name in OTHERS:
+                start(domain, name, **({'noise': NOISE} if name == GYRO else {}))
+        for repetition in range(REPETITIONS // 2):
+            paths = [tmp_path / f'{domain}_{repetition}.npz' for domain in domains]
+            plants = [
+                start(domain, PLANT, start_pitch_x=start_pitch_x, real_time_factor=0.0,
+                      trajectory_file=path, **NOISY_PLANT)
+                for domain, path in zip(domains, paths, strict=True)
+            ]  # fmt: skip
+            for each, path in zip(plants, paths, strict=True):
+                assert each.finish() == 0, each.output
+                assert load_trajectory(path)[1]['duty_sha256'] == expected_sha256
 
 
 @pytest.mark.slow

@@ -37,7 +37,7 @@ def test_the_page_stays_from_run_to_run(start_run, client, tmp_path):
         'stationary', '--viewer', '--set', 'viewer.port=0', '--set', 'plant_sim.duration=3',
         '--output', tmp_path, stderr=terminal.side,
     )  # fmt: skip
-    terminal.wait_for_text(b'the page stays', timeout=60.0)
+    terminal.wait_for_text(b'the page stays')
     assert run.process.poll() is None
     refused = start(client, 'nonsense')
     assert not refused.success
@@ -46,7 +46,7 @@ def test_the_page_stays_from_run_to_run(start_run, client, tmp_path):
     for number, scenario in ((2, 'square'), (3, 'push')):  # the second ends the first
         assert start(client, scenario).success
         recording = tmp_path / f'{number}/{scenario}.mcap'
-        wait_for(recording.exists, timeout=40.0, what='the recording of the other scenario')
+        wait_for(recording.exists, what='the recording of the other scenario')
     run.process.send_signal(signal.SIGINT)
     assert run.finish() == 128 + signal.SIGINT
     assert 'stopped' in run.stdout

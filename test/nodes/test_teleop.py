@@ -5,9 +5,11 @@ import math
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
-from graph import BALLBOT, Node, bound_s, environment, free_domain
+from graph import BALLBOT, Node, environment, free_domain
 
 rclpy = pytest.importorskip('rclpy')
 
@@ -21,23 +23,25 @@ from ballbot_ros.messages.conversions import ball_position, stick_values  # noqa
 from ballbot_ros.messages.topics import (  # noqa: E402
     DIAGNOSTICS,
     GAMEPAD_JOY,
+    JOY,
     OPERATING_STATE,
     PLANT_IMU,
     PLANT_ODOM,
 )
-from ballbot_ros.parameters import GAMEPAD, NODES, RECORDER, ParameterSet  # noqa: E402
+from ballbot_ros.nodes.teleop_inputs import TeleopInputs  # noqa: E402
+from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet  # noqa: E402
+from ballbot_ros.recording.encoding import encoder, new_message  # noqa: E402
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 from ballbot_ros.scenario.library import load_scenario  # noqa: E402
 from ballbot_ros.scenario.scenario import Scenario  # noqa: E402
 from ballbot_ros.simulation.closed_loop import ClosedLoop  # noqa: E402
 from ballbot_ros.simulation.trajectory import TrajectoryLog  # noqa: E402
-from ballbot_ros.teleop.arbiter import NOBODY  # noqa: E402
+from ballbot_ros.teleop.arbiter import NOBODY, Arbiter  # noqa: E402
+from ballbot_ros.teleop.complaints import Complaints  # noqa: E402
 
 pytestmark = pytest.mark.graph
 
 PERIOD_S = 0.05
-SILENCE_S = 0.5
-SLACK_S = 0.5  # a period, a tick, and what a busy machine adds
 
 JOYSTICK = f"""
 import rclpy
@@ -59,18 +63,13 @@ class Driver(Client):
         self.domain = domain
         for topic in (PLANT_IMU, PLANT_ODOM, GAMEPAD_JOY, OPERATING_STATE, DIAGNOSTICS):
             self.watch(topic)
-        self.last_sent = 0.0
 
     @contextlib.contextmanager
     def sending(self, topic, message, qos=10, kind=None):
         """Publish a message, or bytes in the place of one, every PERIOD_S within the block."""
         publisher = self.node.create_publisher(kind or type(message), topic, qos)
 
-        def send():
-            publisher.publish(message)
-            self.last_sent = time.monotonic()
-
-        timer = self.node.create_timer(PERIOD_S, send)
+        timer = self.node.create_timer(PERIOD_S, lambda: publisher.publish(message))
         try:
             yield
         finally:
@@ -114,13 +113,13 @@ def twist(forward=0.0, left=0.0, stamped=False):
 
 @pytest.fixture(scope='module')
 def graph():
-    """A graph in real time for all tests of this module."""
+    """A graph for all tests of this module, whose inputs go by the wall clock."""
+    parameters = {GAMEPAD: {'device': "''"}, PLANT: {'real_time_factor': 0.4, 'on_timeout': 'wait'}}
     with contextlib.ExitStack() as stack:
         domain = stack.enter_context(free_domain())
         for name in NODES:
             if name != RECORDER:
-                node = Node(domain, name, **({'device': "''"} if name == GAMEPAD else {}))
-                stack.callback(node.kill)
+                stack.callback(Node(domain, name, **parameters.get(name, {})).kill)
         driver = stack.enter_context(contextlib.closing(Driver(domain)))
         needed = {PLANT_ODOM.name, GAMEPAD_JOY.name, OPERATING_STATE.name, DIAGNOSTICS.name}
         driver.spin_until(lambda: needed <= set(driver.newest))
@@ -140,9 +139,8 @@ def test_joy_drives_the_robot_forward_and_silence_stops_it(driver):
     with driver.sending('joy', joy(forward=1.0), qos_profile_sensor_data):
         driver.await_command('joy', (-100, 0))
         driver.spin_until(lambda: ball_position(driver.newest[PLANT_ODOM.name])[0] > start + 0.05)
+    # For how long a silence counts as driving: test_arbiter.py.
     driver.spin_until(lambda: driver.sticks == (0, 0))
-    assert time.monotonic() - driver.last_sent < bound_s(SILENCE_S + SLACK_S)
-    assert driver.source == 'joy'  # nobody else is, for half a second
 
 
 def test_a_publisher_that_is_killed_stops_the_robot(driver):
@@ -152,9 +150,7 @@ def test_a_publisher_that_is_killed_stops_the_robot(driver):
     try:
         driver.await_command('joy', (-100, 0))
         joystick.kill()
-        killed = time.monotonic()
         driver.spin_until(lambda: driver.sticks == (0, 0))
-        assert time.monotonic() - killed < bound_s(SILENCE_S + SLACK_S)
     finally:
         joystick.kill()
         joystick.wait()
@@ -170,9 +166,7 @@ def test_cmd_vel_that_is_not_finite_stops_the_robot_and_is_reported(driver):
     with driver.sending('cmd_vel', twist(1.0)):
         driver.await_command('cmd_vel', (-100, 0))
     with driver.sending('cmd_vel', twist(math.nan)):
-        sent = time.monotonic()
         driver.spin_until(lambda: driver.sticks == (0, 0))
-        assert time.monotonic() - sent < bound_s(SILENCE_S)
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.WARN)
         assert driver.status().message == 'cmd_vel: linear.x is nan, not a finite number'
         assert {v.key: v.value for v in driver.status().values}['in command'] in (
@@ -181,6 +175,26 @@ def test_cmd_vel_that_is_not_finite_stops_the_robot_and_is_reported(driver):
         )
     with driver.sending('cmd_vel', twist()):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.OK)
+
+
+def test_an_input_of_no_use_is_released_at_once():
+    """By times at which no source counts as silent."""
+    callbacks, reported = {}, []
+    node = SimpleNamespace(
+        values=ParameterSet().values(GAMEPAD) | {'device': ''},
+        create_subscription=lambda kind, name, take, *rest, **_: callbacks.update({name: take}),
+        every=lambda *_: None,
+        warn=reported.append,
+    )
+    sources, began = Arbiter(), time.monotonic()
+    TeleopInputs(node, sources, Complaints())
+    encode = encoder(JOY.type_name)
+    for axes, sticks in (([0.0, 1.0, 0.0, 0.0], (-100, 0)), ([0.0], (0, 0))):
+        message = new_message(JOY.type_name)
+        message.axes = np.array(axes, np.float32)
+        callbacks[JOY.name](encode(message))
+        assert sources.decide(began, (0, 0)).sticks == sticks
+    assert reported == ['joy: no axis 1, only 1 axes']
 
 
 def test_joy_of_no_use_is_reported(driver):
@@ -201,22 +215,16 @@ def test_bytes_that_are_no_message_are_reported(driver, topic, kind):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.OK)
 
 
-def test_priorities_over_topics_and_the_pause_between(driver):
+def test_priorities_over_topics(driver):
     with driver.sending('cmd_vel', twist(1.0)):
         driver.await_command('cmd_vel', (-100, 0))
         with driver.sending('viewer/joy', joy(left=1.0)):
             driver.await_command('viewer', (0, -100))
             with driver.sending('joy', joy(forward=-1.0)):
                 driver.await_command('joy', (100, 0))
-            driver.seen[GAMEPAD_JOY.name].clear()
             driver.await_command('viewer', (0, -100))
+        # That the sticks rest before each change to a lower priority: test_arbiter.py.
         driver.await_command('cmd_vel', (-100, 0))
-    seen = [(m.header.frame_id, stick_values(m)) for m in driver.seen[GAMEPAD_JOY.name]]
-    # The sticks rest before each change to a lower priority (for how long: test_arbiter.py, whose
-    # clock no busy machine holds up).
-    for before, after in (('joy', 'viewer'), ('viewer', 'cmd_vel')):
-        change = next(n for n, (source, _) in enumerate(seen) if source == after)
-        assert seen[change - 1] == (before, (0, 0))
 
 
 class Recorded(Scenario):
@@ -239,7 +247,7 @@ def test_the_recorded_sticks_give_the_same_duties_again(domain, start_run, tmp_p
         client.node.create_timer(
             0.01, lambda: publisher.publish(joy(math.sin(next(stick) / 7), math.cos(next(stick))))
         )
-        client.spin_until(lambda: run.process.poll() is not None, 60.0)
+        client.spin_until(lambda: run.process.poll() is not None)
     assert run.finish() in (0, 1), run.stderr
     with RecordingReader(tmp_path / 'stationary.mcap') as reader:
         assert reader.complete

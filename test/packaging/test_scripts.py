@@ -8,7 +8,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from graph import wait_for
+from graph import LAST_RESORT_S, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 TOOLS = (
@@ -96,7 +96,7 @@ class Machine:
 
     def run(self, script, *arguments, **environment):
         process = self.start(script, *arguments, **environment)
-        process.output, process.errors = process.communicate(timeout=30)
+        process.output, process.errors = process.communicate(timeout=LAST_RESORT_S)
         return process
 
 
@@ -334,7 +334,7 @@ def test_interrupted_set_up_is_made_anew(machine, number):
     process = machine.start('run')
     await_sleep(process)
     os.killpg(process.pid, number)
-    process.communicate(timeout=20)
+    process.communicate(timeout=LAST_RESORT_S)
     assert process.returncode in (130, -number)
     machine.pip('')
     assert machine.run('run').returncode == 0
@@ -348,7 +348,7 @@ def test_interrupted_update_is_done_again(machine):
     process = machine.start('test')
     await_sleep(process)
     os.killpg(process.pid, signal.SIGKILL)
-    process.communicate(timeout=20)
+    process.communicate(timeout=LAST_RESORT_S)
     machine.pip('')
     assert machine.run('run').errors == 'Updating .venv ...\n'
 
@@ -362,7 +362,7 @@ def test_scripts_started_at_once_install_once(machine):
     assert 'Waiting' in second.stderr.readline()
     (machine.folder / 'go').touch()
     for process, word in ((first, '<first>'), (second, '<second>')):
-        assert process.communicate(timeout=20)[0].startswith(word)
+        assert process.communicate(timeout=LAST_RESORT_S)[0].startswith(word)
         assert process.returncode == 0
     assert len(machine.calls) == 2
 

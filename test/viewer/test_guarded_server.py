@@ -237,7 +237,7 @@ def test_no_foreign_page_in_a_browser_steers(served, foreign_site, foreign_brows
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(600)
 def test_with_the_token_a_page_steers_without_it_only_shows(served, needs_browser):
     with browsing(served.address) as browser:
         browser.press('Pause')

@@ -16,7 +16,7 @@ pytest.importorskip('rclpy')
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('needs_browser')]
 
 from browsing import StubRobot, another, browsing, running, serving, wait_until  # noqa: E402
-from graph import bound_s, wait_for  # noqa: E402
+from graph import LAST_RESORT_S, wait_for  # noqa: E402
 from ros_client import Client  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
@@ -90,9 +90,9 @@ class Truth:
         self.client.close()
 
     def pause_when_calibrated(self):
-        wait_for(lambda: self.newest_ns() > 2_500_000_000, timeout=60.0, what='the calibration')
+        wait_for(lambda: self.newest_ns() > 2_500_000_000, what='the calibration')
         pause = self.client.node.create_client(SetBool, 'plant_sim/pause')
-        assert pause.wait_for_service(20.0)
+        assert pause.wait_for_service(LAST_RESORT_S)
         wait_for(pause.call_async(SetBool.Request(data=True)).done, what='the pause')
 
     def newest_ns(self):
@@ -175,7 +175,7 @@ def shows_what_it_should(browser, view):
 
 
 @pytest.mark.graph
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(600)
 def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
     with running(domain, *DRIVE), Truth(domain) as truth:
         viewer, address = start_viewer(start_node, port=0)
@@ -203,7 +203,7 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
                 assert '5 Robot (sonar)' in browser.inputs()
                 assert '4 Chaser 2 (front)' in other.inputs()
                 other.page.close()  # while the stick is held
-                wait_until(lambda: not truth.is_driven(), browser, bound_s(1.0))
+                wait_until(lambda: not truth.is_driven(), browser)
             assert browser.errors == []
 
             shown = browser.shown_time()
@@ -213,7 +213,7 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             wait_until(lambda: (browser.shown_time() or 0.0) > shown, browser)
             browser.wait_for_text('This page only shows')  # its token was the other viewer's
             browser.page.goto(address)
-            browser.wait_for_text('state', 60.0)
+            browser.wait_for_text('state')
             pause_holds_it(browser)
 
 
@@ -233,9 +233,10 @@ def hold_stick(browser, truth):
 
     def is_driven():
         browser.hold('Drive forward')
-        with contextlib.suppress(AssertionError):
-            wait_until(truth.is_driven, browser, 5.0)
-            return True
+        for _ in range(100):
+            if truth.is_driven():
+                return True
+            browser.page.wait_for_timeout(50)
         browser.let_go()
         return False
 
@@ -247,7 +248,7 @@ def stick_drives_it(browser, truth):
     hold_stick(browser, truth)
     wait_until(lambda: truth.position() > before + 0.05, browser)
     browser.let_go()
-    wait_until(lambda: not truth.is_driven(), browser, bound_s(1.0))
+    wait_until(lambda: not truth.is_driven(), browser)
 
 
 def pause_holds_it(browser):
@@ -260,7 +261,7 @@ def stands_still(browser):
     return not browser.has_moved() and browser.shown_time() == shown
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(600)
 def test_a_recorded_run_follows_its_slider(recording, domain):
     with serving(domain, 'view', recording, recording, '--port', 0) as (address, process):
         with browsing(address) as browser:
@@ -289,7 +290,7 @@ def test_a_recorded_run_follows_its_slider(recording, domain):
             assert 1.0 <= browser.shown_time() < 9.0
             assert browser.errors == []
         process.terminate()
-        assert process.wait(10.0) == 0
+        assert process.wait(LAST_RESORT_S) == 0
 
 
 def test_a_browser_that_stops_reading_holds_up_nobody(recording):

@@ -36,7 +36,6 @@ def difference(a, b):
     return float(np.abs(np.asarray(a, float) - np.asarray(b.convert('RGB'), float)).mean())
 
 
-@pytest.mark.timeout(180)
 @pytest.mark.parametrize('view', VIEWS)
 def test_a_view_is_as_it_was(view, pictures):
     path = REFERENCE / f'{view}.png'
@@ -53,7 +52,6 @@ def test_no_view_is_like_another(pictures):
 
 
 @pytest.mark.parametrize('suffix', ['.gif', '.mp4'])
-@pytest.mark.timeout(180)
 def test_a_run_becomes_a_film(suffix, tmp_path, recording, monkeypatch):
     from ballbot_ros.viewer import render
 
