@@ -1,10 +1,12 @@
 import contextlib
 import signal
+import sys
 import time
 
 import pytest
 from graph import Node, Run, free_domain
 
+from ballbot_ros.cli.main import main
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.shared_memory import SETTLED_S, find_leftovers, sweep
 from ballbot_ros.viewer.browser import browser_program
@@ -33,6 +35,19 @@ def needs_browser():
         browser_program()
     except ViewerError as error:
         pytest.skip(str(error))
+
+
+@pytest.fixture
+def command(monkeypatch, capsys):
+    """Run the command in this process; return exit status, standard output and standard error."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, 'argv', ['ballbot', *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, *capsys.readouterr()
+
+    return run
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter
 
 from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.messages.topics import PLANT_IMU
-from ballbot_ros.nodes.base import requested_qos
+from ballbot_ros.nodes.base import reliable_qos, requested_qos
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 
 
@@ -40,6 +40,13 @@ class Client:
             topic.message_class, topic.name, keep, requested_qos(topic, depth)
         )
 
+    def publish(self, topic, make, period_s=0.05):
+        """Publish what `make` returns again and again while the client is spun."""
+        publisher = self.node.create_publisher(
+            topic.message_class, topic.name, reliable_qos(1, latched=True)
+        )
+        self.node.create_timer(period_s, lambda: publisher.publish(make()))
+
     def spin_until(self, condition, what='it'):
         deadline = time.monotonic() + LAST_RESORT_S
         while not condition():
@@ -63,6 +70,16 @@ class Client:
         parameter = Parameter(name, value=value).to_parameter_msg()
         request = SetParameters.Request(parameters=[parameter])
         return self.call(SetParameters, f'{node}/set_parameters', request).results[0]
+
+    def await_standstill(self, times=3):
+        """Wait until the newest tick has come several times, as the plant repeats it then."""
+
+        def stands_still():
+            stamps = [stamp_ns(message) for message in self.seen[PLANT_IMU.name][-times:]]
+            return len(stamps) == times and len(set(stamps)) == 1
+
+        self.seen[PLANT_IMU.name] = []
+        self.spin_until(stands_still, what='the standstill')
 
     def now_ns(self):
         return stamp_ns(self.newest[PLANT_IMU.name])

@@ -1,29 +1,13 @@
 """Recordings of runs without nodes, and changed copies of them."""
 
-import sys
-
 import pytest
 from graph import record
 
 from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.cli.main import main
 from ballbot_ros.recording.encoding import encoder
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RecordingWriter
-
-
-@pytest.fixture
-def command(monkeypatch, capsys):
-    """Run the command in this process; return exit status, standard output and standard error."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, 'argv', ['ballbot', *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, *capsys.readouterr()
-
-    return run
 
 
 @pytest.fixture(scope='session')

@@ -6,7 +6,7 @@ import subprocess
 from importlib.util import find_spec
 
 import pytest
-from graph import BALLBOT, environment, record
+from graph import BALLBOT, record
 
 from ballbot_ros.cli.play import keys_in, play_file
 from ballbot_ros.parameters import ParameterError
@@ -109,16 +109,16 @@ def test_keys_that_come_at_once_are_told_apart():
     assert keys_in('++\x1b[C\x1b[D q') == ['+', '+', '\x1b[C', '\x1b[D', ' ', 'q']
 
 
-@pytest.mark.parametrize('command', [['info'], ['repair'], ['export', '--to', 'csv'], ['play']])
+@pytest.mark.parametrize('words', [['info'], ['repair'], ['export', '--to', 'csv'], ['play']])
 @pytest.mark.parametrize('content', [None, b'', b'SQLite format 3\0'])
-def test_what_is_no_recording_is_one_line(command, content, tmp_path):
-    if command == ['play'] and not find_spec('rclpy'):
+def test_what_is_no_recording_is_one_line(command, words, content, tmp_path):
+    if words == ['play'] and not find_spec('rclpy'):
         pytest.skip('needs rclpy')
     path = tmp_path / 'other.mcap'
     if content is not None:
         path.write_bytes(content)
-    result = ballbot(*command, path, env=environment(99))
-    assert result.returncode == 2
-    assert result.stderr.startswith(f'error: {path}: ')
-    assert result.stderr.count('\n') == 1
+    status, _, errors = command(*words, path)
+    assert status == 2
+    assert errors.startswith(f'error: {path}: ')
+    assert errors.count('\n') == 1
     assert list(tmp_path.iterdir()) == ([] if content is None else [path])

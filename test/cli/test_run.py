@@ -11,11 +11,10 @@ from graph import NODES, alive, wait_for
 from matplotlib.image import imread
 
 from ballbot_ros.nodes.domain_lock import DomainLock
-from ballbot_ros.parameters import GYRO
+from ballbot_ros.parameters import GYRO, PLANT
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.trajectory import TrajectoryLog
+from ballbot_ros.simulation.golden import duty_sha256
 
 AT_TRACK = ['--set=plant_sim.map=track', '--output=/dev/null/no']
 FAST = ['--processes=none', '--set=plant_sim.duration=3']
@@ -113,12 +112,19 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize('mistake', MISTAKES)
-def test_a_mistake_is_one_line_and_exit_status_2(start_run, tmp_path, mistake):
+def test_a_mistake_is_one_line_and_exit_status_2(command, tmp_path, mistake):
     arguments, hint = MISTAKES[mistake]
-    run = start_run(*arguments(tmp_path))
+    status, output, errors = command('run', *arguments(tmp_path))
+    assert status == 2
+    assert len(errors.splitlines()) == 1, errors
+    assert hint in errors
+    assert output == ''
+
+
+def test_a_mistake_is_the_exit_status_of_the_process(start_run):
+    run = start_run('nosuch')
     assert run.finish() == 2
     assert len(run.stderr.splitlines()) == 1, run.stderr
-    assert hint in run.stderr
     assert run.stdout == ''
 
 
@@ -186,7 +192,8 @@ def test_a_signal_stops_everything(start_run, tmp_path, processes, number):
 
 @pytest.mark.graph
 def test_a_second_run_in_the_domain_is_refused_at_once(start_run, tmp_path):
-    first = start_run('stationary', '--json', '--output', tmp_path, '--set=plant_sim.timeout=100')
+    first = start_run('stationary', '--json', '--output', tmp_path, '--set=plant_sim.timeout=100',
+                      '--set=plant_sim.duration=6')  # fmt: skip
     pid = first.nodes()[GYRO]
     wait_for((tmp_path / 'stationary.mcap').exists, what='recording')
     os.kill(pid, signal.SIGSTOP)  # or it could end before the others begin
@@ -205,11 +212,8 @@ def test_a_second_run_in_the_domain_is_refused_at_once(start_run, tmp_path):
 
 def _undisturbed_sha256():
     scenario = load_scenario('stationary')
-    loop, log = ClosedLoop(scenario.parameters, scenario), TrajectoryLog()
-    for _ in range(2500):
-        tick = loop.tick()
-        log.add(tick.truth, *tick.outputs.duty)
-    return log.duty_sha256
+    scenario.parameters.set(PLANT, 'duration', 6.0)
+    return duty_sha256(scenario)
 
 
 @pytest.mark.graph

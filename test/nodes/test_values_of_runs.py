@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.cli.replay import replay_recording
-from ballbot_ros.messages.topics import PLANT_IMU, RUN
+from ballbot_ros.messages.topics import PLANT_IMU
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR
 
@@ -63,49 +63,3 @@ def test_each_run_is_recorded_and_replayed_with_its_own_values(
     assert (first.grid, second.attached.has_parameters) == (None, True)
     assert second.grid is not None
     assert second.complete
-
-
-def test_a_run_replays_whose_recorder_came_last(start_node, client, tmp_path):
-    path = tmp_path / 'run.mcap'
-    for name in DRIVERS:
-        start_node(name)
-    plant = start_node(
-        'plant_sim', real_time_factor=0, duration=2, start_pitch_x=0.02, require_recorder='true'
-    )
-    # By then it has announced itself to whoever was there.
-    client.spin_until(lambda: RUN.name in client.newest)
-    recorder = start_node('recorder', output=path)
-    assert plant.finish() == 0
-    assert recorder.interrupt() == 0
-    assert replay_recording(path, controller='python', assignments=[], as_json=False) == 0
-
-
-@pytest.mark.parametrize(
-    ('changes', 'words'),
-    [
-        ({GYRO: {'seed': 2}}, 'seed is 2 in /gyro_driver, but 1 in /sonar_driver'),
-        ({CONTROLLER: {'wheel_radius': 0.03}}, 'wheel_radius is 0.03 in /controller, but 0.021'),
-        ({SONAR: {'map': 'track'}}, "map is '' in /plant_sim, but 'track' in /sonar_driver"),
-    ],
-    ids=['seed', 'radius', 'map'],
-)
-def test_what_nodes_share_has_to_be_the_same(start_node, changes, words):
-    for name in DRIVERS:
-        start_node(name, **changes.get(name, {}))
-    plant = start_node('plant_sim', duration=1)
-    assert plant.finish() == 1
-    assert words in plant.output
-    assert 'before its first tick' in plant.output
-
-
-def test_at_the_slowest_pace_the_plant_still_answers(start_node, client):
-    for name in DRIVERS:
-        start_node(name)
-    plant = start_node('plant_sim', real_time_factor=0.01)
-    client.spin_until(lambda: PLANT_IMU.name in client.newest)
-    assert not client.set_value('plant_sim', 'real_time_factor', 1e-4).successful
-    assert client.set_value('plant_sim', 'real_time_factor', 0.0).successful
-    # At the pace before, a quarter of an hour.
-    client.spin_until(lambda: client.now_ns() > 10_000_000_000)
-    assert plant.interrupt() == 0
-    assert 'waiting for' not in plant.output

@@ -1,0 +1,278 @@
+"""Nodes that last: plants, recorders, subscribers and strangers that come to them and leave."""
+
+import signal
+import time
+
+import numpy as np
+import pytest
+from graph import NODES, Node, free_domain, wait_for
+
+pytest.importorskip('rclpy')
+
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from ros_client import Client
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+from std_srvs.srv import SetBool, Trigger
+
+from ballbot_ros.cli.replay import replay_recording
+from ballbot_ros.messages.conversions import fill_time, stamp_ns
+from ballbot_ros.messages.topics import (
+    BATTERY_STATE,
+    CLOCK,
+    GYRO_IMU,
+    HISTORY,
+    JOINT_STATES,
+    LCD,
+    MOTOR_DUTY,
+    OPERATING_STATE,
+    PARTICIPANTS,
+    PLANT_IMU,
+    RUN,
+    SOUND,
+    TOPICS,
+    WALL_HIT,
+)
+from ballbot_ros.nodes.base import reliable_qos
+from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, RECORDER, SONAR, parameters_of
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.simulation.timing import SLOW_NS, TICK_NS
+
+pytestmark = pytest.mark.graph
+
+LASTING = [name for name in NODES if name not in (PLANT, RECORDER)]
+STATES = (OPERATING_STATE, BATTERY_STATE, WALL_HIT, LCD, RUN)
+STREAMS = (PLANT_IMU, GYRO_IMU, JOINT_STATES, MOTOR_DUTY, SOUND)
+
+
+@pytest.fixture(scope='module')
+def domain():
+    with free_domain() as number:
+        yield number
+
+
+@pytest.fixture(scope='module', autouse=True)
+def lasting(domain):
+    """The nodes of all tests of this module."""
+    nodes = {name: Node(domain, name) for name in LASTING}
+    yield nodes
+    for node in nodes.values():
+        node.kill()
+
+
+@pytest.fixture
+def start(lasting, start_node):
+    """Start a node beside those that last; it takes its leave after the test.
+
+    One that is killed stays in the graph for a while, in which the next run would wait for it.
+    """
+    guests = []
+
+    def start(name, **parameters):
+        guests.append(start_node(name, **parameters))
+        return guests[-1]
+
+    yield start
+    for node in lasting.values():
+        node.process.send_signal(signal.SIGCONT)
+    for guest in guests:
+        if guest.process.poll() is None:
+            guest.interrupt()
+
+
+@pytest.fixture
+def watch_run(client, start):
+    """Start a plant, and wait for a time of its run [s]."""
+
+    def watch(until_s, **parameters):
+        plant = start(PLANT, **{'real_time_factor': 0, 'timeout': 60, **parameters})
+        client.spin_until(
+            lambda: PLANT_IMU.name in client.newest and client.now_ns() > until_s * 1e9,
+            what='the run',
+        )
+        return plant
+
+    return watch
+
+
+def test_a_late_subscriber_gets_the_newest_of_a_state_and_nothing_old(domain, client, watch_run):
+    client.watch(OPERATING_STATE)
+    watch_run(4.0)
+    assert client.call(SetBool, 'plant_sim/pause', SetBool.Request(data=True)).success
+    late = Client(domain)
+    try:
+        for topic in STATES:
+            late.watch(topic, HISTORY)
+        for topic in STREAMS:
+            late.node.create_subscription(
+                topic.message_class,
+                topic.name,
+                lambda message, name=topic.name: late.seen.setdefault(name, []).append(message),
+                reliable_qos(HISTORY, latched=False),
+            )
+        # What stands still is told again, and only that.
+        named = {topic.name for topic in (*STATES, *STREAMS) if topic is not SOUND}
+        late.spin_until(lambda: named <= set(late.seen), what=f'{named}')
+        late.spin_until(lambda: len(late.seen[PLANT_IMU.name]) > 3, what='the tick again')
+        for topic in (*STATES, *STREAMS):
+            (offer,) = late.node.get_publishers_info_by_topic(topic.name)
+            assert offer.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+            keeps = (
+                DurabilityPolicy.TRANSIENT_LOCAL if topic in STATES else DurabilityPolicy.VOLATILE
+            )
+            assert offer.qos_profile.durability == keeps, topic.name
+    finally:
+        late.close()
+    now = stamp_ns(late.seen[PLANT_IMU.name][-1])
+    for topic in (OPERATING_STATE, WALL_HIT, LCD, RUN):
+        assert len(late.seen[topic.name]) == 1, topic.name
+    assert late.seen[OPERATING_STATE.name][0].data == client.newest[OPERATING_STATE.name].data
+    assert late.seen[WALL_HIT.name][0].data is False
+    assert {stamp_ns(each) for each in late.seen[BATTERY_STATE.name]} == {
+        now - now % BATTERY_STATE.period_ns
+    }
+    for topic in STREAMS[:-1]:
+        assert {stamp_ns(each) for each in late.seen[topic.name]} == {now}
+    assert SOUND.name not in late.seen
+
+
+@pytest.mark.parametrize('meanwhile', ['waits for a duty', 'is paused'])
+def test_a_recorder_may_come_while_the_plant(
+    lasting, start, client, watch_run, tmp_path, meanwhile
+):
+    path = tmp_path / 'run.mcap'
+    client.watch(PARTICIPANTS, HISTORY)
+    plant = watch_run(1.1, duration=4)
+
+    def set_pause(*, pause):
+        assert client.call(SetBool, 'plant_sim/pause', SetBool.Request(data=pause)).success
+
+    set_pause(pause=True)
+    client.await_standstill()
+    # At a tick at which the slow drivers send nothing.
+    while client.now_ns() % SLOW_NS != 2 * TICK_NS:
+        before = client.now_ns()
+        client.call(Trigger, 'plant_sim/step', Trigger.Request())
+        client.spin_until(lambda: client.now_ns() > before)  # noqa: B023
+    gyro = lasting[GYRO].process
+    if meanwhile == 'waits for a duty':
+        gyro.send_signal(signal.SIGSTOP)
+        set_pause(pause=False)
+    recorder = start(RECORDER, output=path)
+
+    def has_come():
+        return RECORDER in {message.name[1:] for message in client.seen[PARTICIPANTS.name]}
+
+    client.spin_until(has_come)
+    client.await_standstill()
+    if meanwhile == 'waits for a duty':
+        gyro.send_signal(signal.SIGCONT)
+    else:
+        set_pause(pause=False)
+    assert plant.finish() == 0, plant.output
+    assert recorder.interrupt() == 0
+    with RecordingReader(path) as recording:
+        assert recording.complete
+        assert recording.topics()['/motor_duty'].message_count > 600
+
+
+def is_recording(path):
+    return path.exists() and path.stat().st_size > 20_000
+
+
+def test_a_recorder_that_comes_in_mid_run_has_everything_from_then_on(start, watch_run, tmp_path):
+    path = tmp_path / 'late.mcap'
+    plant = watch_run(2.0, real_time_factor=1)
+    recorder = start(RECORDER, output=path)
+    wait_for(lambda: is_recording(path), what='the recording')
+    assert plant.interrupt() == 0
+    assert recorder.interrupt() == 0
+    with RecordingReader(path) as recording:
+        assert recording.complete
+        for topic in TOPICS:
+            if not topic.period_ns or topic in (CLOCK, BATTERY_STATE):
+                continue
+            stamps = [stamp_ns(m) for _, _, m in recording.messages([topic.resolved()])]
+            assert set(np.diff(stamps)) == {topic.period_ns}, topic.name
+
+
+def test_a_run_replays_whose_recorder_came_last(start, client, tmp_path):
+    path = tmp_path / 'run.mcap'
+    plant = start(
+        PLANT, real_time_factor=0, duration=2, start_pitch_x=0.02, require_recorder='true'
+    )
+    # By then it has announced itself to whoever was there.
+    client.spin_until(lambda: RUN.name in client.newest)
+    recorder = start(RECORDER, output=path)
+    assert plant.finish() == 0
+    assert recorder.interrupt() == 0
+    assert replay_recording(path, controller='python', assignments=[], as_json=False) == 0
+
+
+def test_at_the_slowest_pace_the_plant_still_answers_and_misses_nobody(client, watch_run):
+    plant = watch_run(1.0, real_time_factor=0.01)
+    ticks = 5
+    client.spin_until(lambda: client.now_ns() >= 1_000_000_000 + ticks * TICK_NS)
+    assert not client.set_value('plant_sim', 'real_time_factor', 1e-4).successful
+    assert client.set_value('plant_sim', 'real_time_factor', 0.0).successful
+    # At the pace before, a quarter of an hour.
+    client.spin_until(lambda: client.now_ns() > 10_000_000_000)
+    assert plant.interrupt() == 0
+    # On a busy machine it may have waited in earnest, but not at every tick.
+    assert plant.output.count('waiting for') < ticks
+
+
+@pytest.mark.parametrize(
+    ('node', 'name', 'value', 'words'),
+    [
+        (GYRO, 'seed', 2, 'seed is 2 in /gyro_driver, but 1 in /sonar_driver'),
+        (CONTROLLER, 'wheel_radius', 0.03, 'wheel_radius is 0.03 in /controller, but 0.021'),
+        (SONAR, 'map', 'track', "map is '' in /plant_sim, but 'track' in /sonar_driver"),
+    ],
+    ids=['seed', 'radius', 'map'],
+)
+def test_what_nodes_share_has_to_be_the_same(start, client, node, name, value, words):
+    assert client.set_value(node, name, value).successful
+    plant = start(PLANT, duration=1)
+    assert plant.finish() == 1
+    assert client.set_value(node, name, parameters_of(node)[name].default).successful
+    assert words in plant.output
+    assert 'before its first tick' in plant.output
+
+
+def test_a_second_driver_under_another_name_fails_the_run(start):
+    plant = start(PLANT, real_time_factor=0)
+    start(GYRO, remap='__node:=gyro_b', noise=0.7)
+    assert plant.finish() == 1
+    for word in ("'gyro'", '/gyro_driver (process', '/gyro_b (process'):
+        assert word in plant.output
+
+
+def of_another_clock():
+    message = JointState(name=['shoulder', 'elbow'], position=[1.0, 2.0])
+    fill_time(message.header.stamp, time.time_ns())
+    return message
+
+
+@pytest.mark.parametrize(
+    ('topic', 'make'),
+    [(JOINT_STATES, of_another_clock), (RUN, lambda: Header(frame_id='7 cafe'))],
+    ids=['a sample', 'a run'],
+)
+def test_a_stranger_fails_the_run_by_name_and_costs_the_recording_nothing(
+    start, client, tmp_path, topic, make
+):
+    path = tmp_path / 'run.mcap'
+    recorder = start(RECORDER, output=path)
+    plant = start(PLANT, real_time_factor=0, require_recorder='true')
+    wait_for(lambda: is_recording(path), what='the recording')
+    client.publish(topic, make)
+    client.spin_until(lambda: plant.process.poll() is not None)
+    assert plant.finish() == 1
+    told = f'/test_client publishes on {topic.name!r}, but takes no part in the run'
+    assert told in plant.output
+    assert recorder.interrupt() == 0
+    with RecordingReader(path) as reader:
+        assert reader.damage is None
+        found = {name: topic.message_count for name, topic in reader.topics().items()}
+    assert found['/joint_states'] == found['/gyro'] > 10
