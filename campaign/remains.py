@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from ballbot_ros.messages.conversions import stamp_ns
+from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -36,6 +37,8 @@ class Remains:
         Duties [%] by tick, from the first on.
     strange : int
         Number of messages on the same topic that are none, or not of the next tick.
+    motors_off : bool
+        Whether the last duty tells that the motors are off.
     """
 
     problem: str = ''
@@ -44,6 +47,7 @@ class Remains:
     truths: int = 0
     duties: tuple[Duty, ...] = ()
     strange: int = 0
+    motors_off: bool = False
 
 
 def read_remains(path: Path, folder: Path) -> Remains | None:
@@ -74,22 +78,23 @@ def read_remains(path: Path, folder: Path) -> Remains | None:
                 return Remains(problem=problem)
             topics = reader.topics()
             truths = topics.get(PLANT_IMU.resolved())
-            duties, strange = _duties(reader) if MOTOR_DUTY.resolved() in topics else ((), 0)
-            return Remains(
+            remains = Remains(
                 finished=finished,
                 missing=missing if finished else '',
                 truths=truths.message_count if truths else 0,
-                duties=duties,
-                strange=strange,
             )
+            return _with_duties(remains, reader) if MOTOR_DUTY.resolved() in topics else remains
     except (RecordingError, McapError) as error:
         return Remains(problem=str(error))
 
 
-def _duties(reader: RecordingReader) -> tuple[tuple[Duty, ...], int]:
+def _with_duties(remains: Remains, reader: RecordingReader) -> Remains:
     found: list[Duty] = []
-    strange = 0
+    strange, motors_off = 0, False
     for raw in reader.raw_messages([MOTOR_DUTY.resolved()]):
+        motors_off = is_stop(raw.data)
+        if motors_off:
+            continue
         try:
             message = reader.decode(raw)
         except RecordingError:
@@ -99,4 +104,4 @@ def _duties(reader: RecordingReader) -> tuple[tuple[Duty, ...], int]:
             found.append((message.vector.x, message.vector.y))
         else:
             strange += 1
-    return tuple(found), strange
+    return replace(remains, duties=tuple(found), strange=strange, motors_off=motors_off)

@@ -199,6 +199,8 @@ def judge_completed(run: RunEnd, duty_sha256: str) -> list[str]:
     recorded = len(run.remains.duties) if run.remains else 0
     if not complaints and recorded != run.ticks:
         complaints.append(f'recorded {recorded} duties of {run.ticks}')
+    if run.remains and run.remains.motors_off:
+        complaints.append('completed, and yet the motors are off')
     return complaints
 
 
@@ -219,7 +221,7 @@ def judge_recording(
     *,
     lost_ticks: int = 0,
     must_be_finished: bool = True,
-    ends_with_zero: bool = False,
+    motors_off: bool = False,
     beside_stranger: bool = False,
 ) -> list[str]:
     """Judge whether the recording can be read, and has the right duties up to the end.
@@ -233,8 +235,8 @@ def judge_recording(
         How many of the run's ticks may be missing at its end.
     must_be_finished : bool
         Whether the recorder must have finished the file.
-    ends_with_zero : bool
-        Whether the last duty must be zero.
+    motors_off : bool
+        Whether the last duty must tell that the motors are off.
     beside_stranger : bool
         Whether a stranger's messages may stand among those of the run.
     """
@@ -253,10 +255,9 @@ def judge_recording(
     duties, expected = remains.duties, list(undisturbed)
     if len(duties) < run.ticks - lost_ticks:
         complaints.append(f'recorded {len(duties)} duties of {run.ticks}')
-    # The last one may be the zero of a run that failed.
-    wrong = [tick for tick, pair in enumerate(duties[:-1]) if pair != expected[tick]]
+    wrong = [tick for tick, pair in enumerate(duties) if pair != expected[tick]]
     if wrong:
         complaints.append(f'other duties than those of an undisturbed run from tick {wrong[0]} on')
-    if ends_with_zero and duties and duties[-1] != (0.0, 0.0):
-        complaints.append(f'the last recorded duty is {duties[-1]}, not zero')
+    if motors_off and duties and not remains.motors_off:
+        complaints.append(f'the last recorded duty is {duties[-1]}: the motors are not off')
     return complaints

@@ -159,7 +159,7 @@ class NodeSignal:
             expected,
             lost_ticks=LOSS_TICKS if of_recorder and not completed else 0,
             must_be_finished=not of_recorder,
-            ends_with_zero=not of_recorder and not completed,
+            motors_off=not of_recorder and not completed,
         )
         return complaints
 
@@ -219,9 +219,12 @@ class CommandSignal:
             complaints += judge_end(run.end, STOP_S)
         if run.end.status is None:
             return complaints
-        if run.completed and self.moment is Moment.END:
+        completed = run.completed and self.moment is Moment.END
+        if completed:
             complaints += judge_completed(run, short_sha256)
         elif run.end.status not in (128 + self.number, -self.number):
             complaints.append(f'status {run.end.status} instead of {128 + self.number}')
-        complaints += judge_recording(run, expected, must_be_finished=not killed)
+        complaints += judge_recording(
+            run, expected, must_be_finished=not killed, motors_off=not completed
+        )
         return complaints

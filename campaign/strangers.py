@@ -160,5 +160,5 @@ class Stranger:
         return (
             complaints
             + judge_failed(run, [STRANGER])
-            + judge_recording(run, expected, ends_with_zero=True, beside_stranger=True)
+            + judge_recording(run, expected, motors_off=True, beside_stranger=True)
         )

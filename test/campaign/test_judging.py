@@ -18,7 +18,7 @@ FAILED = RunEnd(
     ENDED,
     'gyro_driver died of SIGKILL',
     {'outcome': 'failed', 'reason': 'gyro_driver silent for 2 s', 'ticks': 500},
-    Remains(finished=True, truths=501, duties=(*DUTIES[:500], (0.0, 0.0))),
+    Remains(finished=True, truths=501, duties=tuple(DUTIES[:500]), motors_off=True),
 )
 COMPLETED = RunEnd(
     ENDED._replace(status=0),
@@ -65,7 +65,7 @@ def test_a_run_that_failed_as_it_should_holds():
         (with_remains(FAILED, missing='3 of /gyro'), 'lacks something: 3 of /gyro'),
         (with_remains(FAILED, strange=2), '2 recorded duties are not of the next tick'),
         (with_remains(FAILED, duties=tuple(DUTIES[:499])), 'recorded 499 duties of 500'),
-        (with_remains(FAILED, duties=tuple(DUTIES[:500])), 'the last recorded duty is (2.0, 1.0)'),
+        (with_remains(FAILED, motors_off=False), 'the last recorded duty is (2.0, 1.0)'),
         (with_remains(FAILED, duties=((5.0, 5.0), *DUTIES[1:500], (0.0, 0.0))), 'from tick 0 on'),
     ],
 )  # fmt: skip
@@ -77,6 +77,9 @@ def test_what_a_lost_node_must_not_cost(run, complaint):
 def test_only_near_its_end_a_run_may_complete_all_the_same():
     near_the_end = NodeSignal('gyro_driver', Signals.SIGKILL, Moment.END, 1.4)
     assert judge(COMPLETED, near_the_end) == []
+    assert judge(with_remains(COMPLETED, motors_off=True), near_the_end) == [
+        'completed, and yet the motors are off'
+    ]
     assert judge(COMPLETED) != []
     assert judge(with_result(COMPLETED, duty_sha256='b' * 64), near_the_end) == [
         'completed with other duties than an undisturbed run'
@@ -105,7 +108,7 @@ def test_a_lost_recorder_may_cost_a_second():
 )  # fmt: skip
 def test_the_status_tells_the_signal_that_ended_the_command(number, status, holds):
     attempt = CommandSignal(number, Moment.MIDDLE, 0.1)
-    stopped = replace(COMPLETED, end=ENDED._replace(status=status), result={'outcome': 'stopped'})
+    stopped = replace(FAILED, end=ENDED._replace(status=status), result={'outcome': 'stopped'})
     complaints = attempt.judge(stopped, DUTIES, SHA)
     assert (complaints == []) == holds, complaints
 
@@ -113,8 +116,12 @@ def test_the_status_tells_the_signal_that_ended_the_command(number, status, hold
 def test_nodes_may_outlive_a_killed_command_for_a_while_only():
     attempt = CommandSignal(Signals.SIGKILL, Moment.MIDDLE, 0.1)
     end = End(status=-9, took_s=1.0, survivors=('plant_sim',))
-    killed = RunEnd(end, '', {}, with_remains(COMPLETED, finished=False).remains)
+    killed = RunEnd(end, '', {}, with_remains(FAILED, finished=False).remains)
     assert attempt.judge(killed, DUTIES, SHA) == []
+    driving = with_remains(killed, motors_off=False)
+    assert attempt.judge(driving, DUTIES, SHA) == [
+        'the last recorded duty is (2.0, 1.0): the motors are not off'
+    ]
     later = replace(killed, end=end._replace(took_s=99.0))
     assert attempt.judge(later, DUTIES, SHA) == [
         'nodes still there 15 s after the command was killed'
