@@ -159,7 +159,7 @@ class NodeSignal:
             expected,
             lost_ticks=LOSS_TICKS if of_recorder and not completed else 0,
             must_be_finished=not of_recorder,
-            motors_off=not of_recorder and not completed,
+            motors_off=not (of_recorder or completed or _has_every_tick(run)),
         )
         return complaints
 
@@ -225,6 +225,14 @@ class CommandSignal:
         elif run.end.status not in (128 + self.number, -self.number):
             complaints.append(f'status {run.end.status} instead of {128 + self.number}')
         complaints += judge_recording(
-            run, expected, must_be_finished=not killed, motors_off=not completed
+            run,
+            expected,
+            must_be_finished=not killed,
+            motors_off=not (completed or _has_every_tick(run)),
         )
         return complaints
+
+
+def _has_every_tick(run: RunEnd) -> bool:
+    """Whether the plant may have completed the run before the fault, whatever the command says."""
+    return run.remains is not None and len(run.remains.duties) == ticks_of(SHORT_S)

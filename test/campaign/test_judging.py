@@ -6,8 +6,8 @@ from signal import Signals
 import pytest
 
 from campaign.remains import Remains
-from campaign.run import RunEnd
-from campaign.signals import LOSS_TICKS, CommandSignal, Moment, NodeSignal
+from campaign.run import RunEnd, ticks_of
+from campaign.signals import LOSS_TICKS, SHORT_S, CommandSignal, Moment, NodeSignal
 from campaign.site import End
 from campaign.strangers import OPEN_TOPICS, Content, Nonsense, Stranger
 
@@ -126,6 +126,14 @@ def test_nodes_may_outlive_a_killed_command_for_a_while_only():
     assert attempt.judge(later, DUTIES, SHA) == [
         'nodes still there 15 s after the command was killed'
     ]
+
+
+def test_a_run_that_the_plant_completed_need_not_end_with_the_motors_off():
+    attempt = CommandSignal(Signals.SIGINT, Moment.END, 1.9)
+    stopped = replace(COMPLETED, end=ENDED._replace(status=130), result={'outcome': 'stopped'})
+    for ticks, holds in ((ticks_of(SHORT_S), True), (ticks_of(SHORT_S) - 1, False)):
+        run = with_remains(stopped, duties=tuple(DUTIES[:ticks]))
+        assert (attempt.judge(run, DUTIES, SHA) == []) == holds
 
 
 def test_nonsense_may_end_a_run_only_in_the_loop():
