@@ -15,6 +15,8 @@ import pytest
 
 from ballbot_ros import processes
 from ballbot_ros.parameters import NODES
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RecordingReader
 
 BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
 # Those whose UDP ports the system does not hand out to others meanwhile: beyond 101 most domains
@@ -82,12 +84,33 @@ def wait_for(condition, what='it'):
     raise TimeoutError(f'{what} did not happen')
 
 
-def alive(pid):
-    try:
-        state = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0]
-    except OSError:
+def await_recording(path, topic='/motor_duty', count=20):
+    """Wait until so many messages of a topic are on disk."""
+    looked_at = 0
+
+    def is_there():
+        nonlocal looked_at
+        size = path.stat().st_size if path.exists() else 0
+        if size == looked_at:
+            return False
+        looked_at = size
+        with contextlib.suppress(RecordingError), RecordingReader(path) as reader:
+            return sum(1 for _ in reader.raw_messages([topic])) >= count
         return False
-    return state != 'Z'
+
+    wait_for(is_there, what='the recording')
+
+
+def state(pid):
+    """Return the letter of a process's state, S if it waits, Z if it has ended; nothing if gone."""
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0]
+    except OSError:
+        return ''
+
+
+def alive(pid):
+    return state(pid) not in ('', 'Z')
 
 
 def children(pid):
@@ -120,6 +143,9 @@ class Run:
         """Wait until the nodes are there; return their pids."""
 
         def look():
+            if self.process.poll() is not None:
+                self.finish()
+                raise AssertionError(f'the run has ended: {self.stdout}{self.stderr}')
             found = children(self.process.pid)
             return found if set(expected) <= set(found) else None
 

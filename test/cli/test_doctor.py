@@ -6,7 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from graph import BALLBOT, environment, private_shared_memory, wait_for
+from graph import BALLBOT, environment, private_shared_memory, state, wait_for
 
 from ballbot_ros.cli import doctor
 from ballbot_ros.errors import BallbotError
@@ -119,6 +119,8 @@ def test_the_command_ends_on_sigint_while_the_middleware_hangs(domain):
     ) as process:  # fmt: skip
         children = Path(f'/proc/{process.pid}/task/{process.pid}/children')
         [child] = wait_for(lambda: discovery_processes(children), what='the check of discovery')
+        # On a busy machine it may still have to note the process that it has started.
+        wait_for(lambda: state(process.pid) == 'S', what='that it waits for the check')
         process.send_signal(signal.SIGINT)
         output, errors = process.communicate()
     assert output.splitlines()[-1].startswith('FAIL leftovers')

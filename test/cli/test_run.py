@@ -7,7 +7,7 @@ import signal
 
 import numpy as np
 import pytest
-from graph import NODES, alive, wait_for
+from graph import NODES, alive, await_recording, wait_for
 from matplotlib.image import imread
 
 from ballbot_ros.nodes.domain_lock import DomainLock
@@ -178,7 +178,7 @@ def test_a_signal_stops_everything(start_run, tmp_path, processes, number):
     run = start_run('stationary', '--json', '--processes', processes, '--output', tmp_path,
                     '--set=plant_sim.duration=600', '--real-time-factor=4')  # fmt: skip
     pids = run.nodes() if processes == 'separate' else {}
-    wait_for(lambda: recording.exists() and recording.stat().st_size > 20_000, what='recording')
+    await_recording(recording)
     run.process.send_signal(number)
     assert run.finish() == 128 + number
     assert not any(alive(pid) for pid in pids.values())
@@ -238,7 +238,7 @@ def test_a_full_disk_is_one_line_and_a_failed_run(start_run, tmp_path, processes
     run = start_run('stationary', '--json', '--processes', processes, '--output', tmp_path,
                     '--set=plant_sim.duration=600', '--real-time-factor=4')  # fmt: skip
     pid = run.nodes()['recorder'] if processes == 'separate' else run.process.pid
-    wait_for(lambda: recording.exists() and recording.stat().st_size > 20_000, what='recording')
+    await_recording(recording)
     # Files of this process may grow no further: its disk is full.
     full = recording.stat().st_size + 10_000
     resource.prlimit(pid, resource.RLIMIT_FSIZE, (full, full))

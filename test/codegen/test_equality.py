@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from generated import need, random_values
+from generated import Built, need, random_values
 from robot import values_of
 
 from ballbot_ros.brick.brick import Brick, DeviceInputs
@@ -32,6 +32,22 @@ TICKS = 50
 AT_REST = DeviceInputs(
     gyro=(600, 600), revolutions=(0, 0), sonar_cm=255, battery_mv=8003, sticks=(0, 0)
 )
+
+
+@pytest.fixture(scope='module')
+def built(tmp_path_factory):
+    """Build the application for a target, or return what was built for it with these parameters."""
+    known = {}
+
+    def make(target, *, flags=(), values=None, **changes):
+        need(target)
+        values = values or values_of(CONTROLLER, **changes)
+        key = target, flags, repr(sorted(values.items()))
+        if key not in known:
+            known[key] = Built(values, target, tmp_path_factory.mktemp(target), flags)
+        return known[key]
+
+    return make
 
 
 def golden_values_and_steps(path):
@@ -135,7 +151,7 @@ def test_with_fused_multiply_add_in_the_processor(built):
     if ' fma ' not in Path('/proc/cpuinfo').read_text():
         pytest.skip('this processor has no FMA')
     for level in ('-O2', '-O3'):
-        made = built('c', flags=(level, '-mfma'), name=level)
+        made = built('c', flags=(level, '-mfma'))
         for seed in range(20):
             assert_equal(made, random_steps(seed, 300, wild=seed % 2 == 1))
 
@@ -269,8 +285,8 @@ def test_the_inputs_reach_the_branches_of_the_generated_c(built, capsys):
     reached = Counter()
     sets = [random_values(parameters) for parameters in range(RANDOM_SETS)]
     sets.append(values_of(CONTROLLER, a_b=battery_filter_for_no_voltage(), time_start=100))
-    for index, values in enumerate(sets):
-        made = built('c', flags=('--coverage', '-O0'), values=values, name=f'_{index}')
+    for values in sets:
+        made = built('c', flags=('--coverage', '-O0'), values=values)
         sequences = [random_steps(seed, 2 * TICKS, wild=seed % 2 == 1) for seed in range(10)]
         for steps in (*sequences, no_voltage_steps(0)):
             program = made.program()

@@ -4,7 +4,7 @@ import os
 import signal
 
 import pytest
-from graph import NODES, alive, wait_for
+from graph import NODES, alive, await_recording, wait_for
 from terminal import Terminal
 
 from ballbot_ros.messages.conversions import stamp_ns
@@ -33,7 +33,7 @@ def start(start_run, tmp_path):
         run = start_run('stationary', '--output', tmp_path, ENDLESS, *settings, **popen)
         pids = run.nodes()
         recording = tmp_path / 'stationary.mcap'
-        wait_for(lambda: recording.exists() and size(recording) > 20_000, what='the recording')
+        await_recording(recording)
         return run, pids, recording
 
     return start

@@ -8,6 +8,9 @@ pytestmark = pytest.mark.graph
 
 
 ATTEMPTS = 5
+DURATION_S = 2.5
+PACE = 0.3
+"""In times real time: what a busy machine adds to the dead time counts for as much less."""
 
 
 def test_the_robot_balances_on_wall_clock_timers(start_node, tmp_path):
@@ -21,18 +24,18 @@ def test_the_robot_balances_on_wall_clock_timers(start_node, tmp_path):
         plant = start_node(
             'plant_sim',
             lockstep='false',
-            duration=4.0,
+            duration=DURATION_S,
             start_pitch_x=0.02,
-            real_time_factor=1.0,
+            real_time_factor=PACE,
             trajectory_file=path,
         )
         assert plant.finish() == 0, plant.output
         trajectory, summary = load_trajectory(path)
-        assert summary['ticks'] == 1000
+        assert summary['ticks'] == round(DURATION_S * 250)
         if abs(trajectory.psi).max() < 0.2:
             # Only a machine that was late may be slow, or let it fall.
-            assert summary['real_time_factor'] < 1.1
-            assert summary['real_time_factor'] > 0.5 or summary['missed_ticks'] > 0
+            assert summary['real_time_factor'] < 1.1 * PACE
+            assert summary['real_time_factor'] > 0.5 * PACE or summary['missed_ticks'] > 0
             return
         assert summary['missed_ticks'] > 0
     raise AssertionError(f'it fell {ATTEMPTS} times')

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from graph import NODES, Node, free_domain, wait_for
+from graph import NODES, Node, await_recording, free_domain
 
 pytest.importorskip('rclpy')
 
@@ -176,15 +176,11 @@ def test_a_recorder_may_come_while_the_plant(
         assert recording.topics()['/motor_duty'].message_count > 600
 
 
-def is_recording(path):
-    return path.exists() and path.stat().st_size > 20_000
-
-
 def test_a_recorder_that_comes_in_mid_run_has_everything_from_then_on(start, watch_run, tmp_path):
     path = tmp_path / 'late.mcap'
     plant = watch_run(2.0, real_time_factor=1)
     recorder = start(RECORDER, output=path)
-    wait_for(lambda: is_recording(path), what='the recording')
+    await_recording(path)
     assert plant.interrupt() == 0
     assert recorder.interrupt() == 0
     with RecordingReader(path) as recording:
@@ -265,7 +261,7 @@ def test_a_stranger_fails_the_run_by_name_and_costs_the_recording_nothing(
     path = tmp_path / 'run.mcap'
     recorder = start(RECORDER, output=path)
     plant = start(PLANT, real_time_factor=0, require_recorder='true')
-    wait_for(lambda: is_recording(path), what='the recording')
+    await_recording(path)
     client.publish(topic, make)
     client.spin_until(lambda: plant.process.poll() is not None)
     assert plant.finish() == 1

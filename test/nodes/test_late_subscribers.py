@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from graph import NODES
+from graph import NODES, await_recording
 from ros_client import Client
 from std_srvs.srv import Trigger
 
@@ -97,7 +97,7 @@ def test_every_change_is_recorded_that_comes_while_the_recorder_is_stopped(
         hit.send(0)
         lcd.publish(LCD.message_class(data=f'page {number}'))
     os.kill(recorder.process.pid, signal.SIGCONT)
-    client.spin_for(1.0)
+    await_recording(path, f'/{LCD.name}', 10)
     assert recorder.interrupt() == 0
     with RecordingReader(path) as recording:
         hits = [message.data for _, _, message in recording.messages(['/wall_hit'])]

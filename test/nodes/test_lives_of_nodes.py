@@ -10,10 +10,10 @@ import pytest
 pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import WrenchStamped
-from graph import NODES, environment
+from graph import LAST_RESORT_S, NODES, environment
 from std_srvs.srv import SetBool, Trigger
 
-from ballbot_ros.messages.topics import PLANT_IMU, RUN
+from ballbot_ros.messages.topics import ACCEPTED_PUSH, PLANT_IMU, RUN
 
 pytestmark = pytest.mark.graph
 
@@ -35,11 +35,14 @@ def test_nodes_tell_what_happens_in_their_lives(start_node, client, tmp_path):
     client.spin_until(lambda: PLANT_IMU.name in client.newest and client.now_ns() > 1_200_000_000)
     client.call(SetBool, 'plant_sim/pause', SetBool.Request(data=True))
     push = client.node.create_publisher(WrenchStamped, 'plant/push', 1)
-    client.spin_until(push.get_subscription_count)
+    client.watch(ACCEPTED_PUSH)
+    client.spin_until(
+        lambda: push.get_subscription_count() and client.node.count_publishers(ACCEPTED_PUSH.name)
+    )
     message = WrenchStamped()
     message.wrench.force.x = 0.5
     push.publish(message)
-    client.spin_for(0.5)
+    client.spin_until(lambda: ACCEPTED_PUSH.name in client.newest, what='the push')
     client.call(SetBool, 'plant_sim/pause', SetBool.Request(data=False))
     client.call(Trigger, 'plant_sim/reset', Trigger.Request())
     client.spin_until(lambda: client.newest[RUN.name].frame_id.startswith('2 '))
@@ -80,7 +83,7 @@ def test_a_signal_ends_a_node_quietly_that_is_still_importing(domain, number, im
         assert any(line.rpartition('|')[2].strip() == imported for line in node.stderr)
         node.send_signal(number)
         rest = [line for line in node.stderr if not line.startswith('import time:')]
-        assert node.wait(20.0) == 0
+        assert node.wait(LAST_RESORT_S) == 0
     finally:
         node.kill()
         node.wait()

@@ -4,7 +4,7 @@ import contextlib
 
 import numpy as np
 import pytest
-from graph import NODES, Node, wait_for
+from graph import NODES, Node, await_recording, wait_for
 
 pytest.importorskip('rclpy')
 
@@ -60,18 +60,10 @@ def undisturbed(ticks):
     return log
 
 
-def is_under_way(tmp_path):
-    path = tmp_path / 'run.mcap'
-    return path.exists() and path.stat().st_size > 20_000
-
-
 def await_standstill(client):
     """Wait until no tick comes any more; return the stamp of the last one [ns]."""
-    last = None
-    while last != client.now_ns():
-        last = client.now_ns()
-        client.spin_for(0.1)
-    return last
+    client.await_standstill()
+    return client.now_ns()
 
 
 def test_restarted_drivers_and_a_second_plant_change_no_duty(
@@ -138,7 +130,7 @@ def test_all_drivers_may_be_killed_at_once_and_before_they_are_known(
 
 def test_a_restarted_controller_fails_the_run_and_says_so(start_graph, start_node, tmp_path):
     nodes = start_graph(60.0, timeout=60.0)
-    wait_for(lambda: is_under_way(tmp_path), what='the run')
+    await_recording(tmp_path / 'run.mcap')
     nodes['controller'].kill()
     second = start_node('controller')
     assert second.finish() == 1
@@ -150,7 +142,7 @@ def test_a_restarted_controller_fails_the_run_and_says_so(start_graph, start_nod
 @pytest.mark.parametrize('leave', [Node.kill, Node.interrupt], ids=lambda leave: leave.__name__)
 def test_a_controller_may_be_told_to_begin_afresh(start_graph, start_node, tmp_path, leave):
     nodes = start_graph(3.0, timeout=60.0)
-    wait_for(lambda: is_under_way(tmp_path), what='the run')
+    await_recording(tmp_path / 'run.mcap')
     leave(nodes['controller'])
     controller = start_node('controller', rejoin='true')
     status = nodes['plant_sim'].finish()
