@@ -1,15 +1,18 @@
-"""What a report needs of a recording, gathered message by message into columns.
+"""What a report needs of a recording, gathered into columns.
 
-A message object lives only until its numbers are taken: an hour of ticks is then some hundred
-megabytes less than as messages.
+The stamped topics are read a chunk of the file at once, and no message of them is ever made an
+object: an hour of ticks is some million messages.
 """
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from functools import lru_cache
+from itertools import chain
+from sys import intern
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +22,12 @@ from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.conversions import (
     ball_position,
-    body_pitch,
     body_rates,
+    pitch_angles,
     stamp_ns,
     tone_of,
 )
-from ballbot_ros.messages.motor_stop import is_stop
+from ballbot_ros.messages.motor_stop import are_stops
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -45,33 +48,39 @@ from ballbot_ros.messages.topics import (
     TOPICS,
     Topic,
 )
+from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.errors import RecordingError
-from ballbot_ros.recording.reader import RawMessage, RecordingReader
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.simulation.timing import SECOND_NS
 
 _EVENTS = (OPERATING_STATE, RUN, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP)
 _FOREVER_NS = 2**63 - 1
 _OTHER_CLOCK_MS = 3.6e6
-_PROGRESS_STRIDE = 4096
 
-_Fields = Callable[[Any], tuple[float, ...]]
 
-TICKED: Mapping[Topic, tuple[str, int, _Fields]] = {
-    PLANT_IMU: ('d', 4, lambda m: (*body_pitch(m), *body_rates(m))),
+def _pitch(messages: Any) -> NDArray[np.float64]:
+    """Return the pitch angles of many orientations as :func:`pitch_angles` reckons each."""
+    q = messages.orientation
+    wxyz = (part.tolist() for part in (q.w, q.x, q.y, q.z))
+    return np.array(list(map(pitch_angles, *wxyz))).T
+
+
+TICKED: Mapping[Topic, tuple[str, int, Callable[[Any], Sequence[Any]]]] = {
+    PLANT_IMU: ('d', 4, lambda m: (*_pitch(m), *body_rates(m))),
     PLANT_ODOM: ('d', 2, ball_position),
-    PLANT_JOINT_STATES: (
-        'f', 4, lambda m: (m.velocity[0], m.velocity[1], m.effort[0], m.effort[1])
-    ),
+    PLANT_JOINT_STATES: ('f', 4, lambda m: (*m.velocity.T[:2], *m.effort.T[:2])),
     MOTOR_DUTY: ('f', 2, lambda m: (m.vector.x, m.vector.y)),
-    CONTROLLER_STATE: ('f', 8, lambda m: (*m.position, m.velocity[1], m.velocity[3])),
+    CONTROLLER_STATE: ('f', 6, lambda m: (*m.position.T[:4], *m.velocity.T[[1, 3]])),
     GYRO_IMU: ('f', 2, lambda m: (m.angular_velocity.y, m.angular_velocity.x)),
     SONAR_RANGE: ('f', 1, lambda m: (m.range,)),
     BATTERY_STATE: ('f', 1, lambda m: (m.voltage,)),
-}  # fmt: skip
-"""The stamped topics, with number type and count of their columns, and how these are read.
+}
+"""The stamped topics, with number type and count of their columns, and how these are read from a
+record array of messages.
 
 Pitch and pitch rate of planes x, y [rad, rad/s]; position x, y [m]; motor rate x, y [rad/s] and
-torque x, y [N·m]; duty x, y [%]; the estimates and references of ``controller/state`` [rad] and its
-pitch rates x, y [rad/s]; gyro x, y with offset [rad/s]; distance [m]; voltage [V].
+torque x, y [N·m]; duty x, y [%]; the estimates of ``controller/state`` [rad] and its pitch rates
+x, y [rad/s]; gyro x, y with offset [rad/s]; distance [m]; voltage [V].
 """
 
 
@@ -89,24 +98,35 @@ class Columns:
     def __init__(self, kind: str, width: int) -> None:
         self._kind, self._width = kind, width
         self._epochs: list[tuple[array[int], array[float]]] = []
-        self.newest = -1
+        self._newest = 0
 
     def __len__(self) -> int:
         """Return the number of epochs."""
         return len(self._epochs)
 
-    def add(self, stamp: int, values: tuple[float, ...]) -> None:
-        """Add a sample; one that comes twice is dropped."""
-        if stamp == self.newest:
-            return
-        if stamp < self.newest or not self._epochs:
-            self._epochs.append((array('q'), array(self._kind)))
-        self.newest = stamp
-        stamps, numbers = self._epochs[-1]
-        if len(values) != self._width:
-            raise IndexError(f'{len(values)} numbers instead of {self._width}')
-        stamps.append(stamp)
-        numbers.extend(values)
+    def extend(self, stamps: NDArray[np.int64], values: NDArray[Any]) -> NDArray[np.intp]:
+        """Add samples, and return the epoch of each; one that comes twice is dropped.
+
+        Parameters
+        ----------
+        stamps : ndarray, shape (n,)
+        values : ndarray, shape (n, width)
+        """
+        before = np.append(self._newest, stamps[:-1])
+        begins = stamps < before
+        is_new = stamps != before
+        if not self._epochs:
+            begins[0] = is_new[0] = True
+        epochs = len(self) - 1 + np.cumsum(begins)
+        for epoch in range(int(epochs[0]), int(epochs[-1]) + 1):
+            if epoch == len(self):
+                self._epochs.append((array('q'), array(self._kind)))
+            taken = is_new & (epochs == epoch)
+            column, numbers = self._epochs[epoch]
+            column.frombytes(stamps[taken].tobytes())
+            numbers.frombytes(values[taken].astype(self._kind, copy=False).tobytes())
+        self._newest = int(stamps[-1])
+        return epochs
 
     def epoch(self, index: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
         """Return stamps, shape (n,), and values, shape (n, width), without copying them."""
@@ -117,6 +137,31 @@ class Columns:
             np.frombuffer(stamps, np.int64),
             np.frombuffer(numbers, self._kind).reshape(-1, self._width),
         )
+
+
+class Status(NamedTuple):
+    """What a node reported in ``/diagnostics``.
+
+    Equal texts are one object: in an hour, some nodes that report each second say thousands of
+    times the same.
+
+    Attributes
+    ----------
+    name, message : str
+    level : int
+    keys, texts : tuple of str
+    """
+
+    name: str
+    message: str
+    level: int
+    keys: tuple[str, ...]
+    texts: tuple[str, ...]
+
+    @property
+    def values(self) -> Iterator[tuple[str, str]]:
+        """The keys, each with its value."""
+        return zip(self.keys, self.texts, strict=True)
 
 
 @dataclass
@@ -142,16 +187,17 @@ class Traffic:
     age_sum_ms: float = 0.0
     age_max_ms: float = 0.0
 
-    def add(self, log_ns: int, age_ms: float) -> None:
-        """Count a message."""
+    def extend(self, log_ns: NDArray[np.int64], age_ms: NDArray[np.floating[Any]]) -> None:
+        """Count messages."""
         if self.count == 0:
-            self.first_ns = self.last_ns = log_ns
-        elif log_ns > self.last_ns:
-            self.gap_ns = max(self.gap_ns, log_ns - self.last_ns)
-            self.last_ns = log_ns
-        self.count += 1
-        self.age_sum_ms += age_ms
-        self.age_max_ms = max(self.age_max_ms, age_ms)
+            self.first_ns = self.last_ns = int(log_ns[0])
+        newest = np.maximum.accumulate(np.append(self.last_ns, log_ns))
+        self.gap_ns = max(self.gap_ns, int(np.diff(newest).max()))
+        self.last_ns = int(newest[-1])
+        self.count += len(log_ns)
+        # One after the other: the sum of an array would be rounded in the order of its pieces.
+        self.age_sum_ms = float(np.cumsum(np.append(self.age_sum_ms, age_ms))[-1])
+        self.age_max_ms = max(self.age_max_ms, float(age_ms.max()))
 
     @property
     def rate(self) -> float:
@@ -178,7 +224,7 @@ class Extraction:
     names: dict[tuple[int, int], str] = field(default_factory=dict)
     told: ToldParameters = field(default_factory=ToldParameters)
     states: list[tuple[int, int, str]] = field(default_factory=list)
-    statuses: list[tuple[int, int, Any]] = field(default_factory=list)
+    statuses: list[tuple[int, int, Status]] = field(default_factory=list)
     pages: list[tuple[int, int, str]] = field(default_factory=list)
     tones: list[tuple[int, int, Tone]] = field(default_factory=list)
     maps: list[tuple[int, int, Any]] = field(default_factory=list)
@@ -221,50 +267,88 @@ def extract(recording: RecordingReader, progress: Callable[[int, int], None]) ->
     traffic = extraction.traffic = {
         name: Traffic(name, summary.type_name) for name, summary in recording.topics().items()
     }
-    newest_log = epoch = 0
-    for count, raw in enumerate(recording.raw_messages()):
-        if count % _PROGRESS_STRIDE == 0:
-            progress(count, recording.count)
-        stamp = log_ns = raw.stamp_ns
-        newest_log = max(newest_log, log_ns)
-        topic = wanted.get(raw.topic)
-        if topic is MOTOR_DUTY and is_stop(raw.data):
-            topic = None  # it answers no tick
-        if topic in (PARTICIPANTS, RUN_STATUS):
-            extraction.told.add(topic, raw.data)
-        elif topic is not None:
-            message = recording.decode(raw)
-            try:
-                if topic in TICKED:
-                    stamp = stamp_ns(message)
-                    columns = extraction.columns[topic]
-                    columns.add(stamp, TICKED[topic][2](message))
-                    epoch = len(columns) - 1
-                else:
-                    _take_event(extraction, topic, message, epoch, log_ns)
-            except (IndexError, ValueError, OverflowError) as error:
-                raise _unlike(recording, raw, error) from None
-        if raw.topic in traffic:
-            traffic[raw.topic].add(log_ns, (newest_log - stamp) * 1e-6)
+    newest_ns = epoch = done = 0
+    for batch in recording.batches():
+        progress(done, recording.count)
+        done += len(batch)
+        rows = batch.rows()
+        log_ns = batch.log_ns
+        stamps, epochs = log_ns.copy(), np.full(len(batch), -1)
+        for name, places in rows.items():
+            topic = wanted.get(name)
+            if topic is MOTOR_DUTY:
+                places = places[~are_stops(batch, places)]
+            if topic is not None and topic in TICKED and len(places):
+                stamps[places], values = _samples(recording, topic, name, batch, places)
+                epochs[places] = extraction.columns[topic].extend(stamps[places], values)
+        epochs = _last_known(epochs, epoch)
+        epoch = int(epochs[-1])
+        events = (rows[name].tolist() for name in rows if wanted.get(name) in _EVENTS)
+        for row in sorted(chain.from_iterable(events)):
+            raw = batch.message(row)
+            _take_event(extraction, recording, wanted[raw.topic], raw, int(epochs[row]))
+        newest = np.maximum.accumulate(log_ns).clip(min=newest_ns)
+        newest_ns = int(newest[-1])
+        ages_ms = (newest - stamps) * 1e-6
+        for name, places in rows.items():
+            traffic[name].extend(log_ns[places], ages_ms[places])
     if not any(map(len, extraction.columns.values())):
         raise RecordingError(f'{recording.path}: no messages of a ballbot: nothing to report')
     extraction.traffic = {name: each for name, each in traffic.items() if each.count}
     return extraction
 
 
+def _samples(
+    recording: RecordingReader, topic: Topic, name: str, batch: Batch, rows: Rows
+) -> tuple[NDArray[np.int64], NDArray[Any]]:
+    """Return the stamps [ns] of messages of a stamped topic, shape (n,), and what is read of them.
+
+    The latter has the shape (n, width).
+    """
+    kind, width, read = TICKED[topic]
+    stamps, values = np.empty(len(rows), np.int64), np.empty((len(rows), width), kind)
+    for some, messages in recording.records(name, batch, rows):
+        places = np.searchsorted(rows, some)
+        try:
+            stamp = messages.header.stamp
+            stamps[places] = stamp.sec.astype(np.int64) * SECOND_NS + stamp.nanosec
+            columns = read(messages)
+            if len(columns) != width:
+                raise IndexError(f'{len(columns)} numbers instead of {width}')
+        except (AttributeError, IndexError) as error:
+            raise _unlike(recording, batch.message(some[0]), error) from None
+        with np.errstate(over='ignore'):
+            for number, column in enumerate(columns):
+                values[places, number] = column
+    return stamps, values
+
+
+def _last_known(epochs: NDArray[np.intp], before: int) -> NDArray[np.intp]:
+    """Return the epochs of all messages: that of the sample before where there is none, −1."""
+    places = np.maximum.accumulate(np.where(epochs < 0, -1, np.arange(len(epochs))))
+    return np.where(places < 0, before, epochs[places])
+
+
 def _take_event(
-    extraction: Extraction, topic: Topic, message: Any, epoch: int, log_ns: int
+    extraction: Extraction, recording: RecordingReader, topic: Topic, raw: RawMessage, epoch: int
 ) -> None:
+    if topic in (PARTICIPANTS, RUN_STATUS):
+        extraction.told.add(topic, raw.data)
+        return
+    message, log_ns = recording.decode(raw), raw.stamp_ns
     if topic is RUN:
         extraction.announce(stamp_ns(_Headed(message)), message.frame_id)
     elif topic is OPERATING_STATE:
         extraction.states.append((epoch, log_ns, message.data))
     elif topic is DIAGNOSTICS:
-        extraction.statuses += [(epoch, log_ns, status) for status in message.status]
+        extraction.statuses += [(epoch, log_ns, _status(each)) for each in message.status]
     elif topic is LCD:
         extraction.pages.append((epoch, log_ns, message.data))
     elif topic is SOUND:
-        extraction.tones.append((epoch, log_ns, tone_of(message)))
+        try:
+            extraction.tones.append((epoch, log_ns, tone_of(message)))
+        except (ValueError, OverflowError) as error:
+            raise _unlike(recording, raw, error) from None
     else:
         extraction.maps.append((epoch, log_ns, message))
 
@@ -274,6 +358,22 @@ class _Headed:
     """A message that is a header, as one that has it."""
 
     header: Any
+
+
+def _status(message: Any) -> Status:
+    return Status(
+        intern(message.name),
+        intern(message.message),
+        int(message.level),
+        _same_keys(tuple(intern(each.key) for each in message.values)),
+        tuple(intern(each.value) for each in message.values),
+    )
+
+
+@lru_cache(128)
+def _same_keys(keys: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the first tuple of these keys that there was."""
+    return keys
 
 
 def _unlike(recording: RecordingReader, raw: RawMessage, error: Exception) -> RecordingError:
@@ -299,7 +399,7 @@ def _wanted(recording: RecordingReader, notices: list[str]) -> dict[str, Topic]:
     for topic in ours:
         name = topic.resolved(namespace)
         if name not in topics:
-            if topic in TICKED:
+            if topic is not None and topic in TICKED:
                 notices.append(f'There is no topic {name}; what needs it is left out.')
         elif topics[name].type_name != topic.type_name:
             notices.append(

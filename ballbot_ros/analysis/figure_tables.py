@@ -7,8 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.run_data import RunData
-from ballbot_ros.analysis.run_metrics import estimate, gyro_offsets
+from ballbot_ros.analysis.run_data import RunData, Series
+from ballbot_ros.analysis.run_metrics import (
+    estimated_gyro_offset,
+    estimated_pitch,
+    estimated_position,
+    true_gyro_offset,
+)
 from ballbot_ros.analysis.table import Table, envelope, every_nth
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
@@ -24,16 +29,20 @@ def _planes(name: str, unit: str, values: NDArray[Any]) -> dict[str, NDArray[Any
     return {f'{name}_x_{unit}': values[:, 0], f'{name}_y_{unit}': values[:, 1]}
 
 
+def _table(series: Series, name: str, unit: str, values: NDArray[Any]) -> Table:
+    return envelope(series.time, _planes(name, unit, values))
+
+
 def position_table(run: RunData) -> Table:
     """Return the true position [cm]."""
     series = run.series[PLANT_ODOM]
-    return envelope(series.time, _planes('position', 'cm', series.values * 100.0))
+    return _table(series, 'position', 'cm', series.values * 100.0)
 
 
 def pitch_table(run: RunData) -> Table:
     """Return the true body pitch [°]."""
     series = run.series[PLANT_IMU]
-    return envelope(series.time, _planes('pitch', 'deg', np.degrees(series.values[:, :2])))
+    return _table(series, 'pitch', 'deg', np.degrees(series.values[:, :2]))
 
 
 def track_table(run: RunData) -> Table:
@@ -46,7 +55,7 @@ def track_table(run: RunData) -> Table:
 def duty_table(run: RunData) -> Table:
     """Return the duties [%]."""
     series = run.series[MOTOR_DUTY]
-    return envelope(series.time, _planes('duty', 'percent', series.values))
+    return _table(series, 'duty', 'percent', series.values)
 
 
 def motion_table(run: RunData) -> Table:
@@ -67,29 +76,25 @@ def motion_table(run: RunData) -> Table:
 def estimate_table(run: RunData) -> Table:
     """Return true and estimated pitch [°] and position [cm]."""
     body = run.series[PLANT_IMU]
-    believed = estimate(run, body.stamps)
-    return envelope(
-        body.time,
-        _planes('true_pitch', 'deg', np.degrees(body.values[:, :2]))
-        | _planes('estimated_pitch', 'deg', np.degrees(believed[:, 2:]))
-        | _planes('true_position', 'cm', run.series[PLANT_ODOM].at(body.stamps) * 100.0)
-        | _planes('estimated_position', 'cm', believed[:, :2] * 100.0),
-    )
+    # One after the other: of an hour, the ticks of all of them would be 60 MB.
+    table = dict(_table(body, 'true_pitch', 'deg', np.degrees(body.values[:, :2])))
+    table |= _table(body, 'estimated_pitch', 'deg', np.degrees(estimated_pitch(run, body.stamps)))
+    table |= _table(body, 'true_position', 'cm', run.series[PLANT_ODOM].at(body.stamps) * 100.0)
+    believed = estimated_position(run, body.stamps)
+    table |= _table(body, 'estimated_position', 'cm', believed * 100.0)
+    return table
 
 
 def gyro_table(run: RunData) -> Table:
     """Return true rate, reading less offset, true and estimated offset [°/s]."""
     gyro = run.series[GYRO_IMU]
-    rates = np.degrees(run.series[PLANT_IMU].at(gyro.stamps)[:, 2:])
-    _, believed, true = gyro_offsets(run) or (None, rates, rates)
-    measured = np.degrees(gyro.values) - believed
-    return envelope(
-        gyro.time,
-        _planes('true_rate', 'deg_s', rates)
-        | _planes('read_rate', 'deg_s', measured)
-        | _planes('true_offset', 'deg_s', true)
-        | _planes('estimated_offset', 'deg_s', believed),
-    )
+    rates = run.series[PLANT_IMU].at(gyro.stamps)[:, 2:]
+    table = dict(_table(gyro, 'true_rate', 'deg_s', np.degrees(rates)))
+    offset = estimated_gyro_offset(run)
+    table |= _table(gyro, 'read_rate', 'deg_s', np.degrees(gyro.values) - offset)
+    table |= _table(gyro, 'true_offset', 'deg_s', true_gyro_offset(run))
+    table |= _table(gyro, 'estimated_offset', 'deg_s', offset)
+    return table
 
 
 def sonar_table(run: RunData) -> Table:

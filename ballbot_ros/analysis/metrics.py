@@ -98,39 +98,60 @@ def measure(
         The window that is measured [s], from its start or the release to its end.
     """
     first = max(start, plant['hold_time'])
-    within = (trajectory.time > first - HALF_TICK_S) & (trajectory.time < end + HALF_TICK_S)
-    if not within.any():
-        return dict.fromkeys(METRICS, math.nan)
+    # A slice, not a mask: it copies nothing.
+    within = slice(
+        np.searchsorted(trajectory.time, first - HALF_TICK_S, side='right'),
+        np.searchsorted(trajectory.time, end + HALF_TICK_S),
+    )
     time = trajectory.time[within]
-    pitch = np.degrees(trajectory.psi[within])
-    position = trajectory.position[within]
-    origin = np.array([plant['start_position_x'], plant['start_position_y']], dtype=float)
-    offset = position - origin
-    distance = np.hypot(offset[:, 0], offset[:, 1])
-    steps = np.hypot(*np.diff(position, axis=0).T)
-    duty = trajectory.duty[within].astype(float)
+    if not len(time):
+        return dict.fromkeys(METRICS, math.nan)
     # Its own half of the run: the transient has died away by then.
-    late = time >= (time[0] + time[-1]) / 2.0
-    wander = position[late] - position[late].mean(axis=0)
-    from_mean = np.hypot(wander[:, 0], wander[:, 1])
+    late = slice(np.searchsorted(time, (time[0] + time[-1]) / 2.0), None)
+    position = trajectory.position[within]
     values = (
-        _settling_time(time, pitch),
-        np.abs(pitch).max(),
-        _rms(pitch[late]),
+        *_pitch_metrics(time, trajectory.psi[within], late),
+        *_position_metrics(time, position, plant, late),
+        _least(clearance, position),
+        *_duty_metrics(trajectory.duty[within]),
+    )
+    return dict(zip(METRICS, map(float, values), strict=True))
+
+
+def _pitch_metrics(time: Floats, psi: Floats, late: slice) -> tuple[float, ...]:
+    pitch = np.degrees(psi)
+    return _settling_time(time, pitch), np.abs(pitch).max(), _rms(pitch[late])
+
+
+def _position_metrics(
+    time: Floats, position: Floats, plant: Mapping[str, Any], late: slice
+) -> tuple[float, ...]:
+    origin = np.array([plant['start_position_x'], plant['start_position_y']], dtype=float)
+    distance = _length(position - origin)
+    steps = _length(np.diff(position, axis=0))
+    from_mean = _length(position[late] - position[late].mean(axis=0))
+    final = position[-1] - origin
+    return (
         _rms(distance),
         distance.max(),
         _overshoot(position),
         _rms(from_mean),
         from_mean.max(),
-        offset[-1, 0],
-        offset[-1, 1],
+        final[0],
+        final[1],
         steps.sum(),
         (steps / np.diff(time)).max(initial=0.0),
-        _least(clearance, position),
-        _rms(duty),
-        np.where(np.isnan(duty), math.nan, np.abs(duty) >= 100.0).mean(),
     )
-    return dict(zip(METRICS, map(float, values), strict=True))
+
+
+def _duty_metrics(duty: np.ndarray) -> tuple[float, ...]:
+    duty = duty.astype(float)
+    saturated = np.where(np.isnan(duty), math.nan, np.abs(duty) >= 100.0)
+    return _rms(duty), saturated.mean()
+
+
+def _length(vectors: Floats) -> Floats:
+    return np.hypot(vectors[:, 0], vectors[:, 1])
 
 
 def _least(clearance: Clearance | None, position: Floats) -> float:
@@ -156,7 +177,7 @@ def _overshoot(position: Floats) -> float:
     Driving to a place and staying, that is the start; swinging back to the start, the turn.
     """
     beyond = position - position[-1]
-    distance = np.hypot(beyond[:, 0], beyond[:, 1])
+    distance = _length(beyond)
     farthest = int(np.argmax(distance))
     if not distance[farthest]:
         return 0.0

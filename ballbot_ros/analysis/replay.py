@@ -36,7 +36,8 @@ from ballbot_ros.messages.topics import (
     Topic,
 )
 from ballbot_ros.parameters import PLANT, ParameterSet
-from ballbot_ros.recording.reader import RawMessage, RecordingReader
+from ballbot_ros.recording.batch import RawMessage
+from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.closed_loop import ClosedLoop, Tick
 from ballbot_ros.simulation.timing import MILLISECOND_NS, TICK_NS
 

@@ -65,7 +65,7 @@ def report_page(assessment: Assessment, figures: list[Drawn]) -> str:
                 'message': status.message,
                 # Where the file lay on its machine is nobody's business.
                 'content': ', '.join(
-                    f'{each.key} {each.value}' for each in status.values if each.key != 'file'
+                    f'{key} {value}' for key, value in status.values if key != 'file'
                 ),
             }
             for name, status in statuses.items()

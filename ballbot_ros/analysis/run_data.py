@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.attached import Attached, read_attached
-from ballbot_ros.analysis.extraction import TICKED, Extraction, Traffic, extract
+from ballbot_ros.analysis.extraction import TICKED, Extraction, Status, Traffic, extract
 from ballbot_ros.analysis.metrics import Floats
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.controller.interface import CALIBRATING, OUT_OF_CONTROL
@@ -87,7 +87,7 @@ class RunData:
     grid : OccupancyGrid or None
         The recorded map.
     statuses : tuple
-        The diagnostics: time [s] and the rosbags ``DiagnosticStatus``.
+        The diagnostics: time [s] and what a node reported.
     pages : tuple of tuple
         The display: time [s] and its text.
     tones : tuple of tuple
@@ -113,7 +113,7 @@ class RunData:
     series: Mapping[Topic, Series]
     states: tuple[Interval, ...]
     grid: OccupancyGrid | None
-    statuses: tuple[tuple[float, Any], ...]
+    statuses: tuple[tuple[float, Status], ...]
     pages: tuple[tuple[float, str], ...]
     tones: tuple[tuple[float, Tone], ...]
     traffic: tuple[Traffic, ...]
@@ -193,11 +193,7 @@ def read_run(
     notices = [*extraction.notices, *attached.notices]
     if len(runs) > 1:
         notices.append(f'The file holds {len(runs)} runs; this is run {number}.')
-    series = {
-        topic: piece
-        for topic in TICKED
-        if (piece := _cut(extraction, topic, epoch, start, end)) is not None
-    }
+    series = _series(extraction, epoch, start, end)
     if not series:
         raise RecordingError(f'{path}: run {number} of {len(runs)} has no ticks')
     plant = dict(attached.parameters.values(PLANT))
@@ -248,14 +244,24 @@ def read_run(
     )
 
 
-def _cut(extraction: Extraction, topic: Topic, epoch: int, start: int, end: int) -> Series | None:
-    stamps, values = extraction.columns[topic].epoch(epoch)
-    first, last = np.searchsorted(stamps, [start, end])
-    if first == last:
-        return None
-    stamps = stamps[first:last]
-    # As the log of a run without recording reckons it, for the same numbers.
-    return Series(stamps, seconds(stamps) - start * 1e-9, values[first:last])
+def _series(extraction: Extraction, epoch: int, start: int, end: int) -> dict[Topic, Series]:
+    """Return what a run has of each topic; those of equal stamps have these arrays in common."""
+    found: dict[Topic, Series] = {}
+    for topic in TICKED:
+        stamps, values = extraction.columns[topic].epoch(epoch)
+        first, last = np.searchsorted(stamps, [start, end])
+        if first == last:
+            continue
+        stamps = stamps[first:last]
+        for other in found.values():
+            if np.array_equal(stamps, other.stamps):
+                stamps, time = other.stamps, other.time
+                break
+        else:
+            # As the log of a run without recording reckons it, for the same numbers.
+            time = seconds(stamps) - start * 1e-9
+        found[topic] = Series(stamps, time, values[first:last])
+    return found
 
 
 def _trajectory(

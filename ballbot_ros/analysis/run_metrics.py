@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.metrics import HALF_TICK_S, Floats
+from ballbot_ros.analysis.metrics import HALF_TICK_S
 from ballbot_ros.analysis.run_data import RunData, seconds
 from ballbot_ros.controller.interface import DRIVE_STATES
 from ballbot_ros.messages.topics import (
@@ -47,6 +47,8 @@ RUN_METRICS: Mapping[str, str] = {
 """Names and what they are, in addition to those of the scenario's expectations."""
 
 _MEAN_S = 1.0
+_MEAN_ROWS = 2**13
+"""How many means are made at once: what is needed on the way takes the memory of so many."""
 
 
 def measure_recording(run: RunData) -> dict[str, float]:
@@ -65,17 +67,27 @@ def measure_recording(run: RunData) -> dict[str, float]:
     return {name: float(values[name]) for name in RUN_METRICS}
 
 
-def estimate(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
-    """Return what the controller believes at `stamps`, shape (n, 4), and NaN where it does not run.
+def estimated_position(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
+    """Return where [m] the controller believes to be at `stamps`, shape (n, 2).
 
-    The columns are position x, y [m], from the start, and pitch x, y [rad].
+    It is NaN where the controller does not run.
     """
     state = run.series[CONTROLLER_STATE].at(stamps)
     radius = run.attached.parameters.values(CONTROLLER)['ball_radius']
     start = [run.plant['start_position_x'], run.plant['start_position_y']]
-    believed = np.column_stack([radius * state[:, [0, 2]] + start, state[:, [1, 3]]])
-    time = seconds(stamps) - _start(run)
-    believed[~run.balancing(time)] = np.nan
+    return _while_balancing(run, stamps, radius * state[:, [0, 2]] + start)
+
+
+def estimated_pitch(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
+    """Return the pitch [rad] that the controller believes at `stamps`, as its position."""
+    state = run.series[CONTROLLER_STATE].at(stamps)
+    return _while_balancing(run, stamps, state[:, [1, 3]].astype(float))
+
+
+def _while_balancing(
+    run: RunData, stamps: NDArray[np.int64], believed: NDArray[Any]
+) -> NDArray[Any]:
+    believed[~run.balancing(seconds(stamps) - _start(run))] = np.nan
     return believed
 
 
@@ -84,7 +96,7 @@ def pitch_error(run: RunData) -> NDArray[Any]:
     if not {CONTROLLER_STATE, PLANT_IMU} <= run.series.keys():
         return np.zeros((0, 2))
     truth = run.series[PLANT_IMU]
-    return np.asarray(estimate(run, truth.stamps)[:, 2:] - truth.values[:, :2])
+    return np.asarray(estimated_pitch(run, truth.stamps) - truth.values[:, :2])
 
 
 def position_error(run: RunData) -> NDArray[Any]:
@@ -92,32 +104,41 @@ def position_error(run: RunData) -> NDArray[Any]:
     if not {CONTROLLER_STATE, PLANT_ODOM} <= run.series.keys():
         return np.zeros((0, 2))
     truth = run.series[PLANT_ODOM]
-    return np.asarray(estimate(run, truth.stamps)[:, :2] - truth.values)
+    return np.asarray(estimated_position(run, truth.stamps) - truth.values)
 
 
-def gyro_offsets(run: RunData) -> tuple[Floats, NDArray[Any], NDArray[Any]] | None:
-    """Return time [s], estimated and true gyro offset [deg/s], shape (n, 2); None without them.
+def estimated_gyro_offset(run: RunData) -> NDArray[Any]:
+    """Return the gyro offset [deg/s] that the controller believes, shape (n, 2).
 
     The controller does not publish its offset, but its pitch rate is the reading less the offset.
-    The true offset is the reading less the true rate; the mean of 1 s takes noise and rounding
-    from it.
     """
-    if not {CONTROLLER_STATE, GYRO_IMU, PLANT_IMU} <= run.series.keys():
-        return None
     gyro = run.series[GYRO_IMU]
-    believed = gyro.values - run.series[CONTROLLER_STATE].at(gyro.stamps)[:, 6:]
+    believed = gyro.values - run.series[CONTROLLER_STATE].at(gyro.stamps)[:, 4:]
     believed[~run.balancing(gyro.time)] = np.nan
-    true = gyro.values - run.series[PLANT_IMU].at(gyro.stamps)[:, 2:]
-    return gyro.time, np.degrees(believed), np.degrees(_moving_mean(true))
+    return np.asarray(np.degrees(believed))
 
 
-def _moving_mean(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the mean over the second around each row; at the ends of what there is of it."""
+def true_gyro_offset(run: RunData) -> NDArray[Any]:
+    """Return the true gyro offset [deg/s], shape (n, 2).
+
+    It is the reading less the true rate; the mean of 1 s takes noise and rounding from it.
+    """
+    gyro = run.series[GYRO_IMU]
+    offset = gyro.values - run.series[PLANT_IMU].at(gyro.stamps)[:, 2:]
+    _smooth(offset)
+    return np.asarray(np.degrees(offset, out=offset))
+
+
+def _smooth(values: NDArray[Any]) -> None:
+    """Make each row the mean over the second around it; at the ends over what there is of it."""
     half = int(_MEAN_S * 1e9 / TICK_NS) // 2
-    sums = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-    rows = np.arange(len(values))
-    first, last = (rows - half).clip(min=0), (rows + half + 1).clip(max=len(values))
-    return np.asarray((sums[last] - sums[first]) / (last - first)[:, np.newaxis])
+    count = len(values)
+    sums = np.zeros((count + 1, values.shape[1]))
+    np.cumsum(values, axis=0, out=sums[1:])
+    for begin in range(0, count, _MEAN_ROWS):
+        rows = np.arange(begin, min(begin + _MEAN_ROWS, count))
+        first, last = (rows - half).clip(min=0), (rows + half + 1).clip(max=count)
+        values[rows] = (sums[last] - sums[first]) / (last - first)[:, np.newaxis]
 
 
 def _start(run: RunData) -> float:
@@ -146,11 +167,10 @@ def _lowest_voltage(run: RunData) -> float:
 
 
 def _offset_errors(run: RunData) -> dict[str, float]:
-    offsets = gyro_offsets(run)
     names = ('gyro_offset_error_x_deg_s', 'gyro_offset_error_y_deg_s')
-    if offsets is None:
+    if not {CONTROLLER_STATE, GYRO_IMU, PLANT_IMU} <= run.series.keys():
         return dict.fromkeys(names, math.nan)
-    error = offsets[1] - offsets[2]
+    error = estimated_gyro_offset(run) - true_gyro_offset(run)
     return {name: _rms(error[:, plane]) for plane, name in enumerate(names)}
 
 
@@ -176,7 +196,7 @@ def _counters(run: RunData) -> dict[str, float]:
     newest: dict[str, dict[str, str]] = {}
     rates = []
     for _, status in run.statuses:
-        values = {each.key: each.value for each in status.values}
+        values = dict(status.values)
         # Older recordings have the node's name only.
         role = values.get('role') or status.name.partition(':')[0].rpartition('/')[2]
         newest[role] = values

@@ -106,9 +106,14 @@ def body_rates(message: Any) -> Pair:
 def body_pitch(message: Any) -> Pair:
     """Return the pitch angles [rad] of planes x and y from ``plant/imu``."""
     q = message.orientation
-    psi_x = 2.0 * math.atan2(math.hypot(q.y, q.z), math.hypot(q.w, q.x))
-    psi_y = 2.0 * math.atan2(math.hypot(q.x, q.z), math.hypot(q.w, q.y))
-    return math.copysign(psi_x, q.y), math.copysign(psi_y, q.x)
+    return pitch_angles(q.w, q.x, q.y, q.z)
+
+
+def pitch_angles(w: float, x: float, y: float, z: float) -> Pair:
+    """Return the pitch angles [rad] of planes x and y of an orientation."""
+    psi_x = 2.0 * math.atan2(math.hypot(y, z), math.hypot(w, x))
+    psi_y = 2.0 * math.atan2(math.hypot(x, z), math.hypot(w, y))
+    return math.copysign(psi_x, y), math.copysign(psi_y, x)
 
 
 def fill_odometry(message: Any, truth: Truth, ball_radius: float) -> None:

@@ -9,7 +9,11 @@ from __future__ import annotations
 import struct
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ballbot_ros.messages.conversions import fill_header
+from ballbot_ros.recording.batch import Batch, Rows
 
 FRAME_ID = 'stop'
 
@@ -27,3 +31,8 @@ def fill_stop(message: Any, stamp_ns: int) -> None:
 def is_stop(data: bytes) -> bool:
     """Tell whether a serialised ``motor_duty`` answers no tick."""
     return data[_BEGIN : _BEGIN + len(_ENCODED)] == _ENCODED
+
+
+def are_stops(batch: Batch, rows: Rows) -> NDArray[np.bool_]:
+    """Tell which of some recorded ``motor_duty`` answer no tick."""
+    return batch.contain(rows, _BEGIN, _ENCODED)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 
+from ballbot_ros.recording.batch import RawMessage
 from ballbot_ros.recording.errors import RecordingError
-from ballbot_ros.recording.reader import RawMessage, RecordingReader
+from ballbot_ros.recording.reader import RecordingReader
 
 
 class Playback:

@@ -6,7 +6,7 @@ import os
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from io import FileIO
 from mmap import ACCESS_READ, ALLOCATIONGRANULARITY, MADV_DONTNEED, mmap
 from pathlib import Path
@@ -25,13 +25,15 @@ from mcap.records import (
     Schema,
     Statistics,
 )
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.well_known import MessageEncoding, Profile
 from mcap.writer import MCAP0_MAGIC
 from rosbags.serde import SerdeError
 from zstandard import ZstdError
 
+from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.layout import Layout
 from ballbot_ros.recording.qos import QosProfile
 from ballbot_ros.recording.rosbag2 import TimeRange, parse_offered_qos
 from ballbot_ros.recording.schemas import decoder
@@ -46,6 +48,9 @@ _FOOTER_SIZE = 25
 
 _NO_SCHEMA = Schema(id=0, data=b'', encoding='', name='')
 _Item = TypeVar('_Item')
+
+_LOOSE = 4096
+"""How many messages that stand in no chunk are handed out at once."""
 
 _LET_GO = 64 * ALLOCATIONGRANULARITY
 """Bytes read after which their memory is given back, so that a large file does not fill it."""
@@ -62,15 +67,6 @@ class AttachedFile(NamedTuple):
     """An attachment's media type and content."""
 
     media_type: str
-    data: bytes
-
-
-class RawMessage(NamedTuple):
-    """A message as it was recorded: CDR with its encapsulation header; the stamp in ns."""
-
-    topic: str
-    stamp_ns: int
-    sequence: int
     data: bytes
 
 
@@ -131,6 +127,7 @@ class RecordingReader:
                 channel.topic: self._schema(channel) for channel in self._channels.values()
             }
             self._decoders: dict[str, Callable[[bytes], Any]] = {}
+            self._layouts: dict[str, Layout] = {}
         except BaseException:
             self.close()
             raise
@@ -252,40 +249,65 @@ class RecordingReader:
         RecordingError
             If there is no such topic.
         """
+        for batch in self.batches(topics, start_ns):
+            yield from batch.messages()
+
+    def batches(self, topics: Collection[str] | None = None, start_ns: int = 0) -> Iterator[Batch]:
+        """Iterate over the same messages, those of a chunk of the file at once.
+
+        Raises
+        ------
+        RecordingError
+            If there is no such topic.
+        """
         known = self.topics().keys()
         for topic in topics or ():
             if topic not in known:
                 names = ', '.join(sorted(known)) or 'none'
                 raise RecordingError(f'{self.path}: no topic {topic!r}, only {names}')
-        wanted = {
-            number: channel.topic
-            for number, channel in self._channels.items()
-            if topics is None or channel.topic in topics
-        }
+        channels = {number: channel.topic for number, channel in self._channels.items()}
 
-        def parse(stream: IO[bytes]) -> Iterator[RawMessage]:
+        def parse(stream: IO[bytes]) -> Iterator[Batch]:
             reader = StreamReader(stream, emit_chunks=True, validate_crcs=True)
-            for record in reader.records:
-                if not isinstance(record, Chunk):
-                    records = [record]
-                elif record.message_end_time < start_ns:
-                    continue
-                else:
-                    records = breakup_chunk(record, validate_crc=True)
-                for message in records:
-                    if not isinstance(message, Message):
-                        continue
-                    if message.channel_id not in self._channels:
-                        raise McapError(f'no channel {message.channel_id}')
-                    if message.channel_id in wanted and message.log_time >= start_ns:
-                        yield RawMessage(
-                            wanted[message.channel_id],
-                            message.log_time,
-                            message.sequence,
-                            message.data,
-                        )
+            for group in _grouped(reader.records):
+                if isinstance(group, list):
+                    yield Batch.of_messages(group, channels)
+                elif group.message_end_time >= start_ns:
+                    content, size = get_chunk_data_stream(group, validate_crc=True)
+                    yield Batch.of_records(content.read(size), channels)
 
-        yield from self._read(parse)
+        for batch in self._read(parse):
+            chosen = batch.since(start_ns)
+            if topics is not None:
+                chosen = chosen.of_topics(topics)
+            if len(chosen):
+                yield chosen
+
+    def records(self, topic: str, batch: Batch, rows: Rows) -> Iterator[tuple[Rows, Any]]:
+        """Iterate over the messages of a topic in some rows of a batch, those of a form at once.
+
+        Yields
+        ------
+        tuple
+            Rows, and the messages there as a record array: its fields are named as those of the
+            type; texts, and lists of messages, are left out.
+
+        Raises
+        ------
+        RecordingError
+            As :meth:`decode`.
+        """
+        while len(rows):
+            layout = self._layouts.get(topic)
+            if layout:
+                fits, records = layout.read(batch, rows)
+            if not layout or not fits[0]:
+                first = batch.message(rows[0])
+                self.decode(first)
+                layout = self._layouts[topic] = Layout.of(first.data, self._types[topic])
+                fits, records = layout.read(batch, rows)
+            yield rows[fits], records
+            rows = rows[~fits]
 
     def close(self) -> None:
         """Close the file."""
@@ -353,10 +375,31 @@ class RecordingReader:
             try:
                 for item in parse(cast('IO[bytes]', stream)):
                     yield item
-                    if stream.tell() - kept >= _LET_GO:
-                        stream.madvise(MADV_DONTNEED, kept, _LET_GO)
-                        kept += _LET_GO
+                    if read := (stream.tell() - kept) // _LET_GO * _LET_GO:
+                        stream.madvise(MADV_DONTNEED, kept, read)
+                        kept += read
             except DAMAGE:
                 end = stream.tell()
                 kind = 'cut off at' if end == len(stream) else 'corrupt before'
                 self._broken = f'{kind} byte {end}'
+
+
+def _grouped(records: Iterable[McapRecord]) -> Iterator[Chunk | list[Message]]:
+    """Iterate over the chunks of a file, and over the messages that stand in none, by thousands."""
+    loose: list[Message] = []
+    try:
+        for record in records:
+            if isinstance(record, Message):
+                loose.append(record)
+            if loose and (isinstance(record, Chunk) or len(loose) == _LOOSE):
+                yield loose
+                loose = []
+            if isinstance(record, Chunk):
+                yield record
+    except DAMAGE:
+        # What stands before the damage is whole.
+        if loose:
+            yield loose
+        raise
+    if loose:
+        yield loose

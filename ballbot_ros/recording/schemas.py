@@ -68,11 +68,18 @@ def decoder(definition: records.Schema) -> Callable[[bytes], Any]:
         If the recording does not define the type, and ROS 2 Jazzy has none of its name.
     """
     name = definition.name
-    store = _typestore(definition)
+    store = recorded_typestore(definition)
     return lambda data: store.deserialize_cdr(data, name)
 
 
-def _typestore(definition: records.Schema) -> Typestore:
+def recorded_typestore(definition: records.Schema) -> Typestore:
+    """Return the message types as a recording defines one of them.
+
+    Raises
+    ------
+    RecordingError
+        As :func:`decoder`.
+    """
     ours = typestore()
     name, text = definition.name, definition.data.decode(errors='replace')
     if not text:

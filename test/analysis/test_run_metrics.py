@@ -2,11 +2,11 @@
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from ballbot_ros.analysis.extraction import Status
 from ballbot_ros.analysis.run_data import Interval, Series
 from ballbot_ros.analysis.run_metrics import RUN_METRICS, measure_recording
 from ballbot_ros.messages.topics import (
@@ -58,7 +58,7 @@ def test_the_gyro_offset_is_reading_less_believed_rate(metrics):
     given = {
         GYRO_IMU: series(*np.radians([600.0, 597.0])),
         PLANT_IMU: series(0.0, 0.0, *np.radians([-1.0, 0.0])),
-        CONTROLLER_STATE: series(*[0.0] * 6, *np.radians([-3.0, 0.5])),
+        CONTROLLER_STATE: series(*[0.0] * 4, *np.radians([-3.0, 0.5])),
     }
     measured = metrics(given)
     assert measured['gyro_offset_error_x_deg_s'] == pytest.approx(2.0)
@@ -70,7 +70,7 @@ def test_the_estimate_is_compared_with_the_truth_where_it_is_made(metrics):
     given = {
         PLANT_IMU: series(0.0, 0.0, 0.0, 0.0),
         PLANT_ODOM: series(0.026, 0.0),
-        CONTROLLER_STATE: series(1.0, believed, 0.0, believed, 0.0, 0.0, 0.0, 0.0),
+        CONTROLLER_STATE: series(1.0, believed, 0.0, believed, 0.0, 0.0),
     }
     measured = metrics(given)
     assert measured['pitch_error_rms_deg'] == pytest.approx(math.degrees(0.02))
@@ -95,17 +95,13 @@ def test_states_are_timed_and_the_lowest_voltage_is_found(metrics):
 
 def test_counters_are_the_last_that_the_plant_reported(metrics):
     def status(node, **values):
-        pairs = [SimpleNamespace(key=k.replace('_', ' '), value=v) for k, v in values.items()]
-        return SimpleNamespace(name=f'{node}: loop', level=0, message='OK', values=pairs)
-
-    def rate(value):
-        return SimpleNamespace(key='rate [Hz]', value=value)
+        keys = tuple(key.replace('_', ' ') for key in values)
+        return Status(f'{node}: loop', 'OK', 0, keys, tuple(values.values()))
 
     statuses = []
     for second, hertz in enumerate(('0.0', '200.0', '240.0', '250.0')):
-        each = status('plant_sim', overruns=str(second), asked_again='7')
-        each.values.append(rate(hertz))
-        statuses.append((float(second), each))
+        counters = {'overruns': str(second), 'asked_again': '7', 'rate [Hz]': hertz}
+        statuses.append((float(second), status('plant_sim', **counters)))
     statuses.append((4.0, status('controller', overruns='100')))
     measured = metrics(statuses=tuple(statuses))
     assert measured['late_ticks'] == 3.0

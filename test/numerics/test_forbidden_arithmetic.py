@@ -32,7 +32,7 @@ ALLOWED_NUMPY = {
     'argmin', 'cumsum', 'unravel_index',
 }  # fmt: skip
 # Not on the way to a duty: what is measured of a run, and what is read of a message afterwards.
-MEASURING = {'clearance', '_outline', 'body_pitch'}
+MEASURING = {'clearance', '_outline', 'pitch_angles'}
 
 
 ARITHMETIC = {

@@ -1,0 +1,176 @@
+"""Messages that stand together in an MCAP file, as arrays.
+
+A loop over the messages themselves takes several times as long as reading the file.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Message
+from numpy.typing import NDArray
+
+Rows = NDArray[np.intp]
+
+_LENGTH = struct.Struct('<Q')
+_RECORD_HEAD_SIZE = 1 + _LENGTH.size
+"""An opcode and the length of what follows [byte]."""
+
+_MESSAGE_HEAD = np.dtype(
+    [
+        ('opcode', 'u1'),
+        ('length', '<u8'),
+        ('channel', '<u2'),
+        ('sequence', '<u4'),
+        ('log_ns', '<u8'),
+        ('publish_ns', '<u8'),
+    ]
+)
+_LATEST_NS = 2**63 - 1
+
+
+class RawMessage(NamedTuple):
+    """A message as it was recorded: CDR with its encapsulation header; the stamp in ns."""
+
+    topic: str
+    stamp_ns: int
+    sequence: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Messages in the order of their file.
+
+    Attributes
+    ----------
+    data : bytes
+        What the file has there.
+    heads : ndarray, shape (n,)
+        The structured heads of the messages.
+    starts, ends : ndarray, shape (n,)
+        Where in `data` the messages proper begin and end.
+    names : mapping of int to str
+        The topics by the numbers of their channels.
+    """
+
+    data: bytes
+    heads: NDArray[np.void]
+    starts: Rows
+    ends: Rows
+    names: Mapping[int, str]
+
+    @classmethod
+    def of_records(cls, data: bytes, names: Mapping[int, str]) -> Batch:
+        """Return the messages among MCAP records.
+
+        Raises
+        ------
+        McapError
+            If the records are no whole ones, or a message is of a channel without a name.
+        """
+        places = []
+        place = 0
+        while place < len(data):
+            places.append(place)
+            (length,) = _LENGTH.unpack_from(data, place + 1)
+            place += _RECORD_HEAD_SIZE + length
+        if place != len(data):
+            raise McapError('a record is longer than the chunk that holds it')
+        begins = np.array(places, np.intp)
+        ends = np.append(begins[1:], place).astype(np.intp)
+        is_message = np.frombuffer(data, np.uint8)[begins] == Opcode.MESSAGE
+        begins, ends = begins[is_message], ends[is_message]
+        starts = begins + _MESSAGE_HEAD.itemsize
+        if (starts > ends).any():
+            raise McapError('a message is shorter than its head')
+        heads = gather(data, begins, _MESSAGE_HEAD)
+        unknown = set(np.unique(heads['channel']).tolist()) - names.keys()
+        if unknown:
+            raise McapError(f'no channel {min(unknown)}')
+        return cls(data, heads, starts, ends, names)
+
+    @classmethod
+    def of_messages(cls, messages: Iterable[Message], names: Mapping[int, str]) -> Batch:
+        """Return messages that stand in no chunk."""
+        parts = []
+        for message in messages:
+            length = _MESSAGE_HEAD.itemsize - _RECORD_HEAD_SIZE + len(message.data)
+            head = (
+                Opcode.MESSAGE, length, message.channel_id, message.sequence, message.log_time,
+                message.publish_time,
+            )  # fmt: skip
+            parts += [np.array(head, _MESSAGE_HEAD).tobytes(), message.data]
+        return cls.of_records(b''.join(parts), names)
+
+    def __len__(self) -> int:
+        """Return the number of messages."""
+        return len(self.starts)
+
+    @property
+    def log_ns(self) -> NDArray[np.int64]:
+        """The log times [ns]; one of later than the year 2262 as the latest that there is."""
+        return np.asarray(np.minimum(self.heads['log_ns'], _LATEST_NS), np.int64)
+
+    @property
+    def sizes(self) -> Rows:
+        """The sizes of the messages [byte]."""
+        return self.ends - self.starts
+
+    def chosen(self, rows: NDArray[Any]) -> Batch:
+        """Return some of the messages, by their rows or a truth value each."""
+        return Batch(self.data, self.heads[rows], self.starts[rows], self.ends[rows], self.names)
+
+    def since(self, start_ns: int) -> Batch:
+        """Return the messages from a log time on."""
+        log_ns = self.heads['log_ns']
+        return self if not start_ns else self.chosen(log_ns >= max(start_ns, 0))
+
+    def of_topics(self, topics: Iterable[str]) -> Batch:
+        """Return the messages of some topics."""
+        wanted = set(topics)
+        numbers = [number for number, name in self.names.items() if name in wanted]
+        return self.chosen(np.isin(self.heads['channel'], numbers))
+
+    def rows(self) -> dict[str, Rows]:
+        """Return the rows of each topic that has messages here."""
+        channels = self.heads['channel']
+        found: dict[str, Rows] = {}
+        for number in np.flatnonzero(np.bincount(channels)).tolist():
+            rows, name = np.flatnonzero(channels == number), self.names[number]
+            found[name] = np.union1d(found[name], rows) if name in found else rows
+        return found
+
+    def contain(self, rows: Rows, place: int, content: bytes) -> NDArray[np.bool_]:
+        """Tell which messages have `content` at a place [byte]."""
+        begins = self.starts[rows] + place
+        fits = begins + len(content) <= self.ends[rows]
+        found = gather(self.data, np.where(fits, begins, 0), np.dtype(f'V{len(content)}'))
+        alike = found.view(np.uint8).reshape(len(rows), -1) == np.frombuffer(content, np.uint8)
+        return np.asarray(fits & alike.all(axis=1))
+
+    def message(self, row: int) -> RawMessage:
+        """Return a message."""
+        return next(self.chosen(np.array([row])).messages())
+
+    def messages(self) -> Iterator[RawMessage]:
+        """Iterate over the messages."""
+        columns = (self.heads[name].tolist() for name in ('channel', 'log_ns', 'sequence'))
+        places = zip(self.starts.tolist(), self.ends.tolist(), strict=True)
+        for channel, log_ns, sequence, (start, end) in zip(*columns, places, strict=True):
+            yield RawMessage(self.names[channel], log_ns, sequence, self.data[start:end])
+
+
+def gather(data: bytes, places: Rows, kind: np.dtype[Any]) -> NDArray[np.void]:
+    """Return copies of the structures that stand at some places in bytes, wherever these are."""
+    if not len(places):
+        return np.empty(0, kind)
+    size = kind.itemsize
+    everywhere = np.ndarray((len(data) - size + 1,), f'V{size}', data, strides=(1,))
+    return everywhere[places].view(kind)

@@ -1,0 +1,84 @@
+"""What a report takes of memory and work grows with the ticks, and how much is bounded."""
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot_ros.analysis.assessment import assess
+from ballbot_ros.analysis.extraction import TICKED
+from ballbot_ros.analysis.run_data import Series, read_run
+from ballbot_ros.analysis.run_figures import FIGURES
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.simulation.timing import TICK_NS
+from ballbot_ros.simulation.trajectory import Trajectory
+
+TICKS = 100_000
+
+KEPT = 140
+"""Bytes that may be kept of a tick: an hour has 900 000, and a report of it 300 MB."""
+
+ON_THE_WAY = 64
+"""Bytes a tick that may be needed besides at any time."""
+
+
+def test_no_message_of_a_stamped_topic_is_decoded_by_itself(driven, monkeypatch):
+    decoded = []
+    decode = RecordingReader.decode
+
+    def count(reader, raw):
+        decoded.append(raw.topic)
+        return decode(reader, raw)
+
+    monkeypatch.setattr(RecordingReader, 'decode', count)
+    read_run(driven[0])
+    stamped = {topic.resolved() for topic in TICKED}
+    assert sum(name in stamped for name in decoded) <= len(stamped)
+
+
+def test_a_tick_is_kept_in_few_bytes(driven):
+    run = read_run(driven[0])
+    arrays = [
+        column for each in (*run.series.values(), run.trajectory) for column in vars(each).values()
+    ]
+    buffers = {column.__array_interface__['data'][0]: column.nbytes for column in arrays}
+    assert sum(buffers.values()) < KEPT * len(run.trajectory.time)
+
+
+@pytest.fixture(scope='module')
+def long(short_whole):
+    """A run of many ticks, its numbers at random."""
+    random = np.random.default_rng(1)
+    run = short_whole.run
+    stamps = 10**9 + TICK_NS * np.arange(TICKS)
+    time = stamps * 1e-9 - 1.0
+    values = {
+        topic: random.normal(size=(TICKS, width)).astype(kind)
+        for topic, (kind, width, _) in TICKED.items()
+    }
+    series = {
+        topic: Series(stamps, time, values[topic]) if topic.period_ns == TICK_NS else known
+        for topic, known in run.series.items()
+    }
+    position, psi, duty = (random.normal(size=(TICKS, 2)) for _ in range(3))
+    return replace(run, series=series, trajectory=Trajectory(time, position, psi, duty))
+
+
+def needed(function, run):
+    """Return the bytes that a function needs besides what there is before it."""
+    tracemalloc.start()
+    try:
+        function(run)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_measuring_takes_little_more(long):
+    assert needed(assess, long) < ON_THE_WAY * TICKS
+
+
+@pytest.mark.parametrize('figure', FIGURES, ids=lambda figure: figure.name)
+def test_a_figure_takes_little_more(long, figure):
+    assert needed(figure.table, long) < ON_THE_WAY * TICKS
