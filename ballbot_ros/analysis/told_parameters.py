@@ -32,6 +32,7 @@ class ToldParameters:
 
     def __init__(self) -> None:
         self._told: dict[str, list[Participant]] = {}
+        self._controllers: dict[str, list[Participant]] = {}
         self._members: dict[str, Mapping[str, str]] = {}
 
     def add(self, topic: Topic, data: bytes) -> None:
@@ -44,17 +45,28 @@ class ToldParameters:
             announcement = decode_announcement(data)
         except ValueError:
             return
-        if announcement.participant.role in NODES and announcement.participant.parameters:
-            self._told.setdefault(announcement.run, []).append(announcement.participant)
+        participant = announcement.participant
+        if participant.role == CONTROLLER:
+            self._controllers.setdefault(announcement.run, []).append(participant)
+        if participant.role in NODES and participant.parameters:
+            self._told.setdefault(announcement.run, []).append(participant)
 
     def _of_run(self, run: str) -> dict[str, Mapping[str, Any]]:
         """Return the parameters by role: of whoever took part, not of who came in between."""
-        members = self._members.get(run, {})
         values: dict[str, Mapping[str, Any]] = {}
         for each in self._told.get(run, ()):
-            if each.parameters_sha256[:12] in members.get(each.role, ''):
+            if self._took_part(each, run):
                 values.setdefault(each.role, each.parameters)
         return values
+
+    def _took_part(self, participant: Participant, run: str) -> bool:
+        member = self._members.get(run, {}).get(participant.role, '')
+        return participant.parameters_sha256[:12] in member
+
+    def controller(self, run: str) -> Participant | None:
+        """Return the controller of a run, by its name; None where the recording tells of none."""
+        controllers = self._controllers.get(run, ())
+        return next((each for each in controllers if self._took_part(each, run)), None)
 
     def tells(self, run: str) -> bool:
         """Tell whether all is known of a run, by its name, that it can be made again by."""

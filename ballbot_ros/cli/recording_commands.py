@@ -121,9 +121,8 @@ def render(recording: Path, view: str, output: Path, moment: float | None) -> No
 @click.option(
     '--controller',
     type=click.Choice(['python', 'c', 'arm']),
-    default='python',
-    show_default=True,
-    help='The control program in Python, or its generated C on this machine or an emulated ARM.',
+    help='The control program in Python, or its generated C on this machine or an emulated ARM.  '
+    '[default: what made the recording, or Python where that can not run]',
 )
 @click.option(
     '--set',
@@ -133,7 +132,9 @@ def render(recording: Path, view: str, output: Path, moment: float | None) -> No
     help='Ask what the controller would have done with another parameter; may be given again.',
 )
 @click.option('--json', 'as_json', is_flag=True, help='Print JSON.')
-def replay(recording: Path, controller: str, assignments: tuple[str, ...], as_json: bool) -> int:
+def replay(
+    recording: Path, controller: str | None, assignments: tuple[str, ...], as_json: bool
+) -> int:
     """Make the runs of RECORDING again, from what the file itself holds.
 
     The controller first, on the recorded samples of the devices; then the whole robot, on its

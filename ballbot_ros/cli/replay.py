@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -25,10 +25,11 @@ from ballbot_ros.analysis.replay import (
     replay_controller,
     replay_run,
 )
+from ballbot_ros.analysis.replayed_controller import ReplayedController, choose_controller
 from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.cli.experiment import assign
 from ballbot_ros.cli.progress import Progress
-from ballbot_ros.codegen.implementation import program_maker, require_implementation
+from ballbot_ros.codegen.implementation import missing_for, program_maker, require_implementation
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import PARTICIPANTS, Topic
@@ -67,10 +68,11 @@ class Outcome:
 
 
 def replay_recording(
-    path: Path, *, controller: str, assignments: Sequence[str], as_json: bool
+    path: Path, *, controller: str | None, assignments: Sequence[str], as_json: bool
 ) -> int:
     """Replay every run of a recording, print what came of it, return the exit status.
 
+    The control program is the one named by `controller`; without it, what made the recording.
     With `assignments` another controller is asked what it would have done with the same inputs.
     """
     with RecordingReader(path) as reader, TemporaryDirectory(prefix='ballbot_') as scratch:
@@ -85,9 +87,11 @@ def replay_recording(
         ]
         if not jobs:
             raise RecordingError(f'{path}: no tick in it has a duty: nothing to replay')
-        for job in jobs:
-            job.parameters.set(CONTROLLER, 'implementation', controller)
-        require_implementation(controller)
+        if controller:
+            require_implementation(controller)
+        controllers = [_choose(job, told, controller) for job in jobs]
+        for reason in dict.fromkeys(each.reason for each in controllers if each.reason):
+            print(f'note: {path}: {reason}', file=sys.stderr)
         if assignments:
             for assignment in assignments:
                 if not assignment.startswith(f'{CONTROLLER}.'):
@@ -96,14 +100,18 @@ def replay_recording(
                     )
                 for job in jobs:
                     assign(job.parameters, assignment)
+            controllers = [
+                replace(each, replayed=_implementation(job.parameters))
+                for each, job in zip(controllers, jobs, strict=True)
+            ]
             divergences = [_ask(reader, job) for job in jobs]
-            (_print_divergences_json if as_json else _print_divergences)(divergences)
+            (_print_divergences_json if as_json else _print_divergences)(divergences, controllers)
             return 0
         outcomes = [
             _replay(reader, jobs, 'controller', CONTROLLER_TOPICS),
             _replay(reader, jobs, 'robot', ALL_TOPICS),
         ]
-        (_print_json if as_json else print_outcomes)(outcomes, len(jobs))
+        (_print_json if as_json else print_outcomes)(outcomes, controllers)
         if reader.damage:
             print(
                 f'note: {path}: {reader.damage}: only what is whole was compared', file=sys.stderr
@@ -116,6 +124,18 @@ class _Job(NamedTuple):
 
     run: RecordedRun
     parameters: ParameterSet
+
+
+def _choose(job: _Job, told: ToldParameters, asked: str | None) -> ReplayedController:
+    """Choose what a run is replayed with, and enter it among the run's parameters."""
+    attached = _implementation(job.parameters)
+    chosen = choose_controller(told.controller(job.run.name), attached, asked, missing_for)
+    job.parameters.set(CONTROLLER, 'implementation', chosen.replayed)
+    return chosen
+
+
+def _implementation(parameters: ParameterSet) -> str:
+    return str(parameters.values(CONTROLLER)['implementation'])
 
 
 def _nothing_to_replay_by(path: Path) -> str:
@@ -226,9 +246,11 @@ def _ask(reader: RecordingReader, job: _Job) -> Divergence:
     return divergence
 
 
-def print_outcomes(outcomes: Sequence[Outcome], runs: int) -> None:
+def print_outcomes(outcomes: Sequence[Outcome], controllers: Sequence[ReplayedController]) -> None:
     """Print what was identical, and the first difference of what was not."""
     console = Console(highlight=False)
+    runs = len(controllers)
+    _print_controllers(console, controllers)
     for each in outcomes:
         name = each.what if runs == 1 else f'{each.what}, {runs} runs'
         if each.difference is None:
@@ -244,6 +266,12 @@ def print_outcomes(outcomes: Sequence[Outcome], runs: int) -> None:
         )
         if each.around:
             console.print(_table(each.around, each.difference.stamp_ns))
+
+
+def _print_controllers(console: Console, controllers: Sequence[ReplayedController]) -> None:
+    for each in dict.fromkeys(controllers):
+        origin = 'as recorded' if each.replayed == each.recorded else f'recorded {each.recorded}'
+        console.print(f'implementation: {each.replayed}, {escape(origin)}', soft_wrap=True)
 
 
 def _table(ticks: Sequence[ReplayedTick], stamp_ns: int) -> Table:
@@ -264,8 +292,20 @@ def _table(ticks: Sequence[ReplayedTick], stamp_ns: int) -> Table:
     return table
 
 
-def _print_json(outcomes: Sequence[Outcome], runs: int) -> None:
-    print(json.dumps([{**_plain(each), 'runs': runs} for each in outcomes], indent=2))
+def _print_json(outcomes: Sequence[Outcome], controllers: Sequence[ReplayedController]) -> None:
+    common = {
+        'runs': len(controllers),
+        'implementations': [_plain_controller(each) for each in controllers],
+    }
+    print(json.dumps([{**_plain(each), **common} for each in outcomes], indent=2))
+
+
+def _plain_controller(controller: ReplayedController) -> dict[str, str | None]:
+    return {
+        'recorded': controller.recorded,
+        'replayed': controller.replayed,
+        'reason': controller.reason or None,
+    }
 
 
 def _plain(outcome: Outcome) -> dict[str, Any]:
@@ -284,8 +324,11 @@ def _plain(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def _print_divergences(divergences: Sequence[Divergence]) -> None:
+def _print_divergences(
+    divergences: Sequence[Divergence], controllers: Sequence[ReplayedController]
+) -> None:
     console = Console(highlight=False)
+    _print_controllers(console, controllers)
     for number, each in enumerate(divergences, 1):
         if each.first_ns is None:
             console.print(f'run {number}: the same duties, {each.ticks} ticks')
@@ -298,7 +341,9 @@ def _print_divergences(divergences: Sequence[Divergence]) -> None:
         )
 
 
-def _print_divergences_json(divergences: Sequence[Divergence]) -> None:
+def _print_divergences_json(
+    divergences: Sequence[Divergence], controllers: Sequence[ReplayedController]
+) -> None:
     content = [
         {
             'run': number,
@@ -307,7 +352,8 @@ def _print_divergences_json(divergences: Sequence[Divergence]) -> None:
             'first_sim_time_s': None if each.first_ns is None else each.first_ns * 1e-9,
             'rms_percent': each.rms,
             'largest_percent': each.largest,
+            'implementation': _plain_controller(controller),
         }
-        for number, each in enumerate(divergences, 1)
+        for number, (each, controller) in enumerate(zip(divergences, controllers, strict=True), 1)
     ]
     print(json.dumps(content, indent=2))

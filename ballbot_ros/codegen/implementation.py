@@ -7,8 +7,18 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.controller.program import ControlProgram
+
+
+def missing_for(name: str) -> str:
+    """Return what is to be installed first for an implementation; empty if all is there."""
+    if name == 'python':
+        return ''
+    from ballbot_ros.codegen.toolchain import TARGETS, missing_tool
+
+    return missing_tool(TARGETS[name])
 
 
 def require_implementation(name: str) -> None:
@@ -19,10 +29,8 @@ def require_implementation(name: str) -> None:
     CodegenError
         If a tool is missing; the text names its Debian package.
     """
-    if name != 'python':
-        from ballbot_ros.codegen.toolchain import TARGETS, require_tools
-
-        require_tools(TARGETS[name])
+    if reason := missing_for(name):
+        raise CodegenError(reason)
 
 
 def program_maker(values: Mapping[str, Any]) -> Callable[[], Program]:

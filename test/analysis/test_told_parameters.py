@@ -99,3 +99,11 @@ def test_what_is_malformed_tells_nothing():
     runs.add(PARTICIPANTS, b'')
     runs.add(RUN_STATUS, b'\x00' * 20)
     assert not runs.tells('')
+
+
+def test_the_controller_of_a_run_is_known_even_if_it_tells_no_parameters():
+    stranger, other = a(CONTROLLER, 'f'), a(CONTROLLER, 'b', k_i=-0.1)
+    found = told(other, *SIMULATED[:3], stranger, members=[*SIMULATED[:3], stranger])
+    assert found.controller(RUN) == stranger
+    assert found.controller('2 abc') is None
+    assert not found.tells(RUN)

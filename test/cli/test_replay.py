@@ -9,6 +9,7 @@ from golden_runs import WITHOUT_FMA
 from graph import Run, free_domain
 
 from ballbot_ros.analysis.message_comparison import Difference
+from ballbot_ros.analysis.replayed_controller import ReplayedController
 from ballbot_ros.cli.replay import Outcome, print_outcomes, replay_recording
 from ballbot_ros.messages.conversions import fill_duty
 from ballbot_ros.recording.encoding import encoder, new_message
@@ -161,15 +162,66 @@ def test_an_input_that_cannot_be_is_told_in_one_line(push, tmp_path, name, byte,
 
     path = copy(push, tmp_path / 'changed.mcap', change)
     with pytest.raises(RecordingError, match=told) as raised:
-        replay_recording(path, controller='python', assignments=[], as_json=False)
+        replay_recording(path, controller=None, assignments=[], as_json=False)
     assert str(path) in str(raised.value)
     assert f' at {stamps[-1] // 10**8}' in str(raised.value)
 
 
+@pytest.fixture
+def push_by(push, tmp_path):
+    """The same run as if another implementation of the controller had made it."""
+
+    def change(name):
+        path = tmp_path / f'{name}.mcap'
+        with RecordingReader(push) as reader, RecordingWriter(path) as writer:
+            for attached, file in reader.attachments().items():
+                was, now = (f'implementation: {each}\n'.encode() for each in ('python', name))
+                writer.add_attachment(attached, file.media_type, file.data.replace(was, now))
+            topics = {
+                topic: writer.add_topic(topic, each.type_name)
+                for topic, each in reader.topics().items()
+            }
+            for topic, stamp_ns, sequence, data in reader.raw_messages():
+                writer.write(topics[topic], stamp_ns, data, sequence)
+        return path
+
+    return change
+
+
+@pytest.mark.parametrize('missing', ['', 'gcc is not there: install the Debian package gcc'])
+def test_what_made_the_recording_replays_it_or_is_told(push_by, monkeypatch, capsys, missing):
+    path = push_by('c')
+    monkeypatch.setattr('ballbot_ros.cli.replay.missing_for', lambda name: missing)
+    assert replay_recording(path, controller=None, assignments=[], as_json=True) == 0
+    out, err = capsys.readouterr()
+    for each in json.loads(out):
+        (implementation,) = each['implementations']
+        assert implementation['recorded'] == 'c'
+        assert implementation['replayed'] == ('python' if missing else 'c')
+        assert bool(implementation['reason']) == bool(missing)
+    notes = err.splitlines()
+    assert len(notes) == bool(missing)
+    assert all(note.startswith(f'note: {path}: ') and missing in note for note in notes)
+
+
+def test_the_controller_that_is_asked_for_replays_it(push_by, capsys):
+    path = push_by('arm')
+    ask = ['controller.k_i=-0.1']
+    assert replay_recording(path, controller='python', assignments=ask, as_json=False) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[0] == 'implementation: python, recorded arm'
+    assert err == ''
+
+
 def test_recorded_text_is_shown_as_it_is(capsys):
     told = "data: recorded '[/red][bold]', replayed 'remote'"
-    print_outcomes([Outcome('robot', 1, 1, Difference(0, 'operating_state', told))], 1)
-    assert told in capsys.readouterr().out
+    print_outcomes(
+        [Outcome('robot', 1, 1, Difference(0, 'operating_state', told))],
+        [ReplayedController('[bold]', 'python')],
+    )
+    out = capsys.readouterr().out
+    assert told in out
+    assert 'implementation: python, recorded [bold]' in out
 
 
 def test_a_missing_message_is_found(push, tmp_path, replay):

@@ -1,0 +1,56 @@
+"""Which control program takes the place of a recorded one, and why."""
+
+import pytest
+
+from ballbot_ros import __version__
+from ballbot_ros.analysis.replayed_controller import ReplayedController, choose_controller
+from ballbot_ros.parameters import CONTROLLER
+from ballbot_ros.simulation.participants import Participant
+
+NO_GCC = 'gcc is not there: install the Debian package gcc'
+
+
+def announced(program=f'ballbot_ros {__version__} Controller', **parameters):
+    return Participant(
+        CONTROLLER, '/controller', 'here', 1, 'a', program, 'b' * 64, parameters=parameters
+    )
+
+
+def chosen(participant=None, attached='python', asked=None, missing=''):
+    return choose_controller(
+        participant, attached, asked, lambda name: '' if name == 'python' else missing
+    )
+
+
+@pytest.mark.parametrize('name', ['python', 'c', 'arm'])
+def test_what_made_the_recording_replays_it(name):
+    same = ReplayedController(name, name)
+    assert chosen(attached=name) == same
+    assert chosen(announced(implementation=name), attached='python') == same
+    assert chosen(announced(), attached=name) == same
+
+
+def test_python_stands_in_for_what_can_not_run_here():
+    found = chosen(attached='c', missing=NO_GCC)
+    assert (found.recorded, found.replayed) == ('c', 'python')
+    assert NO_GCC in found.reason
+    assert chosen(attached='python', missing=NO_GCC).reason == ''
+
+
+def test_an_implementation_of_a_newer_version_is_named():
+    found = chosen(announced('ballbot_ros 99.0 Controller', implementation='rust'))
+    assert (found.recorded, found.replayed) == ('rust', 'python')
+    assert "does not know its controller 'rust'" in found.reason
+
+
+@pytest.mark.parametrize('program', ['acme 2.1 Balancer', 'ballbot_ros_fork 1', ''])
+def test_somebody_elses_controller_is_named(program):
+    found = chosen(announced(program, implementation='c'))
+    assert (found.recorded, found.replayed) == (program, 'python')
+    assert repr(program) in found.reason
+
+
+def test_what_is_asked_for_needs_no_reason():
+    assert chosen(attached='arm', asked='c') == ReplayedController('arm', 'c')
+    assert chosen(announced('acme 2.1'), asked='c') == ReplayedController('acme 2.1', 'c')
+    assert chosen(attached='arm', asked='python', missing=NO_GCC).reason == ''
