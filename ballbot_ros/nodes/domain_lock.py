@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
+import errno
 import os
-import tempfile
-from pathlib import Path
+import socket
 
 from ballbot_ros.errors import BallbotError
 
@@ -16,9 +15,13 @@ HANDED_ON = 'BALLBOT_DOMAIN_LOCK'
 class DomainLock:
     """Held by a plant as long as it lives; the system releases it however the plant ends.
 
-    It tells of plants on this machine at once. One on another machine is found by discovery,
-    which takes its time. A process that starts a plant takes the lock first and hands it on, so
-    that no other plant can come between.
+    It tells of plants on this machine at once, whichever user's they are. One on another machine
+    is found by discovery, which takes its time. A process that starts a plant takes the lock
+    first and hands it on, so that no other plant can come between.
+
+    It is a Unix socket with an abstract name. That has no place in the file system, where its
+    folder would follow from a terminal's environment and somebody else could lay another file in
+    its way; and it holds where the middleware's ports do, within a network namespace.
 
     Parameters
     ----------
@@ -28,7 +31,7 @@ class DomainLock:
     Attributes
     ----------
     file : int
-        Descriptor of the locked file.
+        Descriptor of the socket.
 
     Raises
     ------
@@ -40,18 +43,17 @@ class DomainLock:
         if handed_on := os.environ.get(HANDED_ON):
             self.file = int(handed_on)
             return
-        path = Path(tempfile.gettempdir()) / f'ballbot_ros_plant_{domain}.lock'
-        # Another user's file can be opened, but not created again.
-        flags = os.O_RDONLY if path.exists() else os.O_RDONLY | os.O_CREAT
-        self.file = os.open(path, flags, 0o644)
-        try:
-            fcntl.flock(self.file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(self.file)
-            raise BallbotError(
-                f'another plant or player is at work in ROS domain {domain}: wait for its end, or '
-                'set ROS_DOMAIN_ID to another number'
-            ) from None
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as name:
+            try:
+                name.bind(f'\0ballbot_ros_plant_{domain}')
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE:
+                    raise
+                raise BallbotError(
+                    f'another plant or player is at work in ROS domain {domain}: wait for its end, '
+                    'or set ROS_DOMAIN_ID to another number'
+                ) from None
+            self.file = name.detach()
 
     def release(self) -> None:
         """Let another plant have the domain."""

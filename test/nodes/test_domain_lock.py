@@ -1,0 +1,39 @@
+"""One plant a domain on this machine, whatever stands in the way of files."""
+
+import tempfile
+
+import pytest
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.domain_lock import HANDED_ON, DomainLock
+
+
+def test_a_second_lock_is_refused_until_the_first_is_released(domain):
+    lock = DomainLock(domain)
+    with pytest.raises(BallbotError, match=f'another plant or player .* ROS domain {domain}'):
+        DomainLock(domain)
+    lock.release()
+    DomainLock(domain).release()
+
+
+def test_a_lock_that_was_handed_on_is_the_same(domain, monkeypatch):
+    lock = DomainLock(domain)
+    monkeypatch.setenv(HANDED_ON, str(lock.file))
+    assert DomainLock(domain).file == lock.file
+    lock.release()
+
+
+def test_it_holds_between_terminals_with_other_folders_for_temporary_files(
+    domain, tmp_path, monkeypatch
+):
+    lock = DomainLock(domain)
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    with pytest.raises(BallbotError, match='another plant'):
+        DomainLock(domain)
+    lock.release()
+
+
+def test_nothing_that_others_place_in_the_file_system_is_in_its_way(domain, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    (tmp_path / f'ballbot_ros_plant_{domain}.lock').symlink_to(tmp_path / 'no' / 'file')
+    DomainLock(domain).release()
