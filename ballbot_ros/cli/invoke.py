@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import click
 
 from ballbot_ros.errors import BallbotError
@@ -21,6 +23,7 @@ def invoke(command: click.Command, name: str, failed: int = 2) -> int:
     """
     try:
         status = command(prog_name=name, standalone_mode=False)
+        print(end='', flush=True)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())
         return 2
@@ -29,6 +32,14 @@ def invoke(command: click.Command, name: str, failed: int = 2) -> int:
         return 2
     except BallbotError as error:
         click.echo(f'error: {error}', err=True)
+        return failed
+    except OSError as error:
+        # What could not be printed is not to be tried again at the end of Python.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        if isinstance(error, BrokenPipeError):
+            return 1  # as click ends where it meets it
+        # Whoever opens a file names it; what is left is what the command prints.
+        click.echo(f'error: {error.filename or "standard output"}: {error.strerror}', err=True)
         return failed
     except (click.Abort, KeyboardInterrupt):
         return 130
