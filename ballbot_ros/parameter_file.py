@@ -47,8 +47,17 @@ def _mapping(document: YamlDocument, data: Any, *keys: Any) -> dict[Any, Any]:
 def write_parameter_file(
     path: str | Path, parameters: ParameterSet, nodes: Iterable[str] = NODES
 ) -> None:
-    """Write every parameter of `nodes`, in the form that :func:`read_parameter_file` reads."""
-    Path(path).write_text(format_parameters(parameters, nodes), encoding='utf-8')
+    """Write every parameter of `nodes`, in the form that :func:`read_parameter_file` reads.
+
+    Raises
+    ------
+    ParameterError
+        If the file can't be written.
+    """
+    try:
+        Path(path).write_text(format_parameters(parameters, nodes), encoding='utf-8')
+    except OSError as error:
+        raise ParameterError(f'{path}: {error.strerror}') from None
 
 
 def format_parameters(parameters: ParameterSet, nodes: Iterable[str] = NODES) -> str:

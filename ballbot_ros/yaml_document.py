@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.files import read_text
 
 _INT, _FLOAT = 'tag:yaml.org,2002:int', 'tag:yaml.org,2002:float'
 _COLLECTIONS = ('tag:yaml.org,2002:seq', 'tag:yaml.org,2002:map')
@@ -86,7 +87,7 @@ class YamlDocument:
         self._lines: dict[tuple[Hashable, ...], int] = {}
         loader: yaml.SafeLoader | None = None
         try:
-            loader = _Loader(self.path.read_text(encoding='utf-8'))
+            loader = _Loader(read_text(self.path))
             root = loader.get_single_node()
             self.data = None if root is None else self._convert(loader, root, ())
         except OSError as error:

@@ -1,8 +1,6 @@
 """Launches the whole graph and, if wanted, the recorder and RViz."""
 
-import shutil
 import sys
-import tempfile
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -15,6 +13,7 @@ from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackagePrefix
 
 from ballbot_ros.cli.experiment import Experiment, attachments_of, settle_map
+from ballbot_ros.files import temporary_folder, write_temporary
 from ballbot_ros.messages.topics import MAP, MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION
 from ballbot_ros.parameter_file import read_parameter_file, write_parameter_file
 from ballbot_ros.parameters import (
@@ -109,12 +108,12 @@ def launch_graph(context):
         factor = yaml.safe_load(given['real_time_factor'])
         parameters.set(PLANT, 'real_time_factor', factor, 'real_time_factor:=')
     settle_map(parameters)
-    folder = Path(tempfile.mkdtemp(prefix='ballbot_'))
+    scratch = temporary_folder()
+    folder = Path(scratch.name)
     attachments = folder / 'attachments'
-    attachments.mkdir()
     experiment = Experiment(scenario, given['scenario'], parameters, None)
     for name, data in attachments_of(experiment).items():
-        (attachments / name).write_bytes(data)
+        write_temporary(attachments / name, data)
     parameters.set(PLANT, 'require_recorder', record)
     parameters.set(RECORDER, 'attachments', str(attachments))
     if given['output']:
@@ -134,7 +133,7 @@ def launch_graph(context):
     }
     windows = [rviz(given['namespace'])] if show else []
     end = RegisterEventHandler(OnProcessExit(on_exit=End(nodes)))
-    tidy = RegisterEventHandler(OnShutdown(on_shutdown=lambda *_: shutil.rmtree(folder, True)))
+    tidy = RegisterEventHandler(OnShutdown(on_shutdown=lambda *_: scratch.cleanup()))
     return [*nodes.values(), *windows, end, tidy]
 
 

@@ -202,3 +202,9 @@ def test_whatever_the_text_it_is_read_or_refused_in_one_line(read, text):
 def test_whatever_the_value_it_is_read_or_refused_in_one_line(read, row, value):
     text = f'{row.nodes[0]}:\n  ros__parameters:\n    {row.name}: {value}\n'
     assert is_read_or_refused_in_one_line(read, text)
+
+
+def test_a_file_that_can_not_be_written_is_named(tmp_path):
+    (tmp_path / 'full.yaml').symlink_to('/dev/full')
+    with pytest.raises(BallbotError, match=r'full.yaml: No space left on device$'):
+        write_parameter_file(tmp_path / 'full.yaml', ParameterSet(), ALL_NODES)

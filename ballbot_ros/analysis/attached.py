@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.files import temporary_folder, write_temporary
 from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameters import PLANT, ParameterSet
 from ballbot_ros.recording.attachments import MAPS, PARAMETERS, SCENARIO, VERSIONS
@@ -80,13 +80,13 @@ def read_attached(recording: RecordingReader) -> Attached:
     files = recording.attachments()
     attached = Attached(files=files)
     # Their readers take files, whose names and lines they tell.
-    with TemporaryDirectory(prefix='ballbot_') as folder:
+    with temporary_folder() as folder:
         for name in (SCENARIO, PARAMETERS, VERSIONS, *(name for name in MAPS if name in files)):
             if name not in files:
                 attached.notices.append(f'No {name} is attached; {_WITHOUT[name]}.')
                 continue
             path = Path(folder, name)
-            path.write_bytes(files[name].data)
+            write_temporary(path, files[name].data)
             try:
                 _read(attached, name, path)
             except BallbotError as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,6 +34,7 @@ from ballbot_ros.codegen.measure import (
 from ballbot_ros.codegen.steps import Step, random_steps
 from ballbot_ros.codegen.toolchain import ARM, HOST, Target, build, missing_tool
 from ballbot_ros.controller.tasks import TS1_MS, TaskTiming
+from ballbot_ros.files import temporary_folder
 from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameters import CONTROLLER, ParameterSet
 from ballbot_ros.recording.errors import RecordingError
@@ -89,7 +89,7 @@ def check(folder: Path) -> int:
             skipped = skipped or f'{name} in the loop was not checked: {reason}'
             console.print(f'[yellow]skipped[/]  {name} in the loop: {reason}')
             continue
-        with tempfile.TemporaryDirectory(prefix='ballbot_codegen_') as scratch:
+        with temporary_folder() as scratch:
             built = _Check(folder, target, parameters, Path(scratch))
             ticks, difference = built.compare(sequences)
             title = f'{name} in the loop ({target.title})'

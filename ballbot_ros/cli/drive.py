@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -26,6 +25,7 @@ from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.requirements import require_viewer
 from ballbot_ros.cli.separate_processes import start_nodes, watch
 from ballbot_ros.codegen.implementation import require_implementation
+from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.parameter_file import write_parameter_file
 from ballbot_ros.parameters import (
@@ -91,7 +91,7 @@ def drive_by_hand(
 
     with ExitStack() as stack:
         stack.enter_context(tidied(folder))
-        scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='ballbot_')))
+        scratch = Path(stack.enter_context(temporary_folder()))
         progress = stack.enter_context(Progress(NAME, 0.0, bar=bool(obstacle)))
         hint = f'no keyboard ({obstacle}): a gamepad, joy or cmd_vel drives' if obstacle else ''
         status = _drive(experiment, scratch, progress, hint, viewer=viewer)

@@ -10,6 +10,7 @@ from pathlib import Path
 import rclpy
 
 from ballbot_ros.cli.experiment import Experiment
+from ballbot_ros.files import write_temporary
 from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
@@ -42,10 +43,8 @@ def ros(log_level: str = 'WARN') -> Iterator[None]:
 
 def write_attachments(experiment: Experiment, scratch: Path) -> None:
     """Write the files that the recorder attaches to the recording."""
-    folder = _attachments_folder(scratch)
-    folder.mkdir()
     for name, data in experiment.attachments.items():
-        (folder / name).write_bytes(data)
+        write_temporary(_attachments_folder(scratch) / name, data)
 
 
 def graph_parameters(experiment: Experiment, scratch: Path) -> ParameterSet:

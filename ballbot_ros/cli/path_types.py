@@ -22,7 +22,23 @@ class _NewFile(click.Path):
         return super().convert(value, param, ctx)
 
 
+class _Recording(click.Path):
+    """A recording to read. What a command writes is called after it, so it has a name."""
+
+    def convert(
+        self,
+        value: str | os.PathLike[str],
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> str | bytes | os.PathLike[str]:
+        if not Path(value).name:
+            self.fail(f'{value}: a folder, not a recording', param, ctx)
+        return super().convert(value, param, ctx)
+
+
 PATH = click.Path(path_type=Path)
 """A file to read, or a folder."""
+
+RECORDING = _Recording(path_type=Path)
 
 NEW_FILE = _NewFile(path_type=Path)

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.path_types import NEW_FILE, PATH
+from ballbot_ros.cli.path_types import NEW_FILE, PATH, RECORDING
 from ballbot_ros.viewer.views import VIEWS
 
 
 @click.command(short_help='Make a page with figures and metrics of a recorded run.')
-@click.argument('recording', type=PATH)
+@click.argument('recording', type=RECORDING)
 @click.option(
     '--output',
     type=PATH,
@@ -37,7 +37,7 @@ def report(recording: Path, output: Path | None, number: int | None, as_json: bo
 
 
 @click.command(short_help='Set the metrics of recorded runs side by side.')
-@click.argument('recordings', nargs=-1, required=True, type=PATH, metavar='A B...')
+@click.argument('recordings', nargs=-1, required=True, type=RECORDING, metavar='A B...')
 @click.option(
     '--output',
     type=PATH,
@@ -66,8 +66,8 @@ def compare(
 
 
 @click.command(short_help='Show recorded runs in a browser.')
-@click.argument('recording', type=PATH)
-@click.argument('other', required=False, type=PATH)
+@click.argument('recording', type=RECORDING)
+@click.argument('other', required=False, type=RECORDING)
 @click.option(
     '--host',
     default='127.0.0.1',
@@ -93,7 +93,7 @@ def view(recording: Path, other: Path | None, host: str, port: int) -> int:
 
 
 @click.command(short_help='Make a picture or a film of a recorded run.')
-@click.argument('recording', type=PATH)
+@click.argument('recording', type=RECORDING)
 @click.option(
     '--view', type=click.Choice(VIEWS), default='chaser1', show_default=True, help='The view.'
 )
@@ -117,7 +117,7 @@ def render(recording: Path, view: str, output: Path, moment: float | None) -> No
 
 
 @click.command(short_help='Make a recorded run again and say where it differs.')
-@click.argument('recording', type=PATH)
+@click.argument('recording', type=RECORDING)
 @click.option(
     '--controller',
     type=click.Choice(['python', 'c', 'arm']),
@@ -151,7 +151,7 @@ def replay(
 
 
 @click.command(short_help='Tell what a recording holds.')
-@click.argument('file', type=PATH)
+@click.argument('file', type=RECORDING)
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def info(file: Path, as_json: bool) -> None:
     """Tell what the recording FILE holds, what made it, and whether it is whole.
@@ -171,7 +171,7 @@ def _split(
 
 
 @click.command(short_help='Publish a recording into the graph.')
-@click.argument('file', type=PATH)
+@click.argument('file', type=RECORDING)
 @click.option('--rate', default=1.0, show_default=True, help='Speed in times real time.')
 @click.option(
     '--start', default=0.0, show_default=True, help='Where to begin, after the first message [s].'
@@ -201,7 +201,7 @@ def play(file: Path, rate: float, start: float, loop: bool, topics: list[str]) -
 
 
 @click.command(short_help='Write a recording as tables.')
-@click.argument('file', type=PATH)
+@click.argument('file', type=RECORDING)
 @click.option(
     '--to', 'file_format', type=click.Choice(['csv', 'parquet']), required=True, help='File format.'
 )
@@ -228,7 +228,7 @@ def export(
 
 
 @click.command(short_help='Recover a damaged recording.')
-@click.argument('file', type=PATH)
+@click.argument('file', type=RECORDING)
 @click.option(
     '--output',
     type=NEW_FILE,
@@ -242,7 +242,7 @@ def repair(file: Path, output: Path | None) -> None:
 
 
 @click.command(short_help='Write the data log of a recording as CSV.')
-@click.argument('recording', type=PATH)
+@click.argument('recording', type=RECORDING)
 @click.option(
     '--output',
     type=NEW_FILE,

@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from rich.console import Console
@@ -32,6 +31,7 @@ from ballbot_ros.cli.progress import Progress
 from ballbot_ros.codegen.implementation import missing_for, program_maker, require_implementation
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.files import temporary_folder, write_temporary
 from ballbot_ros.messages.topics import PARTICIPANTS, Topic
 from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterError, ParameterSet
@@ -75,7 +75,7 @@ def replay_recording(
     The control program is the one named by `controller`; without it, what made the recording.
     With `assignments` another controller is asked what it would have done with the same inputs.
     """
-    with RecordingReader(path) as reader, TemporaryDirectory(prefix='ballbot_') as scratch:
+    with RecordingReader(path) as reader, temporary_folder() as scratch:
         attached = _attached_parameters(reader, Path(scratch))
         if attached is None and not _tells_participants(reader):
             raise RecordingError(_nothing_to_replay_by(path))
@@ -155,7 +155,7 @@ def _attached_parameters(reader: RecordingReader, scratch: Path) -> ParameterSet
     if PARAMETERS not in attached:
         return None
     file = scratch / PARAMETERS
-    file.write_bytes(attached[PARAMETERS].data)
+    write_temporary(file, attached[PARAMETERS].data)
     try:
         return read_parameter_file(file)
     except BallbotError as error:
@@ -180,7 +180,7 @@ def _parameters(
         if name not in files:
             raise RecordingError(f'{reader.path}: the map {name!r} is not attached')
         image = scratch / f'map{Path(name).suffix}'
-        image.write_bytes(files[name].data)
+        write_temporary(image, files[name].data)
         parameters.set(PLANT, 'map', str(image))
     return parameters
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.requirements import require_rclpy
 from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
 from ballbot_ros.codegen.implementation import require_implementation
+from ballbot_ros.files import temporary_folder
 from ballbot_ros.parameters import (
     CONTROLLER,
     GAMEPAD,
@@ -136,10 +136,9 @@ def run_scenario(
     duration = plant_values['duration']
     with ExitStack() as stack:
         stack.enter_context(tidied(folder))
-        scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='ballbot_')))
         progress = stack.enter_context(Progress(scenario.name, duration))
         stack.enter_context(_stdout_to_stderr())
-        finished = _run(options.processes, experiment, scratch, progress, is_replaced)
+        finished = _run(options.processes, experiment, progress, is_replaced)
 
     summary = finished.summary
     metrics: dict[str, float] = {}
@@ -182,7 +181,6 @@ def run_scenario(
 def _run(
     processes: str,
     experiment: Experiment,
-    scratch: Path,
     progress: Progress,
     is_replaced: Callable[[], bool],
 ) -> Finished:
@@ -192,13 +190,15 @@ def _run(
 
         return run_without_ros(experiment, progress)
     require_rclpy(', or use --processes none')
-    if processes == 'one':
-        from ballbot_ros.cli.one_process import run_in_one_process
+    with temporary_folder() as folder:
+        scratch = Path(folder)
+        if processes == 'one':
+            from ballbot_ros.cli.one_process import run_in_one_process
 
-        return run_in_one_process(experiment, scratch, progress)
-    from ballbot_ros.cli.separate_processes import run_in_separate_processes
+            return run_in_one_process(experiment, scratch, progress)
+        from ballbot_ros.cli.separate_processes import run_in_separate_processes
 
-    return run_in_separate_processes(experiment, scratch, progress, is_replaced)
+        return run_in_separate_processes(experiment, scratch, progress, is_replaced)
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from contextlib import ExitStack
 from dataclasses import replace
@@ -16,6 +15,7 @@ from ballbot_ros.cli.node_thread import NodeThread
 from ballbot_ros.cli.requirements import require_viewer
 from ballbot_ros.cli.run import RunOptions, parameters_of_run, run_scenario
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.supervisor import Supervisor
 from ballbot_ros.parameter_file import write_parameter_file
 from ballbot_ros.parameters import VIEWER, ParameterSet
@@ -78,7 +78,7 @@ class ViewerSession:
     def __enter__(self) -> ViewerSession:
         with ExitStack() as stack:
             stack.enter_context(ros())
-            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix='ballbot_'))
+            folder = stack.enter_context(temporary_folder())
             parameter_file = Path(folder) / 'parameters.yaml'
             write_parameter_file(parameter_file, _address(self._parameters), [VIEWER])
             self._viewer = NodeProcess(VIEWER, parameter_file, self._print)

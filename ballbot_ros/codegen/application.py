@@ -20,6 +20,7 @@ from ballbot_ros.codegen.signals import PLANE_SIGNALS, PROGRAM_SIGNALS
 from ballbot_ros.controller.parameters import ControllerParameters
 from ballbot_ros.controller.program import LOWEST_TONE_HZ, VOLTAGE_OFFSET, VOLTAGE_SLOPE
 from ballbot_ros.controller.tasks import PROGRAM_NAME, TaskTiming
+from ballbot_ros.files import read_bytes, read_text
 from ballbot_ros.parameters import CONTROLLER
 
 PARAMETER_FILE = 'parameters.yaml'
@@ -107,7 +108,7 @@ def write_application(folder: Path, values: Mapping[str, Any]) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for path in files:
-            if path.exists() and _STAMP not in path.read_bytes():
+            if path.exists() and _STAMP not in read_bytes(path):
                 raise CodegenError(f'{path}: not written by ballbot codegen, so it is kept')
         for path, text in files.items():
             path.write_text(text, encoding='utf-8')
@@ -126,7 +127,7 @@ def read_tasks(folder: Path) -> list[TaskTiming]:
     """
     path = folder / OIL_FILE
     try:
-        text = path.read_text(encoding='utf-8')
+        text = read_text(path)
     except (OSError, UnicodeError) as error:
         reason = getattr(error, 'strerror', None) or 'not UTF-8 text'
         raise CodegenError(f'{path}: {reason}') from None

@@ -6,9 +6,9 @@ Both records are those of ``target/brick.c``.
 from __future__ import annotations
 
 import contextlib
+import os
 import struct
 import subprocess
-import tempfile
 import weakref
 from collections.abc import Sequence
 from typing import IO, NamedTuple
@@ -118,7 +118,8 @@ class BrickProcess:
     """
 
     def __init__(self, command: Sequence[str]) -> None:
-        errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the process)
+        # In memory, so that no full disk is in its way; closed with the process.
+        errors = os.fdopen(os.memfd_create('errors'), 'w+b')
         try:
             self._process = subprocess.Popen(
                 command,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -55,8 +54,9 @@ def program_maker(values: Mapping[str, Any]) -> Callable[[], Program]:
     from ballbot_ros.codegen.brick_process import BrickProcess
     from ballbot_ros.codegen.compiled_program import CompiledProgram
     from ballbot_ros.codegen.toolchain import TARGETS, build
+    from ballbot_ros.files import temporary_folder
 
-    scratch = tempfile.TemporaryDirectory(prefix='ballbot_codegen_')
+    scratch = temporary_folder()
     folder = Path(scratch.name) / 'application'
     write_application(folder, values)
     target = TARGETS[values['implementation']]

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ballbot_ros.codegen.application import C_SOURCES, read_tasks
 from ballbot_ros.codegen.errors import CodegenError
+from ballbot_ros.files import read_bytes, write_temporary
 
 TARGET_FOLDER = Path(__file__).parent / 'target'
 """Stand-ins for the platform: headers, and the brick around the program."""
@@ -149,22 +150,22 @@ def build(
         If a tool or a file is missing, or the compiler complains.
     """
     require_tools(target)
-    scratch.mkdir(parents=True, exist_ok=True)
     tasks = [task.name for task in read_tasks(folder)]
     # On the platform this file is made from the OIL file too.
-    (scratch / 'kernel_id.h').write_text(
+    kernel_id = (
         ''.join(f'DeclareTask({name});\n' for name in tasks)
         + f'#define TASK_COUNT {len(tasks)}\n'
-        + f'#define FOR_EACH_TASK(X) {" ".join(f"X({name})" for name in tasks)}\n',
-        encoding='utf-8',
+        + f'#define FOR_EACH_TASK(X) {" ".join(f"X({name})" for name in tasks)}\n'
     )
+    write_temporary(scratch / 'kernel_id.h', kernel_id.encode())
     includes = [f'-I{path}' for path in (scratch.resolve(), folder.resolve(), TARGET_FOLDER)]
     for name in C_SOURCES:
         try:
-            # Beside the original may lie the kernel_id.h of a build with the platform.
-            shutil.copyfile(folder / name, scratch / name)
+            source = read_bytes(folder / name)
         except OSError as error:
             raise CodegenError(f'{folder / name}: {error.strerror}') from None
+        # Beside the original may lie the kernel_id.h of a build with the platform.
+        write_temporary(scratch / name, source)
         run_tool(
             [target.compiler, *target.flags, *WARNINGS, *extra_flags, *includes, '-c', name,
              '-o', object_file(name)],

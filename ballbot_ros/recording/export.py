@@ -172,6 +172,9 @@ class Exporter:
         path = self.folder / f'{name}.{self.file_format}'
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
+        except FileExistsError:
+            raise RecordingError(f'{self.folder}: not a folder; choose another --output') from None
+        try:
             table = FORMATS[self.file_format](path, columns)
         except FileExistsError:
             raise RecordingError(f'{path}: exists already; choose another --output') from None

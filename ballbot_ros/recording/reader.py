@@ -7,7 +7,6 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
-from io import FileIO
 from mmap import ACCESS_READ, ALLOCATIONGRANULARITY, MADV_DONTNEED, mmap
 from pathlib import Path
 from typing import IO, Any, NamedTuple, TypeVar, cast
@@ -31,6 +30,7 @@ from mcap.writer import MCAP0_MAGIC
 from rosbags.serde import SerdeError
 from zstandard import ZstdError
 
+from ballbot_ros.files import open_regular
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.layout import Layout
@@ -114,7 +114,7 @@ class RecordingReader:
         self._attachments: dict[str, AttachedFile] = {}
         self._metadata: dict[str, dict[str, str]] = {}
         try:
-            self._file = FileIO(self.path)
+            self._file = open_regular(self.path)
             magic = self._file.read(len(MCAP0_MAGIC))
         except OSError as error:
             raise RecordingError(f'{self.path}: {error.strerror}') from None

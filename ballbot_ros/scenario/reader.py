@@ -7,6 +7,7 @@ import reprlib
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
+from ballbot_ros.files import read_text
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, ParameterSet, parameters_of
 from ballbot_ros.plant.truth import FORCE_LIMIT
@@ -95,7 +96,7 @@ class ScenarioReader:
             ),
             pushes=tuple(self._pushes(data.get('pushes', []), duration)),
             expectations=tuple(self._expectations(data.get('expectations', {}), parameters)),
-            text=self._document.path.read_text(encoding='utf-8'),
+            text=read_text(self._document.path),
         )
 
     def _parameters(self, data: Mapping[Any, Any], profile: str) -> ParameterSet:

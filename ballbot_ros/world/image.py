@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from ballbot_ros.files import open_regular
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import FLOOR, LINE, WALL, FloorMap
 
@@ -39,9 +41,7 @@ def read_map(path: str | Path) -> FloorMap:
     """
     path = Path(path)
     try:
-        if path.exists() and not path.is_file():
-            raise WorldError(f'{path}: not a file')
-        with path.open('rb') as stream:
+        with BufferedReader(open_regular(path)) as stream:
             pixels = _pixels(stream, path)
     except OSError as error:
         raise WorldError(f'{path}: {error.strerror}') from None

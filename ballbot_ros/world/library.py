@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ballbot_ros.files import read_bytes
 from ballbot_ros.share import share_directory
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import FloorMap
@@ -49,7 +50,7 @@ def read_map_file(name_or_file: str) -> bytes:
     """
     path = map_path(name_or_file)
     try:
-        return path.read_bytes()
+        return read_bytes(path)
     except OSError as error:
         raise WorldError(f'{path}: {error.strerror}') from None
 

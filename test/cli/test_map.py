@@ -94,7 +94,7 @@ def wide(tmp_path):
 BAD = {
     'missing': (lambda tmp_path: tmp_path / 'no.png', 'No such file'),
     'unknown name': (lambda tmp_path: 'nosuch', 'shipped: corridor, track'),
-    'folder': (lambda tmp_path: tmp_path, 'not a file'),
+    'folder': (lambda tmp_path: tmp_path, 'Is a directory'),
     'empty': (lambda tmp_path: raw_file(tmp_path, b''), 'empty'),
     'text': (lambda tmp_path: raw_file(tmp_path, b'hello'), 'not a PNG or BMP'),
     'jpeg': (lambda tmp_path: image_file(tmp_path, 'map.jpg', format='JPEG').rename(

@@ -1,0 +1,77 @@
+"""Files that are read or made for a while, where whatever is wrong is told in one line."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from io import BufferedReader, FileIO, TextIOWrapper
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from ballbot_ros.errors import BallbotError
+
+
+def open_regular(path: str | os.PathLike[str]) -> FileIO:
+    """Open a regular file for reading.
+
+    Anything else is refused before it is opened: a FIFO waits for a writer, and a device may have
+    no end.
+
+    Raises
+    ------
+    OSError
+        If it is no regular file, or can't be opened; `strerror` says why.
+    """
+    mode = Path(path).stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, 'not a regular file', os.fspath(path))
+    return FileIO(os.fspath(path))
+
+
+def read_bytes(path: str | os.PathLike[str]) -> bytes:
+    """Read a regular file; raises as :func:`open_regular` does."""
+    with open_regular(path) as file:
+        return file.readall()
+
+
+def read_text(path: str | os.PathLike[str]) -> str:
+    """Read a regular file of UTF-8 text; raises as :func:`open_regular` does, or UnicodeError."""
+    with TextIOWrapper(BufferedReader(open_regular(path)), encoding='utf-8') as file:
+        return file.read()
+
+
+def temporary_folder() -> TemporaryDirectory[str]:
+    """Return a new temporary folder, which is removed at the end of its context.
+
+    Raises
+    ------
+    BallbotError
+        If none can be made.
+    """
+    try:
+        return TemporaryDirectory(prefix='ballbot_')
+    except OSError as error:
+        where = Path(error.filename).parent if error.filename else 'temporary files'
+        raise BallbotError(
+            f'{where}: {error.strerror}; set TMPDIR to a folder that can be written to'
+        ) from None
+
+
+def write_temporary(path: Path, data: bytes) -> None:
+    """Write a file in a temporary folder, or in a new folder in it.
+
+    Raises
+    ------
+    BallbotError
+        If it can't be written.
+    """
+    try:
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(data)
+    except OSError as error:
+        raise BallbotError(
+            f'{path}: {error.strerror}; set TMPDIR to another folder for temporary files'
+        ) from None
