@@ -21,6 +21,8 @@ LAST_GRACE_S = 5.0
 """Longer: what is waited for is the recording."""
 
 _LOOK_S = 0.05
+_ERROR = 'error: '
+"""How the last line of a node begins that an error has ended."""
 
 
 class NodeProcess:
@@ -45,6 +47,7 @@ class NodeProcess:
         lock: DomainLock | None = None,
     ) -> None:
         self.name = name
+        self._last_words = ''
         self._process = subprocess.Popen(
             [
                 sys.executable, '-m', 'ballbot_ros.nodes', name,
@@ -73,6 +76,8 @@ class NodeProcess:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             text = line.decode(errors='replace').rstrip()
+            if text.startswith((_ERROR, f'{self.name}: ')):
+                self._last_words = text.removeprefix(_ERROR).removeprefix(f'{self.name}: ')
             if text:
                 notice(text)
 
@@ -106,6 +111,13 @@ class NodeProcess:
         if status < 0:
             return f'died of {signal.Signals(-status).name}'
         return f'ended with status {status}'
+
+    @property
+    def failure(self) -> str:
+        """Why a node that has ended with another status than 0 has failed, in its own words."""
+        if self.died or not self._last_words:
+            return f'{self.name} {self.how_it_ended}'
+        return f'{self.name}: {self._last_words}'
 
     def request_stop(self) -> None:
         """Send SIGTERM, which also ends a node that is still starting without a word."""

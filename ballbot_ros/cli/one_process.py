@@ -41,22 +41,26 @@ def run_in_one_process(experiment: Experiment, scratch: Path, progress: Progress
     write_attachments(experiment, scratch)
     parameters = graph_parameters(experiment, scratch)
     nodes: list[BallbotNode] = []
+    recorder: Recorder | None = None
     with ros():
         try:
             plant = PlantSim(parameters.values(PLANT))
             nodes.append(plant)
             nodes += [make(parameters.values(name)) for name, make in _DRIVERS.items()]
             if experiment.recording:
-                nodes.append(Recorder(parameters.values(RECORDER)))
+                recorder = Recorder(parameters.values(RECORDER))
+                nodes.append(recorder)
             plant.every(UPDATE_S, lambda: progress.update(plant.log.ticks * TICK_NS / SECOND_NS))
             with StopRequest() as stop:
                 spin(nodes, plant.done, stop)
             plant.stop()
-            summary = {**plant.summary, 'exit_status': 128 + stop.signal if stop.signal else 1}
-            if plant.exit_status == 2:
-                summary['exit_status'] = 2
-            return Finished(summary, plant.log.trajectory())
         finally:
             for node in nodes:
                 node.close()
                 node.destroy_node()
+    summary = {**plant.summary, 'exit_status': 128 + stop.signal if stop.signal else 1}
+    if plant.exit_status == 2:
+        summary['exit_status'] = 2
+    if recorder and recorder.failure and summary['outcome'] == 'completed':
+        summary.update(outcome='failed', reason=f'{RECORDER}: {recorder.failure}')
+    return Finished(summary, plant.log.trajectory())

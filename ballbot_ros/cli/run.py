@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -134,46 +134,44 @@ def run_scenario(
 
     plant_values = parameters.values(PLANT)
     duration = plant_values['duration']
-    with ExitStack() as stack:
-        stack.enter_context(tidied(folder))
-        progress = stack.enter_context(Progress(scenario.name, duration))
-        stack.enter_context(_stdout_to_stderr())
-        finished = _run(options.processes, experiment, progress, is_replaced)
+    with tidied(folder):
+        with Progress(scenario.name, duration) as progress, _stdout_to_stderr():
+            finished = _run(options.processes, experiment, progress, is_replaced)
 
-    summary = finished.summary
-    metrics: dict[str, float] = {}
-    judgements: list[Judgement] = []
-    if finished.trajectory:
-        clearance = world.clearance if world and world.map.walls.any() else None
-        metrics = measure(finished.trajectory, plant_values, clearance)
-        judgements = judge(scenario.expectations, finished.trajectory, plant_values, clearance)
-    result = Result(
-        scenario=scenario.name,
-        processes=options.processes,
-        seed=int(parameters.values(GYRO)['seed']),
-        recording=recording if recording and recording.exists() else None,
-        figure=None,
-        metrics=metrics,
-        verdict=Verdict.of(summary, judgements),
-        summary=summary,
-        judgements=judgements,
-    )
-    # Who interrupts a run wants it to end; the recording has everything.
-    if folder and finished.trajectory and result.verdict.outcome != STOPPED:
-        figure = folder / f'{scenario.name}.png'
-        try:
-            draw_motion(
-                finished.trajectory,
-                figure,
-                f'{scenario.name}: {scenario.purpose}',
-                plant_values['hold_time'],
-                (*scenario.vertical.segments, *scenario.horizontal.segments),
-                floor_map,
-            )
-            result.figure = figure
-        except OSError as error:
-            figure.unlink(missing_ok=True)
-            result.verdict = result.verdict.without_picture(f'{figure}: {error.strerror}')
+        summary, trajectory = finished.summary, finished.trajectory
+        metrics: dict[str, float] = {}
+        judgements: list[Judgement] = []
+        if trajectory:
+            clearance = world.clearance if world and world.map.walls.any() else None
+            metrics = measure(trajectory, plant_values, clearance)
+            judgements = judge(scenario.expectations, trajectory, plant_values, clearance)
+        result = Result(
+            scenario=scenario.name,
+            processes=options.processes,
+            seed=int(parameters.values(GYRO)['seed']),
+            recording=recording if recording and recording.exists() else None,
+            figure=None,
+            metrics=metrics,
+            verdict=Verdict.of(summary, judgements),
+            summary=summary,
+            judgements=judgements,
+        )
+        # Who interrupts a run wants it to end; the recording has everything.
+        if folder and trajectory and len(trajectory.time) and result.verdict.outcome != STOPPED:
+            figure = folder / f'{scenario.name}.png'
+            try:
+                draw_motion(
+                    trajectory,
+                    figure,
+                    f'{scenario.name}: {scenario.purpose}',
+                    plant_values['hold_time'],
+                    (*scenario.vertical.segments, *scenario.horizontal.segments),
+                    floor_map,
+                )
+                result.figure = figure
+            except OSError as error:
+                figure.unlink(missing_ok=True)
+                result.verdict = result.verdict.without_picture(f'{figure}: {error.strerror}')
     (print_json if options.as_json else print_table)(result)
     return result.verdict.exit_status
 

@@ -107,14 +107,13 @@ def watch(
             reported.add(name)
             if name == PLANT and not process.died:
                 return ''
-            end = f'{name} {process.how_it_ended}'
-            progress.notice(end)
+            progress.notice(f'{name} {process.how_it_ended}')
             # A node that refuses its parameters never comes. In mid-run another may be restarted by
             # hand, and the plant tells when it has waited long enough.
-            if name == PLANT or process.exit_status == 2:
-                return end
-            if name in NODES and monitor.now_ns <= FIRST_TICK_NS:
-                return f'{end} before the first tick'
+            is_too_early = name in NODES and monitor.now_ns <= FIRST_TICK_NS
+            if name == PLANT or process.exit_status == 2 or is_too_early:
+                process.hand_on_the_rest()
+                return process.failure
         if monitor.plant_hangs(plant.pid):
             progress.notice(f'{PLANT} does not answer')
             plant.kill()
@@ -136,16 +135,18 @@ def judged(
     """
     verdict = dict(summary)
     verdict['exit_status'] = 1
-    dead = [p for p in processes.values() if p.exit_status in (1, 2) and p.name != PLANT]
+    failed = {p.name: p.failure for p in processes.values() if p.exit_status in (1, 2)}
     if stop.signal:
         verdict.update(outcome='stopped', exit_status=128 + stop.signal)
     elif is_replaced and verdict['outcome'] != 'completed':
         verdict.update(outcome='stopped', exit_status=0)
     elif failure and verdict['outcome'] != 'completed':
         verdict.update(outcome='failed', reason=failure)
-    elif verdict['outcome'] == 'completed' and any(p.name == RECORDER for p in dead):
-        verdict.update(outcome='failed', reason=f'{RECORDER} failed')
-    if verdict['outcome'] == 'failed' and any(p.exit_status == 2 for p in processes.values()):
-        verdict['exit_status'] = 2
-        verdict['reason'] = verdict['reason'] or 'a node refused to start'
+    elif verdict['outcome'] == 'completed' and RECORDER in failed:
+        verdict.update(outcome='failed', reason=failed[RECORDER])
+    if verdict['outcome'] == 'failed':
+        # A plant that could not leave its account says why.
+        verdict['reason'] = verdict['reason'] or next(iter(failed.values()), '')
+        if any(p.exit_status == 2 for p in processes.values()):
+            verdict['exit_status'] = 2
     return verdict

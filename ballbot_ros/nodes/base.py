@@ -126,6 +126,8 @@ class BallbotNode(ParameterNode):
         Done when the node has finished its work; its process may then end.
     exit_status : int
         The status with which it then ends.
+    failure : str
+        Why it has failed; '' if it has not.
     awaits : str
         What has to come before it does anything; '' for nothing.
     """
@@ -136,6 +138,7 @@ class BallbotNode(ParameterNode):
         super().__init__(role, values, use_sim_time=use_sim_time)
         self.done = rclpy.Future()
         self.exit_status = 0
+        self.failure = ''
         self.awaits = ''
         self.now_ns = 0
         self._samples = 0
@@ -245,7 +248,7 @@ class BallbotNode(ParameterNode):
     def fail(self, problem: str) -> None:
         """Log an error and report it at once; the node's exit status is then 1."""
         self.alarm(problem)
-        self.exit_status = 1
+        self.failure, self.exit_status = problem, 1
 
     def recover(self) -> None:
         """Take back a warning."""

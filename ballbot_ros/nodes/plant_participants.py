@@ -199,6 +199,10 @@ class PlantParticipants:
         """Return the roles that nobody has taken yet."""
         return self._roster.missing()
 
+    def last_words(self, role: str) -> str:
+        """Return why the participant of a role can't go on, or nothing."""
+        return self._roster.last_words(role)
+
     def end_silence(self) -> None:
         """Forget which roll calls were made because of a silence."""
         self._silent_since = None

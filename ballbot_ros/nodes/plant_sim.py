@@ -479,7 +479,8 @@ class PlantSim(BallbotNode):
         if self.values['require_recorder'] or self.count_publishers(RECORDER_ACK.name):
             return False
         self._recorder = self._ack_ns = None
-        self.get_logger().warning('the recorder has left the run')
+        reason = self._participants.last_words(RECORDER)
+        self.get_logger().warning(f'the recorder has left the run{reason and ": "}{reason}')
         if self._draining:
             self._finish_when_recorded()
         else:

@@ -22,6 +22,7 @@ from ballbot_ros.messages.topics import (
     HISTORY,
     MARKERS,
     MOTOR_DUTY,
+    PARTICIPANTS,
     RECORDER_ACK,
     ROBOT_DESCRIPTION,
     RUN,
@@ -162,9 +163,9 @@ class Recorder(BallbotNode):
 
     def _on_run(self, run: Run) -> None:
         self._write_until(time.time_ns())
-        self._write_stop()
         self._gate.takes_part = True
         try:
+            self._write_stop()
             self._begin(run)
         except RecordingError as error:
             self._fail(error)
@@ -234,6 +235,8 @@ class Recorder(BallbotNode):
             self._fail(error)
 
     def _fail(self, error: RecordingError) -> None:
+        """End, and tell the plant why: it may require a recorder."""
+        self._participation.object(Objection(str(error)))
         self.finish()
         self.fail(str(error))
 
@@ -284,7 +287,7 @@ class Recorder(BallbotNode):
 
     def _write_stop(self) -> None:
         """Write that the motors are off, unless the run has completed."""
-        if self._stop and self._outcome.get('outcome') != 'completed' and not self.exit_status:
+        if self._stop and self._outcome.get('outcome') != 'completed':
             stream, data, sequence = self._stop
             self.keep(stream, stamp_of(data), data, sequence)
 
@@ -299,17 +302,27 @@ class Recorder(BallbotNode):
     def close(self) -> None:
         """Take what has still come, and finish the file."""
         self._await_end()
-        self._write_stop()
-        if self._members and self.exit_status == 0:
-            self._writer.add_metadata(RUN_PARTICIPANTS, self._members)
-        if self._outcome and self.exit_status == 0:
-            self._writer.add_outcome(self._outcome)
-        if self._lost and self.exit_status == 0:
-            self._writer.mark_incomplete(f'{self._lost} gaps in the sequence of messages')
-        self._writer.close()
-        self.get_logger().info(f'{self._writer.path} is finished')
+        try:
+            if self.exit_status == 0:
+                self._write_stop()
+                self._write_account()
+            self._writer.close()
+        except RecordingError as error:
+            self._fail(error)
+        if self.exit_status == 0:
+            self.get_logger().info(f'{self._writer.path} is finished')
         # Last: the middleware may be held up by a node that hangs, and the file is not to be.
+        self.flush(PARTICIPANTS)
         self._inbox.destroy_node()
+
+    def _write_account(self) -> None:
+        """Write who took part, how the run ended, and whether messages are missing."""
+        if self._members:
+            self._writer.add_metadata(RUN_PARTICIPANTS, self._members)
+        if self._outcome:
+            self._writer.add_outcome(self._outcome)
+        if self._lost:
+            self._writer.mark_incomplete(f'{self._lost} gaps in the sequence of messages')
 
 
 class _Channel:

@@ -286,8 +286,10 @@ class Roster:
             run.offence = f'{participant} gives itself out as {known.announcement.participant}'
             return
         run.heard[participant.instance] = _Heard(announcement, self._calls)
-        if announcement.objection:
-            self.object(announcement.objection)
+        objection = announcement.objection
+        # The run goes on without a participant that it does not require.
+        if objection and (objection.topic or participant.role in self._required):
+            self.object(objection)
         if len(self._claimants(participant.role)) > 1:
             run.contests.setdefault(participant.role, self._calls)
 
@@ -511,6 +513,13 @@ class Roster:
             and objection.stamp_ns <= each.since_ns
             for each in self._run.history
         )
+
+    def last_words(self, role: str) -> str:
+        """Return why the participant of a role can't go on, or nothing."""
+        member = self._run.members.get(role)
+        heard = self._run.heard.get(member.instance) if member else None
+        objection = heard.announcement.objection if heard else None
+        return objection.text if objection and not objection.topic else ''
 
     def missing(self) -> list[str]:
         """Return the required roles that have no participant in this run."""

@@ -1,6 +1,5 @@
 """`ballbot run` as a user types it: outcome, files, errors, signals."""
 
-import json
 import os
 import resource
 import signal
@@ -245,6 +244,8 @@ def test_a_full_disk_is_one_line_and_a_failed_run(start_run, tmp_path, processes
     assert run.finish() == 1
     assert 'File too large' in run.stderr
     assert 'Traceback' not in run.stderr
-    assert json.loads(run.stdout)['outcome'] == 'failed'
+    assert run.result['outcome'] == 'failed'
+    # A picture that does not fit either is told behind it.
+    assert run.result['reason'].startswith(f'{recording}: File too large')
     with RecordingReader(tmp_path / 'stationary.mcap') as reader:
         assert sum(1 for _ in reader.messages(['/plant/imu'])) > 10

@@ -6,6 +6,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from ballbot_ros.cli.node_process import NodeProcess
 from ballbot_ros.cli.separate_processes import judged, watch
 from ballbot_ros.parameters import NODES, PLANT, VIEWER
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, TICK_NS
@@ -13,8 +14,11 @@ from ballbot_ros.simulation.timing import FIRST_TICK_NS, TICK_NS
 SILENT = 'plant_sim does not answer'
 
 
+FULL = 'No space left on device'
+
+
 def process(name, exit_status=0):
-    return SimpleNamespace(name=name, exit_status=exit_status)
+    return SimpleNamespace(name=name, exit_status=exit_status, failure=f'{name}: {FULL}')
 
 
 @pytest.mark.parametrize(
@@ -23,7 +27,8 @@ def process(name, exit_status=0):
         ('completed', '', {}, 0, ('completed', '', 1)),
         ('completed', SILENT, {'plant_sim': -9}, 0, ('completed', '', 1)),
         ('completed', 'gyro_driver died of SIGKILL', {'gyro_driver': -9}, 0, ('completed', '', 1)),
-        ('completed', '', {'recorder': 1}, 0, ('failed', 'recorder failed', 1)),
+        ('completed', '', {'recorder': 1}, 0, ('failed', f'recorder: {FULL}', 1)),
+        ('failed', '', {'plant_sim': 1, 'sonar_driver': 1}, 0, ('failed', f'plant_sim: {FULL}', 1)),
         ('failed', SILENT, {'plant_sim': -9}, 0, ('failed', SILENT, 1)),
         ('failed', 'sonar_driver ended with status 2', {'sonar_driver': 2}, 0,
          ('failed', 'sonar_driver ended with status 2', 2)),
@@ -40,9 +45,11 @@ def test_a_completed_run_is_completed(outcome, failure, ends, signal, expected):
 def watched(victim, now_ns):
     """What the watch says of a graph in which one node has died, after a few looks."""
     running = SimpleNamespace(running=True, died=False, exit_status=None, pid=1)
+    end = 'died of SIGKILL'
     dead = SimpleNamespace(
-        running=False, died=True, exit_status=-9, how_it_ended='died of SIGKILL', pid=2
-    )
+        running=False, died=True, exit_status=-9, how_it_ended=end, failure=f'{victim} {end}',
+        hand_on_the_rest=lambda: None,
+    )  # fmt: skip
     processes = dict.fromkeys((*NODES, VIEWER), running) | {victim: dead}
     monitor = SimpleNamespace(now_ns=now_ns, poll=lambda: None, plant_hangs=lambda pid: False)
     notices = []
@@ -56,7 +63,7 @@ def watched(victim, now_ns):
 @pytest.mark.parametrize('now_ns', [0, FIRST_TICK_NS])
 @pytest.mark.parametrize('victim', [name for name in NODES if name != PLANT])
 def test_a_node_that_dies_before_the_first_tick_ends_the_run_at_once(victim, now_ns):
-    assert watched(victim, now_ns) == f'{victim} died of SIGKILL before the first tick'
+    assert watched(victim, now_ns) == f'{victim} died of SIGKILL'
 
 
 @pytest.mark.parametrize('victim', [name for name in NODES if name != PLANT])
@@ -71,3 +78,20 @@ def test_a_viewer_is_no_part_of_the_run():
 @pytest.mark.parametrize('now_ns', [0, FIRST_TICK_NS + TICK_NS])
 def test_without_the_plant_there_is_no_run(now_ns):
     assert watched(PLANT, now_ns) == 'plant_sim died of SIGKILL'
+
+
+def test_a_node_that_refuses_to_start_tells_why(tmp_path):
+    file = tmp_path / 'parameters.yaml'
+    file.write_text(f'recorder: {{ros__parameters: {{output: {tmp_path}/parameters.yaml/x.mcap}}}}')
+    lines = []
+    node = NodeProcess('recorder', file, lines.append)
+    node.wait(60.0)
+    node.hand_on_the_rest()
+    assert node.exit_status == 2
+    assert lines == [f'error: {file}/x.mcap: File exists']
+    assert node.failure == f'recorder: {file}/x.mcap: File exists'
+
+
+def test_a_node_that_dies_says_nothing_of_it():
+    process = SimpleNamespace(name='recorder', _last_words='waits', died=True, how_it_ended='died')
+    assert NodeProcess.failure.fget(process) == 'recorder died'

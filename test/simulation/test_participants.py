@@ -375,6 +375,18 @@ def test_a_participant_that_can_not_go_on_ends_the_run_at_once():
     assert is_refused(run.look(), 'started in mid-run')
 
 
+def test_a_recorder_that_can_not_go_on_ends_only_a_run_that_requires_it():
+    full = Announcement(a('recorder'), RUN, 0, Objection('x.mcap: No space left on device'))
+    run = World((*ROLES, 'recorder')).join(*map(a, ROLES), a('recorder')).begin()
+    run.roster.announced(full)
+    assert is_refused(run.look(), 'x.mcap: No space left on device')
+    run = world().join(a('recorder')).begin()
+    assert run.roster.last_words('recorder') == ''
+    run.roster.announced(full)
+    assert run.watch().state is State.COMPLETE
+    assert run.roster.last_words('recorder') == 'x.mcap: No space left on device'
+
+
 def test_two_answers_to_the_tick_at_which_a_driver_was_replaced_are_no_offence():
     run = world().begin()
     run.kill(a('gyro_driver')).join(a('gyro_driver', 'its successor'))

@@ -1,0 +1,79 @@
+"""Runs whose recording or whose folder comes to nothing: the verdict says why, once."""
+
+import json
+import tempfile
+from types import SimpleNamespace
+
+import pytest
+
+from ballbot_ros.cli import run
+from ballbot_ros.cli.experiment import Finished
+from ballbot_ros.cli.run import RunOptions, run_scenario
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.writer import RecordingWriter
+from ballbot_ros.simulation.trajectory import TrajectoryLog
+
+FULL = 'No space left on device'
+
+
+def options(output, processes, *assignments):
+    return RunOptions(
+        processes=processes, real_time_factor=None, output=output, seed=None, record=True,
+        assignments=assignments, controller=None, viewer=False, as_json=True,
+    )  # fmt: skip
+
+
+def test_a_recorder_that_fails_at_the_start_is_the_only_reason(tmp_path, monkeypatch, capsys):
+    reason = f'recorder: stationary.mcap: {FULL}'
+    summary = {'outcome': 'failed', 'reason': reason, 'exit_status': 2, 'ticks': 0}
+    finished = Finished(summary, TrajectoryLog().trajectory())
+    monkeypatch.setattr(run, '_run', lambda *_: finished)
+    assert run_scenario('stationary', options(tmp_path / 'output', 'separate')) == 2
+    result = json.loads(capsys.readouterr().out)
+    assert result['reason'] == reason
+    assert result['figure'] is None
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('words', [(), ('controller.implementation=c',)], ids=len)
+def test_without_a_folder_for_temporary_files_there_is_no_run(tmp_path, monkeypatch, words):
+    pytest.importorskip('rclpy')
+    monkeypatch.setattr(run, 'require_implementation', lambda _: None)
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'no'))
+    with pytest.raises(BallbotError, match=f'^{tmp_path}/no: No such file or directory'):
+        run_scenario('stationary', options(tmp_path / 'output', 'none' if words else 'one', *words))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_does_not_fit_into_the_temporary_folder_is_named(tmp_path):
+    pytest.importorskip('rclpy')
+    from ballbot_ros.cli.graph import write_attachments
+
+    path = tmp_path / 'attachments' / 'parameters.yaml'
+    path.parent.mkdir()
+    path.symlink_to('/dev/full')
+    with pytest.raises(BallbotError, match=f'^{path}: {FULL}'):
+        write_attachments(SimpleNamespace(attachments={path.name: b'x'}), tmp_path)
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize('lockstep', ['true', 'false'])
+def test_a_disk_that_is_full_when_the_file_is_closed_fails_the_run(
+    tmp_path, monkeypatch, capfd, domain, lockstep
+):
+    pytest.importorskip('rclpy')
+
+    def fail(writer):
+        raise RecordingError(f'{writer.path}: {FULL}')
+
+    monkeypatch.setattr(RecordingWriter, 'close', fail)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    nodes = ('plant_sim', 'controller', 'gamepad_teleop')
+    modes = [f'{node}.lockstep={lockstep}' for node in nodes]
+    words = options(tmp_path, 'one', 'plant_sim.duration=0.2', *modes)
+    assert run_scenario('stationary', words) == 1
+    result = json.loads(capfd.readouterr().out)
+    assert result['outcome'] == 'failed'
+    assert result['reason'] == f'recorder: {tmp_path}/stationary.mcap: {FULL}'
