@@ -10,8 +10,9 @@ from pathlib import Path
 import rclpy
 
 from ballbot_ros.cli.experiment import Experiment
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import write_temporary
-from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
+from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, start_failure
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
 
@@ -24,16 +25,24 @@ def ros(log_level: str = 'WARN') -> Iterator[None]:
     ----------
     log_level : str
         Of the nodes; the command itself tells of the run.
+
+    Raises
+    ------
+    BallbotError
+        If ROS can't start here, such as without a folder for its logs.
     """
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     if rclpy.ok():
         yield
         return
     prepare_middleware()
-    rclpy.init(
-        args=['--ros-args', '--log-level', log_level],
-        signal_handler_options=rclpy.SignalHandlerOptions.NO,
-    )
+    try:
+        rclpy.init(
+            args=['--ros-args', '--log-level', log_level],
+            signal_handler_options=rclpy.SignalHandlerOptions.NO,
+        )
+    except RuntimeError as error:
+        raise BallbotError(start_failure(error)) from None
     try:
         with avoid_stale_ports(ros_domain()):
             yield

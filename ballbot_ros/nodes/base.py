@@ -22,7 +22,7 @@ from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import DIAGNOSTICS, HISTORY, Topic
-from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
+from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, start_failure
 from ballbot_ros.nodes.node_parameters import ParameterNode
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.processes import END_WITH_PARENT
@@ -320,7 +320,7 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
         except RuntimeError as error:  # what rclpy raises on malformed --ros-args
             if node is not None:
                 raise
-            print(f'error: {one_line(error)}', file=sys.stderr)
+            print(f'error: {start_failure(error)}', file=sys.stderr)
             return 2
         finally:
             if node is not None:

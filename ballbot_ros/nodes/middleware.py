@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.shared_memory import clear_shared_memory
 from ballbot_ros.processes import END_WITH_PARENT
 from ballbot_ros.share import share_directory
@@ -50,3 +50,9 @@ def prepare_middleware() -> None:
 def use_profiles() -> None:
     """Have participants find each other soon, unless the user has profiles of their own."""
     os.environ.setdefault(PROFILES, str(share_directory() / 'config' / 'fastdds.xml'))
+
+
+def start_failure(error: RuntimeError) -> str:
+    """Return what `rclpy.init` has raised, with what to do if there is no folder for logs."""
+    hint = '; set ROS_LOG_DIR to a folder that can be written to' if 'log' in str(error) else ''
+    return one_line(error) + hint

@@ -1,10 +1,12 @@
 """Runs whose recording or whose folder comes to nothing: the verdict says why, once."""
 
 import json
+import subprocess
 import tempfile
 from types import SimpleNamespace
 
 import pytest
+from graph import BALLBOT, environment
 
 from ballbot_ros.cli import run
 from ballbot_ros.cli.experiment import Finished
@@ -44,6 +46,26 @@ def test_without_a_folder_for_temporary_files_there_is_no_run(tmp_path, monkeypa
     with pytest.raises(BallbotError, match=f'^{tmp_path}/no: No such file or directory'):
         run_scenario('stationary', options(tmp_path / 'output', 'none' if words else 'one', *words))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_without_a_folder_for_the_logs_of_ros_there_is_one_line(tmp_path, domain):
+    pytest.importorskip('rclpy')
+    home = tmp_path / 'home'
+    home.touch()
+    given = {name: value for name, value in environment(domain).items() if name != 'ROS_LOG_DIR'}
+    done = subprocess.run(
+        [*BALLBOT, 'run', 'stationary', '--processes=one', '--no-record'],
+        env={**given, 'HOME': str(home), 'ROS_HOME': ''},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stdout == ''
+    assert done.stderr.startswith('error: failed to initialize logging: ')
+    assert str(home) in done.stderr
+    assert done.stderr.endswith('; set ROS_LOG_DIR to a folder that can be written to\n')
+    assert len(done.stderr.splitlines()) == 1
 
 
 def test_what_does_not_fit_into_the_temporary_folder_is_named(tmp_path):
