@@ -21,7 +21,7 @@ from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from campaign.strangers import LOOP_TOPICS, OPEN_TOPICS, STRANGER, Content
 
-LARGE = 5_000
+LARGE = 8_000
 """Length of each sequence and text of a message at length."""
 
 ENCODING = b'\x00\x01\x00\x00'
@@ -39,8 +39,8 @@ def main(words: Sequence[str]) -> None:
         kind = topic.message_class
         qos = reliable_qos(1, latched=topic.keeps > 0)
         publisher = node.create_publisher(kind, topic.name, qos)
-        message = MAKERS[Content(content)](kind)
-        node.create_timer(float(period_s), partial(publisher.publish, message))
+        data = MAKERS[Content(content)](kind)
+        node.create_timer(float(period_s), partial(publisher.publish, data))
     rclpy.spin(node)
 
 
@@ -79,9 +79,13 @@ def _item(type_name: str, number: float, length: int) -> Any:
     return 127  # the most that every integer type holds
 
 
-def _cut(kind: Any) -> bytes:
-    whole = serialize_message(filled(kind, 1.0, 3))
-    return bytes(whole[: len(whole) // 2])
+def _whole(kind: Any, number: float, length: int) -> bytes:
+    return bytes(serialize_message(filled(kind, number, length)))
+
+
+def _half(kind: Any) -> bytes:
+    whole = _whole(kind, 1.0, 3)
+    return whole[: len(whole) // 2]
 
 
 def _noise(kind: Any) -> bytes:
@@ -90,15 +94,16 @@ def _noise(kind: Any) -> bytes:
     return ENCODING + random.Random(kind.__name__).randbytes(length)
 
 
-MAKERS: dict[Content, Callable[[Any], Any]] = {
-    Content.NOTHING: lambda kind: kind(),
-    Content.NAN: lambda kind: filled(kind, math.nan, 3),
-    Content.INFINITY: lambda kind: filled(kind, math.inf, 3),
-    Content.AT_LENGTH: lambda kind: filled(kind, math.nan, LARGE),
-    Content.HALF: _cut,
+MAKERS: dict[Content, Callable[[Any], bytes]] = {
+    Content.NOTHING: lambda kind: bytes(serialize_message(kind())),
+    Content.NAN: lambda kind: _whole(kind, math.nan, 3),
+    Content.INFINITY: lambda kind: _whole(kind, math.inf, 3),
+    Content.AT_LENGTH: lambda kind: _whole(kind, math.nan, LARGE),
+    Content.HALF: _half,
     Content.NOISE: _noise,
 }
-"""Each makes from a message's class what is sent: a message, or bytes in the place of one."""
+"""Each makes from a message's class what is sent in the place of a message, serialised once: the
+stranger is to be faster than those who have to read it."""
 
 
 if __name__ == '__main__':
