@@ -30,7 +30,7 @@ from campaign.schedule import Schedule, Trial, table_of
 from campaign.site import DOMAINS_EACH, MARK, end_all
 from campaign.trial import OWN_MEMORY
 
-DOMAINS = range(40, 50)
+DOMAINS = range(20, 50)
 """Neither the default domain nor those that the tests use."""
 
 AT_ONCE = 2
