@@ -8,7 +8,6 @@ import os
 import random
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -24,6 +23,7 @@ from rich.markup import escape
 
 from ballbot_ros.cli.invoke import invoke
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.stop_request import StopRequest
 from campaign.fault import Verdict
 from campaign.faults import BY_NAME, FAULTS
 from campaign.schedule import Schedule, Trial, table_of
@@ -81,8 +81,8 @@ def campaign(
     """Break runs at random moments, and judge what becomes of them.
 
     Prints what was tried, how often everything held that docs/reliability.md promises, and the
-    longest time until all had ended. The exit status is 0 if everything held, 130 if it was
-    interrupted, else 1, with the command that repeats each trial that did not.
+    longest time until all had ended. The exit status is 0 if everything held, else 1, with the
+    command that repeats each trial that did not. Ctrl-C ends it with the table so far.
     """
     if trial is not None and len(only) != 1:
         raise click.UsageError('--trial needs one fault: give --only once')
@@ -97,24 +97,18 @@ def campaign(
     possible = [fault for fault in wanted if fault.name not in impossible]
     console.print(f'seed {seed}, {minutes:g} min')
     schedule = Schedule(possible, 60.0 * minutes)
-    # A shell that runs it in the background has it ignore SIGINT.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
-    interrupted = False
-    with Campaign(seed, output, mounts, console) as conduct:
-        try:
-            if trial is None:
-                conduct.follow(schedule)
-            elif possible:
-                conduct.follow_one(Trial(possible[0], trial))
-        except KeyboardInterrupt:
-            interrupted = True
+    # What it starts does not ignore SIGINT then, as what a shell runs in the background does.
+    with StopRequest() as stop, Campaign(seed, output, mounts, console, stop) as conduct:
+        if trial is None:
+            conduct.follow(schedule)
+        elif possible:
+            conduct.follow_one(Trial(possible[0], trial))
     console.print(table_of(wanted, conduct.verdicts, impossible))
     if conduct.failures:
         console.print(f'{len(conduct.failures)} did not hold; what is left of them is in {output}')
         for command in conduct.failures:
             console.print(f'  {command}', soft_wrap=True, markup=False)
-    return 130 if interrupted else 1 if conduct.failures else 0
+    return 128 + stop.signal if stop.signal else 1 if conduct.failures else 0
 
 
 class Campaign:
@@ -128,6 +122,8 @@ class Campaign:
     mounts : sequence of str
         Beginning of a command that may mount; empty where there is none.
     console : Console
+    stop : StopRequest
+        Ends it.
 
     Attributes
     ----------
@@ -137,13 +133,21 @@ class Campaign:
         The commands that repeat the trials that did not hold.
     """
 
-    def __init__(self, seed: int, output: Path, mounts: Sequence[str], console: Console) -> None:
+    def __init__(
+        self,
+        seed: int,
+        output: Path,
+        mounts: Sequence[str],
+        console: Console,
+        stop: StopRequest,
+    ) -> None:
         self.verdicts: dict[str, list[Verdict]] = {}
         self.failures: list[str] = []
         self._seed = seed
         self._output = output
         self._mounts = mounts
         self._console = console
+        self._stop = stop
         self._running: list[TrialProcess] = []
         self._stack = ExitStack()
         self._begun_s = time.monotonic()
@@ -160,7 +164,7 @@ class Campaign:
 
     def follow(self, schedule: Schedule) -> None:
         """Carry out what a schedule hands out."""
-        while True:
+        while not self._stop.signal:
             now_s = time.monotonic() - self._begun_s
             while len(self._running) < AT_ONCE and (
                 trial := schedule.next(now_s, [each.trial.fault for each in self._running])
@@ -177,7 +181,7 @@ class Campaign:
     def follow_one(self, trial: Trial) -> None:
         """Carry out one trial."""
         self._begin(trial)
-        while self._running:
+        while self._running and not self._stop.signal:
             self._reap()
             time.sleep(POLL_S)
 

@@ -6,30 +6,37 @@
 from __future__ import annotations
 
 import json
-import signal
+import os
 import sys
+import time
 from pathlib import Path
 
 from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, sweep
 from campaign.fault import Verdict
 from campaign.faults import BY_NAME
-from campaign.site import START_S, CampaignError, Site
+from campaign.site import START_S, CampaignError, Site, Stopwatch
 
 OWN_MEMORY = '--own-memory'
 """Says that nobody else has this ``/dev/shm``."""
 
 
+SWEPT_S = 5.0
+"""What a killed process may take to let go of its locks [s]."""
+
+
 def judge_shared_memory() -> tuple[str, ...]:
     """Judge whether the next run can remove all that is left in shared memory."""
-    sweep(older_than_s=0.0)
-    left = sorted(SHARED_MEMORY.glob('*fastrtps*'))
-    return tuple(f'{path} is left, and is not swept' for path in left)
+    watch = Stopwatch()
+    while True:
+        sweep(older_than_s=0.0)
+        left = sorted(SHARED_MEMORY.glob('*fastrtps*'))
+        if not left or watch.look([os.getpid()]) > SWEPT_S:
+            return tuple(f'{path} is left, and is not swept' for path in left)
+        time.sleep(0.05)
 
 
 def main(words: list[str]) -> int:
     """Carry out a trial."""
-    # What a shell runs in the background ignores SIGINT, and so would all that it starts.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     name, seed, number, folder, *domains = [word for word in words if word != OWN_MEMORY]
     attempt = BY_NAME[name].attempt(int(seed), int(number))
     with Site(Path(folder), [int(domain) for domain in domains]) as site:

@@ -1,0 +1,69 @@
+"""What the campaign prints and keeps, with trials that only claim to have run."""
+
+import pytest
+from click.testing import CliRunner
+
+from campaign import campaign as module
+from campaign.fault import Verdict
+
+FAULT = 'leftovers in /dev/shm'
+
+
+class Told:
+    """A trial that has ended with the verdict that it is told."""
+
+    told = None
+    age_s = 7.0
+    has_ended = True
+
+    def __init__(self, trial, seed, folder, domains, mounts):
+        self.trial, self.folder, self.domains = trial, folder, domains
+        folder.mkdir()
+        (folder / 'run.stderr').write_text('what was printed')
+
+    def end(self):
+        pass
+
+    def verdict(self):
+        return 'a [bold] attempt', self.told
+
+
+@pytest.fixture
+def conduct(monkeypatch, tmp_path):
+    monkeypatch.setattr(module, 'TrialProcess', Told)
+    monkeypatch.setattr(module, 'own_mounts', lambda: ['with', 'mounts'])
+    monkeypatch.setattr(module.tempfile, 'tempdir', str(tmp_path))
+
+    def run(verdict, *words):
+        monkeypatch.setattr(Told, 'told', verdict)
+        words = ['--seed', '5', '--output', str(tmp_path / 'kept'), *words]
+        done = CliRunner().invoke(module.campaign, words, standalone_mode=False)
+        assert done.exception is None, done.output
+        return done
+
+    return run
+
+
+def test_what_holds_is_kept_nowhere(conduct, tmp_path):
+    done = conduct(Verdict((), 2.0, 10.0), '--only', FAULT, '--trial', '3')
+    assert done.return_value == 0
+    assert 'seed 5' in done.output
+    assert f'held  {FAULT}: a [bold] attempt' in done.output
+    assert not (tmp_path / 'kept').exists()
+    assert not list(tmp_path.glob('ballbot_campaign_*/*'))
+
+
+def test_what_does_not_hold_is_kept_and_can_be_repeated(conduct, tmp_path):
+    done = conduct(Verdict(('the [red] reason',), 2.0, 10.0), '--only', FAULT, '--trial', '3')
+    assert done.return_value == 1
+    assert 'the [red] reason' in done.output
+    assert f"scripts/campaign --seed 5 --only '{FAULT}' --trial 3" in done.output
+    (kept,) = tmp_path.glob('kept/*/run.stderr')
+    assert kept.read_text() == 'what was printed'
+
+
+def test_a_fault_that_needs_mounts_is_told_where_there_are_none(conduct, monkeypatch):
+    monkeypatch.setattr(module, 'own_mounts', list)
+    done = conduct(Verdict((), 2.0, 10.0), '--only', FAULT, '--minutes', '0.1')
+    assert done.return_value == 0
+    assert 'not possible here' in done.output
