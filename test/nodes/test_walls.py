@@ -2,14 +2,17 @@
 
 import contextlib
 import math
+import subprocess
 
 import pytest
 import yaml
-from graph import Run, free_domain
+from graph import BALLBOT, Run, free_domain
 from maps import save, with_walls
 
+from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.sonar import Sonar
 from ballbot_ros.messages.conversions import ball_position
+from ballbot_ros.messages.topics import MOTOR_DUTY
 from ballbot_ros.parameters import SONAR
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_profile
@@ -92,6 +95,13 @@ def test_a_hit_ends_the_run_alike_in_every_way(make_runs, tmp_path):
         the_map_is_recorded_once_as_it_is(run, processes)
         the_recording_tells_nothing_of_this_machine(run, tmp_path, processes)
         the_sonar_reads_what_the_map_says(run, tmp_path, processes)
+        # What answers no tick is neither reported nor made again.
+        data = read_run(run.result['recording'])
+        duty = data.series[MOTOR_DUTY]
+        assert duty.stamps[-1] <= end, processes
+        assert len(data.trajectory.time) - run.result['ticks'] in (0, 1), processes
+        replay = [*BALLBOT, 'replay', run.result['recording']]
+        assert subprocess.run(replay, stdout=subprocess.DEVNULL, check=False).returncode == 0
 
 
 def reported_errors(run):
