@@ -85,6 +85,8 @@ class Run:
     site : Site
     duration : float
         Sim time [s].
+    *settings : str
+        More parameters of the run, as ``node.param=value``.
     output : Path, optional
         Folder of the recording; by default in the site's.
     name : str
@@ -92,8 +94,6 @@ class Run:
     domain : int, optional
         Another one than the site's first.
     real_time_factor : float
-    *settings : str
-        More parameters of the run, as ``node.param=value``.
     """
 
     def __init__(
