@@ -191,7 +191,7 @@ def test_a_signal_stops_everything(start_run, tmp_path, processes, number):
 
 @pytest.mark.graph
 def test_a_second_run_in_the_domain_is_refused_at_once(start_run, tmp_path):
-    first = start_run('stationary', '--json', '--output', tmp_path, '--set=plant_sim.timeout=100',
+    first = start_run('stationary', '--json', '--output', tmp_path, '--set=plant_sim.timeout=3600',
                       '--set=plant_sim.duration=6')  # fmt: skip
     pid = first.nodes()[GYRO]
     wait_for((tmp_path / 'stationary.mcap').exists, what='recording')

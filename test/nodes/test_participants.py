@@ -101,7 +101,14 @@ class OwnController:
 
     def __init__(self, node):
         self._participant = Participant(
-            CONTROLLER, '/talker', 'here', 1, 'mine', 'my own', '00', topics=(MOTOR_DUTY.name,)
+            CONTROLLER,
+            node.get_fully_qualified_name(),
+            'here',
+            1,
+            'mine',
+            'my own',
+            '00',
+            topics=(MOTOR_DUTY.name,),
         )
         self._duty = node.create_publisher(
             Vector3Stamped, MOTOR_DUTY.name, reliable_qos(HISTORY, latched=False)
