@@ -204,12 +204,12 @@ def judge_completed(run: RunEnd, duty_sha256: str) -> list[str]:
     return complaints
 
 
-def judge_failed(run: RunEnd, named: Collection[str]) -> list[str]:
-    """Judge whether a run has failed with status 1, and a reason with one of these names."""
+def judge_failed(run: RunEnd, named: Collection[str], status: int = 1) -> list[str]:
+    """Judge whether a run has failed with this status, and a reason with one of these names."""
     complaints = []
     outcome = run.result.get('outcome', 'no result')
-    if run.end.status != 1 or outcome != 'failed':
-        complaints.append(f'status {run.end.status}, {outcome}, instead of 1, failed')
+    if run.end.status != status or outcome != 'failed':
+        complaints.append(f'status {run.end.status}, {outcome}, instead of {status}, failed')
     if not any(name in run.reason for name in named):
         complaints.append(f'the reason does not name {" or ".join(named)}: {run.reason!r}')
     return complaints

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from ballbot_ros.messages.topics import (
     BLUETOOTH_TX,
+    CLOCK,
     CMD_VEL,
     DIAGNOSTICS,
     JOY,
@@ -48,6 +49,8 @@ LOOP_TOPICS = tuple(sorted(LOCKSTEP))
 """On these nobody but the participants may publish."""
 
 DURATION_S = 3.0
+REFUSED = 2
+"""Exit status of a run that does not begin."""
 BOUND_S = 45.0
 """A publisher without a sample is waited for, for up to 21 s [s]."""
 
@@ -158,6 +161,9 @@ class Stranger:
             return complaints
         if run.completed or not self.in_the_loop:
             return complaints + judge_completed(run, sha256)
+        if CLOCK in [each.topic for each in self.sends] and run.end.status == REFUSED:
+            # Whose clock is there before the run, is taken for another plant.
+            return complaints + judge_failed(run, [CLOCK.name], REFUSED)
         return (
             complaints
             + judge_failed(run, [STRANGER])

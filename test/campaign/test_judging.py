@@ -5,6 +5,7 @@ from signal import Signals
 
 import pytest
 
+from ballbot_ros.messages.topics import CLOCK, GYRO_IMU
 from campaign.remains import Remains
 from campaign.run import RunEnd, ticks_of
 from campaign.signals import LOSS_TICKS, SHORT_S, CommandSignal, Moment, NodeSignal
@@ -134,6 +135,16 @@ def test_a_run_that_the_plant_completed_need_not_end_with_the_motors_off():
     for ticks, holds in ((ticks_of(SHORT_S), True), (ticks_of(SHORT_S) - 1, False)):
         run = with_remains(stopped, duties=tuple(DUTIES[:ticks]))
         assert (attempt.judge(run, DUTIES, SHA) == []) == holds
+
+
+def test_a_clock_that_is_there_before_is_another_plant():
+    refused = replace(FAILED, end=ENDED._replace(status=2), remains=None)
+    refused = with_result(
+        refused, reason='another plant publishes /clock in this ROS domain', ticks=0
+    )
+    for topic, holds in ((CLOCK, True), (GYRO_IMU, False)):
+        attempt = Stranger([Nonsense(topic, Content.NAN, 0.02)], 0.1, in_the_loop=True)
+        assert (attempt.judge(refused, DUTIES, SHA) == []) == holds
 
 
 def test_nonsense_may_end_a_run_only_in_the_loop():
