@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
+import signal
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -11,8 +14,24 @@ from ballbot_ros.simulation.silence_timer import Threads, ThreadTime
 END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 """Environment variable: the process with which a node ends, the command that started it."""
 
+_PR_SET_PDEATHSIG = 1
 _PROC = Path('/proc')
 _RUNNABLE = 'R'
+
+
+def end_with_parent() -> bool:
+    """Have the system end this process with the one that :data:`END_WITH_PARENT` names, if any.
+
+    Returns
+    -------
+    bool
+        False if that has ended already.
+    """
+    parent = os.environ.get(END_WITH_PARENT)
+    if parent is None:
+        return True
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    return os.getppid() == int(parent)
 
 
 def threads_of(process: int) -> Threads:

@@ -10,6 +10,7 @@ import uuid
 
 from ballbot_ros.errors import one_line
 from ballbot_ros.nodes.middleware import use_profiles
+from ballbot_ros.processes import end_with_parent
 
 DISCOVERY_S = 5.0
 LIMIT_S = 20
@@ -25,6 +26,8 @@ def main() -> int:
         0 if one came, else 1.
     """
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if not end_with_parent():
+        return 1
     try:
         import rclpy
         from rclpy.executors import SingleThreadedExecutor

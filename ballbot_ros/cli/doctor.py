@@ -25,6 +25,7 @@ from ballbot_ros.nodes.shared_memory import (
     find_broken_ports,
     find_leftovers,
 )
+from ballbot_ros.processes import END_WITH_PARENT
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.golden import arithmetic_sha256, duty_sha256, load_golden
@@ -137,6 +138,8 @@ def _discovery() -> str:
     process = subprocess.Popen(
         [sys.executable, '-m', 'ballbot_ros.cli.discovery'],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        # An interrupt may come before it is known here.
+        env={**os.environ, END_WITH_PARENT: str(os.getpid())},
     )  # fmt: skip
     try:
         output, _ = process.communicate()

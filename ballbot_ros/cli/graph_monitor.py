@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from typing import Any
+from itertools import islice
 
-from diagnostic_msgs.msg import KeyValue
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from ballbot_ros.messages.conversions import time_ns
+from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
-from ballbot_ros.nodes.inbox import hidden_node, taken
+from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.processes import threads_by_process
 from ballbot_ros.simulation.silence_timer import SilenceTimer, Threads
 
-_ROLE_OF_PLANT = KeyValue(key='role', value=PLANT)
+_REPORTS = 50
+_decode = decoder(DIAGNOSTICS.type_name)
 
 PLANT_SILENCE_S = 2.3
 """The plant reports at 1 Hz; if it has this much time of the machine and is silent, it hangs."""
@@ -68,8 +69,10 @@ class GraphMonitor:
     def __enter__(self) -> GraphMonitor:
         self._node = hidden_node('ballbot_monitor')
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._clock = self._subscribe(CLOCK, newest)
-        self._diagnostics = self._subscribe(DIAGNOSTICS, QoSProfile(depth=50))
+        self._clock = self._node.create_subscription(
+            CLOCK.message_class, CLOCK.name, lambda message: None, newest
+        )
+        self._diagnostics = raw_subscription(self._node, DIAGNOSTICS, QoSProfile(depth=_REPORTS))
         self.now_ns = 0
         self._liveness = Liveness(time.monotonic())
         return self
@@ -77,21 +80,24 @@ class GraphMonitor:
     def __exit__(self, *error: object) -> None:
         self._node.destroy_node()
 
-    def _subscribe(self, topic: Any, qos: QoSProfile) -> Any:
-        return self._node.create_subscription(
-            topic.message_class, topic.name, lambda message: None, qos
-        )
-
     def poll(self) -> None:
         """Take what has come since the last look."""
-        for clock, _ in taken(self._clock):
+        for clock, _ in islice(taken(self._clock), 1):
             self.now_ns = time_ns(clock.clock)
             self._liveness.hear(time.monotonic())
-        for report, _ in taken(self._diagnostics):
+        # No more than wait at once, and of what can't be the plant's only the bytes: anybody may
+        # publish there, faster than it can be read.
+        for data, _ in islice(taken(self._diagnostics), _REPORTS):
+            if PLANT.encode() not in data:
+                continue
+            try:
+                report = _decode(data)
+            except ValueError:
+                continue
             for status in report.status:
-                if _ROLE_OF_PLANT in status.values:
-                    has_ended = any(value.key == 'outcome' for value in status.values)
-                    self._liveness.hear(time.monotonic(), has_ended=has_ended)
+                keys = {value.key: value.value for value in status.values}
+                if keys.get('role') == PLANT:
+                    self._liveness.hear(time.monotonic(), has_ended='outcome' in keys)
 
     def plant_hangs(self, process: int) -> bool:
         """Tell whether the plant, which is this process, hangs."""

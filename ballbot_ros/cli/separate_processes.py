@@ -142,11 +142,14 @@ def judged(
         verdict.update(outcome='stopped', exit_status=0)
     elif failure and verdict['outcome'] != 'completed':
         verdict.update(outcome='failed', reason=failure)
+    elif verdict['outcome'] == 'stopped':
+        verdict.update(outcome='failed', reason=f'{PLANT} was told to stop')
     elif verdict['outcome'] == 'completed' and RECORDER in failed:
         verdict.update(outcome='failed', reason=failed[RECORDER])
     if verdict['outcome'] == 'failed':
         # A plant that could not leave its account says why.
-        verdict['reason'] = verdict['reason'] or next(iter(failed.values()), '')
+        causes = [*failed.values(), processes[PLANT].failure]
+        verdict['reason'] = verdict['reason'] or causes[0]
         if any(p.exit_status == 2 for p in processes.values()):
             verdict['exit_status'] = 2
     return verdict

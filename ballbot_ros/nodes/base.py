@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import os
-import signal
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -25,7 +22,7 @@ from ballbot_ros.messages.topics import DIAGNOSTICS, HISTORY, Topic
 from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, start_failure
 from ballbot_ros.nodes.node_parameters import ParameterNode
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
-from ballbot_ros.processes import END_WITH_PARENT
+from ballbot_ros.processes import end_with_parent
 from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -33,8 +30,6 @@ SPIN_S = 0.05
 FLUSH_S = 0.1
 NO_SAMPLE = (ValueError, IndexError, OverflowError)
 """What reading a message raises that no node of ours has sent."""
-
-_PR_SET_PDEATHSIG = 1
 
 
 def reliable_qos(depth: int, *, latched: bool) -> QoSProfile:
@@ -295,10 +290,8 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
     int
         Exit status: 0, 1 if the run failed, 2 for a user's mistake.
     """
-    if parent := os.environ.get(END_WITH_PARENT):
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != int(parent):
-            return 0  # it has gone already
+    if not end_with_parent():
+        return 0
     node: BallbotNode | None = None
     # A second signal must not interrupt the closing, hence no handlers of rclpy's own.
     with StopRequest() as stop:

@@ -3,6 +3,7 @@
 import contextlib
 import signal
 import subprocess
+from itertools import repeat
 
 import pytest
 from graph import wait_for
@@ -10,6 +11,7 @@ from graph import wait_for
 from ballbot_ros.cli import graph_monitor
 from ballbot_ros.cli.graph import ros
 from ballbot_ros.cli.graph_monitor import GraphMonitor, Liveness
+from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
 from ballbot_ros.simulation.silence_timer import ThreadTime
 
 pytestmark = pytest.mark.graph
@@ -49,6 +51,17 @@ def test_a_plant_that_falls_silent_hangs(monitor, start_node, how):
             stack.callback(spinner.kill)
             pid = spinner.pid
         wait_for(lambda: monitor.poll() or monitor.plant_hangs(pid), what='its end')
+
+
+def test_a_look_ends_however_much_is_sent_to_it(monitor, monkeypatch):
+    flood = {
+        CLOCK.name: CLOCK.message_class(),
+        DIAGNOSTICS.name: b'bytes that are no report of plant_sim',
+    }
+    monkeypatch.setattr(
+        graph_monitor, 'taken', lambda subscription: repeat((flood[subscription.topic_name], {}))
+    )
+    monitor.poll()
 
 
 IDLE = {1: ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)}

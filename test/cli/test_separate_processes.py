@@ -33,6 +33,9 @@ def process(name, exit_status=0):
         ('failed', 'sonar_driver ended with status 2', {'sonar_driver': 2}, 0,
          ('failed', 'sonar_driver ended with status 2', 2)),
         ('completed', SILENT, {}, 2, ('stopped', '', 130)),
+        ('stopped', SILENT, {}, 15, ('stopped', '', 143)),
+        ('stopped', '', {}, 0, ('failed', 'plant_sim was told to stop', 1)),
+        ('failed', '', {}, 0, ('failed', f'plant_sim: {FULL}', 1)),
     ],
 )  # fmt: skip
 def test_a_completed_run_is_completed(outcome, failure, ends, signal, expected):
