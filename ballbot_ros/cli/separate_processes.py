@@ -115,9 +115,12 @@ def watch(
                 process.hand_on_the_rest()
                 return process.failure
         if monitor.plant_hangs(plant.pid):
-            progress.notice(f'{PLANT} does not answer')
+            # The middleware may never come back to it from a node that was killed.
+            died = [p.failure for p in processes.values() if p.died]
+            end = ', '.join([f'{PLANT} does not answer', *died])
+            progress.notice(end)
             plant.kill()
-            return f'{PLANT} does not answer'
+            return end
         time.sleep(POLL_S)
     return ''
 

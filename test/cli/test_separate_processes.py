@@ -45,21 +45,22 @@ def test_a_completed_run_is_completed(outcome, failure, ends, signal, expected):
     assert (verdict['outcome'], verdict['reason'], verdict['exit_status']) == expected
 
 
-def watched(victim, now_ns):
+def watched(victim, now_ns, *, plant_hangs=False):
     """What the watch says of a graph in which one node has died, after a few looks."""
-    running = SimpleNamespace(running=True, died=False, exit_status=None, pid=1)
+    running = SimpleNamespace(running=True, died=False, exit_status=None, pid=1, kill=lambda: None)
     end = 'died of SIGKILL'
     dead = SimpleNamespace(
         running=False, died=True, exit_status=-9, how_it_ended=end, failure=f'{victim} {end}',
         hand_on_the_rest=lambda: None,
     )  # fmt: skip
     processes = dict.fromkeys((*NODES, VIEWER), running) | {victim: dead}
-    monitor = SimpleNamespace(now_ns=now_ns, poll=lambda: None, plant_hangs=lambda pid: False)
+    monitor = SimpleNamespace(now_ns=now_ns, poll=lambda: None, plant_hangs=lambda pid: plant_hangs)
     notices = []
     progress = SimpleNamespace(notice=notices.append, update=lambda now_s: None)
     looks = iter([False, False, True])
     reason = watch(processes, monitor, progress, lambda: next(looks))
-    assert notices == [f'{victim} died of SIGKILL']
+    assert notices[0] == f'{victim} died of SIGKILL'
+    assert len(notices) == 1 + plant_hangs
     return reason
 
 
@@ -72,6 +73,11 @@ def test_a_node_that_dies_before_the_first_tick_ends_the_run_at_once(victim, now
 @pytest.mark.parametrize('victim', [name for name in NODES if name != PLANT])
 def test_a_node_that_dies_in_mid_run_may_be_restarted(victim):
     assert watched(victim, FIRST_TICK_NS + TICK_NS) == ''
+
+
+def test_of_a_plant_that_hangs_it_is_told_who_has_died_before():
+    expected = 'plant_sim does not answer, gyro_driver died of SIGKILL'
+    assert watched('gyro_driver', FIRST_TICK_NS + TICK_NS, plant_hangs=True) == expected
 
 
 def test_a_viewer_is_no_part_of_the_run():
