@@ -31,14 +31,15 @@ class Client:
         self.node.destroy_node()
         self.context.try_shutdown()
 
-    def watch(self, topic, depth=1):
+    def watch(self, topic, depth=1, *, kept=False):
+        """Note the messages of a topic; with `kept` those that its publishers keep, too."""
+
         def keep(message):
             self.newest[topic.name] = message
             self.seen.setdefault(topic.name, []).append(message)
 
-        self.node.create_subscription(
-            topic.message_class, topic.name, keep, requested_qos(topic, depth)
-        )
+        qos = reliable_qos(depth, latched=True) if kept else requested_qos(topic, depth)
+        self.node.create_subscription(topic.message_class, topic.name, keep, qos)
 
     def publish(self, topic, make, period_s=0.05):
         """Publish what `make` returns again and again while the client is spun."""
