@@ -322,7 +322,8 @@ class Recorder(BallbotNode):
         if self._outcome:
             self._writer.add_outcome(self._outcome)
         if self._lost:
-            self._writer.mark_incomplete(f'{self._lost} gaps in the sequence of messages')
+            gaps = '1 gap' if self._lost == 1 else f'{self._lost} gaps'
+            self._writer.mark_incomplete(f'{gaps} in the sequence of messages')
 
 
 class _Channel:

@@ -89,7 +89,10 @@ def test_without_the_plant_there_is_no_run(now_ns):
     assert watched(PLANT, now_ns) == 'plant_sim died of SIGKILL'
 
 
-def test_a_node_that_refuses_to_start_tells_why(tmp_path):
+@pytest.mark.graph
+def test_a_node_that_refuses_to_start_tells_why(domain, monkeypatch, tmp_path):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     file = tmp_path / 'parameters.yaml'
     file.write_text(f'recorder: {{ros__parameters: {{output: {tmp_path}/parameters.yaml/x.mcap}}}}')
     lines = []
@@ -97,7 +100,8 @@ def test_a_node_that_refuses_to_start_tells_why(tmp_path):
     node.wait(60.0)
     node.hand_on_the_rest()
     assert node.exit_status == 2
-    assert lines == [f'error: {file}/x.mcap: File exists']
+    # The middleware may have something to say before.
+    assert lines[-1] == f'error: {file}/x.mcap: File exists'
     assert node.failure == f'recorder: {file}/x.mcap: File exists'
 
 

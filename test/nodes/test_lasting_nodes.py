@@ -20,6 +20,7 @@ from ballbot_ros.messages.conversions import fill_time, stamp_ns
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CLOCK,
+    GAMEPAD_JOY,
     GYRO_IMU,
     HISTORY,
     JOINT_STATES,
@@ -29,6 +30,7 @@ from ballbot_ros.messages.topics import (
     PARTICIPANTS,
     PLANT_IMU,
     RUN,
+    SONAR_RANGE,
     SOUND,
     TOPICS,
     WALL_HIT,
@@ -185,7 +187,8 @@ def test_a_recorder_that_comes_in_mid_run_has_everything_from_then_on(start, wat
     path = tmp_path / 'late.mcap'
     plant = watch_run(2.0, real_time_factor=1)
     recorder = start(RECORDER, output=path)
-    await_recording(path)
+    await_recording(path, SONAR_RANGE.resolved(), 4)
+    await_recording(path, GAMEPAD_JOY.resolved(), 4)
     assert plant.interrupt() == 0
     assert recorder.interrupt() == 0
     with RecordingReader(path) as recording:
