@@ -10,7 +10,7 @@ from ballbot_ros.messages.conversions import (
     fill_log,
     fill_tone,
 )
-from ballbot_ros.messages.motor_stop import fill_stop
+from ballbot_ros.messages.motor_stop import send_stop
 from ballbot_ros.messages.outputs import MakeOutput
 from ballbot_ros.messages.topics import (
     BLUETOOTH_TX,
@@ -20,7 +20,6 @@ from ballbot_ros.messages.topics import (
     OPERATING_STATE,
     SOUND,
 )
-from ballbot_ros.simulation.timing import TICK_NS
 
 
 class ControllerMessages:
@@ -78,6 +77,4 @@ class ControllerMessages:
 
     def stop_motors(self, last_ns: int) -> None:
         """Tell that the motors are off from the tick on that follows the last one."""
-        stamp = last_ns + TICK_NS
-        fill_stop(self._duty.message, stamp)
-        self._duty.send(stamp)
+        send_stop(self._duty, last_ns)

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.messages.conversions import fill_header
+from ballbot_ros.messages.outputs import Output
 from ballbot_ros.recording.batch import Batch, Rows
+from ballbot_ros.simulation.timing import TICK_NS
 
 FRAME_ID = 'stop'
 
@@ -26,6 +28,13 @@ def fill_stop(message: Any, stamp_ns: int) -> None:
     """Write ``motor_duty``: from `stamp_ns` on the motors are off."""
     fill_header(message.header, stamp_ns, FRAME_ID)
     message.vector.x = message.vector.y = 0.0
+
+
+def send_stop(output: Output, last_ns: int) -> None:
+    """Tell that the motors are off from the tick on that follows the last one."""
+    stamp_ns = last_ns + TICK_NS
+    fill_stop(output.message, stamp_ns)
+    output.send(stamp_ns)
 
 
 def is_stop(data: bytes) -> bool:

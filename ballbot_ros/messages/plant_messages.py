@@ -12,7 +12,7 @@ from ballbot_ros.messages.conversions import (
     fill_motors,
     fill_odometry,
 )
-from ballbot_ros.messages.motor_stop import fill_stop
+from ballbot_ros.messages.motor_stop import send_stop
 from ballbot_ros.messages.outputs import MakeOutput
 from ballbot_ros.messages.topics import (
     ACCEPTED_PUSH,
@@ -27,7 +27,7 @@ from ballbot_ros.messages.topics import (
     WALL_HIT,
 )
 from ballbot_ros.plant.truth import Push, Truth
-from ballbot_ros.simulation.timing import BATTERY_NS, TICK_NS
+from ballbot_ros.simulation.timing import BATTERY_NS
 from ballbot_ros.world.exports import occupancy_grid
 from ballbot_ros.world.world import World
 
@@ -107,6 +107,4 @@ class PlantMessages:
 
     def stop_motors(self, last_ns: int) -> None:
         """Tell that the motors are off from the tick on that follows the last one."""
-        stamp = last_ns + TICK_NS
-        fill_stop(self._duty.message, stamp)
-        self._duty.send(stamp)
+        send_stop(self._duty, last_ns)
