@@ -35,10 +35,19 @@ def record(folder, scenario, *arguments):
     return folder / f'{result["scenario"]}.mcap', result
 
 
+def participants(domain):
+    """The UDP ports of a ROS domain that processes on this machine have bound."""
+    ports = range(7400 + 250 * domain, 7400 + 250 * (domain + 1))
+    bound = (line.split()[1] for line in Path('/proc/net/udp').read_text().splitlines()[1:])
+    return {int(each.rpartition(':')[2], 16) for each in bound}.intersection(ports)
+
+
 @contextlib.contextmanager
 def free_domain():
-    """A ROS domain that no other test on this machine uses meanwhile."""
+    """A ROS domain that no other test on this machine uses meanwhile, nor anybody else."""
     for domain in DOMAINS:
+        if participants(domain):
+            continue
         path = Path(tempfile.gettempdir()) / f'ballbot_test_domain_{domain}.lock'
         with path.open('w') as lock:
             try:
@@ -46,6 +55,8 @@ def free_domain():
             except BlockingIOError:
                 continue
             yield domain
+            # The next test is not to meet what this one has told to end.
+            wait_for(lambda: not participants(domain), what=f'the end of all in domain {domain}')
             return
     raise RuntimeError('no free ROS domain')
 
