@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import datetime
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +39,7 @@ from ballbot_ros.recording.attachments import media_type
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS, RecordingWriter
+from ballbot_ros.simulation.arrival_order import Arrival, ArrivalOrder
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recording_gate import RecordingGate, Stream
@@ -80,7 +80,7 @@ class Recorder(BallbotNode):
         self._gate = RecordingGate(self)
         self._required: list[_Channel] = []
         self._run: str | None = None
-        self._late: list[_Item] = []
+        self._order: ArrivalOrder[_Item] = ArrivalOrder()
         self._refused: set[str] = set()
         self._sighted: set[str] = set()
         self._acked_ns = 0
@@ -108,11 +108,7 @@ class Recorder(BallbotNode):
         self._channels[subscription.topic_name] = channel
 
     def _poll(self) -> None:
-        """Write what has come until now, in the order in which it came, and acknowledge it.
-
-        What comes while the topics are looked at one by one waits for the next time: of an
-        earlier topic there may be something older.
-        """
+        """Write what has come until now, in the order in which it came, and acknowledge it."""
         self._write_until(time.time_ns())
 
     def _write_until(self, received_ns: float) -> None:
@@ -120,14 +116,9 @@ class Recorder(BallbotNode):
             return
         if self._run is None:
             self._gate.awaits_run = self.count_publishers(RUN.name) > 0
-        come: list[_Item] = []
-        for channel in self._channels.values():
-            channel.take_into(come)
-        batch = self._late + [item for item in come if item[0] <= received_ns]
-        batch.sort(key=itemgetter(0))
-        self._late = [item for item in come if item[0] > received_ns]
+        come = {name: channel.take() for name, channel in self._channels.items()}
         try:
-            for _, channel, data, sequence in batch:
+            for channel, data, sequence in self._order.merge(come, received_ns):
                 self._take(channel, data, sequence)
         except RecordingError as error:
             self._fail(error)
@@ -346,7 +337,7 @@ class _Channel:
             is_same=same_content(topic.type_name) if topic.period_ns else None,
         )
 
-    def take_into(self, batch: list[_Item]) -> None:
+    def take(self) -> Iterator[Arrival[_Item]]:
         """Take all messages that wait, from the topic's history if it has one.
 
         A topic's history is found before the topic, so there are no messages whose history is not
@@ -359,13 +350,12 @@ class _Channel:
                 come.clear()
             come += taken(self.history)
         for data, info in come:
-            batch.append(
-                (info['received_timestamp'], self, data, info['publication_sequence_number'])
-            )
+            item = (self, data, info['publication_sequence_number'])
+            yield info['received_timestamp'], item
 
 
-_Item = tuple[int, _Channel, bytes, int]
-"""When a message came, on which channel, the message, and its publisher's number."""
+_Item = tuple[_Channel, bytes, int]
+"""On which channel a message came, the message, and its publisher's number."""
 
 
 def _node_of(offer: Any) -> tuple[str, str]:
