@@ -218,17 +218,23 @@ class RecordingGate:
 
     def _pass(self, message: _Message) -> None:
         stream, stamp_ns, data, sequence = message
-        is_missed = self._is_missed_before(message)
+        is_expected = bool(self.is_lockstep and self.takes_part and self._run and stream.period_ns)
+        is_missed = is_expected and self._is_missed_before(message)
         sample = stream.judge(stamp_ns, data, sequence)
         if sample is Sample.CONTRADICTING and self.is_lockstep:
             self._writer.object(stream, stamp_ns)
         elif sample is not Sample.NEW:
             return
-        elif (stream.has_lost_before(sequence) or is_missed) and (
-            # The numbers of a stranger's events are between those of the run.
-            stream.period_ns or not self._writer.has_several_publishers(stream)
-        ):
-            self._writer.lose(stream, sequence)
+        else:
+            has_gap = stream.has_lost_before(sequence)
+            if is_expected:
+                # A missing number between two stamps without a gap was a repetition's.
+                has_gap = is_missed
+            elif not stream.period_ns:
+                # The numbers of a stranger's events are between those of the run.
+                has_gap = has_gap and not self._writer.has_several_publishers(stream)
+            if has_gap:
+                self._writer.lose(stream, sequence)
         is_of_run = self._first_ns <= stamp_ns <= self.now_ns + LATEST_NS and stamp_ns > 0
         self._writer.keep(stream, stamp_ns if is_of_run else self.now_ns, data, sequence)
 
@@ -239,7 +245,6 @@ class RecordingGate:
         that sample.
         """
         stream = message.stream
-        is_expected = self.is_lockstep and self.takes_part and stream.period_ns
-        if not (is_expected and self._run and stream.newest_ns) or stream.follows(message.sequence):
+        if not (self._run and stream.newest_ns) or stream.follows(message.sequence):
             return False
         return message.stamp_ns > max(stream.newest_ns + stream.period_ns, self._run.start_ns)

@@ -163,7 +163,9 @@ def test_a_leap_of_the_clock_is_a_player_s_or_another_simulation_s(crowded, obje
     ('events', 'lost'),
     [
         ([('gyro', 1004, 2), ('gyro', 1008, 3)], []),
-        ([('gyro', 1004, 3)], [('/gyro', 3)]),
+        ([('gyro', 1008, 3)], [('/gyro', 3)]),
+        # What had the number between was a repetition: no stamp is between.
+        ([('gyro', 1004, 3)], []),
         # A repetition has the next number; another publisher's copy has one of its own.
         ([('gyro', 1000, 2), ('gyro', 1004, 3)], []),
         ([('gyro', 1000, 900), ('gyro', 1004, 2)], []),
@@ -182,6 +184,19 @@ def test_a_gap_in_a_publisher_s_numbers_is_a_lost_message(events, lost):
         file.take(file.clock, max(stamp, 1000))
         file.take(getattr(file, name), stamp, sequence=number)
     assert file.lost == lost
+
+
+@pytest.mark.parametrize(('takes_part', 'is_lockstep'), [(False, True), (True, False)])
+def test_where_stamps_may_be_left_out_every_number_counts(takes_part, is_lockstep):
+    file = File()
+    file.gate.takes_part, file.gate.is_lockstep = takes_part, is_lockstep
+    file.tick(1000)
+    file.take(file.clock, 1008)
+    file.take(file.gyro, 1008, sequence=2)
+    assert file.lost == []
+    file.take(file.clock, 1012)
+    file.take(file.gyro, 1012, sequence=4)
+    assert file.lost == [('/gyro', 4)]
 
 
 @pytest.mark.parametrize(
