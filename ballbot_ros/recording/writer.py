@@ -261,7 +261,13 @@ class RecordingWriter:
         self.add_metadata(INCOMPLETE, {'reason': reason})
 
     def close(self) -> None:
-        """Finish the file; once it is closed, or writing has failed, do nothing."""
+        """Finish the file; once it is closed, or writing has failed, do nothing.
+
+        Raises
+        ------
+        RecordingError
+            If it can't be finished, or somebody has moved or removed it meanwhile.
+        """
         if not self._open:
             return
         self.flush()
@@ -271,8 +277,18 @@ class RecordingWriter:
         self.add_metadata(METADATA_NAME, {'serialized_metadata': description})
         with self._writing():
             self._writer.finish()  # type: ignore[no-untyped-call]
+            is_in_place = self._is_in_place()
             self._stream.close()
         self._open = False
+        if not is_in_place:
+            raise RecordingError(f'{self.path}: moved or removed while it was written')
+
+    def _is_in_place(self) -> bool:
+        try:
+            found = self.path.stat()
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        return os.path.samestat(found, os.fstat(self._stream.fileno()))
 
     @contextmanager
     def _writing(self) -> Iterator[None]:

@@ -509,3 +509,24 @@ def test_a_disk_that_fills_up_is_reported_once(tmp_path, action):
             getattr(writer, action)(*arguments.get(action, ()))
         writer.close()
     assert str(error.value) == f'{path}: File too large'
+
+
+@pytest.mark.parametrize('happens', ['moved', 'removed', 'replaced', 'folder removed'])
+def test_a_file_that_is_no_longer_there_is_told_at_the_end(tmp_path, happens):
+    path = tmp_path / 'folder' / 'run.mcap'
+    path.parent.mkdir()
+    writer = RecordingWriter(path)
+    elsewhere = tmp_path / 'elsewhere.mcap'
+    path.rename(elsewhere)
+    if happens == 'replaced':
+        path.touch()
+    if happens == 'folder removed':
+        path.parent.rmdir()
+    if happens == 'removed':
+        elsewhere.unlink()
+    with pytest.raises(RecordingError, match=f'^{path}: moved or removed while it was written$'):
+        writer.close()
+    if happens == 'moved':
+        with RecordingReader(elsewhere) as reader:
+            assert reader.complete
+    writer.close()
