@@ -8,13 +8,15 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
 
 class StopRequest:
     """Within the block, signals are noted instead of interrupting; a loop looks at them.
 
     Nothing is done in the handler, which may come in the midst of anything: a lock that it needs
     may be held by what it interrupts. What a block around it has noted before counts within it,
-    too.
+    too. A hangup that is ignored, as ``nohup`` has it, still is.
 
     Parameters
     ----------
@@ -29,7 +31,7 @@ class StopRequest:
 
     def __init__(
         self,
-        numbers: Sequence[int] = (signal.SIGINT, signal.SIGTERM),
+        numbers: Sequence[int] = STOP_SIGNALS,
     ) -> None:
         self.signal = 0
         self._numbers = numbers
@@ -37,6 +39,8 @@ class StopRequest:
 
     def __enter__(self) -> StopRequest:
         for number in self._numbers:
+            if number == signal.SIGHUP and signal.getsignal(number) is signal.SIG_IGN:
+                continue
             self._before[number] = before = signal.signal(number, self._note)
             outer = getattr(before, '__self__', None)
             if isinstance(outer, StopRequest) and outer.signal:

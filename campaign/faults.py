@@ -14,7 +14,7 @@ from campaign.surroundings import BusyMachine, FullDisk, Leftovers
 
 KILL = (Signals.SIGKILL,)
 HANG = (Signals.SIGSTOP,)
-STOP = (Signals.SIGINT, Signals.SIGTERM)
+STOP = (Signals.SIGINT, Signals.SIGTERM, Signals.SIGHUP)
 
 
 def _node(name: str, moment: Moment, signals: tuple[Signals, ...], lasts_s: float) -> Fault:
@@ -26,7 +26,7 @@ FAULTS = (
     _node('kill -9 of a node', Moment.MIDDLE, KILL, 12.0),
     Fault('kill -9 of the command', partial(CommandSignal.draw, signals=KILL), 8.0),
     _node('kill -9 of a node', Moment.START, KILL, 10.0),
-    Fault('SIGINT or SIGTERM to the command', partial(CommandSignal.draw, signals=STOP), 8.0),
+    Fault('INT, TERM or HUP to the command', partial(CommandSignal.draw, signals=STOP), 8.0),
     Fault('drivers killed and started again', Restarts.draw, 15.0),
     Fault('nonsense on open topics', partial(Stranger.draw, in_the_loop=False), 12.0),
     Fault('a stranger in the loop', partial(Stranger.draw, in_the_loop=True), 12.0),
@@ -35,11 +35,11 @@ FAULTS = (
     Fault('damaged recording', DamagedRecording.draw, 15.0),
     _node('kill -9 of a node', Moment.END, KILL, 10.0),
     _node('SIGSTOP of a node', Moment.MIDDLE, HANG, 14.0),
-    _node('SIGINT or SIGTERM to a node', Moment.MIDDLE, STOP, 12.0),
+    _node('INT, TERM or HUP to a node', Moment.MIDDLE, STOP, 12.0),
     Fault('nonsense in scenario and --set', FuzzedInput.draw, 5.0),
     _node('SIGSTOP of a node', Moment.END, HANG, 12.0),
-    _node('SIGINT or SIGTERM to a node', Moment.START, STOP, 10.0),
-    _node('SIGINT or SIGTERM to a node', Moment.END, STOP, 10.0),
+    _node('INT, TERM or HUP to a node', Moment.START, STOP, 10.0),
+    _node('INT, TERM or HUP to a node', Moment.END, STOP, 10.0),
     _node('SIGSTOP of a node', Moment.START, HANG, 25.0),
     Fault('busy machine', BusyMachine.draw, 30.0, alone=True),
 )

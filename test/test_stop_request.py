@@ -14,6 +14,21 @@ def test_the_first_signal_is_noted():
     assert stop.signal == signal.SIGTERM
 
 
+def test_a_hangup_is_noted_unless_it_is_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    try:
+        with StopRequest() as stop:
+            signal.raise_signal(signal.SIGHUP)
+        assert stop.signal == signal.SIGHUP
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+        with StopRequest() as stop:
+            signal.raise_signal(signal.SIGHUP)
+        assert stop.signal == 0
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 def test_what_an_outer_block_has_noted_counts_within_an_inner_one():
     with StopRequest() as outer:
         signal.raise_signal(signal.SIGINT)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -44,7 +43,6 @@ from ballbot_ros.stop_request import StopRequest
 from ballbot_ros.teleop.terminal import why_no_keyboard
 
 NAME = 'drive'
-STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def drive_by_hand(
@@ -112,7 +110,7 @@ def _drive(
     if viewer:
         names.append(VIEWER)
     processes: dict[str, NodeProcess] = {}
-    with StopRequest(numbers=STOP_SIGNALS) as stop, ros('INFO'), GraphMonitor() as monitor:
+    with StopRequest() as stop, ros('INFO'), GraphMonitor() as monitor:
         gamepad = GamepadTeleop(parameters.values(GAMEPAD))
         thread = NodeThread(gamepad)
         if hint:

@@ -41,9 +41,8 @@ class TeleopTerminal:
         self.gone = False
         self._subscription = node.listen(OPERATING_STATE, self._on_state)
         self._reset = node.create_client(Trigger, f'{PLANT}/reset')
-        if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
-            # A terminal that vanishes is an input that is gone, not the end of the node.
-            signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        # A terminal that vanishes is an input that is gone, not the end of the node.
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
         self._keys = KeyboardSticks(node.values['gp_max'])
         self._terminal = Terminal(
             self._keys,

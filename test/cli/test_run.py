@@ -170,8 +170,15 @@ def test_without_rclpy_there_is_a_hint_and_a_way(start_run, tmp_path, monkeypatc
 
 
 @pytest.mark.graph
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
-@pytest.mark.parametrize('processes', ['separate', 'one', 'none'])
+@pytest.mark.parametrize(
+    ('processes', 'number'),
+    [
+        ('separate', signal.SIGINT),
+        ('separate', signal.SIGHUP),
+        ('one', signal.SIGTERM),
+        ('none', signal.SIGHUP),
+    ],
+)
 def test_a_signal_stops_everything(start_run, tmp_path, processes, number):
     recording = tmp_path / 'stationary.mcap'
     run = start_run('stationary', '--json', '--processes', processes, '--output', tmp_path,
