@@ -286,8 +286,8 @@ def main(name: str, ticks: int) -> None:
     prepare_middleware()
     rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
     relay = make_relay(name, ticks)
-    with StopRequest(relay.finish) as stop:
-        spin([relay.node], relay.done)
+    with StopRequest() as stop:
+        spin([relay.node], relay.done, stop)
     if isinstance(relay, PlantRelay) and not stop.signal:
         print(json.dumps(relay.result()))
     relay.node.destroy_node()
