@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Awaitable, Callable, Iterator
 from http import HTTPStatus
 from typing import Any
@@ -13,12 +14,27 @@ from viser.infra import ClientId, Message
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
 
+from ballbot_ros.errors import one_line
 from ballbot_ros.viewer.access_policy import AccessPolicy
 from ballbot_ros.viewer.errors import ViewerError
 
+_log = logging.getLogger('ballbot_ros.viewer')
 _REFUSAL = 'The viewer answers only at the address that it has printed.\n'
 
 Answer = Callable[[ServerConnection, Request], Awaitable[Response | None] | Response | None]
+
+
+class _OneLine(logging.Filter):
+    """Has an error told in one line: what a browser sends is no fault of the program."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        if record.exc_info and record.exc_info[1]:
+            record.msg = f'viewer: {record.getMessage()}: {one_line(record.exc_info[1])}'
+            record.args, record.exc_info = (), None
+        return True
+
+
+_log.addFilter(_OneLine())
 
 
 class GuardedServer(viser.ViserServer):
@@ -77,7 +93,7 @@ class GuardedServer(viser.ViserServer):
             return response
 
         self._is_guarded = True
-        return serve(*arguments, process_request=answer, **options)
+        return serve(*arguments, process_request=answer, logger=_log, **options)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Return the answer to a request that is not for viser, else None."""

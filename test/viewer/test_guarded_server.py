@@ -16,6 +16,7 @@ from browsing import StubRobot, another, browsing, wait_until
 from graph import wait_for
 from viser import _messages
 from viser.infra import _infra
+from websockets.exceptions import ConnectionClosedError
 from websockets.sync.client import connect
 
 from ballbot_ros.parameters import VIEWER, ParameterSet, select
@@ -258,3 +259,16 @@ def test_with_the_token_a_page_steers_without_it_only_shows(served, needs_browse
             assert other.errors == []
             other.page.close()
         assert len(served.robot.asked) == 2
+
+
+def test_what_is_no_message_costs_its_sender_the_connection_and_a_line(served, caplog):
+    with client(served) as other:
+        with connect(f'ws://{served.place}/', subprotocols=[PROTOCOL]) as socket:
+            socket.send(b'\xc1')
+            with pytest.raises(ConnectionClosedError):
+                list(socket)
+        wait_for(lambda: caplog.records, what='the line')
+        other()
+    [record] = caplog.records
+    assert record.getMessage().startswith('viewer: connection handler failed: ')
+    assert record.exc_info is None
