@@ -1,4 +1,5 @@
 import contextlib
+import os
 import signal
 import sys
 import time
@@ -12,7 +13,9 @@ from ballbot_ros.nodes.shared_memory import SETTLED_S, find_leftovers, sweep
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
 
-# What tests make of ROS themselves is to be found as soon as the nodes are.
+# The graphs under test are no business of other machines on the network, and what tests make of
+# ROS themselves is to be found as soon as the nodes are.
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 prepare_middleware()
 
 # A suite that a shell runs in the background ignores SIGINT, and so would all that it starts.

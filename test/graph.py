@@ -56,7 +56,10 @@ def free_domain():
                 continue
             yield domain
             # The next test is not to meet what this one has told to end.
-            wait_for(lambda: not participants(domain), what=f'the end of all in domain {domain}')
+            wait_for(
+                lambda domain=domain: not participants(domain),
+                what=f'the end of all in domain {domain}',
+            )
             return
     raise RuntimeError('no free ROS domain')
 

@@ -1,6 +1,7 @@
 """What a running node makes of parameters that it is given."""
 
 import contextlib
+import gc
 
 import pytest
 
@@ -48,6 +49,7 @@ def make(domain, monkeypatch, tmp_path):
             return node
 
         yield make
+    gc.collect()  # a node that can't be made lives on in the traceback
 
 
 def set_one(node, name, value):
