@@ -51,13 +51,18 @@ def temporary_folder() -> TemporaryDirectory[str]:
     BallbotError
         If none can be made.
     """
+    remedy = 'set TMPDIR to a folder that can be written to'
     try:
-        return TemporaryDirectory(prefix='ballbot_')
+        folder = TemporaryDirectory(prefix='ballbot_')
     except OSError as error:
         where = Path(error.filename).parent if error.filename else 'temporary files'
-        raise BallbotError(
-            f'{where}: {error.strerror}; set TMPDIR to a folder that can be written to'
-        ) from None
+        raise BallbotError(f'{where}: {error.strerror}; {remedy}') from None
+    try:
+        folder.name.encode()
+    except UnicodeEncodeError:
+        folder.cleanup()
+        raise BallbotError(f'{folder.name!r}: not UTF-8; {remedy}') from None
+    return folder
 
 
 def write_temporary(path: Path, data: bytes) -> None:

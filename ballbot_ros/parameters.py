@@ -106,8 +106,8 @@ class Parameter:
                 raise ParameterError(f'{name}: {value!r} is not true or false')
             return value
         if isinstance(self.default, str):
-            if not isinstance(value, str):
-                raise ParameterError(f'{name}: {value!r} is not text')
+            if not isinstance(value, str) or not _is_utf8(value):
+                raise ParameterError(f'{name}: {value!r} is not UTF-8 text')
             return str(self._choice(value, name))
         if isinstance(self.default, int):
             if isinstance(value, float) and value.is_integer():
@@ -150,6 +150,11 @@ class Parameter:
                 f'{name}: {value!r} is not within {self.bounds_text}{self._spaced_unit}'
             )
         return value if isinstance(self.default, int) else float(value)
+
+
+def _is_utf8(text: str) -> bool:
+    """Tell whether ROS can carry a text: no bytes of a name that are no UTF-8, and no NUL."""
+    return not any(each == '\0' or '\ud800' <= each <= '\udfff' for each in text)
 
 
 def _rows(nodes: str | tuple[str, ...], *rows: tuple[Any, ...]) -> list[Parameter]:

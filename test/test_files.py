@@ -107,6 +107,15 @@ def test_without_a_place_for_temporary_files_there_is_one_line(tmp_path, monkeyp
         temporary_folder()
 
 
+def test_temporary_files_are_named_in_utf_8(tmp_path, monkeypatch):
+    folder = tmp_path / 't\udcff'
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, 'tempdir', str(folder))
+    with pytest.raises(BallbotError, match=r"t\\udcff/ballbot_.*': not UTF-8; set TMPDIR"):
+        temporary_folder()
+    assert list(folder.iterdir()) == []
+
+
 def test_a_full_folder_for_temporary_files_is_named(tmp_path):
     path = tmp_path / 'attachments' / 'scenario.yaml'
     path.parent.mkdir()

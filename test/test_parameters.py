@@ -75,6 +75,12 @@ def test_every_parameter_is_described(row):
     assert row.nodes
 
 
+@pytest.mark.parametrize('value', [1, None, ['a'], 'a\udcff', 'a\0b'])
+def test_what_ros_can_not_carry_as_text_is_refused(value):
+    line = refusal(parameters_of(RECORDER)['output'], value)
+    assert line.endswith(f'{value!r} is not UTF-8 text')
+
+
 @each_row
 def test_every_number_has_a_unit_and_bounds_and_nothing_else_has(row):
     is_number = not isinstance(row.default, bool | str)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.codegen.application import (
@@ -81,24 +82,24 @@ def check(folder: Path) -> int:
             f'{folder / PARAMETER_FILE}: no such file; not a folder of ballbot codegen'
         )
     parameters = read_parameter_file(folder / PARAMETER_FILE)
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, markup=False, soft_wrap=True)
     sequences = _sequences(parameters)
     skipped = ''
     for name, target in (('software', HOST), ('processor', ARM)):
         if reason := missing_tool(target):
             skipped = skipped or f'{name} in the loop was not checked: {reason}'
-            console.print(f'[yellow]skipped[/]  {name} in the loop: {reason}')
+            told = f'  {name} in the loop: {reason}'
+            console.print(Text.assemble(('skipped', 'yellow'), told))
             continue
         with temporary_folder() as scratch:
             built = _Check(folder, target, parameters, Path(scratch))
             ticks, difference = built.compare(sequences)
             title = f'{name} in the loop ({target.title})'
             if difference:
-                console.print(f'[red]DIFFERS[/]  {title}: {difference}')
+                console.print(Text.assemble(('DIFFERS', 'red'), f'  {title}: {difference}'))
                 return 1
-            console.print(
-                f'[green]equal[/]    {title}: {ticks} ticks of {len(sequences)} sequences'
-            )
+            told = f'    {title}: {ticks} ticks of {len(sequences)} sequences'
+            console.print(Text.assemble(('equal', 'green'), told))
             if target is ARM:
                 built.print_cost(console, sequences[-2:])
     if skipped:

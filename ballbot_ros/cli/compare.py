@@ -65,12 +65,10 @@ def _print_json(runs: Sequence[Compared], failed: Sequence[str]) -> None:
 
 
 def _print_table(runs: Sequence[Compared]) -> None:
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     for each in runs:
         reason = f': {each.reason}' if each.reason else ''
-        console.print(
-            f'{each.letter}  {each.path}  {each.outcome}{reason}', markup=False, soft_wrap=True
-        )
+        console.print(f'{each.letter}  {each.path}  {each.outcome}{reason}', soft_wrap=True)
     table = Table()
     table.add_column('metric')
     table.add_column('unit')

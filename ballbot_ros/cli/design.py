@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from ballbot_ros.design.servo import PUBLISHED_GAIN, design_servo
 from ballbot_ros.parameter_file import read_parameter_file
@@ -24,9 +25,10 @@ def print_design(parameter_file: Path | None) -> None:
     parameters = read_parameter_file(parameter_file) if parameter_file else ParameterSet()
     physical = select(PhysicalParameters, parameters.values(PLANT))
     design = design_servo(physical)
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
 
-    console.print('[bold]State equation (3.24)[/], state θ ψ θ̇ ψ̇ in deg and deg/s, input in V')
+    title = Text('State equation (3.24)', 'bold')
+    console.print(title + ', state θ ψ θ̇ ψ̇ in deg and deg/s, input in V')
     console.print(f'α = {physical.alpha:.6g} N·m/V   β = {physical.beta:.6g} N·m·s/rad')
     _print_matrix(console, 'A', design.a)
     _print_matrix(console, 'B', design.b)

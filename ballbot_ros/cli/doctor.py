@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rich.console import Console
+from rich.text import Text
 
 from ballbot_ros.cli.discovery import LIMIT_S
 from ballbot_ros.errors import BallbotError
@@ -47,15 +48,16 @@ def examine(*, fix: bool = False) -> int:
     fix : bool
         Whether to remove what killed processes left in shared memory.
     """
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     sick = False
     checks = {**_CHECKS, 'leftovers': _remove_leftovers} if fix else _CHECKS
     for name, check in checks.items():
         try:
-            console.print(f'[green]OK  [/] {name:<10} {check()}', soft_wrap=True)
+            line = Text.assemble(('OK  ', 'green'), f' {name:<10} {check()}')
         except BallbotError as problem:
             sick = True
-            console.print(f'[red]FAIL[/] {name:<10} {problem}', soft_wrap=True)
+            line = Text.assemble(('FAIL', 'red'), f' {name:<10} {problem}')
+        console.print(line, soft_wrap=True)
     return int(sick)
 
 

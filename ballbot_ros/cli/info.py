@@ -58,9 +58,9 @@ def _print_json(overview: Overview) -> None:
 
 
 def _print_text(overview: Overview) -> None:
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False, soft_wrap=True)
     for label, text in _lines(overview):
-        console.print(f'{label:<12}{text}', markup=False, soft_wrap=True)
+        console.print(f'{label:<12}{text}')
     rows = [('topic', 'type', 'messages', 'mean rate', 'largest gap', 'at')]
     for name, topic in sorted(overview.topics.items()):
         rows.append((name, topic.type_name, str(topic.count), *_timing(topic)))
@@ -71,7 +71,7 @@ def _print_text(overview: Overview) -> None:
             f'{cell:<{width}}' if number < 2 else f'{cell:>{width}}'
             for number, (cell, width) in enumerate(zip(row, widths, strict=True))
         ]
-        console.print('  '.join(cells).rstrip(), markup=False, soft_wrap=True)
+        console.print('  '.join(cells).rstrip())
 
 
 def _lines(overview: Overview) -> list[tuple[str, str]]:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import sys
+from io import TextIOWrapper
 
 import click
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.standard_streams import open_standard_streams
 
 
 def invoke(command: click.Command, name: str, failed: int = 2) -> int:
@@ -21,6 +24,10 @@ def invoke(command: click.Command, name: str, failed: int = 2) -> int:
         Status after an error of ours, which is told in one line; after a mistake in the words it
         is 2.
     """
+    open_standard_streams()
+    if isinstance(sys.stdout, TextIOWrapper):
+        # What a terminal or a file can't show, such as θ in ASCII, it is given as \u03b8.
+        sys.stdout.reconfigure(errors='backslashreplace')
     try:
         status = command(prog_name=name, standalone_mode=False)
         print(end='', flush=True)

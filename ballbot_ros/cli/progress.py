@@ -25,9 +25,9 @@ class Progress:
     """
 
     def __init__(self, name: str, duration: float, *, bar: bool = True) -> None:
-        self._console = Console(stderr=True, highlight=False)
+        self._console = Console(stderr=True, highlight=False, markup=False)
         self._bar = Bar(
-            TextColumn('{task.description}'),
+            TextColumn('{task.description}', markup=False),
             BarColumn(bar_width=40),
             TextColumn('{task.fields[text]}'),
             console=self._console,
@@ -62,4 +62,4 @@ class Progress:
 
     def notice(self, text: str) -> None:
         """Print a line above the bar."""
-        self._console.print(text, markup=False, soft_wrap=True)
+        self._console.print(text, soft_wrap=True)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from ballbot_ros.analysis.divergence import Divergence
 from ballbot_ros.analysis.message_comparison import Comparison, Difference
@@ -248,22 +248,21 @@ def _ask(reader: RecordingReader, job: _Job) -> Divergence:
 
 def print_outcomes(outcomes: Sequence[Outcome], controllers: Sequence[ReplayedController]) -> None:
     """Print what was identical, and the first difference of what was not."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     runs = len(controllers)
     _print_controllers(console, controllers)
     for each in outcomes:
         name = each.what if runs == 1 else f'{each.what}, {runs} runs'
         if each.difference is None:
-            console.print(
-                f'{name}: [green]identical[/], {each.ticks} ticks, {each.messages} messages'
-            )
+            counts = f', {each.ticks} ticks, {each.messages} messages'
+            console.print(Text.assemble(f'{name}: ', ('identical', 'green'), counts))
             continue
         stamp = each.difference.stamp_ns * 1e-9
-        console.print(
-            f'{name}: [red]differs[/] first at sim time {stamp:.3f} s, '
-            f'/{each.difference.topic.lstrip("/")}: {escape(each.difference.what)}',
-            soft_wrap=True,
+        where = (
+            f' first at sim time {stamp:.3f} s, '
+            f'/{each.difference.topic.lstrip("/")}: {each.difference.what}'
         )
+        console.print(Text.assemble(f'{name}: ', ('differs', 'red'), where), soft_wrap=True)
         if each.around:
             console.print(_table(each.around, each.difference.stamp_ns))
 
@@ -271,7 +270,7 @@ def print_outcomes(outcomes: Sequence[Outcome], controllers: Sequence[ReplayedCo
 def _print_controllers(console: Console, controllers: Sequence[ReplayedController]) -> None:
     for each in dict.fromkeys(controllers):
         origin = 'as recorded' if each.replayed == each.recorded else f'recorded {each.recorded}'
-        console.print(f'implementation: {each.replayed}, {escape(origin)}', soft_wrap=True)
+        console.print(f'implementation: {each.replayed}, {origin}', soft_wrap=True)
 
 
 def _table(ticks: Sequence[ReplayedTick], stamp_ns: int) -> Table:
@@ -327,7 +326,7 @@ def _plain(outcome: Outcome) -> dict[str, Any]:
 def _print_divergences(
     divergences: Sequence[Divergence], controllers: Sequence[ReplayedController]
 ) -> None:
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     _print_controllers(console, controllers)
     for number, each in enumerate(divergences, 1):
         if each.first_ns is None:

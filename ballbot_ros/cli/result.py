@@ -11,6 +11,7 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from ballbot_ros.analysis.metrics import Judgement, number
 from ballbot_ros.scenario.metrics import label as metric_label
@@ -93,7 +94,7 @@ def print_json(result: Result) -> None:
 
 def print_table(result: Result) -> None:
     """Print the result as a table, and where the files are."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     table = Table(title=f'{result.scenario}, seed {result.seed}', title_justify='left')
     table.add_column('metric')
     table.add_column('value', justify='right')
@@ -123,10 +124,10 @@ def print_table(result: Result) -> None:
     verdict = result.verdict
     colour = 'green' if verdict.exit_status == 0 else 'red'
     reason = f': {verdict.reason}' if verdict.reason else ''
-    console.print(f'[{colour}]{verdict.outcome}[/]{reason}', soft_wrap=True)
+    console.print(Text.assemble((verdict.outcome, colour), reason), soft_wrap=True)
     for label, path in (('recording', result.recording), ('picture', result.figure)):
         if path:
-            console.print(f'{label}  {path}', markup=False, soft_wrap=True)
+            console.print(f'{label}  {path}', soft_wrap=True)
 
 
 def _add_metric(
@@ -134,13 +135,13 @@ def _add_metric(
 ) -> None:
     words, unit = metric_label(name)
     space = '' if unit in ('', '°') else ' '
-    shown, expected, mark = f'{value:.3f}{space}{unit}', '', ''
+    shown, expected, mark = f'{value:.3f}{space}{unit}', '', Text()
     if math.isnan(value):
         shown = 'never' if name == 'settling_time_s' else '–'
     if judgement:
         expected = str(judgement.expectation)
         if marked:
-            mark = '[green]✓[/]' if judgement.holds else '[red]✗[/]'
+            mark = Text('✓', 'green') if judgement.holds else Text('✗', 'red')
         if judgement.expectation.window:
             words = f'{words}, {judgement.expectation.window}'
     table.add_row(words, shown, expected, mark)

@@ -38,7 +38,7 @@ def run_with_viewer(reference: str, options: RunOptions) -> int:
     """
     parameters = parameters_of_run(load_scenario(reference), reference, options)
     require_viewer(parameters, options.processes)
-    console = Console(stderr=True, highlight=False)
+    console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     with StopRequest() as stop, ViewerSession(parameters, reference, console) as session:
         status = run_scenario(reference, options, session.is_asked_for_another)
         number = 1
@@ -51,7 +51,7 @@ def run_with_viewer(reference: str, options: RunOptions) -> int:
                     chosen, replace(options, output=folder), session.is_asked_for_another
                 )
             except BallbotError as error:
-                console.print(f'error: {error}', markup=False, soft_wrap=True)
+                console.print(f'error: {error}')
                 status = 2
     return status
 
@@ -92,7 +92,7 @@ class ViewerSession:
         self._stack.close()
 
     def _print(self, line: str) -> None:
-        self._console.print(line, markup=False, soft_wrap=True)
+        self._console.print(line)
 
     def is_asked_for_another(self) -> bool:
         """Whether the page asks for another run."""

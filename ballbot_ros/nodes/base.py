@@ -310,7 +310,7 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
             name = f'{node.get_name()}: ' if node else ''
             print(f'error: {name}{error}', file=sys.stderr)
             return 2 if node is None else 1
-        except RuntimeError as error:  # what rclpy raises on malformed --ros-args
+        except (RuntimeError, UnicodeError) as error:  # what rclpy raises on bad --ros-args
             if node is not None:
                 raise
             print(f'error: {start_failure(error)}', file=sys.stderr)

@@ -6,6 +6,7 @@ import sys
 from functools import partial
 from importlib import import_module
 
+from ballbot_ros.standard_streams import open_standard_streams
 from ballbot_ros.stop_request import StopRequest
 
 
@@ -17,6 +18,7 @@ def start(node: str) -> None:
     node : str
         Name of the module.
     """
+    open_standard_streams()
     with StopRequest() as stop:
         module = import_module(f'ballbot_ros.nodes.{node}')
         if not stop.signal:

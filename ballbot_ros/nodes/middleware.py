@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.shared_memory import clear_shared_memory
@@ -26,7 +27,7 @@ def ros_domain() -> int:
         If the environment variable :data:`DOMAIN` is no number of a domain.
     """
     text = os.environ.get(DOMAIN) or '0'
-    if not text.isdecimal() or int(text) > LARGEST_DOMAIN:
+    if not re.fullmatch('0|[1-9][0-9]{0,2}', text) or int(text) > LARGEST_DOMAIN:
         raise BallbotError(f'{DOMAIN}={text}: set a number within 0 … {LARGEST_DOMAIN}')
     return int(text)
 
@@ -52,7 +53,7 @@ def use_profiles() -> None:
     os.environ.setdefault(PROFILES, str(share_directory() / 'config' / 'fastdds.xml'))
 
 
-def start_failure(error: RuntimeError) -> str:
+def start_failure(error: RuntimeError | UnicodeError) -> str:
     """Return what `rclpy.init` has raised, with what to do if there is no folder for logs."""
     hint = '; set ROS_LOG_DIR to a folder that can be written to' if 'log' in str(error) else ''
     return one_line(error) + hint

@@ -96,6 +96,17 @@ def test_fix_tells_what_it_can_not_remove(only_leftovers, monkeypatch, capsys):
     assert capsys.readouterr().out == 'FAIL leftovers  remove it as root\n'
 
 
+def test_a_name_in_brackets_is_printed_as_it_is(monkeypatch, capsys):
+    def refuse():
+        raise BallbotError('/tmp/[/x] is full')
+
+    monkeypatch.setattr(doctor, '_CHECKS', {'files': lambda: '/tmp/[red]', 'disk': refuse})
+    assert doctor.examine() == 1
+    assert (
+        capsys.readouterr().out == 'OK   files      /tmp/[red]\nFAIL disk       /tmp/[/x] is full\n'
+    )
+
+
 @pytest.mark.graph
 @pytest.mark.slow
 def test_a_broken_port_is_found_and_mended_and_never_hangs_the_command(domain):

@@ -19,15 +19,15 @@ from ballbot_ros.simulation.trajectory import TrajectoryLog
 FULL = 'No space left on device'
 
 
-def options(output, processes, *assignments):
+def options(output, processes, *assignments, as_json=True):
     return RunOptions(
         processes=processes, real_time_factor=None, output=output, seed=None, record=True,
-        assignments=assignments, controller=None, viewer=False, as_json=True,
+        assignments=assignments, controller=None, viewer=False, as_json=as_json,
     )  # fmt: skip
 
 
 def test_a_recorder_that_fails_at_the_start_is_the_only_reason(tmp_path, monkeypatch, capsys):
-    reason = f'recorder: stationary.mcap: {FULL}'
+    reason = f'recorder: [/red]/stationary.mcap: {FULL}'
     summary = {'outcome': 'failed', 'reason': reason, 'exit_status': 2, 'ticks': 0}
     finished = Finished(summary, TrajectoryLog().trajectory())
     monkeypatch.setattr(run, '_run', lambda *_: finished)
@@ -35,6 +35,15 @@ def test_a_recorder_that_fails_at_the_start_is_the_only_reason(tmp_path, monkeyp
     result = json.loads(capsys.readouterr().out)
     assert result['reason'] == reason
     assert result['figure'] is None
+    assert list(tmp_path.iterdir()) == []
+    assert run_scenario('stationary', options(tmp_path, 'separate', as_json=False)) == 2
+    assert f'failed: {reason}' in capsys.readouterr().out.splitlines()
+
+
+def test_what_the_nodes_can_not_be_handed_is_no_place_for_a_recording(tmp_path):
+    pytest.importorskip('rclpy')
+    with pytest.raises(BallbotError, match=r"^recorder\.output: '.*\\udcff/.*' is not UTF-8 text$"):
+        run_scenario('stationary', options(tmp_path / 'a\udcff', 'one'))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,11 +1,13 @@
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from graph import BALLBOT
+from graph import BALLBOT, environment
 
 from ballbot_ros.cli.main import main
+from ballbot_ros.recording.reader import RecordingReader
 
 
 class InterruptedImport:
@@ -39,3 +41,28 @@ def test_a_closed_standard_output_is_no_fault():
         ['sh', '-c', '"$@" >&-', 'sh', *BALLBOT, 'scenarios'], capture_output=True, check=False
     )
     assert (done.returncode, done.stderr) == (0, b'')
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize('processes', ['none', 'one', 'separate'])
+def test_a_run_needs_no_standard_streams(tmp_path, domain, processes):
+    """Without them the recording would be what libraries print to."""
+    pytest.importorskip('rclpy')
+    words = ['run', 'stationary', '--set', 'plant_sim.duration=0.1', '--processes', processes]
+    done = subprocess.run(
+        ['sh', '-c', '"$@" <&- >&- 2>&-', 'sh', *BALLBOT, *words, '--output', tmp_path],
+        env=environment(domain), check=False,
+    )  # fmt: skip
+    assert done.returncode == 1  # too short for what is expected
+    with RecordingReader(tmp_path / 'stationary.mcap') as recording:
+        assert recording.damage is None
+        assert sum(1 for _ in recording.raw_messages(['/motor_duty'])) == 25
+
+
+def test_what_an_encoding_lacks_is_printed_by_its_code():
+    done = subprocess.run(
+        [*BALLBOT, 'design'], env={**os.environ, 'PYTHONIOENCODING': 'ascii'},
+        capture_output=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(rb'State equation (3.24), state \u03b8 ')

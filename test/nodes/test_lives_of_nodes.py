@@ -113,6 +113,17 @@ def test_what_is_no_node_is_a_mistake(arguments, told):
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.parametrize('name', ['gyro_driver', 'player'])
+def test_arguments_that_are_not_utf_8_are_a_mistake(name, domain):
+    done = subprocess.run(
+        [sys.executable, '-m', 'ballbot_ros.nodes', name, '--ros-args', '--params-file', b'\xff'],
+        env=environment(domain), capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    [line] = done.stderr.splitlines()
+    assert line.startswith("error: 'utf-8' codec can't encode character '\\udcff' ")
+
+
 SIGNALLED_WITHIN_THE_LOCK = """
 import rclpy, signal
 from ballbot_ros.nodes.executables import start

@@ -51,7 +51,7 @@ def test_profiles_of_the_user_stay(monkeypatch):
     assert os.environ[PROFILES] == 'mine.xml'
 
 
-@pytest.mark.parametrize('text', ['abc', '-1', '1e2', '233'])
+@pytest.mark.parametrize('text', ['abc', '-1', '1e2', '233', '٣', '010', '1' * 5000])
 def test_what_is_no_domain_is_told_before_ros_begins(text, monkeypatch):
     monkeypatch.setenv(DOMAIN, text)
     with pytest.raises(BallbotError, match=rf'^{DOMAIN}={text}: set a number within 0 … 232$'):
