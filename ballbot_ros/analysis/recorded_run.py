@@ -15,6 +15,7 @@ from ballbot_ros.messages.conversions import push_forces, stamp_ns, stick_values
 from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.topics import (
     ACCEPTED_PUSH,
+    CLOCK,
     GAMEPAD_JOY,
     MOTOR_DUTY,
     PARTICIPANTS,
@@ -101,6 +102,13 @@ def recorded_topics(reader: RecordingReader) -> dict[str, Topic]:
         )
     names = {topic.resolved(namespace): topic for topic in TOPICS}
     return {name: names[name] for name in reader.topics() if name in names}
+
+
+def has_begun(reader: RecordingReader, run: RecordedRun) -> bool:
+    """Tell whether the plant has published a tick of a run, if only one that nobody answered."""
+    clock = [name for name, topic in recorded_topics(reader).items() if topic is CLOCK]
+    first = next(reader.raw_messages(clock, run.start_ns), None)
+    return first is not None and first.stamp_ns == run.start_ns
 
 
 def recorded_runs(reader: RecordingReader) -> tuple[list[RecordedRun], ToldParameters]:

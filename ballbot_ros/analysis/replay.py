@@ -125,8 +125,8 @@ def replay_run(
     ball_radius = parameters.values(PLANT)['ball_radius']
 
     def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
-        # A push may end after the run.
-        if stamp_ns <= run.last_ns:
+        # A push may end after the run, and of a run without a duty there are events only.
+        if stamp_ns <= run.last_ns or topic in EVENTS:
             comparison.replayed(topic, stamp_ns, data)
 
     messages = RunMessages(replayed, ball_radius)

@@ -17,8 +17,8 @@ from ballbot_ros import __version__
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameter_file import format_parameters
 from ballbot_ros.parameters import (
+    ALL_NODES,
     GAMEPAD,
-    NODES,
     PLANT,
     SONAR,
     ParameterError,
@@ -81,7 +81,7 @@ def assign(parameters: ParameterSet, assignment: str) -> None:
     node, dot, name = target.partition('.')
     if not (equals and dot and node and name):
         raise ParameterError(f'--set {assignment}: not of the form node.param=value')
-    row = parameters_of(node).get(name) if node in NODES else None
+    row = parameters_of(node).get(name) if node in ALL_NODES else None
     is_text = row is not None and isinstance(row.default, str)
     value = text if is_text else parse_value(text)
     parameters.set(node, name, value, f'--set {assignment}')

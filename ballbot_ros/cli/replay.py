@@ -15,7 +15,12 @@ from rich.text import Text
 
 from ballbot_ros.analysis.divergence import Divergence
 from ballbot_ros.analysis.message_comparison import Comparison, Difference
-from ballbot_ros.analysis.recorded_run import RecordedRun, recorded_runs, recorded_topics
+from ballbot_ros.analysis.recorded_run import (
+    RecordedRun,
+    has_begun,
+    recorded_runs,
+    recorded_topics,
+)
 from ballbot_ros.analysis.replay import (
     ALL_TOPICS,
     CONTROLLER_TOPICS,
@@ -80,11 +85,12 @@ def replay_recording(
         if attached is None and not _tells_participants(reader):
             raise RecordingError(_nothing_to_replay_by(path))
         runs, told = recorded_runs(reader)
-        jobs = [
+        begun = [
             _Job(run, _parameters(reader, run, told, attached, Path(scratch)))
             for run in runs
-            if run.ticks
+            if run.ticks or has_begun(reader, run)
         ]
+        jobs = [job for job in begun if job.run.ticks]
         if not jobs:
             raise RecordingError(f'{path}: no tick in it has a duty: nothing to replay')
         if controller:
@@ -109,7 +115,7 @@ def replay_recording(
             return 0
         outcomes = [
             _replay(reader, jobs, 'controller', CONTROLLER_TOPICS),
-            _replay(reader, jobs, 'robot', ALL_TOPICS),
+            _replay(reader, begun, 'robot', ALL_TOPICS),
         ]
         (_print_json if as_json else print_outcomes)(outcomes, controllers)
         if reader.damage:
@@ -205,7 +211,8 @@ def _replay(
             for _ in replayed:
                 ticks += 1
                 progress.update(ticks * TICK_NS / SECOND_NS)
-    compare_events(reader, jobs[-1].run.last_ns, comparison)
+    last = jobs[-1].run
+    compare_events(reader, max(last.start_ns, last.last_ns), comparison)
     difference = comparison.first_difference(complete=reader.complete)
     outcome = Outcome(what, ticks, comparison.compared, difference)
     if difference and what == 'robot':

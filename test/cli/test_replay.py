@@ -11,7 +11,7 @@ from graph import Run, free_domain
 from ballbot_ros.analysis.message_comparison import Difference
 from ballbot_ros.analysis.replayed_controller import ReplayedController
 from ballbot_ros.cli.replay import Outcome, print_outcomes, replay_recording
-from ballbot_ros.messages.conversions import fill_duty
+from ballbot_ros.messages.conversions import fill_duty, fill_header, fill_time
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -46,14 +46,19 @@ def push(tmp_path_factory):
     )  # fmt: skip
 
 
-def copy(recording, path, change):
-    """Copy a recording; `change` takes topic, stamp and data and returns the data, or None."""
+def copy(recording, path, change, also=()):
+    """Copy a recording; `change` takes topic, stamp and data and returns the data, or None.
+
+    Before that it gets topic, stamp and data of what it is `also` to have.
+    """
     with RecordingReader(recording) as reader, RecordingWriter(path) as writer:
         for name, file in reader.attachments().items():
             writer.add_attachment(name, file.media_type, file.data)
         topics = {
             name: writer.add_topic(name, topic.type_name) for name, topic in reader.topics().items()
         }
+        for name, stamp_ns, data in also:
+            writer.write(topics[name], stamp_ns, data, 1)
         for message in reader.raw_messages():
             data = change(message.topic, message.stamp_ns, message.data)
             if data is not None:
@@ -232,6 +237,26 @@ def test_a_missing_message_is_found(push, tmp_path, replay):
     assert done.returncode == 1
     for each in json.loads(done.stdout):
         assert each['first_difference']['topic'] == 'bluetooth/tx'
+
+
+@pytest.mark.parametrize('start_ns', [500_000_000, 60_000_000_000], ids=['before', 'after'])
+def test_a_run_of_which_nobody_has_answered_a_tick_is_no_difference(
+    push, tmp_path, replay, start_ns
+):
+    """It was reset before; what the plant has told of it has no stamp."""
+    run, clock = new_message('std_msgs/msg/Header'), new_message('rosgraph_msgs/msg/Clock')
+    fill_header(run, start_ns, '2')
+    fill_time(clock.clock, start_ns)
+    hit = encoder('std_msgs/msg/Bool')(new_message('std_msgs/msg/Bool'))
+    also = [
+        ('/plant/run', start_ns, encoder('std_msgs/msg/Header')(run)),
+        ('/wall_hit', start_ns, hit),
+        ('/clock', start_ns, encoder('rosgraph_msgs/msg/Clock')(clock)),
+    ]
+    path = copy(push, tmp_path / 'reset.mcap', lambda topic, stamp, data: data, also)
+    done = replay(path, '--json')
+    assert done.returncode == 0, done.stdout
+    assert [each['runs'] for each in json.loads(done.stdout)] == [1, 1]
 
 
 def test_another_parameter_asks_what_would_have_been(push, replay):

@@ -9,8 +9,9 @@ import pytest
 from graph import NODES, alive, await_recording, wait_for
 from matplotlib.image import imread
 
+from ballbot_ros.cli.experiment import assign
 from ballbot_ros.nodes.domain_lock import DomainLock
-from ballbot_ros.parameters import GYRO, PLANT
+from ballbot_ros.parameters import GYRO, PLANT, VIEWER, ParameterSet
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
@@ -256,3 +257,10 @@ def test_a_full_disk_is_one_line_and_a_failed_run(start_run, tmp_path, processes
     assert run.result['reason'].startswith(f'{recording}: File too large')
     with RecordingReader(tmp_path / 'stationary.mcap') as reader:
         assert sum(1 for _ in reader.messages(['/plant/imu'])) > 10
+
+
+@pytest.mark.parametrize(('text', 'told'), [('::', '::'), ('', ''), ('on', 'on')])
+def test_an_assignment_of_text_is_text_of_every_node(text, told):
+    parameters = ParameterSet()
+    assign(parameters, f'viewer.host={text}')
+    assert parameters.values(VIEWER)['host'] == told
