@@ -59,8 +59,8 @@ class StopRequest:
 def interrupted_later() -> Iterator[None]:
     """Let an interruption from the keyboard within the block count at its end.
 
-    For imports: trimesh, for one, takes an interruption of its own for a part that is missing, and
-    the program would go on.
+    For imports: an interruption of a callback of Python's import system is printed and forgotten,
+    and trimesh, for one, takes one for a part that is missing. The program would go on.
     """
     with StopRequest(numbers=(signal.SIGINT,)) as stop:
         yield

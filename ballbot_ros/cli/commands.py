@@ -134,6 +134,9 @@ def drive(
 
         device_list.list_devices()
         return 0
+    from ballbot_ros.cli.requirements import require_rclpy
+
+    require_rclpy()
     from ballbot_ros.cli.drive import drive_by_hand
 
     return drive_by_hand(

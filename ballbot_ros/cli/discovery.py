@@ -9,7 +9,7 @@ import time
 import uuid
 
 from ballbot_ros.errors import one_line
-from ballbot_ros.nodes.middleware import use_profiles
+from ballbot_ros.nodes.middleware import DISCOVERY_RANGE, use_profiles
 from ballbot_ros.processes import end_with_parent
 
 DISCOVERY_S = 5.0
@@ -35,7 +35,7 @@ def main() -> int:
     except ImportError as error:
         print(error)
         return 1
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault(DISCOVERY_RANGE, 'LOCALHOST')
     use_profiles()
     signal.alarm(LIMIT_S)
     token = uuid.uuid4().hex

@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
 from rich.console import Console
@@ -17,7 +18,13 @@ from rich.text import Text
 
 from ballbot_ros.cli.discovery import LIMIT_S
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.middleware import ros_domain
+from ballbot_ros.nodes.middleware import (
+    DISCOVERY_RANGE,
+    DOMAIN,
+    require_discovery,
+    require_middleware,
+    ros_domain,
+)
 from ballbot_ros.nodes.participant_ports import PORT_BASE, PORTS_PER_DOMAIN
 from ballbot_ros.nodes.shared_memory import (
     SHARED_MEMORY,
@@ -77,16 +84,14 @@ def _files() -> str:
 
 
 def _rclpy() -> str:
-    try:
-        import rclpy
-    except ImportError as error:
-        raise _FailedCheckError(
-            f'{error}: source ROS 2 Jazzy, or install "ballbot_ros[ros]"'
-        ) from None
-    return str(Path(rclpy.__file__).parent)
+    found = find_spec('rclpy')
+    if found is None or found.origin is None:
+        raise _FailedCheckError('no rclpy: source ROS 2 Jazzy, or install "ballbot_ros[ros]"')
+    return str(Path(found.origin).parent)
 
 
 def _rmw() -> str:
+    require_middleware()
     try:
         from rclpy.utilities import get_rmw_implementation_identifier
 
@@ -100,8 +105,9 @@ def _rmw() -> str:
 
 
 def _domain() -> str:
-    reach = os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'not set: runs use LOCALHOST')
-    return f'ROS_DOMAIN_ID {ros_domain()}, ROS_AUTOMATIC_DISCOVERY_RANGE {reach}'
+    require_discovery()
+    reach = os.environ.get(DISCOVERY_RANGE, 'not set: runs use LOCALHOST')
+    return f'{DOMAIN} {ros_domain()}, {DISCOVERY_RANGE} {reach}'
 
 
 def _ports() -> str:
@@ -138,7 +144,7 @@ def _amount(files: list[Leftover]) -> str:
 def _discovery() -> str:
     """Try discovery in a process of its own, since the middleware can hang, deaf to signals."""
     process = subprocess.Popen(
-        [sys.executable, '-m', 'ballbot_ros.cli.discovery'],
+        [sys.executable, '-W', 'ignore', '-m', 'ballbot_ros.cli.discovery'],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         # An interrupt may come before it is known here.
         env={**os.environ, END_WITH_PARENT: str(os.getpid())},

@@ -8,13 +8,21 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import rclpy
+from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from ballbot_ros.cli.experiment import Experiment
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.files import write_temporary
-from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, start_failure
+from ballbot_ros.nodes.middleware import (
+    DISCOVERY_RANGE,
+    prepare_middleware,
+    ros_domain,
+    start_failure,
+)
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
+
+RCLError = rclpy_implementation.RCLError
 
 
 @contextmanager
@@ -31,7 +39,7 @@ def ros(log_level: str = 'WARN') -> Iterator[None]:
     BallbotError
         If ROS can't start here, such as without a folder for its logs.
     """
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault(DISCOVERY_RANGE, 'LOCALHOST')
     if rclpy.ok():
         yield
         return
@@ -46,6 +54,8 @@ def ros(log_level: str = 'WARN') -> Iterator[None]:
     try:
         with avoid_stale_ports(ros_domain()):
             yield
+    except RCLError as error:  # such as a peer that can't be resolved
+        raise BallbotError(one_line(error)) from None
     finally:
         rclpy.try_shutdown()
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import sys
 
+from ballbot_ros.stop_request import interrupted_later
+
 # Matrices of four rows need no threads of their own, which would spin beside the nodes.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
@@ -12,10 +14,10 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 def main() -> None:
     """Run the command, and end with its exit status."""
     try:
-        # Here, for Ctrl-C to end the command as quietly while the modules load as it does later.
-        from ballbot_ros.cli.command import ballbot
-        from ballbot_ros.cli.invoke import invoke
-
+        # Ctrl-C ends the command as quietly while the modules load as it does later.
+        with interrupted_later():
+            from ballbot_ros.cli.command import ballbot
+            from ballbot_ros.cli.invoke import invoke
         status = invoke(ballbot, 'ballbot')
     except KeyboardInterrupt:
         status = 130

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ballbot_ros.cli.requirements import require_rclpy
+from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
 from ballbot_ros.parameters import PLAYER, ParameterSet
 
 KEYS_S = 0.05
@@ -33,7 +34,7 @@ def play_file(values: Mapping[str, Any]) -> int:
     from ballbot_ros.nodes.base import run_node
     from ballbot_ros.nodes.player import Player
 
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault(DISCOVERY_RANGE, 'LOCALHOST')
 
     def make() -> Player:
         player = Player(values)

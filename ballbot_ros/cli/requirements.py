@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.middleware import require_middleware
 from ballbot_ros.parameters import VIEWER, ParameterSet
 
 
@@ -17,8 +18,9 @@ def require_rclpy(otherwise: str = '') -> None:
     Raises
     ------
     BallbotError
-        If rclpy can't be imported.
+        If rclpy can't be imported, or the middleware that is wanted does not load.
     """
+    require_middleware()
     try:
         import rclpy  # noqa: F401
     except ImportError as error:

@@ -13,7 +13,7 @@ from ballbot_ros.cli.graph_monitor import GraphMonitor
 from ballbot_ros.cli.node_process import NodeProcess, stop_all
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.nodes.domain_lock import DomainLock
-from ballbot_ros.nodes.middleware import ros_domain
+from ballbot_ros.nodes.middleware import require_discovery, ros_domain
 from ballbot_ros.parameter_file import write_parameter_file
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS
@@ -78,7 +78,9 @@ def start_nodes(
     ------
     BallbotError
         If another plant has the domain: nodes started into its graph would answer its samples.
+        If nodes can't find each other.
     """
+    require_discovery()
     lock = DomainLock(ros_domain())
     try:
         for name in names:

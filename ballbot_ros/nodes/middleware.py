@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
+import sys
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.shared_memory import clear_shared_memory
@@ -13,6 +15,8 @@ from ballbot_ros.share import share_directory
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 """Environment variable: Fast DDS's profiles. Other middleware does not look at it."""
 
+DISCOVERY_RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+DEFAULT_RMW = 'rmw_fastrtps_cpp'
 DOMAIN = 'ROS_DOMAIN_ID'
 LARGEST_DOMAIN = 232
 """Beyond it there are no ports, and the middleware ends the process."""
@@ -30,6 +34,36 @@ def ros_domain() -> int:
     if not re.fullmatch('0|[1-9][0-9]{0,2}', text) or int(text) > LARGEST_DOMAIN:
         raise BallbotError(f'{DOMAIN}={text}: set a number within 0 … {LARGEST_DOMAIN}')
     return int(text)
+
+
+def require_middleware() -> None:
+    """Find out whether what ``RMW_IMPLEMENTATION`` names loads; else rcl ends this process.
+
+    Raises
+    ------
+    BallbotError
+        If it does not.
+    """
+    name = os.environ.get('RMW_IMPLEMENTATION', DEFAULT_RMW)
+    if name in ('', DEFAULT_RMW):
+        return
+    script = 'import importlib.util as u; u.find_spec("rclpy") and __import__("rclpy")'
+    if subprocess.run([sys.executable, '-c', script], capture_output=True, check=False).returncode:
+        raise BallbotError(
+            f'RMW_IMPLEMENTATION={name} does not load: install it, or unset the variable'
+        )
+
+
+def require_discovery() -> None:
+    """Find out whether the environment lets nodes find each other.
+
+    Raises
+    ------
+    BallbotError
+        If it does not.
+    """
+    if os.environ.get(DISCOVERY_RANGE) == 'OFF':
+        raise BallbotError(f'{DISCOVERY_RANGE}=OFF: no node finds another; unset it')
 
 
 def prepare_middleware() -> None:

@@ -3,13 +3,22 @@
 import contextlib
 import os
 import socket
+import subprocess
 from collections import Counter
 
 import pytest
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import DIAGNOSTICS
-from ballbot_ros.nodes.middleware import DOMAIN, PROFILES, prepare_middleware, ros_domain
+from ballbot_ros.nodes.middleware import (
+    DISCOVERY_RANGE,
+    DOMAIN,
+    PROFILES,
+    prepare_middleware,
+    require_discovery,
+    require_middleware,
+    ros_domain,
+)
 from ballbot_ros.parameters import GYRO
 
 LAST_PEER = 31
@@ -62,3 +71,23 @@ def test_what_is_no_domain_is_told_before_ros_begins(text, monkeypatch):
 def test_the_domain_is_that_of_the_environment(text, domain, monkeypatch):
     monkeypatch.setenv(DOMAIN, text)
     assert ros_domain() == domain
+
+
+def test_a_middleware_that_is_not_there_is_told_before_it_ends_the_process(monkeypatch):
+    pytest.importorskip('rclpy')
+    monkeypatch.setenv('RMW_IMPLEMENTATION', 'rmw_nosuch_cpp')
+    with pytest.raises(BallbotError, match=r'^RMW_IMPLEMENTATION=rmw_nosuch_cpp does not load: '):
+        require_middleware()
+
+
+@pytest.mark.parametrize('name', ['', 'rmw_fastrtps_cpp'])
+def test_the_middleware_of_jazzy_is_taken_to_be_there(monkeypatch, name):
+    monkeypatch.setenv('RMW_IMPLEMENTATION', name)
+    monkeypatch.setattr(subprocess, 'run', lambda *arguments: pytest.fail('asked'))
+    require_middleware()
+
+
+def test_without_discovery_no_node_is_started(monkeypatch):
+    monkeypatch.setenv(DISCOVERY_RANGE, 'OFF')
+    with pytest.raises(BallbotError, match=f'^{DISCOVERY_RANGE}=OFF: no node finds another'):
+        require_discovery()

@@ -238,12 +238,11 @@ def test_standard_output_is_the_commands_alone(machine):
     assert process.errors == 'Setting up .venv: first time only, about a minute ...\n'
 
 
-def test_test_script_runs_pytest_with_chosen_plugins_and_local_discovery(machine):
+def test_test_script_runs_pytest_with_chosen_plugins(machine):
     machine.python()
     process = machine.run('test', '-k', 'a b')
     assert arguments(process)[:2] == ['-m', 'pytest']
     assert arguments(process)[-2:] == ['-k', 'a b']
-    assert variable(process, 'ROS_AUTOMATIC_DISCOVERY_RANGE') == 'LOCALHOST'
     assert variable(process, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD') == '1'
     assert variable(process, 'PWD') == str(machine.project)
 
