@@ -61,7 +61,8 @@ class Listener:
 
     def close(self):
         self._done.set_result(None)
-        self._thread.join(2.0)
+        self._thread.join()
+        self._executor.shutdown()  # with the node's subscriptions it holds its participant
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
