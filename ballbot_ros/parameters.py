@@ -106,8 +106,10 @@ class Parameter:
                 raise ParameterError(f'{name}: {value!r} is not true or false')
             return value
         if isinstance(self.default, str):
-            if not isinstance(value, str) or not _is_utf8(value):
-                raise ParameterError(f'{name}: {value!r} is not UTF-8 text')
+            if not isinstance(value, str):
+                raise ParameterError(f'{name}: {value!r} is not text')
+            if not _is_utf8(value):
+                raise ParameterError(f'{name}: {value!r} is not UTF-8')
             return str(self._choice(value, name))
         if isinstance(self.default, int):
             if isinstance(value, float) and value.is_integer():

@@ -18,8 +18,10 @@ from ballbot_ros.viewer.errors import ViewerError
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 prepare_middleware()
 
-# A suite that a shell runs in the background ignores SIGINT, and so would all that it starts.
+# A suite that a shell runs in the background ignores SIGINT, one under nohup SIGHUP, and so would
+# all that it starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def pytest_sessionfinish(session):

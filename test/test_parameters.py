@@ -75,10 +75,13 @@ def test_every_parameter_is_described(row):
     assert row.nodes
 
 
-@pytest.mark.parametrize('value', [1, None, ['a'], 'a\udcff', 'a\0b'])
-def test_what_ros_can_not_carry_as_text_is_refused(value):
+@pytest.mark.parametrize(
+    ('value', 'what'),
+    [(1, 'text'), (None, 'text'), (['a'], 'text'), ('a\udcff', 'UTF-8'), ('a\0b', 'UTF-8')],
+)
+def test_what_ros_can_not_carry_as_text_is_refused(value, what):
     line = refusal(parameters_of(RECORDER)['output'], value)
-    assert line.endswith(f'{value!r} is not UTF-8 text')
+    assert line.endswith(f'{value!r} is not {what}')
 
 
 @each_row
