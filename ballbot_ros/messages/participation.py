@@ -12,8 +12,8 @@ from typing import Any
 
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import PARTICIPANTS, RUN_STATUS
+from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.recording.encoding import encoder, new_message
-from ballbot_ros.recording.writer import OUTCOME_KEYS
 from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
 from ballbot_ros.simulation.timing import SECOND_NS
 

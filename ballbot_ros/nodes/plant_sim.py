@@ -44,7 +44,7 @@ from ballbot_ros.nodes.plant_services import PlantServices
 from ballbot_ros.parameters import PLANT, RECORDER
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.plant.truth import Push
-from ballbot_ros.recording.writer import OUTCOME_KEYS
+from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.simulation.pacer import Pacer
 from ballbot_ros.simulation.participants import Objection, Participant, State

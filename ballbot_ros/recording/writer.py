@@ -13,6 +13,7 @@ from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import Writer
 
+from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.rosbag2 import (
@@ -34,7 +35,6 @@ RUN_OUTCOME = 'ballbot_run'
 RUN_PARTICIPANTS = 'ballbot_participants'
 """Name of the metadata record that tells who took part in the run, in words, by role."""
 
-OUTCOME_KEYS = ('outcome', 'reason', 'ticks', 'duty_sha256')
 """What is told of a run that has ended."""
 
 

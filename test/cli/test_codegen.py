@@ -217,16 +217,22 @@ def messages(path):
     return found
 
 
+@pytest.fixture(scope='module')
+def python_run(tmp_path_factory):
+    """The recording of a run with the controller in Python, and its result."""
+    return record(tmp_path_factory.mktemp('python'), 'stationary', *SHORT)
+
+
 @pytest.mark.graph
 @pytest.mark.parametrize(
     ('processes', 'controller'),
     [('none', 'arm'), ('one', 'c'), ('separate', 'arm')],
 )
 def test_the_compiled_controller_leaves_run_and_recording_as_they_are(
-    start_run, tmp_path, processes, controller
+    start_run, tmp_path, python_run, processes, controller
 ):
     need(controller)
-    recording, python = record(tmp_path / 'python', 'stationary', *SHORT)
+    recording, python = python_run
     run = start_run('stationary', f'--processes={processes}', '--json', *SHORT,
                     '--output', tmp_path / controller, f'--controller={controller}')  # fmt: skip
     sha256, compiled = result_of(run)

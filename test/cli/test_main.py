@@ -44,7 +44,7 @@ def test_a_closed_standard_output_is_no_fault():
 
 
 @pytest.mark.graph
-@pytest.mark.parametrize('processes', ['none', 'one', 'separate'])
+@pytest.mark.parametrize('processes', ['none', 'separate'])
 def test_a_run_needs_no_standard_streams(tmp_path, domain, processes):
     """Without them the recording would be what libraries print to."""
     pytest.importorskip('rclpy')

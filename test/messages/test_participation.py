@@ -20,8 +20,8 @@ from ballbot_ros.messages.raw import same_content
 from ballbot_ros.messages.topics import LOCKSTEP, PARTICIPANTS, PLANT_JOINT_STATES, TOPICS
 from ballbot_ros.parameters import NODES
 from ballbot_ros.plant.truth import Truth
+from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.recording.encoding import encoder, new_message
-from ballbot_ros.recording.writer import OUTCOME_KEYS
 from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
 
 text = st.text(st.characters(exclude_categories=('Cs', 'Cc')))

@@ -3,7 +3,7 @@
 import shutil
 
 import pytest
-from hypothesis import example, settings
+from hypothesis import example
 from hypothesis import strategies as st
 from laws import given
 from mcap.reader import make_reader
@@ -138,7 +138,6 @@ def test_cut_anywhere(place, content, sample, mend):
     assert not found.nothing_lost or len(messages) == len(sample)
 
 
-@settings(max_examples=150)
 @given(place=st.floats(0, 1, exclude_max=True), bits=st.integers(1, 255))
 @example(place=0.5, bits=1)
 def test_any_changed_byte(place, bits, content, places, sample, mend):
