@@ -48,11 +48,13 @@ class ArrivalOrder(Generic[Message]):
             looked_ns = math.inf
         come: list[Arrival[Message]] = []
         for topic, arrivals in taken.items():
-            late: list[Arrival[Message]] = []
             newest_ns = 0
             for received_ns, message in chain(waiting.get(topic, ()), arrivals):
-                newest_ns = max(newest_ns, received_ns)
-                (come if newest_ns <= looked_ns else late).append((newest_ns, message))
-            self._late[topic] = late
+                if received_ns > newest_ns:
+                    newest_ns = received_ns
+                if newest_ns <= looked_ns:
+                    come.append((newest_ns, message))
+                else:
+                    self._late.setdefault(topic, []).append((newest_ns, message))
         come.sort(key=itemgetter(0))
         return [message for _, message in chain(before, come)]
