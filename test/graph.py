@@ -98,12 +98,14 @@ def wait_for(condition, what='it'):
     raise TimeoutError(f'{what} did not happen')
 
 
-def await_recording(path, topic='/motor_duty', count=20):
-    """Wait until so many messages of a topic are on disk."""
+def await_recording(path, topic='/motor_duty', count=20, run=None):
+    """Wait until so many messages of a topic are on disk; fail at once if their run has ended."""
     looked_at = 0
 
     def is_there():
         nonlocal looked_at
+        if run:
+            run.assert_running()
         size = path.stat().st_size if path.exists() else 0
         if size == looked_at:
             return False
@@ -153,13 +155,16 @@ class Run:
         )
         self.stderr = self.stdout = ''
 
+    def assert_running(self):
+        if self.process.poll() is not None:
+            self.finish()
+            raise AssertionError(f'the run has ended: {self.stdout}{self.stderr}')
+
     def nodes(self, expected=NODES):
         """Wait until the nodes are there; return their pids."""
 
         def look():
-            if self.process.poll() is not None:
-                self.finish()
-                raise AssertionError(f'the run has ended: {self.stdout}{self.stderr}')
+            self.assert_running()
             found = children(self.process.pid)
             return found if set(expected) <= set(found) else None
 

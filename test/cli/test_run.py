@@ -185,7 +185,7 @@ def test_a_signal_stops_everything(start_run, tmp_path, processes, number):
     run = start_run('stationary', '--json', '--processes', processes, '--output', tmp_path,
                     '--set=plant_sim.duration=600', '--real-time-factor=4')  # fmt: skip
     pids = run.nodes() if processes == 'separate' else {}
-    await_recording(recording)
+    await_recording(recording, run=run)
     run.process.send_signal(number)
     assert run.finish() == 128 + number
     assert not any(alive(pid) for pid in pids.values())
@@ -245,7 +245,7 @@ def test_a_full_disk_is_one_line_and_a_failed_run(start_run, tmp_path, processes
     run = start_run('stationary', '--json', '--processes', processes, '--output', tmp_path,
                     '--set=plant_sim.duration=600', '--real-time-factor=4')  # fmt: skip
     pid = run.nodes()['recorder'] if processes == 'separate' else run.process.pid
-    await_recording(recording)
+    await_recording(recording, run=run)
     # Files of this process may grow no further: its disk is full.
     full = recording.stat().st_size + 10_000
     resource.prlimit(pid, resource.RLIMIT_FSIZE, (full, full))

@@ -33,7 +33,7 @@ def start(start_run, tmp_path):
         run = start_run('stationary', '--output', tmp_path, ENDLESS, *settings, **popen)
         pids = run.nodes()
         recording = tmp_path / 'stationary.mcap'
-        await_recording(recording)
+        await_recording(recording, run=run)
         return run, pids, recording
 
     return start

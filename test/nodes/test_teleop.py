@@ -1,6 +1,7 @@
 """Live inputs over topics: they drive, they are arbitrated, and their end is the robot's rest."""
 
 import contextlib
+import itertools
 import math
 import subprocess
 import sys
@@ -243,7 +244,7 @@ def test_the_recorded_sticks_give_the_same_duties_again(domain, start_run, tmp_p
                     '--set=plant_sim.duration=5', '--set=gyro_driver.noise=0.7')  # fmt: skip
     with contextlib.closing(Client(domain)) as client:
         publisher = client.node.create_publisher(Joy, 'joy', 10)
-        stick = iter(range(10_000))
+        stick = itertools.count()
         client.node.create_timer(
             0.01, lambda: publisher.publish(joy(math.sin(next(stick) / 7), math.cos(next(stick))))
         )
