@@ -32,7 +32,7 @@ SETTLED_S = 5.0
 """Age from which nothing is still being made: that takes milliseconds."""
 
 POLL_S = 0.05
-INITIALISED = (2).to_bytes(4, 'little')
+INITIALISED, CORRUPTED = (2).to_bytes(4, 'little'), (3).to_bytes(4, 'little')
 SMALLEST_PORT = 1024 * 20
 """Bytes: a port has the state of 1024 readers. Opening a smaller one crashes."""
 
@@ -67,7 +67,7 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
     """Remove this user's files that no living process holds, and return them.
 
     A port that has been broken for :data:`SETTLED_S` is removed even if processes hold it: they
-    wait for it in vain, as would all others.
+    wait for it in vain, as would all others. They are told, and make another.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
     if any(resource.blocks for resource in _resources(folder)):
         with _only_sweep(folder) as is_only:
             blocking = [resource for resource in _resources(folder) if is_only and resource.blocks]
-            removed += [left for resource in blocking for left in resource.port_only.remove()]
+            removed += [left for resource in blocking for left in resource.give_up()]
     return removed
 
 
@@ -215,6 +215,17 @@ class _Resource:
             with suppress(OSError):
                 leftover.path.unlink()
                 removed.append(leftover)
+        return removed
+
+    def give_up(self) -> list[Leftover]:
+        """Remove a broken port, and let those go on who have opened it and wait for it."""
+        with ExitStack() as opened:
+            port = None
+            with suppress(OSError):
+                port = opened.enter_context(self.path.open('r+b', buffering=0))
+            removed = self.port_only.remove()
+            if port:
+                port.write(CORRUPTED)
         return removed
 
 

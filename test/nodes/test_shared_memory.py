@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from graph import BALLBOT, environment, private_shared_memory
+from graph import BALLBOT, LAST_RESORT_S, environment, private_shared_memory
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes import middleware, shared_memory
@@ -272,6 +272,41 @@ def test_a_broken_port_that_stays_so_goes(tmp_path, monkeypatch):
     port = make(tmp_path, PORT, age_s=YOUNG_S)
     monkeypatch.setattr(shared_memory.time, 'sleep', lambda s: set_age(port, OLD_S))
     assert clear_shared_memory(tmp_path) == [(port, 0)]
+
+
+OPENS_A_PORT = """
+import rclpy
+rclpy.init()
+rclpy.create_node('waits')
+print('goes on')
+"""
+SWEEPS = """
+from pathlib import Path
+import sys, time
+from ballbot_ros.nodes.shared_memory import sweep
+maps = Path(f'/proc/{sys.argv[1]}/maps')
+while 'fastrtps_port7000' not in maps.read_text():
+    time.sleep(0.01)
+assert sweep()
+"""
+
+
+@pytest.mark.graph
+def test_who_waits_for_a_broken_port_goes_on_when_it_is_removed(domain):
+    """As one does that begins before the port is old enough to be known for broken."""
+    pytest.importorskip('rclpy')
+    script = """
+    truncate -s 100000 /dev/shm/fastrtps_port7000
+    touch -d @0 /dev/shm/fastrtps_port7000
+    "$1" -c "$2" &
+    "$1" -c "$3" $! && wait $!
+    """
+    done = subprocess.run(
+        [*private_shared_memory(), 'sh', '-c', script, 'sh', sys.executable, OPENS_A_PORT, SWEEPS],
+        capture_output=True, text=True, env=environment(domain), timeout=LAST_RESORT_S, check=False,
+    )  # fmt: skip
+    assert done.stdout == 'goes on\n', done.stderr
+    assert done.returncode == 0
 
 
 def test_a_broken_port_that_can_not_be_removed_is_one_line(tmp_path, monkeypatch):
