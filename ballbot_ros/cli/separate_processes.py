@@ -14,6 +14,7 @@ from ballbot_ros.cli.node_process import NodeProcess, stop_all
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.middleware import require_discovery, ros_domain
+from ballbot_ros.nodes.shared_memory import SETTLED_S, sweep
 from ballbot_ros.parameter_file import write_parameter_file
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS
@@ -99,8 +100,13 @@ def watch(
     """Wait until the plant has ended; return what went wrong where it can't tell itself."""
     reported: set[str] = set()
     plant = processes[PLANT]
+    swept_at = time.monotonic()
     while not is_told_to_stop():
         monitor.poll()
+        if monitor.now_ns <= FIRST_TICK_NS and time.monotonic() - swept_at > SETTLED_S:
+            # A node may wait for a port that somebody else has left half made since the start.
+            sweep()
+            swept_at = time.monotonic()
         if monitor.now_ns:
             progress.update((monitor.now_ns - FIRST_TICK_NS) / SECOND_NS)
         for name, process in processes.items():

@@ -6,6 +6,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from ballbot_ros.cli import separate_processes
 from ballbot_ros.cli.node_process import NodeProcess
 from ballbot_ros.cli.separate_processes import judged, watch
 from ballbot_ros.parameters import NODES, PLANT, VIEWER
@@ -78,6 +79,15 @@ def test_a_node_that_dies_in_mid_run_may_be_restarted(victim):
 def test_of_a_plant_that_hangs_it_is_told_who_has_died_before():
     expected = 'plant_sim does not answer, gyro_driver died of SIGKILL'
     assert watched('gyro_driver', FIRST_TICK_NS + TICK_NS, plant_hangs=True) == expected
+
+
+@pytest.mark.parametrize(('now_ns', 'sweeps'), [(0, True), (FIRST_TICK_NS + TICK_NS, False)])
+def test_what_nodes_may_wait_for_is_removed_until_the_first_tick(monkeypatch, now_ns, sweeps):
+    swept = []
+    monkeypatch.setattr(separate_processes, 'SETTLED_S', -1.0)
+    monkeypatch.setattr(separate_processes, 'sweep', lambda: swept.append(now_ns))
+    watched(VIEWER, now_ns)
+    assert bool(swept) == sweeps
 
 
 def test_a_viewer_is_no_part_of_the_run():
