@@ -77,6 +77,22 @@ def test_without_a_folder_for_the_logs_of_ros_there_is_one_line(tmp_path, domain
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.graph
+def test_a_peer_that_can_not_be_resolved_is_one_line(domain):
+    pytest.importorskip('rclpy')
+    done = subprocess.run(
+        [*BALLBOT, 'run', 'stationary', '--processes=one', '--no-record'],
+        env={**environment(domain), 'ROS_STATIC_PEERS': 'offline.invalid'},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith('error: error creating node: ')
+    assert 'offline.invalid' in done.stderr
+    assert 'Traceback' not in done.stderr
+
+
 def test_what_does_not_fit_into_the_temporary_folder_is_named(tmp_path):
     pytest.importorskip('rclpy')
     from ballbot_ros.cli.graph import write_attachments

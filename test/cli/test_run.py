@@ -3,10 +3,11 @@
 import os
 import resource
 import signal
+import subprocess
 
 import numpy as np
 import pytest
-from graph import NODES, alive, await_recording, wait_for
+from graph import BALLBOT, NODES, alive, await_recording, wait_for
 from matplotlib.image import imread
 
 from ballbot_ros.cli.experiment import assign
@@ -168,6 +169,9 @@ def test_without_rclpy_there_is_a_hint_and_a_way(start_run, tmp_path, monkeypatc
     assert len(run.stderr.splitlines()) == 1
     run = start_run('stationary', '--no-record', '--processes=none')
     assert run.finish() == 0
+    drive = subprocess.run([*BALLBOT, 'drive'], capture_output=True, text=True, check=False)
+    assert drive.returncode == 2
+    assert drive.stderr.startswith('error: ROS 2 is not there (no rclpy here): ')
 
 
 @pytest.mark.graph
