@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from ballbot_ros import processes
+from ballbot_ros.nodes.participant_ports import PORT_BASE, PORTS_PER_DOMAIN
 from ballbot_ros.parameters import NODES
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -37,7 +38,8 @@ def record(folder, scenario, *arguments):
 
 def participants(domain):
     """The UDP ports of a ROS domain that processes on this machine have bound."""
-    ports = range(7400 + 250 * domain, 7400 + 250 * (domain + 1))
+    first = PORT_BASE + PORTS_PER_DOMAIN * domain
+    ports = range(first, first + PORTS_PER_DOMAIN)
     bound = (line.split()[1] for line in Path('/proc/net/udp').read_text().splitlines()[1:])
     return {int(each.rpartition(':')[2], 16) for each in bound}.intersection(ports)
 

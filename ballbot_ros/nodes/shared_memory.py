@@ -219,12 +219,13 @@ class _Resource:
 
     def give_up(self) -> list[Leftover]:
         """Remove a broken port, and let those go on who have opened it and wait for it."""
-        with ExitStack() as opened:
-            port = None
-            with suppress(OSError):
-                port = opened.enter_context(self.path.open('r+b', buffering=0))
+        try:
+            port = self.path.open('r+b', buffering=0)
+        except OSError:  # gone, or another user's
+            return self.port_only.remove()
+        with port:
             removed = self.port_only.remove()
-            if port:
+            with suppress(OSError):  # shared memory may be full
                 port.write(CORRUPTED)
         return removed
 
