@@ -92,18 +92,23 @@ class PlantMessages:
             fill_battery(self._battery.message, truth)
         if again or now % BATTERY_NS == 0:
             self._battery.send(now)
-        fill_body(self._body.message, truth)
-        self._body.send(now)
-        fill_motors(self._motors.message, truth)
-        self._motors.send(now)
-        fill_odometry(self._odometry.message, truth, self.ball_radius)
-        self._odometry.send(now)
+        self.ask(truth)
         hit = self._wall_hit.message
         if hit.data == wall_hit:
             return False
         hit.data = wall_hit
         self._wall_hit.send(now)
         return True
+
+    def ask(self, truth: Truth) -> None:
+        """Send what the drivers answer."""
+        now = truth.stamp_ns
+        fill_body(self._body.message, truth)
+        self._body.send(now)
+        fill_motors(self._motors.message, truth)
+        self._motors.send(now)
+        fill_odometry(self._odometry.message, truth, self.ball_radius)
+        self._odometry.send(now)
 
     def stop_motors(self, last_ns: int) -> None:
         """Tell that the motors are off from the tick on that follows the last one."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from array import array
+from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -43,7 +44,7 @@ from ballbot_ros.nodes.plant_participants import PlantParticipants
 from ballbot_ros.nodes.plant_services import PlantServices
 from ballbot_ros.parameters import PLANT, RECORDER
 from ballbot_ros.plant.plant import Plant
-from ballbot_ros.plant.truth import Push
+from ballbot_ros.plant.truth import Push, Truth
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.simulation.pacer import Pacer
@@ -94,6 +95,7 @@ class PlantSim(BallbotNode):
         self._run_number = 0
         self.summary: dict[str, Any] = {}
         self._messages = PlantMessages(self.output)
+        self._recent: deque[Truth] = deque(maxlen=MAX_LEAD_TICKS + 1)
         self._participants = PlantParticipants(self, self._on_news)
         self._duties = SampleHistory(same_content(MOTOR_DUTY.type_name))
         self._decode_duty = decoder(MOTOR_DUTY.type_name)
@@ -144,6 +146,7 @@ class PlantSim(BallbotNode):
         self._pushes = 0
         self.log = TrajectoryLog(keep=self.values['duration'] > 0.0)
         self._round_trips = array('d')
+        self._recent.clear()
         self._duties.clear()
         self._duty: tuple[int, int] | None = None
         self._is_open = self._is_held = False
@@ -198,7 +201,9 @@ class PlantSim(BallbotNode):
         self._begin()
 
     def _publish_truth(self, *, again: bool = False) -> None:
-        self._truth = self._plant.truth()
+        self._truth = self._asked_for = self._plant.truth()
+        if not again:
+            self._recent.append(self._truth)
         if self._messages.truth(self._truth, wall_hit=self._plant.wall_hit, again=again):
             self._alarm_of_wall()
         self._asked_at = self._sent_at = time.monotonic()
@@ -253,6 +258,8 @@ class PlantSim(BallbotNode):
             self._finish_when_recorded()
         else:
             self.advance()
+        if self._is_behind() and self._asked_for.stamp_ns <= ack and not self.finished:
+            self._ask_again()
 
     def _on_push(self, message: Any) -> None:
         if not self._is_open:
@@ -357,7 +364,7 @@ class PlantSim(BallbotNode):
             return
         if not self._lockstep:
             return
-        waits_for_recorder = self._draining or self._duty is not None
+        waits_for_recorder = self._draining or self._duty is not None or self._is_behind()
         since = self._duty_at if waits_for_recorder else self._sent_at
         silence = now - since
         if waits_for_recorder and self._recorder_left():
@@ -365,8 +372,9 @@ class PlantSim(BallbotNode):
         limit = float(self.values['timeout' if self.log.ticks else 'startup_timeout'])
         silent: list[str] = []
         if silence > min(WARN_S, limit):
-            asked_ns = self._truth.stamp_ns  # at the end of a run the last tick is behind
-            found = self._participants.silences_s(since, asked_ns, recorder=waits_for_recorder)
+            found = self._participants.silences_s(
+                since, self._asked_for.stamp_ns, recorder=waits_for_recorder
+            )
             silent = [role for role in found if found[role] > limit]
         if silence > (WARN_S if self.log.ticks else STARTUP_WARN_S):
             # Early, for those who live to have answered when it is asked who is silent.
@@ -377,9 +385,8 @@ class PlantSim(BallbotNode):
             if not silent:
                 what = RECORDER if waits_for_recorder else 'the duty'
                 self.warn(f'waiting for {what} at sim time {self._plant.time_ns * 1e-9:.3f} s')
-        is_syncing = self._duty is not None and self._is_syncing()
-        if (is_syncing or not waits_for_recorder) and now - self._asked_at > RESEND_S:
-            if is_syncing:
+        if (self._is_syncing() or not has_duty) and now - self._asked_at > RESEND_S:
+            if has_duty:
                 self._participants.call_roll()
             self._ask_again()
         if silence > WARN_S and not silent:
@@ -403,14 +410,34 @@ class PlantSim(BallbotNode):
         self.advance()
 
     def _ask_again(self) -> None:
-        """Ask for the duty of this tick again; the silence goes on."""
+        """Ask again for the first tick of which something is missing; the silence goes on.
+
+        The controller may have all that a driver has sent before it was killed, and the recorder
+        not: what a reader has not taken yet of a dead process the middleware throws away.
+        """
         sent_at = self._sent_at
         self._resent += 1
         if self._ack_ns is not None:
             # Who answers only now may not have been found by the recorder yet.
             self._sync_ns = self._plant.time_ns
-        self._publish_truth(again=True)
+        missing = self._first_missing()
+        if missing.stamp_ns < self._plant.time_ns:
+            self._messages.ask(missing)
+            self._asked_for, self._asked_at = missing, time.monotonic()
+        else:
+            self._publish_truth(again=True)
         self._sent_at = sent_at
+
+    def _first_missing(self) -> Truth:
+        """Return the first tick that the recorder lacks, or the newest."""
+        if self._recorder is None or self._ack_ns is None:
+            return self._truth
+        acked_ns = self._ack_ns
+        return next((truth for truth in self._recent if truth.stamp_ns > acked_ns), self._truth)
+
+    def _is_behind(self) -> bool:
+        """Tell whether an earlier tick than the newest is asked for."""
+        return self._recorder is not None and self._asked_for.stamp_ns < self._truth.stamp_ns
 
     def _on_news(self) -> None:
         """Look at once where the run waits for this very news."""

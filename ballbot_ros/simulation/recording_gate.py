@@ -16,6 +16,36 @@ LATEST_NS = 2 * 3600 * SECOND_NS
 """The same for an event, which may be told of well before it happens, as a push is."""
 
 
+MOST_PUBLISHERS = 8
+"""Publishers of a topic, those before a restart included, whose numbers are kept apart."""
+
+
+class _Numbers:
+    """The newest number of each publisher of a topic; no message tells from whom it is."""
+
+    def __init__(self) -> None:
+        self._newest: list[int] = []
+
+    def clear(self) -> None:
+        self._newest.clear()
+
+    def follows(self, number: int) -> bool:
+        """Tell whether a number is the next one of a publisher."""
+        return number - 1 in self._newest
+
+    def leaps(self, number: int) -> bool:
+        """Tell whether a number can only be a known publisher's that has left some out."""
+        return not self.follows(number) and any(newest < number for newest in self._newest)
+
+    def note(self, number: int) -> None:
+        """Take a number for that of the publisher whose newest is next below, or of another."""
+        below = [newest for newest in self._newest if newest < number]
+        if below:
+            self._newest.remove(max(below))
+        self._newest.append(number)
+        del self._newest[:-MOST_PUBLISHERS]
+
+
 class Stream:
     """A topic on its way into the recording.
 
@@ -53,12 +83,13 @@ class Stream:
         self.name, self.period_ns = name, period_ns
         self.is_clock, self.is_live, self._is_shared = is_clock, is_live, is_shared
         self._history = SampleHistory(is_same) if is_same else None
-        self._sequence = 0
+        self._numbers = _Numbers()
         self.newest_ns = 0
 
     def begin(self) -> None:
         """Begin with another plant."""
-        self.newest_ns = self._sequence = 0
+        self.newest_ns = 0
+        self._numbers.clear()
         if self._history:
             self._history.clear()
 
@@ -69,19 +100,20 @@ class Stream:
         sample = self._history.judge(stamp_ns, data)
         if sample is Sample.NEW:
             self.newest_ns = stamp_ns
-        # A stranger's copies have numbers of their own; a successor begins with low ones.
-        elif sample is Sample.REPEATED and sequence <= self._sequence + 1:
-            self._sequence = sequence
+        # A stranger's copies have numbers of their own.
+        elif sample is Sample.REPEATED and not self._numbers.leaps(sequence):
+            self._numbers.note(sequence)
         return sample
 
     def follows(self, sequence: int) -> bool:
-        """Tell whether a number comes next to that of the message before."""
-        return sequence == self._sequence + 1
+        """Tell whether a number is the next one of a publisher."""
+        return self._numbers.follows(sequence)
 
     def has_lost_before(self, sequence: int) -> bool:
         """Note a publisher's number; tell whether some before it are missing."""
-        last, self._sequence = self._sequence, sequence
-        return not self._is_shared and 0 < last < sequence - 1
+        leaps = self._numbers.leaps(sequence)
+        self._numbers.note(sequence)
+        return leaps and not self._is_shared
 
     @property
     def complete_ns(self) -> int:

@@ -1,6 +1,7 @@
 """Nodes that are started by hand, and again in mid-run."""
 
 import contextlib
+import signal
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from rclpy.qos import DurabilityPolicy
 from ros_client import Client
 
 from ballbot_ros.messages.inputs import INPUTS
-from ballbot_ros.messages.topics import GYRO_IMU, PLANT_IMU
+from ballbot_ros.messages.topics import GYRO_IMU, PLANT_IMU, RUN_STATUS
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SLOW_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import load_trajectory
@@ -66,6 +67,17 @@ def await_standstill(client):
     return client.now_ns()
 
 
+@contextlib.contextmanager
+def held_up(client, recorder):
+    """Stop the recorder until the plant waits for it, as far ahead as it may be."""
+    recorder.process.send_signal(signal.SIGSTOP)
+    # While it waits for the recorder the plant tells again how the run stands.
+    client.seen[RUN_STATUS.name] = []
+    client.spin_until(lambda: len(client.seen[RUN_STATUS.name]) > 12, what='a second of waiting')
+    yield
+    recorder.process.send_signal(signal.SIGCONT)
+
+
 def test_restarted_drivers_and_a_second_plant_change_no_duty(
     domain, start_graph, start_node, tmp_path
 ):
@@ -75,11 +87,14 @@ def test_restarted_drivers_and_a_second_plant_change_no_duty(
     restarts = {}
     with contextlib.closing(Client(domain)) as client:
         client.watch(PLANT_IMU)
+        client.watch(RUN_STATUS)
         client.spin_until(lambda: PLANT_IMU.name in client.newest, what='the first tick')
         client.spin_until(lambda: client.now_ns() > BALANCING_NS, what='the end of calibration')
         second = start_node('plant_sim', duration=6.0, real_time_factor=0.0)
         for victim in DRIVERS:
-            nodes[victim].kill()
+            # What the victim has sent may be on its way to the recorder when it dies.
+            with held_up(client, nodes['recorder']):
+                nodes[victim].kill()
             stopped = await_standstill(client)
             restarts[victim] = (stopped - FIRST_TICK_NS) // TICK_NS
             if victim == DRIVERS[-1]:  # the first plant can not have ended before the second
@@ -100,7 +115,7 @@ def test_restarted_drivers_and_a_second_plant_change_no_duty(
     assert summary['duty_sha256'] == expected.duty_sha256
     nodes['recorder'].interrupt()
     with RecordingReader(tmp_path / 'run.mcap') as reader:
-        assert reader.complete
+        assert reader.complete, nodes['recorder'].output
         for topic in ('/motor_duty', '/plant/imu', '/gyro'):
             assert reader.topics()[topic].message_count == ticks
 

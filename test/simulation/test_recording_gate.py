@@ -240,6 +240,28 @@ def test_strangers_on_a_topic_of_events_are_no_lost_messages():
     assert len(file.of('/operating_state')) == 4
 
 
+@pytest.mark.parametrize(
+    ('numbers', 'lost'),
+    [
+        # A second plant has told of its end, and has left before the first one tells of its own.
+        ((1, 2, 1, 3), []),
+        ((1, 2, 1, 4), [4]),
+        ((1, 2, 3, 1, 2, 4, 3, 5), []),
+        ((1, 2, 3, 1, 2, 4, 3, 6), [6]),
+        # Who comes late has not heard the first ones.
+        ((7, 8, 1, 9, 2), []),
+        # However many restarts there were.
+        ((*range(40, 0, -1), 2, 3, 12), [12]),
+    ],
+)
+def test_each_publisher_s_numbers_are_its_own(numbers, lost):
+    file = File()
+    file.tick(1000)
+    for number in numbers:
+        file.take(file.state, 0, sequence=number)
+    assert file.lost == [('/operating_state', number) for number in lost]
+
+
 def test_the_next_run_of_a_plant_goes_on_and_the_last_messages_of_the_one_before_still_pass():
     file = File()
     file.tick(1000)
