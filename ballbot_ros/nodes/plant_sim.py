@@ -429,11 +429,14 @@ class PlantSim(BallbotNode):
         self._sent_at = sent_at
 
     def _first_missing(self) -> Truth:
-        """Return the first tick that the recorder lacks, or the newest."""
+        """Return the first tick that the recorder lacks, or the newest.
+
+        Ticks of a controller that is gone are not among them: no other can answer for it.
+        """
         if self._recorder is None or self._ack_ns is None:
             return self._truth
-        acked_ns = self._ack_ns
-        return next((truth for truth in self._recent if truth.stamp_ns > acked_ns), self._truth)
+        first_ns = max(self._ack_ns + TICK_NS, self._participants.controller_since_ns())
+        return next((truth for truth in self._recent if truth.stamp_ns >= first_ns), self._truth)
 
     def _is_behind(self) -> bool:
         """Tell whether an earlier tick than the newest is asked for."""

@@ -68,7 +68,7 @@ def await_standstill(client):
 
 
 @contextlib.contextmanager
-def held_up(client, recorder):
+def held_up(recorder, client):
     """Stop the recorder until the plant waits for it, as far ahead as it may be."""
     recorder.process.send_signal(signal.SIGSTOP)
     # While it waits for the recorder the plant tells again how the run stands.
@@ -93,7 +93,7 @@ def test_restarted_drivers_and_a_second_plant_change_no_duty(
         second = start_node('plant_sim', duration=6.0, real_time_factor=0.0)
         for victim in DRIVERS:
             # What the victim has sent may be on its way to the recorder when it dies.
-            with held_up(client, nodes['recorder']):
+            with held_up(nodes['recorder'], client):
                 nodes[victim].kill()
             stopped = await_standstill(client)
             restarts[victim] = (stopped - FIRST_TICK_NS) // TICK_NS
@@ -143,10 +143,20 @@ def test_all_drivers_may_be_killed_at_once_and_before_they_are_known(
         )
 
 
-def test_a_restarted_controller_fails_the_run_and_says_so(start_graph, start_node, tmp_path):
+@pytest.fixture
+def client(domain):
+    with contextlib.closing(Client(domain)) as client:
+        client.watch(RUN_STATUS)
+        yield client
+
+
+def test_a_restarted_controller_fails_the_run_and_says_so(
+    start_graph, start_node, client, tmp_path
+):
     nodes = start_graph(60.0, timeout=60.0)
     await_recording(tmp_path / 'run.mcap')
-    nodes['controller'].kill()
+    with held_up(nodes['recorder'], client):
+        nodes['controller'].kill()
     second = start_node('controller')
     assert second.finish() == 1
     assert 'started in mid-run' in second.output
@@ -155,10 +165,11 @@ def test_a_restarted_controller_fails_the_run_and_says_so(start_graph, start_nod
 
 
 @pytest.mark.parametrize('leave', [Node.kill, Node.interrupt], ids=lambda leave: leave.__name__)
-def test_a_controller_may_be_told_to_begin_afresh(start_graph, start_node, tmp_path, leave):
-    nodes = start_graph(3.0, timeout=60.0)
+def test_a_controller_may_be_told_to_begin_afresh(start_graph, start_node, client, tmp_path, leave):
+    nodes = start_graph(5.0, timeout=60.0)
     await_recording(tmp_path / 'run.mcap')
-    leave(nodes['controller'])
+    with held_up(nodes['recorder'], client):
+        leave(nodes['controller'])
     controller = start_node('controller', rejoin='true')
     status = nodes['plant_sim'].finish()
     controller.interrupt()
