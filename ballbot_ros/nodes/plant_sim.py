@@ -329,11 +329,6 @@ class PlantSim(BallbotNode):
             return now >= self._sync_ns
         return now - self._ack_ns > MAX_LEAD_TICKS * TICK_NS
 
-    def _is_syncing(self) -> bool:
-        """Tell whether a tick is to be sent again for the recorder."""
-        is_missed = self._ack_ns is None or self._ack_ns < self._sync_ns
-        return is_missed and self._recorder_lags()
-
     def _meet_recorder(self) -> None:
         """Let a recorder that has come begin at a tick of which every driver sends something."""
         recorder = self._participants.member(RECORDER)
@@ -385,7 +380,7 @@ class PlantSim(BallbotNode):
             if not silent:
                 what = RECORDER if waits_for_recorder else 'the duty'
                 self.warn(f'waiting for {what} at sim time {self._plant.time_ns * 1e-9:.3f} s')
-        if (self._is_syncing() or not has_duty) and now - self._asked_at > RESEND_S:
+        if now - self._asked_at > RESEND_S:
             if has_duty:
                 self._participants.call_roll()
             self._ask_again()
