@@ -194,8 +194,8 @@ class PlantParticipants:
     def controller_since_ns(self) -> int:
         """Return since when the present controller has driven [ns]; 0 if there is none."""
         history = self._roster.history
-        since = [each.since_ns for each in history if each.participant.role == CONTROLLER]
-        return since[-1] if since else 0
+        since = (each.since_ns for each in history if each.participant.role == CONTROLLER)
+        return max(since, default=0)
 
     def member(self, role: str) -> Participant | None:
         """Return who has a role in this run."""

@@ -15,7 +15,6 @@ MOST_AHEAD_NS = SECOND_NS
 LATEST_NS = 2 * 3600 * SECOND_NS
 """The same for an event, which may be told of well before it happens, as a push is."""
 
-
 MOST_PUBLISHERS = 8
 """Publishers of a topic, those before a restart included, whose numbers are kept apart."""
 

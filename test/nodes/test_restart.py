@@ -27,6 +27,14 @@ DRIVERS = [name for name in OTHERS if name != 'controller']
 
 
 @pytest.fixture
+def client(domain):
+    with contextlib.closing(Client(domain)) as client:
+        client.watch(PLANT_IMU)
+        client.watch(RUN_STATUS)
+        yield client
+
+
+@pytest.fixture
 def start_graph(start_node, tmp_path):
     """Start every node by hand; the plant's summary comes from its trajectory file."""
 
@@ -69,7 +77,10 @@ def await_standstill(client):
 
 @contextlib.contextmanager
 def held_up(recorder, client):
-    """Stop the recorder until the plant waits for it, as far ahead as it may be."""
+    """Stop the recorder until the plant waits for it, as far ahead as it may be.
+
+    A second, too: so often the middleware looks who is dead, and throws away what is unread of it.
+    """
     recorder.process.send_signal(signal.SIGSTOP)
     # While it waits for the recorder the plant tells again how the run stands.
     client.seen[RUN_STATUS.name] = []
@@ -79,31 +90,28 @@ def held_up(recorder, client):
 
 
 def test_restarted_drivers_and_a_second_plant_change_no_duty(
-    domain, start_graph, start_node, tmp_path
+    client, start_graph, start_node, tmp_path
 ):
     ticks = 750
     # Time enough for a restart on a busy machine.
     nodes = start_graph(ticks * TICK_NS * 1e-9, timeout=60.0)
     restarts = {}
-    with contextlib.closing(Client(domain)) as client:
-        client.watch(PLANT_IMU)
-        client.watch(RUN_STATUS)
-        client.spin_until(lambda: PLANT_IMU.name in client.newest, what='the first tick')
-        client.spin_until(lambda: client.now_ns() > BALANCING_NS, what='the end of calibration')
-        second = start_node('plant_sim', duration=6.0, real_time_factor=0.0)
-        for victim in DRIVERS:
-            # What the victim has sent may be on its way to the recorder when it dies.
-            with held_up(nodes['recorder'], client):
-                nodes[victim].kill()
-            stopped = await_standstill(client)
-            restarts[victim] = (stopped - FIRST_TICK_NS) // TICK_NS
-            if victim == DRIVERS[-1]:  # the first plant can not have ended before the second
-                assert second.finish() == 2
-            start_node(victim)
-            client.spin_until(
-                lambda stopped=stopped: client.now_ns() > stopped + 2 * SLOW_NS,
-                what=f'a tick after the restart of {victim}',
-            )
+    client.spin_until(lambda: PLANT_IMU.name in client.newest, what='the first tick')
+    client.spin_until(lambda: client.now_ns() > BALANCING_NS, what='the end of calibration')
+    second = start_node('plant_sim', duration=6.0, real_time_factor=0.0)
+    for victim in DRIVERS:
+        # What the victim has sent may be on its way to the recorder when it dies.
+        with held_up(nodes['recorder'], client):
+            nodes[victim].kill()
+        stopped = await_standstill(client)
+        restarts[victim] = (stopped - FIRST_TICK_NS) // TICK_NS
+        if victim == DRIVERS[-1]:  # the first plant can not have ended before the second
+            assert second.finish() == 2
+        start_node(victim)
+        client.spin_until(
+            lambda stopped=stopped: client.now_ns() > stopped + 2 * SLOW_NS,
+            what=f'a tick after the restart of {victim}',
+        )
     assert 'another plant' in second.output
     assert 'Traceback' not in second.output
     assert nodes['plant_sim'].finish() == 0, nodes['plant_sim'].output
@@ -121,33 +129,24 @@ def test_restarted_drivers_and_a_second_plant_change_no_duty(
 
 
 def test_all_drivers_may_be_killed_at_once_and_before_they_are_known(
-    domain, start_graph, start_node
+    client, start_graph, start_node
 ):
     nodes = start_graph(60.0, timeout=60.0)
-    with contextlib.closing(Client(domain)) as client:
-        client.watch(PLANT_IMU)
-        client.spin_until(lambda: PLANT_IMU.name in client.newest, what='the first tick')
-        for driver in DRIVERS:
-            nodes[driver].kill()
-        stopped = await_standstill(client)
-        # The middleware keeps the dead in the graph for 20 s.
-        known = client.node.count_publishers(GYRO_IMU.name)
-        short_lived = [start_node(driver) for driver in DRIVERS]
-        client.spin_until(lambda: client.node.count_publishers(GYRO_IMU.name) > known)
-        for node in short_lived:
-            node.kill()
-        for driver in DRIVERS:
-            start_node(driver)
-        client.spin_until(
-            lambda: client.now_ns() > stopped + 5 * SLOW_NS, what='a tick after the restart'
-        )
-
-
-@pytest.fixture
-def client(domain):
-    with contextlib.closing(Client(domain)) as client:
-        client.watch(RUN_STATUS)
-        yield client
+    client.spin_until(lambda: PLANT_IMU.name in client.newest, what='the first tick')
+    for driver in DRIVERS:
+        nodes[driver].kill()
+    stopped = await_standstill(client)
+    # The middleware keeps the dead in the graph for 20 s.
+    known = client.node.count_publishers(GYRO_IMU.name)
+    short_lived = [start_node(driver) for driver in DRIVERS]
+    client.spin_until(lambda: client.node.count_publishers(GYRO_IMU.name) > known)
+    for node in short_lived:
+        node.kill()
+    for driver in DRIVERS:
+        start_node(driver)
+    client.spin_until(
+        lambda: client.now_ns() > stopped + 5 * SLOW_NS, what='a tick after the restart'
+    )
 
 
 def test_a_restarted_controller_fails_the_run_and_says_so(
@@ -178,18 +177,17 @@ def test_a_controller_may_be_told_to_begin_afresh(start_graph, start_node, clien
     assert 'began afresh' in nodes['plant_sim'].output, controller.output
 
 
-def test_a_controller_is_not_sent_what_was_answered_before_it_came(domain, start_node):
+def test_a_controller_is_not_sent_what_was_answered_before_it_came(client, start_node):
     # Samples of a run's first ticks come topic by topic, which would look like a second sample.
     start_node('controller')
-    with contextlib.closing(Client(domain)) as client:
-        for topic in INPUTS:
+    for topic in INPUTS:
 
-            def subscriptions(topic=topic):
-                return client.node.get_subscriptions_info_by_topic(topic.name)
+        def subscriptions(topic=topic):
+            return client.node.get_subscriptions_info_by_topic(topic.name)
 
-            client.spin_until(subscriptions, what=f'the subscription to {topic.name}')
-            (found,) = subscriptions()
-            assert found.qos_profile.durability == DurabilityPolicy.VOLATILE
+        client.spin_until(subscriptions, what=f'the subscription to {topic.name}')
+        (found,) = subscriptions()
+        assert found.qos_profile.durability == DurabilityPolicy.VOLATILE
 
 
 @pytest.mark.parametrize('name', NODES)
