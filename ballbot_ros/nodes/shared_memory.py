@@ -8,6 +8,11 @@ Ports are opened, made and removed under the semaphore ``sem.fastrtps_port<numbe
 
 A process killed while it makes a port leaves one whose first word is not :data:`INITIALISED`. Fast
 DDS waits for that word without a time limit, deaf to signals.
+
+Whoever writes to a port looks now and then whether its readers live, and copes with one that was
+killed while it waited for a message. Of one killed between two messages it never learns. Of one
+killed while it took a message it does, but may then try for ever to take back that message (issue
+6485 of Fast DDS): it waits for a lock that it holds itself.
 """
 
 from __future__ import annotations
@@ -35,6 +40,15 @@ POLL_S = 0.05
 INITIALISED, CORRUPTED = (2).to_bytes(4, 'little'), (3).to_bytes(4, 'little')
 SMALLEST_PORT = 1024 * 20
 """Bytes: a port has the state of 1024 readers. Opening a smaller one crashes."""
+
+READERS, READER_SIZE = 1024, 20
+AFTER_READERS = b'fastrtps\0'
+"""What a port has behind the states of its readers."""
+
+WAITS = b'\3'
+"""First byte of the state of a reader that waits for a message."""
+
+_DOES_NOT_WAIT = re.compile(rb'[\1\5]')  # bits: in use, waits, takes a message
 
 _FILE = re.compile(r'(?:sem\.)?(fastrtps_(?:port\d+|[0-9a-f]{16}))(?:_el|_sl|_mutex)?')
 _LOCKED_FILE = re.compile(rb' ([0-9a-f]+:[0-9a-f]+):(\d+) ')
@@ -75,6 +89,7 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
     older_than_s : float
         Younger resources are left alone.
     """
+    reveal_dead_readers(folder)
     with _dead_resources(folder, older_than_s) as dead:
         removed = [leftover for resource in dead for leftover in resource.remove()]
     if any(resource.blocks for resource in _resources(folder)):
@@ -82,6 +97,20 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
             blocking = [resource for resource in _resources(folder) if is_only and resource.blocks]
             removed += [left for resource in blocking for left in resource.give_up()]
     return removed
+
+
+def reveal_dead_readers(folder: Path = SHARED_MEMORY) -> None:
+    """Let those who write to the ports of killed processes find out, and go on.
+
+    In ports that nobody reads, readers are marked as waiting: with those Fast DDS copes.
+    """
+    ports = [path for path in folder.glob('fastrtps_port*') if _find_idle_readers(path)]
+    if not ports:
+        return
+    for resource in _unlocked([r for r in _resources(folder) if r.path in ports]):
+        with ExitStack() as claims:
+            if resource.claim(claims):
+                _mark_as_waiting(resource.path)
 
 
 def find_broken_ports(folder: Path = SHARED_MEMORY) -> list[Path]:
@@ -228,6 +257,26 @@ class _Resource:
             with suppress(OSError):  # shared memory may be full
                 port.write(CORRUPTED)
         return removed
+
+
+def _find_idle_readers(path: Path) -> list[int]:
+    """Return where a port has the states of readers that do not wait for a message."""
+    try:
+        port = path.read_bytes()
+    except OSError:  # gone, or another user's
+        return []
+    first = port.find(AFTER_READERS, READERS * READER_SIZE) - READERS * READER_SIZE
+    if first < 0:  # a lock file, or of a Fast DDS that is laid out otherwise
+        return []
+    states = port[first : first + READERS * READER_SIZE : READER_SIZE]
+    return [first + READER_SIZE * match.start() for match in _DOES_NOT_WAIT.finditer(states)]
+
+
+def _mark_as_waiting(path: Path) -> None:
+    with suppress(OSError), path.open('r+b', buffering=0) as port:
+        for state in _find_idle_readers(path):
+            port.seek(state)
+            port.write(WAITS)
 
 
 def _resources(folder: Path) -> list[_Resource]:

@@ -4,6 +4,7 @@ import ctypes
 import json
 import mmap
 import os
+import platform
 import subprocess
 import sys
 import time
@@ -17,10 +18,13 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes import middleware, shared_memory
 from ballbot_ros.nodes.shared_memory import (
     INITIALISED,
+    READER_SIZE,
+    READERS,
     SMALLEST_PORT,
     clear_shared_memory,
     find_broken_ports,
     find_leftovers,
+    reveal_dead_readers,
     sweep,
 )
 from ballbot_ros.processes import END_WITH_PARENT
@@ -329,6 +333,63 @@ def test_who_begins_with_ros_clears_first_but_not_a_node_whose_command_has(monke
     monkeypatch.setenv(END_WITH_PARENT, '1')
     middleware.prepare_middleware()
     assert cleared == [True]
+
+
+def make_read_port(folder, *states, end=shared_memory.AFTER_READERS):
+    port = make(folder, PORT, WHOLE_PORT[:400].ljust(400 + READERS * READER_SIZE, b'\0') + end)
+    with port.open('r+b') as file:
+        for reader, state in enumerate(states):
+            file.seek(400 + reader * READER_SIZE)
+            file.write(bytes([state]))
+    make(folder, f'{PORT}_el')
+    make_mutex(folder)
+    return port
+
+
+def reader_states(port, count):
+    return list(port.read_bytes()[400 : 400 + count * READER_SIZE : READER_SIZE])
+
+
+IDLE, WAITS, TAKES = 0b001, 0b011, 0b101
+
+
+def test_readers_of_a_port_that_nobody_reads_are_marked_as_waiting(tmp_path):
+    port = make_read_port(tmp_path, TAKES, 0, IDLE, WAITS)
+    before = port.read_bytes()
+    reveal_dead_readers(tmp_path)
+    assert reader_states(port, 4) == [WAITS, 0, WAITS, WAITS]
+    after = port.read_bytes()
+    assert [i for i in range(len(before)) if before[i] != after[i]] == [400, 400 + 2 * READER_SIZE]
+    assert acquire(tmp_path / MUTEX)
+
+
+@pytest.mark.parametrize('how', ['lock', 'shared lock'])
+def test_a_living_reader_is_left_alone(tmp_path, how):
+    port = make_read_port(tmp_path, TAKES, IDLE)
+    with held(tmp_path / f'{PORT}_el', how):
+        reveal_dead_readers(tmp_path)
+        assert reader_states(port, 2) == [TAKES, IDLE]
+    sweep(tmp_path, older_than_s=2 * OLD_S)
+    assert reader_states(port, 2) == [WAITS, WAITS]
+
+
+def test_a_port_that_is_laid_out_otherwise_is_left_alone(tmp_path):
+    port = make_read_port(tmp_path, TAKES, end=b'other')
+    reveal_dead_readers(tmp_path)
+    assert reader_states(port, 1) == [TAKES]
+
+
+@pytest.mark.graph
+@pytest.mark.skipif(platform.machine() != 'x86_64', reason="the port's layout is that of x86-64")
+def test_who_writes_to_a_reader_killed_while_it_takes_a_message_goes_on(domain):
+    """Without the sweep Fast DDS 2.14 waits for ever."""
+    pytest.importorskip('rclpy')
+    program = Path(__file__).with_name('killed_reader.py')
+    done = subprocess.run(
+        [*private_shared_memory(), sys.executable, program],
+        capture_output=True, text=True, env=environment(domain), timeout=LAST_RESORT_S, check=False,
+    )  # fmt: skip
+    assert done.stdout == 'waits\ngoes on\n', done.stderr
 
 
 def run_privately(domain, *command, broken_ports=()):
