@@ -220,4 +220,5 @@ class Node:
     def kill(self):
         if self.process.poll() is None:
             self.process.kill()
-            self.process.communicate()
+            self.output, _ = self.process.communicate()
+            print(f'{self.name}:\n{self.output}')  # shown if the test has failed
