@@ -22,14 +22,14 @@ from ballbot_ros.messages.topics import DIAGNOSTICS, HISTORY, Topic
 from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, start_failure
 from ballbot_ros.nodes.node_parameters import ParameterNode
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
-from ballbot_ros.nodes.shared_memory import reveal_dead_readers
+from ballbot_ros.nodes.shared_memory import mark_dead_readers
 from ballbot_ros.processes import end_with_parent
 from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
 SPIN_S = 0.05
 DEAD_READERS_PERIOD_S = 1.0
-"""Not longer than Fast DDS takes to find out for itself, which may hold up a process for ever."""
+"""Shorter than Fast DDS takes to detect a dead reader, as its recovery may deadlock."""
 
 FLUSH_S = 0.1
 NO_SAMPLE = (ValueError, IndexError, OverflowError)
@@ -331,7 +331,7 @@ def spin(nodes: Sequence[BallbotNode], done: rclpy.Future, stop: StopRequest | N
     Unlike ``spin_once`` this stays in C++ from one callback to the next. Where there are no
     callbacks it comes back now and then, so that a signal is noticed.
     """
-    nodes[0].every(DEAD_READERS_PERIOD_S, reveal_dead_readers)
+    nodes[0].every(DEAD_READERS_PERIOD_S, mark_dead_readers)
     executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)

@@ -9,10 +9,10 @@ Ports are opened, made and removed under the semaphore ``sem.fastrtps_port<numbe
 A process killed while it makes a port leaves one whose first word is not :data:`INITIALISED`. Fast
 DDS waits for that word without a time limit, deaf to signals.
 
-Whoever writes to a port looks now and then whether its readers live, and copes with one that was
-killed while it waited for a message. Of one killed between two messages it never learns. Of one
-killed while it took a message it does, but may then try for ever to take back that message (issue
-6485 of Fast DDS): it waits for a lock that it holds itself.
+A writer checks now and then that the readers of its ports are alive. It detects a reader that was
+killed while waiting for a message, and removes its port. It never detects one that was killed
+between two messages. If one was killed while it took a message, the writer may deadlock in the
+recovery, on a lock that it already holds (Fast DDS issue 6485).
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
     older_than_s : float
         Younger resources are left alone.
     """
-    reveal_dead_readers(folder)
+    mark_dead_readers(folder)
     with _dead_resources(folder, older_than_s) as dead:
         removed = [leftover for resource in dead for leftover in resource.remove()]
     if any(resource.blocks for resource in _resources(folder)):
@@ -99,11 +99,8 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
     return removed
 
 
-def reveal_dead_readers(folder: Path = SHARED_MEMORY) -> None:
-    """Let those who write to the ports of killed processes find out, and go on.
-
-    In ports that nobody reads, readers are marked as waiting: with those Fast DDS copes.
-    """
+def mark_dead_readers(folder: Path = SHARED_MEMORY) -> None:
+    """Mark killed readers as waiting, so that their writers detect them and do not deadlock."""
     ports = [path for path in folder.glob('fastrtps_port*') if _find_idle_readers(path)]
     if not ports:
         return

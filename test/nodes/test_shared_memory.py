@@ -24,7 +24,7 @@ from ballbot_ros.nodes.shared_memory import (
     clear_shared_memory,
     find_broken_ports,
     find_leftovers,
-    reveal_dead_readers,
+    mark_dead_readers,
     sweep,
 )
 from ballbot_ros.processes import END_WITH_PARENT
@@ -356,7 +356,7 @@ IDLE, WAITS, TAKES = 0b001, 0b011, 0b101
 def test_readers_of_a_port_that_nobody_reads_are_marked_as_waiting(tmp_path):
     port = make_read_port(tmp_path, TAKES, 0, IDLE, WAITS)
     before = port.read_bytes()
-    reveal_dead_readers(tmp_path)
+    mark_dead_readers(tmp_path)
     assert reader_states(port, 4) == [WAITS, 0, WAITS, WAITS]
     after = port.read_bytes()
     assert [i for i in range(len(before)) if before[i] != after[i]] == [400, 400 + 2 * READER_SIZE]
@@ -367,7 +367,7 @@ def test_readers_of_a_port_that_nobody_reads_are_marked_as_waiting(tmp_path):
 def test_a_living_reader_is_left_alone(tmp_path, how):
     port = make_read_port(tmp_path, TAKES, IDLE)
     with held(tmp_path / f'{PORT}_el', how):
-        reveal_dead_readers(tmp_path)
+        mark_dead_readers(tmp_path)
         assert reader_states(port, 2) == [TAKES, IDLE]
     sweep(tmp_path, older_than_s=2 * OLD_S)
     assert reader_states(port, 2) == [WAITS, WAITS]
@@ -375,7 +375,7 @@ def test_a_living_reader_is_left_alone(tmp_path, how):
 
 def test_a_port_that_is_laid_out_otherwise_is_left_alone(tmp_path):
     port = make_read_port(tmp_path, TAKES, end=b'other')
-    reveal_dead_readers(tmp_path)
+    mark_dead_readers(tmp_path)
     assert reader_states(port, 1) == [TAKES]
 
 
