@@ -106,7 +106,7 @@ def mark_dead_readers(folder: Path = SHARED_MEMORY) -> None:
         return
     for resource in _unlocked([r for r in _resources(folder) if r.path in ports]):
         with ExitStack() as claims:
-            if resource.claim(claims):
+            if resource.claim(claims, with_semaphore=True):
                 _mark_as_waiting(resource.path)
 
 
@@ -214,15 +214,15 @@ class _Resource:
     def leftovers(self) -> list[Leftover]:
         return [Leftover(path, status.st_size) for path, status in self.files.items()]
 
-    def claim(self, claims: ExitStack) -> bool:
-        """Take the locks, which keeps processes from opening a port, if no process holds any."""
+    def claim(self, claims: ExitStack, *, with_semaphore: bool = False) -> bool:
+        """Take the locks, which keeps processes from opening a port, if no process holds any.
+
+        Without the semaphore a process may be about to open the port.
+        """
         with ExitStack() as locks:
             try:
-                if self.mutex in self.files:
-                    mutex = locks.enter_context(self.mutex.open('r+b', buffering=0))
-                    # Taken already: by a process that has it mapped, or by one that is dead.
-                    if _semaphore('sem_trywait', mutex):
-                        locks.callback(_release, mutex)
+                if not self._take_semaphore(locks) and with_semaphore:
+                    return False
                 for path in self.files:
                     if path.name.endswith(('_el', '_sl')):
                         lock = locks.enter_context(path.open('rb'))
@@ -233,6 +233,15 @@ class _Resource:
                 return False
             claims.enter_context(locks.pop_all())
             return True
+
+    def _take_semaphore(self, locks: ExitStack) -> bool:
+        if self.mutex not in self.files:
+            return False
+        mutex = locks.enter_context(self.mutex.open('r+b', buffering=0))
+        if not _semaphore('sem_trywait', mutex):
+            return False  # taken, by a process that has it mapped or by one that died
+        locks.callback(_release, mutex)
+        return True
 
     def remove(self) -> list[Leftover]:
         """Remove the files; return those that this process removed."""

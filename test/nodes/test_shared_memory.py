@@ -373,6 +373,16 @@ def test_a_living_reader_is_left_alone(tmp_path, how):
     assert reader_states(port, 2) == [WAITS, WAITS]
 
 
+def test_a_port_that_is_being_opened_is_left_alone(tmp_path):
+    port = make_read_port(tmp_path, TAKES)
+    assert acquire(tmp_path / MUTEX)
+    mark_dead_readers(tmp_path)
+    assert reader_states(port, 1) == [TAKES]
+    (tmp_path / MUTEX).unlink()
+    mark_dead_readers(tmp_path)
+    assert reader_states(port, 1) == [TAKES]
+
+
 def test_a_port_that_is_laid_out_otherwise_is_left_alone(tmp_path):
     port = make_read_port(tmp_path, TAKES, end=b'other')
     mark_dead_readers(tmp_path)
