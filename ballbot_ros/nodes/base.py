@@ -28,8 +28,8 @@ from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
 SPIN_S = 0.05
-DEAD_READERS_PERIOD_S = 1.0
-"""Shorter than Fast DDS takes to detect a dead reader, as its recovery may deadlock."""
+DEAD_READERS_PERIOD_S = 0.5
+"""Shorter than Fast DDS takes to detect a dead reader (1 s or more): its recovery may deadlock."""
 
 FLUSH_S = 0.1
 NO_SAMPLE = (ValueError, IndexError, OverflowError)

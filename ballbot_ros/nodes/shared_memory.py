@@ -41,6 +41,9 @@ INITIALISED, CORRUPTED = (2).to_bytes(4, 'little'), (3).to_bytes(4, 'little')
 SMALLEST_PORT = 1024 * 20
 """Bytes: a port has the state of 1024 readers. Opening a smaller one crashes."""
 
+PORT_HEAD = 1024 * 64
+"""Bytes of a port that include the states of its readers."""
+
 READERS, READER_SIZE = 1024, 20
 AFTER_READERS = b'fastrtps\0'
 """What a port has behind the states of its readers."""
@@ -101,7 +104,7 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
 
 def mark_dead_readers(folder: Path = SHARED_MEMORY) -> None:
     """Mark killed readers as waiting, so that their writers detect them and do not deadlock."""
-    ports = [path for path in folder.glob('fastrtps_port*') if _find_idle_readers(path)]
+    ports = [path for path in folder.glob('fastrtps_port*[0-9]') if _find_idle_readers(path)]
     if not ports:
         return
     for resource in _unlocked([r for r in _resources(folder) if r.path in ports]):
@@ -268,11 +271,12 @@ class _Resource:
 def _find_idle_readers(path: Path) -> list[int]:
     """Return where a port has the states of readers that do not wait for a message."""
     try:
-        port = path.read_bytes()
+        with path.open('rb', buffering=0) as file:
+            port = file.read(PORT_HEAD)
     except OSError:  # gone, or another user's
         return []
     first = port.find(AFTER_READERS, READERS * READER_SIZE) - READERS * READER_SIZE
-    if first < 0:  # a lock file, or of a Fast DDS that is laid out otherwise
+    if first < 0:  # of a Fast DDS that is laid out otherwise
         return []
     states = port[first : first + READERS * READER_SIZE : READER_SIZE]
     return [first + READER_SIZE * match.start() for match in _DOES_NOT_WAIT.finditer(states)]

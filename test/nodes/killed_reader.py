@@ -1,15 +1,14 @@
 """A publisher whose reader was killed while it took a message waits for a lock that it holds.
 
 Run this where no other process sees its shared memory. It kills a reader, holds up the publisher
-where that adds a message to the reader's port, and gives the port the state in which a reader
-leaves it that is killed just then, and that Fast DDS has found dead. Prints 'waits', and 'goes on'
-once the publisher publishes again because of a node that lives.
+where that adds a message to the reader's port, and puts the port into the state of one whose reader
+was killed while it took a message and was found dead. Prints 'waits' when the publisher waits for
+its own lock, and 'goes on' when it publishes again after the readers have been marked.
 """
 
 import ctypes
 import mmap
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -23,13 +22,15 @@ from ballbot_ros.nodes.shared_memory import (
     READER_SIZE,
     READERS,
     SHARED_MEMORY,
-    find_stale_ports,
+    mark_dead_readers,
 )
 
-CONTENDED = 2
+LIBC = ctypes.CDLL(None)
+LOCKED, CONTENDED = 1, 2
 IS_OK = 1
 TAKES_A_MESSAGE = 5
 FUTEX = '202 '
+NEVER_MS = 2**62
 
 
 class Port(ctypes.Structure):
@@ -37,19 +38,29 @@ class Port(ctypes.Structure):
 
     _fields_ = [
         ('readers_checked_ms', ctypes.c_int64),
-        ('_', ctypes.c_uint32 * 9),
+        ('_counts', ctypes.c_uint32 * 9),
         ('flags', ctypes.c_uint32),
         ('_condition', ctypes.c_char * 20544),
         ('lock', ctypes.c_int32),
-        ('_count', ctypes.c_int32),
+        ('_recursion', ctypes.c_int32),
         ('owner', ctypes.c_int32),
         ('_mutex', ctypes.c_int32 * 7),
         ('first_reader', ctypes.c_uint8),
     ]
 
+    @property
+    def mutex(self):
+        return ctypes.byref(self, Port.lock.offset)
 
-def open_port(number):
-    with (SHARED_MEMORY / f'fastrtps_port{number}').open('r+b') as file:
+
+def open_data_port(process):
+    """Return the port in which a process reads data; the one for discovery is below 7400."""
+    locks = [line.split() for line in Path('/proc/locks').read_text().splitlines()]
+    inodes = {int(lock[5].split(':')[2]) for lock in locks if lock[4] == str(process)}
+    locked = [p for p in SHARED_MEMORY.glob('fastrtps_port*_el') if p.stat().st_ino in inodes]
+    names = [path.name.removesuffix('_el') for path in locked]
+    name = max(names, key=lambda name: int(name.removeprefix('fastrtps_port')))
+    with (SHARED_MEMORY / name).open('r+b') as file:
         memory = mmap.mmap(file.fileno(), 0)
     readers = memory.find(AFTER_READERS, READERS * READER_SIZE) - READERS * READER_SIZE
     return Port.from_buffer(memory, readers - Port.first_reader.offset)
@@ -61,7 +72,8 @@ def publish():
     while True:
         publisher.publish(Empty())
         print(flush=True)
-        time.sleep(0.001)
+        # A port holds 512 messages. Once it is full the publisher adds none, and does not wait.
+        time.sleep(0.1)
 
 
 def read():
@@ -72,12 +84,7 @@ def read():
 
 
 def start(role):
-    return subprocess.Popen([sys.executable, __file__, role], stdout=subprocess.PIPE)
-
-
-def start_node():
-    command = [sys.executable, '-m', 'ballbot_ros.nodes', 'gyro_driver']
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    return subprocess.Popen([sys.executable, __file__, role], stdout=subprocess.PIPE, bufsize=0)
 
 
 def wait_for(condition):
@@ -90,36 +97,48 @@ def is_blocked(process, thread):
     return Path(f'/proc/{process}/task/{thread}/syscall').read_text().startswith(FUTEX)
 
 
+def kill(reader):
+    """Kill the reader; return its port, locked."""
+    reader.stdout.readline()
+    port = open_data_port(reader.pid)
+    # Otherwise Fast DDS looks after one second whether the reader lives, and removes the port.
+    port.readers_checked_ms = NEVER_MS
+    LIBC.pthread_mutex_lock(port.mutex)  # so that the reader does not die with it
+    reader.kill()
+    reader.wait()
+    port.lock = LOCKED  # the reader may have waited for it
+    return port
+
+
+def hold_up(publisher, port):
+    """Have the publisher find the port out of order just when it adds a message to it."""
+    wait_for(lambda: port.lock == CONTENDED)
+    port.flags &= ~IS_OK
+    port.first_reader = TAKES_A_MESSAGE
+    LIBC.pthread_mutex_unlock(port.mutex)
+    wait_for(lambda: port.owner and is_blocked(publisher.pid, port.owner))
+
+
+def skip_what_was_printed(process):
+    os.set_blocking(process.stdout.fileno(), False)
+    while process.stdout.read(4096):
+        pass
+    os.set_blocking(process.stdout.fileno(), True)
+
+
 def main():
-    with start('publish') as publisher, start('read') as reader, start_node() as node:
-        try:
-            node.stdout.readline()
-            node.send_signal(signal.SIGSTOP)
-            reader.stdout.readline()
-            reader.kill()
-            reader.wait()
-            port = open_port(max(find_stale_ports()))
-            # Otherwise Fast DDS, too, takes the lock, to look whether the reader lives.
-            port.readers_checked_ms = 2 * port.readers_checked_ms
-            mutex = ctypes.byref(port, Port.lock.offset)
-            libc = ctypes.CDLL(None)
-            libc.pthread_mutex_lock(mutex)
-            wait_for(lambda: port.lock == CONTENDED)
-            port.flags &= ~IS_OK
-            port.first_reader = TAKES_A_MESSAGE
-            libc.pthread_mutex_unlock(mutex)
-            wait_for(lambda: port.owner and is_blocked(publisher.pid, port.owner))
-            print('waits')
-            os.set_blocking(publisher.stdout.fileno(), False)
-            publisher.stdout.read()
-            os.set_blocking(publisher.stdout.fileno(), True)
-            node.send_signal(signal.SIGCONT)
-            publisher.stdout.readline()
-            print('goes on')
-        finally:
-            publisher.kill()
-            reader.kill()
-            node.kill()
+    publisher, reader = start('publish'), start('read')
+    try:
+        port = kill(reader)
+        hold_up(publisher, port)
+        print('waits')
+        skip_what_was_printed(publisher)
+        mark_dead_readers()
+        publisher.stdout.readline()
+        print('goes on')
+    finally:
+        publisher.kill()
+        reader.kill()
 
 
 if __name__ == '__main__':

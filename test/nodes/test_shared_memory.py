@@ -389,10 +389,27 @@ def test_a_port_that_is_laid_out_otherwise_is_left_alone(tmp_path):
     assert reader_states(port, 1) == [TAKES]
 
 
+ENDS_AT_A_CHECK = """
+import rclpy
+from ballbot_ros.nodes import base, gyro_driver
+rclpy.init()
+node = gyro_driver.GyroDriver({})
+base.mark_dead_readers = node.finish
+base.spin([node], node.done)
+"""
+
+
+@pytest.mark.graph
+def test_a_running_node_checks_for_dead_readers(domain):
+    pytest.importorskip('rclpy')
+    command = [sys.executable, '-c', ENDS_AT_A_CHECK]
+    subprocess.run(command, env=environment(domain), timeout=LAST_RESORT_S, check=True)
+
+
 @pytest.mark.graph
 @pytest.mark.skipif(platform.machine() != 'x86_64', reason="the port's layout is that of x86-64")
 def test_who_writes_to_a_reader_killed_while_it_takes_a_message_goes_on(domain):
-    """Without the sweep Fast DDS 2.14 waits for ever."""
+    """Unless its reader is marked, Fast DDS 2.14 waits for ever."""
     pytest.importorskip('rclpy')
     program = Path(__file__).with_name('killed_reader.py')
     done = subprocess.run(
