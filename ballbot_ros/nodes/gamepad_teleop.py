@@ -12,7 +12,13 @@ from ballbot_ros.brick.bluetooth import PacketError
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import fill_sticks, log_packet
 from ballbot_ros.messages.raw import stamp_of
-from ballbot_ros.messages.topics import BLUETOOTH_TX, GAMEPAD_JOY, HISTORY, PLANT_JOINT_STATES
+from ballbot_ros.messages.topics import (
+    BLUETOOTH_TX,
+    GAMEPAD_JOY,
+    HISTORY,
+    MAX_LEAD_TICKS,
+    PLANT_JOINT_STATES,
+)
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.teleop_inputs import TeleopInputs
@@ -20,7 +26,7 @@ from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GAMEPAD
 from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.timing import MILLISECOND_NS, SLOW_NS
+from ballbot_ros.simulation.timing import MILLISECOND_NS, SLOW_NS, TICK_NS
 from ballbot_ros.teleop.arbiter import SCENARIO, Arbiter, Command
 from ballbot_ros.teleop.complaints import Complaints
 from ballbot_ros.teleop.csv_log import CsvLog
@@ -33,6 +39,8 @@ from ballbot_ros.teleop.terminal import why_no_keyboard
 
 LIST_DEVICES = '--list-devices'
 FLUSH_S = 0.5
+MOST_ANSWERS = MAX_LEAD_TICKS * TICK_NS // SLOW_NS + 1
+"""Answers that are kept: the plant may ask again for any tick that the recorder lacks."""
 
 
 class GamepadTeleop(BallbotNode):
@@ -42,7 +50,7 @@ class GamepadTeleop(BallbotNode):
         super().__init__(GAMEPAD, values)
         self._scenario = scenario_of(self.values['scenario'])
         self._start_ns = 0
-        self._answered_ns: int | None = None
+        self._answers: dict[int, Command] = {}
         self._command = Command(SCENARIO, NEUTRAL)
         self._output = self.output(GAMEPAD_JOY)
         self._sources = Arbiter()
@@ -102,7 +110,8 @@ class GamepadTeleop(BallbotNode):
                 self._log_subscription = self.listen(BLUETOOTH_TX, self._on_log, depth=HISTORY)
 
     def _on_run(self, run: Run) -> None:
-        self._start_ns, self._answered_ns = run.start_ns, None
+        self._start_ns = run.start_ns
+        self._answers.clear()
         if self._log:
             self._log.begin_run(run.start_ns // MILLISECOND_NS)
 
@@ -112,11 +121,14 @@ class GamepadTeleop(BallbotNode):
             self._answer(now)
 
     def _answer(self, now_ns: int) -> None:
-        # Asked again, it says the same again, whatever the live inputs say by now.
-        if now_ns != self._answered_ns:
-            self._answered_ns = now_ns
+        # Asked again, it gives the same answer again, whatever the live inputs say by now.
+        answer = self._answers.get(now_ns)
+        if answer is None:
             self._decide((now_ns - self._start_ns) * 1e-9)
-            fill_sticks(self._output.message, now_ns, self._command.sticks, self._command.source)
+            answer = self._answers[now_ns] = self._command
+            if len(self._answers) > MOST_ANSWERS:
+                del self._answers[next(iter(self._answers))]
+        fill_sticks(self._output.message, now_ns, answer.sticks, answer.source)
         self._output.send(now_ns)
         self.sampled(now_ns)
 

@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 import time
+from collections import deque
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,16 +19,25 @@ from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
 from geometry_msgs.msg import Twist, TwistStamped  # noqa: E402
 from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from ros_client import Client  # noqa: E402
-from sensor_msgs.msg import Joy  # noqa: E402
+from sensor_msgs.msg import JointState, Joy  # noqa: E402
+from std_msgs.msg import Header  # noqa: E402
 
-from ballbot_ros.messages.conversions import ball_position, stick_values  # noqa: E402
+from ballbot_ros.messages.conversions import (  # noqa: E402
+    ball_position,
+    fill_time,
+    stamp_ns,
+    stick_values,
+)
 from ballbot_ros.messages.topics import (  # noqa: E402
     DIAGNOSTICS,
     GAMEPAD_JOY,
     JOY,
+    MAX_LEAD_TICKS,
     OPERATING_STATE,
     PLANT_IMU,
+    PLANT_JOINT_STATES,
     PLANT_ODOM,
+    ROLL_CALL,
 )
 from ballbot_ros.nodes.teleop_inputs import TeleopInputs  # noqa: E402
 from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet  # noqa: E402
@@ -36,6 +46,7 @@ from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 from ballbot_ros.scenario.library import load_scenario  # noqa: E402
 from ballbot_ros.scenario.scenario import Scenario  # noqa: E402
 from ballbot_ros.simulation.closed_loop import ClosedLoop  # noqa: E402
+from ballbot_ros.simulation.timing import FIRST_TICK_NS, SLOW_NS, TICK_NS  # noqa: E402
 from ballbot_ros.simulation.trajectory import TrajectoryLog  # noqa: E402
 from ballbot_ros.teleop.arbiter import NOBODY, Arbiter  # noqa: E402
 from ballbot_ros.teleop.complaints import Complaints  # noqa: E402
@@ -228,6 +239,38 @@ def test_priorities_over_topics(driver):
         driver.await_command('cmd_vel', (-100, 0))
 
 
+def header(stamp_ns, frame_id=''):
+    filled = Header(frame_id=frame_id)
+    fill_time(filled.stamp, stamp_ns)
+    return filled
+
+
+def test_a_tick_that_is_asked_for_again_gets_the_same_sticks(domain, start_node):
+    """Up to the oldest that the recorder may lack."""
+    start_node(GAMEPAD, device="''")
+    with contextlib.closing(Client(domain)) as client:
+        client.watch(GAMEPAD_JOY, depth=10)
+        client.publish(ROLL_CALL, lambda: header(FIRST_TICK_NS, '1 a'))
+        stick = itertools.count(1)
+        client.publish(JOY, lambda: joy(forward=next(stick) % 100 / 100.0), period_s=0.01)
+        plant = client.node.create_publisher(JointState, PLANT_JOINT_STATES.name, 10)
+        answers = client.seen[GAMEPAD_JOY.name] = []
+
+        def ask(stamp):
+            answers.clear()
+            while stamp not in map(stamp_ns, answers):
+                plant.publish(JointState(header=header(stamp)))
+                client.executor.spin_once(timeout_sec=0.1)
+            return stick_values(answers[-1])
+
+        stamps = itertools.count(FIRST_TICK_NS, SLOW_NS)
+        asked = deque(maxlen=MAX_LEAD_TICKS * TICK_NS // SLOW_NS + 1)
+        while len(asked) < asked.maxlen or len({sticks for _, sticks in asked}) == 1:
+            stamp = next(stamps)
+            asked.append((stamp, ask(stamp)))
+        assert [(stamp, ask(stamp)) for stamp, _ in asked] == list(asked)
+
+
 class Recorded(Scenario):
     """The sticks of a recording."""
 
@@ -250,6 +293,7 @@ def test_the_recorded_sticks_give_the_same_duties_again(domain, start_run, tmp_p
         )
         client.spin_until(lambda: run.process.poll() is not None)
     assert run.finish() in (0, 1), run.stderr
+    assert run.result['ticks'] == 1250, run.result['reason']
     with RecordingReader(tmp_path / 'stationary.mcap') as reader:
         assert reader.complete
         messages = list(reader.messages({'/gamepad'}))
