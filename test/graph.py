@@ -218,7 +218,7 @@ class Node:
         return self.finish()
 
     def kill(self):
-        if self.process.poll() is None:
-            self.process.kill()
+        self.process.kill()
+        if not self.process.stdout.closed:
             self.output, _ = self.process.communicate()
-            print(f'{self.name}:\n{self.output}')  # shown if the test has failed
+        print(f'{self.name}:\n{self.output}')  # shown if the test has failed
