@@ -21,6 +21,7 @@ from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import DIAGNOSTICS, HISTORY, Topic
 from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, start_failure
 from ballbot_ros.nodes.node_parameters import ParameterNode
+from ballbot_ros.nodes.own_ports import repair_own_ports
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.nodes.shared_memory import mark_dead_readers
 from ballbot_ros.processes import end_with_parent
@@ -28,7 +29,7 @@ from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
 SPIN_S = 0.05
-DEAD_READERS_PERIOD_S = 0.5
+PORTS_PERIOD_S = 0.5
 """Shorter than Fast DDS takes to detect a dead reader (1 s or more): its recovery may deadlock."""
 
 FLUSH_S = 0.1
@@ -331,7 +332,8 @@ def spin(nodes: Sequence[BallbotNode], done: rclpy.Future, stop: StopRequest | N
     Unlike ``spin_once`` this stays in C++ from one callback to the next. Where there are no
     callbacks it comes back now and then, so that a signal is noticed.
     """
-    nodes[0].every(DEAD_READERS_PERIOD_S, mark_dead_readers)
+    nodes[0].every(PORTS_PERIOD_S, mark_dead_readers)
+    nodes[0].every(PORTS_PERIOD_S, repair_own_ports)
     executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)

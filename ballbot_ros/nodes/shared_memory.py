@@ -268,6 +268,12 @@ class _Resource:
         return removed
 
 
+def find_reader_states(port: bytes) -> int | None:
+    """Return where a port has the states of its readers; None if it is laid out otherwise."""
+    end = port.find(AFTER_READERS, READERS * READER_SIZE)
+    return None if end < 0 else end - READERS * READER_SIZE
+
+
 def _find_idle_readers(path: Path) -> list[int]:
     """Return where a port has the states of readers that do not wait for a message."""
     try:
@@ -275,8 +281,8 @@ def _find_idle_readers(path: Path) -> list[int]:
             port = file.read(PORT_HEAD)
     except OSError:  # gone, or another user's
         return []
-    first = port.find(AFTER_READERS, READERS * READER_SIZE) - READERS * READER_SIZE
-    if first < 0:  # of a Fast DDS that is laid out otherwise
+    first = find_reader_states(port)
+    if first is None:
         return []
     states = port[first : first + READERS * READER_SIZE : READER_SIZE]
     return [first + READER_SIZE * match.start() for match in _DOES_NOT_WAIT.finditer(states)]

@@ -1,0 +1,55 @@
+"""A node whose port other processes have removed."""
+
+import contextlib
+import platform
+import re
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from ros_client import Client
+from std_msgs.msg import Header
+
+from ballbot_ros.messages.conversions import fill_time
+from ballbot_ros.messages.topics import PARTICIPANTS, ROLL_CALL
+from ballbot_ros.nodes.shared_memory import SHARED_MEMORY
+from ballbot_ros.parameters import GYRO
+from ballbot_ros.simulation.timing import FIRST_TICK_NS
+
+LOCK = re.compile(r'/dev/shm/fastrtps_port(\d+)_el')
+
+pytestmark = [
+    pytest.mark.graph,
+    pytest.mark.skipif(
+        platform.machine() != 'x86_64', reason="the port's layout is that of x86-64"
+    ),
+]
+
+
+def lock_of_data_port(process):
+    """The ports for discovery, from 7000 on, are common to all domains."""
+    links = [str(link.readlink()) for link in Path(f'/proc/{process}/fd').iterdir()]
+    numbers = [int(match[1]) for link in links if (match := LOCK.fullmatch(link))]
+    return SHARED_MEMORY / f'fastrtps_port{max(numbers)}_el'
+
+
+def roll_call():
+    header = Header(frame_id='1 a')
+    fill_time(header.stamp, FIRST_TICK_NS)
+    return header
+
+
+def test_a_node_hears_newcomers_after_others_have_removed_its_port(domain, start_node):
+    node = start_node(GYRO)
+    node.process.stdout.readline()
+    lock = lock_of_data_port(node.process.pid)
+    lock.with_name(lock.name.removesuffix('_el')).unlink()
+    lock.unlink()
+    with contextlib.closing(Client(domain)) as client:
+        client.watch(PARTICIPANTS, depth=10)
+        client.publish(ROLL_CALL, roll_call)
+        client.spin_until(lambda: PARTICIPANTS.name in client.newest, what='an announcement')
+    assert client.newest[PARTICIPANTS.name].name == f'/{GYRO}'
+    assert lock_of_data_port(node.process.pid) == lock
