@@ -332,8 +332,9 @@ def spin(nodes: Sequence[BallbotNode], done: rclpy.Future, stop: StopRequest | N
     Unlike ``spin_once`` this stays in C++ from one callback to the next. Where there are no
     callbacks it comes back now and then, so that a signal is noticed.
     """
-    nodes[0].every(PORTS_PERIOD_S, mark_dead_readers)
-    nodes[0].every(PORTS_PERIOD_S, repair_own_ports)
+    steady = Clock(clock_type=ClockType.STEADY_TIME)
+    for check in (mark_dead_readers, repair_own_ports):
+        nodes[0].create_timer(PORTS_PERIOD_S, check, clock=steady)
     executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)
