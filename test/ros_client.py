@@ -7,11 +7,18 @@ from graph import LAST_RESORT_S
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from std_msgs.msg import Header
 
-from ballbot_ros.messages.conversions import stamp_ns
+from ballbot_ros.messages.conversions import fill_header, stamp_ns
 from ballbot_ros.messages.topics import PLANT_IMU
 from ballbot_ros.nodes.base import reliable_qos, requested_qos
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
+
+
+def header(stamp_ns, frame_id=''):
+    filled = Header()
+    fill_header(filled, stamp_ns, frame_id)
+    return filled
 
 
 class Client:

@@ -14,9 +14,9 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from ballbot_ros.nodes.shared_memory import find_reader_states
+from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, find_reader_states
 
-_LOST_LOCK = re.compile(r'/dev/shm/(fastrtps_port(\d+))_el \(deleted\)')
+_LOST_LOCK = re.compile(rf'{SHARED_MEMORY}/(fastrtps_port(\d+))_el \(deleted\)')
 _FLAGS_TO_READERS, _NUMBER_TO_FLAGS = 20588, 24
 """Distances in the state of a port [bytes]; the layout is that of x86-64."""
 
@@ -32,7 +32,7 @@ def repair_own_ports() -> None:
     try:
         for line in Path('/proc/self/maps').read_text().splitlines():
             addresses, _, _, _, _, *path = line.split(maxsplit=5)
-            name = path[0].removeprefix('/dev/shm/').removesuffix(' (deleted)') if path else ''
+            name = Path(path[0]).name.removesuffix(' (deleted)') if path else ''
             if name in lost:
                 start, end = (int(address, 16) for address in addresses.split('-'))
                 with suppress(OSError):  # unmapped by now

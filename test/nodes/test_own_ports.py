@@ -9,10 +9,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from ros_client import Client
-from std_msgs.msg import Header
+from ros_client import Client, header
 
-from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.topics import PARTICIPANTS, ROLL_CALL
 from ballbot_ros.nodes.shared_memory import SHARED_MEMORY
 from ballbot_ros.parameters import GYRO
@@ -35,12 +33,6 @@ def lock_of_data_port(process):
     return SHARED_MEMORY / f'fastrtps_port{max(numbers)}_el'
 
 
-def roll_call():
-    header = Header(frame_id='1 a')
-    fill_time(header.stamp, FIRST_TICK_NS)
-    return header
-
-
 def test_a_node_hears_newcomers_after_others_have_removed_its_port(domain, start_node):
     node = start_node(GYRO)
     node.process.stdout.readline()
@@ -49,7 +41,7 @@ def test_a_node_hears_newcomers_after_others_have_removed_its_port(domain, start
     lock.unlink()
     with contextlib.closing(Client(domain)) as client:
         client.watch(PARTICIPANTS, depth=10)
-        client.publish(ROLL_CALL, roll_call)
+        client.publish(ROLL_CALL, lambda: header(FIRST_TICK_NS, '1 a'))
         client.spin_until(lambda: PARTICIPANTS.name in client.newest, what='an announcement')
     assert client.newest[PARTICIPANTS.name].name == f'/{GYRO}'
     assert lock_of_data_port(node.process.pid) == lock

@@ -18,13 +18,11 @@ rclpy = pytest.importorskip('rclpy')
 from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
 from geometry_msgs.msg import Twist, TwistStamped  # noqa: E402
 from rclpy.qos import qos_profile_sensor_data  # noqa: E402
-from ros_client import Client  # noqa: E402
+from ros_client import Client, header  # noqa: E402
 from sensor_msgs.msg import JointState, Joy  # noqa: E402
-from std_msgs.msg import Header  # noqa: E402
 
 from ballbot_ros.messages.conversions import (  # noqa: E402
     ball_position,
-    fill_time,
     stamp_ns,
     stick_values,
 )
@@ -237,12 +235,6 @@ def test_priorities_over_topics(driver):
             driver.await_command('viewer', (0, -100))
         # That the sticks rest before each change to a lower priority: test_arbiter.py.
         driver.await_command('cmd_vel', (-100, 0))
-
-
-def header(stamp_ns, frame_id=''):
-    filled = Header(frame_id=frame_id)
-    fill_time(filled.stamp, stamp_ns)
-    return filled
 
 
 def test_a_tick_that_is_asked_for_again_gets_the_same_sticks(domain, start_node):
