@@ -21,7 +21,7 @@ from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import DIAGNOSTICS, HISTORY, Topic
 from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, start_failure
 from ballbot_ros.nodes.node_parameters import ParameterNode
-from ballbot_ros.nodes.own_ports import repair_own_ports
+from ballbot_ros.nodes.own_ports import OwnPorts
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.nodes.shared_memory import mark_dead_readers
 from ballbot_ros.processes import end_with_parent
@@ -333,7 +333,7 @@ def spin(nodes: Sequence[BallbotNode], done: rclpy.Future, stop: StopRequest | N
     callbacks it comes back now and then, so that a signal is noticed.
     """
     steady = Clock(clock_type=ClockType.STEADY_TIME)
-    for check in (mark_dead_readers, repair_own_ports):
+    for check in (mark_dead_readers, OwnPorts().repair):
         nodes[0].create_timer(PORTS_PERIOD_S, check, clock=steady)
     executor = EventsExecutor()
     for node in nodes:

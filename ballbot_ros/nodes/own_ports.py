@@ -1,52 +1,75 @@
 """The shared memory ports that this process reads, and their repair.
 
-Fast DDS (2.14) takes a port for that of a dead process if its lock file exists and is not locked.
-It tests that by locking the file, and then removes the file. If several processes test at once, as
-they do after a reader was stopped or starved for a second, a living reader may lose its lock file
-and then its port. It reads on from the removed file, deaf to everybody who opens the port later.
+Fast DDS (2.14) removes the port of a process that it takes for dead. It may be wrong: several
+processes that test at once whether a lock file is locked can remove that of a living reader, and on
+a machine that keeps a process waiting for seconds two of them may open a port at the same time. The
+reader then reads on from a removed file, deaf to everybody who opens the port later.
 """
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, find_reader_states
 
-_LOST_LOCK = re.compile(rf'{SHARED_MEMORY}/(fastrtps_port(\d+))_el \(deleted\)')
+_OWN_LOCK = re.compile(rf'{SHARED_MEMORY}/(fastrtps_port(\d+))_el(?: \(deleted\))?')
+_REMOVED_PORT = re.compile(
+    rf'([0-9a-f]+)-([0-9a-f]+) rw-s .* {SHARED_MEMORY}/(fastrtps_port\d+) \(deleted\)'
+)
 _FLAGS_TO_READERS, _NUMBER_TO_FLAGS = 20588, 24
 """Distances in the state of a port [bytes]; the layout is that of x86-64."""
 
 _IS_OK = 1
 
 
-def repair_own_ports() -> None:
-    """Have Fast DDS reopen the ports of this process whose lock file was removed by others."""
-    lost = dict(_lost_ports())
-    if not lost:
-        return
-    memory = os.open('/proc/self/mem', os.O_RDWR)  # an error, not a crash, where nothing is mapped
-    try:
-        for line in Path('/proc/self/maps').read_text().splitlines():
-            addresses, _, _, _, _, *path = line.split(maxsplit=5)
-            name = Path(path[0]).name.removesuffix(' (deleted)') if path else ''
-            if name in lost:
-                start, end = (int(address, 16) for address in addresses.split('-'))
-                with suppress(OSError):  # unmapped by now
-                    _mark_as_broken(memory, start, end - start, lost[name])
-    finally:
-        os.close(memory)
+class OwnPorts:
+    """Keeps the ports of this process open for others."""
+
+    def __init__(self) -> None:
+        self._intact: dict[str, int] = {}
+
+    def repair(self) -> None:
+        """Have Fast DDS reopen the ports of this process that others have removed."""
+        numbers = _own_ports()
+        inodes = {name: _inode(name) for name in numbers}
+        if inodes == self._intact:
+            return
+        removed = _find_removed_ports(numbers)
+        if removed:
+            # An address where nothing is mapped any more is an error here, not a crash.
+            with Path('/proc/self/mem').open('r+b', buffering=0) as memory:
+                for name, start, size in removed:
+                    with suppress(OSError):
+                        _mark_as_broken(memory.fileno(), start, size, numbers[name])
+        self._intact = {} if removed else inodes
 
 
-def _lost_ports() -> Iterator[tuple[str, int]]:
-    """Return the ports whose lock this process holds on a file that is gone: name and number."""
+def _own_ports() -> dict[str, int]:
+    """Return the ports whose lock this process holds, by their names with their numbers."""
+    found = {}
     for link in Path('/proc/self/fd').iterdir():
         with suppress(OSError):  # closed by now
-            if match := _LOST_LOCK.fullmatch(str(link.readlink())):
-                yield match[1], int(match[2])
+            if match := _OWN_LOCK.fullmatch(str(link.readlink())):
+                found[match[1]] = int(match[2])
+    return found
+
+
+def _inode(name: str) -> int:
+    """Return the inode of a port's present file; 0 if there is none."""
+    try:
+        return (SHARED_MEMORY / name).stat().st_ino
+    except OSError:
+        return 0
+
+
+def _find_removed_ports(numbers: dict[str, int]) -> list[tuple[str, int, int]]:
+    """Return name, address and size of those mapped ports whose file was removed."""
+    matches = _REMOVED_PORT.finditer(Path('/proc/self/maps').read_text())
+    mapped = [(match[3], int(match[1], 16), int(match[2], 16)) for match in matches]
+    return [(name, start, end - start) for name, start, end in mapped if name in numbers]
 
 
 def _mark_as_broken(memory: int, start: int, size: int, number: int) -> None:

@@ -33,12 +33,13 @@ def lock_of_data_port(process):
     return SHARED_MEMORY / f'fastrtps_port{max(numbers)}_el'
 
 
-def test_a_node_hears_newcomers_after_others_have_removed_its_port(domain, start_node):
+@pytest.mark.parametrize('removed', [('', '_el'), ('',)], ids=['with its lock', 'only'])
+def test_a_node_hears_newcomers_after_others_have_removed_its_port(domain, start_node, removed):
     node = start_node(GYRO)
     node.process.stdout.readline()
     lock = lock_of_data_port(node.process.pid)
-    lock.with_name(lock.name.removesuffix('_el')).unlink()
-    lock.unlink()
+    for suffix in removed:
+        lock.with_name(lock.name.removesuffix('_el') + suffix).unlink()
     with contextlib.closing(Client(domain)) as client:
         client.watch(PARTICIPANTS, depth=10)
         client.publish(ROLL_CALL, lambda: header(FIRST_TICK_NS, '1 a'))
