@@ -16,7 +16,7 @@ END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 
 _PR_SET_PDEATHSIG = 1
 _PROC = Path('/proc')
-_RUNNABLE = 'R'
+_RUNNABLE, _WAITING = 'R', 'SD'
 
 
 def end_with_parent() -> bool:
@@ -53,6 +53,15 @@ def threads_of(process: int) -> Threads:
                     time = ThreadTime(cpu_ns * 1e-9, queued_ns * 1e-9, state == _RUNNABLE)
                     found[int(thread.name)] = time
     return found
+
+
+def is_waiting(process: int) -> bool:
+    """Return whether the main thread of a process waits for something; a stopped one does not."""
+    try:
+        stat = (_PROC / str(process) / 'stat').read_text()
+    except OSError:
+        return False
+    return stat.rpartition(')')[2].split()[0] in _WAITING
 
 
 def threads_by_process(processes: Iterable[int]) -> dict[int, Threads]:

@@ -10,7 +10,7 @@ import pytest
 from graph import wait_for
 
 from ballbot_ros import processes
-from ballbot_ros.processes import children, threads_by_process, threads_of
+from ballbot_ros.processes import children, is_waiting, threads_by_process, threads_of
 
 SPIN = [sys.executable, '-c', 'while True: pass']
 WAIT = [sys.executable, '-c', 'input()']
@@ -43,6 +43,8 @@ def test_a_process_that_computes_gets_time_and_one_that_waits_gets_none(start):
     before, used_s = threads_of(waiting.pid), cpu_s(spinning)
     wait_for(lambda: cpu_s(spinning) > used_s + 0.05, what='some work')
     assert is_runnable(spinning)
+    assert is_waiting(waiting.pid)
+    assert not is_waiting(spinning.pid)
     assert threads_of(waiting.pid) == before
 
 
@@ -71,6 +73,7 @@ def test_a_process_that_is_stopped_neither_runs_nor_queues(start):
     before, used_s = threads_of(stopped.pid), cpu_s(spinning)
     wait_for(lambda: cpu_s(spinning) > used_s + 0.05, what='some work')
     assert threads_of(stopped.pid) == before
+    assert not is_waiting(stopped.pid)
 
 
 def test_of_a_process_that_is_gone_nothing_is_told(start):
@@ -79,6 +82,7 @@ def test_of_a_process_that_is_gone_nothing_is_told(start):
     process.kill()
     process.wait()
     assert threads_of(process.pid) == {}
+    assert not is_waiting(process.pid)
     assert threads_by_process([process.pid]) == {}
     assert process.pid not in children(os.getpid())
 

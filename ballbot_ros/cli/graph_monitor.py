@@ -13,7 +13,7 @@ from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
 from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.processes import threads_by_process
+from ballbot_ros.processes import is_waiting, threads_by_process
 from ballbot_ros.simulation.silence_timer import SilenceTimer, Threads
 
 _REPORTS = 50
@@ -21,6 +21,10 @@ _decode = decoder(DIAGNOSTICS.type_name)
 
 PLANT_SILENCE_S = 2.3
 """The plant reports at 1 Hz; if it has this much time of the machine and is silent, it hangs."""
+
+PLANT_WAIT_S = 6.0
+"""The same while it waits for something: publishing takes 3 s if a reader of the plant's was killed
+while it held the lock of its port. Fast DDS gives up only then."""
 
 PLANT_BUSY_S = 30.0
 """The same until it is heard for the first time, as its process has to start, and once its run has
@@ -48,10 +52,13 @@ class Liveness:
         self._has_ended = self._has_ended or has_ended
         self._limit_s = PLANT_BUSY_S if self._has_ended else PLANT_SILENCE_S
 
-    def hangs(self, now_s: float, process: int, threads: Mapping[int, Threads]) -> bool:
+    def hangs(
+        self, now_s: float, process: int, threads: Mapping[int, Threads], *, is_waiting: bool
+    ) -> bool:
         """Tell whether the plant, which is this process, has been silent for too long."""
         self._timer.update(self._heard_s, now_s, threads)
-        return self._timer.silence_s(process) > self._limit_s
+        limit_s = max(self._limit_s, PLANT_WAIT_S) if is_waiting else self._limit_s
+        return self._timer.silence_s(process) > limit_s
 
 
 class GraphMonitor:
@@ -101,4 +108,9 @@ class GraphMonitor:
 
     def plant_hangs(self, process: int) -> bool:
         """Tell whether the plant, which is this process, hangs."""
-        return self._liveness.hangs(time.monotonic(), process, threads_by_process([process]))
+        return self._liveness.hangs(
+            time.monotonic(),
+            process,
+            threads_by_process([process]),
+            is_waiting=is_waiting(process),
+        )

@@ -79,6 +79,7 @@ class PlantParticipants:
         self._run = ''
         self._start_ns = 0
         self._silent_since: int | None = None
+        self._called_s = 0.0
         self._starting: list[int] = []
         self._timer = SilenceTimer()
         self._watch_over(RUN)
@@ -153,6 +154,8 @@ class PlantParticipants:
         self._send_roll_call()
         if self._silent_since is None:
             self._silent_since = self._roster.calls
+            self._called_s = time.monotonic()
+            self._look_at_silence(self._called_s, self._processes())
         self._roster.called()
 
     def fix(self) -> None:
@@ -216,6 +219,8 @@ class PlantParticipants:
     def silences_s(self, since_s: float, now_ns: int, *, recorder: bool) -> dict[str, float]:
         """Return who has not answered the roll calls of a silence, or lacks the tick.
 
+        A silence counts from the first of these calls on; before it nobody is silent.
+
         Parameters
         ----------
         since_s : float
@@ -231,16 +236,16 @@ class PlantParticipants:
         dict of str to float
             The roles, and how much of the silence counts for each [s].
         """
+        if self._silent_since is None:
+            return {}
         due = {role: now_ns for role in _DRIVERS if role not in _SLOW or now_ns % SLOW_NS == 0}
         due |= {role: 0 for role in _DRIVERS if role not in due} | {CONTROLLER: 0}
         last = RECORDER if recorder else CONTROLLER
         if recorder:
             due[RECORDER] = 0
-        members = self._roster.members
-        self._look_at_silence(since_s, filter(None, map(self._process, members.values())))
-        since = self._roster.calls if self._silent_since is None else self._silent_since
-        found = self._roster.silences_s(since, due, self._silence_s)
-        return found or {last: self._silence_s(members.get(last))}
+        self._look_at_silence(max(since_s, self._called_s), self._processes())
+        found = self._roster.silences_s(self._silent_since, due, self._silence_s)
+        return found or {last: self._silence_s(self._roster.members.get(last))}
 
     def waited_s(self, since_s: float) -> float:
         """Return for how long those have been waited for who are to take part [s]."""
@@ -251,6 +256,11 @@ class PlantParticipants:
 
     def _look_at_silence(self, since_s: float, processes: Iterable[int]) -> None:
         self._timer.update(since_s, time.monotonic(), threads_by_process(processes))
+
+    def _processes(self) -> list[int]:
+        """Return the processes of this machine that take part."""
+        processes = map(self._process, self._roster.members.values())
+        return [process for process in processes if process is not None]
 
     def _process(self, participant: Participant | None) -> int | None:
         """Return the process of a participant on this machine."""

@@ -366,12 +366,11 @@ class PlantSim(BallbotNode):
             return
         limit = float(self.values['timeout' if self.log.ticks else 'startup_timeout'])
         silent: list[str] = []
-        if silence > min(WARN_S, limit):
+        if silence > min(WARN_S if self.log.ticks else STARTUP_WARN_S, limit):
             found = self._participants.silences_s(
                 since, self._asked_for.stamp_ns, recorder=waits_for_recorder
             )
             silent = [role for role in found if found[role] > limit]
-        if silence > (WARN_S if self.log.ticks else STARTUP_WARN_S):
             # Early, for those who live to have answered when it is asked who is silent.
             self._participants.call_roll()
             if waits_for_recorder:

@@ -3,15 +3,18 @@
 import contextlib
 import signal
 import subprocess
-from itertools import repeat
+import time
+from itertools import count, repeat
+from types import SimpleNamespace
 
 import pytest
 from graph import wait_for
 
 from ballbot_ros.cli import graph_monitor
 from ballbot_ros.cli.graph import ros
-from ballbot_ros.cli.graph_monitor import GraphMonitor, Liveness
+from ballbot_ros.cli.graph_monitor import PLANT_WAIT_S, GraphMonitor, Liveness
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
+from ballbot_ros.processes import is_waiting
 from ballbot_ros.simulation.silence_timer import ThreadTime
 
 pytestmark = pytest.mark.graph
@@ -30,11 +33,20 @@ def short_patience(monkeypatch):
     monkeypatch.setattr(graph_monitor, 'PLANT_BUSY_S', 0.2)
 
 
-def test_a_plant_that_is_never_heard_hangs(short_patience, monitor):
-    monitor.poll()
+@pytest.mark.parametrize(('is_stopped', 'patience_s'), [(True, 0.2), (False, PLANT_WAIT_S)])
+def test_a_plant_that_is_never_heard_hangs(
+    short_patience, monitor, monkeypatch, is_stopped, patience_s
+):
+    times_s = count(time.monotonic(), 0.1)
+    monkeypatch.setattr(graph_monitor, 'time', SimpleNamespace(monotonic=lambda: next(times_s)))
     with subprocess.Popen(['sleep', '60']) as plant:
-        wait_for(lambda: monitor.plant_hangs(plant.pid), what='the end of the patience')
+        wait_for(lambda: is_waiting(plant.pid), what='its sleep')
+        if is_stopped:
+            plant.send_signal(signal.SIGSTOP)
+            wait_for(lambda: not is_waiting(plant.pid), what='its stop')
+        looks = next(look for look in count() if monitor.plant_hangs(plant.pid))
         plant.kill()
+    assert 0.1 * looks == pytest.approx(patience_s, abs=0.35)
 
 
 @pytest.mark.parametrize('how', ['stopped', 'spinning'])
@@ -70,31 +82,36 @@ IDLE = {1: ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)}
 def test_a_plant_that_has_not_begun_and_one_that_saves_have_long():
     liveness = Liveness(0.0)
     for now in range(301):
-        assert not liveness.hangs(0.1 * now, 1, {1: IDLE})
-    assert liveness.hangs(30.2, 1, {1: IDLE})
+        assert not liveness.hangs(0.1 * now, 1, {1: IDLE}, is_waiting=False)
+    assert liveness.hangs(30.2, 1, {1: IDLE}, is_waiting=False)
     liveness.hear(31.0)
-    assert not liveness.hangs(31.2, 1, {1: IDLE})
+    assert not liveness.hangs(31.2, 1, {1: IDLE}, is_waiting=False)
     liveness.hear(31.9, has_ended=True)
     liveness.hear(32.0)  # a clock that was under way
     for now in range(320, 620):
-        assert not liveness.hangs(0.1 * now, 1, {1: IDLE})
-    assert liveness.hangs(62.2, 1, {1: IDLE})
+        assert not liveness.hangs(0.1 * now, 1, {1: IDLE}, is_waiting=False)
+    assert liveness.hangs(62.2, 1, {1: IDLE}, is_waiting=False)
 
 
-@pytest.mark.parametrize('is_spinning', [False, True])
-def test_a_plant_that_has_its_time_and_says_nothing_hangs_soon(is_spinning):
+@pytest.mark.parametrize(
+    ('is_spinning', 'is_waiting', 'ends_s'),
+    [(False, False, 12.25), (True, False, 12.25), (False, True, 15.95)],
+    ids=['stopped', 'computes without an end', 'waits, perhaps for a killed process'],
+)
+def test_a_plant_that_has_its_time_and_says_nothing_hangs_soon(is_spinning, is_waiting, ends_s):
     liveness = Liveness(0.0)
     liveness.hear(10.0)
     ends = [
         0.1 * look
-        for look in range(100, 150)
+        for look in range(100, 170)
         if liveness.hangs(
             0.1 * look,
             1,
             {1: {1: ThreadTime(0.1 * look if is_spinning else 1.0, 0.0, is_spinning)}},
+            is_waiting=is_waiting,
         )
     ]
-    assert 12.25 < ends[0] < 12.45
+    assert ends_s < ends[0] < ends_s + 0.2
 
 
 def test_a_plant_that_the_machine_keeps_waiting_does_not_hang():
@@ -103,7 +120,10 @@ def test_a_plant_that_the_machine_keeps_waiting_does_not_hang():
     for look in range(2000):
         now = 0.1 * look
         assert not liveness.hangs(
-            now, 1, {1: {1: ThreadTime(0.02 * now, 0.98 * now, is_runnable=True)}}
+            now,
+            1,
+            {1: {1: ThreadTime(0.02 * now, 0.98 * now, is_runnable=True)}},
+            is_waiting=False,
         )
         if look == 1000:
             liveness.hear(now)

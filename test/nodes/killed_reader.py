@@ -6,8 +6,6 @@ was killed while it took a message and was found dead. Prints 'waits' when the p
 its own lock, and 'goes on' when it publishes again after the readers have been marked.
 """
 
-import ctypes
-import mmap
 import os
 import subprocess
 import sys
@@ -15,55 +13,16 @@ import time
 from pathlib import Path
 
 import rclpy
+from ports import LIBC, open_data_port
 from std_msgs.msg import Empty
 
-from ballbot_ros.nodes.shared_memory import (
-    AFTER_READERS,
-    READER_SIZE,
-    READERS,
-    SHARED_MEMORY,
-    mark_dead_readers,
-)
+from ballbot_ros.nodes.shared_memory import mark_dead_readers
 
-LIBC = ctypes.CDLL(None)
 LOCKED, CONTENDED = 1, 2
 IS_OK = 1
 TAKES_A_MESSAGE = 5
 FUTEX = '202 '
 NEVER_MS = 2**62
-
-
-class Port(ctypes.Structure):
-    """The beginning of a port of Fast DDS 2.14 on x86-64, up to the state of its first reader."""
-
-    _fields_ = [
-        ('readers_checked_ms', ctypes.c_int64),
-        ('_counts', ctypes.c_uint32 * 9),
-        ('flags', ctypes.c_uint32),
-        ('_condition', ctypes.c_char * 20544),
-        ('lock', ctypes.c_int32),
-        ('_recursion', ctypes.c_int32),
-        ('owner', ctypes.c_int32),
-        ('_mutex', ctypes.c_int32 * 7),
-        ('first_reader', ctypes.c_uint8),
-    ]
-
-    @property
-    def mutex(self):
-        return ctypes.byref(self, Port.lock.offset)
-
-
-def open_data_port(process):
-    """Return the port in which a process reads data; the one for discovery is below 7400."""
-    locks = [line.split() for line in Path('/proc/locks').read_text().splitlines()]
-    inodes = {int(lock[5].split(':')[2]) for lock in locks if lock[4] == str(process)}
-    locked = [p for p in SHARED_MEMORY.glob('fastrtps_port*_el') if p.stat().st_ino in inodes]
-    names = [path.name.removesuffix('_el') for path in locked]
-    name = max(names, key=lambda name: int(name.removeprefix('fastrtps_port')))
-    with (SHARED_MEMORY / name).open('r+b') as file:
-        memory = mmap.mmap(file.fileno(), 0)
-    readers = memory.find(AFTER_READERS, READERS * READER_SIZE) - READERS * READER_SIZE
-    return Port.from_buffer(memory, readers - Port.first_reader.offset)
 
 
 def publish():

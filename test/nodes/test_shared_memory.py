@@ -4,7 +4,6 @@ import ctypes
 import json
 import mmap
 import os
-import platform
 import subprocess
 import sys
 import time
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from graph import BALLBOT, LAST_RESORT_S, environment, private_shared_memory
+from ports import needs_layout_of_ports
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes import middleware, shared_memory
@@ -407,14 +407,15 @@ def test_a_running_node_checks_for_dead_readers(domain):
 
 
 @pytest.mark.graph
-@pytest.mark.skipif(platform.machine() != 'x86_64', reason="the port's layout is that of x86-64")
+@needs_layout_of_ports
 def test_who_writes_to_a_reader_killed_while_it_takes_a_message_goes_on(domain):
     """Unless its reader is marked, Fast DDS 2.14 waits for ever."""
     pytest.importorskip('rclpy')
     program = Path(__file__).with_name('killed_reader.py')
     done = subprocess.run(
         [*private_shared_memory(), sys.executable, program],
-        capture_output=True, text=True, env=environment(domain), timeout=LAST_RESORT_S, check=False,
+        env=environment(domain) | {'PYTHONPATH': os.pathsep.join(sys.path)},
+        capture_output=True, text=True, timeout=LAST_RESORT_S, check=False,
     )  # fmt: skip
     assert done.stdout == 'waits\ngoes on\n', done.stderr
 
