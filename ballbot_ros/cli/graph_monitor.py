@@ -23,7 +23,7 @@ PLANT_SILENCE_S = 2.3
 """The plant reports at 1 Hz; if it has this much time of the machine and is silent, it hangs."""
 
 PLANT_WAIT_S = 6.0
-"""The same while it waits for something: publishing takes 3 s if a reader of the plant's was killed
+"""The same if it waits now and then: publishing takes 3 s if a reader of the plant's was killed
 while it held the lock of its port. Fast DDS gives up only then."""
 
 PLANT_BUSY_S = 30.0
@@ -41,10 +41,10 @@ class Liveness:
     """
 
     def __init__(self, now_s: float) -> None:
-        self._heard_s = now_s
+        self._heard_s = self._waited_s = now_s
         self._limit_s = PLANT_BUSY_S
         self._has_ended = False
-        self._timer = SilenceTimer()
+        self._timer, self._busy_timer = SilenceTimer(), SilenceTimer()
 
     def hear(self, now_s: float, *, has_ended: bool = False) -> None:
         """Note a sign of life, and whether it tells of the end of the run."""
@@ -56,9 +56,13 @@ class Liveness:
         self, now_s: float, process: int, threads: Mapping[int, Threads], *, is_waiting: bool
     ) -> bool:
         """Tell whether the plant, which is this process, has been silent for too long."""
+        if is_waiting:
+            self._waited_s = now_s
         self._timer.update(self._heard_s, now_s, threads)
-        limit_s = max(self._limit_s, PLANT_WAIT_S) if is_waiting else self._limit_s
-        return self._timer.silence_s(process) > limit_s
+        self._busy_timer.update(max(self._heard_s, self._waited_s), now_s, threads)
+        return self._busy_timer.silence_s(process) > self._limit_s or self._timer.silence_s(
+            process
+        ) > max(self._limit_s, PLANT_WAIT_S)
 
 
 class GraphMonitor:

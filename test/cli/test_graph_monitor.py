@@ -114,6 +114,18 @@ def test_a_plant_that_has_its_time_and_says_nothing_hangs_soon(is_spinning, is_w
     assert ends_s < ends[0] < ends_s + 0.2
 
 
+def test_a_plant_that_waits_again_and_again_has_long():
+    liveness = Liveness(0.0)
+    liveness.hear(10.0)
+    waits = {look: look % 10 != 0 for look in range(200, 400)}
+    ends = [
+        0.05 * look
+        for look in waits
+        if liveness.hangs(0.05 * look, 1, {1: IDLE}, is_waiting=waits[look])
+    ]
+    assert 15.95 < ends[0] < 16.15
+
+
 def test_a_plant_that_the_machine_keeps_waiting_does_not_hang():
     liveness = Liveness(0.0)
     liveness.hear(0.0)
