@@ -220,11 +220,11 @@ class _Resource:
     def claim(self, claims: ExitStack, *, with_semaphore: bool = False) -> bool:
         """Take the locks, which keeps processes from opening a port, if no process holds any.
 
-        Without the semaphore a process may be about to open the port.
+        Without the semaphore a process may be about to open the port, or have died with it.
         """
         with ExitStack() as locks:
             try:
-                if not self._take_semaphore(locks) and with_semaphore:
+                if not self._take_semaphore(locks) and (with_semaphore or self._is_being_opened):
                     return False
                 for path in self.files:
                     if path.name.endswith(('_el', '_sl')):
@@ -236,6 +236,11 @@ class _Resource:
                 return False
             claims.enter_context(locks.pop_all())
             return True
+
+    @property
+    def _is_being_opened(self) -> bool:
+        """Whether a process has the semaphore that would fail on a lock file that is locked."""
+        return self.mutex in self.files and not _unmapped([self])
 
     def _take_semaphore(self, locks: ExitStack) -> bool:
         if self.mutex not in self.files:

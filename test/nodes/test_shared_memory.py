@@ -163,6 +163,27 @@ def test_what_a_process_takes_after_the_first_look_stays(tmp_path, monkeypatch, 
         assert sweep(tmp_path) == []
 
 
+def test_who_begins_to_open_a_port_after_the_first_look_finds_its_lock_free(tmp_path, monkeypatch):
+    make_port(tmp_path)
+    assert acquire(tmp_path / MUTEX)
+    second_look, lock = shared_memory._unmapped, shared_memory.fcntl.flock
+    locked = []
+
+    def first_look(resources):
+        monkeypatch.setattr(shared_memory, '_unmapped', second_look)
+        return list(resources)
+
+    def note_and_lock(file, operation):
+        locked.append(getattr(file, 'name', ''))
+        lock(file, operation)
+
+    monkeypatch.setattr(shared_memory, '_unmapped', first_look)
+    monkeypatch.setattr(shared_memory.fcntl, 'flock', note_and_lock)
+    with held(tmp_path / MUTEX, 'mapping'):
+        assert sweep(tmp_path, older_than_s=0) == []
+    assert locked == ['']  # the folder's, against another sweep
+
+
 @pytest.mark.parametrize(('name', 'how'), [(f'{PORT}_el', 'lock'), (PORT, 'mapping')])
 def test_a_sweep_takes_no_lock_of_what_a_process_holds(tmp_path, monkeypatch, name, how):
     make_port(tmp_path)
