@@ -110,7 +110,14 @@ class Terminal:
         from prompt_toolkit.layout import FormattedTextControl, Layout, Window
         from prompt_toolkit.output.vt100 import Vt100_Output
 
-        output = Vt100_Output.from_pty(terminal)
+        class Output(Vt100_Output):
+            def flush(self) -> None:
+                # The end of the input tells that the terminal has vanished. Told here, in the midst
+                # of a line above the panel, the application would wait for the line for ever.
+                with suppress(OSError):
+                    super().flush()
+
+        output = Output.from_pty(terminal)
         output.enable_cpr = False  # The panel needs no cursor position, and asking shows.
         return Application(
             layout=Layout(

@@ -1,0 +1,22 @@
+"""The terminal that is driven from; what a user sees of it is tested with `ballbot drive`."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from graph import LAST_RESORT_S
+
+pytest.importorskip('prompt_toolkit')
+
+
+def test_a_terminal_that_vanishes_in_the_midst_of_a_line_is_gone():
+    program = Path(__file__).with_name('vanishing_terminal.py')
+    done = subprocess.run(
+        [sys.executable, program],
+        start_new_session=True,  # It takes the terminal of its own.
+        timeout=LAST_RESORT_S,
+        check=True,
+        stdout=subprocess.PIPE,
+    )
+    assert done.stdout == b'gone\n'
