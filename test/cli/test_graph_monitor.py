@@ -33,12 +33,17 @@ def short_patience(monkeypatch):
     monkeypatch.setattr(graph_monitor, 'PLANT_BUSY_S', 0.2)
 
 
+IDLE = {1: ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)}
+
+
 @pytest.mark.parametrize(('is_stopped', 'patience_s'), [(True, 0.2), (False, PLANT_WAIT_S)])
 def test_a_plant_that_is_never_heard_hangs(
     short_patience, monitor, monkeypatch, is_stopped, patience_s
 ):
     times_s = count(time.monotonic(), 0.1)
     monkeypatch.setattr(graph_monitor, 'time', SimpleNamespace(monotonic=lambda: next(times_s)))
+    # What the machine gives to it is of the clock that is true.
+    monkeypatch.setattr(graph_monitor, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE))
     with subprocess.Popen(['sleep', '60']) as plant:
         wait_for(lambda: is_waiting(plant.pid), what='its sleep')
         if is_stopped:
@@ -74,9 +79,6 @@ def test_a_look_ends_however_much_is_sent_to_it(monitor, monkeypatch):
         graph_monitor, 'taken', lambda subscription: repeat((flood[subscription.topic_name], {}))
     )
     monitor.poll()
-
-
-IDLE = {1: ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)}
 
 
 def test_a_plant_that_has_not_begun_and_one_that_saves_have_long():
