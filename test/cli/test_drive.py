@@ -166,6 +166,7 @@ def test_a_terminal_that_vanishes_ends_the_drive(start_drive):
     drive = start_drive()
     pids = drive.begin()
     drive.press(UP + b'h')
+    drive.wait_for_text(b'held')
     drive.wait_for_text(b'-50')
     os.close(drive.side)
     drive.hang_up()

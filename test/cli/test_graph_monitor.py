@@ -42,7 +42,7 @@ def test_a_plant_that_is_never_heard_hangs(
 ):
     times_s = count(time.monotonic(), 0.1)
     monkeypatch.setattr(graph_monitor, 'time', SimpleNamespace(monotonic=lambda: next(times_s)))
-    # What the machine gives to it is of the clock that is true.
+    # Its real processor time would not match the made-up clock.
     monkeypatch.setattr(graph_monitor, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE))
     with subprocess.Popen(['sleep', '60']) as plant:
         wait_for(lambda: is_waiting(plant.pid), what='its sleep')
