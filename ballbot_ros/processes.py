@@ -5,11 +5,12 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
+import time
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from ballbot_ros.simulation.silence_timer import Threads, ThreadTime
+from ballbot_ros.simulation.silence_timer import Observation, Threads, ThreadTime
 
 END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 """Environment variable: the process with which a node ends, the command that started it."""
@@ -83,3 +84,15 @@ def children(parent: int) -> list[int]:
         if int(fields[1]) == parent:
             found.append(int(entry.name))
     return found
+
+
+class LocalMachine:
+    """The processes of this machine, as a liveness monitor asks for them."""
+
+    def observe(self, processes: Iterable[int]) -> Observation:
+        """Return what some processes have been given so far."""
+        return Observation(time.monotonic(), threads_by_process(processes))
+
+    def siblings(self) -> list[int]:
+        """Return the processes that the command which started this node has started."""
+        return children(os.getppid()) if END_WITH_PARENT in os.environ else []

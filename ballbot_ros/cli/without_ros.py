@@ -36,7 +36,7 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
             'ticks': log.ticks,
             'duty_sha256': log.duty_sha256,
             'real_time_factor': log.ticks * TICK_NS / SECOND_NS / wall,
-            'missed_ticks': pacer.late,
+            'missed_ticks': pacer.late_ticks,
             'asked_again': 0,
             'round_trip_ms': None,
         }
@@ -44,7 +44,7 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
     with StopRequest() as stop:
         try:
             while log.ticks < ticks and not stop.signal and not loop.plant.stopped:
-                pacer.wait(factor)
+                _await_tick(pacer, factor)
                 tick = loop.tick()
                 log.add(tick.truth, *tick.outputs.duty)
                 if recording:
@@ -66,6 +66,12 @@ def run_without_ros(experiment: Experiment, progress: Progress) -> Finished:
             summary = account(str(error))
             progress.notice(str(error))
     return Finished(summary, log.trajectory())
+
+
+def _await_tick(pacer: Pacer, factor: float) -> None:
+    if delay_s := pacer.delay_s(factor, time.monotonic()):
+        time.sleep(delay_s)
+    pacer.ticked(factor, time.monotonic())
 
 
 def _recording(experiment: Experiment, loop: ClosedLoop) -> SimulatedRecording | None:

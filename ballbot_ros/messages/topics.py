@@ -19,10 +19,8 @@ from ballbot_ros.parameters import (
 from ballbot_ros.simulation.timing import BATTERY_NS, SLOW_NS, TICK_NS
 
 HISTORY = 128
-"""Messages that a publisher keeps: the plant runs at most :data:`MAX_LEAD_TICKS` ahead of the
-recorder."""
-
-MAX_LEAD_TICKS = 50
+"""Messages that a publisher keeps: the plant runs at most
+:data:`~ballbot_ros.simulation.timing.MAX_LEAD_TICKS` ahead of the recorder."""
 
 
 class Topic(NamedTuple):

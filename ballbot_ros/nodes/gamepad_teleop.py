@@ -16,7 +16,6 @@ from ballbot_ros.messages.topics import (
     BLUETOOTH_TX,
     GAMEPAD_JOY,
     HISTORY,
-    MAX_LEAD_TICKS,
     PLANT_JOINT_STATES,
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
@@ -26,7 +25,7 @@ from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GAMEPAD
 from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.timing import MILLISECOND_NS, SLOW_NS, TICK_NS
+from ballbot_ros.simulation.timing import MAX_LEAD_TICKS, MILLISECOND_NS, SLOW_NS, TICK_NS
 from ballbot_ros.teleop.arbiter import SCENARIO, Arbiter, Command
 from ballbot_ros.teleop.complaints import Complaints
 from ballbot_ros.teleop.csv_log import CsvLog

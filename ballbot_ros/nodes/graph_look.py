@@ -64,6 +64,10 @@ class GraphLook:
         }
         return self._found
 
+    def count_publishers(self, topic: str) -> int:
+        """Return the number of publishers on a topic."""
+        return int(self._node.count_publishers(topic))
+
     def heard(self, names: Collection[str]) -> list[tuple[str, int]]:
         """Return what has come on these topics since the last look: topic and stamp [ns].
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 LOOK_S = 0.2
 """The most that counts between two looks: a process that could not look has heard nothing."""
@@ -44,6 +45,21 @@ class ThreadTime:
 
 Threads = Mapping[int, ThreadTime]
 """The threads of a process, by their id."""
+
+
+class Observation(NamedTuple):
+    """What the processes of this machine had been given at one moment.
+
+    Attributes
+    ----------
+    now_s : float
+        The moment, on the clock of the events [s].
+    threads : mapping of int to mapping
+        The threads of each process that still exists.
+    """
+
+    now_s: float
+    threads: Mapping[int, Threads]
 
 
 def available_s(threads: Threads, before: Threads, span_s: float) -> float:

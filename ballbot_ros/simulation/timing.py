@@ -16,6 +16,9 @@ BATTERY_NS = 100_000_000
 FREE_RUNNING_SILENCE_S = 0.5
 """Free running, silence after which the controller takes stick zero and the plant duty zero [s]."""
 
+MAX_LEAD_TICKS = 50
+"""Ticks that the plant may be ahead of the recorder."""
+
 MILLISECOND_NS = 1_000_000
 SECOND_NS = 1_000_000_000
 
@@ -23,6 +26,7 @@ __all__ = [
     'BATTERY_NS',
     'FIRST_TICK_NS',
     'FREE_RUNNING_SILENCE_S',
+    'MAX_LEAD_TICKS',
     'MILLISECOND_NS',
     'SECOND_NS',
     'SLOW_NS',

@@ -30,7 +30,6 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     DIAGNOSTICS,
     GAMEPAD_JOY,
     JOY,
-    MAX_LEAD_TICKS,
     OPERATING_STATE,
     PLANT_IMU,
     PLANT_JOINT_STATES,
@@ -44,7 +43,12 @@ from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 from ballbot_ros.scenario.library import load_scenario  # noqa: E402
 from ballbot_ros.scenario.scenario import Scenario  # noqa: E402
 from ballbot_ros.simulation.closed_loop import ClosedLoop  # noqa: E402
-from ballbot_ros.simulation.timing import FIRST_TICK_NS, SLOW_NS, TICK_NS  # noqa: E402
+from ballbot_ros.simulation.timing import (  # noqa: E402
+    FIRST_TICK_NS,
+    MAX_LEAD_TICKS,
+    SLOW_NS,
+    TICK_NS,
+)
 from ballbot_ros.simulation.trajectory import TrajectoryLog  # noqa: E402
 from ballbot_ros.teleop.arbiter import NOBODY, Arbiter  # noqa: E402
 from ballbot_ros.teleop.complaints import Complaints  # noqa: E402

@@ -1,86 +1,86 @@
-"""Pacing against a wall clock of our own."""
+"""Pacing against a wall clock of the test's own."""
 
 import pytest
 
-from ballbot_ros.simulation import pacer
 from ballbot_ros.simulation.pacer import Pacer
 
 
-class WallClock:
-    """Stands in for the module `time`."""
+class PacedLoop:
+    """Makes ticks as soon as the pacer lets it."""
 
     def __init__(self):
-        self.now = 100.0
-        self.slept = 0.0
+        self.pacer = Pacer()
+        self.now_s = self.start_s = 100.0
 
-    def monotonic(self):
-        return self.now
+    def tick(self, factor):
+        self.now_s += self.pacer.delay_s(factor, self.now_s)
+        self.pacer.ticked(factor, self.now_s)
 
-    def sleep(self, seconds):
-        assert seconds > 0.0
-        self.now += seconds
-        self.slept += seconds
+    @property
+    def elapsed_s(self):
+        return self.now_s - self.start_s
 
 
 @pytest.fixture
-def clock(monkeypatch):
-    clock = WallClock()
-    monkeypatch.setattr(pacer, 'time', clock)
-    return clock
+def loop():
+    return PacedLoop()
 
 
 @pytest.mark.parametrize('factor', [0.1, 1.0, 10.0])
-def test_a_thousand_ticks_last_four_seconds_of_scaled_time(clock, factor):
-    pace = Pacer()
+def test_a_thousand_ticks_last_four_seconds_of_scaled_time(loop, factor):
     for _ in range(1001):
-        pace.wait(factor)
-        clock.now += 1e-4 / factor
-    assert clock.now - 100.0 == pytest.approx(4.0 / factor, rel=1e-3)
-    assert pace.late == 0
+        loop.tick(factor)
+        loop.now_s += 1e-4 / factor
+    assert loop.elapsed_s == pytest.approx(4.0 / factor, rel=1e-3)
+    assert loop.pacer.late_ticks == 0
 
 
-def test_the_first_tick_does_not_wait(clock):
-    Pacer().wait(1.0)
-    assert clock.slept == 0.0
+def test_the_first_tick_does_not_wait(loop):
+    loop.tick(1.0)
+    assert loop.elapsed_s == 0.0
 
 
-def test_factor_zero_never_waits(clock):
-    pace = Pacer()
+def test_factor_zero_never_waits(loop):
     for _ in range(100):
-        pace.wait(0.0)
-    assert clock.slept == 0.0
-    assert pace.late == 0
+        loop.tick(0.0)
+    assert loop.elapsed_s == 0.0
+    assert loop.pacer.late_ticks == 0
 
 
-def test_a_tick_that_is_a_little_late_is_made_up_for(clock):
-    pace = Pacer()
-    pace.wait(1.0)
-    clock.now += 0.006
-    pace.wait(1.0)
-    pace.wait(1.0)
-    assert clock.now - 100.0 == pytest.approx(0.008)
-    assert pace.late == 0
+def test_a_tick_that_is_a_little_late_is_made_up_for(loop):
+    loop.tick(1.0)
+    loop.now_s += 0.006
+    loop.tick(1.0)
+    loop.tick(1.0)
+    assert loop.elapsed_s == pytest.approx(0.008)
+    assert loop.pacer.late_ticks == 0
 
 
-def test_after_a_stall_it_counts_it_and_does_not_hurry(clock):
-    pace = Pacer()
-    pace.wait(1.0)
-    clock.now += 5.0
-    pace.wait(1.0)
-    assert pace.late == 1
-    begun = clock.now
+@pytest.mark.parametrize(('late_s', 'late_ticks'), [(0.0079, 0), (0.0081, 1), (5.0, 1)])
+def test_after_a_stall_it_counts_it_and_does_not_hurry(loop, late_s, late_ticks):
+    loop.tick(1.0)
+    loop.now_s += late_s
+    loop.tick(1.0)
+    assert loop.pacer.late_ticks == late_ticks
+
+
+def test_after_a_stall_the_pace_is_the_usual_one(loop):
+    loop.tick(1.0)
+    loop.now_s += 5.0
+    loop.tick(1.0)
+    begun_s = loop.now_s
     for _ in range(10):
-        pace.wait(1.0)
-    assert clock.now - begun == pytest.approx(0.040)
-    assert pace.late == 1
+        loop.tick(1.0)
+    assert loop.now_s - begun_s == pytest.approx(0.040)
+    assert loop.pacer.late_ticks == 1
 
 
-@pytest.mark.parametrize('forget', [Pacer.restart, lambda pace: pace.wait(0.0)])
-def test_a_restart_and_a_pause_at_factor_zero_forget_the_past(clock, forget):
-    pace = Pacer()
-    pace.wait(1.0)
-    clock.now += 5.0
-    forget(pace)
-    pace.wait(1.0)
-    assert pace.late == 0
-    assert clock.slept == 0.0
+@pytest.mark.parametrize('forget', [lambda loop: loop.pacer.restart(), lambda loop: loop.tick(0.0)])
+def test_a_restart_and_a_pause_at_factor_zero_forget_the_past(loop, forget):
+    loop.tick(1.0)
+    loop.now_s += 5.0
+    forget(loop)
+    before_s = loop.now_s
+    loop.tick(1.0)
+    assert loop.pacer.late_ticks == 0
+    assert loop.now_s == before_s

@@ -1,0 +1,24 @@
+"""The graph's topics as the master of a run has to know them."""
+
+from ballbot_ros.messages.raw import has_stamp, same_content
+from ballbot_ros.messages.topics import (
+    CLOCK,
+    LOCKSTEP,
+    MOTOR_DUTY,
+    PARTICIPANTS,
+    PUSH,
+    RECORDER_ACK,
+)
+from ballbot_ros.simulation.run_participants import RunTopics
+
+RUN_TOPICS = RunTopics(
+    clock=CLOCK.name,
+    duty=MOTOR_DUTY.name,
+    push=PUSH.name,
+    ack=RECORDER_ACK.name,
+    participants=PARTICIPANTS.name,
+    owners={topic.name: roles for topic, roles in LOCKSTEP.items()},
+    stamped=frozenset(topic.name for topic in LOCKSTEP if has_stamp(topic.type_name)),
+    periodic=frozenset(topic.name for topic in LOCKSTEP if topic.period_ns),
+    is_same_duty=same_content(MOTOR_DUTY.type_name),
+)

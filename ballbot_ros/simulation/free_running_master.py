@@ -1,0 +1,84 @@
+"""The master of a run on the wall clock, as on hardware: the plant waits for nobody."""
+
+from __future__ import annotations
+
+from ballbot_ros.simulation.run_master import Phase, RunMaster, event
+from ballbot_ros.simulation.timing import FREE_RUNNING_SILENCE_S, SECOND_NS, TICK_NS
+
+RESEND_S = 0.1
+TICK_S = TICK_NS / SECOND_NS
+
+
+class FreeRunningMaster(RunMaster):
+    """Conducts runs in which each tick takes the newest duty."""
+
+    is_lockstep = False
+    _duty_s: float | None
+
+    # Events
+
+    @event
+    def on_tick(self) -> None:
+        """Move on by a tick with the newest duty, or with none after a silence."""
+        if self._phase is not Phase.TICKING:
+            return
+        if self.log.ticks == 0 and self._awaits_first_duty():
+            if self._now_s - self._sent_s > RESEND_S:
+                self._publish_truth(is_resend=True)
+            return
+        is_paused = self.pause.is_paused
+        if not self.pause.take_step():
+            return
+        period_s = TICK_S / (self._settings.real_time_factor or 1.0)
+        if self.log.ticks and not is_paused and self._now_s - self._sent_s > 2.0 * period_s:
+            self._late_ticks += 1
+        is_silent = self._duty_s is None or self._now_s - self._duty_s > FREE_RUNNING_SILENCE_S
+        self._tick((0, 0) if is_silent else self._duty)
+
+    def _take_duty(
+        self, stamp_ns: int, duty: tuple[int, int], data: bytes, *, is_stop: bool
+    ) -> None:
+        self._duty, self._duty_s = duty, self._now_s
+
+    def _take_ack(self, stamp_ns: int) -> None:
+        pass  # nobody waits for the recorder
+
+    # Conduct of a run
+
+    def _prepare(self, start_ns: int) -> None:
+        super()._prepare(start_ns)
+        self._duty = (0, 0)
+        self._duty_s = None
+
+    def _begin(self) -> None:
+        super()._begin()
+        self._begun_s = self._now_s
+        self._open()
+
+    def _awaits_first_duty(self) -> bool:
+        """Return whether the plant waits, so that the controller can calibrate from the start."""
+        limit_s = self._settings.startup_timeout_s
+        return self._duty_s is None and self._now_s - self._begun_s < limit_s
+
+    def _watch(self) -> None:
+        if self.pause.is_paused:
+            self._repeat_truth()
+
+    def _advance(self) -> None:
+        pass  # the wall clock calls for ticks
+
+    def _go_on(self) -> None:
+        # Nobody was silent in the pause.
+        self._sent_s = self._now_s
+        if self._duty_s is not None:
+            self._duty_s = self._now_s
+
+    def _is_recorded(self) -> bool:
+        return True
+
+    @property
+    def _may_be_held(self) -> bool:
+        return self._phase is Phase.DRAINING
+
+    def _resume(self) -> None:
+        self._finish()

@@ -1,0 +1,117 @@
+"""Which participants of a run do not answer, on a machine that may be too busy to let them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from typing import Protocol
+
+from ballbot_ros.parameters import CONTROLLER, ENCODER, GAMEPAD, GYRO, RECORDER, SONAR
+from ballbot_ros.simulation.participants import Participant, Roster
+from ballbot_ros.simulation.silence_timer import Observation, SilenceTimer
+from ballbot_ros.simulation.timing import SLOW_NS
+
+DRIVERS = (GYRO, ENCODER, SONAR, GAMEPAD)
+_SLOW = (SONAR, GAMEPAD)
+
+
+class Machine(Protocol):
+    """The processes of this machine."""
+
+    def observe(self, processes: Iterable[int]) -> Observation:
+        """Return what some processes have been given so far."""
+
+    def siblings(self) -> Collection[int]:
+        """Return the processes that were started together with this one, if that is known."""
+
+
+class LivenessMonitor:
+    """Measures for how long each participant has not answered the plant.
+
+    Parameters
+    ----------
+    roster : Roster
+        Who takes part, and who has answered which roll call.
+    machine : Machine
+    host : str
+        The name of this machine.
+    """
+
+    def __init__(self, roster: Roster, machine: Machine, host: str) -> None:
+        self._roster, self._machine, self._host = roster, machine, host
+        self._timer = SilenceTimer()
+        self._siblings: Collection[int] = ()
+        self._since_call: int | None = None
+        self._called_s = 0.0
+
+    def begin(self) -> None:
+        """Start over with a run whose participants are being gathered."""
+        # A command starts the nodes together; of other nodes nothing is known until they are heard.
+        self._siblings = self._machine.siblings()
+        self.reset()
+
+    def reset(self) -> None:
+        """End the present silence: what was awaited has come."""
+        self._since_call = None
+
+    def call(self) -> None:
+        """Note a roll call that is about to be made because of a silence."""
+        if self._since_call is None:
+            seen = self._machine.observe(self._participants())
+            self._since_call, self._called_s = self._roster.calls, seen.now_s
+            self._timer.update(seen.now_s, *seen)
+
+    def silences_s(
+        self, since_s: float, tick_ns: int, *, awaits_recorder: bool
+    ) -> dict[str, float]:
+        """Return who has not answered the roll calls of a silence, or has not answered the tick.
+
+        A silence counts from the first of its roll calls on. Before that nobody is silent.
+
+        Parameters
+        ----------
+        since_s : float
+            When the silence began [s].
+        tick_ns : int
+            The tick that is not answered [ns].
+        awaits_recorder : bool
+            Whether the plant waits for the recorder, not for the controller. The one it waits for
+            is to blame if all others have answered.
+
+        Returns
+        -------
+        dict of str to float
+            The roles, and how much of the silence counts for each [s].
+        """
+        if self._since_call is None:
+            return {}
+        due_ns = {role: tick_ns for role in DRIVERS if role not in _SLOW or tick_ns % SLOW_NS == 0}
+        due_ns |= {role: 0 for role in (*DRIVERS, CONTROLLER) if role not in due_ns}
+        awaited = CONTROLLER
+        if awaits_recorder:
+            awaited, due_ns[RECORDER] = RECORDER, 0
+        self._poll(max(since_s, self._called_s), self._participants())
+        found = self._roster.silences_s(self._since_call, due_ns, self._silence_s)
+        return found or {awaited: self._silence_s(self._roster.members.get(awaited))}
+
+    def waited_s(self, since_s: float) -> float:
+        """Return for how long the plant has waited for those who are to join its run [s]."""
+        joined = set(self._participants())
+        starting = [process for process in self._siblings if process not in joined]
+        self._poll(since_s, starting)
+        return min(map(self._timer.silence_s, starting), default=self._timer.silence_s())
+
+    def _poll(self, since_s: float, processes: Iterable[int]) -> None:
+        self._timer.update(since_s, *self._machine.observe(processes))
+
+    def _participants(self) -> list[int]:
+        """Return the processes of this machine that take part."""
+        processes = map(self._process, self._roster.members.values())
+        return [process for process in processes if process is not None]
+
+    def _process(self, participant: Participant | None) -> int | None:
+        """Return the process of a participant on this machine."""
+        is_here = participant is not None and participant.host == self._host
+        return participant.process if participant and is_here else None
+
+    def _silence_s(self, participant: Participant | None) -> float:
+        return self._timer.silence_s(self._process(participant))

@@ -1,0 +1,243 @@
+"""The master of a run in lockstep: the plant moves on with the duty of its own time, never without.
+
+It asks again for a tick that is not answered, and finds out who is silent.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection
+
+from ballbot_ros.parameters import RECORDER
+from ballbot_ros.plant.truth import Truth
+from ballbot_ros.simulation.participants import Objection
+from ballbot_ros.simulation.recorder_flow import RecorderFlow
+from ballbot_ros.simulation.run_actions import AskDrivers, Log, Report, Severity, WakeIn
+from ballbot_ros.simulation.run_master import (
+    STARTUP_WARN_S,
+    Phase,
+    RunMaster,
+)
+from ballbot_ros.simulation.sample_history import Sample, SampleHistory
+from ballbot_ros.simulation.timing import MAX_LEAD_TICKS, SECOND_NS
+
+RESEND_S = 0.1
+WARN_S = 0.3
+
+
+class LockstepMaster(RunMaster):
+    """Conducts runs in lockstep."""
+
+    is_lockstep = True
+    _duty: tuple[int, int] | None
+
+    # Events
+
+    def _take_duty(
+        self, stamp_ns: int, duty: tuple[int, int], data: bytes, *, is_stop: bool
+    ) -> None:
+        if is_stop:
+            # The controller leaves; another may come.
+            return
+        now_ns = self._plant.time_ns
+        is_ahead = stamp_ns > now_ns
+        if is_ahead or self._duties.judge(stamp_ns, data) is Sample.CONTRADICTING:
+            self._participants.object(Objection.to_sample(self._topics.duty, stamp_ns, 'duty'))
+            return
+        if self._duty is not None or stamp_ns != now_ns or self._phase is Phase.DRAINING:
+            return
+        self._duty = duty
+        self._answered_s = self._now_s
+        if self._settings.duration_ns:
+            self._round_trips_s.append(self._now_s - self._asked_s)
+        self._advance()
+
+    def _take_ack(self, stamp_ns: int) -> None:
+        if stamp_ns > self._plant.time_ns:
+            topic = self._topics.ack
+            self._participants.object(Objection(f'{topic!r} is ahead of the run', topic, stamp_ns))
+            return
+        self._recorder.ack_ns = stamp_ns
+        self._advance()
+        if self._is_behind() and self._asked_for.stamp_ns <= stamp_ns and not self._is_ended:
+            self._ask_again()
+
+    # Conduct of a run
+
+    def _prepare(self, start_ns: int) -> None:
+        super()._prepare(start_ns)
+        self._recent: deque[Truth] = deque(maxlen=MAX_LEAD_TICKS + 1)
+        self._duties = SampleHistory(self._topics.is_same_duty)
+        self._duty = None
+        self._answered_s = self._now_s
+        self._recorder = RecorderFlow(start_ns)
+        self._asked_for = self._truth
+
+    def _open(self) -> None:
+        self._recorder.begin(self._participants.member(RECORDER))
+        super()._open()
+
+    def _publish_truth(self, *, is_resend: bool = False) -> None:
+        super()._publish_truth(is_resend=is_resend)
+        self._asked_for = self._truth
+        if not is_resend:
+            self._recent.append(self._truth)
+
+    def _advance(self) -> None:
+        if self._phase is Phase.DRAINING:
+            self._finish()
+            return
+        if self._phase is not Phase.TICKING or self._duty is None or self._waits_for_pace:
+            return
+        if self._is_held or self._recorder.lags(self._plant.time_ns):
+            return
+        factor = self._settings.real_time_factor
+        if not self.pause.is_paused and (delay_s := self._pacer.delay_s(factor, self._now_s)):
+            self._waits_for_pace = True
+            self._act(WakeIn(delay_s))
+            return
+        if not self.pause.take_step():
+            return
+        self._pacer.ticked(factor, self._now_s)
+        duty, self._duty = self._duty, None
+        self._tick(duty)
+
+    def _go_on(self) -> None:
+        # Nobody was silent in the pause.
+        self._answered_s = self._sent_s = self._now_s
+        self._participants.liveness.reset()
+        self._pacer.restart()
+        self._advance()
+
+    def _is_recorded(self) -> bool:
+        return self._recorder.has_all(self._truth.stamp_ns)
+
+    # Silence
+
+    def _watch(self) -> None:
+        if self._duty is not None and (self.pause.is_paused or self._waits_for_pace):
+            self._repeat_truth()
+            if self._recorder.lags(self._plant.time_ns):
+                self._recorder_left()
+            return
+        awaits_recorder = self._awaits_recorder()
+        if awaits_recorder and self._recorder_left():
+            return
+        since_s = self._answered_s if awaits_recorder else self._sent_s
+        silent = self._find_silent(since_s, awaits_recorder=awaits_recorder)
+        if self._now_s - self._asked_s > RESEND_S:
+            if self._duty is not None:
+                self._participants.call_roll()
+            self._ask_again()
+        if silent:
+            self._give_up(silent)
+        elif self._now_s - since_s > WARN_S:
+            # Keep reporting, so that a waiting plant is not taken for a silent one.
+            self._act(Report())
+
+    def _awaits_recorder(self) -> bool:
+        """Return whether the plant waits for the recorder, not for the controller."""
+        return self._phase is Phase.DRAINING or self._duty is not None or self._is_behind()
+
+    def _find_silent(self, since_s: float, *, awaits_recorder: bool) -> list[str]:
+        """Return who has been silent for too long; call the roll early enough to find out."""
+        limit_s = self._limit_s
+        if self._now_s - since_s <= min(WARN_S if self.log.ticks else STARTUP_WARN_S, limit_s):
+            return []
+        silences_s = self._participants.liveness.silences_s(
+            since_s, self._asked_for.stamp_ns, awaits_recorder=awaits_recorder
+        )
+        silent = [role for role, silence_s in silences_s.items() if silence_s > limit_s]
+        self._participants.call_roll()
+        if awaits_recorder:
+            # A recorder acknowledges only the topics of which it has been told.
+            self._participants.publish_status()
+        if not silent:
+            what = RECORDER if awaits_recorder else 'the duty'
+            self._warn(f'waiting for {what} at sim time {self._sim_time_s:.3f} s')
+        return silent
+
+    def _give_up(self, silent: Collection[str]) -> None:
+        who, when = ', '.join(silent), f'{self._sim_time_s:.3f} s'
+        problem = f'{who} silent for {self._limit_s:g} s at sim time {when}'
+        if self._settings.waits_for_silent:
+            self._warn(f'{problem}: waiting for it')
+        else:
+            self._end('failed', problem, 1)
+
+    @property
+    def _limit_s(self) -> float:
+        """The longest silence that is allowed [s]."""
+        settings = self._settings
+        return settings.timeout_s if self.log.ticks else settings.startup_timeout_s
+
+    @property
+    def _sim_time_s(self) -> float:
+        return self._plant.time_ns / SECOND_NS
+
+    # Resends
+
+    def _ask_again(self) -> None:
+        """Ask again for the first tick of which something is missing; the silence goes on.
+
+        The controller may have all that a driver sent before it was killed, and the recorder not:
+        the middleware throws away what a reader has not taken yet from a dead process.
+        """
+        sent_s = self._sent_s
+        self.resends += 1
+        self._recorder.asked_again(self._plant.time_ns)
+        missing = self._first_missing()
+        if missing.stamp_ns < self._plant.time_ns:
+            self._act(AskDrivers(missing))
+            self._asked_for, self._asked_s = missing, self._now_s
+        else:
+            self._publish_truth(is_resend=True)
+        self._sent_s = sent_s
+
+    def _first_missing(self) -> Truth:
+        """Return the first tick that the recorder lacks, or the newest.
+
+        Ticks of a controller that is gone are not among them: no other can answer for it.
+        """
+        next_ns = self._recorder.next_ns
+        if next_ns is None:
+            return self._truth
+        first_ns = max(next_ns, self._participants.controller_since_ns())
+        return next((truth for truth in self._recent if truth.stamp_ns >= first_ns), self._truth)
+
+    def _is_behind(self) -> bool:
+        """Return whether an earlier tick than the newest is asked for."""
+        has_recorder = self._recorder.recorder is not None
+        return has_recorder and self._asked_for.stamp_ns < self._truth.stamp_ns
+
+    # Participants
+
+    @property
+    def _may_be_held(self) -> bool:
+        return self._is_open
+
+    def _release(self) -> None:
+        if self._phase is not Phase.DRAINING and self._recorder.meet(
+            self._participants.member(RECORDER), self._plant.time_ns
+        ):
+            self._answered_s = self._now_s
+            self._advance()
+        super()._release()
+
+    def _resume(self) -> None:
+        self._answered_s = self._now_s
+        if self._duty is None and self._phase is Phase.TICKING:
+            self._ask_again()
+        else:
+            self._advance()
+
+    def _recorder_left(self) -> bool:
+        """Go on without a recorder that has left in order; return whether it has."""
+        if self._settings.requires_recorder or self._graph.count_publishers(self._topics.ack):
+            return False
+        self._recorder.leave()
+        reason = self._participants.last_words(RECORDER)
+        text = f'the recorder has left the run{reason and ": "}{reason}'
+        self._act(Log(text, Severity.WARNING))
+        self._advance()
+        return True

@@ -1,0 +1,82 @@
+"""How far the recorder has got, and how far the plant may be ahead of it."""
+
+from __future__ import annotations
+
+from ballbot_ros.simulation.participants import Participant
+from ballbot_ros.simulation.timing import MAX_LEAD_TICKS, SLOW_NS, TICK_NS
+
+
+class RecorderFlow:
+    """Holds the plant back until the recorder has caught up.
+
+    The topics keep nothing for a late subscriber. Hence the plant waits until the recorder has all
+    of a tick from which on nothing may be missing: the first one, and each that was asked for
+    again.
+
+    Parameters
+    ----------
+    start_ns : int
+        Stamp of the first tick [ns].
+
+    Attributes
+    ----------
+    recorder : Participant or None
+        Who records the run at present.
+    ack_ns : int or None
+        The newest tick that it has acknowledged [ns].
+    """
+
+    def __init__(self, start_ns: int) -> None:
+        self.recorder: Participant | None = None
+        self.ack_ns: int | None = None
+        self._newest: Participant | None = None
+        self._sync_ns = start_ns
+
+    def begin(self, recorder: Participant | None) -> None:
+        """Begin the run with the recorder that has joined it, if any."""
+        self.recorder = self._newest = recorder
+
+    def meet(self, recorder: Participant | None, now_ns: int) -> bool:
+        """Begin to record with a recorder that has come in mid-run; return whether one has.
+
+        Its first tick is one at which every driver sends something.
+        """
+        if recorder == self._newest:
+            return False
+        self.recorder = self._newest = recorder
+        self.ack_ns = None
+        self._sync_ns = -(-now_ns // SLOW_NS) * SLOW_NS
+        return True
+
+    def leave(self) -> None:
+        """Go on without a recorder."""
+        self.recorder = self.ack_ns = None
+
+    def asked_again(self, now_ns: int) -> None:
+        """Note that a tick was asked for again at sim time `now_ns` [ns]."""
+        # The recorder may not have found a participant yet that answers only now.
+        if self.ack_ns is not None:
+            self._sync_ns = now_ns
+
+    def lags(self, now_ns: int) -> bool:
+        """Return whether the recorder has to catch up before the tick at `now_ns` [ns] ends."""
+        if self.recorder is None:
+            return False
+        if self.ack_ns is None or self.ack_ns < self._sync_ns:
+            return now_ns >= self._sync_ns
+        return now_ns - self.ack_ns > MAX_LEAD_TICKS * TICK_NS
+
+    def has_all(self, last_ns: int) -> bool:
+        """Return whether everything up to the last tick is recorded that is to be [ns]."""
+        if self.recorder is None:
+            return True
+        if self.ack_ns is None:
+            return self._sync_ns > last_ns
+        return self.ack_ns >= last_ns
+
+    @property
+    def next_ns(self) -> int | None:
+        """The first tick that the recorder lacks [ns]; None if it has acknowledged none."""
+        if self.recorder is None or self.ack_ns is None:
+            return None
+        return self.ack_ns + TICK_NS

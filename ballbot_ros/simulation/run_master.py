@@ -1,0 +1,576 @@
+"""The master of a run: gathers its participants, moves the plant, and ends the run.
+
+Nothing here knows of ROS or of a clock. The node of the plant hands in events with their time and
+carries out the actions that each is answered with.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from array import array
+from collections.abc import Callable
+from enum import Enum, auto
+from functools import wraps
+from typing import Concatenate, ParamSpec, TypeVar
+
+import numpy as np
+
+from ballbot_ros.plant.truth import Pair, Push, Truth
+from ballbot_ros.simulation.liveness import Machine
+from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.pacer import Pacer
+from ballbot_ros.simulation.participants import Announcement, Membership, Standing, State
+from ballbot_ros.simulation.pause_control import PauseControl
+from ballbot_ros.simulation.run_actions import (
+    Action,
+    Actions,
+    AnnounceRun,
+    BeginRun,
+    CancelWake,
+    ClearError,
+    ClearWarning,
+    EndRun,
+    ForgetMap,
+    Log,
+    PublishPush,
+    PublishTruth,
+    RaiseError,
+    Report,
+    RoundTrips,
+    RunSummary,
+    Severity,
+    StopMotors,
+    Warn,
+)
+from ballbot_ros.simulation.run_participants import Graph, RunParticipants, RunTopics
+from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
+from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS, next_start_ns
+from ballbot_ros.simulation.trajectory import TrajectoryLog
+
+SETTLE_S = 0.4
+"""Time before the first run to discover another plant, whose run a second clock would disturb."""
+
+STARTUP_WARN_S = 5.0
+STILL_S = 1.0
+"""While the plant stands still it repeats where at this interval, for late subscribers."""
+
+MAX_PUSHES = 100
+"""Pushes from outside that act or are still to come: each costs time in every step."""
+
+
+class Phase(Enum):
+    """What a run is at."""
+
+    SETTLING = auto()
+    """No run has been announced yet."""
+    GATHERING = auto()
+    """It waits for its participants."""
+    TICKING = auto()
+    DRAINING = auto()
+    """All ticks are done; the recorder is still to acknowledge the last one."""
+    ENDED = auto()
+
+
+P = ParamSpec('P')
+M = TypeVar('M', bound='RunMaster')
+
+
+def event(
+    method: Callable[Concatenate[M, P], None],
+) -> Callable[Concatenate[M, float, P], Actions]:
+    """Make an event of a master's method.
+
+    Its first argument is then the time, on a clock that only goes forward [s]; it returns the
+    actions that the event leads to.
+    """
+
+    @wraps(method)
+    def handle(self: M, now_s: float, /, *args: P.args, **kwargs: P.kwargs) -> Actions:
+        self._now_s = now_s
+        method(self, *args, **kwargs)
+        actions, self._actions = self._actions, []
+        return actions
+
+    return handle
+
+
+class RunMaster(ABC):
+    """Conducts one run after another.
+
+    Parameters
+    ----------
+    graph : Graph
+    machine : Machine
+    topics : RunTopics
+    set_up : callable
+        Returns the :class:`RunSetup` of a run whose first tick has a given stamp [ns].
+    token : str
+        Tells this plant from all others.
+    now_s : float
+        The time [s].
+
+    Attributes
+    ----------
+    log : TrajectoryLog
+        What the present run has done so far.
+    pause : PauseControl
+    resends : int
+        How often the plant asked again, in all runs.
+    summary : RunSummary or None
+        The outcome, once the run has ended.
+    """
+
+    is_lockstep: bool
+
+    def __init__(
+        self,
+        graph: Graph,
+        machine: Machine,
+        topics: RunTopics,
+        set_up: Callable[[int], RunSetup],
+        token: str,
+        now_s: float,
+    ) -> None:
+        self._graph, self._topics, self._set_up, self._token = graph, topics, set_up, token
+        self._actions: Actions = []
+        self.pause = PauseControl()
+        self.resends = self._late_ticks = 0
+        self.summary: RunSummary | None = None
+        self._pacer = Pacer()
+        self._created_s = self._now_s = now_s
+        self._number = 0
+        self._is_warned = self._waits_for_pace = False
+        self._prepare(FIRST_TICK_NS)
+        self._participants = RunParticipants(
+            graph,
+            machine,
+            self._setup.participant.host,
+            topics,
+            is_lockstep=self.is_lockstep,
+            act=self._act,
+        )
+
+    def _act(self, action: Action) -> None:
+        self._actions.append(action)
+
+    # Events
+
+    @event
+    def on_time(self) -> None:
+        """Look after the run; to be called every 100 ms."""
+        if self._phase is Phase.ENDED:
+            return
+        if self.log.ticks == 0 and self._graph.count_publishers(self._topics.clock) > 1:
+            self._end('failed', 'another plant publishes /clock in this ROS domain', 2)
+        elif self._phase is Phase.SETTLING:
+            if self._now_s - self._created_s > SETTLE_S:
+                self._begin()
+        elif self._may_go_on(calls_roll=True) and not self._is_ended:
+            self._watch()
+
+    @event
+    def on_wake(self) -> None:
+        """Go on: the next tick is due."""
+        self._waits_for_pace = False
+        self._advance()
+
+    @event
+    def on_announcement(self, announcement: Announcement) -> None:
+        """Take what a participant says of itself."""
+        self._participants.on_announcement(announcement)
+        self._on_news()
+
+    @event
+    def on_unreadable_announcement(self) -> None:
+        """Take note of an announcement that no participant can have sent."""
+        self._participants.on_unreadable_announcement()
+
+    @event
+    def on_run(self, name: str, topic: str) -> None:
+        """Take note of a run that is announced on a topic; it may be another plant's."""
+        self._participants.on_run(name, topic)
+        self._on_news()
+
+    @event
+    def on_duty(
+        self, stamp_ns: int, duty: tuple[int, int] | None, data: bytes, *, is_stop: bool = False
+    ) -> None:
+        """Take a duty.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Its stamp [ns].
+        duty : tuple of int or None
+            Motors B and C [%]; None if the message holds something else.
+        data : bytes
+            The message.
+        is_stop : bool
+            Whether it answers no tick, but says that the motors are off.
+        """
+        if not self._is_open or stamp_ns < self._run.start_ns:
+            return
+        if duty is None:
+            text = f'{self._topics.duty}: not whole numbers within -100 … 100 %'
+            self._act(Log(text, Severity.WARNING))
+        else:
+            self._take_duty(stamp_ns, duty, data, is_stop=is_stop)
+
+    @event
+    def on_ack(self, stamp_ns: int) -> None:
+        """Take the newest tick that the recorder has [ns]."""
+        if self._is_open and stamp_ns >= self._run.start_ns:
+            self._take_ack(stamp_ns)
+
+    @event
+    def on_push(self, start_ns: int, force: Pair, torque: Pair) -> None:
+        """Push the robot, now or at `start_ns` [ns] if that is later.
+
+        Parameters
+        ----------
+        start_ns : int
+            Sim time [ns].
+        force, torque : tuple of float
+            As in :class:`Push` [N], [N·m].
+        """
+        if not self._is_open:
+            return
+        now_ns = self._plant.time_ns
+        start_ns = max(start_ns, now_ns)
+        push = Push(start_ns, start_ns + self._settings.push_ns, force, torque)
+        problem = push.problem(now_ns)
+        if not problem and self._plant.pushes >= MAX_PUSHES:
+            problem = f'there are {MAX_PUSHES} already'
+        if problem:
+            text = f'{self._topics.push}: a push is ignored: {problem}'
+            self._act(Log(text, Severity.WARNING, is_throttled=True))
+        else:
+            self._push(push)
+
+    @event
+    def on_settings(self, settings: RunSettings) -> None:
+        """Go on with other settings, as at another pace."""
+        self._settings = settings
+        self._pacer.restart()
+        if self._waits_for_pace:
+            self._cancel_wake()
+            self._advance()
+
+    @event
+    def reset(self) -> None:
+        """Begin a new run at the next multiple of 100 ms."""
+        if self._is_ended:
+            return
+        self._act(Log(f'reset: run {self._number} ends {self._how_far()}'))
+        self._prepare(next_start_ns(self._plant.time_ns))
+        self._begin()
+
+    @event
+    def set_paused(self, *, is_paused: bool) -> None:
+        """Pause the plant at its present tick, or go on."""
+        if is_paused != self.pause.is_paused:
+            self._act(Log('paused' if is_paused else 'goes on'))
+        self.pause.set(is_paused=is_paused)
+        if not is_paused:
+            self._go_on()
+
+    @event
+    def step(self) -> None:
+        """Make one tick of a paused plant."""
+        if self.pause.step():
+            self._advance()
+
+    @event
+    def stop(self) -> None:
+        """End the run because the plant is told to stop."""
+        self._end('stopped', '', 0)
+
+    # Conduct of a run
+
+    def _prepare(self, start_ns: int) -> None:
+        """Put everything at the start of a run whose first tick is at `start_ns`."""
+        self._setup = self._set_up(start_ns)
+        self._settings, self._plant = self._setup.settings, self._setup.plant
+        self._run = Run('', start_ns)
+        self._phase = Phase.SETTLING
+        self._truth = self._plant.truth()
+        self._pushes = 0
+        self._is_hit = self._is_held = False
+        self.log = TrajectoryLog(keep=self._settings.duration_ns is not None)
+        self._round_trips_s = array('d')
+        self._first_tick_s = self._last_tick_s = self._now_s
+        self._missing: list[str] = []
+        self._pacer.restart()
+        self._cancel_wake()
+
+    def _begin(self) -> None:
+        """Announce a run."""
+        self._number += 1
+        self._run = Run(f'{self._number} {self._token}', self._run.start_ns)
+        self._phase = Phase.GATHERING
+        self._sent_s = self._now_s
+        self._participants.gather(
+            self._run,
+            self._setup.participant,
+            requires_recorder=self._settings.requires_recorder,
+        )
+        if self._setup.world is None:
+            self._act(ForgetMap())
+        self._act(AnnounceRun(self._run))
+        self._act(ClearError())
+
+    def _open(self) -> None:
+        """Begin the run with those who have joined it: publish its first truth."""
+        self._phase = Phase.TICKING
+        self._participants.fix()
+        start_s = self._run.start_ns / SECOND_NS
+        self._act(Log(f'run {self._number} begins at sim time {start_s:.3f} s'))
+        self._act(BeginRun(self._run.start_ns, self._setup.world, self._setup.ball_radius))
+        for push in self._setup.scenario.pushes_from(self._run.start_ns):
+            self._push(push)
+        self._publish_truth()
+
+    def _push(self, push: Push) -> None:
+        """Let a push act, and tell what acts when, so that the run can be repeated."""
+        self._plant.push(push)
+        self._pushes += 1
+        self._act(PublishPush(push, self._pushes))
+        self._act(Log(str(push)))
+
+    def _publish_truth(self, *, is_resend: bool = False) -> None:
+        self._truth = self._plant.truth()
+        is_hit = self._plant.wall_hit
+        self._act(PublishTruth(self._truth, is_hit, is_resend))
+        if is_hit != self._is_hit:
+            self._is_hit = is_hit
+            self._show_hit()
+        self._asked_s = self._sent_s = self._now_s
+
+    def _show_hit(self) -> None:
+        """Show or take back the error of a wall hit; one that ends the run is its reason."""
+        if not self._is_hit:
+            self._act(ClearError())
+        elif not self._plant.stopped:
+            self._act(RaiseError(str(self._plant.newest_hit)))
+
+    def _tick(self, duty: tuple[int, int]) -> None:
+        """Move the plant by a tick."""
+        if self.log.ticks == 0:
+            self._first_tick_s = self._now_s
+        self.log.add(self._truth, *duty)
+        self._plant.tick(*duty)
+        self._clear_warning()
+        self._participants.liveness.reset()
+        duration_ns = self._settings.duration_ns
+        if self._plant.stopped:
+            self._publish_truth()
+            self._end('failed', str(self._plant.newest_hit), 1)
+        elif duration_ns and self._plant.time_ns - self._run.start_ns >= duration_ns:
+            self._phase = Phase.DRAINING
+            self._last_tick_s = self._now_s
+            self._finish()
+        else:
+            self._publish_truth()
+
+    def _finish(self) -> None:
+        """End the run if everything is recorded, after a last look at who has taken part."""
+        if not (self._is_recorded() and self._may_go_on()) or self._is_ended:
+            return
+        problem = self._participants.restarted_controller()
+        if problem:
+            self._end('failed', problem, 1)
+        else:
+            self._end('completed', '', 0)
+
+    def _end(self, outcome: str, reason: str, exit_status: int) -> None:
+        """End the run."""
+        if self._is_ended:
+            return
+        if self._phase is not Phase.DRAINING:
+            self._last_tick_s = self._now_s
+        if outcome != 'completed' and self._is_open:
+            self._act(StopMotors(self._truth.stamp_ns))
+        self._phase = Phase.ENDED
+        self._cancel_wake()
+        wall_s = self._last_tick_s - self._first_tick_s
+        self.summary = RunSummary(
+            outcome=outcome,
+            reason=reason,
+            ticks=self.log.ticks,
+            duty_sha256=self.log.duty_sha256,
+            real_time_factor=self.log.ticks * TICK_NS / SECOND_NS / wall_s if wall_s else 0.0,
+            late_ticks=self.late_ticks,
+            resends=self.resends,
+            round_trips=self._summarize_round_trips(),
+            start_ns=self._run.start_ns,
+            members=self._participants.members,
+        )
+        self._participants.publish_status(self.summary)
+        if self._number:
+            self._act(Log(f'run {self._number} {outcome} {self._how_far()}'))
+        self._act(EndRun(self.summary, exit_status))
+
+    def _summarize_round_trips(self) -> RoundTrips | None:
+        # The first one includes what every node does at the start of a run.
+        if len(self._round_trips_s) < 2:
+            return None
+        trips_ms = np.array(self._round_trips_s[1:]) * 1e3
+        p50, p99 = np.percentile(trips_ms, (50, 99))
+        return RoundTrips(float(p50), float(p99), float(trips_ms.max()))
+
+    # Participants
+
+    def _on_news(self) -> None:
+        """Look at once if the run waits for this very news."""
+        if self._phase is Phase.GATHERING:
+            self._may_go_on()
+
+    def _may_go_on(self, *, calls_roll: bool = False) -> bool:
+        """Return whether the run has its participants and nobody else; hold or end it if not.
+
+        With `calls_roll` the roll is called while that is not clear.
+        """
+        standing = self._participants.standing(self._plant.time_ns, self._now_s)
+        if standing.state is State.REFUSED:
+            self._end('failed', standing.reason, 1)
+        elif standing.state is State.WAITING:
+            self._is_held = self._may_be_held
+            if calls_roll:
+                self._wait(standing)
+        elif self._phase is Phase.GATHERING:
+            self._open()
+        else:
+            self._release()
+        return standing.state is State.COMPLETE
+
+    def _release(self) -> None:
+        """Go on if the run was held."""
+        if self._is_held:
+            self._is_held = False
+            self._sent_s = self._now_s
+            self._clear_warning()
+            self._participants.liveness.reset()
+            self._resume()
+
+    def _wait(self, standing: Standing) -> None:
+        """Call the roll until it is clear who takes part, within bounds before the first tick."""
+        self._participants.call_roll()
+        waited_s = self._participants.liveness.waited_s(self._sent_s)
+        missing = self._participants.missing()
+        if missing and missing != self._missing:
+            self._missing = missing
+            self._act(Log(f'run {self._number} waits for {", ".join(missing)}'))
+        # Keep reporting, so that a waiting plant is not taken for a silent one on a busy machine.
+        self._act(Report())
+        settings = self._settings
+        if self._is_held:
+            self._warn(standing.reason)
+        elif self._is_open:
+            return
+        elif waited_s > settings.startup_timeout_s and missing and not settings.waits_for_silent:
+            limit = f'{settings.startup_timeout_s:g} s before the first tick'
+            self._end('failed', f'{", ".join(missing)} silent for {limit}', 1)
+        elif self._now_s - self._sent_s > STARTUP_WARN_S:
+            self._warn(standing.reason)
+
+    # What the two ways of running differ in
+
+    @abstractmethod
+    def _take_duty(
+        self, stamp_ns: int, duty: tuple[int, int], data: bytes, *, is_stop: bool
+    ) -> None:
+        """Take a duty of this run."""
+
+    @abstractmethod
+    def _take_ack(self, stamp_ns: int) -> None:
+        """Take the newest tick that the recorder has [ns]."""
+
+    @abstractmethod
+    def _watch(self) -> None:
+        """Look after a run whose participants are there."""
+
+    @abstractmethod
+    def _advance(self) -> None:
+        """Move on if the run waits for nothing."""
+
+    @abstractmethod
+    def _go_on(self) -> None:
+        """Go on after a pause."""
+
+    @abstractmethod
+    def _is_recorded(self) -> bool:
+        """Return whether the recorder has all that it is to have."""
+
+    @property
+    @abstractmethod
+    def _may_be_held(self) -> bool:
+        """Whether the run stands still while it is not clear who takes part."""
+
+    @abstractmethod
+    def _resume(self) -> None:
+        """Go on with a run that was held."""
+
+    # Shared by both
+
+    @property
+    def late_ticks(self) -> int:
+        """Ticks that came more than a period late, in all runs."""
+        return self._late_ticks + self._pacer.late_ticks
+
+    @property
+    def members(self) -> tuple[Membership, ...]:
+        """Everybody who has taken part in the present run."""
+        return self._participants.members
+
+    @property
+    def number(self) -> int:
+        """Number of the present run, 0 before the first."""
+        return self._number
+
+    @property
+    def time_ns(self) -> int:
+        """Sim time [ns]."""
+        return self._plant.time_ns
+
+    @property
+    def is_fallen(self) -> bool:
+        """Whether the robot lies on the floor."""
+        return self._plant.fallen
+
+    @property
+    def _is_open(self) -> bool:
+        """Whether the first truth has been published."""
+        return self._phase in (Phase.TICKING, Phase.DRAINING)
+
+    @property
+    def _is_ended(self) -> bool:
+        return self._phase is Phase.ENDED
+
+    def _cancel_wake(self) -> None:
+        if self._waits_for_pace:
+            self._waits_for_pace = False
+            self._act(CancelWake())
+
+    def _warn(self, text: str) -> None:
+        self._is_warned = True
+        self._act(Warn(text))
+
+    def _clear_warning(self) -> None:
+        if self._is_warned:
+            self._is_warned = False
+            self._act(ClearWarning())
+
+    def _how_far(self) -> str:
+        if self.log.ticks == 0:
+            return 'before its first tick'
+        return f'after {self.log.ticks} ticks, duties {self.log.duty_sha256[:12]}'
+
+    def _repeat_truth(self) -> None:
+        """Repeat where the robot stands still, for late subscribers."""
+        if self._now_s - self._asked_s > STILL_S:
+            self._publish_truth(is_resend=True)
+
+    @property
+    def truth(self) -> Truth:
+        """The truth of the present tick."""
+        return self._truth

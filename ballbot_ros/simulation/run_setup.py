@@ -1,0 +1,81 @@
+"""What a run is made of, and how it is conducted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ballbot_ros.plant.plant import Plant
+from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.simulation.participants import Participant
+from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.world.world import World
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """How a run is conducted.
+
+    Attributes
+    ----------
+    duration_ns : int or None
+        Length of the run [ns]; None for a run without end.
+    real_time_factor : float
+        Pace against the wall clock; 0 for as fast as possible.
+    push_ns : int
+        How long a push from outside acts [ns].
+    timeout_s, startup_timeout_s : float
+        Silence after which the run has failed, once it ticks and before [s].
+    waits_for_silent : bool
+        Whether the run waits for a silent participant instead of failing.
+    requires_recorder : bool
+        Whether the run does not begin without a recorder.
+    """
+
+    duration_ns: int | None
+    real_time_factor: float
+    push_ns: int
+    timeout_s: float
+    startup_timeout_s: float
+    waits_for_silent: bool
+    requires_recorder: bool
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> RunSettings:
+        """Return the settings that the parameters of ``plant_sim`` name."""
+        return cls(
+            duration_ns=round(values['duration'] * SECOND_NS) or None,
+            real_time_factor=values['real_time_factor'],
+            push_ns=round(values['push_duration'] * SECOND_NS),
+            timeout_s=values['timeout'],
+            startup_timeout_s=values['startup_timeout'],
+            waits_for_silent=values['on_timeout'] == 'wait',
+            requires_recorder=values['require_recorder'],
+        )
+
+
+@dataclass(frozen=True)
+class RunSetup:
+    """What a run is made of.
+
+    Attributes
+    ----------
+    settings : RunSettings
+    plant : Plant
+        At the start of the run.
+    world : World or None
+        The floor; None if it is free and endless.
+    scenario : Scenario
+    participant : Participant
+        The plant as a participant of its run.
+    ball_radius : float
+        Height of the ball's centre [m].
+    """
+
+    settings: RunSettings
+    plant: Plant
+    world: World | None
+    scenario: Scenario
+    participant: Participant
+    ball_radius: float

@@ -1,0 +1,343 @@
+"""A graph without ROS around the master of a run: nodes that answer, hang, die and come back.
+
+Messages are in flight until they are delivered, so that a test can reorder, repeat or lose them.
+Time passes only when a test says so.
+"""
+
+import dataclasses
+import operator
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from ballbot_ros.messages.run_topics import RUN_TOPICS
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    ENCODER,
+    GAMEPAD,
+    GYRO,
+    PLANT,
+    RECORDER,
+    SONAR,
+    ParameterSet,
+)
+from ballbot_ros.plant.plant import Plant
+from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.simulation import run_actions as do
+from ballbot_ros.simulation.lockstep_master import LockstepMaster
+from ballbot_ros.simulation.participants import Announcement, Objection, Participant, Publisher
+from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
+from ballbot_ros.simulation.silence_timer import Observation
+from ballbot_ros.simulation.timing import SLOW_NS, TICK_NS
+from ballbot_ros.world.world import World
+
+TOPICS = dataclasses.replace(RUN_TOPICS, is_same_duty=operator.eq)
+DRIVERS = (GYRO, ENCODER, SONAR, GAMEPAD)
+ROLES = (*DRIVERS, CONTROLLER)
+SLOW = (SONAR, GAMEPAD)
+WATCH_S = 0.1
+FREE_PERIODS_S = {'on_time': WATCH_S, 'on_tick': TICK_NS / 1e9}
+LATENCY_S = 2e-4
+"""Each message arrives so long after the one before."""
+
+
+def duty_of(stamp_ns):
+    """Return what the controller of this world answers at a tick."""
+    tick = stamp_ns // TICK_NS
+    return tick % 7 - 3, tick % 5 - 2
+
+
+def data_of(stamp_ns, duty):
+    return f'{stamp_ns} {duty}'.encode()
+
+
+@dataclass
+class FakeNode:
+    """A participant other than the plant.
+
+    Attributes
+    ----------
+    participant : Participant
+    samples : set of int
+        Stamps that it has answered [ns].
+    is_alive, is_hung : bool
+    """
+
+    participant: Participant
+    samples: set[int] = field(default_factory=set)
+    is_alive: bool = True
+    is_hung: bool = False
+    run: str = ''
+    objection: Objection | None = None
+
+    @property
+    def role(self):
+        return self.participant.role
+
+    @property
+    def answers(self):
+        return self.is_alive and not self.is_hung
+
+    def announcement(self):
+        answered_ns = max(self.samples, default=0)
+        return Announcement(self.participant, self.run, answered_ns, self.objection)
+
+
+def make_participant(role, generation=0, **changes):
+    """Return a participant; another generation is another process."""
+    return Participant(
+        role=role,
+        node=f'/{role}',
+        host='here',
+        process=100 * generation + len(role),
+        instance=f'{role} {generation}',
+        implementation='ours',
+        parameters_sha256='00',
+        guid_prefix=f'{role} {generation}|'.encode().hex(),
+        topics=tuple(name for name, roles in TOPICS.owners.items() if roles == (role,)),
+        **changes,
+    )
+
+
+class FakeGraph:
+    """What the master can find out about the nodes of a world."""
+
+    def __init__(self, world):
+        self._world = world
+        self.clocks = 1
+        self.strangers = {}
+        self.heard_messages = []
+        self.is_listening = False
+
+    def publishers(self):
+        found = {topic: list(self.strangers.get(topic, ())) for topic in TOPICS.owners}
+        for node in (self._world.plant_node, *self._world.in_graph):
+            for topic, roles in TOPICS.owners.items():
+                if node.role in roles and (node.role != PLANT or topic != TOPICS.duty):
+                    gid = f'{node.participant.instance}|{topic}'.encode()
+                    found[topic].append(Publisher(gid, node.participant.node))
+        return found
+
+    def count_publishers(self, topic):
+        if topic == TOPICS.clock:
+            return self.clocks
+        return sum(topic == TOPICS.ack and node.role == RECORDER for node in self._world.in_graph)
+
+    def heard(self, topics):
+        self.is_listening = self.is_listening or bool(topics)
+        heard = [(topic, stamp_ns) for topic, stamp_ns in self.heard_messages if topic in topics]
+        self.heard_messages = [each for each in self.heard_messages if each not in heard]
+        return heard
+
+    def stop_listening(self):
+        self.is_listening = False
+
+
+class FakeMachine:
+    """Processes that always have all the processor time that they want."""
+
+    def __init__(self, world):
+        self._world = world
+
+    def observe(self, processes):
+        return Observation(self._world.now_s, {})
+
+    def siblings(self):
+        return []
+
+
+class LockstepWorld:
+    """The master, its nodes, and what is in flight between them.
+
+    Attributes
+    ----------
+    done : list of Action
+        All that the master has done so far.
+    in_flight : deque of callable
+        Messages to the master that are still to be delivered.
+    """
+
+    kind: Callable = LockstepMaster
+    periods_s: Mapping = MappingProxyType({'on_time': WATCH_S})
+
+    @property
+    def wake_s(self):
+        return self.calls_s.get('on_wake')
+
+    def __init__(self, scenario=None, **values):
+        self.now_s = 1000.0
+        given = {'duration': 0.2, 'real_time_factor': 0.0, **values}
+        self.values = {**ParameterSet().values(PLANT), **given}
+        self.scenario = scenario or Scenario()
+        self.plant_node = FakeNode(make_participant(PLANT))
+        self.nodes = {}
+        self.in_graph = []
+        self.graph = FakeGraph(self)
+        self.in_flight = deque()
+        self.done = []
+        self.calls_s = {event: self.now_s + period for event, period in self.periods_s.items()}
+        self.master = self.kind(
+            self.graph, FakeMachine(self), TOPICS, self._set_up, 'token', self.now_s
+        )
+
+    def _set_up(self, start_ns):
+        world = World.of(self.values)
+        return RunSetup(
+            settings=self.run_settings(),
+            plant=Plant(self.values, start_ns, world),
+            world=world,
+            scenario=self.scenario,
+            participant=self.plant_node.participant,
+            ball_radius=self.values['ball_radius'],
+        )
+
+    # The nodes
+
+    def start(self, *roles, generation=0, **changes):
+        """Start nodes, which join at the next roll call."""
+        for role in roles or ROLES:
+            node = FakeNode(make_participant(role, generation, **changes))
+            self.nodes[role] = node
+            self.in_graph.append(node)
+        return self
+
+    def kill(self, role):
+        """Kill a node; its publishers stay in the graph."""
+        self.nodes[role].is_alive = False
+
+    def leave(self, role):
+        """End a node in order: its publishers leave the graph."""
+        self.nodes[role].is_alive = False
+        self.in_graph.remove(self.nodes[role])
+
+    # The master
+
+    def tell(self, event, *what, **details):
+        """Tell the master of an event; return the actions that follow."""
+        actions = event(self.now_s, *what, **details)
+        for action in actions:
+            self._carry_out(action)
+        self.done += actions
+        return actions
+
+    def _carry_out(self, action):
+        match action:
+            case do.CallRoll(run):
+                for node in self.nodes.values():
+                    if node.answers:
+                        if node.run != run.name:
+                            node.run, node.objection = run.name, None
+                            node.samples.clear()
+                        self._announce(node)
+            case do.PublishTruth(truth) | do.AskDrivers(truth):
+                self._answer(truth.stamp_ns)
+            case do.WakeIn(delay_s):
+                self.calls_s['on_wake'] = self.now_s + delay_s
+            case do.CancelWake():
+                self.calls_s.pop('on_wake', None)
+
+    def _announce(self, node):
+        announcement = node.announcement()
+        self.send(self.master.on_announcement, announcement)
+
+    def _answer(self, stamp_ns):
+        """Have the nodes answer a tick, as far as they can."""
+        for role in DRIVERS:
+            node = self.nodes.get(role)
+            is_due = role not in SLOW or stamp_ns % SLOW_NS == 0
+            if node and node.answers and node.run and is_due:
+                node.samples.add(stamp_ns)
+        has_all = all(
+            stamp_ns in self.nodes[role].samples
+            for role in DRIVERS
+            if role in self.nodes and (role not in SLOW or stamp_ns % SLOW_NS == 0)
+        )
+        controller = self.nodes.get(CONTROLLER)
+        if controller and controller.answers and controller.run and has_all:
+            controller.samples.add(stamp_ns)
+            self.send_duty(stamp_ns)
+
+    def send_duty(self, stamp_ns, duty=None):
+        duty = duty or duty_of(stamp_ns)
+        self.send(self.master.on_duty, stamp_ns, duty, data_of(stamp_ns, duty))
+        recorder = self.nodes.get(RECORDER)
+        if recorder and recorder.answers and recorder.run:
+            recorder.samples.add(stamp_ns)
+            self.send(self.master.on_ack, max(recorder.samples))
+
+    def send(self, event, *what):
+        self.in_flight.append((event, what))
+
+    def run_settings(self):
+        return RunSettings.from_parameters(self.values)
+
+    # Time
+
+    def deliver(self):
+        """Deliver one message, which takes its time."""
+        self.now_s += LATENCY_S
+        event, what = self.in_flight.popleft()
+        self.tell(event, *what)
+
+    def wait(self, seconds=WATCH_S):
+        """Let time pass: messages arrive, and the master is called when it is due."""
+        end_s = self.now_s + seconds
+        while True:
+            event = min(self.calls_s, key=self.calls_s.__getitem__)
+            due_s = self.calls_s[event]
+            if self.in_flight and self.now_s + LATENCY_S < min(due_s, end_s):
+                self.deliver()
+            elif due_s <= end_s + 1e-9:
+                self._call(event)
+            else:
+                self.now_s = end_s
+                return self
+
+    def _call(self, event):
+        """Call the master at the time at which it is due, and set when it is called again."""
+        self.now_s = max(self.now_s, self.calls_s.pop(event))
+        if event in self.periods_s:
+            self.calls_s[event] = self.now_s + self.periods_s[event]
+        self.tell(getattr(self.master, event))
+
+    def advance(self, ticks):
+        """Deliver messages until the run has made so many ticks."""
+        while self.ticks < ticks:
+            if self.in_flight:
+                self.deliver()
+            else:
+                self.wait()
+        return self
+
+    def settle(self):
+        """Deliver messages until none follows any more."""
+        while self.in_flight:
+            self.deliver()
+        return self
+
+    # What has happened
+
+    def actions(self, kind):
+        return [action for action in self.done if isinstance(action, kind)]
+
+    @property
+    def truths(self):
+        """Stamps of the truths that were published for the first time [ns]."""
+        return [each.truth.stamp_ns for each in self.actions(do.PublishTruth) if not each.is_resend]
+
+    @property
+    def ticks(self):
+        return self.master.log.ticks
+
+    @property
+    def summary(self):
+        return self.master.summary
+
+    @property
+    def warnings(self):
+        return [action.text for action in self.actions(do.Warn)]
+
+    @property
+    def logged(self):
+        return [action.text for action in self.actions(do.Log)]

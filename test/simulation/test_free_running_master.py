@@ -1,0 +1,130 @@
+"""The master of a run on the wall clock: it waits for nobody."""
+
+import pytest
+from lockstep_world import FREE_PERIODS_S, LockstepWorld, data_of
+
+from ballbot_ros.simulation import run_actions as do
+from ballbot_ros.simulation.free_running_master import FreeRunningMaster
+from ballbot_ros.simulation.timing import FREE_RUNNING_SILENCE_S, TICK_NS
+
+START_NS = 1_000_000_000
+
+
+class FreeRunningWorld(LockstepWorld):
+    """A world in which every 4 ms bring a tick."""
+
+    kind = FreeRunningMaster
+    periods_s = FREE_PERIODS_S
+
+
+def begun(**values):
+    """Return a world whose endless run has been announced."""
+    return FreeRunningWorld(duration=0.0, **values).wait(0.6)
+
+
+def send_duty(world, duty=(10, -20), stamp_ns=START_NS):
+    world.tell(world.master.on_duty, stamp_ns, duty, data_of(stamp_ns, duty))
+
+
+def test_it_waits_for_the_first_duty_and_asks_for_it_again_and_again():
+    world = begun(startup_timeout=5.0)
+    assert world.truths == [START_NS]
+    world.wait(3)
+    assert world.ticks == 0
+    assert len([each for each in world.actions(do.PublishTruth) if each.is_resend]) > 20
+    send_duty(world)
+    world.wait(1)
+    assert world.ticks == pytest.approx(250, abs=2)
+
+
+def test_without_a_controller_it_begins_after_the_startup_timeout():
+    world = begun(startup_timeout=5.0).wait(4.5)
+    assert world.ticks == 0
+    world.wait(1)
+    assert world.ticks > 100
+    assert world.summary is None
+
+
+def test_a_newer_duty_acts_and_a_silence_switches_off():
+    world = begun()
+    send_duty(world)
+    world.wait(1.0)
+    world.tell(world.master.stop)
+    sha256 = world.summary.duty_sha256
+    other = begun()
+    send_duty(other)
+    other.wait(FREE_RUNNING_SILENCE_S + 0.1)
+    send_duty(other)
+    other.wait(1.0 - FREE_RUNNING_SILENCE_S - 0.1)
+    other.tell(other.master.stop)
+    assert other.summary.ticks == world.summary.ticks
+    assert other.summary.duty_sha256 != sha256
+
+
+def test_a_duty_that_is_none_or_of_an_earlier_run_is_not_taken():
+    world = begun()
+    send_duty(world, None)
+    send_duty(world, stamp_ns=START_NS - TICK_NS)
+    world.wait(1)
+    assert world.ticks == 0
+    assert 'not whole numbers within' in world.logged[-1]
+
+
+def test_it_completes_and_keeps_its_pace():
+    world = FreeRunningWorld(duration=1.0).wait(0.6)
+    send_duty(world)
+    world.wait(2)
+    assert (world.summary.outcome, world.summary.ticks) == ('completed', 250)
+    assert world.summary.real_time_factor == pytest.approx(1.0, rel=0.02)
+    assert world.summary.late_ticks == 0
+
+
+def test_a_tick_that_is_more_than_a_period_late_is_counted():
+    world = begun()
+    send_duty(world)
+    world.wait(0.1)
+    world.now_s += 0.05
+    world.wait(0.1)
+    assert world.master.late_ticks == 1
+
+
+def test_a_paused_plant_makes_single_steps_and_no_tick_is_late():
+    world = begun()
+    send_duty(world)
+    world.wait(0.1)
+    world.tell(world.master.set_paused, is_paused=True)
+    ticks = world.ticks
+    world.wait(3)
+    assert world.ticks == ticks
+    world.tell(world.master.step)
+    world.wait(1)
+    assert world.ticks == ticks + 1
+    world.tell(world.master.set_paused, is_paused=False)
+    world.wait(0.1)
+    assert world.ticks > ticks + 20
+    assert world.master.late_ticks == 0
+
+
+def test_a_reset_waits_for_a_duty_of_the_new_run():
+    world = begun(startup_timeout=5.0)
+    send_duty(world)
+    world.wait(10)
+    now_ns = world.truths[-1]
+    world.tell(world.master.reset)
+    start_ns = world.truths[-1]
+    assert start_ns > now_ns
+    world.wait(1)
+    assert world.ticks == 0
+    send_duty(world, stamp_ns=start_ns)
+    world.wait(0.1)
+    assert world.ticks > 20
+
+
+def test_nobody_waits_for_a_recorder():
+    world = begun()
+    send_duty(world)
+    world.tell(world.master.on_ack, START_NS)
+    world.tell(world.master.on_ack, 10**18)
+    world.wait(1)
+    assert world.ticks > 200
+    assert world.summary is None
