@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.codegen.application import (
     PARAMETER_FILE,
     STACK_BYTES,
@@ -34,7 +35,7 @@ from ballbot_ros.codegen.measure import (
 )
 from ballbot_ros.codegen.steps import Step, random_steps
 from ballbot_ros.codegen.toolchain import ARM, HOST, Target, build, missing_tool
-from ballbot_ros.controller.tasks import TS1_MS, TaskTiming
+from ballbot_ros.controller.tasks import TS1_MS
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameters import CONTROLLER, ParameterSet

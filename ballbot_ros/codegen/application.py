@@ -13,13 +13,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ballbot_ros import __version__
 from ballbot_ros.brick.bluetooth import PACKET_SIZE
+from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.codegen.c_parameters import c_float, c_parameters, parameter_hash
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.signals import PLANE_SIGNALS, PROGRAM_SIGNALS
 from ballbot_ros.controller.parameters import ControllerParameters
 from ballbot_ros.controller.program import LOWEST_TONE_HZ, VOLTAGE_OFFSET, VOLTAGE_SLOPE
-from ballbot_ros.controller.tasks import PROGRAM_NAME, TaskTiming
+from ballbot_ros.controller.tasks import PROGRAM_NAME
 from ballbot_ros.files import read_bytes, read_text
 from ballbot_ros.parameters import CONTROLLER
 

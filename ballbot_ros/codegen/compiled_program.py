@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Protocol
 
 from ballbot_ros.brick.brick import Brick, DeviceInputs, DeviceOutputs
-from ballbot_ros.brick.schedule import Schedule, Task
+from ballbot_ros.brick.schedule import Schedule, TaskTiming
 from ballbot_ros.codegen.brick_process import Answer, encode_request
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.signals import named_values, plane_values
 from ballbot_ros.controller.interface import CALIBRATING
 from ballbot_ros.controller.program import CALIBRATION, drive_state
-from ballbot_ros.controller.tasks import TaskTiming
 
 
 class Machine(Protocol):
@@ -60,12 +58,8 @@ class CompiledProgram:
     def __init__(self, machine: Machine, tasks: Sequence[TaskTiming], autonomous: bool) -> None:
         self._machine = machine
         self._autonomous = autonomous
-        self._due: list[int] = []
-        # Bound to the list alone: without a reference to itself the program, and with it the
-        # machine's process, ends as soon as nobody has it.
-        self._schedule = Schedule(
-            Task(*timing, partial(self._due.append, number)) for number, timing in enumerate(tasks)
-        )
+        self._schedule = Schedule(tasks)
+        self._numbers = {timing.name: number for number, timing in enumerate(tasks)}
         self.brick = Brick()
         self.x, self.y = Plane(), Plane()
         self.operating_state = CALIBRATION
@@ -74,19 +68,21 @@ class CompiledProgram:
         self.stack_bytes: tuple[int, ...] = ()
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
-        """Run the tasks due `elapsed_ms` after the start on the inputs of that time.
+        """Run the tasks due `elapsed_ms` after the start; see :meth:`run`."""
+        return self.run(self._schedule.due(elapsed_ms), systick_ms, inputs)
+
+    def run(self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
+        """Run `tasks`, in this order, on the inputs of a tick.
 
         Raises
         ------
         CodegenError
             If the program has ended, or makes a call that does not fit the robot.
         """
-        return self.brick.tick(systick_ms, inputs, lambda: self._run(elapsed_ms, inputs))
+        return self.brick.tick(systick_ms, inputs, lambda: self._run_tasks(tasks, inputs))
 
-    def _run(self, elapsed_ms: int, inputs: DeviceInputs) -> None:
+    def _run_tasks(self, tasks: Sequence[str], inputs: DeviceInputs) -> None:
         brick = self.brick
-        self._due.clear()
-        self._schedule.run(elapsed_ms)
         answer = self._machine.exchange(
             encode_request(
                 systick_ms=brick.systick_ms,
@@ -95,7 +91,7 @@ class CompiledProgram:
                 gyro=brick.gyro,
                 battery_mv=brick.battery_mv,
                 sticks=inputs.sticks,
-                due=self._due,
+                due=[self._numbers[name] for name in tasks],
             )
         )
         if answer.faults:

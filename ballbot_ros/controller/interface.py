@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
@@ -50,4 +51,7 @@ class Program(Protocol):
         """The state of figure 7-1, one of :data:`DRIVE_STATES`."""
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
-        """Run the tasks due."""
+        """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
+
+    def run(self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
+        """Run the tasks with these names, in this order, on the inputs of a tick."""

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ballbot_ros.controller.tasks import TaskTiming, task_timings
+from ballbot_ros.brick.schedule import TaskTiming
+from ballbot_ros.controller.tasks import task_timings
 
 Single = np.float32
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ballbot_ros.brick.brick import UINT32, Brick, DeviceInputs, DeviceOutputs
-from ballbot_ros.brick.schedule import Schedule, Task
+from ballbot_ros.brick.schedule import Schedule
 from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controller.axis import ONE, ZERO, Axis
 from ballbot_ros.controller.interface import CALIBRATING, OUT_OF_CONTROL
@@ -73,7 +73,7 @@ class ControlProgram:
         p = self._p = ControllerParameters.of(values)
         self.brick = Brick()
         self.x, self.y = Axis(p), Axis(p)
-        self.schedule = Schedule(Task(*timing, getattr(self, timing.name)) for timing in p.tasks)
+        self._schedule = Schedule(p.tasks)
         self._reset()
 
     def _reset(self) -> None:
@@ -93,7 +93,15 @@ class ControlProgram:
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
-        return self.brick.tick(systick_ms, inputs, lambda: self.schedule.run(elapsed_ms))
+        return self.run(self._schedule.due(elapsed_ms), systick_ms, inputs)
+
+    def run(self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
+        """Run `tasks`, in this order, on the inputs of a tick."""
+        return self.brick.tick(systick_ms, inputs, lambda: self._run_tasks(tasks))
+
+    def _run_tasks(self, tasks: Sequence[str]) -> None:
+        for name in tasks:
+            getattr(self, name)()
 
     @property
     def drive_state(self) -> str:

@@ -2,29 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from ballbot_ros.brick.schedule import TaskTiming
 
 PROGRAM_NAME = 'NXT BALLBOT'
 """First line of the display."""
-
-
-class TaskTiming(NamedTuple):
-    """When a task runs.
-
-    Attributes
-    ----------
-    name : str
-        Name in the OIL file, and of the function.
-    priority : int
-        Larger runs first.
-    period_ms : int
-        Cycle of its alarm; 0 for a task that runs once at the start.
-    """
-
-    name: str
-    priority: int
-    period_ms: int
-
 
 TS1_MS = 4
 """Period of task_ts1: the tick of the plant."""

@@ -66,3 +66,16 @@ def test_a_value_that_no_device_gives_is_refused():
     program = program_maker(values_of(CONTROLLER, implementation='c'))()
     with pytest.raises(CodegenError, match='no device of the brick gives this'):
         program.tick(0, 1000, AT_REST._replace(battery_mv=70000))
+
+
+@pytest.mark.parametrize('implementation', ['python', 'c'])
+def test_the_tasks_that_are_named_run_and_no_others(implementation):
+    need(implementation)
+    program = program_maker(values_of(CONTROLLER, implementation=implementation, time_start=0))()
+    assert program.run(['task_init', 'task_lcd'], 1000, AT_REST).pages
+    assert program.drive_state == 'calibration'
+    assert program.run(['task_ts3'], 1004, AT_REST).tones
+    assert program.drive_state == 'remote'
+    assert not program.run(['task_ts1'], 1008, AT_REST).pages
+    program.run(['task_ts2'], 1012, AT_REST)
+    assert program.drive_state == 'backward'  # the sonar has not answered yet
