@@ -4,7 +4,7 @@ from hypothesis import given, settings
 
 from ballbot_ros.errors import BallbotError
 
-__all__ = ['given', 'is_read_or_refused_in_one_line']
+__all__ = ['given', 'is_read_or_refused_in_one_line', 'settings']
 
 settings.register_profile('laws', derandomize=True, max_examples=60, deadline=None, database=None)
 settings.load_profile('laws')

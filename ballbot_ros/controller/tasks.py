@@ -7,6 +7,7 @@ from ballbot_ros.brick.schedule import TaskTiming
 PROGRAM_NAME = 'NXT BALLBOT'
 """First line of the display."""
 
+TS1 = 'task_ts1'
 TS1_MS = 4
 """Period of task_ts1: the tick of the plant."""
 
@@ -20,7 +21,7 @@ def task_timings(ts2_ms: int, ts3_ms: int) -> tuple[TaskTiming, ...]:
     """
     return (
         TaskTiming('task_init', 5, 0),
-        TaskTiming('task_ts1', 4, TS1_MS),
+        TaskTiming(TS1, 4, TS1_MS),
         TaskTiming('task_ts2', 3, ts2_ms),
         TaskTiming('task_ts3', 2, ts3_ms),
         TaskTiming('task_lcd', 1, LCD_MS),

@@ -7,8 +7,10 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from rclpy.timer import Timer
+
 from ballbot_ros.codegen.implementation import program_maker, require_implementation
-from ballbot_ros.controller.tasks import TS1_MS
+from ballbot_ros.controller.tasks import TS1, task_timings
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.inputs import INPUTS, device_inputs
 from ballbot_ros.messages.raw import decoder, same_content, stamp_of
@@ -24,23 +26,21 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import CONTROLLER
-from ballbot_ros.simulation.lockstep import LockstepInputs, Run, Step, TimerAudit
+from ballbot_ros.simulation.free_running_ticks import FreeRunningTicks
+from ballbot_ros.simulation.lockstep import LockstepTicks, Run, Step
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.sample_history import DEPTH
-from ballbot_ros.simulation.timing import (
-    FREE_RUNNING_SILENCE_S,
-    MILLISECOND_NS,
-    SECOND_NS,
-    TICK_NS,
-)
+from ballbot_ros.simulation.task_releases import DueTick
+from ballbot_ros.simulation.timing import MILLISECOND_NS, SECOND_NS, TICK_NS
 
 
 class Controller(BallbotNode):
     """Answers the inputs of every tick with one ``motor_duty`` of the same stamp.
 
-    In lockstep a tick runs as soon as its inputs are in, and the tasks due follow from the time
-    since the start of the run; the three timers on ROS time are checked against that. Free
-    running, the 4 ms timer runs the tick on the newest samples.
+    Each periodic task has a timer that releases it. In lockstep the timers go by ``/clock``, and a
+    tick runs when its inputs are in and the tasks due have been released. Free running, they go
+    by the wall clock, and a tick runs on the newest samples when the timer of task_ts1 calls back.
+    What a sample or a callback leads to is decided in ``simulation/``; the node carries it out.
     """
 
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
@@ -48,25 +48,27 @@ class Controller(BallbotNode):
         self._lockstep = self.values['lockstep']
         if self._lockstep:
             self.require_sim_time('in lockstep its timers go by /clock')
-        self._inputs = LockstepInputs(
+        self._lockstep_ticks = LockstepTicks(
             {topic.name: topic.period_ns for topic in INPUTS},
             first=BATTERY_STATE.name,
             every_tick=GYRO_IMU.name,
             is_same={topic.name: same_content(topic.type_name) for topic in INPUTS},
             tick_ns=TICK_NS,
         )
-        self._start_ns: int | None = None
+        self._free_ticks = FreeRunningTicks(
+            every_tick=TS1,
+            clock=GYRO_IMU.name,
+            needed=[topic.name for topic in (GYRO_IMU, JOINT_STATES, BATTERY_STATE)],
+            sticks=GAMEPAD_JOY.name,
+            tick_ns=TICK_NS,
+        )
+        self._gate = (self._lockstep_ticks if self._lockstep else self._free_ticks).gate
         self._make_program = program_maker(self.values)
         self._program = self._make_program()
-        self._overruns = 0
-        self._resent = 0
-        self._free_ticks = 0
-        self._sticks_at = self._tick_at = time.monotonic()
+        self._resends = 0
         self._messages = ControllerMessages(self.output)
-        self._task_timers: list[Any] = []
+        self._timers_of_tasks: dict[str, Timer] = {}
         self._set_timers()
-        if not self._lockstep:
-            self.every(TS1_MS * 1e-3, self._free_tick)
         self._participation = Participation(self, self._on_run)
         # Deep enough to see each of several samples of one tick.
         depth = DEPTH if self._lockstep else 1
@@ -87,28 +89,44 @@ class Controller(BallbotNode):
             self._set_timers()
 
     def _set_timers(self) -> None:
-        """Have a timer for each period of the tasks."""
-        for timer in self._task_timers:
+        """Have a timer for each periodic task, which starts with the first tick."""
+        for timer in self._timers_of_tasks.values():
             self.destroy_timer(timer)
-        self._periods_ms = (TS1_MS, self.values['ts2_period'], self.values['ts3_period'])
-        self._audits = [TimerAudit(period_ms * MILLISECOND_NS) for period_ms in self._periods_ms]
-        self._task_timers = [
-            self.create_timer(period_ms * 1e-3, self._timer_callback(audit))
-            for period_ms, audit in zip(self._periods_ms, self._audits, strict=True)
-        ]
+        self._tasks = task_timings(self.values['ts2_period'], self.values['ts3_period'])
+        clock = self.get_clock() if self._lockstep else self._steady
+        self._timers_of_tasks = {
+            name: self.create_timer(
+                period_ms * 1e-3,
+                self._release_callback(name),
+                clock=clock,
+                autostart=self._makes_ticks(name),
+            )
+            for name, _, period_ms in self._tasks
+            if period_ms
+        }
 
-    def _timer_callback(self, audit: TimerAudit) -> Callable[[], None]:
-        def fire() -> None:
-            if self._start_ns is not None:
-                audit.fire(self.get_clock().now().nanoseconds, self._start_ns)
+    def _makes_ticks(self, task: str) -> bool:
+        """Tell whether ticks begin with a task's timer: it runs before the first one, too."""
+        return not self._lockstep and task == TS1
 
-        return fire
+    def _release_callback(self, task: str) -> Callable[[], None]:
+        """Return what a task's timer calls."""
+
+        def release() -> None:
+            if self._lockstep:
+                now = self.get_clock().now().nanoseconds
+                tick = self._lockstep_ticks.on_timer(task, now)
+            else:
+                tick = self._free_ticks.on_timer(task, time.monotonic_ns())
+            if tick:
+                self._run(tick)
+
+        return release
 
     def _input_callback(
         self, topic: Topic, reader: Callable[[Any], Any]
     ) -> Callable[[bytes], None]:
         name, decode = topic.name, decoder(topic.type_name)
-        take = self._take if self._lockstep else self._take_free_running
 
         def receive(data: bytes) -> None:
             try:
@@ -117,94 +135,93 @@ class Controller(BallbotNode):
                 # As of another robot's joint states in the same domain.
                 self.warn(f'{name}: what no device of the brick gives is ignored')
                 return
-            take(name, stamp, data, reading)
+            if self._lockstep:
+                self._take(name, stamp, data, reading)
+            else:
+                self._free_ticks.take(name, stamp, reading, time.monotonic_ns())
 
         return receive
 
     def _on_run(self, run: Run) -> None:
-        self._start_ns = run.start_ns
-        self._free_ticks = 0
         self._program = self._make_program()
-        self._inputs.begin(run.start_ns)
         self._messages.begin()
-        for audit in self._audits:
-            audit.restart()
+        ticks = self._lockstep_ticks if self._lockstep else self._free_ticks
+        ticks.begin(run.start_ns, self._tasks)
+        # Their phase is of another run, or of none.
+        for name, timer in self._timers_of_tasks.items():
+            if not self._makes_ticks(name):
+                timer.cancel()
 
     def _take(self, name: str, stamp: int, data: bytes, reading: Any) -> None:
-        step = self._inputs.take(name, stamp, data, reading)
-        # It begins at the tick for which the plant asks, not at one that another has answered.
-        if step is Step.MISSED_START and stamp == self.get_clock().now().nanoseconds:
-            self._begin_afresh(stamp)
-        elif step is Step.TICK:
-            self._tick_of_lockstep()
+        step = self._lockstep_ticks.take(name, stamp, data, reading)
+        if isinstance(step, DueTick):
+            self._run(step)
         elif step is Step.ANSWER_AGAIN:
-            self._resent += 1
+            self._resends += 1
             self._messages.repeat(stamp)
         elif step is Step.OBJECT:
             self._participation.object(Objection.to_sample(name, stamp))
+        elif step is Step.MISSED_START:
+            self._start_late(stamp)
 
-    def _begin_afresh(self, stamp: int) -> None:
+    def _start_late(self, stamp: int) -> None:
         """Begin in mid-run, but only where `rejoin` allows it."""
-        if not self.values['rejoin']:
+        step = self._lockstep_ticks.start_late(
+            stamp, now_ns=self.get_clock().now().nanoseconds, rejoin=self.values['rejoin']
+        )
+        at = f'in mid-run, at {stamp / SECOND_NS:.3f} s'
+        if step is Step.BEGIN_AFRESH:
+            self.get_logger().warning(f'begins afresh {at}')
+        elif step is Step.GIVE_UP:
             problem = (
-                f'{CONTROLLER} started in mid-run, at {stamp / SECOND_NS:.3f} s, without the state '
-                'of the ticks before (rejoin: true begins afresh)'
+                f'{CONTROLLER} started {at}, without the state of the ticks before (rejoin: true '
+                'begins afresh)'
             )
             self._participation.object(Objection(problem))
             self.finish()
             self.fail(problem)
-            return
-        self.get_logger().warning(f'begins afresh in mid-run, at {stamp / SECOND_NS:.3f} s')
-        self._inputs.begin_afresh(stamp)
 
-    def _tick_of_lockstep(self) -> None:
-        now, start = self._inputs.next_ns, self._start_ns
-        assert now is not None
-        assert start is not None
-        self._inputs.ticked()
-        self._tick(now, now - start)
+    def _run(self, tick: DueTick) -> None:
+        """Run the tasks of a tick, and publish what they give."""
+        # Before the answer: with it the clock may move on.
+        self._start_timers(tick)
+        inputs = device_inputs(lambda topic: self._gate.newest(topic.name))
+        outputs = self._program.run(tick.tasks, tick.time_ns // MILLISECOND_NS, inputs)
+        self._messages.tick(tick.time_ns, outputs, self._program)
+        self.sampled(tick.time_ns)
 
-    def _take_free_running(self, name: str, stamp: int, data: bytes, reading: Any) -> None:
-        if not self._participation.includes(stamp):
-            return
-        if name == GAMEPAD_JOY.name:
-            self._sticks_at = time.monotonic()
-        self._inputs.gate.put(name, stamp, reading)
+    def _start_timers(self, tick: DueTick) -> None:
+        """Let the timers that have not released their tasks fire a period after this tick.
 
-    def _tick(self, now_ns: int, elapsed_ns: int) -> None:
-        inputs = device_inputs(lambda topic: self._inputs.gate.newest(topic.name))
-        outputs = self._program.tick(elapsed_ns // MILLISECOND_NS, now_ns // MILLISECOND_NS, inputs)
-        self._messages.tick(now_ns, outputs, self._program)
-        self.sampled(now_ns)
+        What can't be set now is set when it is missed.
+        """
+        if not tick.untimed or (self._lockstep and not self._may_set_timers(tick.time_ns)):
+            return
+        for name in tick.untimed:
+            self._timers_of_tasks[name].reset()
 
-    def _free_tick(self) -> None:
-        """Run a tick on the newest samples; the wall clock is the time."""
-        gate = self._inputs.gate
-        now = gate.stamp(GYRO_IMU.name)
-        if now is None or gate.stamp(BATTERY_STATE.name) is None:
-            return
-        if gate.stamp(JOINT_STATES.name) is None:
-            return
-        at = time.monotonic()
-        if self._free_ticks and at - self._tick_at > 2e-3 * TS1_MS:
-            self._overruns += 1
-        self._tick_at = at
-        if at - self._sticks_at > FREE_RUNNING_SILENCE_S:
-            gate.put(GAMEPAD_JOY.name, now, (0, 0))
-        elapsed = self._free_ticks * TICK_NS
-        self._free_ticks += 1
-        self._tick(now, elapsed)
+    def _may_set_timers(self, tick_ns: int) -> bool:
+        """Tell whether a timer that is set now fires a period after the tick, and once.
+
+        A timer counts from the node's clock, which /clock may not have reached yet. And while a
+        callback waits in the queue of rclpy's EventsExecutor, setting any timer doubles it.
+        """
+        if self.get_clock().now().nanoseconds != tick_ns:
+            return False
+        return not any(timer.is_ready() for timer in self._timers_of_tasks.values())
 
     def diagnose(self) -> Mapping[str, Any]:
-        """Return the counts of timers, overruns and repeated answers."""
+        """Return the counts of timers, late ticks and repeated answers."""
+        fired = (self._lockstep_ticks.releases if self._lockstep else self._free_ticks).fired
+        periods = {name: period_ms for name, _, period_ms in self._tasks if period_ms}
         return {
             'operating state': self._messages.operating_state,
-            f'timer callbacks {"/".join(map(str, self._periods_ms))} ms': '/'.join(
-                str(audit.fired) for audit in self._audits
+            f'timer callbacks {"/".join(map(str, periods.values()))} ms': '/'.join(
+                str(fired[name]) for name in periods
             ),
-            'timer disagreements': sum(audit.disagreements for audit in self._audits),
-            'overruns': self._overruns,
-            'answers sent again': self._resent,
+            'forced releases': self._lockstep_ticks.releases.forced,
+            'overruns': self._free_ticks.late_ticks,
+            'answers sent again': self._resends,
         }
 
     def close(self) -> None:

@@ -1,13 +1,18 @@
-"""The controller's side of the lockstep: a tick runs when every input due at its time is in."""
+"""The controller's side of the lockstep.
+
+A tick runs when every input due at its time is in and every task due has been released.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any
 
+from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.simulation.sample_history import Sample, SampleHistory
+from ballbot_ros.simulation.task_releases import DueTick, TaskReleases
 
 
 class InputGate:
@@ -87,21 +92,24 @@ class Run:
 
 
 class Step(Enum):
-    """What the controller does with a sample."""
+    """What the controller does with a sample that leads to no tick."""
 
     IGNORE = auto()
     KEEP = auto()
-    TICK = auto()
     ANSWER_AGAIN = auto()
     OBJECT = auto()
     MISSED_START = auto()
+    BEGIN_AFRESH = auto()
+    GIVE_UP = auto()
 
 
-class LockstepInputs:
-    """The controller's inputs in lockstep: decides what a sample leads to.
+class LockstepTicks:
+    """Decides in lockstep what each sample and each callback of a timer leads to.
 
     Samples count from the first one of the plant itself on: it comes when every participant has
-    joined the run, so none of an earlier run can follow it.
+    joined the run, so none of an earlier run can follow it. A second sample or callback of one
+    time changes nothing; one that is missing holds the tick back. If the plant then asks again,
+    missing inputs come again, and missing releases are forced.
 
     Parameters
     ----------
@@ -119,8 +127,7 @@ class LockstepInputs:
     Attributes
     ----------
     gate : InputGate
-    next_ns : int or None
-        Stamp of the next tick [ns]; None before the first.
+    releases : TaskReleases
     """
 
     def __init__(
@@ -133,20 +140,22 @@ class LockstepInputs:
         tick_ns: int,
     ) -> None:
         self.gate = InputGate(periods_ns)
-        self.next_ns: int | None = None
+        self.releases = TaskReleases()
         self._first, self._every_tick, self._tick_ns = first, every_tick, tick_ns
         self._histories = {name: SampleHistory(is_same[name]) for name in periods_ns}
         self._start_ns: int | None = None
+        self._next_ns: int | None = None
         self._is_open = False
 
-    def begin(self, start_ns: int) -> None:
+    def begin(self, start_ns: int, tasks: Iterable[TaskTiming]) -> None:
         """Wait for the first tick of a run, at `start_ns` [ns]; nothing of another one counts."""
         self.gate.clear()
         for history in self._histories.values():
             history.clear()
-        self._start_ns, self.next_ns, self._is_open = start_ns, None, False
+        self.releases.begin(start_ns, tasks)
+        self._start_ns, self._next_ns, self._is_open = start_ns, None, False
 
-    def take(self, name: str, stamp_ns: int, data: bytes, value: Any) -> Step:
+    def take(self, name: str, stamp_ns: int, data: bytes, value: Any) -> Step | DueTick:
         """Decide what a sample leads to.
 
         Parameters
@@ -159,72 +168,79 @@ class LockstepInputs:
             The sample as it came.
         value : object
             What the brick reads from it.
+
+        Returns
+        -------
+        Step or DueTick
+            A tick if this sample was all that it waited for.
         """
         if self._start_ns is None or stamp_ns < self._start_ns:
             return Step.IGNORE
         self._is_open = self._is_open or name == self._first
         if not self._is_open:
             return Step.IGNORE
-        if self.next_ns is None and stamp_ns > self._start_ns and name != self._first:
+        if self._next_ns is None and stamp_ns > self._start_ns and name != self._first:
             return Step.MISSED_START if name == self._every_tick else Step.IGNORE
-        if self.next_ns is not None and stamp_ns > self.next_ns:
+        if self._next_ns is not None and stamp_ns > self._next_ns:
             return Step.OBJECT
         sample = self._histories[name].judge(stamp_ns, data)
         if sample is Sample.CONTRADICTING:
             return Step.OBJECT
-        if sample is Sample.REPEATED and self.next_ns == stamp_ns + self._tick_ns:
-            # The plant asks again: it has not got the answer.
-            return Step.ANSWER_AGAIN
-        if sample is not Sample.NEW:
+        if sample is Sample.REPEATED:
+            return self._answer_repeated(stamp_ns)
+        if sample is Sample.OLD:
             return Step.IGNORE
         self.gate.put(name, stamp_ns, value)
-        if self.next_ns is None and name == self._every_tick:
-            self.next_ns = stamp_ns
-        is_ready = self.next_ns is not None and self.gate.ready(self.next_ns)
-        return Step.TICK if is_ready else Step.KEEP
+        if self._next_ns is None and name == self._every_tick:
+            self._next_ns = stamp_ns
+        return self._due_tick() or Step.KEEP
 
-    def begin_afresh(self, stamp_ns: int) -> None:
-        """Begin in mid-run, at a tick for which the plant asks [ns]."""
-        self.next_ns = stamp_ns
+    def _answer_repeated(self, stamp_ns: int) -> Step | DueTick:
+        """Decide what a sample leads to that comes again: the plant has not got the answer."""
+        if self._next_ns == stamp_ns + self._tick_ns:
+            return Step.ANSWER_AGAIN
+        if self._next_ns == stamp_ns and self.gate.ready(stamp_ns):
+            # Only releases are missing, of timers that did not call back.
+            self.releases.force(stamp_ns)
+            return self._due_tick() or Step.IGNORE
+        return Step.IGNORE
 
-    def ticked(self) -> None:
-        """Go on to the next tick."""
-        if self.next_ns is not None:
-            self.next_ns += self._tick_ns
+    def on_timer(self, task: str, now_ns: int) -> DueTick | None:
+        """Release a task whose timer calls back; return the tick that waited only for that.
 
+        Parameters
+        ----------
+        task : str
+        now_ns : int
+            Sim time of the callback [ns].
+        """
+        self.releases.release(task, now_ns)
+        return self._due_tick()
 
-class TimerAudit:
-    """Compares the callbacks of a timer with the schedule that the run follows.
+    def start_late(self, stamp_ns: int, *, now_ns: int, rejoin: bool) -> Step:
+        """Decide what follows from a missed start.
 
-    Parameters
-    ----------
-    period_ns : int
-        Period of the timer [ns].
+        Parameters
+        ----------
+        stamp_ns : int
+            Stamp of the sample that showed it [ns].
+        now_ns : int
+            Sim time [ns]. The tick of now is the one for which the plant asks; an earlier one has
+            been answered by another controller.
+        rejoin : bool
+            Whether the controller may begin afresh in mid-run.
+        """
+        if stamp_ns != now_ns:
+            return Step.IGNORE
+        if not rejoin:
+            return Step.GIVE_UP
+        self._next_ns = stamp_ns
+        return Step.BEGIN_AFRESH
 
-    Attributes
-    ----------
-    fired, disagreements : int
-        Callbacks so far; callbacks at a wrong time, twice at one time, or left out.
-    """
-
-    def __init__(self, period_ns: int) -> None:
-        self._period = period_ns
-        self._last_ns: int | None = None
-        self.fired = 0
-        self.disagreements = 0
-
-    def restart(self) -> None:
-        """Begin a new run: the leap in time is not a disagreement."""
-        self._last_ns = None
-
-    def fire(self, now_ns: int, start_ns: int) -> None:
-        """Note a callback at sim time `now_ns` in a run that began at `start_ns`."""
-        self.fired += 1
-        if now_ns < start_ns:
-            return
-        if (now_ns - start_ns) % self._period or now_ns == self._last_ns:
-            self.disagreements += 1
-            return
-        if self._last_ns is not None and now_ns > self._last_ns:
-            self.disagreements += (now_ns - self._last_ns) // self._period - 1
-        self._last_ns = now_ns
+    def _due_tick(self) -> DueTick | None:
+        """Return the next tick and go on to the one after it, if nothing is missing."""
+        now = self._next_ns
+        if now is None or not self.gate.ready(now) or self.releases.missing(now):
+            return None
+        self._next_ns = now + self._tick_ns
+        return self.releases.take(now)

@@ -1,0 +1,102 @@
+"""The controller's ticks where nothing waits for anything: timers on the wall clock start tasks."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterable
+from typing import Any
+
+from ballbot_ros.brick.schedule import Schedule, TaskTiming
+from ballbot_ros.simulation.lockstep import InputGate
+from ballbot_ros.simulation.task_releases import DueTick
+from ballbot_ros.simulation.timing import FREE_RUNNING_SILENCE_S, SECOND_NS
+
+NEUTRAL = (0, 0)
+_SILENCE_NS = round(FREE_RUNNING_SILENCE_S * SECOND_NS)
+
+
+class FreeRunningTicks:
+    """Starts tasks on the newest samples as their timers call back.
+
+    The first callback of the tick's timer with every sample that a program needs is the first
+    tick; everything runs there. From then on each callback of that timer is a tick, at which those
+    of the other tasks run whose timers have called back since the one before.
+
+    Parameters
+    ----------
+    every_tick : str
+        The task whose timer makes the ticks.
+    clock : str
+        The input whose newest stamp is the sim time of a tick.
+    needed : collection of str
+        The inputs without which no tick runs, `clock` among them.
+    sticks : str
+        The input that is neutral after a silence.
+    tick_ns : int
+        Period of the ticks [ns].
+
+    Attributes
+    ----------
+    gate : InputGate
+        The newest samples.
+    fired : Counter of str
+        Callbacks of each task's timer so far.
+    late_ticks : int
+        Ticks that came more than a period late.
+    """
+
+    def __init__(
+        self, *, every_tick: str, clock: str, needed: Collection[str], sticks: str, tick_ns: int
+    ) -> None:
+        self.gate = InputGate({})
+        self.fired: Counter[str] = Counter()
+        self.late_ticks = 0
+        self._every_tick, self._clock, self._needed = every_tick, clock, needed
+        self._sticks, self._tick_ns = sticks, tick_ns
+        self._schedule = Schedule(())
+        self._start_ns: int | None = None
+        self._released: set[str] = set()
+        self._ticked_at_ns: int | None = None
+        self._sticks_at_ns = 0
+
+    def begin(self, start_ns: int, tasks: Iterable[TaskTiming]) -> None:
+        """Wait for the samples of a run of `tasks` that begins at `start_ns` [ns]."""
+        self.gate.clear()
+        self._schedule = Schedule(tasks)
+        self._start_ns = start_ns
+        self._released.clear()
+        self._ticked_at_ns = None
+
+    def take(self, name: str, stamp_ns: int, value: Any, at_ns: int) -> None:
+        """Keep a sample of stamp `stamp_ns` [ns] that came at wall time `at_ns` [ns]."""
+        if self._start_ns is None or stamp_ns < self._start_ns:
+            return
+        if name == self._sticks:
+            self._sticks_at_ns = at_ns
+        self.gate.put(name, stamp_ns, value)
+
+    def on_timer(self, task: str, at_ns: int) -> DueTick | None:
+        """Release a task whose timer calls back at wall time `at_ns` [ns]; return the tick if due.
+
+        At the first tick the timers of all other tasks are to be set, so that they go on from it.
+        """
+        self.fired[task] += 1
+        now = self.gate.stamp(self._clock)
+        if task != self._every_tick:
+            self._released.add(task)
+            return None
+        if now is None or any(self.gate.stamp(name) is None for name in self._needed):
+            return None
+        is_first = self._ticked_at_ns is None
+        if self._ticked_at_ns is None:
+            self._sticks_at_ns = at_ns
+        elif at_ns - self._ticked_at_ns > 2 * self._tick_ns:
+            self.late_ticks += 1
+        self._ticked_at_ns = at_ns
+        if at_ns - self._sticks_at_ns > _SILENCE_NS:
+            self.gate.put(self._sticks, now, NEUTRAL)
+        self._released.add(task)
+        due = [each for each in self._schedule.tasks if is_first or each.name in self._released]
+        untimed = [each.name for each in due if each.period_ms and each.name not in self._released]
+        self._released.clear()
+        return DueTick(now, tuple(each.name for each in due), tuple(untimed))

@@ -1,0 +1,99 @@
+"""Which tasks of the control program have been released for which tick."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from ballbot_ros.brick.schedule import Schedule, TaskTiming
+from ballbot_ros.simulation.timing import MILLISECOND_NS
+
+
+class DueTick(NamedTuple):
+    """A tick that is to run now.
+
+    Attributes
+    ----------
+    time_ns : int
+        Its sim time [ns].
+    tasks : tuple of str
+        What runs, most urgent first.
+    untimed : tuple of str
+        Those of them that have a timer which has not released them: it is to be set anew.
+    """
+
+    time_ns: int
+    tasks: tuple[str, ...]
+    untimed: tuple[str, ...]
+
+
+class TaskReleases:
+    """The tasks' releases, by their timers and by the start of a run.
+
+    A timer releases its task for the time at which it fires. At the first tick of a run the start
+    releases what is due: after a leap of the clock no timer fires there. A release off the
+    schedule, or a second one for the same time, changes nothing.
+
+    Attributes
+    ----------
+    fired : Counter of str
+        Callbacks of each task's timer so far.
+    forced : int
+        Releases that no timer has given so far.
+    """
+
+    def __init__(self) -> None:
+        self.fired: Counter[str] = Counter()
+        self.forced = 0
+        self._schedule = Schedule(())
+        self._periods_ns: dict[str, int] = {}
+        self._released_ns: dict[str, int] = {}
+        self._start_ns = 0
+        self._forced_ns: int | None = None
+
+    def begin(self, start_ns: int, tasks: Iterable[TaskTiming]) -> None:
+        """Begin a run of `tasks` whose first tick is at `start_ns` [ns]."""
+        self._schedule = Schedule(tasks)
+        self._periods_ns = {
+            task.name: task.period_ms * MILLISECOND_NS
+            for task in self._schedule.tasks
+            if task.period_ms
+        }
+        self._released_ns.clear()
+        self._start_ns, self._forced_ns = start_ns, None
+
+    def release(self, task: str, now_ns: int) -> None:
+        """Release a task whose timer has fired at sim time `now_ns` [ns]."""
+        self.fired[task] += 1
+        period_ns = self._periods_ns.get(task)
+        if period_ns is None or now_ns < self._released_ns.get(task, self._start_ns):
+            return
+        if (now_ns - self._start_ns) % period_ns == 0:
+            self._released_ns[task] = now_ns
+
+    def missing(self, tick_ns: int) -> tuple[str, ...]:
+        """Return the tasks due at `tick_ns` [ns] that have not been released for it."""
+        if tick_ns in (self._start_ns, self._forced_ns):
+            return ()
+        return self._untimed(self._due(tick_ns), tick_ns)
+
+    def force(self, tick_ns: int) -> None:
+        """Release, and count, what is missing at `tick_ns` [ns]."""
+        self.forced += len(self.missing(tick_ns))
+        self._forced_ns = tick_ns
+
+    def take(self, tick_ns: int) -> DueTick:
+        """Return what runs at `tick_ns` [ns], of which nothing is missing."""
+        due = self._due(tick_ns)
+        return DueTick(tick_ns, due, self._untimed(due, tick_ns))
+
+    def _due(self, tick_ns: int) -> tuple[str, ...]:
+        return tuple(self._schedule.due((tick_ns - self._start_ns) // MILLISECOND_NS))
+
+    def _untimed(self, due: Iterable[str], tick_ns: int) -> tuple[str, ...]:
+        return tuple(
+            name
+            for name in due
+            if name in self._periods_ns and self._released_ns.get(name) != tick_ns
+        )
