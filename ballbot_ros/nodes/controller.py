@@ -159,6 +159,10 @@ class Controller(BallbotNode):
         elif step is Step.ANSWER_AGAIN:
             self._resends += 1
             self._messages.repeat(stamp)
+        elif step is Step.LACKS_RELEASES:
+            tick = self._lockstep_ticks.force(callback_waits=self._callback_waits())
+            if tick:
+                self._run(tick)
         elif step is Step.OBJECT:
             self._participation.object(Objection.to_sample(name, stamp))
         elif step is Step.MISSED_START:
@@ -184,31 +188,27 @@ class Controller(BallbotNode):
     def _run(self, tick: DueTick) -> None:
         """Run the tasks of a tick, and publish what they give."""
         # Before the answer: with it the clock may move on.
-        self._start_timers(tick)
+        if tick.untimed:
+            self._start_timers(tick)
         inputs = device_inputs(lambda topic: self._gate.newest(topic.name))
         outputs = self._program.run(tick.tasks, tick.time_ns // MILLISECOND_NS, inputs)
         self._messages.tick(tick.time_ns, outputs, self._program)
         self.sampled(tick.time_ns)
 
-    def _start_timers(self, tick: DueTick) -> None:
-        """Let the timers that have not released their tasks fire a period after this tick.
+    def _callback_waits(self) -> bool:
+        """Tell whether a timer has fired whose callback waits in the executor's queue.
 
-        What can't be set now is set when it is missed.
+        To set a timer while one waits makes rclpy's EventsExecutor call that one twice.
         """
-        if not tick.untimed or (self._lockstep and not self._may_set_timers(tick.time_ns)):
+        return any(timer.is_ready() for timer in self._timers_of_tasks.values())
+
+    def _start_timers(self, tick: DueTick) -> None:
+        """Let the timers that have not released their tasks fire a period after this tick."""
+        if self._lockstep and self.get_clock().now().nanoseconds != tick.time_ns:
+            # /clock has not reached it, and timers count from there: set when it is missed.
             return
         for name in tick.untimed:
             self._timers_of_tasks[name].reset()
-
-    def _may_set_timers(self, tick_ns: int) -> bool:
-        """Tell whether a timer that is set now fires a period after the tick, and once.
-
-        A timer counts from the node's clock, which /clock may not have reached yet. And while a
-        callback waits in the queue of rclpy's EventsExecutor, setting any timer doubles it.
-        """
-        if self.get_clock().now().nanoseconds != tick_ns:
-            return False
-        return not any(timer.is_ready() for timer in self._timers_of_tasks.values())
 
     def diagnose(self) -> Mapping[str, Any]:
         """Return the counts of timers, late ticks and repeated answers."""

@@ -97,6 +97,7 @@ class Step(Enum):
     IGNORE = auto()
     KEEP = auto()
     ANSWER_AGAIN = auto()
+    LACKS_RELEASES = auto()
     OBJECT = auto()
     MISSED_START = auto()
     BEGIN_AFRESH = auto()
@@ -195,15 +196,26 @@ class LockstepTicks:
             self._next_ns = stamp_ns
         return self._due_tick() or Step.KEEP
 
-    def _answer_repeated(self, stamp_ns: int) -> Step | DueTick:
+    def _answer_repeated(self, stamp_ns: int) -> Step:
         """Decide what a sample leads to that comes again: the plant has not got the answer."""
         if self._next_ns == stamp_ns + self._tick_ns:
             return Step.ANSWER_AGAIN
         if self._next_ns == stamp_ns and self.gate.ready(stamp_ns):
-            # Only releases are missing, of timers that did not call back.
-            self.releases.force(stamp_ns)
-            return self._due_tick() or Step.IGNORE
+            return Step.LACKS_RELEASES
         return Step.IGNORE
+
+    def force(self, *, callback_waits: bool) -> DueTick | None:
+        """Make good what the timers have left out of a tick that lacks nothing else.
+
+        Parameters
+        ----------
+        callback_waits : bool
+            Whether a timer is about to call back: then nothing is forced yet.
+        """
+        if self._next_ns is None or callback_waits:
+            return None
+        self.releases.force(self._next_ns)
+        return self._due_tick()
 
     def on_timer(self, task: str, now_ns: int) -> DueTick | None:
         """Release a task whose timer calls back; return the tick that waited only for that.

@@ -111,6 +111,9 @@ class Ticks:
         """Return the step, TICK for a tick that runs, None for a callback that leads to nothing."""
         if name in PERIODS:
             result = self.ticks.take(name, time_ms * MS, data, data)
+            if result is Step.LACKS_RELEASES:
+                assert self.ticks.force(callback_waits=True) is None
+                result = self.ticks.force(callback_waits=False)
         else:
             result = self.ticks.on_timer(name, time_ms * MS)
         if isinstance(result, DueTick):

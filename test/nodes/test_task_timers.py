@@ -1,0 +1,132 @@
+"""The timers of the controller release its tasks: with some of their callbacks tampered with."""
+
+import json
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from ballbot_ros.cli import one_process
+from ballbot_ros.cli.run import RunOptions, run_scenario
+from ballbot_ros.controller.tasks import TS1
+from ballbot_ros.nodes.controller import Controller
+from ballbot_ros.nodes.one_shot import OneShot
+from ballbot_ros.parameters import CONTROLLER, PLANT
+from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.simulation.golden import duty_sha256
+from ballbot_ros.simulation.timing import FIRST_TICK_NS, MILLISECOND_NS
+
+pytestmark = pytest.mark.graph
+
+TS2 = 'task_ts2'
+DURATION_S = 2.0
+DROPPED_NS = FIRST_TICK_NS + 1_200 * MILLISECOND_NS
+LATE_S = 0.01
+
+
+class Tampered(Controller):
+    """A controller whose diagnostics are kept when it closes, with all of its timers."""
+
+    def __init__(self, values):
+        self.late = []
+        super().__init__(values)
+
+    def now(self):
+        return self.get_clock().now().nanoseconds
+
+    def close(self):
+        type(self).counts = self.diagnose()
+        super().close()
+
+
+class Doubled(Tampered):
+    def _release_callback(self, task):
+        release = super()._release_callback(task)
+
+        def twice():
+            release()
+            release()
+
+        return twice
+
+
+class AtEveryTick(Tampered):
+    """The callback of task_ts2 comes off its schedule, too."""
+
+    def _release_callback(self, task):
+        release = super()._release_callback(task)
+        if task != TS1:
+            return release
+        other = super()._release_callback(TS2)
+
+        def both():
+            other()
+            release()
+            other()
+
+        return both
+
+
+class Late(Tampered):
+    """The callback of task_ts2 comes later by the wall clock."""
+
+    def _release_callback(self, task):
+        release = super()._release_callback(task)
+        if task != TS2:
+            return release
+        later = OneShot(self, release)
+        return lambda: later.start(LATE_S)
+
+
+class DroppedOnce(Tampered):
+    def _release_callback(self, task):
+        release = super()._release_callback(task)
+        if task != TS2:
+            return release
+        return lambda: release() if self.now() != DROPPED_NS else None
+
+
+class ATickTooLate(DroppedOnce):
+    def _release_callback(self, task):
+        release = super()._release_callback(task)
+        if task != TS1:
+            return release
+        other = super()._release_callback(TS2)
+
+        def both():
+            if self.now() == DROPPED_NS + 4 * MILLISECOND_NS:
+                other()
+            release()
+
+        return both
+
+
+@pytest.fixture(scope='module')
+def expected_sha256():
+    scenario = load_scenario('stationary')
+    scenario.parameters.set(PLANT, 'duration', DURATION_S)
+    return duty_sha256(scenario)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'forced'),
+    [(Tampered, 0), (Doubled, 0), (AtEveryTick, 0), (Late, 0), (DroppedOnce, 1), (ATickTooLate, 1)],
+    ids=lambda value: getattr(value, '__name__', str(value)),
+)
+def test_whatever_the_timers_do_the_duties_are_the_same(
+    domain, monkeypatch, capfd, expected_sha256, kind, forced
+):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.setitem(one_process._DRIVERS, CONTROLLER, kind)
+    options = RunOptions(
+        processes='one', real_time_factor=0.0, output=None, seed=None, record=False,
+        assignments=(f'plant_sim.duration={DURATION_S}',), controller=None, viewer=False,
+        as_json=True,
+    )  # fmt: skip
+    run_scenario('stationary', options)
+    result = json.loads(capfd.readouterr().out)
+    assert result['ticks'] == round(DURATION_S * 250), result['reason']
+    assert result['duty_sha256'] == expected_sha256
+    assert kind.counts['forced releases'] == forced
+    # What the timers leave out, the plant has to ask for.
+    assert result['asked_again'] >= forced
