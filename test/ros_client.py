@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 
 from ballbot_ros.messages.conversions import fill_header, stamp_ns
-from ballbot_ros.messages.topics import PLANT_IMU
+from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
 from ballbot_ros.nodes.base import reliable_qos, requested_qos
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 
@@ -78,6 +78,18 @@ class Client:
         parameter = Parameter(name, value=value).to_parameter_msg()
         request = SetParameters.Request(parameters=[parameter])
         return self.call(SetParameters, f'{node}/set_parameters', request).results[0]
+
+    def await_diagnosis(self, role, key, is_meant=lambda value: True):
+        """Wait for the next report of a node that says what is meant of `key`; return the value."""
+
+        def values():
+            statuses = (report.status[0] for report in self.seen[DIAGNOSTICS.name])
+            contents = ({each.key: each.value for each in status.values} for status in statuses)
+            return [each[key] for each in contents if each['role'] == role and is_meant(each[key])]
+
+        self.seen[DIAGNOSTICS.name] = []
+        self.spin_until(values, what=f'{key} of {role}')
+        return values()[0]
 
     def await_standstill(self, times=3):
         """Wait until the newest tick has come several times, as the plant repeats it then."""

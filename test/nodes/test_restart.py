@@ -13,7 +13,7 @@ from rclpy.qos import DurabilityPolicy
 from ros_client import Client
 
 from ballbot_ros.messages.inputs import INPUTS
-from ballbot_ros.messages.topics import GYRO_IMU, PLANT_IMU, RUN_STATUS
+from ballbot_ros.messages.topics import DIAGNOSTICS, GYRO_IMU, PLANT_IMU, RUN_STATUS
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SLOW_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import load_trajectory
@@ -169,7 +169,10 @@ def test_a_controller_may_be_told_to_begin_afresh(start_graph, start_node, clien
     await_recording(tmp_path / 'run.mcap')
     with held_up(nodes['recorder'], client):
         leave(nodes['controller'])
+    client.watch(DIAGNOSTICS, depth=100)
     controller = start_node('controller', rejoin='true')
+    # Until the plant asks again for a tick of theirs, its timers have no phase.
+    client.await_diagnosis('controller', 'forced releases', lambda forced: int(forced) > 0)
     status = nodes['plant_sim'].finish()
     controller.interrupt()
     # It came to its end, but not with the duties of one controller.

@@ -6,15 +6,19 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from std_srvs.srv import Trigger
+
 from ballbot_ros.cli import one_process
 from ballbot_ros.cli.run import RunOptions, run_scenario
 from ballbot_ros.controller.tasks import TS1
+from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.one_shot import OneShot
-from ballbot_ros.parameters import CONTROLLER, PLANT
+from ballbot_ros.parameters import CONTROLLER, NODES, PLANT, RECORDER
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, MILLISECOND_NS
+from ballbot_ros.simulation.trajectory import load_trajectory
 
 pytestmark = pytest.mark.graph
 
@@ -130,3 +134,33 @@ def test_whatever_the_timers_do_the_duties_are_the_same(
     assert kind.counts['forced releases'] == forced
     # What the timers leave out, the plant has to ask for.
     assert result['asked_again'] >= forced
+
+
+def test_the_timers_are_in_phase_with_every_run_of_a_controller_that_lasts(
+    client, start_node, tmp_path, expected_sha256
+):
+    client.watch(DIAGNOSTICS, depth=100)
+    for name in NODES:
+        if name not in (PLANT, RECORDER):
+            start_node(name)
+    start_pitch = load_scenario('stationary').parameters.values(PLANT)['start_pitch_x']
+    # The timer of the display has 500 ms, and runs begin at multiples of 100 ms.
+    for number, resets_ms in enumerate(([], [1112, 1560], [1720])):
+        path = tmp_path / f'{number}.npz'
+        client.newest.clear()
+        plant = start_node(
+            PLANT,
+            duration=DURATION_S,
+            start_pitch_x=start_pitch,
+            real_time_factor=0.0,
+            timeout=60.0,
+            trajectory_file=path,
+        )
+        for reset_ms in resets_ms:
+            client.spin_until(lambda: PLANT_IMU.name in client.newest, what='the run')
+            reset_ns = client.now_ns() + reset_ms * MILLISECOND_NS
+            client.spin_until(lambda reset_ns=reset_ns: client.now_ns() > reset_ns)
+            assert client.call(Trigger, 'plant_sim/reset', Trigger.Request()).success
+        assert plant.finish() == 0, plant.output
+        assert load_trajectory(path)[1]['duty_sha256'] == expected_sha256
+        assert client.await_diagnosis(CONTROLLER, 'forced releases') == '0'
