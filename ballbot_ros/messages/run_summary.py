@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Sequence
 from typing import Any
+
+import numpy as np
 
 from ballbot_ros.messages.participation import RunStatus, membership_json, membership_text
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
@@ -20,22 +22,18 @@ def summary_json(summary: RunSummary) -> dict[str, Any]:
         'real_time_factor': summary.real_time_factor,
         'missed_ticks': summary.late_ticks,
         'asked_again': summary.resends,
-        'round_trip_ms': asdict(summary.round_trips) if summary.round_trips else None,
+        'round_trip_ms': _in_milliseconds(summary.round_trips_s),
         'participants': [membership_json(each, summary.start_ns) for each in summary.members],
     }
 
 
 def summary_words(summary: RunSummary) -> dict[str, Any]:
     """Return what the plant's diagnostics have of a summary."""
-    words = {
-        key: value
-        for key, value in summary_json(summary).items()
-        if key not in ('ticks', 'participants', 'round_trip_ms')
-    }
-    if trips := summary.round_trips:
-        words['round trip p50 / p99 / max [ms]'] = (
-            f'{trips.p50:.2f} / {trips.p99:.2f} / {trips.max:.2f}'
-        )
+    words = summary_json(summary)
+    del words['ticks'], words['participants']
+    if trips_ms := words.pop('round_trip_ms'):
+        label = f'round trip {" / ".join(trips_ms)} [ms]'
+        words[label] = ' / '.join(f'{trip_ms:.2f}' for trip_ms in trips_ms.values())
     return words
 
 
@@ -52,3 +50,14 @@ def run_status(action: PublishStatus) -> RunStatus:
         },
         result={key: str(getattr(summary, key)) for key in OUTCOME_KEYS} if summary else {},
     )
+
+
+def _in_milliseconds(round_trips_s: Sequence[float]) -> dict[str, float] | None:
+    if not round_trips_s:
+        return None
+    trips_ms = np.array(round_trips_s) * 1e3
+    return {
+        'p50': float(np.percentile(trips_ms, 50)),
+        'p99': float(np.percentile(trips_ms, 99)),
+        'max': float(trips_ms.max()),
+    }

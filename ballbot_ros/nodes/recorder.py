@@ -42,6 +42,7 @@ from ballbot_ros.recording.writer import RUN_PARTICIPANTS, RecordingWriter
 from ballbot_ros.simulation.arrival_order import Arrival, ArrivalOrder
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import Objection
+from ballbot_ros.simulation.recorded_ticks import RecordedTicks
 from ballbot_ros.simulation.recording_gate import RecordingGate, Stream
 
 POLL_S = 5e-3
@@ -78,12 +79,11 @@ class Recorder(BallbotNode):
             latched = topic.keeps > 0 and not topic.has_history
             self._subscribe(topic, reliable_qos(HISTORY, latched=latched))
         self._gate = RecordingGate(self)
-        self._required: list[_Channel] = []
         self._run: str | None = None
         self._order: ArrivalOrder[_Item] = ArrivalOrder()
         self._refused: set[str] = set()
         self._sighted: set[str] = set()
-        self._acked_ns = 0
+        self._ticks = RecordedTicks()
         self._lost = 0
         self._announced = b''
         self._decode_run = decoder(RUN.type_name)
@@ -123,11 +123,9 @@ class Recorder(BallbotNode):
         except RecordingError as error:
             self._fail(error)
             return
-        complete = min((channel.stream.complete_ns for channel in self._required), default=0)
-        if complete > self._acked_ns:
-            self._acked_ns = complete
-            fill_time(self._ack.message.stamp, complete)
-            self._ack.send(complete)
+        if self._ticks.advance():
+            fill_time(self._ack.message.stamp, self._ticks.acked_ns)
+            self._ack.send(self._ticks.acked_ns)
 
     def _take(self, channel: _Channel, data: bytes, sequence: int) -> None:
         if channel.topic is RUN:
@@ -149,8 +147,8 @@ class Recorder(BallbotNode):
 
     def _repeat_ack(self) -> None:
         """Tell the plant again, which may have found this node only now."""
-        if self._acked_ns:
-            self._ack.send(self._acked_ns)
+        if self._ticks.acked_ns:
+            self._ack.send(self._ticks.acked_ns)
 
     def _on_run(self, run: Run) -> None:
         self._write_until(time.time_ns())
@@ -166,7 +164,7 @@ class Recorder(BallbotNode):
         for channel in self._channels.values():
             channel.has_history = False
         if self._gate.begin(run, [channel.stream for channel in self._channels.values()]):
-            self._acked_ns, self._required = 0, []
+            self._ticks.begin()
         self._take_status()
 
     def keep(self, stream: Stream, log_ns: int, data: bytes, sequence: int) -> None:
@@ -207,7 +205,11 @@ class Recorder(BallbotNode):
         if status and status.run == self._run:
             self._gate.is_lockstep = status.is_lockstep
             required = status.periodic_topics
-            self._required = [c for c in self._channels.values() if c.topic.name in required]
+            self._ticks.require(
+                channel.stream
+                for channel in self._channels.values()
+                if channel.topic.name in required
+            )
             self._outcome, self._members = status.result, status.participants
 
     def _announce(self, channel: _Channel) -> Any:
@@ -286,7 +288,7 @@ class Recorder(BallbotNode):
         """Return what was recorded."""
         return {
             'file': self._writer.path,
-            'acknowledged [s]': f'{self._acked_ns * 1e-9:.3f}',
+            'acknowledged [s]': f'{self._ticks.acked_ns * 1e-9:.3f}',
             'lost messages': self._lost,
         }
 

@@ -196,15 +196,6 @@ class EndRun:
 
 
 @dataclass(frozen=True)
-class RoundTrips:
-    """Times from asking for duties to having them [ms]."""
-
-    p50: float
-    p99: float
-    max: float
-
-
-@dataclass(frozen=True)
 class RunSummary:
     """Outcome and measurements of a run.
 
@@ -223,8 +214,8 @@ class RunSummary:
         Ticks that came more than a period late.
     resends : int
         How often the plant asked again for a tick.
-    round_trips : RoundTrips or None
-        None if they were not measured.
+    round_trips_s : tuple of float
+        Times from asking for duties to having them [s]; empty if they were not measured.
     start_ns : int
         Stamp of the first tick [ns].
     members : tuple of Membership
@@ -238,7 +229,7 @@ class RunSummary:
     real_time_factor: float
     late_ticks: int
     resends: int
-    round_trips: RoundTrips | None
+    round_trips_s: tuple[float, ...]
     start_ns: int
     members: tuple[Membership, ...] = field(default=())
 

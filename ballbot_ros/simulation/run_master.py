@@ -13,9 +13,7 @@ from enum import Enum, auto
 from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
 
-import numpy as np
-
-from ballbot_ros.plant.truth import Pair, Push, Truth
+from ballbot_ros.plant.truth import Pair, Push
 from ballbot_ros.simulation.liveness import Machine
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.pacer import Pacer
@@ -36,7 +34,6 @@ from ballbot_ros.simulation.run_actions import (
     PublishTruth,
     RaiseError,
     Report,
-    RoundTrips,
     RunSummary,
     Severity,
     StopMotors,
@@ -401,7 +398,8 @@ class RunMaster(ABC):
             real_time_factor=self.log.ticks * TICK_NS / SECOND_NS / wall_s if wall_s else 0.0,
             late_ticks=self.late_ticks,
             resends=self.resends,
-            round_trips=self._summarize_round_trips(),
+            # The first one includes what every node does at the start of a run.
+            round_trips_s=tuple(self._round_trips_s[1:]),
             start_ns=self._run.start_ns,
             members=self._participants.members,
         )
@@ -409,14 +407,6 @@ class RunMaster(ABC):
         if self._number:
             self._act(Log(f'run {self._number} {outcome} {self._how_far()}'))
         self._act(EndRun(self.summary, exit_status))
-
-    def _summarize_round_trips(self) -> RoundTrips | None:
-        # The first one includes what every node does at the start of a run.
-        if len(self._round_trips_s) < 2:
-            return None
-        trips_ms = np.array(self._round_trips_s[1:]) * 1e3
-        p50, p99 = np.percentile(trips_ms, (50, 99))
-        return RoundTrips(float(p50), float(p99), float(trips_ms.max()))
 
     # Participants
 
@@ -569,8 +559,3 @@ class RunMaster(ABC):
         """Repeat where the robot stands still, for late subscribers."""
         if self._now_s - self._asked_s > STILL_S:
             self._publish_truth(is_resend=True)
-
-    @property
-    def truth(self) -> Truth:
-        """The truth of the present tick."""
-        return self._truth

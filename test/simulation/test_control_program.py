@@ -5,6 +5,7 @@ import pytest
 from robot import values_of
 
 from ballbot_ros.brick.brick import DeviceInputs, Tone
+from ballbot_ros.controller.parameters import ControllerParameters
 from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER
 
@@ -279,13 +280,14 @@ def test_the_display_is_refreshed_every_half_second():
 
 
 def test_the_tasks_are_those_of_the_oil_file():
-    tasks = {task.name: (task.priority, task.period_ms) for task in make_program().schedule.tasks}
+    parameters = ControllerParameters.of(values_of(CONTROLLER))
+    tasks = {name: timing for name, *timing in parameters.tasks}
     assert tasks == {
-        'task_init': (5, 0),
-        'task_ts1': (4, 4),
-        'task_ts2': (3, 20),
-        'task_ts3': (2, 100),
-        'task_lcd': (1, 500),
+        'task_init': [5, 0],
+        'task_ts1': [4, 4],
+        'task_ts2': [3, 20],
+        'task_ts3': [2, 100],
+        'task_lcd': [1, 500],
     }
 
 

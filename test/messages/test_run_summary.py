@@ -1,0 +1,68 @@
+"""The summary of a run, as JSON and in the diagnostics."""
+
+from dataclasses import replace
+
+from ballbot_ros.messages.run_summary import run_status, summary_json, summary_words
+from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.participants import Membership, Participant
+from ballbot_ros.simulation.run_actions import PublishStatus, RunSummary
+
+START_NS = 1_000_000_000
+MEMBER = Membership(
+    Participant('gyro_driver', '/robot/gyro_driver', 'here', 7, 'a', 'ours 1', 'ff' * 32),
+    START_NS + 500_000_000,
+    is_successor=True,
+)
+SUMMARY = RunSummary(
+    outcome='failed',
+    reason='broken',
+    ticks=3,
+    duty_sha256='ab',
+    real_time_factor=2.0,
+    late_ticks=4,
+    resends=5,
+    round_trips_s=(0.001, 0.002, 0.003),
+    start_ns=START_NS,
+    members=(MEMBER,),
+)
+
+
+def test_the_json_keeps_its_keys():
+    summary = summary_json(SUMMARY)
+    assert summary.pop('participants')[0]['since_s'] == 0.5
+    assert summary.pop('round_trip_ms') == {'p50': 2.0, 'p99': 2.98, 'max': 3.0}
+    assert summary == {
+        'outcome': 'failed',
+        'reason': 'broken',
+        'ticks': 3,
+        'duty_sha256': 'ab',
+        'real_time_factor': 2.0,
+        'missed_ticks': 4,
+        'asked_again': 5,
+    }
+
+
+def test_the_diagnostics_have_round_trips_in_one_line():
+    words = summary_words(SUMMARY)
+    assert words.pop('round trip p50 / p99 / max [ms]') == '2.00 / 2.98 / 3.00'
+    assert list(words) == [
+        'outcome', 'reason', 'duty_sha256', 'real_time_factor', 'missed_ticks', 'asked_again',
+    ]  # fmt: skip
+
+
+def test_round_trips_that_were_not_measured_are_none():
+    summary = replace(SUMMARY, round_trips_s=())
+    assert summary_json(summary)['round_trip_ms'] is None
+    assert not any('round trip' in word for word in summary_words(summary))
+
+
+def test_the_account_of_a_run_has_a_result_only_at_its_end():
+    action = PublishStatus(Run('1 a', START_NS), True, ('gyro',), (MEMBER,))
+    begun = run_status(action)
+    assert (begun.run, begun.is_lockstep, begun.periodic_topics) == ('1 a', True, ('gyro',))
+    assert begun.participants['gyro_driver'].startswith('/robot/gyro_driver (process 7 on here), ')
+    assert begun.result == {}
+    ended = run_status(PublishStatus(Run('1 a', START_NS), True, ('gyro',), (MEMBER,), SUMMARY))
+    assert ended.result == {
+        'outcome': 'failed', 'reason': 'broken', 'ticks': '3', 'duty_sha256': 'ab',
+    }  # fmt: skip
