@@ -30,7 +30,6 @@ from ballbot_ros.messages.topics import (
     GYRO_IMU,
     HISTORY,
     JOINT_STATES,
-    MAX_LEAD_TICKS,
     MOTOR_DUTY,
     PLANT_IMU,
     PLANT_JOINT_STATES,
@@ -44,7 +43,13 @@ from ballbot_ros.nodes.base import reliable_qos, spin
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.parameters import CONTROLLER, ENCODER, GAMEPAD, GYRO, NODES, PLANT, RECORDER, SONAR
 from ballbot_ros.simulation.lockstep import InputGate
-from ballbot_ros.simulation.timing import BATTERY_NS, FIRST_TICK_NS, SECOND_NS, TICK_NS
+from ballbot_ros.simulation.timing import (
+    BATTERY_NS,
+    FIRST_TICK_NS,
+    MAX_LEAD_TICKS,
+    SECOND_NS,
+    TICK_NS,
+)
 from ballbot_ros.stop_request import StopRequest
 
 ACK_PERIOD_S = 5e-3

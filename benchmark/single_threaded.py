@@ -14,14 +14,17 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
 from ballbot_ros.nodes import base
+from ballbot_ros.stop_request import StopRequest
 
 
-def spin(nodes: Sequence[base.BallbotNode], done: rclpy.Future) -> None:
-    """Run the nodes' callbacks until `done`."""
+def spin(
+    nodes: Sequence[base.BallbotNode], done: rclpy.Future, stop: StopRequest | None = None
+) -> None:
+    """Run the nodes' callbacks until `done`, or until told to stop."""
     executor = SingleThreadedExecutor()
     for node in nodes:
         executor.add_node(node)
-    while not done.done():
+    while not (done.done() or (stop and stop.signal)):
         executor.spin_until_future_complete(done, base.SPIN_S)
 
 

@@ -16,6 +16,7 @@ import click
 import numpy as np
 
 from ballbot_ros.cli.invoke import invoke
+from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
@@ -65,13 +66,15 @@ def run(parameters: ParameterSet, seconds: float, scenario: Scenario | None = No
     """Run the closed loop for so long [s], or until the robot falls or hits a wall."""
     loop = ClosedLoop(parameters, scenario)
     start = loop.plant.truth().position
+    program = loop.program
+    assert isinstance(program, ControlProgram)
     peak_error = 0.0
     motion = []
     for _ in range(round(seconds * SECOND_NS) // TICK_NS):
         truth = loop.tick().truth
         if loop.plant.fallen or loop.plant.stopped:
             break
-        errors = (float(plane.theta_diff) for plane in (loop.program.x, loop.program.y))
+        errors = (float(plane.theta_diff) for plane in (program.x, program.y))
         peak_error = max(peak_error, *map(abs, errors))
         motion.append((*truth.psi, *truth.position))
     table = np.array(motion)

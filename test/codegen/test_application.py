@@ -1,6 +1,7 @@
 """The generated folder: complete, deterministic, and made from the one truth of each thing."""
 
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,12 +9,14 @@ from generated import random_values
 from robot import values_of
 
 import ballbot_ros
+from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.codegen.application import application_files, read_tasks, write_application
 from ballbot_ros.codegen.c_parameters import c_parameters, parameter_hash
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.signals import PLANE_SIGNALS, PROGRAM_SIGNALS
 from ballbot_ros.controller.parameters import ControllerParameters
 from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controller.tasks import TS1_MS
 from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameters import CONTROLLER
 
@@ -29,6 +32,15 @@ def constants(values):
         name: [word.strip().rstrip('fU') for word in value.split(',')]
         for name, value in CONSTANT.findall(text)
     }
+
+
+def tasks_run(values, elapsed_ms):
+    """Return the names of the tasks that the program runs at a tick, in order."""
+    program, names = ControlProgram(values), []
+    for task in TASKS:
+        setattr(program, task.name, partial(names.append, task.name))
+    program.tick(elapsed_ms, elapsed_ms, DeviceInputs((600, 600), (0, 0)))
+    return names
 
 
 def test_the_same_parameters_give_the_same_bytes(tmp_path):
@@ -93,9 +105,8 @@ def test_the_folder_holds_the_parameters_it_was_made_from(tmp_path):
 def test_the_oil_file_has_the_tasks_of_the_schedule(tmp_path):
     write_application(tmp_path, VALUES)
     assert read_tasks(tmp_path) == list(TASKS)
-    scheduled = [(task.name, task.priority, task.period_ms) for task in
-                 ControlProgram(VALUES).schedule.tasks]  # fmt: skip
-    assert scheduled == list(TASKS)
+    by_priority = sorted(TASKS, key=lambda task: task.priority, reverse=True)
+    assert tasks_run(VALUES, 0) == [task.name for task in by_priority]
     text = (tmp_path / 'ballbot.oil').read_text()
     assert text.count('STACKSIZE = 512;') == text.count('SCHEDULE = FULL;') == len(TASKS)
     assert text.count('ALARMTIME = 1;') == len(TASKS) - 1
@@ -106,7 +117,9 @@ def test_a_changed_period_changes_oil_file_schedule_and_hash(tmp_path):
     write_application(tmp_path, values)
     periods = {task.name: task.period_ms for task in read_tasks(tmp_path)}
     assert (periods['task_ts1'], periods['task_ts2'], periods['task_ts3']) == (4, 100, 20)
-    assert {task.name: task.period_ms for task in ControlProgram(values).schedule.tasks} == periods
+    for elapsed_ms in range(TS1_MS, 501, TS1_MS):
+        due = {name for name, period in periods.items() if period and not elapsed_ms % period}
+        assert set(tasks_run(values, elapsed_ms)) == due
     assert parameter_hash(values) != parameter_hash(VALUES)
 
 
