@@ -165,7 +165,7 @@ class LockstepWorld:
     def wake_s(self):
         return self.calls_s.get('on_wake')
 
-    def __init__(self, scenario=None, **values):
+    def __init__(self, scenario=None, /, **values):
         self.now_s = 1000.0
         given = {'duration': 0.2, 'real_time_factor': 0.0, **values}
         self.values = {**ParameterSet().values(PLANT), **given}
@@ -227,22 +227,26 @@ class LockstepWorld:
                 for node in self.nodes.values():
                     if node.answers:
                         if node.run != run.name:
-                            node.run, node.objection = run.name, None
-                            node.samples.clear()
+                            self._join(node, run)
                         self._announce(node)
             case do.PublishTruth(truth) | do.AskDrivers(truth):
-                self._answer(truth.stamp_ns)
+                self._answer(truth)
             case do.WakeIn(delay_s):
                 self.calls_s['on_wake'] = self.now_s + delay_s
             case do.CancelWake():
                 self.calls_s.pop('on_wake', None)
 
+    def _join(self, node, run):
+        node.run, node.objection = run.name, None
+        node.samples.clear()
+
     def _announce(self, node):
         announcement = node.announcement()
         self.send(self.master.on_announcement, announcement)
 
-    def _answer(self, stamp_ns):
+    def _answer(self, truth):
         """Have the nodes answer a tick, as far as they can."""
+        stamp_ns = truth.stamp_ns
         for role in DRIVERS:
             node = self.nodes.get(role)
             is_due = role not in SLOW or stamp_ns % SLOW_NS == 0
@@ -274,10 +278,23 @@ class LockstepWorld:
 
     # Time
 
+    def arriving(self):
+        """Return the index of the message that arrives next, None if none does."""
+        return 0 if self.in_flight else None
+
     def deliver(self):
-        """Deliver one message, which takes its time."""
+        """Deliver one message, which takes its time; return whether there was one."""
+        index = self.arriving()
+        if index is None:
+            return False
         self.now_s += LATENCY_S
-        event, what = self.in_flight.popleft()
+        event, what = self.in_flight[index]
+        del self.in_flight[index]
+        self.receive(event, *what)
+        return True
+
+    def receive(self, event, *what):
+        """Hand a message to whom it is for."""
         self.tell(event, *what)
 
     def wait(self, seconds=WATCH_S):
@@ -286,9 +303,9 @@ class LockstepWorld:
         while True:
             event = min(self.calls_s, key=self.calls_s.__getitem__)
             due_s = self.calls_s[event]
-            if self.in_flight and self.now_s + LATENCY_S < min(due_s, end_s):
-                self.deliver()
-            elif due_s <= end_s + 1e-9:
+            if self.now_s + LATENCY_S < min(due_s, end_s) and self.deliver():
+                continue
+            if due_s <= end_s + 1e-9:
                 self._call(event)
             else:
                 self.now_s = end_s
@@ -304,16 +321,14 @@ class LockstepWorld:
     def advance(self, ticks):
         """Deliver messages until the run has made so many ticks."""
         while self.ticks < ticks:
-            if self.in_flight:
-                self.deliver()
-            else:
+            if not self.deliver():
                 self.wait()
         return self
 
     def settle(self):
         """Deliver messages until none follows any more."""
-        while self.in_flight:
-            self.deliver()
+        while self.deliver():
+            pass
         return self
 
     # What has happened

@@ -1,0 +1,291 @@
+"""The whole robot without ROS: the master of the run, the devices, the controller and its timers.
+
+Messages of one topic to one reader keep their order; between topics and readers any order is
+possible, and a topic may be held up for as long as a test likes.
+"""
+
+import operator
+import random
+
+from lockstep_world import LockstepWorld, data_of
+
+from ballbot_ros.brick.battery_monitor import battery_mv
+from ballbot_ros.brick.encoder import Encoder
+from ballbot_ros.brick.gyro import Gyro
+from ballbot_ros.brick.sonar import Sonar
+from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controller.tasks import task_timings
+from ballbot_ros.messages.inputs import INPUTS, device_inputs
+from ballbot_ros.messages.topics import (
+    BATTERY_STATE,
+    GAMEPAD_JOY,
+    GYRO_IMU,
+    JOINT_STATES,
+    SONAR_RANGE,
+)
+from ballbot_ros.parameters import CONTROLLER, ENCODER, GAMEPAD, GYRO, PLANT, SONAR
+from ballbot_ros.simulation import run_actions as do
+from ballbot_ros.simulation.lockstep import LockstepTicks, Step
+from ballbot_ros.simulation.lockstep_master import LockstepMaster
+from ballbot_ros.simulation.task_releases import DueTick
+from ballbot_ros.simulation.timing import (
+    BATTERY_NS,
+    MILLISECOND_NS,
+    SLOW_NS,
+    TICK_NS,
+)
+from ballbot_ros.world.sonar_beam import SonarBeam
+
+
+class Driver:
+    """Answers each truth of a run that it has joined."""
+
+    def __init__(self, topic, read, answer):
+        self._topic, self._read, self._answer = topic, read, answer
+        self.start_ns = None
+
+    def join(self, run):
+        self.start_ns = run.start_ns
+
+    def on_truth(self, truth):
+        now = truth.stamp_ns
+        if self.start_ns is None or now < self.start_ns or now % self._topic.period_ns:
+            return
+        self._answer(self._topic, now, self._read(truth, now - self.start_ns))
+
+
+class Timer:
+    """A timer on the controller's clock, as rcl has them."""
+
+    def __init__(self, period_ms):
+        self.period_ns = period_ms * MILLISECOND_NS
+        self.next_ns = None
+
+    def is_ready(self, now_ns):
+        return self.next_ns is not None and self.next_ns <= now_ns
+
+    def start(self, now_ns):
+        self.next_ns = now_ns + self.period_ns
+
+    def call(self, now_ns):
+        """Take a callback; those that were due before it are left out."""
+        self.next_ns += self.period_ns
+        if self.next_ns <= now_ns:
+            self.next_ns += -(-(now_ns - self.next_ns) // self.period_ns) * self.period_ns
+
+
+class Brick:
+    """The controller, whose timers go by the plant's clock.
+
+    Attributes
+    ----------
+    dropped : set of str
+        Tasks whose next callback gets lost.
+    forced : int
+        Releases that no timer has given.
+    """
+
+    def __init__(self, values, answer, call_back):
+        self._values, self._answer, self._call_back = values, answer, call_back
+        self._tasks = task_timings(values['ts2_period'], values['ts3_period'])
+        self._ticks = LockstepTicks(
+            {topic.name: topic.period_ns for topic in INPUTS},
+            first=BATTERY_STATE.name,
+            every_tick=GYRO_IMU.name,
+            is_same={topic.name: operator.eq for topic in INPUTS},
+            tick_ns=TICK_NS,
+        )
+        self._timers = {each.name: Timer(each.period_ms) for each in self._tasks if each.period_ms}
+        self._answers = {}
+        self._now_ns = 0
+        self.dropped = set()
+
+    @property
+    def forced(self):
+        return self._ticks.releases.forced
+
+    def join(self, run):
+        self._program = ControlProgram(self._values)
+        self._ticks.begin(run.start_ns, self._tasks)
+        for timer in self._timers.values():
+            timer.next_ns = None
+
+    def on_clock(self, now_ns):
+        self._now_ns = now_ns
+        for task, timer in self._timers.items():
+            if timer.is_ready(now_ns):
+                self._call_back(self.on_timer, task)
+
+    def on_timer(self, task):
+        timer = self._timers[task]
+        if not timer.is_ready(self._now_ns):
+            return
+        timer.call(self._now_ns)
+        if task in self.dropped:
+            self.dropped.remove(task)
+        else:
+            self.release(task)
+
+    def release(self, task):
+        if tick := self._ticks.on_timer(task, self._now_ns):
+            self._run(tick)
+
+    def shift(self, task):
+        """Set a timer off its schedule."""
+        if self._timers[task].next_ns is not None:
+            self._timers[task].next_ns += TICK_NS // 2
+
+    def on_sample(self, name, stamp_ns, reading):
+        step = self._ticks.take(name, stamp_ns, repr(reading), reading)
+        if step is Step.LACKS_RELEASES:
+            waits = any(timer.is_ready(self._now_ns) for timer in self._timers.values())
+            step = self._ticks.force(callback_waits=waits)
+        if isinstance(step, DueTick):
+            self._run(step)
+        elif step is Step.ANSWER_AGAIN:
+            self._answer(stamp_ns, self._answers[stamp_ns])
+        assert step not in (Step.OBJECT, Step.MISSED_START)
+
+    def _run(self, tick):
+        if self._now_ns == tick.time_ns:
+            for task in tick.untimed:
+                self._timers[task].start(tick.time_ns)
+        inputs = device_inputs(lambda topic: self._ticks.gate.newest(topic.name))
+        outputs = self._program.run(tick.tasks, tick.time_ns // MILLISECOND_NS, inputs)
+        self._answers = {tick.time_ns: outputs.duty}
+        self._answer(tick.time_ns, outputs.duty)
+
+
+class RobotWorld(LockstepWorld):
+    """A run of the robot whose messages take as long as chance will have it.
+
+    A node that hangs neither sends nor receives; what was on its way arrives when it goes on. With
+    one that leaves, that is lost.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+    scenario : Scenario
+    seed : int
+        Of the order in which messages arrive.
+    """
+
+    def __init__(self, parameters, scenario=None, seed=0):
+        self.parameters = parameters
+        self._chance = random.Random(seed)
+        self.robot = {}
+        super().__init__(scenario, **parameters.values(PLANT))
+
+    def start(self, *roles, generation=0, **changes):
+        super().start(*roles, generation=generation, **changes)
+        for role in roles or self.nodes:
+            if role in self.makers:
+                self.robot[role] = self.makers[role]()
+        return self
+
+    @property
+    def makers(self):
+        """What makes the robot's part of each role."""
+        return {
+            GYRO: self._make_gyro,
+            ENCODER: self._make_encoder,
+            SONAR: self._make_sonar,
+            GAMEPAD: self._make_gamepad,
+            CONTROLLER: self._make_controller,
+        }
+
+    def _make_gyro(self):
+        device = Gyro(self.parameters.values(GYRO))
+        return self._driver(
+            GYRO, GYRO_IMU, lambda truth, _: device.read(truth.psi_rate, truth.stamp_ns)
+        )
+
+    def _make_encoder(self):
+        device = Encoder()
+        return self._driver(ENCODER, JOINT_STATES, lambda truth, _: device.read(truth.motor_angle))
+
+    def _make_sonar(self):
+        values = self.parameters.values(SONAR)
+        device, beam = Sonar(values), SonarBeam(values)
+        return self._driver(
+            SONAR,
+            SONAR_RANGE,
+            lambda truth, _: device.read(beam.distance_m(truth.position), truth.stamp_ns),
+        )
+
+    def _make_gamepad(self):
+        return self._driver(
+            GAMEPAD,
+            GAMEPAD_JOY,
+            lambda _, elapsed_ns: self.scenario.sticks_at(elapsed_ns * 1e-9),
+        )
+
+    def _driver(self, role, topic, read):
+        def answer(topic, stamp_ns, reading):
+            self.nodes[role].samples.add(stamp_ns)
+            self._sample(topic, stamp_ns, reading, role)
+
+        return Driver(topic, read, answer)
+
+    def _make_controller(self):
+        def answer(stamp_ns, duty):
+            self.nodes[CONTROLLER].samples.add(stamp_ns)
+            data = data_of(stamp_ns, duty)
+            self.send(self.master.on_duty, stamp_ns, duty, data, way=(CONTROLLER, PLANT))
+
+        def call_back(event, task):
+            self.send(event, task, way=(CONTROLLER, CONTROLLER, task))
+
+        return Brick(self.parameters.values(CONTROLLER), answer, call_back)
+
+    def leave(self, role):
+        super().leave(role)
+        kept = [each for each in self.in_flight if role not in each[1][0]]
+        self.in_flight.clear()
+        self.in_flight.extend(kept)
+
+    def _join(self, node, run):
+        super()._join(node, run)
+        if node.role in self.robot:
+            self.robot[node.role].join(run)
+
+    # Messages
+
+    def send(self, event, *what, way=()):
+        """Send a message on its way: sender, reader and topic."""
+        self.in_flight.append((event, (way, *what)))
+
+    def receive(self, event, way, *what):
+        if isinstance(event.__self__, LockstepMaster):
+            self.tell(event, *what)
+        else:
+            event(*what)
+
+    def arriving(self):
+        first = {}
+        hung = {role for role, node in self.nodes.items() if node.is_hung}
+        for index, (event, (way, *_)) in enumerate(self.in_flight):
+            if not hung.intersection(way):
+                first.setdefault((event, way), index)
+        return self._chance.choice(list(first.values())) if first else None
+
+    def _sample(self, topic, stamp_ns, reading, sender):
+        way = (sender, CONTROLLER, topic.name)
+        brick = self.robot.get(CONTROLLER)
+        if brick:
+            self.send(brick.on_sample, topic.name, stamp_ns, reading, way=way)
+
+    def _carry_out(self, action):
+        super()._carry_out(action)
+        if isinstance(action, do.PublishTruth):
+            stamp_ns = action.truth.stamp_ns
+            if CONTROLLER in self.robot:
+                self.send(self.robot[CONTROLLER].on_clock, stamp_ns, way=('', CONTROLLER, 'clock'))
+            if stamp_ns % BATTERY_NS == 0:
+                reading = battery_mv(action.truth.battery_voltage)
+                self._sample(BATTERY_STATE, stamp_ns, reading, '')
+
+    def _answer(self, truth):
+        for role, part in self.robot.items():
+            if role != CONTROLLER:
+                self.send(part.on_truth, truth, way=('', role, 'truth'))
