@@ -31,7 +31,6 @@ from ballbot_ros.simulation.task_releases import DueTick
 from ballbot_ros.simulation.timing import (
     BATTERY_NS,
     MILLISECOND_NS,
-    SLOW_NS,
     TICK_NS,
 )
 from ballbot_ros.world.sonar_beam import SonarBeam
