@@ -4,16 +4,15 @@ import os
 import signal
 
 import pytest
-from graph import NODES, alive, await_recording, wait_for
+from graph import alive, await_recording, wait_for
 from terminal import Terminal
 
 from ballbot_ros.messages.conversions import stamp_ns
-from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, RECORDER
+from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, RECORDER, SONAR
 from ballbot_ros.recording.reader import RecordingReader
 
 pytestmark = pytest.mark.graph
 
-ALL_BUT_PLANT = [name for name in NODES if name != PLANT]
 ENDLESS = '--set=plant_sim.duration=600'
 
 
@@ -48,14 +47,14 @@ def test_whoever_hangs_or_dies_is_named_and_a_run_that_waits_goes_on_with_who_co
     run, pids, recording = start(
         '--set=plant_sim.timeout=0.2', '--set=plant_sim.on_timeout=wait', stderr=terminal.side
     )
-    for name in ALL_BUT_PLANT:
+    for name in (GYRO, CONTROLLER, RECORDER):
         since = len(terminal.screen)
         os.kill(pids[name], signal.SIGSTOP)
         terminal.wait_for_match(rf'{name}[\w, ]* silent for 0\.2 s at sim time', since)
         os.kill(pids[name], signal.SIGCONT)
         before = size(recording)
         wait_for(lambda before=before: size(recording) > before + 20_000, what=f'it without {name}')
-    for name in ALL_BUT_PLANT:
+    for name in (SONAR, CONTROLLER):
         since = len(terminal.screen)
         os.kill(pids[name], signal.SIGKILL)
         terminal.wait_for_match(rf'{name} died of SIGKILL', since)
@@ -71,13 +70,12 @@ def test_a_lost_node_and_no_other_is_named_by_the_shortest_timeout(start):
     assert f'\nfailed: {GYRO} silent for 0.2 s at ' in run.stdout
 
 
-# The drivers go like the controller: simulation/test_participants.py.
+# The other nodes: simulation/test_lockstep_master.py.
 @pytest.mark.parametrize(
     ('victim', 'number'),
     [
         (PLANT, signal.SIGKILL),
         (PLANT, signal.SIGSTOP),
-        (CONTROLLER, signal.SIGSTOP),
         (RECORDER, signal.SIGKILL),
         (RECORDER, signal.SIGSTOP),
     ],

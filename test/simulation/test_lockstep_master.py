@@ -11,7 +11,7 @@ from lockstep_world import DRIVERS, ROLES, LockstepWorld, data_of, duty_of
 from ballbot_ros.parameters import CONTROLLER, GYRO, RECORDER, SONAR
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.participants import ANSWER_CALLS, Objection, Publisher
-from ballbot_ros.simulation.timing import MAX_LEAD_TICKS, TICK_NS, next_start_ns
+from ballbot_ros.simulation.timing import MAX_LEAD_TICKS, SLOW_NS, TICK_NS, next_start_ns
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 
 START_NS = 1_000_000_000
@@ -399,6 +399,28 @@ def test_a_recorder_that_comes_late_begins_at_a_multiple_of_20_ms():
     assert world.ticks > ticks
 
 
+@pytest.mark.parametrize('meanwhile', ['is paused', 'waits for a duty'])
+@pytest.mark.parametrize('ticks', range(1, 7))
+def test_a_recorder_may_come_while_the_plant(meanwhile, ticks):
+    world = LockstepWorld(timeout=60.0).start().advance(ticks)
+    if meanwhile == 'is paused':
+        world.tell(world.master.set_paused, is_paused=True)
+    else:
+        world.nodes[GYRO].is_hung = True
+    world.wait(1.0)
+    stopped_ns = world.truths[-1]
+    world.start(RECORDER).wait(1.0)
+    assert world.nodes[RECORDER].run
+    assert world.truths[-1] == stopped_ns
+    world.tell(world.master.set_paused, is_paused=False)
+    world.nodes[GYRO].is_hung = False
+    world.wait(1.0)
+    assert world.summary.outcome == 'completed'
+    first_ns = -(-stopped_ns // SLOW_NS) * SLOW_NS
+    recorded = {stamp_ns for stamp_ns in world.nodes[RECORDER].samples if stamp_ns >= first_ns}
+    assert recorded == {stamp_ns for stamp_ns in world.truths if stamp_ns >= first_ns}
+
+
 def test_an_ack_ahead_of_the_run_ends_it():
     world = recorded(10)
     world.tell(world.master.on_ack, world.truths[-1] + TICK_NS)
@@ -465,13 +487,16 @@ def test_a_standing_robot_is_shown_to_late_subscribers_once_a_second():
     assert len(world.actions(do.PublishTruth)) - before in (10, 11)
 
 
-@pytest.mark.parametrize('factor', [0.5, 1.0, 10.0])
+@pytest.mark.parametrize('factor', [0.01, 0.5, 1.0, 10.0])
 def test_ticks_come_at_the_pace_that_was_asked_for(factor):
     world = LockstepWorld(duration=1.0, real_time_factor=factor).start()
     while world.summary is None:
         world.wait(0.1)
     assert world.summary.real_time_factor == pytest.approx(factor, rel=0.01)
     assert world.summary.late_ticks == 0
+    # Who waits for the next tick is missed by nobody.
+    assert world.summary.resends == 0
+    assert world.warnings == []
 
 
 def test_another_pace_acts_at_once():
