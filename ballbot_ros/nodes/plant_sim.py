@@ -11,29 +11,18 @@ from typing import Any
 import rclpy
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.conversions import duty_values, push_forces, stamp_ns, time_ns
-from ballbot_ros.messages.motor_stop import is_stop
-from ballbot_ros.messages.participation import decode_announcement
-from ballbot_ros.messages.raw import decoder, stamp_of
 from ballbot_ros.messages.run_summary import summary_json, summary_words
 from ballbot_ros.messages.run_topics import RUN_TOPICS
 from ballbot_ros.messages.topics import (
     CLOCK,
     DIAGNOSTICS,
-    HISTORY,
     LOCKSTEP,
     MOTOR_DUTY,
-    PARTICIPANTS,
     PLANT_IMU,
     PLANT_JOINT_STATES,
     PLANT_ODOM,
-    PUSH,
-    RECORDER_ACK,
-    ROLL_CALL,
-    RUN,
     RUN_STATUS,
     WALL_HIT,
-    Topic,
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
@@ -41,7 +30,7 @@ from ballbot_ros.nodes.graph_look import GraphLook
 from ballbot_ros.nodes.one_shot import OneShot
 from ballbot_ros.nodes.participation import participant_of, with_values
 from ballbot_ros.nodes.plant_actions import PlantActions
-from ballbot_ros.nodes.plant_services import PlantServices
+from ballbot_ros.nodes.plant_events import PlantEvents
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.processes import LocalMachine
@@ -51,7 +40,6 @@ from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.run_actions import Actions
 from ballbot_ros.simulation.run_master import RunMaster
 from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
-from ballbot_ros.simulation.sample_history import DEPTH
 from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import TrajectoryLog, save_trajectory
 from ballbot_ros.world.world import World
@@ -84,16 +72,7 @@ class PlantSim(BallbotNode):
             f'{time.time_ns():x}',
             time.monotonic(),
         )
-        PlantServices(self)
-        self._decode_duty = decoder(MOTOR_DUTY.type_name)
-        # Deep enough to see each of several duties of one tick.
-        depth = DEPTH if self.master.is_lockstep else 1
-        self.listen(MOTOR_DUTY, self._on_duty, depth=depth, raw=True)
-        self.listen(RECORDER_ACK, self._on_ack)
-        self.listen(PUSH, self._on_push, depth=10)
-        self.listen(PARTICIPANTS, self._on_announcement, depth=HISTORY, raw=True)
-        for topic in (RUN, ROLL_CALL):
-            self.listen(topic, self._run_callback(topic), depth=HISTORY)
+        PlantEvents(self)
         self.every(WATCH_S, self._on_time)
         self._free_timer = None
         if isinstance(self.master, FreeRunningMaster):
@@ -109,31 +88,6 @@ class PlantSim(BallbotNode):
 
     def _on_wake(self) -> None:
         self.tell(self.master.on_wake)
-
-    def _on_duty(self, data: bytes) -> None:
-        try:
-            duty = duty_values(self._decode_duty(data))
-        except ValueError:
-            duty = None
-        self.tell(self.master.on_duty, stamp_of(data), duty, data, is_stop=is_stop(data))
-
-    def _on_ack(self, header: Any) -> None:
-        self.tell(self.master.on_ack, time_ns(header.stamp))
-
-    def _on_push(self, message: Any) -> None:
-        self.tell(self.master.on_push, stamp_ns(message), *push_forces(message))
-
-    def _on_announcement(self, data: bytes) -> None:
-        try:
-            announcement = decode_announcement(data)
-        except ValueError as error:
-            self.get_logger().warning(f'{error}; it is ignored')
-            self.tell(self.master.on_unreadable_announcement)
-            return
-        self.tell(self.master.on_announcement, announcement)
-
-    def _run_callback(self, topic: Topic) -> Callable[[Any], None]:
-        return lambda header: self.tell(self.master.on_run, header.frame_id, topic.name)
 
     def check(self, values: Mapping[str, Any]) -> None:
         """Check that the scenario and the map exist, and that the robot can start there."""

@@ -1,0 +1,101 @@
+"""Tells the master of a run what the plant's node receives: messages and requests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from std_srvs.srv import SetBool, Trigger
+
+from ballbot_ros.messages.conversions import duty_values, push_forces, stamp_ns, time_ns
+from ballbot_ros.messages.motor_stop import is_stop
+from ballbot_ros.messages.participation import decode_announcement
+from ballbot_ros.messages.raw import decoder, stamp_of
+from ballbot_ros.messages.topics import (
+    HISTORY,
+    MOTOR_DUTY,
+    PARTICIPANTS,
+    PUSH,
+    RECORDER_ACK,
+    ROLL_CALL,
+    RUN,
+    Topic,
+)
+from ballbot_ros.parameters import PLANT
+from ballbot_ros.simulation.sample_history import DEPTH
+
+if TYPE_CHECKING:
+    from ballbot_ros.nodes.plant_sim import PlantSim
+
+
+class PlantEvents:
+    """The ears of the plant's node.
+
+    Its services are ``plant_sim/reset``, ``plant_sim/pause`` and ``plant_sim/step``. These names
+    are the role's: they stay where the node is given another name.
+
+    Parameters
+    ----------
+    node : PlantSim
+    """
+
+    def __init__(self, node: PlantSim) -> None:
+        self._node, self._master = node, node.master
+        self._decode_duty = decoder(MOTOR_DUTY.type_name)
+        # Deep enough to see each of several duties of one tick.
+        depth = DEPTH if self._master.is_lockstep else 1
+        node.listen(MOTOR_DUTY, self._on_duty, depth=depth, raw=True)
+        node.listen(RECORDER_ACK, self._on_ack)
+        node.listen(PUSH, self._on_push, depth=10)
+        node.listen(PARTICIPANTS, self._on_announcement, depth=HISTORY, raw=True)
+        for topic in (RUN, ROLL_CALL):
+            node.listen(topic, self._run_callback(topic), depth=HISTORY)
+        for name, kind, callback in (
+            ('reset', Trigger, self._reset),
+            ('pause', SetBool, self._pause),
+            ('step', Trigger, self._step),
+        ):
+            node.create_service(kind, f'{PLANT}/{name}', callback)
+
+    def _on_duty(self, data: bytes) -> None:
+        try:
+            duty = duty_values(self._decode_duty(data))
+        except ValueError:
+            duty = None
+        self._node.tell(self._master.on_duty, stamp_of(data), duty, data, is_stop=is_stop(data))
+
+    def _on_ack(self, header: Any) -> None:
+        self._node.tell(self._master.on_ack, time_ns(header.stamp))
+
+    def _on_push(self, message: Any) -> None:
+        self._node.tell(self._master.on_push, stamp_ns(message), *push_forces(message))
+
+    def _on_announcement(self, data: bytes) -> None:
+        try:
+            announcement = decode_announcement(data)
+        except ValueError as error:
+            self._node.get_logger().warning(f'{error}; it is ignored')
+            self._node.tell(self._master.on_unreadable_announcement)
+            return
+        self._node.tell(self._master.on_announcement, announcement)
+
+    def _run_callback(self, topic: Topic) -> Callable[[Any], None]:
+        return lambda header: self._node.tell(self._master.on_run, header.frame_id, topic.name)
+
+    def _reset(self, request: Any, response: Any) -> Any:
+        self._node.tell(self._master.reset)
+        response.success = True
+        response.message = 'a new run begins'
+        return response
+
+    def _pause(self, request: Any, response: Any) -> Any:
+        self._node.tell(self._master.set_paused, is_paused=request.data)
+        response.success = True
+        response.message = 'paused' if request.data else 'running'
+        return response
+
+    def _step(self, request: Any, response: Any) -> Any:
+        response.success = self._master.pause.is_paused
+        response.message = 'one tick' if response.success else 'pause the plant first'
+        self._node.tell(self._master.step)
+        return response
