@@ -17,7 +17,7 @@ END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 
 _PR_SET_PDEATHSIG = 1
 _PROC = Path('/proc')
-_RUNNABLE, _WAITING = 'R', 'SD'
+_RUNNABLE, _WAITING, _ZOMBIE = 'R', 'SD', 'Z'
 
 
 def end_with_parent() -> bool:
@@ -50,7 +50,7 @@ def threads_of(process: int) -> Threads:
             with suppress(OSError):
                 cpu_ns, queued_ns, _ = map(int, (thread / 'schedstat').read_text().split())
                 state = (thread / 'stat').read_text().rpartition(')')[2].split()[0]
-                if cpu_ns:
+                if cpu_ns and state != _ZOMBIE:
                     time = ThreadTime(cpu_ns * 1e-9, queued_ns * 1e-9, state == _RUNNABLE)
                     found[int(thread.name)] = time
     return found

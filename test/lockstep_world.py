@@ -13,6 +13,7 @@ from types import MappingProxyType
 
 from ballbot_ros.messages.run_topics import RUN_TOPICS
 from ballbot_ros.parameters import (
+    ALL_NODES,
     CONTROLLER,
     ENCODER,
     GAMEPAD,
@@ -28,7 +29,7 @@ from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.participants import Announcement, Objection, Participant, Publisher
 from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
-from ballbot_ros.simulation.silence_timer import Observation
+from ballbot_ros.simulation.silence_timer import Observation, ThreadTime
 from ballbot_ros.simulation.timing import SLOW_NS, TICK_NS
 from ballbot_ros.world.world import World
 
@@ -38,6 +39,7 @@ ROLES = (*DRIVERS, CONTROLLER)
 SLOW = (SONAR, GAMEPAD)
 WATCH_S = 0.1
 FREE_PERIODS_S = {'on_time': WATCH_S, 'on_tick': TICK_NS / 1e9}
+WAITING = {1: ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)}
 LATENCY_S = 2e-4
 """Each message arrives so long after the one before."""
 
@@ -90,7 +92,7 @@ def make_participant(role, generation=0, **changes):
         role=role,
         node=f'/{role}',
         host='here',
-        process=100 * generation + len(role),
+        process=100 * generation + ALL_NODES.index(role) + 1,
         instance=f'{role} {generation}',
         implementation='ours',
         parameters_sha256='00',
@@ -141,7 +143,9 @@ class FakeMachine:
         self._world = world
 
     def observe(self, processes):
-        return Observation(self._world.now_s, {})
+        nodes = [self._world.plant_node, *self._world.nodes.values()]
+        living = {node.participant.process for node in nodes if node.is_alive}
+        return Observation(self._world.now_s, dict.fromkeys(living, WAITING))
 
     def siblings(self):
         return []

@@ -79,7 +79,10 @@ def test_a_process_that_is_stopped_neither_runs_nor_queues(start):
 def test_of_a_process_that_is_gone_nothing_is_told(start):
     process = start(WAIT)
     assert process.pid in children(os.getpid())
+    wait_for(lambda: threads_of(process.pid), what='its account')
     process.kill()
+    os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+    assert threads_of(process.pid) == {}
     process.wait()
     assert threads_of(process.pid) == {}
     assert not is_waiting(process.pid)

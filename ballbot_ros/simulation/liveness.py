@@ -80,7 +80,8 @@ class LivenessMonitor:
         Returns
         -------
         dict of str to float
-            The roles, and how much of the silence counts for each [s].
+            The roles, and how much of the silence counts for each [s]. Those whose process is
+            gone, if there are any, since the others may be waiting for them.
         """
         if self._since_call is None:
             return {}
@@ -89,8 +90,12 @@ class LivenessMonitor:
         awaited = CONTROLLER
         if awaits_recorder:
             awaited, due_ns[RECORDER] = RECORDER, 0
-        self._poll(max(since_s, self._called_s), self._participants())
+        living = self._poll(max(since_s, self._called_s), self._participants())
         found = self._roster.silences_s(self._since_call, due_ns, self._silence_s)
+        processes = {role: self._process(self._roster.members.get(role)) for role in found}
+        gone = [role for role, process in processes.items() if process and process not in living]
+        if gone:
+            return {role: found[role] for role in gone}
         return found or {awaited: self._silence_s(self._roster.members.get(awaited))}
 
     def waited_s(self, since_s: float) -> float:
@@ -100,8 +105,11 @@ class LivenessMonitor:
         self._poll(since_s, starting)
         return min(map(self._timer.silence_s, starting), default=self._timer.silence_s())
 
-    def _poll(self, since_s: float, processes: Iterable[int]) -> None:
-        self._timer.update(since_s, *self._machine.observe(processes))
+    def _poll(self, since_s: float, processes: Iterable[int]) -> Collection[int]:
+        """Look at a silence; return which of the processes there are."""
+        seen = self._machine.observe(processes)
+        self._timer.update(since_s, *seen)
+        return seen.threads.keys()
 
     def _participants(self) -> list[int]:
         """Return the processes of this machine that take part."""

@@ -229,6 +229,16 @@ def test_a_silent_node_and_no_other_is_named_in_time(role, timeout, end):
 
 
 @pytest.mark.parametrize('role', ROLES)
+def test_who_is_gone_is_named_and_not_who_waits_for_it(role):
+    world = begun(7, timeout=0.2)
+    for other in ROLES:
+        world.nodes[other].is_hung = True
+    world.kill(role)
+    world.wait(1.0)
+    assert world.summary.reason.startswith(f'{role} silent for 0.2 s at sim time ')
+
+
+@pytest.mark.parametrize('role', ROLES)
 def test_with_on_timeout_wait_the_run_goes_on_with_who_comes_back(role):
     world = begun(7, on_timeout='wait')
     world.nodes[role].is_hung = True
