@@ -39,9 +39,10 @@ ROLES = (*DRIVERS, CONTROLLER)
 SLOW = (SONAR, GAMEPAD)
 WATCH_S = 0.1
 FREE_PERIODS_S = {'on_time': WATCH_S, 'on_tick': TICK_NS / 1e9}
-WAITING = {1: ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)}
 LATENCY_S = 2e-4
 """Each message arrives so long after the one before."""
+
+WAITING = {1: ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)}
 
 
 def duty_of(stamp_ns):
@@ -145,7 +146,7 @@ class FakeMachine:
     def observe(self, processes):
         nodes = [self._world.plant_node, *self._world.nodes.values()]
         living = {node.participant.process for node in nodes if node.is_alive}
-        return Observation(self._world.now_s, dict.fromkeys(living, WAITING))
+        return Observation(self._world.now_s, dict.fromkeys(living & set(processes), WAITING))
 
     def siblings(self):
         return []

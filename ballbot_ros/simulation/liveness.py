@@ -80,8 +80,8 @@ class LivenessMonitor:
         Returns
         -------
         dict of str to float
-            The roles, and how much of the silence counts for each [s]. Those whose process is
-            gone, if there are any, since the others may be waiting for them.
+            The roles, and how much of the silence counts for each [s]. If processes on this machine
+            are gone, only their roles, since the others may be waiting for them.
         """
         if self._since_call is None:
             return {}
@@ -106,7 +106,7 @@ class LivenessMonitor:
         return min(map(self._timer.silence_s, starting), default=self._timer.silence_s())
 
     def _poll(self, since_s: float, processes: Iterable[int]) -> Collection[int]:
-        """Look at a silence; return which of the processes there are."""
+        """Update the silence; return the processes that still exist."""
         seen = self._machine.observe(processes)
         self._timer.update(since_s, *seen)
         return seen.threads.keys()
