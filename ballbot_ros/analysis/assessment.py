@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ballbot_ros.analysis.metrics import HALF_TICK_S, Clearance, Judgement, judge, measure, number
+from ballbot_ros.analysis.metrics import HALF_TICK_S, Judgement, judge, measure, number
 from ballbot_ros.analysis.run_data import RunData
-from ballbot_ros.analysis.run_metrics import measure_recording
+from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.parameters import GYRO, PLANT
-from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.scenario.metrics import METRICS, Clearance
 from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import CELL_M
 from ballbot_ros.world.world import World
@@ -91,7 +91,7 @@ class Assessment:
 def assess(run: RunData) -> Assessment:
     """Measure a run and judge it by the scenario that is attached to it."""
     clearance = _clearance(run)
-    metrics = {**measure(run.trajectory, run.plant, clearance), **measure_recording(run)}
+    metrics = {**measure(run.trajectory, run.plant, clearance), **RUN_METRICS.measure(run)}
     scenario = run.attached.scenario
     expectations = scenario.expectations if scenario else ()
     judgements = judge(expectations, run.trajectory, run.plant, clearance)

@@ -14,9 +14,10 @@ from ballbot_ros.analysis.run_figures import Drawn, draw_figures
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.analysis.table import csv_text
 from ballbot_ros.parameters import GYRO, NODES, PLANT, parameters_of
-from ballbot_ros.scenario.metrics import METRICS, label
+from ballbot_ros.scenario.metric_registry import label
+from ballbot_ros.scenario.metrics import METRICS
 
-MEANINGS: Mapping[str, str] = {**METRICS, **RUN_METRICS}
+MEANINGS: Mapping[str, str] = {**METRICS.meanings, **RUN_METRICS.meanings}
 
 
 def write_report(assessment: Assessment, folder: Path) -> None:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.attached import Attached, read_attached
 from ballbot_ros.analysis.extraction import TICKED, Extraction, Status, Traffic, extract
-from ballbot_ros.analysis.metrics import Floats
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.controller.interface import CALIBRATING, OUT_OF_CONTROL
 from ballbot_ros.messages.conversions import map_grid
@@ -21,6 +20,7 @@ from ballbot_ros.parameters import CONTROLLER, PLANT
 from ballbot_ros.plant.truth import TICK_NS
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.scenario.metrics import Floats
 from ballbot_ros.simulation.timing import SECOND_NS
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.world.exports import OccupancyGrid

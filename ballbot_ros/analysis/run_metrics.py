@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,48 +24,14 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.parameters import CONTROLLER, PLANT
 from ballbot_ros.plant.truth import TICK_NS
+from ballbot_ros.scenario.metric_registry import MetricRegistry
 
-RUN_METRICS: Mapping[str, str] = {
-    'energy_j': 'electrical energy that the motors took from the release on: voltage times '
-    'current, from true torque and rate at every tick; braking gives none back',
-    'lowest_battery_v': 'lowest terminal voltage',
-    'pitch_error_rms_deg': "root mean square of the controller's pitch less the true one",
-    'position_error_rms_m': "root mean square of the controller's ball angle, as a way, less the "
-    'true way from the start',
-    'gyro_offset_error_x_deg_s': "root mean square of the controller's gyro offset (reading less "
-    'its pitch rate) less the true one (reading less true rate, mean of 1 s), plane x',
-    'gyro_offset_error_y_deg_s': 'the same of plane y',
-    **{f'time_in_{state}_s': f'time in the state {state}' for state in DRIVE_STATES},
-    'missing_ticks': 'ticks up to the last that are not in the file',
-    'tick_jitter_ms': 'standard deviation of the time from duty to duty, in sim time: 0 in '
-    'lockstep, whatever the wall clock did',
-    'late_ticks': 'ticks that came late by the wall clock, as the plant counts them in '
-    '/diagnostics; in free running those of the controller too',
-    'truth_sent_again': 'times that the plant asked again after 0.1 s of silence (/diagnostics)',
-    'tick_rate_hz': 'ticks a second of the wall clock, median of what the plant reports each '
-    'second (/diagnostics)',
-}
-"""Names and what they are, in addition to those of the scenario's expectations."""
+RUN_METRICS = MetricRegistry[RunData]()
+"""In addition to those of the scenario's expectations; NaN where the file lacks what it needs."""
 
 _MEAN_S = 1.0
 _MEAN_ROWS = 2**13
 """How many means are made at once: what is needed on the way takes the memory of so many."""
-
-
-def measure_recording(run: RunData) -> dict[str, float]:
-    """Return every metric of :data:`RUN_METRICS`; NaN where the file lacks what it needs."""
-    values = {
-        'energy_j': _energy(run),
-        'lowest_battery_v': _lowest_voltage(run),
-        'pitch_error_rms_deg': _rms(np.degrees(pitch_error(run))),
-        'position_error_rms_m': _rms(position_error(run)),
-        **_offset_errors(run),
-        **_times(run),
-        'missing_ticks': float(run.missing_ticks),
-        'tick_jitter_ms': _jitter(run),
-        **_counters(run),
-    }
-    return {name: float(values[name]) for name in RUN_METRICS}
 
 
 def estimated_position(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
@@ -146,7 +113,11 @@ def _start(run: RunData) -> float:
     return float(series.stamps[0] * 1e-9 - series.time[0])
 
 
-def _energy(run: RunData) -> float:
+@RUN_METRICS.metric(
+    'electrical energy that the motors took from the release on: voltage times '
+    'current, from true torque and rate at every tick; braking gives none back'
+)
+def energy_j(run: RunData) -> float:
     """Return the energy [J]: with torque = Kt i and voltage = Rm i + Kb rate, both as (3.16)."""
     if PLANT_JOINT_STATES not in run.series:
         return math.nan
@@ -160,57 +131,110 @@ def _energy(run: RunData) -> float:
     return float((power * np.diff(motors.time))[released].sum())
 
 
-def _lowest_voltage(run: RunData) -> float:
+@RUN_METRICS.metric('lowest terminal voltage')
+def lowest_battery_v(run: RunData) -> float:
     if BATTERY_STATE not in run.series:
         return math.nan
     return float(run.series[BATTERY_STATE].values.min())
 
 
-def _offset_errors(run: RunData) -> dict[str, float]:
-    names = ('gyro_offset_error_x_deg_s', 'gyro_offset_error_y_deg_s')
+@RUN_METRICS.metric("root mean square of the controller's pitch less the true one")
+def pitch_error_rms_deg(run: RunData) -> float:
+    return _rms(np.degrees(pitch_error(run)))
+
+
+@RUN_METRICS.metric(
+    "root mean square of the controller's ball angle, as a way, less the true way from the start"
+)
+def position_error_rms_m(run: RunData) -> float:
+    return _rms(position_error(run))
+
+
+@RUN_METRICS.metric(
+    "root mean square of the controller's gyro offset (reading less "
+    'its pitch rate) less the true one (reading less true rate, mean of 1 s), plane x'
+)
+def gyro_offset_error_x_deg_s(run: RunData) -> float:
+    return _offset_error(run, 0)
+
+
+@RUN_METRICS.metric('the same of plane y')
+def gyro_offset_error_y_deg_s(run: RunData) -> float:
+    return _offset_error(run, 1)
+
+
+def _offset_error(run: RunData, plane: int) -> float:
     if not {CONTROLLER_STATE, GYRO_IMU, PLANT_IMU} <= run.series.keys():
-        return dict.fromkeys(names, math.nan)
-    error = estimated_gyro_offset(run) - true_gyro_offset(run)
-    return {name: _rms(error[:, plane]) for plane, name in enumerate(names)}
+        return math.nan
+    return _rms((estimated_gyro_offset(run) - true_gyro_offset(run))[:, plane])
 
 
-def _times(run: RunData) -> dict[str, float]:
-    unknown = not run.states
-    return {
-        f'time_in_{state}_s': math.nan
-        if unknown
-        else sum(each.end - each.start for each in run.states if each.state == state)
-        for state in DRIVE_STATES
-    }
+def _time_in(run: RunData, state: str) -> float:
+    if not run.states:
+        return math.nan
+    return sum(each.end - each.start for each in run.states if each.state == state)
 
 
-def _jitter(run: RunData) -> float:
+for _state in DRIVE_STATES:
+    RUN_METRICS.metric(f'time in the state {_state}', f'time_in_{_state}_s')(
+        partial(_time_in, state=_state)
+    )
+
+
+@RUN_METRICS.metric('ticks up to the last that are not in the file')
+def missing_ticks(run: RunData) -> float:
+    return run.missing_ticks
+
+
+@RUN_METRICS.metric(
+    'standard deviation of the time from duty to duty, in sim time: 0 in '
+    'lockstep, whatever the wall clock did'
+)
+def tick_jitter_ms(run: RunData) -> float:
     duty = run.series.get(MOTOR_DUTY)
     if duty is None or len(duty.stamps) < 2:
         return math.nan
     return float(np.diff(duty.stamps).std() * 1e-6)
 
 
-def _counters(run: RunData) -> dict[str, float]:
-    """Return what the nodes have counted; NaN without diagnostics of the plant."""
-    newest: dict[str, dict[str, str]] = {}
-    rates = []
+@RUN_METRICS.metric(
+    'ticks that came late by the wall clock, as the plant counts them in '
+    '/diagnostics; in free running those of the controller too'
+)
+def late_ticks(run: RunData) -> float:
+    late = _counter(run, PLANT, 'overruns')
+    if not run.plant['lockstep']:
+        late += _counter(run, CONTROLLER, 'overruns')
+    return late
+
+
+@RUN_METRICS.metric('times that the plant asked again after 0.1 s of silence (/diagnostics)')
+def truth_sent_again(run: RunData) -> float:
+    return _counter(run, PLANT, 'asked again')
+
+
+@RUN_METRICS.metric(
+    'ticks a second of the wall clock, median of what the plant reports each second (/diagnostics)'
+)
+def tick_rate_hz(run: RunData) -> float:
+    reported = (_read(values, 'rate [Hz]') for values in _diagnostics(run, PLANT))
+    rates = [rate for rate in reported if rate > 0.0]
+    return float(np.median(rates)) if rates else math.nan
+
+
+def _counter(run: RunData, role: str, key: str) -> float:
+    """Return what a node has counted up to its last report; NaN where it has not reported."""
+    reports = list(_diagnostics(run, role))
+    return _read(reports[-1], key) if reports else math.nan
+
+
+def _diagnostics(run: RunData, role: str) -> Iterator[Mapping[str, str]]:
+    """Iterate over the values that the node of a role has reported in ``/diagnostics``."""
     for _, status in run.statuses:
         values = dict(status.values)
         # Older recordings have the node's name only.
-        role = values.get('role') or status.name.partition(':')[0].rpartition('/')[2]
-        newest[role] = values
-        if role == PLANT and (rate := _read(values, 'rate [Hz]')) > 0.0:
-            rates.append(rate)
-    plant, controller = newest.get(PLANT, {}), newest.get(CONTROLLER, {})
-    late = _read(plant, 'overruns')
-    if not run.plant['lockstep']:
-        late += _read(controller, 'overruns')
-    return {
-        'late_ticks': late,
-        'truth_sent_again': _read(plant, 'asked again'),
-        'tick_rate_hz': float(np.median(rates)) if rates else math.nan,
-    }
+        if role == (values.get('role') or status.name.partition(':')[0].rpartition('/')[2]):
+            yield values
 
 
 def _read(values: Mapping[str, str], key: str) -> float:

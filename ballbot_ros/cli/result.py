@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ballbot_ros.analysis.metrics import Judgement, number
-from ballbot_ros.scenario.metrics import label as metric_label
+from ballbot_ros.scenario.metric_registry import label as metric_label
 
 PASSED, NOT_MET, FAILED, STOPPED = 'passed', 'expectations not met', 'failed', 'stopped'
 

@@ -1,48 +1,184 @@
-"""The names of the metrics on which expectations are set; `analysis` computes them."""
+"""The metrics of a run's motion, on which expectations are set."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.scenario.metric_registry import MetricRegistry
+
+Floats = NDArray[np.float64]
+Clearance = Callable[[Floats], Floats]
+"""Distances [m] from the body's outline to a wall at positions (n, 2) in plane signs."""
 
 SETTLED_DEG = 1.0
-
-METRICS: Mapping[str, str] = {
-    'settling_time_s': f'time until both pitches stay within ±{SETTLED_DEG:g}°',
-    'peak_pitch_deg': 'largest body pitch of either plane',
-    'steady_pitch_rms_deg': 'root mean square of both pitches over the second half',
-    'position_rms_m': "root mean square of the ball's distance from its start",
-    'peak_position_m': 'largest distance of the ball from its start',
-    'overshoot_m': 'how far the ball passes its final place, coming from the farthest from it',
-    'station_rms_m': "root mean square of the ball's distance from its mean place, second half",
-    'station_radius_m': 'largest distance of the ball from its mean place, second half',
-    'final_position_x_m': 'position on plane x at the end, from the start',
-    'final_position_y_m': 'position on plane y at the end, from the start',
-    'distance_driven_m': "length of the ball's path",
-    'peak_speed_m_s': 'largest speed of the ball',
-    'wall_clearance_m': "smallest distance from the body's outline to a wall, to about 1 cm",
-    'duty_rms_percent': 'root mean square of the duties of both motors',
-    'duty_saturated_share': 'share of duties that are at ±100 %',
-}
-"""Names, and what they are; all are of the motion from the release, the end of `hold_time`, on."""
-
-UNITS: Mapping[str, str] = {
-    'm_s': 'm/s',
-    'deg_s': '°/s',
-    'ms': 'ms',
-    's': 's',
-    'deg': '°',
-    'm': 'm',
-    'percent': '%',
-    'j': 'J',
-    'v': 'V',
-    'hz': 'Hz',
-}
-"""The units with which the names of metrics end, the longer endings first."""
+_CLEARANCE_STRIDE = 5
 
 
-def label(name: str) -> tuple[str, str]:
-    """Return a metric's name in words, and its unit; the unit of a pure number is empty."""
-    for ending, unit in UNITS.items():
-        if name.endswith(f'_{ending}'):
-            return name.removesuffix(f'_{ending}').replace('_', ' '), unit
-    return name.replace('_', ' '), ''
+@dataclass(frozen=True)
+class Motion:
+    """The part of a run that is measured, of one tick at least; column 0 is plane x, 1 plane y.
+
+    What was not recorded is NaN throughout, and so is every metric that depends on it.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Time since the first tick of the run [s].
+    position : ndarray, shape (n, 2)
+        Ball centre [m].
+    psi : ndarray, shape (n, 2)
+        Body pitch [rad].
+    duty : ndarray, shape (n, 2)
+        Duty [%].
+    start : ndarray, shape (2,)
+        Ball centre at the start of the run [m].
+    clearance : callable or None
+        Distances to the walls; None where there are none.
+    """
+
+    time: Floats
+    position: Floats
+    psi: Floats
+    duty: Floats
+    start: Floats
+    clearance: Clearance | None
+
+    @cached_property
+    def pitch(self) -> Floats:
+        """Body pitch [°], shape (n, 2)."""
+        return np.degrees(self.psi)
+
+    @cached_property
+    def second_half(self) -> slice:
+        """The ticks of the second half, when the transient has died away."""
+        return slice(np.searchsorted(self.time, (self.time[0] + self.time[-1]) / 2.0), None)
+
+    @cached_property
+    def distance(self) -> Floats:
+        """Distance of the ball from its start [m], shape (n,)."""
+        return _length(self.position - self.start)
+
+    @cached_property
+    def steps(self) -> Floats:
+        """Way of the ball from tick to tick [m], shape (n - 1,)."""
+        return _length(np.diff(self.position, axis=0))
+
+    @cached_property
+    def distance_from_mean(self) -> Floats:
+        """Distance of the ball from its mean place in the second half [m], shape (m,)."""
+        position = self.position[self.second_half]
+        return _length(position - position.mean(axis=0))
+
+
+METRICS = MetricRegistry[Motion]()
+"""All are of the motion from the release, the end of `hold_time`, on."""
+
+
+@METRICS.metric(f'time until both pitches stay within ±{SETTLED_DEG:g}°')
+def settling_time_s(motion: Motion) -> float:
+    """Return the time from the first tick to the first after which no pitch leaves the band."""
+    if np.isnan(motion.pitch).any():
+        return math.nan
+    outside = np.flatnonzero(np.abs(motion.pitch).max(axis=1) > SETTLED_DEG)
+    if outside.size == 0:
+        return 0.0
+    last = outside[-1]
+    if last == len(motion.time) - 1:
+        return math.nan
+    return float(motion.time[last + 1] - motion.time[0])
+
+
+@METRICS.metric('largest body pitch of either plane')
+def peak_pitch_deg(motion: Motion) -> float:
+    return float(np.abs(motion.pitch).max())
+
+
+@METRICS.metric('root mean square of both pitches over the second half')
+def steady_pitch_rms_deg(motion: Motion) -> float:
+    return _rms(motion.pitch[motion.second_half])
+
+
+@METRICS.metric("root mean square of the ball's distance from its start")
+def position_rms_m(motion: Motion) -> float:
+    return _rms(motion.distance)
+
+
+@METRICS.metric('largest distance of the ball from its start')
+def peak_position_m(motion: Motion) -> float:
+    return float(motion.distance.max())
+
+
+@METRICS.metric('how far the ball passes its final place, coming from the farthest from it')
+def overshoot_m(motion: Motion) -> float:
+    """Return how far [m] the way goes beyond its end, seen from where it was farthest from it.
+
+    Driving to a place and staying, that is the start; swinging back to the start, the turn.
+    """
+    beyond = motion.position - motion.position[-1]
+    distance = _length(beyond)
+    farthest = int(np.argmax(distance))
+    if not distance[farthest]:
+        return 0.0
+    direction = -beyond[farthest] / distance[farthest]
+    return float((beyond[farthest:] @ direction).max())
+
+
+@METRICS.metric("root mean square of the ball's distance from its mean place, second half")
+def station_rms_m(motion: Motion) -> float:
+    return _rms(motion.distance_from_mean)
+
+
+@METRICS.metric('largest distance of the ball from its mean place, second half')
+def station_radius_m(motion: Motion) -> float:
+    return float(motion.distance_from_mean.max())
+
+
+@METRICS.metric('position on plane x at the end, from the start')
+def final_position_x_m(motion: Motion) -> float:
+    return float(motion.position[-1, 0] - motion.start[0])
+
+
+@METRICS.metric('position on plane y at the end, from the start')
+def final_position_y_m(motion: Motion) -> float:
+    return float(motion.position[-1, 1] - motion.start[1])
+
+
+@METRICS.metric("length of the ball's path")
+def distance_driven_m(motion: Motion) -> float:
+    return float(motion.steps.sum())
+
+
+@METRICS.metric('largest speed of the ball')
+def peak_speed_m_s(motion: Motion) -> float:
+    return float((motion.steps / np.diff(motion.time)).max(initial=0.0))
+
+
+@METRICS.metric("smallest distance from the body's outline to a wall, to about 1 cm")
+def wall_clearance_m(motion: Motion) -> float:
+    if motion.clearance is None:
+        return math.nan
+    return float(motion.clearance(motion.position[::_CLEARANCE_STRIDE]).min())
+
+
+@METRICS.metric('root mean square of the duties of both motors')
+def duty_rms_percent(motion: Motion) -> float:
+    return _rms(motion.duty)
+
+
+@METRICS.metric('share of duties that are at ±100 %')
+def duty_saturated_share(motion: Motion) -> float:
+    return float(np.where(np.isnan(motion.duty), math.nan, np.abs(motion.duty) >= 100.0).mean())
+
+
+def _length(vectors: Floats) -> Floats:
+    return np.hypot(vectors[:, 0], vectors[:, 1])
+
+
+def _rms(values: Floats) -> float:
+    return math.sqrt(float(np.mean(np.square(values))))

@@ -8,7 +8,7 @@ import pytest
 
 from ballbot_ros.analysis.extraction import Status
 from ballbot_ros.analysis.run_data import Interval, Series
-from ballbot_ros.analysis.run_metrics import RUN_METRICS, measure_recording
+from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -32,7 +32,7 @@ def metrics(short_whole):
     """Measure the run `short` with the series given instead of its own."""
 
     def measure(given=None, **changes):
-        return measure_recording(replace(short_whole.run, series=given or {}, **changes))
+        return RUN_METRICS.measure(replace(short_whole.run, series=given or {}, **changes))
 
     return measure
 

@@ -53,6 +53,6 @@ def test_pushes_count_from_the_start_of_the_run():
 
 
 def test_every_metric_names_its_unit_and_says_what_it_is():
-    for name, meaning in METRICS.items():
+    for name, meaning in METRICS.meanings.items():
         assert name.endswith(('_s', '_deg', '_m', '_percent', '_share'))
         assert meaning
