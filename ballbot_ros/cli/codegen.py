@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import click
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.schedule import TaskTiming
+from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.codegen.application import (
     PARAMETER_FILE,
     STACK_BYTES,
@@ -64,6 +65,9 @@ def _read(path: Path) -> ParameterSet:
     """Read a parameter file, or what the last run of a recording had."""
     if path.suffix != '.mcap':
         return read_parameter_file(path)
+    # Only here: it takes half a second to import.
+    from ballbot_ros.analysis.run_data import read_run
+
     attached = read_run(path).attached
     if not attached.has_parameters:
         raise RecordingError(f'{path}: tells no parameters')
@@ -216,3 +220,42 @@ def _time(instructions: int) -> tuple[str, str, str]:
     seconds = instructions * CYCLES_PER_INSTRUCTION / CLOCK_HZ
     share = seconds / (TS1_MS * 1e-3)
     return str(instructions), f'{seconds * 1e6:.1f} µs', f'{share:.1%}'
+
+
+@click.command('codegen')
+@click.option('--output', type=PATH, help='Folder to write.')
+@click.option(
+    '--params',
+    type=PATH,
+    help='Parameter file, or recording of runs whose last one had the controller values, with '
+    "--output.  [default: the table's]",
+)
+@click.option(
+    '--mode',
+    type=click.Choice(['remote', 'autonomous']),
+    help="Drive mode, with --output.  [default: the parameter file's, or remote]",
+)
+@click.option(
+    '--check',
+    'checked',
+    type=PATH,
+    help='Folder to compare with the Python controller, bit for bit, on this machine and on an '
+    'emulated ARM processor, and to measure.',
+)
+def command(
+    output: Path | None, params: Path | None, mode: str | None, checked: Path | None
+) -> int:
+    """Write the controller as C, an nxtOSEK application; or check such a folder.
+
+    Exit status: 0 if it was written, or is equal; 1 if it differs; 2 for a mistake in the
+    arguments, or if a tool that a check needs is missing.
+    """
+    if (output is None) == (checked is None):
+        raise click.UsageError('give either --output DIR or --check DIR')
+    if checked and (params or mode):
+        raise click.UsageError('--params and --mode go with --output; a folder has its own')
+    if checked:
+        return check(checked)
+    assert output
+    generate(output, params, mode)
+    return 0

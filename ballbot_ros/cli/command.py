@@ -2,49 +2,62 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import click
 
 from ballbot_ros import __version__
-from ballbot_ros.cli import commands, recording_commands
+
+COMMANDS = {
+    'run': ('run', 'Run a scenario and judge it by its expectations.'),
+    'drive': ('drive_command', 'Drive the robot by hand.'),
+    'scenarios': ('scenarios', 'List the shipped scenarios.'),
+    'report': ('report', 'Make a page with figures and metrics of a recorded run.'),
+    'compare': ('compare', 'Set the metrics of recorded runs side by side.'),
+    'view': ('view', 'Show recorded runs in a browser.'),
+    'render': ('render', 'Make a picture or a film of a recorded run.'),
+    'replay': ('replay', 'Make a recorded run again and say where it differs.'),
+    'info': ('info', 'Tell what a recording holds.'),
+    'play': ('play', 'Publish a recording into the graph.'),
+    'export': ('export', 'Write a recording as tables.'),
+    'repair': ('repair', 'Recover a damaged recording.'),
+    'log2csv': ('log2csv', 'Write the data log of a recording as CSV.'),
+    'map': ('map', 'Check a map image; write it for other programs.'),
+    'design': ('design', 'Print the model, its poles and the servo gains.'),
+    'codegen': ('codegen', 'Write the controller as C for the brick, or check it.'),
+    'doctor': ('doctor', 'Check that this machine is ready.'),
+}
+"""Of each command the module in this package, which declares it as `command`, and the line of help
+that `ballbot --help` shows."""
 
 
-class _RunByDefault(click.Group):
-    """A word that is no command is a scenario: `ballbot stationary` is `ballbot run stationary`."""
+def load_command(name: str) -> click.Command:
+    """Import the module of a command, and return the command."""
+    command: click.Command = import_module(f'{__package__}.{COMMANDS[name][0]}').command
+    return command
+
+
+class _LazyGroup(click.Group):
+    """Commands whose modules are imported only when they are called.
+
+    Until then each is a name and its line of help, all that `ballbot --help` and completion need.
+    A word that is no command is a scenario: `ballbot stationary` is `ballbot run stationary`.
+    """
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and args[0] not in self.commands and not args[0].startswith('-'):
             args = ['run', *args]
-        return super().resolve_command(ctx, args)
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, load_command(name) if name else command, rest
 
 
 @click.group(
-    cls=_RunByDefault,
+    cls=_LazyGroup,
+    commands=[click.Command(name, short_help=line) for name, (_, line) in COMMANDS.items()],
     context_settings={'help_option_names': ['-h', '--help'], 'max_content_width': 100},
 )
 @click.version_option(__version__, prog_name='ballbot')
 def ballbot() -> None:
     """Simulate, measure and record the LEGO NXT Ballbot."""
-
-
-for command in (
-    commands.run,
-    commands.drive,
-    commands.scenarios,
-    recording_commands.report,
-    recording_commands.compare,
-    recording_commands.view,
-    recording_commands.render,
-    recording_commands.replay,
-    recording_commands.info,
-    recording_commands.play,
-    recording_commands.export,
-    recording_commands.repair,
-    recording_commands.log2csv,
-    commands.map_command,
-    commands.design,
-    commands.codegen,
-    commands.doctor,
-):
-    ballbot.add_command(command)

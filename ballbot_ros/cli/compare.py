@@ -3,38 +3,54 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from string import ascii_uppercase
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
 from rich.table import Table
 
-from ballbot_ros.analysis.comparison import (
-    Compared,
-    as_json,
-    compared,
-    failures,
-    rows,
-    write_comparison,
-)
-from ballbot_ros.analysis.conditions import parse_condition
-from ballbot_ros.analysis.page import ReportError, check_folder
-from ballbot_ros.analysis.report import MEANINGS
-from ballbot_ros.cli.reading import read_and_assess
+from ballbot_ros.cli.path_types import PATH, RECORDING
+
+if TYPE_CHECKING:
+    from ballbot_ros.analysis.comparison import Compared
 
 WIDEST = 2000
 
 
-def compare(
-    recordings: Sequence[Path],
-    *,
-    output: Path | None,
-    conditions: Sequence[str],
-    as_json: bool,
+@click.command('compare')
+@click.argument('recordings', nargs=-1, required=True, type=RECORDING, metavar='A B...')
+@click.option(
+    '--output',
+    type=PATH,
+    help='Folder for a page with the figures of all runs; it must be new or empty.',
+)
+@click.option(
+    '--fail-if',
+    'conditions',
+    multiple=True,
+    metavar="'METRIC>X%'",
+    help='Exit with 1 if METRIC of any later run is larger than that of the first by more than X '
+    'percent, or without % by more than X of its unit; < for smaller.  May be given again.',
+)
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+def command(
+    recordings: tuple[Path, ...], output: Path | None, conditions: tuple[str, ...], as_json: bool
 ) -> int:
-    """Compare recordings with the first; return 1 if a condition holds, otherwise 0."""
+    """Compare recorded runs with the first one, A.
+
+    Exit status: 0; 1 if a --fail-if condition holds; 2 for a mistake in the arguments or a file
+    that is no recording of a ballbot.
+    """
+    # Only here: what reads and measures a run takes half a second to import.
+    from ballbot_ros.analysis import comparison
+    from ballbot_ros.analysis.conditions import parse_condition
+    from ballbot_ros.analysis.page import ReportError, check_folder
+    from ballbot_ros.analysis.report import MEANINGS
+    from ballbot_ros.cli.reading import read_and_assess
+
     if not 2 <= len(recordings) <= len(ascii_uppercase):
         raise ReportError(f'compare takes 2 … {len(ascii_uppercase)} recordings, not '
                           f'{len(recordings)}')  # fmt: skip
@@ -43,16 +59,16 @@ def compare(
         check_folder(output)
     runs = []
     for letter, path in zip(ascii_uppercase, recordings, strict=False):
-        runs.append(compared(letter, read_and_assess(path)))
+        runs.append(comparison.compared(letter, read_and_assess(path)))
         for line in runs[-1].notes:
             click.echo(f'note: {runs[-1].label}: {line}', err=True)
-    failed = failures(runs, parsed)
+    failed = comparison.failures(runs, parsed)
     if output:
-        write_comparison(runs, failed, output)
+        comparison.write_comparison(runs, failed, output)
     if as_json:
-        _print_json(runs, failed)
+        click.echo(json.dumps(comparison.as_json(runs, failed), indent=2, allow_nan=False))
     else:
-        _print_table(runs)
+        _print_table(runs, comparison.rows(runs))
         for line in failed:
             click.echo(f'failed  {line}')
         if output:
@@ -60,11 +76,7 @@ def compare(
     return 1 if failed else 0
 
 
-def _print_json(runs: Sequence[Compared], failed: Sequence[str]) -> None:
-    click.echo(json.dumps(as_json(runs, failed), indent=2, allow_nan=False))
-
-
-def _print_table(runs: Sequence[Compared]) -> None:
+def _print_table(runs: Sequence[Compared], rows: Iterable[Mapping[str, Any]]) -> None:
     console = Console(highlight=False, markup=False)
     for each in runs:
         reason = f': {each.reason}' if each.reason else ''
@@ -76,7 +88,7 @@ def _print_table(runs: Sequence[Compared]) -> None:
     for each in runs[1:]:
         for heading in (each.letter, f'{each.letter} − {runs[0].letter}', 'change'):
             table.add_column(heading, justify='right')
-    for row in rows(runs):
+    for row in rows:
         cells = [cell for o in row['others'] for cell in (o['value'], o['change'], o['percent'])]
         table.add_row(row['label'], row['unit'], row['value'], *cells)
     # A number that is cut short is worse than a line that the terminal breaks.

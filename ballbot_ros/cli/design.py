@@ -6,13 +6,14 @@ import math
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ballbot_ros.design.servo import PUBLISHED_GAIN, design_servo
+from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet, select
 from ballbot_ros.plant.model import Matrix, PhysicalParameters
@@ -20,8 +21,18 @@ from ballbot_ros.plant.model import Matrix, PhysicalParameters
 GAIN_NAMES = ('θ', 'ψ', 'θ̇', 'ψ̇', '∫θ')
 
 
-def print_design(parameter_file: Path | None) -> None:
-    """Print the design for the physical values of `parameter_file`, or the document's."""
+@click.command('design')
+@click.option(
+    '--params',
+    'parameter_file',
+    type=PATH,
+    help='Parameter file whose physical values are used.',
+)
+def command(parameter_file: Path | None) -> None:
+    """Print the model, its poles, and the servo gains beside the published ones."""
+    # Only here: what it imports takes two seconds.
+    from ballbot_ros.design.servo import PUBLISHED_GAIN, design_servo
+
     parameters = read_parameter_file(parameter_file) if parameter_file else ParameterSet()
     physical = select(PhysicalParameters, parameters.values(PLANT))
     design = design_servo(physical)

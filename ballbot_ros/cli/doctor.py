@@ -13,6 +13,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
+import click
 from rich.console import Console
 from rich.text import Text
 
@@ -204,3 +205,10 @@ _CHECKS: dict[str, Callable[[], str]] = {
     'discovery': _discovery,
     'disk': _disk,
 }
+
+
+@click.command('doctor')
+@click.option('--fix', is_flag=True, help='Remove what killed processes left in shared memory.')
+def command(fix: bool) -> int:
+    """Check Python, rclpy, discovery, disk and ports; say what to do where one is not OK."""
+    return examine(fix=fix)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import click
 from rich.console import Console
 
 from ballbot_ros.cli.file_progress import file_progress
+from ballbot_ros.cli.options import split_at_commas
+from ballbot_ros.cli.path_types import PATH, RECORDING
 from ballbot_ros.messages.conversions import ball_position, body_pitch
 from ballbot_ros.messages.topics import (
     MOTOR_DUTY,
@@ -44,15 +47,33 @@ _MEANINGS = {
 """What docs/frames.md says of these topics beyond their types."""
 
 
-def export_file(
-    path: Path, file_format: str, folder: Path | None, *, joined: bool, topics: Sequence[str]
+@click.command('export')
+@click.argument('file', type=RECORDING)
+@click.option(
+    '--to', 'file_format', type=click.Choice(['csv', 'parquet']), required=True, help='File format.'
+)
+@click.option(
+    '--output', type=PATH, help='Folder for the tables.  [default: FILE_csv or FILE_parquet]'
+)
+@click.option(
+    '--joined', is_flag=True, help='One table with a row each tick (4 ms) instead of one a topic.'
+)
+@click.option(
+    '--topics',
+    multiple=True,
+    callback=split_at_commas,
+    metavar='TOPIC[,TOPIC…]',
+    help='The topics to take; may be given again.  [default: all]',
+)
+def command(
+    file: Path, file_format: str, output: Path | None, joined: bool, topics: list[str]
 ) -> None:
-    """Write the tables, and say where they are."""
+    """Write the recording FILE as tables with SI units in the names of the columns."""
     if file_format == 'parquet':
         load_pyarrow()
     console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
-    folder = folder or path.with_name(f'{path.stem}_{file_format}')
-    with RecordingReader(path) as reader, file_progress(f'exporting {path.name}') as progress:
+    folder = output or file.with_name(f'{file.stem}_{file_format}')
+    with RecordingReader(file) as reader, file_progress(f'exporting {file.name}') as progress:
         exporter = Exporter(
             reader,
             folder,
@@ -66,11 +87,11 @@ def export_file(
         else:
             exporter.write_topics()
         if reader.damage:
-            console.print(f'{path}: {reader.damage}; the tables end there')
-    for file in exporter.files:
-        print(file)
+            console.print(f'{file}: {reader.damage}; the tables end there')
+    for table in exporter.files:
+        print(table)
     if not exporter.files:
-        console.print(f'{path}: no messages, no tables')
+        console.print(f'{file}: no messages, no tables')
 
 
 def _chosen(reader: RecordingReader, topics: Sequence[str], console: Console) -> list[str]:

@@ -6,19 +6,27 @@ import json
 from pathlib import Path
 from typing import Any
 
+import click
 import yaml
 from rich.console import Console
 
 from ballbot_ros.cli.file_progress import file_progress
+from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.messages.topics import RUN
 from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.recording.overview import Overview, TopicOverview, look_at
 
 
-def print_info(path: Path, *, as_json: bool) -> None:
-    """Print what the recording holds."""
-    with file_progress(f'reading {path.name}') as progress:
-        overview = look_at(path, RUN.resolved(), progress)
+@click.command('info')
+@click.argument('file', type=RECORDING)
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+def command(file: Path, as_json: bool) -> None:
+    """Tell what the recording FILE holds, what made it, and whether it is whole.
+
+    It may be of any ROS 2 tool, and damaged.
+    """
+    with file_progress(f'reading {file.name}') as progress:
+        overview = look_at(file, RUN.resolved(), progress)
     (_print_json if as_json else _print_text)(overview)
 
 

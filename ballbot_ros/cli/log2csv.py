@@ -10,6 +10,7 @@ import click
 
 from ballbot_ros.analysis.namespace import robot_namespace
 from ballbot_ros.brick.bluetooth import PacketError
+from ballbot_ros.cli.path_types import NEW_FILE, RECORDING
 from ballbot_ros.messages.conversions import log_packet, time_ns
 from ballbot_ros.messages.topics import BLUETOOTH_TX, RUN
 from ballbot_ros.recording.errors import RecordingError
@@ -20,16 +21,15 @@ from ballbot_ros.teleop.csv_log import CsvLog
 _Message = tuple[str, int, Any]
 
 
-def write_csv(recording: Path, output: Path) -> None:
-    """Write the log packets of `recording` to `output`, those of further runs beside it.
-
-    Raises
-    ------
-    RecordingError
-        If that is no recording, has no log packets, or those of several robots.
-    TeleopError
-        If a file exists already or cannot be written.
-    """
+@click.command('log2csv')
+@click.argument('recording', type=RECORDING)
+@click.option(
+    '--output',
+    type=NEW_FILE,
+    help='File to write.  [default: RECORDING with the suffix .csv]',
+)
+def command(recording: Path, output: Path | None) -> None:
+    """Write the data log that the brick sent in RECORDING as CSV, a file for each run in it."""
     with RecordingReader(recording) as reader:
         namespace = robot_namespace(reader, [BLUETOOTH_TX])
         if namespace is None:
@@ -39,7 +39,7 @@ def write_csv(recording: Path, output: Path) -> None:
             )
         packets, runs = BLUETOOTH_TX.resolved(namespace), RUN.resolved(namespace)
         topics = {packets, runs} & reader.topics().keys()
-        log = CsvLog(output)
+        log = CsvLog(output or recording.with_suffix('.csv'))
         malformed = 0
         for topic, _, message in _complete(reader.messages(topics), log):
             if topic == runs:

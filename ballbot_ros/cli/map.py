@@ -4,23 +4,31 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import click
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from ballbot_ros.cli.path_types import NEW_FILE
 from ballbot_ros.world.exports import write_files
 from ballbot_ros.world.floor_map import CELL_M, LINE, FloorMap
 from ballbot_ros.world.library import load_map
 
 
-def inspect_map(image: str, *, wrl: Path | None, nav2: Path | None, check: bool) -> None:
-    """Check a map, print what it has, and write it to files.
-
-    Raises
-    ------
-    WorldError
-        If the image is not one of a map, or a file can't be written.
-    """
+@click.command('map')
+@click.argument('image')
+@click.option('--wrl', type=NEW_FILE, help='VRML 2.0 file to write.')
+@click.option(
+    '--yaml',
+    'nav2',
+    type=NEW_FILE,
+    help="File for nav2's map server to write; its .pgm goes beside it.",
+)
+@click.option('--check', is_flag=True, help='Only say whether the image is a map.')
+def command(image: str, wrl: Path | None, nav2: Path | None, check: bool) -> None:
+    """Check IMAGE, a PNG or BMP file or a shipped map's name, and print what is on it."""
+    if check and (wrl or nav2):
+        raise click.UsageError('--check writes nothing: leave out --wrl and --yaml')
     floor_map = load_map(image)
     console = Console(highlight=False, markup=False, soft_wrap=True)
     # A cell is a centimetre.

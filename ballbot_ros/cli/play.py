@@ -10,8 +10,13 @@ import termios
 import time
 import tty
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
+import click
+
+from ballbot_ros.cli.options import split_at_commas
+from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.cli.requirements import require_rclpy
 from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
 from ballbot_ros.parameters import PLAYER, ParameterSet
@@ -107,3 +112,31 @@ class _Terminal:
         if sys.stderr.isatty():
             sys.stderr.write(f'\r{text}\x1b[K')
             sys.stderr.flush()
+
+
+@click.command('play')
+@click.argument('file', type=RECORDING)
+@click.option('--rate', default=1.0, show_default=True, help='Speed in times real time.')
+@click.option(
+    '--start', default=0.0, show_default=True, help='Where to begin, after the first message [s].'
+)
+@click.option('--loop', is_flag=True, help='Begin again at the end.')
+@click.option(
+    '--topics',
+    multiple=True,
+    callback=split_at_commas,
+    metavar='TOPIC[,TOPIC…]',
+    help='The topics to publish; may be given again.  [default: all]',
+)
+def command(file: Path, rate: float, start: float, loop: bool, topics: list[str]) -> int:
+    """Publish the recording FILE with its /clock, on the recorded topics.
+
+    Keys: space pauses, → and ← skip 5 s, + and - change the speed, q ends. The player refuses to
+    publish /clock and plant topics where a plant is at work.
+    """
+    return play_file(
+        {
+            'file': str(file), 'rate': rate, 'start': start, 'loop': loop,
+            'topics': ','.join(topics),
+        }
+    )  # fmt: skip

@@ -7,17 +7,35 @@ from pathlib import Path
 import click
 
 from ballbot_ros.cli.file_progress import file_progress
-from ballbot_ros.cli.reading import read_shown_run
+from ballbot_ros.cli.path_types import NEW_FILE, RECORDING
 from ballbot_ros.stop_request import interrupted_later
 from ballbot_ros.viewer.address import require_viser
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.views import VIEWS
 
 SUFFIXES = ('.png', '.gif', '.mp4')
 
 
-def render_recording(recording: Path, view: str, output: Path, moment: float | None) -> None:
-    """Write the picture or the film, and say where it is."""
+@click.command('render')
+@click.argument('recording', type=RECORDING)
+@click.option(
+    '--view', type=click.Choice(VIEWS), default='chaser1', show_default=True, help='The view.'
+)
+@click.option(
+    '--output',
+    required=True,
+    type=NEW_FILE,
+    help='File to write: a picture (.png) or a film (.mp4, .gif).',
+)
+@click.option(
+    '--time',
+    'moment',
+    type=click.FloatRange(0.0),
+    help='Time of a picture from the start of the run [s].  [default: the end]',
+)
+def command(recording: Path, view: str, output: Path, moment: float | None) -> None:
+    """Write a picture or a film of the last run of RECORDING, without a window."""
     if output.suffix not in SUFFIXES:
         raise ViewerError(f'--output {output}: ends in none of {", ".join(SUFFIXES)}')
     if output.is_dir():
@@ -26,6 +44,9 @@ def render_recording(recording: Path, view: str, output: Path, moment: float | N
         raise ViewerError(f'--time goes with a .png; {output.name} shows the whole run')
     require_viser()
     browser_program()
+    # Only here: what reads a run takes half a second to import.
+    from ballbot_ros.cli.reading import read_shown_run
+
     run = read_shown_run(recording)
     if moment is not None and not moment <= run.end:  # nor is it NaN
         raise ViewerError(f'--time {moment:g}: the run ends at {run.end:g} s')

@@ -4,21 +4,30 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import click
 from rich.console import Console
 
 from ballbot_ros.cli.file_progress import file_progress
+from ballbot_ros.cli.path_types import NEW_FILE, RECORDING
 from ballbot_ros.recording.repair import repair
 
 
-def repair_file(path: Path, output: Path | None) -> None:
-    """Repair a recording, and say what was lost."""
-    with file_progress(f'repairing {path.name}') as progress:
-        found = repair(path, output, progress)
+@click.command('repair')
+@click.argument('file', type=RECORDING)
+@click.option(
+    '--output',
+    type=NEW_FILE,
+    help='File to write, which must not exist.  [default: FILE_repaired.mcap beside it]',
+)
+def command(file: Path, output: Path | None) -> None:
+    """Copy what is whole in the damaged recording FILE to a new one, and say what is lost."""
+    with file_progress(f'repairing {file.name}') as progress:
+        found = repair(file, output, progress)
     console = Console(highlight=False, markup=False, soft_wrap=True)
     if found.output is None:
-        console.print(f'{path}: nothing to repair, {found.message_count} messages are whole')
+        console.print(f'{file}: nothing to repair, {found.message_count} messages are whole')
         return
-    console.print(f'{path}:')
+    console.print(f'{file}:')
     for damage in found.damage:
         console.print(f'  {damage}')
     for span in found.spans:

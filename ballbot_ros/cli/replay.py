@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import click
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -32,6 +33,7 @@ from ballbot_ros.analysis.replay import (
 from ballbot_ros.analysis.replayed_controller import ReplayedController, choose_controller
 from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.cli.experiment import assign
+from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.codegen.implementation import missing_for, program_maker, require_implementation
 from ballbot_ros.controller.interface import Program
@@ -363,3 +365,35 @@ def _print_divergences_json(
         for number, (each, controller) in enumerate(zip(divergences, controllers, strict=True), 1)
     ]
     print(json.dumps(content, indent=2))
+
+
+@click.command('replay')
+@click.argument('recording', type=RECORDING)
+@click.option(
+    '--controller',
+    type=click.Choice(['python', 'c', 'arm']),
+    help='The control program in Python, or its generated C on this machine or an emulated ARM.  '
+    '[default: what made the recording, or Python where that can not run]',
+)
+@click.option(
+    '--set',
+    'assignments',
+    multiple=True,
+    metavar='NODE.PARAM=VALUE',
+    help='Ask what the controller would have done with another parameter; may be given again.',
+)
+@click.option('--json', 'as_json', is_flag=True, help='Print JSON.')
+def command(
+    recording: Path, controller: str | None, assignments: tuple[str, ...], as_json: bool
+) -> int:
+    """Make the runs of RECORDING again, from what the file itself holds.
+
+    The controller first, on the recorded samples of the devices; then the whole robot, on its
+    parameters and seed, the recorded sticks and pushes. Every message is compared.
+
+    Exit status: 0 if all are identical, 1 if one differs, 2 if there is nothing to replay. With
+    --set only the controller's duties are compared, and the status is 0.
+    """
+    return replay_recording(
+        recording, controller=controller, assignments=assignments, as_json=as_json
+    )

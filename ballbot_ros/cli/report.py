@@ -7,13 +7,35 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.analysis.page import check_folder
-from ballbot_ros.analysis.report import banner, write_report
-from ballbot_ros.cli.reading import read_and_assess
+from ballbot_ros.cli.path_types import PATH, RECORDING
 
 
-def report(recording: Path, *, number: int | None, output: Path | None, as_json: bool) -> int:
-    """Write the report of a recording; print the verdict and where the page is."""
+@click.command('report')
+@click.argument('recording', type=RECORDING)
+@click.option(
+    '--output',
+    type=PATH,
+    help='Folder for page, pictures and tables; it must be new or empty.  '
+    '[default: <recording>_report beside it]',
+)
+@click.option(
+    '--run',
+    'number',
+    type=click.IntRange(1),
+    help='Which run of a file that holds several, from 1 on.  [default: the last]',
+)
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+def command(recording: Path, output: Path | None, number: int | None, as_json: bool) -> int:
+    """Write a report of RECORDING: index.html with everything in it, its PNGs and CSVs.
+
+    Exit status: 0 if the report was written, whatever its verdict; 2 for a mistake in the
+    arguments or a file that is no recording of a ballbot.
+    """
+    # Only here: what reads and measures a run takes half a second to import.
+    from ballbot_ros.analysis.page import check_folder
+    from ballbot_ros.analysis.report import banner, write_report
+    from ballbot_ros.cli.reading import read_and_assess
+
     folder = output or recording.with_name(f'{recording.stem}_report')
     check_folder(folder)
     assessment = read_and_assess(recording, number)

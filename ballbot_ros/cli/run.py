@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import click
+
 from ballbot_ros.analysis.figures import draw_motion
 from ballbot_ros.analysis.metrics import Judgement, judge, measure
 from ballbot_ros.cli.experiment import (
@@ -20,6 +22,8 @@ from ballbot_ros.cli.experiment import (
     settle_map,
     tidied,
 )
+from ballbot_ros.cli.options import set_option
+from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.requirements import require_rclpy
 from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
@@ -210,3 +214,76 @@ def _stdout_to_stderr() -> Iterator[None]:
     finally:
         os.dup2(kept, 1)
         os.close(kept)
+
+
+@click.command('run')
+@click.argument('scenario')
+@click.option(
+    '--processes',
+    type=click.Choice(['separate', 'one', 'none']),
+    default='separate',
+    show_default=True,
+    help='Every node a process of its own; all nodes in one process; or no nodes at all, the same '
+    'loop without ROS.',
+)
+@click.option(
+    '--real-time-factor',
+    type=click.FloatRange(0.0, 1000.0),
+    help='Pace against the wall clock: 1 real time, 0.1 slow motion, 0 as fast as it can.  '
+    '[default: 0, unless the scenario sets it]',
+)
+@click.option(
+    '--output',
+    type=PATH,
+    help='Folder for recording and picture.  [default: runs/<date>_<scenario>]',
+)
+@click.option('--seed', type=click.IntRange(0), help='Seed of the device noise.')
+@click.option('--no-record', is_flag=True, help='Write no recording.')
+@set_option
+@click.option(
+    '--controller',
+    type=click.Choice(['python', 'c', 'arm']),
+    help='What computes: the Python program, the C generated from it, or that on an emulated ARM '
+    'processor.  [default: python, unless the scenario sets it]',
+)
+@click.option(
+    '--viewer',
+    is_flag=True,
+    help='Show the run in a browser, at factor 1 unless another is given; prints the address. The '
+    'page stays after the run, for others to be chosen there.',
+)
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+def command(
+    scenario: str,
+    processes: str,
+    real_time_factor: float | None,
+    output: Path | None,
+    seed: int | None,
+    no_record: bool,
+    assignments: tuple[str, ...],
+    controller: str | None,
+    viewer: bool,
+    as_json: bool,
+) -> int:
+    """Run SCENARIO, a name or a YAML file, and judge it by its expectations.
+
+    Exit status: 0 if the expectations hold, 1 if they do not or the run failed, 2 for a mistake
+    in the arguments. With --viewer it is that of the last run.
+    """
+    options = RunOptions(
+        processes=processes,
+        real_time_factor=real_time_factor,
+        output=output,
+        seed=seed,
+        record=not no_record,
+        assignments=assignments,
+        controller=controller,
+        viewer=viewer,
+        as_json=as_json,
+    )
+    if not viewer:
+        return run_scenario(scenario, options)
+    require_rclpy(', or leave out --viewer')
+    from ballbot_ros.cli.viewer_session import run_with_viewer
+
+    return run_with_viewer(scenario, options)

@@ -3,21 +3,43 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.reading import read_shown_run
+from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.stop_request import StopRequest, interrupted_later
 from ballbot_ros.viewer.address import check_address, require_viser, warning_of
 
 
-def view_recordings(paths: Sequence[Path], host: str, port: int) -> int:
-    """Serve the page until told to stop; return the exit status."""
+@click.command('view')
+@click.argument('recording', type=RECORDING)
+@click.argument('other', required=False, type=RECORDING)
+@click.option(
+    '--host',
+    default='127.0.0.1',
+    show_default=True,
+    help='Address on which the page is served. Everybody who reaches it can look; whoever has the '
+    'printed address with its token can steer.',
+)
+@click.option(
+    '--port',
+    type=click.IntRange(0, 65535),
+    default=8080,
+    show_default=True,
+    help='Its port; 0: a free one.',
+)
+def command(recording: Path, other: Path | None, host: str, port: int) -> int:
+    """Show the last run of RECORDING in a browser, and that of OTHER as its ghost.
+
+    It serves the page until Ctrl-C or SIGTERM.
+    """
+    # Only here: what reads a run takes half a second to import.
+    from ballbot_ros.cli.reading import read_shown_run
+
     require_viser()
     check_address(host, port)
-    runs = [read_shown_run(path) for path in paths]
+    runs = [read_shown_run(path) for path in (recording, other) if path]
     # Only here: what viser brings with it takes a second to import.
     with interrupted_later():
         from ballbot_ros.viewer.page import UPDATE_S, Page

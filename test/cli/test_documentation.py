@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from ballbot_ros.cli.command import ballbot
+from ballbot_ros.cli.command import COMMANDS, load_command
 from ballbot_ros.parameters import ALL_NODES
 from ballbot_ros.scenario.library import scenario_names
 
@@ -12,13 +12,13 @@ README = (Path(__file__).parents[2] / 'README.md').read_text(encoding='utf-8')
 OPTIONS = [
     (name, option)
     for name in ('run', 'drive')
-    for parameter in ballbot.commands[name].params
+    for parameter in load_command(name).params
     for option in parameter.opts
     if option.startswith('--')
 ]
 
 
-@pytest.mark.parametrize('name', sorted(ballbot.commands))
+@pytest.mark.parametrize('name', sorted(COMMANDS))
 def test_every_command_is_in_the_readme(name):
     assert f'| `scripts/run {name}' in README
 

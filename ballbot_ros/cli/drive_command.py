@@ -1,0 +1,68 @@
+"""The command `ballbot drive`, whose help and list of devices need no ROS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ballbot_ros.cli.options import set_option
+from ballbot_ros.cli.path_types import NEW_FILE, PATH
+from ballbot_ros.cli.requirements import require_rclpy
+
+
+@click.command('drive')
+@click.option('--map', 'map_name', help='Map to drive in, by name or file.')
+@click.option(
+    '--start', nargs=2, type=float, metavar='X Y', help='Start position in the frame map [m].'
+)
+@click.option('--profile', help='Profile of the devices, such as hardware.  [default: ideal]')
+@click.option('--device', help='Gamepad, by its number or part of its name.  [default: any]')
+@click.option('--no-keyboard', is_flag=True, help='Leave the keys of the terminal alone.')
+@click.option(
+    '--output',
+    type=PATH,
+    help='Folder for the recording.  [default: runs/<date>_drive]',
+)
+@click.option('--no-record', is_flag=True, help='Write no recording.')
+@click.option('--log', type=NEW_FILE, help='File for the data log of the brick, as CSV.')
+@set_option
+@click.option('--viewer', is_flag=True, help='Show the robot in a browser; prints the address.')
+@click.option('--list-devices', is_flag=True, help='List the gamepads, show their input, and end.')
+def command(
+    map_name: str | None,
+    start: tuple[float, float] | None,
+    profile: str | None,
+    device: str | None,
+    no_keyboard: bool,
+    output: Path | None,
+    no_record: bool,
+    log: Path | None,
+    assignments: tuple[str, ...],
+    viewer: bool,
+    list_devices: bool,
+) -> int:
+    """Drive the robot by hand: gamepad, keyboard, or the topics joy and cmd_vel.
+
+    It runs in real time until q, Ctrl-C or SIGTERM.
+    """
+    if list_devices:
+        from ballbot_ros.teleop import device_list
+
+        device_list.list_devices()
+        return 0
+    require_rclpy()
+    from ballbot_ros.cli.drive import drive_by_hand
+
+    return drive_by_hand(
+        map_name=map_name,
+        start=start,
+        profile=profile,
+        device=device,
+        keyboard=not no_keyboard,
+        output=output,
+        record=not no_record,
+        log=log,
+        viewer=viewer,
+        assignments=assignments,
+    )

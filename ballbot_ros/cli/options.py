@@ -1,0 +1,21 @@
+"""Options that several commands have."""
+
+from __future__ import annotations
+
+import click
+
+set_option = click.option(
+    '--set',
+    'assignments',
+    multiple=True,
+    metavar='NODE.PARAM=VALUE',
+    help='Set a parameter, such as controller.k_thetadot=300; may be given again.',
+)
+"""Sets parameters of a run."""
+
+
+def split_at_commas(
+    context: click.Context, parameter: click.Parameter, values: tuple[str, ...]
+) -> list[str]:
+    """Let an option be given again, or once with commas."""
+    return [name for value in values for name in value.split(',') if name]

@@ -1,0 +1,68 @@
+"""The table of commands, whose modules are imported only when they are called."""
+
+import subprocess
+import sys
+
+import click
+import pytest
+from click.shell_completion import ShellComplete
+from click.testing import CliRunner
+
+from ballbot_ros.cli.command import COMMANDS, ballbot, load_command
+
+HEAVY = ('numpy', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'viser')
+
+
+def imported_by(code):
+    """Return which heavy modules are imported once `code` has run in a new process."""
+    code += (
+        f'\nimport sys; print(*(name for name in {HEAVY} if name in sys.modules), file=sys.stderr)'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    return done.stderr.split()
+
+
+@pytest.mark.parametrize('name', COMMANDS)
+def test_every_row_names_a_module_with_that_command(name):
+    command = load_command(name)
+    assert isinstance(command, click.Command)
+    assert command.name == name
+
+
+@pytest.mark.parametrize('name', COMMANDS)
+def test_the_line_of_help_is_in_the_table_alone(name):
+    """The group shows the table's, so another at the command would go stale unnoticed."""
+    assert load_command(name).short_help is None
+    shown = CliRunner().invoke(ballbot, ['--help'], terminal_width=100).output
+    assert f'  {name:<9}  {COMMANDS[name][1]}\n' in shown
+
+
+@pytest.mark.parametrize('word', ['--help', '--version'])
+def test_the_group_imports_no_command(word):
+    code = (
+        'import sys; from ballbot_ros.cli import main, command, invoke; '
+        f"sys.argv[1:] = [{word!r}]; invoke.invoke(command.ballbot, 'ballbot')"
+    )
+    assert imported_by(code) == []
+
+
+def test_no_command_needs_ros_to_be_declared():
+    code = 'from ballbot_ros.cli.command import COMMANDS, load_command\n'
+    imported = imported_by(f'{code}for name in COMMANDS: load_command(name)')
+    assert not {'rclpy', 'viser'} & set(imported)
+
+
+@pytest.mark.parametrize(
+    ('before', 'incomplete', 'found'),
+    [
+        ([], 'rep', ['repair', 'replay', 'report']),
+        (['run'], '--proc', ['--processes']),
+        (['run', '--processes'], 'sep', ['separate']),
+        (['stationary'], '--proc', ['--processes']),
+    ],
+    ids=str,
+)
+def test_completion(before, incomplete, found):
+    completion = ShellComplete(ballbot, {}, 'ballbot', '_BALLBOT_COMPLETE')
+    items = completion.get_completions(before, incomplete)
+    assert [item.value for item in items] == found
