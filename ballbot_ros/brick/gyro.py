@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from ballbot_ros.brick.noise import DeviceNoise
 from ballbot_ros.brick.units import quantise
@@ -14,6 +14,57 @@ from ballbot_ros.numerics.random_numbers import normal, uniform
 ADC_MAX = 1023
 _SAMPLE_NS = 4_000_000
 _DEGREES = 180.0 / math.pi
+
+
+class GyroConstants(NamedTuple):
+    """What a reading depends on besides rate, time and noise.
+
+    Attributes
+    ----------
+    offset : float
+        Reading at rest [deg/s].
+    limit : float
+        Range of the rate [deg/s].
+    sigma : float
+        Standard deviation of the noise [deg/s].
+    drift : float
+        Amplitude of the drift [deg/s].
+    drift_period_ns : int
+        Period of the drift [ns].
+    drift_phase : float
+        Phase of the drift at time 0, in periods.
+    """
+
+    offset: float
+    limit: float
+    sigma: float
+    drift: float
+    drift_period_ns: int
+    drift_phase: float
+
+
+def gyro_reading(constants: GyroConstants, rate: float, error: float, stamp_ns: int) -> int:
+    """Return the reading [deg/s + offset], 0 ... 1023.
+
+    Parameters
+    ----------
+    constants : GyroConstants
+    rate : float
+        Body pitch rate [rad/s].
+    error : float
+        A normal number.
+    stamp_ns : int
+        Sim time [ns] of the sample.
+    """
+    offset, limit, sigma, drift, drift_period_ns, drift_phase = constants
+    value = max(-limit, min(limit, rate * _DEGREES)) + offset
+    if drift:
+        # In periods, of which the whole ones are left out exactly.
+        phase = stamp_ns % drift_period_ns / drift_period_ns
+        value += drift * sine_cosine(TWO_PI * (phase + drift_phase))[0]
+    if sigma:
+        value += sigma * error
+    return max(0, min(ADC_MAX, quantise(value)))
 
 
 class Gyro:
@@ -29,14 +80,19 @@ class Gyro:
     """
 
     def __init__(self, values: Mapping[str, Any]) -> None:
-        self._offsets = (values['zero_rate_offset_x'], values['zero_rate_offset_y'])
-        self._limit: float = values['rate_limit']
+        offsets = (values['zero_rate_offset_x'], values['zero_rate_offset_y'])
+        limit: float = values['rate_limit']
         self._sigma: float = values['noise']
-        self._drift: float = values['drift']
-        self._drift_period_ns = round(values['drift_period'] * 1e9)
+        drift: float = values['drift']
+        drift_period_ns = round(values['drift_period'] * 1e9)
         seed: int = values['seed']
         self._noise = DeviceNoise(seed, 'gyro', normal)
-        self._drift_phases = DeviceNoise(seed, 'gyro drift', uniform).pair(0)
+        self._x, self._y = (
+            GyroConstants(offset, limit, self._sigma, drift, drift_period_ns, phase)
+            for offset, phase in zip(
+                offsets, DeviceNoise(seed, 'gyro drift', uniform).pair(0), strict=True
+            )
+        )
 
     def read(self, rates: tuple[float, float], stamp_ns: int) -> tuple[int, int]:
         """Return the readings of both gyros [deg/s + offset], 0 ... 1023.
@@ -50,17 +106,6 @@ class Gyro:
         """
         errors = self._noise.pair(stamp_ns // _SAMPLE_NS) if self._sigma else (0.0, 0.0)
         return (
-            self._reading(0, rates[0], errors[0], stamp_ns),
-            self._reading(1, rates[1], errors[1], stamp_ns),
+            gyro_reading(self._x, rates[0], errors[0], stamp_ns),
+            gyro_reading(self._y, rates[1], errors[1], stamp_ns),
         )
-
-    def _reading(self, axis: int, rate: float, error: float, stamp_ns: int) -> int:
-        limit = self._limit
-        value = max(-limit, min(limit, rate * _DEGREES)) + self._offsets[axis]
-        if self._drift:
-            # In periods, of which the whole ones are left out exactly.
-            phase = stamp_ns % self._drift_period_ns / self._drift_period_ns
-            value += self._drift * sine_cosine(TWO_PI * (phase + self._drift_phases[axis]))[0]
-        if self._sigma:
-            value += self._sigma * error
-        return max(0, min(ADC_MAX, quantise(value)))

@@ -14,6 +14,38 @@ NEAR_DROPOUT = 0.5
 """Share of the echoes of an obstacle nearer than the least range that are missed."""
 
 
+def sonar_reading(
+    distance_m: float,
+    chance: float,
+    error: float,
+    noise_cm: float,
+    dropout: float,
+    min_range_cm: float,
+    max_range_cm: float,
+) -> int:
+    """Return the reading [cm]; 255 for no echo.
+
+    Parameters
+    ----------
+    distance_m : float
+        Distance to an obstacle [m], +inf if there is none.
+    chance, error : float
+        Uniform numbers, 0 ... 1, which decide on a dropout and make the noise.
+    noise_cm : float
+        Bound of the noise [cm].
+    dropout : float
+        Share of the echoes that are missed.
+    min_range_cm, max_range_cm : float
+        Least and largest range [cm].
+    """
+    distance = distance_m * 100.0
+    if distance >= max_range_cm:
+        return NO_ECHO_CM
+    if chance < (max(dropout, NEAR_DROPOUT) if distance < min_range_cm else dropout):
+        return NO_ECHO_CM
+    return max(0, min(NO_ECHO_CM, quantise(distance + noise_cm * (2.0 * error - 1.0))))
+
+
 class Sonar:
     """Distance in whole centimetres; 255 means no echo.
 
@@ -32,11 +64,8 @@ class Sonar:
 
     def read(self, distance_m: float, stamp_ns: int) -> int:
         """Return the reading [cm] for the distance [m] to an obstacle, +inf if there is none."""
-        distance = distance_m * 100.0
-        if distance >= self._max_range:
-            return NO_ECHO_CM
         chance, error = self._noise.pair(stamp_ns // SAMPLE_NS)
-        near = distance < self._min_range
-        if chance < (max(self._dropout, NEAR_DROPOUT) if near else self._dropout):
-            return NO_ECHO_CM
-        return max(0, min(NO_ECHO_CM, quantise(distance + self._error * (2.0 * error - 1.0))))
+        return sonar_reading(
+            distance_m, chance, error,
+            self._error, self._dropout, self._min_range, self._max_range,
+        )  # fmt: skip

@@ -1,7 +1,8 @@
 """The balance and drive controller of one plane (section 7.4), in single precision.
 
-Every operation is one IEEE single-precision operation, in the order of the generated code:
-addition is not associative, and the duties must come out the same to the bit.
+Functions on numbers: state in, state out. Every operation is one IEEE single-precision operation,
+in the order of the generated code: addition is not associative, and the duties must come out the
+same to the bit.
 """
 
 from __future__ import annotations
@@ -12,9 +13,110 @@ from ballbot_ros.controller.tasks import TS1_MS
 ZERO, ONE, HUNDRED, THOUSAND = Single(0), Single(1), Single(100), Single(1000)
 TS1 = Single(TS1_MS)
 
+State = tuple[Single, Single, Single, Single, Single, Single]
+"""What one period hands on to the next, as :class:`Axis` describes it.
+
+gyro_offset, theta_ref_dot, sum_theta_ref_dot, sum_psi_dot, sum_theta_diff, theta_smooth.
+"""
+
+Estimates = tuple[Single, Single, Single, Single, Single, Single, Single]
+"""theta, psi, theta_dot, psi_dot, theta_ref, theta_diff, psi_diff, as :class:`Axis` has them."""
+
+Gains = tuple[Single, Single, Single, Single]
+Constants = tuple[
+    Gains, Single, Single, Single, Single, Single, Single, Single, Single, Single, Single, Single,
+    Single,
+]  # fmt: skip
+"""Constants of :func:`control`, made by :func:`constants_of`.
+
+Plain tuples, as Python makes and unpacks them several times as fast as named ones.
+"""
+
+
+def constants_of(p: ControllerParameters) -> Constants:
+    """Return the constants of :func:`control` (Appendix C): also 1 - a, Rw/Rs, gp_max as float."""
+    return (
+        p.k_f, p.k_i, p.k_thetadot,
+        p.a_d, p.a_r, p.a_gd, ONE - p.a_d, ONE - p.a_r, ONE - p.a_gd,
+        p.pwm_gain, p.pwm_offset, p.wheel_radius / p.ball_radius, Single(p.gp_max),
+    )  # fmt: skip
+
+
+def calibrated_offset(gyro_offset: Single, gyro: int, a_gc: Single) -> Single:
+    """Return the offset estimate [deg/s], moved towards a reading at rest."""
+    return Single(gyro) * (ONE - a_gc) + a_gc * gyro_offset
+
+
+def control(
+    constants: Constants,
+    state: State,
+    gyro: int,
+    revolution: int,
+    stick: int,
+    max_voltage: Single,
+) -> tuple[State, Estimates, Single]:
+    """Return the next state, the estimates, and the duty [%], -100 ... 100, before truncation.
+
+    Parameters
+    ----------
+    constants : tuple
+        What :func:`constants_of` returns.
+    state : tuple of Single
+        What the period before returned; zeros, and a gyro reading as offset, at the start.
+    gyro, revolution : int
+        Gyro reading [deg/s + offset] and motor angle [deg].
+    stick : int
+        Speed command, -gp_max ... gp_max.
+    max_voltage : Single
+        Motor voltage at full duty [V].
+    """
+    (
+        k_f, k_i, k_thetadot, a_d, a_r, a_gd, complement_d, complement_r, complement_gd,
+        pwm_gain, pwm_offset, wheel_per_ball, gp_max,
+    ) = constants  # fmt: skip
+    k_theta, k_psi, k_theta_dot, k_psi_dot = k_f
+    gyro_offset, theta_ref_dot, sum_theta_ref_dot, sum_psi_dot, sum_theta_diff, smooth = state
+
+    theta_ref = TS1 * sum_theta_ref_dot / THOUSAND
+    theta_ref_dot = Single(stick) / gp_max * k_thetadot * complement_r + theta_ref_dot * a_r
+
+    psi = TS1 * sum_psi_dot / THOUSAND
+    theta = wheel_per_ball * Single(revolution) + psi
+    theta_smooth = theta * complement_d + smooth * a_d
+    reading = Single(gyro)
+    gyro_offset = reading * complement_gd + a_gd * gyro_offset
+    psi_dot = reading - gyro_offset
+    theta_dot = (theta_smooth - smooth) * THOUSAND / TS1
+
+    theta_diff = theta_ref - theta
+    psi_diff = ZERO - psi
+    feedback = ZERO + k_theta * theta_diff
+    feedback = feedback + k_psi * psi_diff
+    feedback = feedback + k_theta_dot * (theta_ref_dot - theta_dot)
+    feedback = feedback + k_psi_dot * (ZERO - psi_dot)
+    integral = TS1 * sum_theta_diff / THOUSAND * k_i
+    duty = (integral + feedback) / max_voltage * HUNDRED
+    sign = ONE if duty > ZERO else -ONE if duty < ZERO else ZERO
+    duty = pwm_offset * sign + pwm_gain * duty
+    duty = HUNDRED if duty > HUNDRED else -HUNDRED if duty < -HUNDRED else duty
+    if duty != duty:  # no voltage and no error (0/0), or no voltage and no gain (inf·0)
+        duty = ZERO
+
+    after = (
+        gyro_offset, theta_ref_dot, theta_ref_dot + sum_theta_ref_dot, psi_dot + sum_psi_dot,
+        theta_diff + sum_theta_diff, theta_smooth,
+    )  # fmt: skip
+    estimates = theta, psi, theta_dot, psi_dot, theta_ref, theta_diff, psi_diff
+    return after, estimates, duty
+
+
+def in_control(theta_diff: Single, psi_diff: Single, theta_thr: Single, psi_thr: Single) -> bool:
+    """Tell whether both errors [deg] are below the out-of-control thresholds."""
+    return bool(abs(theta_diff) < theta_thr and abs(psi_diff) < psi_thr)
+
 
 class Axis:
-    """State and law of one plane; both planes are alike.
+    """The controller of one plane: its state, and the law that moves it; both planes are alike.
 
     Attributes
     ----------
@@ -33,13 +135,8 @@ class Axis:
     """
 
     def __init__(self, parameters: ControllerParameters) -> None:
-        p = self._p = parameters
-        self._wheel_per_ball = p.wheel_radius / p.ball_radius
-        self._complement_r = ONE - p.a_r
-        self._complement_d = ONE - p.a_d
-        self._complement_gd = ONE - p.a_gd
-        self._complement_gc = ONE - p.a_gc
-        self._gp_max = Single(p.gp_max)
+        self._p = parameters
+        self._constants = constants_of(parameters)
         self.reset()
 
     def reset(self) -> None:
@@ -53,62 +150,28 @@ class Axis:
 
     def calibrate(self, gyro: int) -> None:
         """Move the offset estimate towards a reading at rest."""
-        self.gyro_offset = Single(gyro) * self._complement_gc + self._p.a_gc * self.gyro_offset
+        self.gyro_offset = calibrated_offset(self.gyro_offset, gyro, self._p.a_gc)
 
     def control(self, gyro: int, revolution: int, stick: int, max_voltage: Single) -> int:
-        """Return the duty [%], -100 ... 100, truncated toward zero.
-
-        Parameters
-        ----------
-        gyro, revolution : int
-            Gyro reading [deg/s + offset] and motor angle [deg].
-        stick : int
-            Speed command, -gp_max ... gp_max.
-        max_voltage : Single
-            Motor voltage at full duty [V].
-        """
-        p = self._p
-
-        theta_ref = TS1 * self.sum_theta_ref_dot / THOUSAND
-        theta_ref_dot = (
-            Single(stick) / self._gp_max * p.k_thetadot * self._complement_r
-            + self.theta_ref_dot * p.a_r
+        """Return the duty [%], truncated toward zero; arguments as those of :func:`control`."""
+        state = (
+            self.gyro_offset, self.theta_ref_dot, self.sum_theta_ref_dot, self.sum_psi_dot,
+            self.sum_theta_diff, self.theta_smooth,
+        )  # fmt: skip
+        state, estimates, duty = control(
+            self._constants, state, gyro, revolution, stick, max_voltage
         )
-
-        psi = TS1 * self.sum_psi_dot / THOUSAND
-        theta = self._wheel_per_ball * Single(revolution) + psi
-        theta_smooth = theta * self._complement_d + self.theta_smooth * p.a_d
-        reading = Single(gyro)
-        gyro_offset = reading * self._complement_gd + p.a_gd * self.gyro_offset
-        psi_dot = reading - gyro_offset
-        theta_dot = (theta_smooth - self.theta_smooth) * THOUSAND / TS1
-
-        theta_diff = theta_ref - theta
-        psi_diff = ZERO - psi
-        k_theta, k_psi, k_theta_dot, k_psi_dot = p.k_f
-        feedback = ZERO + k_theta * theta_diff
-        feedback = feedback + k_psi * psi_diff
-        feedback = feedback + k_theta_dot * (theta_ref_dot - theta_dot)
-        feedback = feedback + k_psi_dot * (ZERO - psi_dot)
-        integral = TS1 * self.sum_theta_diff / THOUSAND * p.k_i
-        duty = (integral + feedback) / max_voltage * HUNDRED
-        sign = ONE if duty > ZERO else -ONE if duty < ZERO else ZERO
-        duty = p.pwm_offset * sign + p.pwm_gain * duty
-        duty = HUNDRED if duty > HUNDRED else -HUNDRED if duty < -HUNDRED else duty
-        if duty != duty:  # no voltage and no error (0/0), or no voltage and no gain (inf·0)
-            duty = ZERO
-
-        self.sum_theta_ref_dot = theta_ref_dot + self.sum_theta_ref_dot
-        self.sum_psi_dot = psi_dot + self.sum_psi_dot
-        self.sum_theta_diff = theta_diff + self.sum_theta_diff
-        self.theta_smooth = theta_smooth
-        self.gyro_offset = gyro_offset
-        self.theta, self.psi, self.theta_dot, self.psi_dot = theta, psi, theta_dot, psi_dot
-        self.theta_ref, self.theta_ref_dot = theta_ref, theta_ref_dot
-        self.theta_diff, self.psi_diff = theta_diff, psi_diff
+        (
+            self.gyro_offset, self.theta_ref_dot, self.sum_theta_ref_dot, self.sum_psi_dot,
+            self.sum_theta_diff, self.theta_smooth,
+        ) = state  # fmt: skip
+        (
+            self.theta, self.psi, self.theta_dot, self.psi_dot, self.theta_ref,
+            self.theta_diff, self.psi_diff,
+        ) = estimates  # fmt: skip
         return int(duty)
 
     def in_control(self) -> bool:
         """Tell whether both errors are below the out-of-control thresholds."""
         p = self._p
-        return bool(abs(self.theta_diff) < p.theta_diff_thr and abs(self.psi_diff) < p.psi_diff_thr)
+        return in_control(self.theta_diff, self.psi_diff, p.theta_diff_thr, p.psi_diff_thr)

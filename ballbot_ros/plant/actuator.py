@@ -21,18 +21,56 @@ class Actuator:
     voltage_slope: float
     voltage_offset: float
 
-    def max_voltage(self, battery_v: float) -> float:
-        """Return the motor voltage [V] at full duty for the battery voltage [V]."""
-        return max(0.0, self.voltage_slope * (battery_v * 1000.0) + self.voltage_offset)
-
-    def effective_duty(self, duty: int) -> float:
-        """Return the duty [%] that is left behind the dead zone."""
-        if duty > self.dead_zone:
-            return duty - self.dead_zone
-        if duty < -self.dead_zone:
-            return duty + self.dead_zone
-        return 0.0
-
     def voltage(self, duty: int, battery_v: float) -> float:
         """Return the motor voltage [V] of an integer `duty` within -100 ... 100 %."""
-        return self.effective_duty(duty) / 100.0 * self.max_voltage(battery_v)
+        return motor_voltage(
+            duty, battery_v, self.dead_zone, self.voltage_slope, self.voltage_offset
+        )
+
+
+def motor_voltage(
+    duty: int, battery_v: float, dead_zone: float, slope: float, offset: float
+) -> float:
+    """Return the motor voltage [V] of an integer `duty` within -100 ... 100 %.
+
+    Parameters
+    ----------
+    duty : int
+        Duty [%].
+    battery_v : float
+        Battery voltage [V].
+    dead_zone, slope, offset : float
+        As in :class:`Actuator`.
+    """
+    return effective_duty(duty, dead_zone) / 100.0 * max_voltage(battery_v, slope, offset)
+
+
+def max_voltage(battery_v: float, slope: float, offset: float) -> float:
+    """Return the motor voltage [V] at full duty for the battery voltage [V], (6.1)."""
+    return max(0.0, slope * (battery_v * 1000.0) + offset)
+
+
+def effective_duty(duty: int, dead_zone: float) -> float:
+    """Return the duty [%] that is left behind the dead zone."""
+    if duty > dead_zone:
+        return duty - dead_zone
+    if duty < -dead_zone:
+        return duty + dead_zone
+    return 0.0
+
+
+def motor_current(voltage: float, omega: float, rho: float, back_emf: float, ohms: float) -> float:
+    """Return the motor current [A], (3.16).
+
+    Parameters
+    ----------
+    voltage : float
+        Motor voltage [V].
+    omega, rho : float
+        theta_dot and psi_dot [rad/s].
+    back_emf : float
+        k Kb [V·s/rad]: the motor's constant, seen from the ball.
+    ohms : float
+        Resistance of the motor Rm [Ohm].
+    """
+    return (voltage - back_emf * (omega - rho)) / ohms

@@ -41,7 +41,25 @@ class Battery:
         p = self._parameters
         current = max(0.0, motor_current) + p.idle_current
         self._charge += current * dt
-        self.voltage = max(
-            0.0,
-            p.battery_voltage - self._slope * self._charge - p.battery_resistance * current,
+        self.voltage = terminal_voltage(
+            self._charge, current, p.battery_voltage, self._slope, p.battery_resistance
         )
+
+
+def terminal_voltage(
+    charge: float, current: float, full: float, slope: float, resistance: float
+) -> float:
+    """Return the terminal voltage [V], never negative.
+
+    Parameters
+    ----------
+    charge, current : float
+        What has been drawn [A·s] and is being drawn [A].
+    full : float
+        Open-circuit voltage at no charge drawn [V].
+    slope : float
+        Fall of the open-circuit voltage with the charge [V/(A·s)].
+    resistance : float
+        Internal resistance [Ohm].
+    """
+    return max(0.0, full - slope * charge - resistance * current)

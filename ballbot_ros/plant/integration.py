@@ -1,12 +1,13 @@
 """One physics step of a plane: exact for the linear model, Runge-Kutta for the nonlinear one.
 
-Written on plain floats, in a fixed order of operations: several times as fast as arrays of four
-elements, and the same on every machine.
+`advance_linear` and `advance_nonlinear` are functions on plain floats, in a fixed order of
+operations: several times as fast as arrays of four elements, and the same on every machine.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from ballbot_ros.numerics.discretisation import zero_order_hold
 from ballbot_ros.numerics.elementary import sine_cosine
@@ -19,77 +20,135 @@ Step = Callable[[State, float, float, float], State]
 """(state, voltage [V], force on theta [N·m], force on psi [N·m]) -> state one step later."""
 
 
+Row = tuple[float, float, float, float, float, float]
+"""What psi, theta_dot, psi_dot, voltage and the two forces add to one element of the next state."""
+
+
+Equations = tuple[float, float, float, float, float, float, float, float, float, float]
+"""The seven numbers of the mass matrix, then Mb L g [N·m], beta and fs [N·m·s/rad].
+
+A plain tuple, as Python unpacks it several times as fast as a named one.
+"""
+
+
 def linear_step(p: PhysicalParameters, dt: float) -> Step:
     """Return the exact step of the linear model under inputs held for `dt` seconds."""
     transition, held = zero_order_hold(*state_space(p), dt)
     # theta is a pure integral: its column of the transition matrix is that of the identity.
-    (_, a01, a02, a03), (_, a11, a12, a13), (_, a21, a22, a23), (_, a31, a32, a33) = (
-        transition.tolist()
+    first, second, third, fourth = (
+        (a1, a2, a3, b0, b1, b2)
+        for (_, a1, a2, a3), (b0, b1, b2) in zip(transition.tolist(), held.tolist(), strict=True)
     )
-    (b00, b01, b02), (b10, b11, b12), (b20, b21, b22), (b30, b31, b32) = held.tolist()
-
-    def step(state: State, voltage: float, on_theta: float, on_psi: float) -> State:
-        theta, psi, omega, rho = state
-        if on_theta or on_psi:
-            return (
-                theta + a01 * psi + a02 * omega + a03 * rho
-                + b00 * voltage + b01 * on_theta + b02 * on_psi,
-                a11 * psi + a12 * omega + a13 * rho
-                + b10 * voltage + b11 * on_theta + b12 * on_psi,
-                a21 * psi + a22 * omega + a23 * rho
-                + b20 * voltage + b21 * on_theta + b22 * on_psi,
-                a31 * psi + a32 * omega + a33 * rho
-                + b30 * voltage + b31 * on_theta + b32 * on_psi,
-            )  # fmt: skip
-        return (
-            theta + a01 * psi + a02 * omega + a03 * rho + b00 * voltage,
-            a11 * psi + a12 * omega + a13 * rho + b10 * voltage,
-            a21 * psi + a22 * omega + a23 * rho + b20 * voltage,
-            a31 * psi + a32 * omega + a33 * rho + b30 * voltage,
-        )
-
-    return step
+    return partial(advance_linear, (first, second, third, fourth))
 
 
 def nonlinear_step(p: PhysicalParameters, dt: float) -> Step:
     """Return a classical fourth-order Runge-Kutta step of (3.11)-(3.12)."""
-    m11, m22, coupling, drive, det, det_1, det_2 = mass_matrix(p)
     weight = p.body_mass * p.body_height * p.gravity
-    alpha, beta, fs = p.alpha, p.beta, p.ball_friction
+    equations = (*mass_matrix(p), weight, p.beta, p.ball_friction)
+    return partial(advance_nonlinear, equations, p.alpha, dt)
 
-    def accelerations(
-        psi: float, omega: float, rho: float, on_theta: float, on_psi: float
-    ) -> tuple[float, float]:
-        sine, cosine = sine_cosine(psi)
-        m12 = coupling * cosine - drive
-        friction = beta * (omega - rho)
-        force_theta = on_theta - friction - fs * omega + coupling * rho * rho * sine
-        force_psi = on_psi + friction + weight * sine
-        determinant = det + cosine * (det_1 - det_2 * cosine)
+
+def advance_linear(
+    rows: tuple[Row, Row, Row, Row], state: State, voltage: float, on_theta: float, on_psi: float
+) -> State:
+    """Return the state of a plane one step later, by the linear model (3.24).
+
+    Parameters
+    ----------
+    rows : tuple of tuple of float
+        The discrete matrices of the step: a row for each element of the state.
+    state : tuple of float
+        theta, psi [rad], theta_dot, psi_dot [rad/s].
+    voltage : float
+        Motor voltage [V].
+    on_theta, on_psi : float
+        Generalised forces [N·m].
+    """
+    (
+        (a01, a02, a03, b00, b01, b02),
+        (a11, a12, a13, b10, b11, b12),
+        (a21, a22, a23, b20, b21, b22),
+        (a31, a32, a33, b30, b31, b32),
+    ) = rows
+    theta, psi, omega, rho = state
+    if on_theta or on_psi:
         return (
-            (m22 * force_theta - m12 * force_psi) / determinant,
-            (m11 * force_psi - m12 * force_theta) / determinant,
-        )
+            theta + a01 * psi + a02 * omega + a03 * rho
+            + b00 * voltage + b01 * on_theta + b02 * on_psi,
+            a11 * psi + a12 * omega + a13 * rho
+            + b10 * voltage + b11 * on_theta + b12 * on_psi,
+            a21 * psi + a22 * omega + a23 * rho
+            + b20 * voltage + b21 * on_theta + b22 * on_psi,
+            a31 * psi + a32 * omega + a33 * rho
+            + b30 * voltage + b31 * on_theta + b32 * on_psi,
+        )  # fmt: skip
+    return (
+        theta + a01 * psi + a02 * omega + a03 * rho + b00 * voltage,
+        a11 * psi + a12 * omega + a13 * rho + b10 * voltage,
+        a21 * psi + a22 * omega + a23 * rho + b20 * voltage,
+        a31 * psi + a32 * omega + a33 * rho + b30 * voltage,
+    )
 
+
+def advance_nonlinear(
+    equations: Equations,
+    alpha: float,
+    dt: float,
+    state: State,
+    voltage: float,
+    on_theta: float,
+    on_psi: float,
+) -> State:
+    """Return the state of a plane `dt` seconds later, by the nonlinear model (3.11)-(3.12).
+
+    Parameters
+    ----------
+    equations : tuple of float
+        Constants of (3.11)-(3.12).
+    alpha : float
+        Torque of the motor per voltage [N·m/V] (3.19).
+    dt : float
+        Length of the step [s].
+    state : tuple of float
+        theta, psi [rad], theta_dot, psi_dot [rad/s].
+    voltage : float
+        Motor voltage [V].
+    on_theta, on_psi : float
+        Generalised forces [N·m].
+    """
     half, sixth = dt / 2.0, dt / 6.0
+    theta, psi, omega, rho = state
+    motor = alpha * voltage
+    on_theta += motor
+    on_psi -= motor
+    a1, c1 = accelerations(equations, psi, omega, rho, on_theta, on_psi)
+    w2, r2 = omega + half * a1, rho + half * c1
+    a2, c2 = accelerations(equations, psi + half * rho, w2, r2, on_theta, on_psi)
+    w3, r3 = omega + half * a2, rho + half * c2
+    a3, c3 = accelerations(equations, psi + half * r2, w3, r3, on_theta, on_psi)
+    w4, r4 = omega + dt * a3, rho + dt * c3
+    a4, c4 = accelerations(equations, psi + dt * r3, w4, r4, on_theta, on_psi)
+    return (
+        theta + sixth * (omega + 2.0 * (w2 + w3) + w4),
+        psi + sixth * (rho + 2.0 * (r2 + r3) + r4),
+        omega + sixth * (a1 + 2.0 * (a2 + a3) + a4),
+        rho + sixth * (c1 + 2.0 * (c2 + c3) + c4),
+    )
 
-    def step(state: State, voltage: float, on_theta: float, on_psi: float) -> State:
-        theta, psi, omega, rho = state
-        motor = alpha * voltage
-        on_theta += motor
-        on_psi -= motor
-        a1, c1 = accelerations(psi, omega, rho, on_theta, on_psi)
-        w2, r2 = omega + half * a1, rho + half * c1
-        a2, c2 = accelerations(psi + half * rho, w2, r2, on_theta, on_psi)
-        w3, r3 = omega + half * a2, rho + half * c2
-        a3, c3 = accelerations(psi + half * r2, w3, r3, on_theta, on_psi)
-        w4, r4 = omega + dt * a3, rho + dt * c3
-        a4, c4 = accelerations(psi + dt * r3, w4, r4, on_theta, on_psi)
-        return (
-            theta + sixth * (omega + 2.0 * (w2 + w3) + w4),
-            psi + sixth * (rho + 2.0 * (r2 + r3) + r4),
-            omega + sixth * (a1 + 2.0 * (a2 + a3) + a4),
-            rho + sixth * (c1 + 2.0 * (c2 + c3) + c4),
-        )
 
-    return step
+def accelerations(
+    equations: Equations, psi: float, omega: float, rho: float, on_theta: float, on_psi: float
+) -> tuple[float, float]:
+    """Return theta_ddot and psi_ddot [rad/s²] of (3.11)-(3.12)."""
+    m11, m22, coupling, drive, det, det_1, det_2, weight, beta, fs = equations
+    sine, cosine = sine_cosine(psi)
+    m12 = coupling * cosine - drive
+    friction = beta * (omega - rho)
+    force_theta = on_theta - friction - fs * omega + coupling * rho * rho * sine
+    force_psi = on_psi + friction + weight * sine
+    determinant = det + cosine * (det_1 - det_2 * cosine)
+    return (
+        (m22 * force_theta - m12 * force_psi) / determinant,
+        (m11 * force_psi - m12 * force_theta) / determinant,
+    )

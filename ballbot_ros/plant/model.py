@@ -175,12 +175,11 @@ def state_space(p: PhysicalParameters) -> tuple[Matrix, Matrix]:
     return a, b
 
 
-def impulse_ratio(p: PhysicalParameters, psi: float) -> float:
+def impulse_ratio(m: MassMatrix, psi: float) -> float:
     """Return m12/m22 of the mass matrix of (3.11)-(3.12) at the pitch `psi`; the linear one's at 0.
 
     An impulse on theta alone changes psi_dot by minus this ratio times the change of theta_dot.
     """
-    m = mass_matrix(p)
     _, cosine = sine_cosine(psi)
     return (m.coupling * cosine - m.drive) / m.m22
 

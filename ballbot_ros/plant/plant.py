@@ -8,7 +8,7 @@ from typing import Any
 
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import select
-from ballbot_ros.plant.actuator import Actuator
+from ballbot_ros.plant.actuator import Actuator, motor_current
 from ballbot_ros.plant.battery import Battery, BatteryParameters
 from ballbot_ros.plant.integration import State, linear_step, nonlinear_step
 from ballbot_ros.plant.model import PhysicalParameters
@@ -16,6 +16,53 @@ from ballbot_ros.plant.truth import STEP_NS, STEPS_PER_TICK, Pair, Push, Truth
 from ballbot_ros.plant.wall_contact import Floor, WallContact, WallHit
 
 _FLOAT32 = struct.Struct('<f')
+
+
+def fallen_state(state: State, fall_angle: float) -> State:
+    """Return the state of a plane that lies still, at a pitch of at most `fall_angle` [rad]."""
+    return state[0], max(-fall_angle, min(fall_angle, state[1])), 0.0, 0.0
+
+
+def shaft_angle(shaft: float, wheel: float, half_play: float) -> float:
+    """Return the angle of the motor shaft, which the wheel drags along behind the gear play.
+
+    Parameters
+    ----------
+    shaft, wheel : float
+        Angle of the shaft before and angle of the wheel now [rad].
+    half_play : float
+        Half of the gear play [rad].
+    """
+    return min(wheel + half_play, max(wheel - half_play, shaft))
+
+
+def pushed_forces(
+    on_theta: float,
+    on_psi: float,
+    force: float,
+    torque: float,
+    psi: float,
+    ball_radius: float,
+    body_height: float,
+) -> Pair:
+    """Return the generalised forces [N·m] on theta and psi with those of a push added.
+
+    Parameters
+    ----------
+    on_theta, on_psi : float
+        The forces without it [N·m].
+    force, torque : float
+        Horizontal force at the body's centre [N] and torque [N·m] of the push.
+    psi : float
+        Pitch [rad].
+    ball_radius, body_height : float
+        Rs and L [m].
+    """
+    _, cosine = sine_cosine(psi)
+    on_theta += force * ball_radius
+    on_psi += force * body_height * cosine
+    on_psi += torque
+    return on_theta, on_psi
 
 
 class Plant:
@@ -45,6 +92,8 @@ class Plant:
     ) -> None:
         p = select(PhysicalParameters, values)
         self._physical = p
+        self._ratio = p.ratio
+        self._back_emf = p.back_emf_constant * p.ratio
         self._actuator = select(Actuator, values)
         self._battery = Battery(select(BatteryParameters, values))
         linear = values['plant_model'] == 'linear'
@@ -126,7 +175,7 @@ class Plant:
         limit = self._fall_angle
         if not (-limit < x[1] < limit and -limit < y[1] < limit):
             self.fallen = True
-            x, y = ((s[0], max(-limit, min(limit, s[1])), 0.0, 0.0) for s in (x, y))
+            x, y = fallen_state(x, limit), fallen_state(y, limit)
         self._planes = [x, y]
         if self._half_play:
             self._turn_shafts()
@@ -134,13 +183,11 @@ class Plant:
     def _turn_shafts(self) -> None:
         for plane in (0, 1):
             wheel = self._wheel_angle(plane)
-            self._shaft[plane] = min(
-                wheel + self._half_play, max(wheel - self._half_play, self._shaft[plane])
-            )
+            self._shaft[plane] = shaft_angle(self._shaft[plane], wheel, self._half_play)
 
     def _wheel_angle(self, plane: int) -> float:
         theta, psi, _, _ = self._planes[plane]
-        return self._physical.ratio * (theta - (psi - self._start_psi[plane]))
+        return self._ratio * (theta - (psi - self._start_psi[plane]))
 
     def _pushed(self, plane: int) -> Pair:
         """Return the generalised forces [N·m] on theta and psi of the active pushes."""
@@ -148,18 +195,18 @@ class Plant:
         on_theta = on_psi = 0.0
         for push in self._pushes:
             if push.start_ns <= self.time_ns:
-                _, lean = sine_cosine(self._planes[plane][1])
-                on_theta += push.force[plane] * self._physical.ball_radius
-                on_psi += push.force[plane] * self._physical.body_height * lean
-                on_psi += push.torque[plane]
+                on_theta, on_psi = pushed_forces(
+                    on_theta, on_psi, push.force[plane], push.torque[plane],
+                    self._planes[plane][1], self._physical.ball_radius, self._physical.body_height,
+                )  # fmt: skip
         return on_theta, on_psi
 
     def _current(self, plane: int) -> float:
         """Return the motor current [A], (3.16)."""
-        p = self._physical
         _, _, omega, rho = self._planes[plane]
-        back_emf: float = p.back_emf_constant * p.ratio * (omega - rho)
-        return (self._voltage[plane] - back_emf) / p.motor_resistance
+        return motor_current(
+            self._voltage[plane], omega, rho, self._back_emf, self._physical.motor_resistance
+        )
 
     def _supply_current(self, duties: tuple[int, int]) -> float:
         return duties[0] / 100.0 * self._current(0) + duties[1] / 100.0 * self._current(1)
@@ -167,7 +214,7 @@ class Plant:
     def truth(self) -> Truth:
         """Return the state of the robot now."""
         p = self._physical
-        ratio, radius = p.ratio, p.ball_radius
+        ratio, radius = self._ratio, p.ball_radius
         (theta_x, psi_x, omega_x, rho_x), (theta_y, psi_y, omega_y, rho_y) = self._planes
         if self._half_play:
             angle = (self._shaft[0], self._shaft[1])

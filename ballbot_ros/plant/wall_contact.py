@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 from ballbot_ros.plant.integration import State
-from ballbot_ros.plant.model import PhysicalParameters, impulse_ratio
+from ballbot_ros.plant.model import MassMatrix, PhysicalParameters, impulse_ratio, mass_matrix
 from ballbot_ros.plant.truth import Pair
 
 SAMPLE_NS = 20_000_000
@@ -52,6 +52,28 @@ class WallHit(NamedTuple):
         )
 
 
+def stopped_state(before: State, after: State, mass: MassMatrix, linear: bool) -> State:
+    """Return the plane held at its place by an inelastic impulse at the ball's centre.
+
+    The impulse acts on theta alone, so that of M Δ(theta', psi') = (impulse, 0) the second row
+    ties the leap of psi' to that of theta'. A wall can't pull: a plane that has turned round
+    within the step keeps its velocity.
+
+    Parameters
+    ----------
+    before, after : tuple of float
+        The plane before the step and as it would be after it.
+    mass : MassMatrix
+    linear : bool
+        Whether the plane follows the linear model.
+    """
+    theta, psi, omega, rho = after
+    if (theta > before[0]) == (omega > 0.0):
+        rho += omega * impulse_ratio(mass, 0.0 if linear else psi)
+        omega = 0.0
+    return before[0], psi, omega, rho
+
+
 class WallContact:
     """Stops the planes at walls.
 
@@ -76,7 +98,8 @@ class WallContact:
         self, floor: Floor, physical: PhysicalParameters, *, linear: bool, start: Pair
     ) -> None:
         self._floor = floor
-        self._physical = physical
+        self._radius = physical.ball_radius
+        self._mass = mass_matrix(physical)
         self._linear = linear
         self._start = start
         self._since_sample = False
@@ -98,7 +121,8 @@ class WallContact:
             return after
         x, y = after
         stopped_x, stopped_y = (
-            self._stopped(*states) for states in zip(before, after, strict=True)
+            stopped_state(*states, self._mass, self._linear)
+            for states in zip(before, after, strict=True)
         )
         for planes in ((x, stopped_y), (stopped_x, y)):
             if not self._floor.blocked(self._position(planes)):
@@ -117,21 +141,8 @@ class WallContact:
             self.sampled, self._since_sample = self._since_sample, False
 
     def _position(self, planes: Planes) -> Pair:
-        radius = self._physical.ball_radius
+        radius = self._radius
         return (
             self._start[0] + radius * planes[0][0],
             self._start[1] + radius * planes[1][0],
         )
-
-    def _stopped(self, before: State, after: State) -> State:
-        """Return the plane held at its place by an inelastic impulse at the ball's centre.
-
-        The impulse acts on theta alone, so that of M Δ(theta', psi') = (impulse, 0) the second
-        row ties the leap of psi' to that of theta'. A wall can't pull: a plane that has turned
-        round within the step keeps its velocity.
-        """
-        theta, psi, omega, rho = after
-        if (theta > before[0]) == (omega > 0.0):
-            rho += omega * impulse_ratio(self._physical, 0.0 if self._linear else psi)
-            omega = 0.0
-        return before[0], psi, omega, rho

@@ -1,0 +1,198 @@
+"""The controller's law, the steps of the plant and the readings, compiled as they stand."""
+
+import math
+import random
+import struct
+
+import numpy as np
+import pytest
+from compiling import compiled
+from generated import random_values
+from robot import physical, values_of
+
+from ballbot_ros.brick.battery_monitor import battery_mv
+from ballbot_ros.brick.gyro import GyroConstants, gyro_reading
+from ballbot_ros.brick.sonar import sonar_reading
+from ballbot_ros.brick.units import degrees_of
+from ballbot_ros.controller.axis import (
+    calibrated_offset,
+    constants_of,
+    control,
+    in_control,
+)
+from ballbot_ros.controller.parameters import ControllerParameters, Single
+from ballbot_ros.parameters import CONTROLLER
+from ballbot_ros.plant.actuator import motor_current, motor_voltage
+from ballbot_ros.plant.battery import terminal_voltage
+from ballbot_ros.plant.integration import linear_step, nonlinear_step
+from ballbot_ros.plant.model import mass_matrix
+from ballbot_ros.plant.plant import fallen_state, pushed_forces, shaft_angle
+from ballbot_ros.plant.wall_contact import stopped_state
+
+COUNT = 5000
+NAN, INF = math.nan, math.inf
+
+
+def bits(value):
+    """Return the bits of a number, or of the numbers of a tuple; every NaN has the same."""
+    if isinstance(value, tuple):
+        return b''.join(bits(each) for each in value)
+    if isinstance(value, float | np.floating):
+        return struct.pack('<d', NAN if value != value else value)
+    return struct.pack('<q', value)
+
+
+def assert_same_bits(function, arguments):
+    fast = compiled(function)
+    for each in arguments:
+        assert bits(fast(*each)) == bits(function(*each)), each
+
+
+def draws(*makers):
+    """Return random arguments; a maker is handed a generator and returns one of them."""
+    generator = random.Random(1)
+    return [tuple(make(generator) for make in makers) for _ in range(COUNT)]
+
+
+def uniform(low, high):
+    return lambda generator: generator.uniform(low, high)
+
+
+def integer(low, high):
+    return lambda generator: generator.randint(low, high)
+
+
+def choice(*values):
+    return lambda generator: generator.choice(values)
+
+
+def plane(generator):
+    return tuple(generator.gauss(0.0, 10.0 ** generator.randint(-6, 1)) for _ in range(4))
+
+
+CONSTANTS = [
+    constants_of(ControllerParameters.of(values))
+    for values in (values_of(CONTROLLER), *(random_values(seed) for seed in range(5)))
+]
+
+
+@pytest.fixture(scope='module')
+def fast_control():
+    return compiled(control, error_model='numpy')
+
+
+@pytest.mark.parametrize('constants', CONSTANTS)
+@pytest.mark.parametrize('volts', ['drawn', 0.0, -0.5, INF, NAN])
+def test_the_law_of_the_controller(fast_control, constants, volts):
+    generator = random.Random(1)
+    slow = fast = (Single(600), *5 * [Single(0)])
+    # Small motions first, then ones that saturate the duty.
+    for tick in range(COUNT // 2):
+        spread = 1 if tick < 1000 else 400
+        gyro = 600 + generator.randint(-spread, spread)
+        revolution = generator.randint(-spread, spread) * tick
+        stick = generator.randint(-128, 127)
+        voltage = Single(generator.uniform(0.5, 9.0) if volts == 'drawn' else volts)
+        with np.errstate(all='ignore'):
+            slow, *answer = control(constants, slow, gyro, revolution, stick, voltage)
+        fast, *fast_answer = fast_control(constants, fast, gyro, revolution, stick, voltage)
+        # A compiled function hands singles back as Python's floats, of the same value.
+        fast = tuple(map(Single, fast))
+        assert bits((fast, *fast_answer)) == bits((slow, *answer)), tick
+
+
+@pytest.mark.parametrize('value', [0.0, -0.0, 1e-45, 3e38, -3e38, INF, -INF, NAN])
+def test_the_law_with_each_variable_at_its_edge(fast_control, value):
+    for constants in CONSTANTS:
+        for index in range(6):
+            state = tuple(Single(value if each == index else 0) for each in range(6))
+            for voltage in (Single(8), Single(0)):
+                arguments = (constants, state, 600, -3, 0, voltage)
+                with np.errstate(all='ignore'):
+                    expected = control(*arguments)
+                assert bits(fast_control(*arguments)) == bits(expected)
+
+
+def test_calibration_and_the_thresholds():
+    single = [Single(value) for value in (0, -0.0, 0.01, 0.9, 4.9999995, 5, 596.5, INF, NAN)]
+    with np.errstate(all='ignore'):
+        assert_same_bits(
+            calibrated_offset, draws(choice(*single), integer(0, 1023), choice(*single))
+        )
+    assert_same_bits(in_control, draws(*4 * [choice(*single)]))
+
+
+@pytest.mark.parametrize('make', [linear_step, nonlinear_step])
+@pytest.mark.parametrize('changes', [{}, {'ball_friction': 0.01, 'body_height': 0.25}])
+def test_the_steps_of_the_plant(make, changes):
+    step = make(physical(**changes), 1e-3)
+    fast_step = compiled(step.func)
+    generator = random.Random(1)
+    state = fast_state = (0.0, 0.05, 0.0, 0.0)
+    edges = [(0.0, -0.0, 0.0, -0.0), (0.0, 4e6, -1e9, 1e9), (1e300, 1e-300, 1e-310, 0.0)]
+    edges += [(0.0, NAN, 0.0, 0.0), (0.0, INF, 0.0, 0.0), (INF, 0.1, -INF, 1.0)]
+    for tick in range(COUNT):
+        if tick % 1000 == 999:
+            state = fast_state = edges[tick // 1000]
+        inputs = generator.uniform(-9.0, 9.0), 0.0, 0.0
+        if tick % 3 == 0:
+            inputs = inputs[0], generator.gauss(0.0, 0.1), generator.gauss(0.0, 0.1)
+        state = step(state, *inputs)
+        fast_state = fast_step(*step.args, fast_state, *inputs)
+        assert bits(fast_state) == bits(state), tick
+    for edge in edges:
+        assert bits(fast_step(*step.args, edge, 0.0, 0.0, 0.0)) == bits(step(edge, 0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize('linear', [True, False])
+def test_walls(linear):
+    matrix = mass_matrix(physical())
+    assert_same_bits(stopped_state, draws(plane, plane, choice(matrix), choice(linear)))
+
+
+duties, volts = integer(-100, 100), uniform(0.0, 10.0)
+
+
+@pytest.mark.parametrize(
+    ('function', 'makers'),
+    [
+        (motor_voltage, [duties, volts, uniform(0, 20), choice(1.089e-3), choice(-0.625)]),
+        (motor_voltage, [duties, choice(0.0), choice(0.0), choice(1.089e-3), choice(-0.625)]),
+        (motor_current, [uniform(-9, 9), uniform(-50, 50), uniform(-50, 50), volts, uniform(1, 9)]),
+        (terminal_voltage, [uniform(0, 1e4), uniform(0, 5), volts, uniform(0, 1e-2), volts]),
+        (pushed_forces, [*4 * [uniform(-1, 1)], uniform(-4, 4), volts, volts]),
+        (fallen_state, [plane, choice(0.6, 1.5)]),
+        (shaft_angle, [uniform(-1, 1), uniform(-1, 1), choice(0.0, 0.1)]),
+        (shaft_angle, [choice(0.0, -0.0), choice(0.0, -0.0), choice(0.0)]),
+        (degrees_of, [uniform(-1e4, 1e4)]),
+        (battery_mv, [uniform(-1.0, 20.0)]),
+    ],
+)  # fmt: skip
+def test_motor_battery_pushes_and_readings(function, makers):
+    assert_same_bits(function, draws(*makers))
+
+
+def test_the_gyros():
+    def constants(generator):
+        return GyroConstants(
+            offset=generator.uniform(590, 610),
+            limit=generator.choice([0.0, 360.0]),
+            sigma=generator.choice([0.0, 0.7]),
+            drift=generator.choice([0.0, 5.0]),
+            drift_period_ns=generator.randint(1, 10**13),
+            drift_phase=generator.random(),
+        )
+
+    rates = choice(0.0, -0.0, 1e-9, -0.3, 6.2, 7.0, -1e300, INF, -INF)
+    assert_same_bits(gyro_reading, draws(constants, rates, uniform(-5, 5), integer(0, 10**15)))
+
+
+def test_the_sonar():
+    distances = choice(0.0, 0.0649, 0.07, 0.785, 2.54999, 2.55, 3.0, INF)
+    assert_same_bits(
+        sonar_reading,
+        draws(
+            distances, uniform(0, 1), uniform(0, 1), choice(0.0, 3.0), choice(0.0, 0.15, 1.0),
+            choice(0.0, 7.0), choice(160.0, 255.0),
+        ),
+    )  # fmt: skip
