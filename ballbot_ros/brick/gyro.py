@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from ballbot_ros.brick.noise import DeviceNoise
 from ballbot_ros.brick.units import quantise
@@ -16,31 +16,12 @@ _SAMPLE_NS = 4_000_000
 _DEGREES = 180.0 / math.pi
 
 
-class GyroConstants(NamedTuple):
-    """What a reading depends on besides rate, time and noise.
+GyroConstants = tuple[float, float, float, float, int, float]
+"""Constants of :func:`gyro_reading`.
 
-    Attributes
-    ----------
-    offset : float
-        Reading at rest [deg/s].
-    limit : float
-        Range of the rate [deg/s].
-    sigma : float
-        Standard deviation of the noise [deg/s].
-    drift : float
-        Amplitude of the drift [deg/s].
-    drift_period_ns : int
-        Period of the drift [ns].
-    drift_phase : float
-        Phase of the drift at time 0, in periods.
-    """
-
-    offset: float
-    limit: float
-    sigma: float
-    drift: float
-    drift_period_ns: int
-    drift_phase: float
+Reading at rest, range of the rate, standard deviation of the noise and amplitude of the drift
+[deg/s]; period of the drift [ns] and its phase at time 0, in periods.
+"""
 
 
 def gyro_reading(constants: GyroConstants, rate: float, error: float, stamp_ns: int) -> int:
@@ -48,7 +29,7 @@ def gyro_reading(constants: GyroConstants, rate: float, error: float, stamp_ns: 
 
     Parameters
     ----------
-    constants : GyroConstants
+    constants : tuple
     rate : float
         Body pitch rate [rad/s].
     error : float
@@ -88,7 +69,7 @@ class Gyro:
         seed: int = values['seed']
         self._noise = DeviceNoise(seed, 'gyro', normal)
         self._x, self._y = (
-            GyroConstants(offset, limit, self._sigma, drift, drift_period_ns, phase)
+            (offset, limit, self._sigma, drift, drift_period_ns, phase)
             for offset, phase in zip(
                 offsets, DeviceNoise(seed, 'gyro drift', uniform).pair(0), strict=True
             )

@@ -7,7 +7,6 @@ operations: several times as fast as arrays of four elements, and the same on ev
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
 from ballbot_ros.numerics.discretisation import zero_order_hold
 from ballbot_ros.numerics.elementary import sine_cosine
@@ -19,10 +18,14 @@ State = tuple[float, float, float, float]
 Step = Callable[[State, float, float, float], State]
 """(state, voltage [V], force on theta [N·m], force on psi [N·m]) -> state one step later."""
 
+Free = tuple[
+    float, float, float, float, float, float, float, float,
+    float, float, float, float, float, float, float, float,
+]  # fmt: skip
+"""What psi, theta_dot, psi_dot and the voltage add to each element of the next state."""
 
-Row = tuple[float, float, float, float, float, float]
-"""What psi, theta_dot, psi_dot, voltage and the two forces add to one element of the next state."""
-
+Forced = tuple[float, float, float, float, float, float, float, float]
+"""What the forces on theta and psi add to each element of the next state."""
 
 Equations = tuple[float, float, float, float, float, float, float, float, float, float]
 """The seven numbers of the mass matrix, then Mb L g [N·m], beta and fs [N·m·s/rad].
@@ -33,31 +36,48 @@ A plain tuple, as Python unpacks it several times as fast as a named one.
 
 def linear_step(p: PhysicalParameters, dt: float) -> Step:
     """Return the exact step of the linear model under inputs held for `dt` seconds."""
-    transition, held = zero_order_hold(*state_space(p), dt)
-    # theta is a pure integral: its column of the transition matrix is that of the identity.
-    first, second, third, fourth = (
-        (a1, a2, a3, b0, b1, b2)
-        for (_, a1, a2, a3), (b0, b1, b2) in zip(transition.tolist(), held.tolist(), strict=True)
-    )
-    return partial(advance_linear, (first, second, third, fourth))
+    free, forced = discrete_matrices(p, dt)
+
+    def step(state: State, voltage: float, on_theta: float, on_psi: float) -> State:
+        return advance_linear(free, forced, state, voltage, on_theta, on_psi)
+
+    return step
 
 
 def nonlinear_step(p: PhysicalParameters, dt: float) -> Step:
     """Return a classical fourth-order Runge-Kutta step of (3.11)-(3.12)."""
+    equations, alpha = equations_of(p), p.alpha
+
+    def step(state: State, voltage: float, on_theta: float, on_psi: float) -> State:
+        return advance_nonlinear(equations, alpha, dt, state, voltage, on_theta, on_psi)
+
+    return step
+
+
+def discrete_matrices(p: PhysicalParameters, dt: float) -> tuple[Free, Forced]:
+    """Return the matrices of the linear model's step of `dt` seconds."""
+    transition, held = zero_order_hold(*state_space(p), dt)
+    # theta is a pure integral: its column of the transition matrix is that of the identity.
+    (_, *a0), (_, *a1), (_, *a2), (_, *a3) = transition.tolist()
+    (b0, *f0), (b1, *f1), (b2, *f2), (b3, *f3) = held.tolist()
+    return (*a0, b0, *a1, b1, *a2, b2, *a3, b3), (*f0, *f1, *f2, *f3)
+
+
+def equations_of(p: PhysicalParameters) -> Equations:
+    """Return the constants of (3.11)-(3.12)."""
     weight = p.body_mass * p.body_height * p.gravity
-    equations = (*mass_matrix(p), weight, p.beta, p.ball_friction)
-    return partial(advance_nonlinear, equations, p.alpha, dt)
+    return (*mass_matrix(p), weight, p.beta, p.ball_friction)
 
 
 def advance_linear(
-    rows: tuple[Row, Row, Row, Row], state: State, voltage: float, on_theta: float, on_psi: float
+    free: Free, forced: Forced, state: State, voltage: float, on_theta: float, on_psi: float
 ) -> State:
     """Return the state of a plane one step later, by the linear model (3.24).
 
     Parameters
     ----------
-    rows : tuple of tuple of float
-        The discrete matrices of the step: a row for each element of the state.
+    free, forced : tuple of float
+        What :func:`discrete_matrices` returns.
     state : tuple of float
         theta, psi [rad], theta_dot, psi_dot [rad/s].
     voltage : float
@@ -65,14 +85,10 @@ def advance_linear(
     on_theta, on_psi : float
         Generalised forces [N·m].
     """
-    (
-        (a01, a02, a03, b00, b01, b02),
-        (a11, a12, a13, b10, b11, b12),
-        (a21, a22, a23, b20, b21, b22),
-        (a31, a32, a33, b30, b31, b32),
-    ) = rows
+    a01, a02, a03, b00, a11, a12, a13, b10, a21, a22, a23, b20, a31, a32, a33, b30 = free
     theta, psi, omega, rho = state
     if on_theta or on_psi:
+        b01, b02, b11, b12, b21, b22, b31, b32 = forced
         return (
             theta + a01 * psi + a02 * omega + a03 * rho
             + b00 * voltage + b01 * on_theta + b02 * on_psi,
@@ -105,7 +121,7 @@ def advance_nonlinear(
     Parameters
     ----------
     equations : tuple of float
-        Constants of (3.11)-(3.12).
+        What :func:`equations_of` returns.
     alpha : float
         Torque of the motor per voltage [N·m/V] (3.19).
     dt : float
