@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.parameter_file import write_parameter_file
 from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet
+from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import load_trajectory

@@ -18,7 +18,7 @@ from ballbot_ros.stop_request import StopRequest
 
 
 def spin(
-    nodes: Sequence[base.BallbotNode], done: rclpy.Future, stop: StopRequest | None = None
+    nodes: Sequence[base.AnyNode], done: rclpy.Future, stop: StopRequest | None = None
 ) -> None:
     """Run the nodes' callbacks until `done`, or until told to stop."""
     executor = SingleThreadedExecutor()

@@ -15,7 +15,6 @@ from launch_ros.substitutions import FindPackagePrefix
 from ballbot_ros.cli.experiment import Experiment, attachments_of, settle_map
 from ballbot_ros.files import temporary_folder, write_temporary
 from ballbot_ros.messages.topics import MAP, MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION
-from ballbot_ros.parameter_file import read_parameter_file, write_parameter_file
 from ballbot_ros.parameters import (
     ALL_NODES,
     GAMEPAD,
@@ -25,6 +24,7 @@ from ballbot_ros.parameters import (
     VISUALIZER,
     ParameterSet,
 )
+from ballbot_ros.parameters.files import read_parameter_file, write_parameter_file
 from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.share import share_directory
 

@@ -16,15 +16,16 @@ from ballbot_ros.parameters import CONTROLLER
 class Built:
     """The application for some parameters, built for a target."""
 
-    def __init__(self, values, target, folder, flags=()):
-        self.values, self.folder, self.scratch = values, folder / 'application', folder / 'build'
-        write_application(self.folder, values)
+    def __init__(self, parameters, target, folder, flags=()):
+        self.parameters = parameters
+        self.folder, self.scratch = folder / 'application', folder / 'build'
+        write_application(self.folder, parameters)
         self.tasks = read_tasks(self.folder)
         self.command = build(self.folder, TARGETS[target], self.scratch, flags)
 
     def program(self):
         machine = BrickProcess(self.command)
-        return CompiledProgram(machine, self.tasks, self.values['mode'] == 'autonomous')
+        return CompiledProgram(machine, self.tasks, self.parameters.mode == 'autonomous')
 
 
 def need(target):

@@ -70,12 +70,26 @@ class Draw:
         return values[int(self.number() * len(values))]
 
 
+_DRAWN_FIRST = (
+    'seed', 'map', 'body_depth', 'scenario', 'lockstep', 'ball_radius', 'k_thetadot', 'gp_max',
+    'wheel_radius', 'wheel_width', 'body_width', 'body_height', 'ball_mass', 'wheel_mass',
+    'body_mass',
+)  # fmt: skip
+"""What several nodes have; the rest is drawn as it is declared. The hashes hang on the order."""
+
+
+def _order_of_draws(name):
+    return _DRAWN_FIRST.index(name) if name in _DRAWN_FIRST else len(_DRAWN_FIRST)
+
+
 def random_run(seed, model):
     """Return parameters and scenario of a random run; every other one has values from anywhere."""
     draw, parameters = Draw(seed), ParameterSet()
     wild = seed % 2 == 1
     for node in (PLANT, GYRO, SONAR, CONTROLLER):
-        for name, row in parameters_of(node).items():
+        rows = parameters_of(node)
+        for name in sorted(rows, key=_order_of_draws):
+            row = rows[name]
             if name not in _LEFT_ALONE and row.bounds and not parameters.is_set(node, name):
                 parameters.set(node, name, random_value(draw, row, wild))
     given_map = draw.choice(('', '', 'track', 'corridor'))

@@ -21,7 +21,7 @@ from ballbot_ros.parameters import (
     PLANT,
     RECORDER,
     SONAR,
-    ParameterSet,
+    PlantParameters,
 )
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.scenario import Scenario
@@ -173,7 +173,7 @@ class LockstepWorld:
     def __init__(self, scenario=None, /, **values):
         self.now_s = 1000.0
         given = {'duration': 0.2, 'real_time_factor': 0.0, **values}
-        self.values = {**ParameterSet().values(PLANT), **given}
+        self.parameters = PlantParameters(**given)
         self.scenario = scenario or Scenario()
         self.plant_node = FakeNode(make_participant(PLANT))
         self.nodes = {}
@@ -187,14 +187,14 @@ class LockstepWorld:
         )
 
     def _set_up(self, start_ns):
-        world = World.of(self.values)
+        world = World.of(self.parameters)
         return RunSetup(
             settings=self.run_settings(),
-            plant=Plant(self.values, start_ns, world),
+            plant=Plant(self.parameters, start_ns, world),
             world=world,
             scenario=self.scenario,
             participant=self.plant_node.participant,
-            ball_radius=self.values['ball_radius'],
+            ball_radius=self.parameters.ball_radius,
         )
 
     # The nodes
@@ -279,7 +279,7 @@ class LockstepWorld:
         self.in_flight.append((event, what))
 
     def run_settings(self):
-        return RunSettings.from_parameters(self.values)
+        return RunSettings.from_parameters(self.parameters)
 
     # Time
 

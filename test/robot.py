@@ -2,7 +2,7 @@
 
 import math
 
-from ballbot_ros.parameters import PLANT, ParameterSet, select
+from ballbot_ros.parameters import PLANT, ParameterSet
 from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.signal import Segment, Signal
@@ -15,11 +15,11 @@ def values_of(node, **changes):
     parameters = ParameterSet()
     for name, value in changes.items():
         parameters.set(node, name, value)
-    return parameters.values(node)
+    return parameters.of_node(node)
 
 
 def physical(**changes):
-    return select(PhysicalParameters, values_of(PLANT, **changes))
+    return PhysicalParameters.from_parameters(values_of(PLANT, **changes))
 
 
 def make_plant(**changes):

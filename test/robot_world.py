@@ -6,6 +6,7 @@ possible, and a topic may be held up for as long as a test likes.
 
 import operator
 import random
+from dataclasses import asdict
 
 from lockstep_world import LockstepWorld, data_of
 
@@ -23,7 +24,18 @@ from ballbot_ros.messages.topics import (
     JOINT_STATES,
     SONAR_RANGE,
 )
-from ballbot_ros.parameters import CONTROLLER, ENCODER, GAMEPAD, GYRO, PLANT, SONAR
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    ENCODER,
+    GAMEPAD,
+    GYRO,
+    PLANT,
+    SONAR,
+    ControllerParameters,
+    GyroParameters,
+    PlantParameters,
+    SonarParameters,
+)
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep import LockstepTicks, Step
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
@@ -84,9 +96,9 @@ class Brick:
         Releases that no timer has given.
     """
 
-    def __init__(self, values, answer, call_back):
-        self._values, self._answer, self._call_back = values, answer, call_back
-        self._tasks = task_timings(values['ts2_period'], values['ts3_period'])
+    def __init__(self, parameters, answer, call_back):
+        self._parameters, self._answer, self._call_back = parameters, answer, call_back
+        self._tasks = task_timings(parameters.ts2_period, parameters.ts3_period)
         self._ticks = LockstepTicks(
             {topic.name: topic.period_ns for topic in INPUTS},
             first=BATTERY_STATE.name,
@@ -104,7 +116,7 @@ class Brick:
         return self._ticks.releases.forced
 
     def join(self, run):
-        self._program = ControlProgram(self._values)
+        self._program = ControlProgram(self._parameters)
         self._ticks.begin(run.start_ns, self._tasks)
         for timer in self._timers.values():
             timer.next_ns = None
@@ -170,10 +182,10 @@ class RobotWorld(LockstepWorld):
     """
 
     def __init__(self, parameters, scenario=None, seed=0):
-        self.parameters = parameters
+        self.parameter_set = parameters
         self._chance = random.Random(seed)
         self.robot = {}
-        super().__init__(scenario, **parameters.values(PLANT))
+        super().__init__(scenario, **asdict(parameters.of(PlantParameters)))
 
     def start(self, *roles, generation=0, **changes):
         super().start(*roles, generation=generation, **changes)
@@ -194,7 +206,7 @@ class RobotWorld(LockstepWorld):
         }
 
     def _make_gyro(self):
-        device = Gyro(self.parameters.values(GYRO))
+        device = Gyro(self.parameter_set.of(GyroParameters))
         return self._driver(
             GYRO, GYRO_IMU, lambda truth, _: device.read(truth.psi_rate, truth.stamp_ns)
         )
@@ -204,7 +216,7 @@ class RobotWorld(LockstepWorld):
         return self._driver(ENCODER, JOINT_STATES, lambda truth, _: device.read(truth.motor_angle))
 
     def _make_sonar(self):
-        values = self.parameters.values(SONAR)
+        values = self.parameter_set.of(SonarParameters)
         device, beam = Sonar(values), SonarBeam(values)
         return self._driver(
             SONAR,
@@ -235,7 +247,7 @@ class RobotWorld(LockstepWorld):
         def call_back(event, task):
             self.send(event, task, way=(CONTROLLER, CONTROLLER, task))
 
-        return Brick(self.parameters.values(CONTROLLER), answer, call_back)
+        return Brick(self.parameter_set.of(ControllerParameters), answer, call_back)
 
     def leave(self, role):
         super().leave(role)

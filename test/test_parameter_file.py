@@ -5,11 +5,6 @@ from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.parameter_file import (
-    format_parameters,
-    read_parameter_file,
-    write_parameter_file,
-)
 from ballbot_ros.parameters import (
     ALL_NODES,
     CONTROLLER,
@@ -19,6 +14,11 @@ from ballbot_ros.parameters import (
     SONAR,
     TABLE,
     ParameterSet,
+)
+from ballbot_ros.parameters.files import (
+    format_parameters,
+    read_parameter_file,
+    write_parameter_file,
 )
 from ballbot_ros.share import share_directory
 
@@ -54,7 +54,7 @@ def read(tmp_path_factory):
 
 
 def everything(parameters):
-    return {node: parameters.values(node) for node in NODES}
+    return {node: parameters.of_node(node) for node in NODES}
 
 
 def test_a_file_sets_what_it_names(read):

@@ -1,12 +1,13 @@
 """The files made from the parameter table are up to date and true."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
-from ballbot_ros.parameter_file import read_parameter_file
-from ballbot_ros.parameter_reference import default_file, reference_page
 from ballbot_ros.parameters import ALL_NODES, TABLE, ParameterSet
+from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.parameters.reference import default_file, reference_page
 
 ROOT = Path(__file__).parent.parent
 
@@ -25,7 +26,7 @@ def test_the_reference_page_is_the_table():
 def test_the_default_file_sets_every_default():
     read = read_parameter_file(ROOT / 'config/ballbot.yaml')
     for node in ALL_NODES:
-        assert read.values(node) == ParameterSet().values(node)
+        assert read.of_node(node) == ParameterSet().of_node(node)
 
 
 def test_ros_takes_every_value_of_the_default_file(domain):
@@ -41,7 +42,7 @@ def test_ros_takes_every_value_of_the_default_file(domain):
                 allow_undeclared_parameters=True,
                 automatically_declare_parameters_from_overrides=True,
             )
-            for key, value in ParameterSet().values(name).items():
+            for key, value in asdict(ParameterSet().of_node(name)).items():
                 got = node.get_parameter(key).value
                 got = tuple(got) if isinstance(value, tuple) else got
                 assert got == value, f'{name}.{key}'

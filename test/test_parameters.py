@@ -1,7 +1,7 @@
 """The parameter table and what it lets in."""
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 
 import pytest
 from hypothesis import strategies as st
@@ -20,10 +20,13 @@ from ballbot_ros.parameters import (
     TABLE,
     VIEWER,
     VISUALIZER,
+    GyroParameters,
     ParameterError,
     ParameterSet,
+    PlantParameters,
+    SonarParameters,
+    Subset,
     parameters_of,
-    select,
 )
 from ballbot_ros.plant.model import PhysicalParameters
 
@@ -164,8 +167,8 @@ def test_a_number_beyond_all_floats_is_refused_like_any_other(name, value):
 
 @pytest.mark.parametrize('node', REFERENCE)
 def test_the_defaults_are_the_documents(node):
-    values = ParameterSet().values(node)
-    assert {name: values[name] for name in REFERENCE[node]} == REFERENCE[node]
+    values = ParameterSet().of_node(node)
+    assert {name: getattr(values, name) for name in REFERENCE[node]} == REFERENCE[node]
 
 
 def test_a_name_means_one_thing_in_a_node():
@@ -176,14 +179,14 @@ def test_a_name_means_one_thing_in_a_node():
 
 
 def test_the_ideal_profile_has_no_noise():
-    assert ParameterSet().values(GYRO)['noise'] == ParameterSet().values(GYRO)['drift'] == 0.0
-    assert ParameterSet().values(SONAR)['dropout_probability'] == 0.0
+    assert ParameterSet().of(GyroParameters).noise == ParameterSet().of(GyroParameters).drift == 0.0
+    assert ParameterSet().of(SonarParameters).dropout_probability == 0.0
 
 
 def test_unset_parameters_have_their_defaults():
     for node in ALL_NODES:
         expected = {name: row.default for name, row in parameters_of(node).items()}
-        assert ParameterSet().values(node) == expected
+        assert asdict(ParameterSet().of_node(node)) == expected
     assert list(ParameterSet()) == []
 
 
@@ -195,7 +198,7 @@ def test_what_is_set_is_what_is_listed():
         (CONTROLLER, 'k_f', (-1.0, -2.0, -3.0, -4.0)),
         (PLANT, 'gravity', 1.62),
     ]
-    assert parameters.values(PLANT)['gravity'] == 1.62
+    assert parameters.of(PlantParameters).gravity == 1.62
 
 
 @pytest.mark.parametrize(
@@ -273,12 +276,12 @@ def test_whatever_comes_in_is_checked_or_refused(row, value):
     assert is_read_or_refused_in_one_line(check)
 
 
-def test_select_takes_the_fields_of_a_dataclass():
+def test_a_subset_takes_the_parameters_that_its_fields_name():
     @dataclass
-    class Two:
+    class Two(Subset):
         gravity: float
         dead_zone: float
 
-    assert select(Two, ParameterSet().values(PLANT)) == Two(9.81, 0.0)
+    assert Two.from_parameters(ParameterSet().of(PlantParameters)) == Two(9.81, 0.0)
     assert {field.name for field in fields(PhysicalParameters)} <= set(parameters_of(PLANT))
     assert physical(gravity=1.0).gravity == 1.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from ballbot_ros.analysis.metrics import HALF_TICK_S, Judgement, judge, measure, number
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
-from ballbot_ros.parameters import GYRO, PLANT
+from ballbot_ros.parameters import GyroParameters, PlantParameters
 from ballbot_ros.scenario.metrics import METRICS, Clearance
 from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import CELL_M
@@ -65,7 +64,7 @@ class Assessment:
             'notices': list(run.notices),
             'ticks': len(run.trajectory.time),
             'duration_s': run.end,
-            'seed': run.attached.parameters.values(GYRO)['seed']
+            'seed': run.attached.parameters.of(GyroParameters).seed
             if run.attached.has_parameters
             else None,
             'versions': run.attached.versions,
@@ -107,7 +106,7 @@ def _clearance(run: RunData) -> Clearance | None:
     floor_map = floor_map_of(grid)
     if not floor_map.walls.any():
         return None
-    return World(floor_map, run.plant['body_depth'], run.plant['body_width']).clearance
+    return World(floor_map, run.plant.body_depth, run.plant.body_width).clearance
 
 
 def shown_metrics(assessment: Assessment) -> dict[str, float]:
@@ -152,8 +151,8 @@ def _lack(run: RunData) -> str:
     if run.missing_ticks:
         return f'{run.missing_ticks} ticks are missing'
     if not run.reached_end:
-        duration: Mapping[str, Any] = run.attached.parameters.values(PLANT)
-        return f'it ends at {run.end:.3f} s of {duration["duration"]:g} s'
+        duration = run.attached.parameters.of(PlantParameters).duration
+        return f'it ends at {run.end:.3f} s of {duration:g} s'
     return 'topics are missing'
 
 

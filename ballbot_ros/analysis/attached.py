@@ -10,8 +10,8 @@ from typing import Any
 from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import temporary_folder, write_temporary
-from ballbot_ros.parameter_file import read_parameter_file
-from ballbot_ros.parameters import PLANT, ParameterSet
+from ballbot_ros.parameters import ParameterSet, PlantParameters
+from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.recording.attachments import MAPS, PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.scenario.library import load_scenario
@@ -55,7 +55,7 @@ class Attached:
         if not told.tells(run):
             return self
         parameters = told.of(run, self.parameters, self.files)
-        name = parameters.values(PLANT)['map']
+        name = parameters.of(PlantParameters).map
         floor_map = self.floor_map
         if name not in self.files:
             # The file of another map is nowhere here: the topic map tells the walls.

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.truth import TICK_NS
 from ballbot_ros.scenario.metrics import METRICS, Clearance, Motion
 from ballbot_ros.scenario.scenario import Expectation
@@ -55,7 +56,7 @@ def number(value: float) -> float | None:
 def judge(
     expectations: Iterable[Expectation],
     trajectory: Trajectory,
-    plant: Mapping[str, Any],
+    plant: PlantParameters,
     clearance: Clearance | None = None,
 ) -> list[Judgement]:
     """Measure each expectation's metric in its window; for the arguments see :func:`measure`."""
@@ -70,7 +71,7 @@ def judge(
 
 def measure(
     trajectory: Trajectory,
-    plant: Mapping[str, Any],
+    plant: PlantParameters,
     clearance: Clearance | None = None,
     *,
     start: float = 0.0,
@@ -83,14 +84,14 @@ def measure(
     Parameters
     ----------
     trajectory : Trajectory
-    plant : mapping
+    plant : PlantParameters
         The parameters of ``plant_sim``: start position, and release by ``hold_time``.
     clearance : callable or None
         Distances to the walls; None where there are none.
     start, end : float
         The window that is measured [s], from its start or the release to its end.
     """
-    first = max(start, plant['hold_time'])
+    first = max(start, plant.hold_time)
     # A slice, not a mask: it copies nothing.
     within = slice(
         np.searchsorted(trajectory.time, first - HALF_TICK_S, side='right'),
@@ -104,7 +105,7 @@ def measure(
         position=trajectory.position[within],
         psi=trajectory.psi[within],
         duty=trajectory.duty[within].astype(float),
-        start=np.array([plant['start_position_x'], plant['start_position_y']], dtype=float),
+        start=np.array([plant.start_position_x, plant.start_position_y], dtype=float),
         clearance=clearance,
     )
     return METRICS.measure(motion)

@@ -35,7 +35,7 @@ from ballbot_ros.messages.topics import (
     WALL_HIT,
     Topic,
 )
-from ballbot_ros.parameters import PLANT, ParameterSet
+from ballbot_ros.parameters import ParameterSet, PlantParameters
 from ballbot_ros.recording.batch import RawMessage
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.closed_loop import ClosedLoop, Tick
@@ -122,7 +122,7 @@ def replay_run(
         Each tick of the closed loop.
     """
     loop = ClosedLoop(parameters, run, run.start_ns)
-    ball_radius = parameters.values(PLANT)['ball_radius']
+    ball_radius = parameters.of(PlantParameters).ball_radius
 
     def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
         # A push may end after the run, and of a run without a duty there are events only.

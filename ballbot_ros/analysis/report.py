@@ -13,7 +13,12 @@ from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import Drawn, draw_figures
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.analysis.table import csv_text
-from ballbot_ros.parameters import GYRO, NODES, PLANT, parameters_of
+from ballbot_ros.parameters import (
+    NODES,
+    GyroParameters,
+    PlantParameters,
+    parameters_of,
+)
 from ballbot_ros.scenario.metric_registry import label
 from ballbot_ros.scenario.metrics import METRICS
 
@@ -86,7 +91,7 @@ def banner(run: RunData) -> list[str]:
     if run.missing_ticks:
         lines.append(f'{run.missing_ticks} ticks are missing.')
     if not run.reached_end:
-        duration = run.attached.parameters.values(PLANT)['duration']
+        duration = run.attached.parameters.of(PlantParameters).duration
         lines.append(f'The run ends at {run.end:.3f} s; its duration is {duration:g} s.')
     return lines
 
@@ -109,8 +114,8 @@ def _facts(run: RunData) -> list[tuple[str, str]]:
     if attached.scenario:
         facts.append(('Profile', attached.scenario.profile))
     if attached.has_parameters:
-        facts.append(('Plant model', str(run.plant['plant_model'])))
-        facts.append(('Seed', str(attached.parameters.values(GYRO)['seed'])))
+        facts.append(('Plant model', str(run.plant.plant_model)))
+        facts.append(('Seed', str(attached.parameters.of(GyroParameters).seed)))
     return facts
 
 
@@ -139,16 +144,17 @@ def _parameters(run: RunData) -> Iterator[dict[str, Any]]:
     if not run.attached.has_parameters:
         return
     for node in NODES:
-        values = run.attached.parameters.values(node)
+        parameters = run.attached.parameters.of_node(node)
         for name, row in parameters_of(node).items():
+            value = getattr(parameters, name)
             yield {
                 'node': node,
                 'name': name,
-                'value': _text(values[name]),
+                'value': _text(value),
                 'default': _text(row.default),
                 'unit': '' if row.unit == '1' else row.unit,
                 'meaning': row.description,
-                'changed': values[name] != row.default,
+                'changed': value != row.default,
             }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from ballbot_ros.analysis.attached import Attached, read_attached
 from ballbot_ros.analysis.extraction import TICKED, Extraction, Status, Traffic, extract
 from ballbot_ros.brick.brick import Tone
-from ballbot_ros.controller.interface import CALIBRATING, OUT_OF_CONTROL
+from ballbot_ros.controller.interface import DriveState
 from ballbot_ros.messages.conversions import map_grid
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
-from ballbot_ros.parameters import CONTROLLER, PLANT
+from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.plant.truth import TICK_NS
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -122,7 +122,7 @@ class RunData:
     missing_ticks: int
     reached_end: bool
     notices: tuple[str, ...]
-    plant: Mapping[str, Any] = field(default_factory=dict)
+    plant: PlantParameters = field(default_factory=PlantParameters)
 
     @property
     def name(self) -> str:
@@ -148,10 +148,10 @@ class RunData:
 
     def balancing(self, time: Floats) -> NDArray[np.bool_]:
         """Tell at which `time` [s] the controller ran: calibrated, and not out of control."""
-        calibrated = self.attached.parameters.values(CONTROLLER)['time_start'] * 1e-3
+        calibrated = self.attached.parameters.of(ControllerParameters).time_start * 1e-3
         runs = np.asarray(time >= calibrated)
         for each in self.states:
-            if each.state in (CALIBRATING, OUT_OF_CONTROL):
+            if each.state in (DriveState.CALIBRATION, DriveState.OUT_OF_CONTROL):
                 runs &= (time < each.start) | (time > each.end)
         return runs
 
@@ -196,20 +196,19 @@ def read_run(
     series = _series(extraction, epoch, start, end)
     if not series:
         raise RecordingError(f'{path}: run {number} of {len(runs)} has no ticks')
-    plant = dict(attached.parameters.values(PLANT))
-    has_map = bool(plant['map']) or not extraction.told.tells(run)
-    trajectory, missing = _trajectory(series, start, bool(plant['lockstep']))
+    plant = attached.parameters.of(PlantParameters)
+    has_map = bool(plant.map) or not extraction.told.tells(run)
+    trajectory, missing = _trajectory(series, start, plant.lockstep)
     last = trajectory.time[-1] if len(trajectory.time) else 0.0
     if not attached.has_parameters and PLANT_ODOM in series:
-        plant['start_position_x'], plant['start_position_y'] = map(
-            float, series[PLANT_ODOM].values[0]
-        )
-    if not plant['lockstep']:
+        x, y = map(float, series[PLANT_ODOM].values[0])
+        plant = replace(plant, start_position_x=x, start_position_y=y)
+    if not plant.lockstep:
         notices.append(
             'A free-running run: the duties that acted are not in the file; of each tick the '
             'newest one is taken.'
         )
-    ticks = round(plant['duration'] * SECOND_NS) // TICK_NS
+    ticks = round(plant.duration * SECOND_NS) // TICK_NS
     reached_end = (len(trajectory.time) and round(last * SECOND_NS) // TICK_NS + 1 >= ticks) > 0
     return RunData(
         path=Path(path),

@@ -34,7 +34,7 @@ from ballbot_ros.analysis.style import (
     tidy,
 )
 from ballbot_ros.analysis.table import Table
-from ballbot_ros.controller.interface import CALIBRATING, DRIVE_STATES
+from ballbot_ros.controller.interface import DriveState
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -116,7 +116,7 @@ def _draw_planes(axes: Any, table: Table, first: str, second: str, label: str) -
 
 def _shade_calibration(run: RunData, axes: Any) -> None:
     for each in run.states:
-        if each.state == CALIBRATING:
+        if each.state == DriveState.CALIBRATION:
             axes.axvspan(each.start, each.end, color=GRAY, alpha=0.12, linewidth=0.0)
 
 
@@ -270,12 +270,13 @@ def _draw_battery(run: RunData, table: Table) -> Any:
 
 
 def _draw_states(run: RunData, table: Table) -> Any:
-    present = [state for state in DRIVE_STATES if state in table['state']]
+    known = [state.value for state in DriveState]
+    present = [state for state in known if state in table['state']]
     present += sorted(set(table['state'].tolist()) - set(present))
     figure = new_figure(_WIDTH, 1.1 + 0.32 * len(present))
     axes = figure.subplots()
     for each in run.states:
-        look = DRIVE_STATES.index(each.state) if each.state in DRIVE_STATES else 0
+        look = known.index(each.state) if each.state in known else 0
         # A band of its own for each state: its name stands beside it, with or without colour.
         axes.barh(
             present.index(each.state), each.end - each.start, left=each.start, height=0.7,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.metrics import HALF_TICK_S
 from ballbot_ros.analysis.run_data import RunData, seconds
-from ballbot_ros.controller.interface import DRIVE_STATES
+from ballbot_ros.controller.interface import DriveState
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -22,7 +22,7 @@ from ballbot_ros.messages.topics import (
     PLANT_JOINT_STATES,
     PLANT_ODOM,
 )
-from ballbot_ros.parameters import CONTROLLER, PLANT
+from ballbot_ros.parameters import CONTROLLER, PLANT, ControllerParameters
 from ballbot_ros.plant.truth import TICK_NS
 from ballbot_ros.scenario.metric_registry import MetricRegistry
 
@@ -40,8 +40,8 @@ def estimated_position(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
     It is NaN where the controller does not run.
     """
     state = run.series[CONTROLLER_STATE].at(stamps)
-    radius = run.attached.parameters.values(CONTROLLER)['ball_radius']
-    start = [run.plant['start_position_x'], run.plant['start_position_y']]
+    radius = run.attached.parameters.of(ControllerParameters).ball_radius
+    start = [run.plant.start_position_x, run.plant.start_position_y]
     return _while_balancing(run, stamps, radius * state[:, [0, 2]] + start)
 
 
@@ -122,12 +122,12 @@ def energy_j(run: RunData) -> float:
     if PLANT_JOINT_STATES not in run.series:
         return math.nan
     motors, plant = run.series[PLANT_JOINT_STATES], run.plant
-    if len(motors.time) < 2 or not plant['torque_constant']:
+    if len(motors.time) < 2 or not plant.torque_constant:
         return math.nan
-    rate, current = motors.values[:, :2], motors.values[:, 2:] / plant['torque_constant']
-    voltage = plant['motor_resistance'] * current + plant['back_emf_constant'] * rate
+    rate, current = motors.values[:, :2], motors.values[:, 2:] / plant.torque_constant
+    voltage = plant.motor_resistance * current + plant.back_emf_constant * rate
     power = (voltage * current).sum(axis=1).clip(min=0.0)[:-1]
-    released = motors.time[:-1] >= plant['hold_time'] - HALF_TICK_S
+    released = motors.time[:-1] >= plant.hold_time - HALF_TICK_S
     return float((power * np.diff(motors.time))[released].sum())
 
 
@@ -175,7 +175,7 @@ def _time_in(run: RunData, state: str) -> float:
     return sum(each.end - each.start for each in run.states if each.state == state)
 
 
-for _state in DRIVE_STATES:
+for _state in DriveState:
     RUN_METRICS.metric(f'time in the state {_state}', f'time_in_{_state}_s')(
         partial(_time_in, state=_state)
     )
@@ -203,7 +203,7 @@ def tick_jitter_ms(run: RunData) -> float:
 )
 def late_ticks(run: RunData) -> float:
     late = _counter(run, PLANT, 'overruns')
-    if not run.plant['lockstep']:
+    if not run.plant.lockstep:
         late += _counter(run, CONTROLLER, 'overruns')
     return late
 

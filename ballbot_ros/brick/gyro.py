@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 from ballbot_ros.brick.noise import DeviceNoise
 from ballbot_ros.brick.units import quantise
 from ballbot_ros.numerics.elementary import TWO_PI, sine_cosine
 from ballbot_ros.numerics.random_numbers import normal, uniform
+from ballbot_ros.parameters import GyroParameters
 
 ADC_MAX = 1023
 _SAMPLE_NS = 4_000_000
@@ -56,20 +55,18 @@ class Gyro:
 
     Parameters
     ----------
-    values : mapping
+    parameters : GyroParameters
         The parameters of ``gyro_driver``.
     """
 
-    def __init__(self, values: Mapping[str, Any]) -> None:
-        offsets = (values['zero_rate_offset_x'], values['zero_rate_offset_y'])
-        limit: float = values['rate_limit']
-        self._sigma: float = values['noise']
-        drift: float = values['drift']
-        drift_period_ns = round(values['drift_period'] * 1e9)
-        seed: int = values['seed']
+    def __init__(self, parameters: GyroParameters) -> None:
+        offsets = (parameters.zero_rate_offset_x, parameters.zero_rate_offset_y)
+        self._sigma = parameters.noise
+        drift_period_ns = round(parameters.drift_period * 1e9)
+        seed = parameters.seed
         self._noise = DeviceNoise(seed, 'gyro', normal)
         self._x, self._y = (
-            (offset, limit, self._sigma, drift, drift_period_ns, phase)
+            (offset, parameters.rate_limit, self._sigma, parameters.drift, drift_period_ns, phase)
             for offset, phase in zip(
                 offsets, DeviceNoise(seed, 'gyro drift', uniform).pair(0), strict=True
             )

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from ballbot_ros.brick.noise import DeviceNoise
 from ballbot_ros.brick.units import NO_ECHO_CM, quantise
 from ballbot_ros.numerics.random_numbers import uniform
+from ballbot_ros.parameters import SonarParameters
 
 SAMPLE_NS = 20_000_000
 NEAR_DROPOUT = 0.5
@@ -51,16 +49,16 @@ class Sonar:
 
     Parameters
     ----------
-    values : mapping
+    parameters : SonarParameters
         The parameters of ``sonar_driver``.
     """
 
-    def __init__(self, values: Mapping[str, Any]) -> None:
-        self._error: float = values['noise_cm']
-        self._dropout: float = values['dropout_probability']
-        self._max_range: float = values['max_range_cm']
-        self._min_range: float = values['min_range_cm']
-        self._noise = DeviceNoise(values['seed'], 'sonar', uniform)
+    def __init__(self, parameters: SonarParameters) -> None:
+        self._error: float = parameters.noise_cm
+        self._dropout: float = parameters.dropout_probability
+        self._max_range: float = parameters.max_range_cm
+        self._min_range: float = parameters.min_range_cm
+        self._noise = DeviceNoise(parameters.seed, 'sonar', uniform)
 
     def read(self, distance_m: float, stamp_ns: int) -> int:
         """Return the reading [cm] for the distance [m] to an obstacle, +inf if there is none."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import click
 from rich.console import Console
@@ -38,8 +38,8 @@ from ballbot_ros.codegen.steps import Step, random_steps
 from ballbot_ros.codegen.toolchain import ARM, HOST, Target, build, missing_tool
 from ballbot_ros.controller.tasks import TS1_MS
 from ballbot_ros.files import temporary_folder
-from ballbot_ros.parameter_file import read_parameter_file
-from ballbot_ros.parameters import CONTROLLER, ParameterSet
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
+from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 from ballbot_ros.simulation.scenario_steps import scenario_steps
@@ -54,7 +54,7 @@ def generate(folder: Path, parameter_file: Path | None, mode: str | None) -> Non
     parameters = _read(parameter_file) if parameter_file else ParameterSet()
     if mode:
         parameters.set(CONTROLLER, 'mode', mode)
-    values = parameters.values(CONTROLLER)
+    values = parameters.of(ControllerParameters)
     for path in write_application(folder, values):
         print(path)
     again = shlex.join(['ballbot', 'codegen', '--check', str(folder)])
@@ -126,7 +126,7 @@ def _sequences(parameters: ParameterSet) -> list[_Sequence]:
         together.update(scenario.parameters)
         together.update(parameters)
         sequences.append(_Sequence(name, list(scenario_steps(together, scenario))))
-    calibration = int(parameters.values(CONTROLLER)['time_start']) // TS1_MS
+    calibration = int(parameters.of(ControllerParameters).time_start) // TS1_MS
     ticks = min(calibration, 2500) + RANDOM_TICKS
     for seed in range(RANDOM_SEQUENCES):
         steps = list(random_steps(seed, ticks, wild=seed % 2 == 1))
@@ -153,21 +153,21 @@ class _Check:
     def __init__(
         self, folder: Path, target: Target, parameters: ParameterSet, scratch: Path
     ) -> None:
-        self._values: dict[str, Any] = parameters.values(CONTROLLER)
+        self._parameters = parameters.of(ControllerParameters)
         self._tasks: list[TaskTiming] = read_tasks(folder)
         self._scratch = scratch
         self._command = build(folder, target, scratch)
         self._stack = [0] * len(self._tasks)
 
     def _program(self, machine: BrickProcess | _Tape) -> CompiledProgram:
-        return CompiledProgram(machine, self._tasks, self._values['mode'] == 'autonomous')
+        return CompiledProgram(machine, self._tasks, self._parameters.mode == 'autonomous')
 
     def compare(self, sequences: Sequence[_Sequence]) -> tuple[int, str]:
         """Return the ticks compared, and the first difference in words."""
         ticks = 0
         for sequence in sequences:
             program = self._program(BrickProcess(self._command))
-            comparison = compare(self._values, program, sequence.steps)
+            comparison = compare(self._parameters, program, sequence.steps)
             ticks += comparison.ticks
             if comparison.difference:
                 return ticks, f'{sequence.name}, {comparison.difference}'

@@ -14,8 +14,8 @@ from rich.table import Table
 from rich.text import Text
 
 from ballbot_ros.cli.path_types import PATH
-from ballbot_ros.parameter_file import read_parameter_file
-from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet, select
+from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
+from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.plant.model import Matrix, PhysicalParameters
 
 GAIN_NAMES = ('θ', 'ψ', 'θ̇', 'ψ̇', '∫θ')
@@ -34,7 +34,7 @@ def command(parameter_file: Path | None) -> None:
     from ballbot_ros.design.servo import PUBLISHED_GAIN, design_servo
 
     parameters = read_parameter_file(parameter_file) if parameter_file else ParameterSet()
-    physical = select(PhysicalParameters, parameters.values(PLANT))
+    physical = PhysicalParameters.from_parameters(parameters.of(PlantParameters))
     design = design_servo(physical)
     console = Console(highlight=False, markup=False)
 
@@ -51,8 +51,8 @@ def command(parameter_file: Path | None) -> None:
         f'   phase {design.phase_margin_deg:.1f}°   delay {design.delay_margin_s * 1e3:.0f} ms'
     )
 
-    controller = parameters.values(CONTROLLER)
-    in_use = (*_numbers(controller['k_f']), *_numbers((controller['k_i'],)))
+    controller = parameters.of(ControllerParameters)
+    in_use = (*controller.k_f, controller.k_i)
     table = Table(title='Servo gains', title_justify='left')
     for heading in ('', 'computed', 'published', 'in use'):
         table.add_column(heading, justify='right')
@@ -60,10 +60,6 @@ def command(parameter_file: Path | None) -> None:
     for name, computed, published, used in rows:
         table.add_row(name, f'{computed:.8f}', f'{published:g}', f'{used:.8f}')
     console.print(table)
-
-
-def _numbers(values: Any) -> list[float]:
-    return [float(value) for value in values]
 
 
 def _print_matrix(console: Console, name: str, matrix: Matrix) -> None:

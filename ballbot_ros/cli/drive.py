@@ -26,17 +26,18 @@ from ballbot_ros.cli.separate_processes import start_nodes, watch
 from ballbot_ros.codegen.implementation import require_implementation
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
-from ballbot_ros.parameter_file import write_parameter_file
 from ballbot_ros.parameters import (
     ALL_NODES,
-    CONTROLLER,
     GAMEPAD,
     NODES,
     PLANT,
     RECORDER,
     VIEWER,
+    ControllerParameters,
+    GamepadParameters,
     ParameterSet,
 )
+from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.stop_request import StopRequest
@@ -74,7 +75,7 @@ def drive_by_hand(
     for assignment in assignments:
         assign(parameters, assignment)
 
-    require_implementation(parameters.values(CONTROLLER)['implementation'])
+    require_implementation(parameters.of(ControllerParameters).implementation)
     if viewer:
         require_viewer(parameters)
     settle_map(parameters)
@@ -111,7 +112,7 @@ def _drive(
         names.append(VIEWER)
     processes: dict[str, NodeProcess] = {}
     with StopRequest() as stop, ros('INFO'), GraphMonitor() as monitor:
-        gamepad = GamepadTeleop(parameters.values(GAMEPAD))
+        gamepad = GamepadTeleop(parameters.of(GamepadParameters))
         thread = NodeThread(gamepad)
         if hint:
             progress.notice(hint)

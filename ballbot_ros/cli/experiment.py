@@ -9,31 +9,40 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 from ballbot_ros import __version__
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.parameter_file import format_parameters
 from ballbot_ros.parameters import (
     ALL_NODES,
     GAMEPAD,
     PLANT,
-    SONAR,
     ParameterError,
     ParameterSet,
+    PlantParameters,
+    SonarParameters,
     parameters_of,
 )
+from ballbot_ros.parameters.files import format_parameters
 from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.trajectory import Trajectory
+from ballbot_ros.text_enum import TextEnum
 from ballbot_ros.world.library import image_suffix, is_file_name, read_map_file
 from ballbot_ros.world.sonar_beam import SonarBeam
 from ballbot_ros.world.world import World
 from ballbot_ros.yaml_document import parse_value
 
 RECORDED_VERSIONS = ('numpy', 'scipy', 'control', 'mcap', 'ros-rclpy', 'ros-rmw-fastrtps-cpp')
+
+
+class Processes(TextEnum):
+    """How the nodes of a run are spread over processes."""
+
+    SEPARATE = 'separate'
+    ONE = 'one'
+    NONE = 'none'
+    """No nodes at all: the closed loop without ROS."""
 
 
 @dataclass
@@ -59,22 +68,6 @@ class Experiment:
     attachments: dict[str, bytes] = field(default_factory=dict)
 
 
-@dataclass
-class Finished:
-    """What a way of running hands back.
-
-    Attributes
-    ----------
-    summary : dict
-        The plant's own account: outcome, reason, ticks, duty_sha256 and measurements.
-    trajectory : Trajectory or None
-        None where the plant died.
-    """
-
-    summary: dict[str, Any]
-    trajectory: Trajectory | None
-
-
 def assign(parameters: ParameterSet, assignment: str) -> None:
     """Set the parameter that a `--set node.param=value` names."""
     target, equals, text = assignment.partition('=')
@@ -89,9 +82,9 @@ def assign(parameters: ParameterSet, assignment: str) -> None:
 
 def settle_map(parameters: ParameterSet) -> World | None:
     """Find out here, before anything starts, whether map and start position are of use."""
-    world = World.of(parameters.values(PLANT))
-    SonarBeam(parameters.values(SONAR))
-    name = parameters.values(PLANT)['map']
+    world = World.of(parameters.of(PlantParameters))
+    SonarBeam(parameters.of(SonarParameters))
+    name = parameters.of(PlantParameters).map
     if is_file_name(name):
         parameters.set(PLANT, 'map', str(Path.cwd() / name))
     return world
@@ -163,7 +156,7 @@ def attachments_of(experiment: Experiment) -> dict[str, bytes]:
     parameters.update(experiment.parameters)
     parameters.set(GAMEPAD, 'scenario', '')
     attached_map = {}
-    if name := experiment.parameters.values(PLANT)['map']:
+    if name := experiment.parameters.of(PlantParameters).map:
         image = read_map_file(name)
         attached = f'map{image_suffix(image)}'
         attached_map[attached] = image

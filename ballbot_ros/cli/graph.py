@@ -20,7 +20,7 @@ from ballbot_ros.nodes.middleware import (
     start_failure,
 )
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
-from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
+from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet, PlantParameters
 
 RCLError = rclpy_implementation.RCLError
 
@@ -73,7 +73,7 @@ def graph_parameters(experiment: Experiment, scratch: Path) -> ParameterSet:
     if experiment.recording:
         parameters.set(RECORDER, 'output', str(experiment.recording.resolve()))
         parameters.set(RECORDER, 'attachments', str(_attachments_folder(scratch)))
-        if parameters.values(PLANT)['lockstep']:
+        if parameters.of(PlantParameters).lockstep:
             parameters.set(PLANT, 'require_recorder', True)
     return parameters
 

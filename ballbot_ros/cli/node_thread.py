@@ -6,7 +6,7 @@ from threading import Thread
 
 import rclpy
 
-from ballbot_ros.nodes.base import BallbotNode, spin
+from ballbot_ros.nodes.base import AnyNode, spin
 
 
 class NodeThread:
@@ -22,7 +22,7 @@ class NodeThread:
         What ended it too early.
     """
 
-    def __init__(self, node: BallbotNode) -> None:
+    def __init__(self, node: AnyNode) -> None:
         self._node = node
         self.error: BaseException | None = None
         self._end = rclpy.Future()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from ballbot_ros.cli.experiment import Experiment, Finished
+from ballbot_ros.cli.experiment import Experiment
 from ballbot_ros.cli.graph import graph_parameters, ros, write_attachments
 from ballbot_ros.cli.progress import UPDATE_S, Progress
-from ballbot_ros.nodes.base import BallbotNode, spin
+from ballbot_ros.nodes.base import AnyNode, spin
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.encoder_driver import EncoderDriver
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
@@ -20,35 +23,39 @@ from ballbot_ros.parameters import (
     ENCODER,
     GAMEPAD,
     GYRO,
-    PLANT,
     RECORDER,
     SONAR,
+    PlantParameters,
+    RecorderParameters,
 )
+from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.run_result import RunResult
 from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
 from ballbot_ros.stop_request import StopRequest
 
-_DRIVERS = {
+_DRIVERS: dict[str, Callable[[Any], AnyNode]] = {
     GYRO: GyroDriver,
     ENCODER: EncoderDriver,
     SONAR: SonarDriver,
     GAMEPAD: GamepadTeleop,
     CONTROLLER: Controller,
 }
+"""What makes each node from its parameters."""
 
 
-def run_in_one_process(experiment: Experiment, scratch: Path, progress: Progress) -> Finished:
+def run_in_one_process(experiment: Experiment, scratch: Path, progress: Progress) -> RunResult:
     """Run the graph in this process."""
     write_attachments(experiment, scratch)
     parameters = graph_parameters(experiment, scratch)
-    nodes: list[BallbotNode] = []
+    nodes: list[AnyNode] = []
     recorder: Recorder | None = None
     with ros():
         try:
-            plant = PlantSim(parameters.values(PLANT))
+            plant = PlantSim(parameters.of(PlantParameters))
             nodes.append(plant)
-            nodes += [make(parameters.values(name)) for name, make in _DRIVERS.items()]
+            nodes += [make(parameters.of_node(name)) for name, make in _DRIVERS.items()]
             if experiment.recording:
-                recorder = Recorder(parameters.values(RECORDER))
+                recorder = Recorder(parameters.of(RecorderParameters))
                 nodes.append(recorder)
             plant.every(UPDATE_S, lambda: progress.update(plant.log.ticks * TICK_NS / SECOND_NS))
             with StopRequest() as stop:
@@ -58,9 +65,9 @@ def run_in_one_process(experiment: Experiment, scratch: Path, progress: Progress
             for node in nodes:
                 node.close()
                 node.destroy_node()
-    summary = {**plant.summary, 'exit_status': 128 + stop.signal if stop.signal else 1}
+    result = RunResult.of_plant(plant.summary, plant.log.trajectory())
+    if recorder and recorder.failure and result.outcome is Outcome.COMPLETED:
+        result = result.failed(f'{RECORDER}: {recorder.failure}')
     if plant.exit_status == 2:
-        summary['exit_status'] = 2
-    if recorder and recorder.failure and summary['outcome'] == 'completed':
-        summary.update(outcome='failed', reason=f'{RECORDER}: {recorder.failure}')
-    return Finished(summary, plant.log.trajectory())
+        return replace(result, exit_status=2)
+    return replace(result, exit_status=128 + stop.signal) if stop.signal else result

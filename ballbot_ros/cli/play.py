@@ -9,9 +9,8 @@ import sys
 import termios
 import time
 import tty
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -19,7 +18,7 @@ from ballbot_ros.cli.options import split_at_commas
 from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.cli.requirements import require_rclpy
 from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
-from ballbot_ros.parameters import PLAYER, ParameterSet
+from ballbot_ros.parameters import PLAYER, ParameterSet, PlayerParameters
 
 KEYS_S = 0.05
 SKIP_S = 5.0
@@ -27,11 +26,8 @@ FASTER = 1.25
 _KEY = re.compile('\x1b\\[.|.', re.DOTALL)
 
 
-def play_file(values: Mapping[str, Any]) -> int:
-    """Play a recording with the parameters `values` of the player; return the exit status."""
-    checked = ParameterSet()
-    for name, value in values.items():
-        checked.set(PLAYER, name, value)
+def play_file(parameters: PlayerParameters) -> int:
+    """Play a recording; return the exit status."""
     require_rclpy()
     from rclpy.logging import LoggingSeverity
     from rclpy.parameter import Parameter
@@ -42,7 +38,7 @@ def play_file(values: Mapping[str, Any]) -> int:
     os.environ.setdefault(DISCOVERY_RANGE, 'LOCALHOST')
 
     def make() -> Player:
-        player = Player(values)
+        player = Player(parameters)
         player.get_logger().set_level(LoggingSeverity.WARN)
         if not sys.stdin.isatty():
             return player
@@ -53,7 +49,7 @@ def play_file(values: Mapping[str, Any]) -> int:
                 case ' ':
                     playback.pause(not playback.paused, now)
                 case '+' | '-':
-                    rate = player.values['rate'] * (FASTER if key == '+' else 1.0 / FASTER)
+                    rate = player.parameters.rate * (FASTER if key == '+' else 1.0 / FASTER)
                     player.set_parameters([Parameter('rate', value=rate)])
                 case '\x1b[C' | '\x1b[D':  # the arrows to the right and to the left
                     step = SKIP_S if key.endswith('C') else -SKIP_S
@@ -134,9 +130,10 @@ def command(file: Path, rate: float, start: float, loop: bool, topics: list[str]
     Keys: space pauses, → and ← skip 5 s, + and - change the speed, q ends. The player refuses to
     publish /clock and plant topics where a plant is at work.
     """
-    return play_file(
-        {
-            'file': str(file), 'rate': rate, 'start': start, 'loop': loop,
-            'topics': ','.join(topics),
-        }
-    )  # fmt: skip
+    parameters = ParameterSet()
+    parameters.set(PLAYER, 'file', str(file))
+    parameters.set(PLAYER, 'rate', rate)
+    parameters.set(PLAYER, 'start', start)
+    parameters.set(PLAYER, 'loop', loop)
+    parameters.set(PLAYER, 'topics', ','.join(topics))
+    return play_file(parameters.of(PlayerParameters))

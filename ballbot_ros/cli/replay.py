@@ -40,8 +40,15 @@ from ballbot_ros.controller.interface import Program
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import temporary_folder, write_temporary
 from ballbot_ros.messages.topics import PARTICIPANTS, Topic
-from ballbot_ros.parameter_file import read_parameter_file
-from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterError, ParameterSet
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    PLANT,
+    ControllerParameters,
+    ParameterError,
+    ParameterSet,
+    PlantParameters,
+)
+from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.recording.attachments import PARAMETERS
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -143,7 +150,7 @@ def _choose(job: _Job, told: ToldParameters, asked: str | None) -> ReplayedContr
 
 
 def _implementation(parameters: ParameterSet) -> str:
-    return str(parameters.values(CONTROLLER)['implementation'])
+    return str(parameters.of(ControllerParameters).implementation)
 
 
 def _nothing_to_replay_by(path: Path) -> str:
@@ -183,7 +190,7 @@ def _parameters(
         raise RecordingError(_nothing_to_replay_by(reader.path))
     files = reader.attachments()
     parameters = told.of(run.name, attached or ParameterSet(), files)
-    name = parameters.values(PLANT)['map']
+    name = parameters.of(PlantParameters).map
     if is_file_name(name):
         if name not in files:
             raise RecordingError(f'{reader.path}: the map {name!r} is not attached')
@@ -225,7 +232,7 @@ def _replay(
 
 
 def _program(parameters: ParameterSet) -> Program:
-    return program_maker(parameters.values(CONTROLLER))()
+    return program_maker(parameters.of(ControllerParameters))()
 
 
 def _around(reader: RecordingReader, job: _Job, stamp_ns: int) -> list[ReplayedTick]:

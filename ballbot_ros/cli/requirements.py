@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from ballbot_ros.cli.experiment import Processes
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.middleware import require_middleware
-from ballbot_ros.parameters import VIEWER, ParameterSet
+from ballbot_ros.parameters import ParameterSet, ViewerParameters
 
 
 def require_rclpy(otherwise: str = '') -> None:
@@ -30,7 +31,7 @@ def require_rclpy(otherwise: str = '') -> None:
         ) from None
 
 
-def require_viewer(parameters: ParameterSet, processes: str = 'separate') -> None:
+def require_viewer(parameters: ParameterSet, processes: Processes = Processes.SEPARATE) -> None:
     """Find out whether the page can be served beside a run.
 
     Raises
@@ -42,8 +43,8 @@ def require_viewer(parameters: ParameterSet, processes: str = 'separate') -> Non
     from ballbot_ros.viewer.address import check_address, require_viser
     from ballbot_ros.viewer.errors import ViewerError
 
-    if processes != 'separate':
+    if processes is not Processes.SEPARATE:
         raise ViewerError(f'--viewer goes with --processes separate, not {processes}')
     require_viser()
-    values = parameters.values(VIEWER)
-    check_address(values['host'], values['port'])
+    viewer = parameters.of(ViewerParameters)
+    check_address(viewer.host, viewer.port)

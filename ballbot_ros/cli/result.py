@@ -7,16 +7,18 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from ballbot_ros.analysis.metrics import Judgement, number
+from ballbot_ros.cli.experiment import Processes
 from ballbot_ros.scenario.metric_registry import label as metric_label
+from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.run_result import RunResult
 
-PASSED, NOT_MET, FAILED, STOPPED = 'passed', 'expectations not met', 'failed', 'stopped'
+PASSED, NOT_MET = 'passed', 'expectations not met'
 
 
 @dataclass(frozen=True)
@@ -28,12 +30,10 @@ class Verdict:
     exit_status: int
 
     @classmethod
-    def of(cls, summary: Mapping[str, Any], judgements: Sequence[Judgement]) -> Verdict:
-        """Judge a run by the plant's summary and what came of the scenario's expectations."""
-        if summary['outcome'] == STOPPED:
-            return cls(STOPPED, summary['reason'], int(summary.get('exit_status', 130)))
-        if summary['outcome'] == FAILED:
-            return cls(FAILED, summary['reason'], int(summary.get('exit_status', 1)))
+    def of(cls, run: RunResult, judgements: Sequence[Judgement]) -> Verdict:
+        """Judge a run by its result and what came of the scenario's expectations."""
+        if run.outcome is not Outcome.COMPLETED:
+            return cls(run.outcome.value, run.reason, run.exit_status)
         failures = [judgement for judgement in judgements if not judgement.holds]
         if failures:
             return cls(NOT_MET, ', '.join(map(str, failures)), 1)
@@ -41,7 +41,7 @@ class Verdict:
 
     def without_picture(self, reason: str) -> Verdict:
         """Return the verdict of a run whose picture could not be written."""
-        outcome = FAILED if self.exit_status == 0 else self.outcome
+        outcome = Outcome.FAILED.value if self.exit_status == 0 else self.outcome
         return Verdict(outcome, f'{self.reason}; {reason}'.lstrip('; '), self.exit_status or 1)
 
 
@@ -50,37 +50,37 @@ class Result:
     """Everything that is printed of a run."""
 
     scenario: str
-    processes: str
+    processes: Processes
     seed: int
     recording: Path | None
     figure: Path | None
     metrics: Mapping[str, float]
     verdict: Verdict
-    summary: Mapping[str, Any]
+    run: RunResult
     judgements: Sequence[Judgement]
 
     @property
     def is_judged(self) -> bool:
         """Whether the run came to its end, so that its expectations hold or do not."""
-        return self.summary['outcome'] not in (STOPPED, FAILED)
+        return self.run.outcome is Outcome.COMPLETED
 
 
 def print_json(result: Result) -> None:
     """Print the result as one JSON object; a number that is not there is null."""
-    summary = result.summary
+    run = result.run
     content = {
         'scenario': result.scenario,
-        'processes': result.processes,
+        'processes': result.processes.value,
         'seed': result.seed,
         'outcome': result.verdict.outcome,
         'reason': result.verdict.reason,
-        'duty_sha256': summary.get('duty_sha256'),
-        'ticks': summary.get('ticks'),
-        'real_time_factor': summary.get('real_time_factor'),
-        'missed_ticks': summary.get('missed_ticks'),
-        'asked_again': summary.get('asked_again'),
-        'round_trip_ms': summary.get('round_trip_ms'),
-        'participants': summary.get('participants', []),
+        'duty_sha256': run.duty_sha256,
+        'ticks': run.ticks,
+        'real_time_factor': run.real_time_factor,
+        'missed_ticks': run.late_ticks,
+        'asked_again': run.resends,
+        'round_trip_ms': run.round_trip._asdict() if run.round_trip else None,
+        'participants': list(run.participants),
         'recording': None if result.recording is None else str(result.recording),
         'figure': None if result.figure is None else str(result.figure),
         'metrics': {name: number(value) for name, value in result.metrics.items()},
@@ -110,16 +110,15 @@ def print_table(result: Result) -> None:
     for each in result.judgements:
         if not each.expectation.is_of_the_whole_run:
             _add_metric(table, each.expectation.metric, each.value, each, marked=result.is_judged)
-    summary = result.summary
+    run = result.run
     table.add_section()
-    if summary.get('real_time_factor'):
-        table.add_row('real-time factor', f'{summary["real_time_factor"]:.1f}', '', '')
-    trip = summary.get('round_trip_ms')
-    if trip:
-        text = ' / '.join(f'{trip[key]:.2f}' for key in ('p50', 'p99', 'max'))
+    if run.real_time_factor:
+        table.add_row('real-time factor', f'{run.real_time_factor:.1f}', '', '')
+    if run.round_trip:
+        text = ' / '.join(f'{trip_ms:.2f}' for trip_ms in run.round_trip)
         table.add_row('tick round trip p50 / p99 / max', f'{text} ms', '', '')
-    table.add_row('ticks', str(summary.get('ticks', 0)), '', '')
-    table.add_row('missed ticks', str(summary.get('missed_ticks', 0)), '', '')
+    table.add_row('ticks', str(run.ticks), '', '')
+    table.add_row('missed ticks', str(run.late_ticks or 0), '', '')
     console.print(table)
     verdict = result.verdict
     colour = 'green' if verdict.exit_status == 0 else 'red'

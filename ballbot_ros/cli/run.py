@@ -15,7 +15,7 @@ from ballbot_ros.analysis.figures import draw_motion
 from ballbot_ros.analysis.metrics import Judgement, judge, measure
 from ballbot_ros.cli.experiment import (
     Experiment,
-    Finished,
+    Processes,
     assign,
     attachments_of,
     output_of,
@@ -26,7 +26,7 @@ from ballbot_ros.cli.options import set_option
 from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.requirements import require_rclpy
-from ballbot_ros.cli.result import STOPPED, Result, Verdict, print_json, print_table
+from ballbot_ros.cli.result import Result, Verdict, print_json, print_table
 from ballbot_ros.codegen.implementation import require_implementation
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.parameters import (
@@ -35,11 +35,16 @@ from ballbot_ros.parameters import (
     GYRO,
     PLANT,
     SUPERVISOR,
+    ControllerParameters,
+    GyroParameters,
     ParameterError,
     ParameterSet,
+    PlantParameters,
 )
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.run_result import RunResult
 
 
 @dataclass(frozen=True)
@@ -48,8 +53,7 @@ class RunOptions:
 
     Attributes
     ----------
-    processes : str
-        'separate', 'one' or 'none'.
+    processes : Processes
     real_time_factor : float or None
         None: what the scenario says, else 1 to be looked at and 0 otherwise.
     output : Path or None
@@ -67,7 +71,7 @@ class RunOptions:
         Whether the result is printed as JSON.
     """
 
-    processes: str
+    processes: Processes
     real_time_factor: float | None
     output: Path | None
     seed: int | None
@@ -102,7 +106,7 @@ def parameters_of_run(scenario: Scenario, reference: str, options: RunOptions) -
             raise ParameterError(f'{node}.scenario can not be set: the scenario is {reference}')
     if options.controller:
         parameters.set(CONTROLLER, 'implementation', options.controller, '--controller')
-    if parameters.values(PLANT)['duration'] == 0.0:
+    if parameters.of(PlantParameters).duration == 0.0:
         raise ParameterError(f'--set {PLANT}.duration=0: a run of a scenario lasts longer than 0 s')
     if not parameters.is_set(GAMEPAD, 'device'):
         # Whatever lies plugged in must not disturb a scenario.
@@ -125,7 +129,7 @@ def run_scenario(
     """
     scenario = load_scenario(reference)
     parameters = parameters_of_run(scenario, reference, options)
-    require_implementation(parameters.values(CONTROLLER)['implementation'])
+    require_implementation(parameters.of(ControllerParameters).implementation)
     if '/' in reference or reference.endswith(('.yaml', '.yml')):
         reference = str(Path(reference).resolve())
     parameters.set(GAMEPAD, 'scenario', reference)
@@ -136,39 +140,39 @@ def run_scenario(
     experiment = Experiment(scenario, reference, parameters, recording)
     experiment.attachments = attachments_of(experiment)
 
-    plant_values = parameters.values(PLANT)
-    duration = plant_values['duration']
+    plant = parameters.of(PlantParameters)
+    duration = plant.duration
     with tidied(folder):
         with Progress(scenario.name, duration) as progress, _stdout_to_stderr():
-            finished = _run(options.processes, experiment, progress, is_replaced)
+            run = _run(options.processes, experiment, progress, is_replaced)
 
-        summary, trajectory = finished.summary, finished.trajectory
+        trajectory = run.trajectory
         metrics: dict[str, float] = {}
         judgements: list[Judgement] = []
         if trajectory:
             clearance = world.clearance if world and world.map.walls.any() else None
-            metrics = measure(trajectory, plant_values, clearance)
-            judgements = judge(scenario.expectations, trajectory, plant_values, clearance)
+            metrics = measure(trajectory, plant, clearance)
+            judgements = judge(scenario.expectations, trajectory, plant, clearance)
         result = Result(
             scenario=scenario.name,
             processes=options.processes,
-            seed=int(parameters.values(GYRO)['seed']),
+            seed=int(parameters.of(GyroParameters).seed),
             recording=recording if recording and recording.exists() else None,
             figure=None,
             metrics=metrics,
-            verdict=Verdict.of(summary, judgements),
-            summary=summary,
+            verdict=Verdict.of(run, judgements),
+            run=run,
             judgements=judgements,
         )
         # Who interrupts a run wants it to end; the recording has everything.
-        if folder and trajectory and len(trajectory.time) and result.verdict.outcome != STOPPED:
+        if folder and trajectory and len(trajectory.time) and run.outcome is not Outcome.STOPPED:
             figure = folder / f'{scenario.name}.png'
             try:
                 draw_motion(
                     trajectory,
                     figure,
                     f'{scenario.name}: {scenario.purpose}',
-                    plant_values['hold_time'],
+                    plant.hold_time,
                     (*scenario.vertical.segments, *scenario.horizontal.segments),
                     floor_map,
                 )
@@ -181,20 +185,20 @@ def run_scenario(
 
 
 def _run(
-    processes: str,
+    processes: Processes,
     experiment: Experiment,
     progress: Progress,
     is_replaced: Callable[[], bool],
-) -> Finished:
+) -> RunResult:
     # Each way has imports of its own: without ROS there is no rclpy to import.
-    if processes == 'none':
+    if processes is Processes.NONE:
         from ballbot_ros.cli.without_ros import run_without_ros
 
         return run_without_ros(experiment, progress)
     require_rclpy(', or use --processes none')
     with temporary_folder() as folder:
         scratch = Path(folder)
-        if processes == 'one':
+        if processes is Processes.ONE:
             from ballbot_ros.cli.one_process import run_in_one_process
 
             return run_in_one_process(experiment, scratch, progress)
@@ -220,8 +224,8 @@ def _stdout_to_stderr() -> Iterator[None]:
 @click.argument('scenario')
 @click.option(
     '--processes',
-    type=click.Choice(['separate', 'one', 'none']),
-    default='separate',
+    type=click.Choice([each.value for each in Processes]),
+    default=Processes.SEPARATE.value,
     show_default=True,
     help='Every node a process of its own; all nodes in one process; or no nodes at all, the same '
     'loop without ROS.',
@@ -271,7 +275,7 @@ def command(
     in the arguments. With --viewer it is that of the last run.
     """
     options = RunOptions(
-        processes=processes,
+        processes=Processes(processes),
         real_time_factor=real_time_factor,
         output=output,
         seed=seed,

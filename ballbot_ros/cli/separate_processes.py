@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from ballbot_ros.cli.experiment import Experiment, Finished
+from ballbot_ros.cli.experiment import Experiment
 from ballbot_ros.cli.graph import graph_parameters, ros, write_attachments
 from ballbot_ros.cli.graph_monitor import GraphMonitor
 from ballbot_ros.cli.node_process import NodeProcess, stop_all
@@ -15,8 +15,10 @@ from ballbot_ros.cli.progress import Progress
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.middleware import require_discovery, ros_domain
 from ballbot_ros.nodes.shared_memory import SETTLED_S, sweep
-from ballbot_ros.parameter_file import write_parameter_file
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER
+from ballbot_ros.parameters.files import write_parameter_file
+from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.run_result import RunResult
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS
 from ballbot_ros.simulation.trajectory import load_trajectory
 from ballbot_ros.stop_request import StopRequest
@@ -29,7 +31,7 @@ def run_in_separate_processes(
     scratch: Path,
     progress: Progress,
     is_replaced: Callable[[], bool] = lambda: False,
-) -> Finished:
+) -> RunResult:
     """Run the graph as processes; all of them have ended when this returns.
 
     Parameters
@@ -60,11 +62,11 @@ def run_in_separate_processes(
                 failure = watch(processes, monitor, progress, is_told_to_stop)
         finally:
             stop_all(processes.values(), last=RECORDER)
+        told = RunResult(Outcome.FAILED)
         if trajectory_file.exists():
             trajectory, summary = load_trajectory(trajectory_file)
-        else:
-            trajectory, summary = None, {'outcome': 'failed', 'reason': '', 'ticks': 0}
-        return Finished(judged(summary, failure, processes, stop, is_replaced()), trajectory)
+            told = RunResult.of_plant(summary, trajectory)
+        return judged(told, failure, processes, stop, is_replaced())
 
 
 def start_nodes(
@@ -134,33 +136,33 @@ def watch(
 
 
 def judged(
-    summary: dict[str, Any],
+    told: RunResult,
     failure: str,
     processes: Mapping[str, NodeProcess],
     stop: StopRequest,
     is_replaced: bool,
-) -> dict[str, Any]:
-    """Return the plant's summary with what it can't know.
+) -> RunResult:
+    """Return the result of a run that the plant has told, with what it can't know.
 
     A run that the plant has completed is completed, whatever becomes of the processes then.
     """
-    verdict = dict(summary)
-    verdict['exit_status'] = 1
     failed = {p.name: p.failure for p in processes.values() if p.exit_status in (1, 2)}
+    is_complete = told.outcome is Outcome.COMPLETED
     if stop.signal:
-        verdict.update(outcome='stopped', exit_status=128 + stop.signal)
-    elif is_replaced and verdict['outcome'] != 'completed':
-        verdict.update(outcome='stopped', exit_status=0)
-    elif failure and verdict['outcome'] != 'completed':
-        verdict.update(outcome='failed', reason=failure)
-    elif verdict['outcome'] == 'stopped':
-        verdict.update(outcome='failed', reason=f'{PLANT} was told to stop')
-    elif verdict['outcome'] == 'completed' and RECORDER in failed:
-        verdict.update(outcome='failed', reason=failed[RECORDER])
-    if verdict['outcome'] == 'failed':
-        # A plant that could not leave its account says why.
-        causes = [*failed.values(), processes[PLANT].failure]
-        verdict['reason'] = verdict['reason'] or causes[0]
+        return replace(told, outcome=Outcome.STOPPED, exit_status=128 + stop.signal)
+    if is_replaced and not is_complete:
+        return replace(told, outcome=Outcome.STOPPED, exit_status=0)
+    result = told
+    if failure and not is_complete:
+        result = told.failed(failure)
+    elif told.outcome is Outcome.STOPPED:
+        result = told.failed(f'{PLANT} was told to stop')
+    elif is_complete and RECORDER in failed:
+        result = told.failed(failed[RECORDER])
+    if result.outcome is Outcome.FAILED:
+        if not result.reason:
+            # A plant that could not leave its account says why.
+            result = result.failed([*failed.values(), processes[PLANT].failure][0])
         if any(p.exit_status == 2 for p in processes.values()):
-            verdict['exit_status'] = 2
-    return verdict
+            result = replace(result, exit_status=2)
+    return result

@@ -17,8 +17,8 @@ from ballbot_ros.cli.run import RunOptions, parameters_of_run, run_scenario
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.supervisor import Supervisor
-from ballbot_ros.parameter_file import write_parameter_file
-from ballbot_ros.parameters import VIEWER, ParameterSet
+from ballbot_ros.parameters import VIEWER, ParameterSet, ViewerParameters
+from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.stop_request import StopRequest
 
@@ -115,6 +115,7 @@ class ViewerSession:
 def _address(parameters: ParameterSet) -> ParameterSet:
     """Return where the page is served; what is shown, the viewer learns from each run's plant."""
     address = ParameterSet()
-    for name in ('host', 'port'):
-        address.set(VIEWER, name, parameters.values(VIEWER)[name])
+    viewer = parameters.of(ViewerParameters)
+    address.set(VIEWER, 'host', viewer.host)
+    address.set(VIEWER, 'port', viewer.port)
     return address

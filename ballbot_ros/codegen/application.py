@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -18,11 +16,11 @@ from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.codegen.c_parameters import c_float, c_parameters, parameter_hash
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.signals import PLANE_SIGNALS, PROGRAM_SIGNALS
-from ballbot_ros.controller.parameters import ControllerParameters
+from ballbot_ros.controller.constants import ProgramConstants
 from ballbot_ros.controller.program import LOWEST_TONE_HZ, VOLTAGE_OFFSET, VOLTAGE_SLOPE
 from ballbot_ros.controller.tasks import PROGRAM_NAME
 from ballbot_ros.files import read_bytes, read_text
-from ballbot_ros.parameters import CONTROLLER
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 
 PARAMETER_FILE = 'parameters.yaml'
 OIL_FILE = 'ballbot.oil'
@@ -45,14 +43,14 @@ _TASK = re.compile(r'TASK\s+(\w+)\s*\{\s*PRIORITY\s*=\s*(\d+)\s*;')
 _ALARM = re.compile(r'TASK\s*=\s*(\w+)\s*;.*?CYCLETIME\s*=\s*(\d+)\s*;', re.DOTALL)
 
 
-def application_files(values: Mapping[str, Any]) -> dict[str, str]:
+def application_files(parameters: ControllerParameters) -> dict[str, str]:
     """Return the text of every file of the application, by name.
 
     The same parameters give the same text.
 
     Parameters
     ----------
-    values : mapping
+    parameters : ControllerParameters
         The parameters of the node ``controller``.
     """
     environment = Environment(
@@ -62,18 +60,18 @@ def application_files(values: Mapping[str, Any]) -> dict[str, str]:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    stamp = f'{_STAMP.decode()} {__version__}, parameters {parameter_hash(values)}.'
-    tasks = ControllerParameters.of(values).tasks
+    stamp = f'{_STAMP.decode()} {__version__}, parameters {parameter_hash(parameters)}.'
+    tasks = ProgramConstants.of(parameters).tasks
     context = {
         'stamp': stamp,
-        'parameters': c_parameters(values),
+        'parameters': c_parameters(parameters),
         'plane_signals': PLANE_SIGNALS,
         'program_signals': PROGRAM_SIGNALS,
         'tasks': tasks,
         'periods': {task.name: task.period_ms for task in tasks},
         'stack_size': STACK_BYTES,
-        'mode': values['mode'],
-        'time_start': values['time_start'],
+        'mode': parameters.mode,
+        'time_start': parameters.time_start,
         'program_name': PROGRAM_NAME,
         'packet_size': PACKET_SIZE,
         'no_echo_cm': NO_ECHO_CM,
@@ -82,22 +80,22 @@ def application_files(values: Mapping[str, Any]) -> dict[str, str]:
         'voltage_offset': c_float(VOLTAGE_OFFSET),
     }
     files = {name: environment.get_template(name).render(context) for name in TEMPLATES}
-    return {**files, PARAMETER_FILE: f'# {stamp}\n{_parameter_file(values)}'}
+    return {**files, PARAMETER_FILE: f'# {stamp}\n{_parameter_file(parameters)}'}
 
 
-def _parameter_file(values: Mapping[str, Any]) -> str:
+def _parameter_file(parameters: ControllerParameters) -> str:
     """Return a parameter file with what the generated program is made from, and nothing else."""
-    names = ['mode', *(field.name for field in fields(ControllerParameters))]
+    names = ['mode', *(field.name for field in fields(ProgramConstants))]
     content = {
-        name: list(values[name]) if isinstance(values[name], tuple) else values[name]
+        name: list(value) if isinstance(value, tuple) else value
         for name in names
-        if name in values
+        if (value := getattr(parameters, name, None)) is not None
     }
     document = {f'/**/{CONTROLLER}': {'ros__parameters': content}}
     return yaml.safe_dump(document, sort_keys=False, default_flow_style=None)
 
 
-def write_application(folder: Path, values: Mapping[str, Any]) -> list[Path]:
+def write_application(folder: Path, parameters: ControllerParameters) -> list[Path]:
     """Write the application, also over one that was written before; return the files.
 
     Raises
@@ -105,7 +103,7 @@ def write_application(folder: Path, values: Mapping[str, Any]) -> list[Path]:
     CodegenError
         If the folder can't be written, or a file in it is somebody else's.
     """
-    files = {folder / name: text for name, text in application_files(values).items()}
+    files = {folder / name: text for name, text in application_files(parameters).items()}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for path in files:

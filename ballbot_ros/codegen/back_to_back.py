@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
@@ -13,6 +13,7 @@ from ballbot_ros.codegen.compiled_program import CompiledProgram
 from ballbot_ros.codegen.signals import members, named_values, state_bytes
 from ballbot_ros.codegen.steps import Step
 from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.parameters import ControllerParameters
 
 
 class Difference(NamedTuple):
@@ -38,7 +39,7 @@ class Comparison(NamedTuple):
 
 
 def compare(
-    values: Mapping[str, Any], compiled: CompiledProgram, steps: Iterable[Step]
+    parameters: ControllerParameters, compiled: CompiledProgram, steps: Iterable[Step]
 ) -> Comparison:
     """Run both programs on the same inputs until they differ.
 
@@ -47,7 +48,7 @@ def compare(
 
     Parameters
     ----------
-    values : mapping
+    parameters : ControllerParameters
         The parameters of the node ``controller``, for the Python program.
     compiled : CompiledProgram
         Freshly made.
@@ -58,7 +59,7 @@ def compare(
     CodegenError
         If the compiled program has ended.
     """
-    python = ControlProgram(values)
+    python = ControlProgram(parameters)
     ticks = 0
     # A battery far below its range makes voltages of zero: infinities are part of the test.
     with np.errstate(all='ignore'):

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from ballbot_ros.controller.parameters import ControllerParameters, Single
+from ballbot_ros.controller.constants import ProgramConstants, Single
 from ballbot_ros.controller.tasks import TS1_MS
-from ballbot_ros.parameters import CONTROLLER, Parameter, parameters_of
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters, Parameter, parameters_of
 
 _INTEGERS = {
     'U8': (0, 2**8 - 1),
@@ -56,16 +55,16 @@ class CParameter:
         return self.description + unit
 
 
-def c_parameters(values: Mapping[str, Any]) -> list[CParameter]:
+def c_parameters(parameters: ControllerParameters) -> list[CParameter]:
     """Return the constants for the parameters of the node ``controller``."""
-    typed = ControllerParameters.of(values)
+    typed = ProgramConstants.of(parameters)
     rows = parameters_of(CONTROLLER)
     constants = [
         CParameter(
             'ts1', 'float', c_float(Single(TS1_MS)), 1, 'ms', '1', 'period of task_ts1', '7.4'
         )
     ]
-    for field in fields(ControllerParameters):
+    for field in fields(ProgramConstants):
         if field.name in _OF_THE_OIL_FILE:
             continue
         value = getattr(typed, field.name)
@@ -76,10 +75,10 @@ def c_parameters(values: Mapping[str, Any]) -> list[CParameter]:
     return constants
 
 
-def parameter_hash(values: Mapping[str, Any]) -> str:
+def parameter_hash(parameters: ControllerParameters) -> str:
     """Return a hash over every constant and task of the generated program."""
-    lines = [f'{each.declarator}={each.c_value}' for each in c_parameters(values)]
-    text = '\n'.join([*lines, *map(str, ControllerParameters.of(values).tasks)])
+    lines = [f'{each.declarator}={each.c_value}' for each in c_parameters(parameters)]
+    text = '\n'.join([*lines, *map(str, ProgramConstants.of(parameters).tasks)])
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.parameters import ControllerParameters
 
 
 def missing_for(name: str) -> str:
@@ -32,14 +32,14 @@ def require_implementation(name: str) -> None:
         raise CodegenError(reason)
 
 
-def program_maker(values: Mapping[str, Any]) -> Callable[[], Program]:
+def program_maker(parameters: ControllerParameters) -> Callable[[], Program]:
     """Return what makes a fresh control program, as the parameter `implementation` says.
 
     C is generated and compiled once, here; each program made is then a process of its own.
 
     Parameters
     ----------
-    values : mapping
+    parameters : ControllerParameters
         The parameters of the node ``controller``.
 
     Raises
@@ -47,8 +47,8 @@ def program_maker(values: Mapping[str, Any]) -> Callable[[], Program]:
     CodegenError
         If a tool is missing or the C does not build.
     """
-    if values['implementation'] == 'python':
-        return lambda: ControlProgram(values)
+    if parameters.implementation == 'python':
+        return lambda: ControlProgram(parameters)
 
     from ballbot_ros.codegen.application import read_tasks, write_application
     from ballbot_ros.codegen.brick_process import BrickProcess
@@ -58,14 +58,14 @@ def program_maker(values: Mapping[str, Any]) -> Callable[[], Program]:
 
     scratch = temporary_folder()
     folder = Path(scratch.name) / 'application'
-    write_application(folder, values)
-    target = TARGETS[values['implementation']]
+    write_application(folder, parameters)
+    target = TARGETS[parameters.implementation]
     command = build(folder, target, Path(scratch.name) / 'build')
     tasks = read_tasks(folder)
 
     def make() -> Program:
         # Naming it here keeps the folder as long as a program may still be made.
         assert scratch
-        return CompiledProgram(BrickProcess(command), tasks, values['mode'] == 'autonomous')
+        return CompiledProgram(BrickProcess(command), tasks, parameters.mode == 'autonomous')
 
     return make

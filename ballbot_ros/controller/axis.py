@@ -7,7 +7,7 @@ same to the bit.
 
 from __future__ import annotations
 
-from ballbot_ros.controller.parameters import ControllerParameters, Single
+from ballbot_ros.controller.constants import ProgramConstants, Single
 from ballbot_ros.controller.tasks import TS1_MS
 
 ZERO, ONE, HUNDRED, THOUSAND = Single(0), Single(1), Single(100), Single(1000)
@@ -33,7 +33,7 @@ Plain tuples, as Python makes and unpacks them several times as fast as named on
 """
 
 
-def constants_of(p: ControllerParameters) -> Constants:
+def constants_of(p: ProgramConstants) -> Constants:
     """Return the constants of :func:`control` (Appendix C): also 1 - a, Rw/Rs, gp_max as float."""
     return (
         p.k_f, p.k_i, p.k_thetadot,
@@ -134,7 +134,7 @@ class Axis:
         Low-passed ball angle, whose difference is the rate.
     """
 
-    def __init__(self, parameters: ControllerParameters) -> None:
+    def __init__(self, parameters: ProgramConstants) -> None:
         self._p = parameters
         self._constants = constants_of(parameters)
         self.reset()

@@ -3,15 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import IntEnum
 from typing import Any, Protocol
 
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
+from ballbot_ros.text_enum import TextEnum
 
-CALIBRATING, OUT_OF_CONTROL = 'calibration', 'out_of_control'
-DRIVE_STATES = (
-    CALIBRATING, 'balance', 'remote', 'forward', 'rightward', 'backward', OUT_OF_CONTROL,
-)  # fmt: skip
-"""The words for the states of figure 7-1, as the topic ``operating_state`` has them."""
+
+class OperatingState(IntEnum):
+    """The state of the control program (section 7.6), as its memory has it."""
+
+    STOP = 0
+    CALIBRATION = 1
+    CONTROL = 2
+
+
+class DriveState(TextEnum):
+    """The state of figure 7-1, in the word that the topic ``operating_state`` has."""
+
+    CALIBRATION = 'calibration'
+    BALANCE = 'balance'
+    REMOTE = 'remote'
+    FORWARD = 'forward'
+    RIGHTWARD = 'rightward'
+    BACKWARD = 'backward'
+    OUT_OF_CONTROL = 'out_of_control'
 
 
 class Estimates(Protocol):
@@ -43,12 +59,12 @@ class Program(Protocol):
         """Plane y."""
 
     @property
-    def operating_state(self) -> int:
-        """``STOP``, ``CALIBRATION`` or ``CONTROL``."""
+    def operating_state(self) -> OperatingState:
+        """Whether the program calibrates, controls or has stopped the motors."""
 
     @property
-    def drive_state(self) -> str:
-        """The state of figure 7-1, one of :data:`DRIVE_STATES`."""
+    def drive_state(self) -> DriveState:
+        """The state of figure 7-1."""
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""

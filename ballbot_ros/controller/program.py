@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from ballbot_ros.brick.brick import UINT32, Brick, DeviceInputs, DeviceOutputs
 from ballbot_ros.brick.schedule import Schedule
 from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controller.axis import ONE, ZERO, Axis
-from ballbot_ros.controller.interface import CALIBRATING, OUT_OF_CONTROL
-from ballbot_ros.controller.parameters import ControllerParameters, Single
+from ballbot_ros.controller.constants import ProgramConstants, Single
+from ballbot_ros.controller.interface import DriveState, OperatingState
 from ballbot_ros.controller.tasks import PROGRAM_NAME
+from ballbot_ros.parameters import ControllerParameters
 
-STOP, CALIBRATION, CONTROL = 0, 1, 2
 LOWEST_TONE_HZ = 31
 
 VOLTAGE_SLOPE = Single(1.089000027e-3)
@@ -22,17 +21,19 @@ VOLTAGE_OFFSET = Single(0.625)
 _INT16_MIN, _INT16_MAX = -32768, 32767
 
 
-def drive_state(operating_state: int, autonomous: bool, flag_avoid: bool, flag_auto: bool) -> str:
-    """Return the state of figure 7-1, a word of the interface's ``DRIVE_STATES``."""
-    if operating_state == CALIBRATION:
-        return CALIBRATING
-    if operating_state != CONTROL:
-        return OUT_OF_CONTROL
+def drive_state(
+    operating_state: OperatingState, autonomous: bool, flag_avoid: bool, flag_auto: bool
+) -> DriveState:
+    """Return the state of figure 7-1."""
+    if operating_state == OperatingState.CALIBRATION:
+        return DriveState.CALIBRATION
+    if operating_state != OperatingState.CONTROL:
+        return DriveState.OUT_OF_CONTROL
     if not autonomous:
-        return 'backward' if flag_avoid else 'remote'
+        return DriveState.BACKWARD if flag_avoid else DriveState.REMOTE
     if not flag_auto:
-        return 'balance'
-    return 'rightward' if flag_avoid else 'forward'
+        return DriveState.BALANCE
+    return DriveState.RIGHTWARD if flag_avoid else DriveState.FORWARD
 
 
 class ControlProgram:
@@ -40,7 +41,7 @@ class ControlProgram:
 
     Parameters
     ----------
-    values : mapping
+    parameters : ControllerParameters
         The parameters of the node ``controller``.
 
     Attributes
@@ -49,8 +50,7 @@ class ControlProgram:
         The devices it reads and sets.
     x, y : Axis
         The controllers of both planes.
-    operating_state : int
-        ``STOP``, ``CALIBRATION`` or ``CONTROL``.
+    operating_state : OperatingState
     battery : Single
         Averaged battery voltage [mV].
     distance_cm : int
@@ -69,8 +69,8 @@ class ControlProgram:
         Left vertical and right horizontal of the newest packet read.
     """
 
-    def __init__(self, values: Mapping[str, Any]) -> None:
-        p = self._p = ControllerParameters.of(values)
+    def __init__(self, parameters: ControllerParameters) -> None:
+        p = self._p = ProgramConstants.of(parameters)
         self.brick = Brick()
         self.x, self.y = Axis(p), Axis(p)
         self._schedule = Schedule(p.tasks)
@@ -79,7 +79,7 @@ class ControlProgram:
     def _reset(self) -> None:
         self.x.reset()
         self.y.reset()
-        self.operating_state = CALIBRATION
+        self.operating_state = OperatingState.CALIBRATION
         self.battery = ZERO
         self.distance_cm = NO_ECHO_CM
         self.flag_avoid = False
@@ -104,7 +104,7 @@ class ControlProgram:
             getattr(self, name)()
 
     @property
-    def drive_state(self) -> str:
+    def drive_state(self) -> DriveState:
         """The state of figure 7-1, as published."""
         return drive_state(
             self.operating_state, self._p.autonomous, self.flag_avoid, self.flag_auto
@@ -125,7 +125,7 @@ class ControlProgram:
     def task_ts1(self) -> None:
         """Calibrate, balance and drive, log; or stop the motors (section 7.4)."""
         brick = self.brick
-        if self.operating_state == CONTROL:
+        if self.operating_state == OperatingState.CONTROL:
             self.sticks = brick.read_sticks(self.sticks)
             stick_x, stick_y = self._command()
             max_voltage = VOLTAGE_SLOPE * self.battery - VOLTAGE_OFFSET
@@ -135,7 +135,7 @@ class ControlProgram:
             )
             self._log()
             return
-        if self.operating_state == CALIBRATION:
+        if self.operating_state == OperatingState.CALIBRATION:
             self.x.calibrate(brick.gyro[0])
             self.y.calibrate(brick.gyro[1])
         brick.duty = (0, 0)
@@ -160,9 +160,10 @@ class ControlProgram:
         if self.x.in_control() and self.y.in_control():
             self.timer_stop = elapsed
         if (elapsed - self.timer_stop) & UINT32 < p.time_stop:
-            self.operating_state = CONTROL if calibrated else CALIBRATION
+            controls = OperatingState.CONTROL
+            self.operating_state = controls if calibrated else OperatingState.CALIBRATION
         else:
-            self.operating_state = STOP
+            self.operating_state = OperatingState.STOP
         if calibrated and not self.calibrated:
             self.brick.sound_tone(p.sound_freq, p.sound_dur, p.sound_volume)
         self.calibrated = calibrated

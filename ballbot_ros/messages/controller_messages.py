@@ -49,8 +49,8 @@ class ControllerMessages:
         """Send what a tick at `now` [ns] has made."""
         # What has no stamp goes first: no reader then sees it after the next tick.
         if program.drive_state != self.operating_state:
-            self.operating_state = program.drive_state
-            self._operating_state.message.data = self.operating_state
+            self.operating_state = program.drive_state.value
+            self._operating_state.message.data = program.drive_state.value
             self._operating_state.send(now)
         for packet in outputs.log:
             fill_log(self._log.message, packet)

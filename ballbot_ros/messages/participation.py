@@ -14,6 +14,7 @@ from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import PARTICIPANTS, RUN_STATUS
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
 from ballbot_ros.simulation.timing import SECOND_NS
 
@@ -124,7 +125,7 @@ def encode_run_status(status: RunStatus) -> bytes:
         **status.result,
     }
     outcome = status.result.get('outcome', 'running')
-    level = ERROR if outcome == 'failed' else OK
+    level = ERROR if outcome == Outcome.FAILED else OK
     return _encoded(level, status.run, outcome, '', values)
 
 

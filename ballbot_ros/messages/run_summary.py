@@ -15,7 +15,7 @@ from ballbot_ros.simulation.run_actions import PublishStatus, RunSummary
 def summary_json(summary: RunSummary) -> dict[str, Any]:
     """Return a summary under the keys that the command's JSON has."""
     return {
-        'outcome': summary.outcome,
+        'outcome': summary.outcome.value,
         'reason': summary.reason,
         'ticks': summary.ticks,
         'duty_sha256': summary.duty_sha256,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -20,7 +20,7 @@ from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import DIAGNOSTICS, HISTORY, Topic
 from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, start_failure
-from ballbot_ros.nodes.node_parameters import ParameterNode
+from ballbot_ros.nodes.node_parameters import P, ParameterNode
 from ballbot_ros.nodes.own_ports import OwnPorts
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.nodes.shared_memory import mark_dead_readers
@@ -107,16 +107,17 @@ class Output:
             publisher.wait_for_all_acked(Duration(seconds=FLUSH_S))
 
 
-class BallbotNode(ParameterNode):
+class BallbotNode(ParameterNode[P]):
     """A node of the graph.
 
     Parameters
     ----------
-    role : str
-        A node of the parameter table; ROS may give it another name.
-    values : mapping or None
-        Parameter values to begin with, for a node made in a program; the command line's and
-        parameter files' otherwise.
+    cls : type
+        The parameters of its role; the role is the node's name too, unless ROS gives it another
+        one.
+    parameters : NodeParameters or None
+        Values to begin with, for a node made in a program; the command line's and parameter
+        files' otherwise.
     use_sim_time : bool
         Whether the node's clock is ``/clock``.
 
@@ -133,9 +134,9 @@ class BallbotNode(ParameterNode):
     """
 
     def __init__(
-        self, role: str, values: Mapping[str, Any] | None = None, *, use_sim_time: bool = False
+        self, cls: type[P], parameters: P | None = None, *, use_sim_time: bool = False
     ) -> None:
-        super().__init__(role, values, use_sim_time=use_sim_time)
+        super().__init__(cls, parameters, use_sim_time=use_sim_time)
         self.done = rclpy.Future()
         self.exit_status = 0
         self.failure = ''
@@ -287,7 +288,11 @@ class BallbotNode(ParameterNode):
         """Finish what the node has open; called once, after the last callback."""
 
 
-def run_node(make: Callable[[], BallbotNode]) -> int:
+AnyNode: TypeAlias = BallbotNode[Any]
+"""A node of any role."""
+
+
+def run_node(make: Callable[[], AnyNode]) -> int:
     """Run a node in this process until it has finished or is told to stop.
 
     Returns
@@ -297,7 +302,7 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
     """
     if not end_with_parent():
         return 0
-    node: BallbotNode | None = None
+    node: AnyNode | None = None
     # A second signal must not interrupt the closing, hence no handlers of rclpy's own.
     with StopRequest() as stop:
         try:
@@ -326,7 +331,7 @@ def run_node(make: Callable[[], BallbotNode]) -> int:
             rclpy.try_shutdown()
 
 
-def spin(nodes: Sequence[BallbotNode], done: rclpy.Future, stop: StopRequest | None = None) -> None:
+def spin(nodes: Sequence[AnyNode], done: rclpy.Future, stop: StopRequest | None = None) -> None:
     """Run the nodes' callbacks until `done`, or until told to stop.
 
     Unlike ``spin_once`` this stays in C++ from one callback to the next. Where there are no

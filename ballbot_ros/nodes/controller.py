@@ -25,7 +25,7 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.parameters import CONTROLLER
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 from ballbot_ros.simulation.free_running_ticks import FreeRunningTicks
 from ballbot_ros.simulation.lockstep import LockstepTicks, Run, Step
 from ballbot_ros.simulation.participants import Objection
@@ -34,7 +34,7 @@ from ballbot_ros.simulation.task_releases import DueTick
 from ballbot_ros.simulation.timing import MILLISECOND_NS, SECOND_NS, TICK_NS
 
 
-class Controller(BallbotNode):
+class Controller(BallbotNode[ControllerParameters]):
     """Answers the inputs of every tick with one ``motor_duty`` of the same stamp.
 
     Each periodic task has a timer that releases it. In lockstep the timers go by ``/clock``, and a
@@ -43,9 +43,9 @@ class Controller(BallbotNode):
     What a sample or a callback leads to is decided in ``simulation/``; the node carries it out.
     """
 
-    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
-        super().__init__(CONTROLLER, values, use_sim_time=True)
-        self._lockstep = self.values['lockstep']
+    def __init__(self, parameters: ControllerParameters | None = None) -> None:
+        super().__init__(ControllerParameters, parameters, use_sim_time=True)
+        self._lockstep = self.parameters.lockstep
         if self._lockstep:
             self.require_sim_time('in lockstep its timers go by /clock')
         self._lockstep_ticks = LockstepTicks(
@@ -63,7 +63,7 @@ class Controller(BallbotNode):
             tick_ns=TICK_NS,
         )
         self._gate = (self._lockstep_ticks if self._lockstep else self._free_ticks).gate
-        self._make_program = program_maker(self.values)
+        self._make_program = program_maker(self.parameters)
         self._program = self._make_program()
         self._resends = 0
         self._messages = ControllerMessages(self.output)
@@ -75,24 +75,24 @@ class Controller(BallbotNode):
         for topic, reader in INPUTS.items():
             self.listen(topic, self._input_callback(topic, reader), depth=depth, raw=True)
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, parameters: ControllerParameters) -> None:
         """Find out whether there is all that the control program needs."""
         # To build takes seconds, in which the run would wait: it is done at the next one's start.
-        require_implementation(values['implementation'])
+        require_implementation(parameters.implementation)
 
     def take_values(self) -> None:
         """Let everything act that was asked for: a run begins."""
-        before = self.values
+        before = self.parameters
         super().take_values()
-        if self.values != before:
-            self._make_program = program_maker(self.values)
+        if self.parameters != before:
+            self._make_program = program_maker(self.parameters)
             self._set_timers()
 
     def _set_timers(self) -> None:
         """Have a timer for each periodic task, which starts with the first tick."""
         for timer in self._timers_of_tasks.values():
             self.destroy_timer(timer)
-        self._tasks = task_timings(self.values['ts2_period'], self.values['ts3_period'])
+        self._tasks = task_timings(self.parameters.ts2_period, self.parameters.ts3_period)
         clock = self.get_clock() if self._lockstep else self._steady
         self._timers_of_tasks = {
             name: self.create_timer(
@@ -171,7 +171,7 @@ class Controller(BallbotNode):
     def _start_late(self, stamp: int) -> None:
         """Begin in mid-run, but only where `rejoin` allows it."""
         step = self._lockstep_ticks.start_late(
-            stamp, now_ns=self.get_clock().now().nanoseconds, rejoin=self.values['rejoin']
+            stamp, now_ns=self.get_clock().now().nanoseconds, rejoin=self.parameters.rejoin
         )
         at = f'in mid-run, at {stamp / SECOND_NS:.3f} s'
         if step is Step.BEGIN_AFRESH:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from typing import Any
 
 from ballbot_ros.brick.encoder import Encoder
@@ -11,14 +10,14 @@ from ballbot_ros.messages.conversions import fill_encoders, motor_angles, stamp_
 from ballbot_ros.messages.topics import JOINT_STATES, PLANT_JOINT_STATES
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.parameters import ENCODER
+from ballbot_ros.parameters import EncoderParameters
 
 
-class EncoderDriver(BallbotNode):
+class EncoderDriver(BallbotNode[EncoderParameters]):
     """Answers every ``plant/joint_states`` with one ``joint_states`` of the same stamp."""
 
-    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
-        super().__init__(ENCODER, values)
+    def __init__(self, parameters: EncoderParameters | None = None) -> None:
+        super().__init__(EncoderParameters, parameters)
         self._device = Encoder()
         self._output = self.output(JOINT_STATES)
         self._participation = Participation(self)

@@ -22,7 +22,7 @@ from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.teleop_inputs import TeleopInputs
 from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
-from ballbot_ros.parameters import GAMEPAD
+from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.timing import MAX_LEAD_TICKS, MILLISECOND_NS, SLOW_NS, TICK_NS
@@ -42,12 +42,12 @@ MOST_ANSWERS = MAX_LEAD_TICKS * TICK_NS // SLOW_NS + 1
 """Answers that are kept: the plant may ask again for any tick that the recorder lacks."""
 
 
-class GamepadTeleop(BallbotNode):
+class GamepadTeleop(BallbotNode[GamepadParameters]):
     """Answers ``plant/joint_states`` at multiples of 20 ms with one ``gamepad`` of that stamp."""
 
-    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
-        super().__init__(GAMEPAD, values)
-        self._scenario = scenario_of(self.values['scenario'])
+    def __init__(self, parameters: GamepadParameters | None = None) -> None:
+        super().__init__(GamepadParameters, parameters)
+        self._scenario = scenario_of(self.parameters.scenario)
         self._start_ns = 0
         self._answers: dict[int, Command] = {}
         self._command = Command(SCENARIO, NEUTRAL)
@@ -64,31 +64,31 @@ class GamepadTeleop(BallbotNode):
         self._participation = Participation(self, self._on_run)
         self.listen(PLANT_JOINT_STATES, self._on_truth, raw=True)
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, parameters: GamepadParameters) -> None:
         """Find out whether scenario, terminal and gamepad are there, and the log's file is not."""
-        scenario_of(values['scenario'])
-        path = values['log_csv']
-        if path and path != self.values['log_csv'] and Path(path).exists():
+        scenario_of(parameters.scenario)
+        path = parameters.log_csv
+        if path and path != self.parameters.log_csv and Path(path).exists():
             raise TeleopError(f'{path}: exists already; choose another file')
-        is_new = values['keyboard'] and not self.values['keyboard']
+        is_new = parameters.keyboard and not self.parameters.keyboard
         if is_new and (obstacle := why_no_keyboard()):
             raise TeleopError(f'keyboard: {obstacle}')
-        if values['device'] not in ('', ANY):
+        if parameters.device not in ('', ANY):
             SdlBackend()
 
     def take_values(self) -> None:
         """Let everything act that was asked for: a run begins."""
-        before = self.values
+        before = self.parameters
         super().take_values()
-        if self.values == before:
+        if self.parameters == before:
             return
-        self._scenario = scenario_of(self.values['scenario'])
+        self._scenario = scenario_of(self.parameters.scenario)
         self._inputs.take_values()
-        if self.values['keyboard'] != before['keyboard']:
+        if self.parameters.keyboard != before.keyboard:
             self._set_terminal()
         elif self.terminal:
             self.terminal.take_values()
-        if self.values['log_csv'] != before['log_csv']:
+        if self.parameters.log_csv != before.log_csv:
             self._close_log()
             try:
                 self._set_log()
@@ -99,12 +99,12 @@ class GamepadTeleop(BallbotNode):
         if self.terminal:
             self.terminal.close()
             self.terminal = None
-        if self.values['keyboard']:
+        if self.parameters.keyboard:
             self.terminal = TeleopTerminal(self, self._sources, lambda: self._command)
 
     def _set_log(self) -> None:
-        if self.values['log_csv']:
-            self._log = CsvLog(Path(self.values['log_csv']))
+        if self.parameters.log_csv:
+            self._log = CsvLog(Path(self.parameters.log_csv))
             if self._log_subscription is None:
                 self._log_subscription = self.listen(BLUETOOTH_TX, self._on_log, depth=HISTORY)
 
@@ -139,7 +139,7 @@ class GamepadTeleop(BallbotNode):
             self.get_logger().info(f'in command: {self._driver()}, before: {before}')
 
     def _driver(self) -> str:
-        return self._command.driver(self.values['scenario'])
+        return self._command.driver(self.parameters.scenario)
 
     def _on_log(self, message: Any) -> None:
         if self._log is None:

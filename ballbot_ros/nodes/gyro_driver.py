@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from typing import Any
 
 from ballbot_ros.brick.gyro import Gyro
@@ -11,22 +10,22 @@ from ballbot_ros.messages.conversions import body_rates, fill_gyro, stamp_ns
 from ballbot_ros.messages.topics import GYRO_IMU, PLANT_IMU
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.parameters import GYRO
+from ballbot_ros.parameters import GyroParameters
 from ballbot_ros.simulation.lockstep import Run
 
 
-class GyroDriver(BallbotNode):
+class GyroDriver(BallbotNode[GyroParameters]):
     """Answers every ``plant/imu`` with one ``gyro`` of the same stamp."""
 
-    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
-        super().__init__(GYRO, values)
-        self._device = Gyro(self.values)
+    def __init__(self, parameters: GyroParameters | None = None) -> None:
+        super().__init__(GyroParameters, parameters)
+        self._device = Gyro(self.parameters)
         self._output = self.output(GYRO_IMU)
         self._participation = Participation(self, self._on_run)
         self.listen(PLANT_IMU, self._on_truth)
 
     def _on_run(self, run: Run) -> None:
-        self._device = Gyro(self.values)
+        self._device = Gyro(self.parameters)
 
     def _on_truth(self, truth: Any) -> None:
         now = stamp_ns(truth)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import asdict, replace
+from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -15,7 +16,15 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from ballbot_ros.errors import BallbotError, one_line
-from ballbot_ros.parameters import TABLE, Acts, Parameter, ParameterError, nearest, parameters_of
+from ballbot_ros.parameters import (
+    TABLE,
+    Acts,
+    NodeParameters,
+    Parameter,
+    ParameterError,
+    nearest,
+    parameters_of,
+)
 
 SIM_TIME = 'use_sim_time'
 _ROS_PARAMETERS = {SIM_TIME, 'start_type_description_service'}
@@ -25,24 +34,29 @@ NEXT_RUN = 'acts from the next run on (plant_sim/reset begins one)'
 UNCHANGED = 'it is read-only, and has this value'
 
 
-class ParameterNode(Node):
+P = TypeVar('P', bound=NodeParameters)
+"""The parameters of a node's role."""
+
+
+class ParameterNode(Node, Generic[P]):
     """A node with the parameters of one role.
 
     Parameters
     ----------
-    role : str
-        A node of the parameter table; the node's name too, unless ROS gives it another one.
-    values : mapping or None
-        Parameter values to begin with, for a node made in a program; the command line's and
-        parameter files' otherwise.
+    cls : type
+        The parameters of its role; the role is the node's name too, unless ROS gives it another
+        one.
+    parameters : NodeParameters or None
+        Values to begin with, for a node made in a program; the command line's and parameter
+        files' otherwise.
     use_sim_time : bool
         Whether the node's clock is ``/clock``, unless it is told otherwise.
 
     Attributes
     ----------
     role : str
-    values : dict
-        Every parameter of the table by name, with the values that act now.
+    parameters : NodeParameters
+        The values that act now.
 
     Raises
     ------
@@ -51,15 +65,23 @@ class ParameterNode(Node):
     """
 
     def __init__(
-        self, role: str, values: Mapping[str, Any] | None = None, *, use_sim_time: bool = False
+        self,
+        cls: type[P],
+        parameters: P | None = None,
+        *,
+        use_sim_time: bool = False,
     ) -> None:
-        given = [_ros_parameter(name, value) for name, value in (values or {}).items()]
-        super().__init__(role, parameter_overrides=given, use_global_arguments=values is None)
-        self.role = role
-        self._rows = parameters_of(role)
+        given = asdict(parameters) if parameters else {}
+        super().__init__(
+            cls.node,
+            parameter_overrides=[_ros_parameter(name, value) for name, value in given.items()],
+            use_global_arguments=parameters is None,
+        )
+        self.role = cls.node
+        self._rows = parameters_of(cls.node)
         self._sim_time_reason = ''
-        self._asked = {row.name: self._declare(row) for row in self._rows.values()}
-        self.values: dict[str, Any] = dict(self._asked)
+        self._requested = cls(**{row.name: self._declare(row) for row in self._rows.values()})
+        self.parameters = self._requested
         self._refuse_unknown()
         if use_sim_time and SIM_TIME not in self._parameter_overrides:
             super().set_parameters_atomically([RosParameter(SIM_TIME, value=True)])
@@ -103,7 +125,7 @@ class ParameterNode(Node):
         return value
 
     def _refuse_unknown(self) -> None:
-        """Raise ParameterError for a parameter that no node has: a slip of the pen."""
+        """Raise ParameterError for a parameter that no node has: a typo."""
         known = {row.name for row in TABLE} | _ROS_PARAMETERS
         for name in self._parameter_overrides:
             if name not in known and not name.startswith('qos_overrides.'):
@@ -132,20 +154,21 @@ class ParameterNode(Node):
         changes = [each for each in parameter_list if not self._is_kept(each)]
         if not changes:
             return SetParametersResult(successful=True, reason=UNCHANGED)
-        asked = dict(self._asked)
+        requested = self._requested
         try:
             for each in changes:
                 if row := self._rows.get(each.name):
-                    asked[row.name] = row.check(_read(row, each), f'{self.get_name()}.')
+                    value = row.check(_read(row, each), f'{self.get_name()}.')
+                    requested = replace(requested, **{row.name: value})
                 elif each.name == SIM_TIME:
                     self._check_sim_time(each.value)
-            if asked != self._asked:
-                self.check(asked)
+            if requested != self._requested:
+                self.check(requested)
         except BallbotError as error:
             return SetParametersResult(successful=False, reason=one_line(error))
         result = super().set_parameters_atomically([self._in_own_type(each) for each in changes])
         if result.successful:
-            self._asked = asked
+            self._requested = requested
             result.reason = self._take_live(each.name for each in changes)
         return result
 
@@ -158,25 +181,24 @@ class ParameterNode(Node):
 
     def _take_live(self, names: Iterable[str]) -> str:
         """Let those act that may act at once; return what is to be said of the others."""
-        waiting, live = [], []
+        waiting: list[str] = []
+        live: list[str] = []
         for name in names:
             row = self._rows.get(name)
-            if row is None or self.values[name] == self._asked[name]:
+            if row is None or getattr(self.parameters, name) == getattr(self._requested, name):
                 continue
-            if row.acts is Acts.AT_ONCE:
-                self.values[name] = self._asked[name]
-                live.append(name)
-            else:
-                waiting.append(name)
+            (live if row.acts is Acts.AT_ONCE else waiting).append(name)
         if live:
+            changes = {name: getattr(self._requested, name) for name in live}
+            self.parameters = replace(self.parameters, **changes)
             self.on_live_values()
         return NEXT_RUN if waiting else ''
 
     def take_values(self) -> None:
         """Let everything act that was asked for: a run begins."""
-        self.values = dict(self._asked)
+        self.parameters = self._requested
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, parameters: P) -> None:
         """Find out whether values can act together, before they are taken.
 
         Raises

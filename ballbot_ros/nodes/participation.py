@@ -6,8 +6,8 @@ import hashlib
 import json
 import os
 import socket
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -16,9 +16,9 @@ from ballbot_ros import __version__
 from ballbot_ros.messages.conversions import time_ns
 from ballbot_ros.messages.participation import encode_announcement
 from ballbot_ros.messages.topics import PARTICIPANTS, ROLL_CALL, periodic_topics
-from ballbot_ros.nodes.base import BallbotNode
+from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.graph_look import guid_prefix
-from ballbot_ros.parameters import PATHS
+from ballbot_ros.parameters import PATHS, NodeParameters
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import (
     MAP_HASH,
@@ -29,7 +29,7 @@ from ballbot_ros.simulation.participants import (
 from ballbot_ros.world.library import read_map_file
 
 
-def participant_of(node: BallbotNode) -> Participant:
+def participant_of(node: AnyNode) -> Participant:
     """Return what a node of this package says of itself, but for its parameters."""
     instance = uuid4().hex
     return Participant(
@@ -45,11 +45,12 @@ def participant_of(node: BallbotNode) -> Participant:
     )
 
 
-def with_values(participant: Participant, values: Mapping[str, Any]) -> Participant:
-    """Return a participant with the values of its parameters that act in a run.
+def with_parameters(participant: Participant, parameters: NodeParameters) -> Participant:
+    """Return a participant with the parameters that act in a run.
 
     Where files lie on this machine is nobody's business: of their paths only the names are told.
     """
+    values = asdict(parameters)
     text = json.dumps(values, sort_keys=True, default=list)
     told = {name: Path(value).name if name in PATHS else value for name, value in values.items()}
     if values.get('map'):
@@ -80,7 +81,7 @@ class Participation:
 
     def __init__(
         self,
-        node: BallbotNode,
+        node: AnyNode,
         on_run: Callable[[Run], None] = lambda run: None,
         on_call: Callable[[], None] = lambda: None,
     ) -> None:
@@ -117,7 +118,7 @@ class Participation:
         self._objection = None
         self._node.now_ns = 0
         self._node.take_values()
-        self._participant = with_values(self._participant, self._node.values)
+        self._participant = with_parameters(self._participant, self._node.parameters)
         self._node.get_logger().info(f'takes part in run {run.number}')
         self._on_new_run(run)
 

@@ -28,10 +28,10 @@ from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.graph_look import GraphLook
 from ballbot_ros.nodes.one_shot import OneShot
-from ballbot_ros.nodes.participation import participant_of, with_values
+from ballbot_ros.nodes.participation import participant_of, with_parameters
 from ballbot_ros.nodes.plant_actions import PlantActions
 from ballbot_ros.nodes.plant_events import PlantEvents
-from ballbot_ros.parameters import PLANT
+from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.processes import LocalMachine
 from ballbot_ros.scenario.library import scenario_of
@@ -47,7 +47,7 @@ from ballbot_ros.world.world import World
 WATCH_S = 0.1
 
 
-class PlantSim(BallbotNode):
+class PlantSim(BallbotNode[PlantParameters]):
     """Hands the master of the run its events, and carries out what that decides.
 
     Attributes
@@ -55,15 +55,15 @@ class PlantSim(BallbotNode):
     master : RunMaster
     """
 
-    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, parameters: PlantParameters | None = None) -> None:
         # Before the node is one of the domain's participants.
         self._lock = DomainLock(rclpy.get_default_context().get_domain_id())
-        super().__init__(PLANT, values)
-        self._scenario = scenario_of(self.values['scenario'])
-        self._world = World.of(self.values)
+        super().__init__(PlantParameters, parameters)
+        self._scenario = scenario_of(self.parameters.scenario)
+        self._world = World.of(self.parameters)
         self._own = participant_of(self)
         self._actions = PlantActions(self, OneShot(self, self._on_wake))
-        master = LockstepMaster if self.values['lockstep'] else FreeRunningMaster
+        master = LockstepMaster if self.parameters.lockstep else FreeRunningMaster
         self.master: RunMaster = master(
             GraphLook(self, tuple(LOCKSTEP)),
             LocalMachine(),
@@ -89,36 +89,36 @@ class PlantSim(BallbotNode):
     def _on_wake(self) -> None:
         self.tell(self.master.on_wake)
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, parameters: PlantParameters) -> None:
         """Check that the scenario and the map exist, and that the robot can start there."""
-        scenario_of(values['scenario'])
-        World.of(values)
+        scenario_of(parameters.scenario)
+        World.of(parameters)
 
     def on_live_values(self) -> None:
         """Go on at another pace."""
         if self._free_timer is not None:
             self._free_timer.timer_period_ns = round(self._tick_s * SECOND_NS)
-        self.tell(self.master.on_settings, RunSettings.from_parameters(self.values))
+        self.tell(self.master.on_settings, RunSettings.from_parameters(self.parameters))
 
     @property
     def _tick_s(self) -> float:
         """Period of the ticks of a free-running plant [s]."""
-        return TICK_NS / SECOND_NS / (self.values['real_time_factor'] or 1.0)
+        return TICK_NS / SECOND_NS / (self.parameters.real_time_factor or 1.0)
 
     def _set_up(self, start_ns: int) -> RunSetup:
         """Take the parameters that a new run has, and make its plant."""
-        before = self.values
+        before = self.parameters
         self.take_values()
-        if self.values != before:
-            self._scenario = scenario_of(self.values['scenario'])
-            self._world = World.of(self.values)
+        if self.parameters != before:
+            self._scenario = scenario_of(self.parameters.scenario)
+            self._world = World.of(self.parameters)
         return RunSetup(
-            settings=RunSettings.from_parameters(self.values),
-            plant=Plant(self.values, start_ns, self._world),
+            settings=RunSettings.from_parameters(self.parameters),
+            plant=Plant(self.parameters, start_ns, self._world),
             world=self._world,
             scenario=self._scenario,
-            participant=with_values(self._own, self.values),
-            ball_radius=self.values['ball_radius'],
+            participant=with_parameters(self._own, self.parameters),
+            ball_radius=self.parameters.ball_radius,
         )
 
     @property
@@ -152,7 +152,7 @@ class PlantSim(BallbotNode):
     def close(self) -> None:
         """Save the trajectory, and let the last messages reach their readers."""
         self.stop()
-        if path := self.values['trajectory_file']:
+        if path := self.parameters.trajectory_file:
             try:
                 save_trajectory(Path(path), self.log.trajectory(), self.summary)
             except OSError as error:

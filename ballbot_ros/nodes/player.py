@@ -23,7 +23,7 @@ from ballbot_ros.messages.conversions import fill_clock
 from ballbot_ros.messages.topics import CLOCK, HISTORY, TOPICS, message_class
 from ballbot_ros.nodes.base import FLUSH_S, BallbotNode, reliable_qos, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
-from ballbot_ros.parameters import PLANT, PLAYER
+from ballbot_ros.parameters import PLANT, PlayerParameters
 from ballbot_ros.recording.playback import Playback
 from ballbot_ros.recording.qos import QosProfile
 from ballbot_ros.recording.reader import RecordingReader
@@ -35,7 +35,7 @@ SETTLE_S = 1.0
 WATCH_S = 0.5
 
 
-class Player(BallbotNode):
+class Player(BallbotNode[PlayerParameters]):
     """Plays a recording.
 
     Attributes
@@ -43,15 +43,15 @@ class Player(BallbotNode):
     playback : Playback
     """
 
-    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
-        super().__init__(PLAYER, values)
-        self._recording = RecordingReader(self.values['file'])
-        chosen = [name.strip() for name in self.values['topics'].split(',') if name.strip()]
+    def __init__(self, parameters: PlayerParameters | None = None) -> None:
+        super().__init__(PlayerParameters, parameters)
+        self._recording = RecordingReader(self.parameters.file)
+        chosen = [name.strip() for name in self.parameters.topics.split(',') if name.strip()]
         self.playback = Playback(
             self._recording,
             chosen or None,
-            rate=self.values['rate'],
-            loop=self.values['loop'],
+            rate=self.parameters.rate,
+            loop=self.parameters.loop,
         )
         recorded = self._recording.topics()
         topics = {name: recorded[name].type_name for name in chosen or recorded}
@@ -71,7 +71,7 @@ class Player(BallbotNode):
         if self._recording.damage:
             self.warn(f'{self._recording.path}: {self._recording.damage}: it is played up to there')
         self._begins_at = time.monotonic() + SETTLE_S
-        self.playback.begin(self.values['start'], self._begins_at)
+        self.playback.begin(self.parameters.start, self._begins_at)
         name = self.get_name()
         self.create_service(SetBool, f'{name}/pause', self._pause)
         self.create_subscription(Float64, f'{name}/seek', self._seek, 10)
@@ -92,8 +92,8 @@ class Player(BallbotNode):
         now = time.monotonic()
         if self.finished or now < self._begins_at:
             return
-        if self.playback.rate != self.values['rate']:
-            self.playback.set_rate(self.values['rate'], now)
+        if self.playback.rate != self.parameters.rate:
+            self.playback.set_rate(self.parameters.rate, now)
         for topic, stamp_ns, _, data in self.playback.due(now):
             if topic in self._outputs:
                 self._outputs[topic].publish(data)

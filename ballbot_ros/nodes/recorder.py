@@ -34,13 +34,14 @@ from ballbot_ros.nodes.base import BallbotNode, reliable_qos, run_node
 from ballbot_ros.nodes.graph_look import UNKNOWN_NODE
 from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
 from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.parameters import PLANT, RECORDER
+from ballbot_ros.parameters import PLANT, RecorderParameters
 from ballbot_ros.recording.attachments import media_type
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS, RecordingWriter
 from ballbot_ros.simulation.arrival_order import Arrival, ArrivalOrder
 from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recorded_ticks import RecordedTicks
 from ballbot_ros.simulation.recording_gate import RecordingGate, Stream
@@ -52,7 +53,7 @@ END_S = 1.0
 """For how long the end of a run is awaited that is stopped together with the recorder."""
 
 
-class Recorder(BallbotNode):
+class Recorder(BallbotNode[RecorderParameters]):
     """Writes what it receives as it came, and acknowledges the ticks that are complete.
 
     It takes the messages in batches, past the executor: that costs a fifth of a callback each,
@@ -60,10 +61,10 @@ class Recorder(BallbotNode):
     of the publishers and the plant's bounded lead keep everything until it is taken.
     """
 
-    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
-        super().__init__(RECORDER, values)
-        path = Path(self.values['output'] or _new_path())
-        attachments = _read_folder(self.values['attachments'])
+    def __init__(self, parameters: RecorderParameters | None = None) -> None:
+        super().__init__(RecorderParameters, parameters)
+        path = Path(self.parameters.output or _new_path())
+        attachments = _read_folder(self.parameters.attachments)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -280,7 +281,7 @@ class Recorder(BallbotNode):
 
     def _write_stop(self) -> None:
         """Write that the motors are off, unless the run has completed."""
-        if self._stop and self._outcome.get('outcome') != 'completed':
+        if self._stop and self._outcome.get('outcome') != Outcome.COMPLETED:
             stream, data, sequence = self._stop
             self.keep(stream, stamp_of(data), data, sequence)
 

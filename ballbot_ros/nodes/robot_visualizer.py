@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Mapping
 from typing import Any
 
 from ballbot_ros.messages.conversions import map_grid, stamp_ns
@@ -24,12 +23,11 @@ from ballbot_ros.messages.topics import (
     TF_STATIC,
     message_class,
 )
-from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.base import AnyNode, BallbotNode, run_node
 from ballbot_ros.nodes.newest import Newest
-from ballbot_ros.parameters import VISUALIZER, select
+from ballbot_ros.parameters import Dimensions, VisualizerParameters
 from ballbot_ros.plant.model import Bodies
 from ballbot_ros.viewer.markers import RobotMarkers
-from ballbot_ros.viewer.robot import Dimensions
 from ballbot_ros.viewer.transforms import MOVING, PARENTS, SONAR, Frames, Transform, in_map
 from ballbot_ros.viewer.urdf import robot_description
 from ballbot_ros.world.exports import floor_map_of
@@ -41,11 +39,11 @@ WHOLE_S = 1.0
 """What has not changed is told again so often, for whoever has come since."""
 
 
-class RobotVisualizer(BallbotNode):
+class RobotVisualizer(BallbotNode[VisualizerParameters]):
     """Publishes the robot's description once, and markers and transforms while anybody listens."""
 
-    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
-        super().__init__(VISUALIZER, values)
+    def __init__(self, parameters: VisualizerParameters | None = None) -> None:
+        super().__init__(VisualizerParameters, parameters)
         self._markers_output = self.output(MARKERS)
         self._description = self.output(ROBOT_DESCRIPTION)
         self._describe()
@@ -59,22 +57,22 @@ class RobotVisualizer(BallbotNode):
         self._time = self._whole_at = -math.inf
         self._floor: FloorMap | None = None
         self._newest = Newest(self, _DRAWN)
-        self.every(1.0 / self.values['rate'], self._update)
+        self.every(1.0 / self.parameters.rate, self._update)
 
     def _describe(self) -> None:
         """Publish what the robot looks like, and draw it like that from now on."""
-        dimensions = select(Dimensions, self.values)
+        dimensions = Dimensions.from_parameters(self.parameters)
         self._frames = Frames(dimensions)
         self._markers = RobotMarkers(dimensions, message_class('visualization_msgs/msg/Marker'))
-        text = robot_description(dimensions, select(Bodies, self.values))
+        text = robot_description(dimensions, Bodies.from_parameters(self.parameters))
         self._description.message.data = text
         self._description.publish(self._description.message)
 
     def take_values(self) -> None:
         """Let everything act that was asked for: a run begins."""
-        before = self.values
+        before = self.parameters
         super().take_values()
-        if self.values != before:
+        if self.parameters != before:
             self._describe()
             if self._transforms is not None:
                 self._transforms.fix(self._frames.at((0.0, 0.0), (0.0, 0.0)))
@@ -125,7 +123,7 @@ class Transforms:
         If tf2_msgs is not installed: it is not among the packages of common_interfaces.
     """
 
-    def __init__(self, node: BallbotNode, frames: dict[str, Transform]) -> None:
+    def __init__(self, node: AnyNode, frames: dict[str, Transform]) -> None:
         new_transform = message_class('geometry_msgs/msg/TransformStamped')
         self._moving = node.output(TF)
         self._moving.message.transforms = [new_transform() for _ in MOVING]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from typing import Any
 
 from ballbot_ros.brick.sonar import Sonar
@@ -12,31 +11,31 @@ from ballbot_ros.messages.raw import decoder, stamp_of
 from ballbot_ros.messages.topics import PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.parameters import SONAR
+from ballbot_ros.parameters import SonarParameters
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.timing import SLOW_NS
 from ballbot_ros.world.sonar_beam import SonarBeam
 
 
-class SonarDriver(BallbotNode):
+class SonarDriver(BallbotNode[SonarParameters]):
     """Answers ``plant/odom`` at multiples of 20 ms with one ``sonar`` of the same stamp."""
 
-    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
-        super().__init__(SONAR, values)
-        self._device = Sonar(self.values)
-        self._beam = SonarBeam(self.values)
+    def __init__(self, parameters: SonarParameters | None = None) -> None:
+        super().__init__(SonarParameters, parameters)
+        self._device = Sonar(self.parameters)
+        self._beam = SonarBeam(self.parameters)
         self._decode = decoder(PLANT_ODOM.type_name)
         self._output = self.output(SONAR_RANGE)
         self._participation = Participation(self, self._on_run)
         self.listen(PLANT_ODOM, self._on_truth, raw=True)
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, parameters: SonarParameters) -> None:
         """Find out whether the sensor can look at such a map."""
-        SonarBeam(values)
+        SonarBeam(parameters)
 
     def _on_run(self, run: Run) -> None:
-        self._device = Sonar(self.values)
-        self._beam = SonarBeam(self.values)
+        self._device = Sonar(self.parameters)
+        self._beam = SonarBeam(self.parameters)
 
     def _on_truth(self, truth: Any) -> None:
         now = stamp_of(truth)

@@ -6,11 +6,11 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.base import BallbotNode
-from ballbot_ros.parameters import SUPERVISOR
+from ballbot_ros.parameters import SUPERVISOR, SupervisorParameters
 from ballbot_ros.scenario.library import load_scenario
 
 
-class Supervisor(BallbotNode):
+class Supervisor(BallbotNode[SupervisorParameters]):
     """Takes wishes; the command that runs the graph grants them.
 
     Parameters
@@ -25,12 +25,12 @@ class Supervisor(BallbotNode):
     """
 
     def __init__(self, scenario: str) -> None:
-        super().__init__(SUPERVISOR, {'scenario': scenario})
+        super().__init__(SupervisorParameters, SupervisorParameters(scenario=scenario))
         self.wish = ''
         self.create_service(Trigger, f'{SUPERVISOR}/start', self._start)
 
     def _start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        name = self.values['scenario']
+        name = self.parameters.scenario
         try:
             load_scenario(name)
         except BallbotError as error:

@@ -13,7 +13,7 @@ from ballbot_ros.messages.conversions import planar_velocity
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import CMD_VEL, CMD_VEL_STAMPED, JOY, VIEWER_JOY, Topic
 from ballbot_ros.nodes.base import BallbotNode
-from ballbot_ros.parameters import select
+from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.teleop import arbiter
 from ballbot_ros.teleop.arbiter import Arbiter
 from ballbot_ros.teleop.complaints import Complaints
@@ -43,7 +43,9 @@ class TeleopInputs:
         Gets what is wrong with an input, under the name of its topic.
     """
 
-    def __init__(self, node: BallbotNode, sources: Arbiter, complaints: Complaints) -> None:
+    def __init__(
+        self, node: BallbotNode[GamepadParameters], sources: Arbiter, complaints: Complaints
+    ) -> None:
         self._node, self._sources, self._complaints = node, sources, complaints
         self._set_mappings()
         self._listen_to_joy(JOY, arbiter.JOY, lambda: self._mapping)
@@ -51,7 +53,7 @@ class TeleopInputs:
         self._cmd_vel: Topic | None = None
         self._cmd_vel_subscription: Any = None
         node.every(LOOK_S, self._look_for_cmd_vel)
-        self._device: str = node.values['device']
+        self._device: str = node.parameters.device
         self._gamepad = self._open_gamepad()
 
     @property
@@ -62,16 +64,16 @@ class TeleopInputs:
     def take_values(self) -> None:
         """Go by the parameters of a run that begins."""
         self._set_mappings()
-        if self._node.values['device'] != self._device:
+        if self._node.parameters.device != self._device:
             self.close()
-            self._device = self._node.values['device']
+            self._device = self._node.parameters.device
             self._gamepad = self._open_gamepad()
 
     def _set_mappings(self) -> None:
-        values = self._node.values
-        self._mapping = select(JoyMapping, values)
-        self._screen_mapping = JoyMapping(values['gp_max'])
-        self._velocity = select(VelocityMapping, values)
+        parameters = self._node.parameters
+        self._mapping = JoyMapping.from_parameters(parameters)
+        self._screen_mapping = JoyMapping(parameters.gp_max)
+        self._velocity = VelocityMapping.from_parameters(parameters)
 
     def close(self) -> None:
         """Close the gamepad."""

@@ -9,10 +9,10 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from ballbot_ros.controller.interface import OUT_OF_CONTROL
+from ballbot_ros.controller.interface import DriveState
 from ballbot_ros.messages.topics import OPERATING_STATE
 from ballbot_ros.nodes.base import BallbotNode
-from ballbot_ros.parameters import PLANT
+from ballbot_ros.parameters import PLANT, GamepadParameters
 from ballbot_ros.teleop.arbiter import KEYBOARD, Arbiter, Command
 from ballbot_ros.teleop.keyboard import KeyboardSticks
 from ballbot_ros.teleop.terminal import Terminal
@@ -35,7 +35,9 @@ class TeleopTerminal:
         Whether the terminal has vanished.
     """
 
-    def __init__(self, node: BallbotNode, sources: Arbiter, command: Callable[[], Command]) -> None:
+    def __init__(
+        self, node: BallbotNode[GamepadParameters], sources: Arbiter, command: Callable[[], Command]
+    ) -> None:
         self._node, self._sources, self._command = node, sources, command
         self._state = ''
         self.gone = False
@@ -43,7 +45,7 @@ class TeleopTerminal:
         self._reset = node.create_client(Trigger, f'{PLANT}/reset')
         # A terminal that vanishes is an input that is gone, not the end of the node.
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
-        self._keys = KeyboardSticks(node.values['gp_max'])
+        self._keys = KeyboardSticks(node.parameters.gp_max)
         self._terminal = Terminal(
             self._keys,
             self._status,
@@ -55,7 +57,7 @@ class TeleopTerminal:
 
     def take_values(self) -> None:
         """Go by the parameters of a run that begins."""
-        self._keys.full = self._node.values['gp_max']
+        self._keys.full = self._node.parameters.gp_max
 
     def close(self) -> None:
         """Give the terminal back."""
@@ -73,10 +75,10 @@ class TeleopTerminal:
     def _status(self) -> Mapping[str, str]:
         command = self._command()
         vertical, horizontal = command.sticks
-        fallen = '   press r to start anew' if self._state == OUT_OF_CONTROL else ''
+        fallen = '   press r to start anew' if self._state == DriveState.OUT_OF_CONTROL else ''
         return {
             'sim time': f'{self._node.now_ns * 1e-9:.1f} s',
             'state': self._state + fallen,
-            'in command': command.driver(self._node.values['scenario']),
+            'in command': command.driver(self._node.parameters.scenario),
             'sticks': f'vertical {vertical:+d}   horizontal {horizontal:+d}',
         }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -25,11 +24,10 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.newest import Newest, snapshot_of
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
-from ballbot_ros.parameters import VIEWER, select
+from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
 from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.simulation.timing import SECOND_NS
 from ballbot_ros.viewer.address import require_viser, warning_of
-from ballbot_ros.viewer.robot import Dimensions
 from ballbot_ros.viewer.snapshot import History, Snapshot
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.exports import floor_map_of
@@ -48,20 +46,20 @@ _FACTOR_SPAN_S = 1.0
 _LATE_TONE_NS = SECOND_NS // 2
 
 
-class Viewer(BallbotNode):
+class Viewer(BallbotNode[ViewerParameters]):
     """Serves the page; reads the newest of each topic, at most 60 times a second."""
 
-    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
-        super().__init__(VIEWER, values)
+    def __init__(self, parameters: ViewerParameters | None = None) -> None:
+        super().__init__(ViewerParameters, parameters)
         require_viser()
         # Only here: what viser brings with it takes a second to import.
         from ballbot_ros.viewer.live_controls import LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.panel import PERIOD, Panel
 
-        host, port = self.values['host'], self.values['port']
+        host, port = self.parameters.host, self.parameters.port
         self._floor = self._load_floor()
-        self._page = Page(select(Dimensions, self.values), 'NXT Ballbot', host, port)
+        self._page = Page(Dimensions.from_parameters(self.parameters), 'NXT Ballbot', host, port)
         self._panel = Panel(self._page.server.gui)
         self._panel_period = PERIOD
         self._robot = self._page.show_robot(self._page.dimensions)
@@ -110,9 +108,9 @@ class Viewer(BallbotNode):
         the map that has them.
         """
         self._history.clear()
-        before = select(Dimensions, self.values)
+        before = Dimensions.from_parameters(self.parameters)
         self.take_values()
-        dimensions = select(Dimensions, self.values)
+        dimensions = Dimensions.from_parameters(self.parameters)
         if dimensions != before:
             self._robot = self._page.show_robot(dimensions)
         floor = self._floor = self._load_floor()
@@ -121,26 +119,26 @@ class Viewer(BallbotNode):
         self._page.show_floor(floor, _start(now))
         self._requests.plant_parameters(_ASKED, self._take_parameters)
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, parameters: ViewerParameters) -> None:
         """Find out whether there is such a map."""
-        if values['map']:
-            load_map(values['map'])
+        if parameters.map:
+            load_map(parameters.map)
 
     def _load_floor(self) -> FloorMap | None:
-        name = self.values['map']
+        name = self.parameters.map
         return load_map(name) if name else None
 
-    def _take_parameters(self, values: Mapping[str, Any]) -> None:
+    def _take_parameters(self, parameters: PlantParameters) -> None:
         """Show what the plant says that it simulates."""
-        self._controls.show_scenario(values['scenario'])
-        dimensions = select(Dimensions, values)
+        self._controls.show_scenario(parameters.scenario)
+        dimensions = Dimensions.from_parameters(parameters)
         if dimensions != self._page.dimensions:
             self._robot = self._page.show_robot(dimensions)
         now = snapshot_of(self._newest)
         if now is None:
             return
         try:
-            floor = load_map(values['map']) if values['map'] else None
+            floor = load_map(parameters.map) if parameters.map else None
         except WorldError:  # it is on another machine
             return
         self._page.show_floor(floor, _start(now))

@@ -16,9 +16,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from ballbot_ros.messages.conversions import fill_push
 from ballbot_ros.messages.topics import PUSH, RUN
-from ballbot_ros.nodes.base import BallbotNode
+from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.graph_look import UNKNOWN_NODE
-from ballbot_ros.parameters import PLANT, SUPERVISOR
+from ballbot_ros.parameters import PLANT, SUPERVISOR, PlantParameters
 from ballbot_ros.plant.truth import Pair
 
 _SERVICES = {
@@ -38,7 +38,7 @@ class _Question(NamedTuple):
     """Parameters of the plant that are asked for, and what takes their values."""
 
     names: Sequence[str]
-    then: Callable[[dict[str, Any]], None]
+    then: Callable[[PlantParameters], None]
 
 
 class ViewerRequests:
@@ -51,7 +51,7 @@ class ViewerRequests:
         Takes what is to be told to those who look.
     """
 
-    def __init__(self, node: BallbotNode, tell: Callable[[str], None]) -> None:
+    def __init__(self, node: AnyNode, tell: Callable[[str], None]) -> None:
         self._node = node
         self._tell = tell
         self._waiting: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
@@ -140,9 +140,12 @@ class ViewerRequests:
         self._waiting.put(lambda: self._call(f'{SUPERVISOR}/set_parameters', request, begin))
 
     def plant_parameters(
-        self, names: Sequence[str], then: Callable[[dict[str, Any]], None]
+        self, names: Sequence[str], then: Callable[[PlantParameters], None]
     ) -> None:
-        """Ask the plant for parameters until it answers; hand their values to `then`."""
+        """Ask the plant for parameters until it answers; hand them to `then`.
+
+        What was not asked for has its default.
+        """
         self._question, self._asked_at = _Question(names, then), -math.inf
 
     def _ask(self) -> None:
@@ -162,7 +165,8 @@ class ViewerRequests:
             # A player announces runs, too, but has no parameters of a plant.
             if len(response.values) == len(question.names):
                 values = map(parameter_value_to_python, response.values)
-                question.then(dict(zip(question.names, values, strict=True)))
+                told = dict(zip(question.names, values, strict=True))
+                question.then(PlantParameters(**told))
 
         request = GetParameters.Request(names=question.names)
         self._send(client, PARAMETERS_OF_PLANT, request, take)
@@ -171,7 +175,7 @@ class ViewerRequests:
 class _ParameterClients:
     """Clients of the plant's parameters, whose services have its node's name, whatever that is."""
 
-    def __init__(self, node: BallbotNode) -> None:
+    def __init__(self, node: AnyNode) -> None:
         self._node = node
         self._plant = ''
         self._clients: dict[Any, Any] = {}

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ballbot_ros.parameters import Subset
+
 
 @dataclass(frozen=True)
-class Actuator:
+class Actuator(Subset):
     """Dead zone of the driveline friction and the voltage law (6.1).
 
     Attributes

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ballbot_ros.parameters import Subset
+
 FRESH_V = 9.5
 LOW_V = 7.0
 
 
 @dataclass(frozen=True)
-class BatteryParameters:
+class BatteryParameters(Subset):
     """Battery parameters, named as in :data:`ballbot_ros.parameters.TABLE`."""
 
     battery_model: str

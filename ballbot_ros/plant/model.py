@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.numerics.elementary import sine_cosine
+from ballbot_ros.parameters import Subset
 
 Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Bodies:
+class Bodies(Subset):
     """Ball, wheels and body of section 3.1, named as in :data:`ballbot_ros.parameters.TABLE`."""
 
     ball_mass: float

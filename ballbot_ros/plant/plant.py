@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
-from typing import Any
 
 from ballbot_ros.numerics.elementary import sine_cosine
-from ballbot_ros.parameters import select
+from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.actuator import Actuator, motor_current
 from ballbot_ros.plant.battery import Battery, BatteryParameters
 from ballbot_ros.plant.integration import State, linear_step, nonlinear_step
@@ -70,7 +68,7 @@ class Plant:
 
     Parameters
     ----------
-    values : mapping
+    parameters : PlantParameters
         The parameters of ``plant_sim``.
     start_ns : int
         Sim time [ns] of the first tick.
@@ -88,22 +86,22 @@ class Plant:
     """
 
     def __init__(
-        self, values: Mapping[str, Any], start_ns: int, floor: Floor | None = None
+        self, parameters: PlantParameters, start_ns: int, floor: Floor | None = None
     ) -> None:
-        p = select(PhysicalParameters, values)
+        p = PhysicalParameters.from_parameters(parameters)
         self._physical = p
         self._ratio = p.ratio
         self._back_emf = p.back_emf_constant * p.ratio
-        self._actuator = select(Actuator, values)
-        self._battery = Battery(select(BatteryParameters, values))
-        linear = values['plant_model'] == 'linear'
+        self._actuator = Actuator.from_parameters(parameters)
+        self._battery = Battery(BatteryParameters.from_parameters(parameters))
+        linear = parameters.plant_model == 'linear'
         make = linear_step if linear else nonlinear_step
         self._step = make(p, STEP_NS * 1e-9)
-        self._hold_until = start_ns + round(values['hold_time'] * 1e9)
-        self._fall_angle: float = values['fall_angle']
-        self._half_play: float = values['backlash'] / 2.0
-        self._start = (values['start_position_x'], values['start_position_y'])
-        self._start_psi: Pair = (values['start_pitch_x'], values['start_pitch_y'])
+        self._hold_until = start_ns + round(parameters.hold_time * 1e9)
+        self._fall_angle: float = parameters.fall_angle
+        self._half_play: float = parameters.backlash / 2.0
+        self._start = (parameters.start_position_x, parameters.start_position_y)
+        self._start_psi: Pair = (parameters.start_pitch_x, parameters.start_pitch_y)
         self._planes: list[State] = [(0.0, psi, 0.0, 0.0) for psi in self._start_psi]
         self._shaft = [0.0, 0.0]
         self._voltage = (0.0, 0.0)
@@ -111,7 +109,7 @@ class Plant:
         self._contact: WallContact | None = None
         if floor is not None:
             self._contact = WallContact(floor, p, linear=linear, start=self._start)
-        self._stops_at_hit = values['on_wall_hit'] == 'stop'
+        self._stops_at_hit = parameters.on_wall_hit == 'stop'
         self.stopped = False
         self.time_ns = start_ns
         self.fallen = False

@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
@@ -252,9 +251,9 @@ class RecordingWriter:
         with self._writing():
             self._writer.add_metadata(name, dict(mapping))
 
-    def add_outcome(self, account: Mapping[str, Any]) -> None:
-        """Say how the recorded run ended: outcome, reason, ticks and duty_sha256 of `account`."""
-        self.add_metadata(RUN_OUTCOME, {key: str(account[key]) for key in OUTCOME_KEYS})
+    def add_outcome(self, outcome: Mapping[str, str]) -> None:
+        """Say how the recorded run ended, by the :data:`OUTCOME_KEYS`."""
+        self.add_metadata(RUN_OUTCOME, {key: outcome[key] for key in OUTCOME_KEYS})
 
     def mark_incomplete(self, reason: str) -> None:
         """Say in the recording that it lacks something."""

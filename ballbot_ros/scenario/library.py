@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot_ros.parameter_file import read_parameter_file
 from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.reader import IDEAL, ScenarioReader
 from ballbot_ros.scenario.scenario import Scenario

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,27 +48,28 @@ class Motion:
     start: Floats
     clearance: Clearance | None
 
-    @cached_property
+    # Made again each time: of a run of hours they take more memory than time.
+    @property
     def pitch(self) -> Floats:
         """Body pitch [°], shape (n, 2)."""
         return np.degrees(self.psi)
 
-    @cached_property
+    @property
     def second_half(self) -> slice:
         """The ticks of the second half, when the transient has died away."""
         return slice(np.searchsorted(self.time, (self.time[0] + self.time[-1]) / 2.0), None)
 
-    @cached_property
+    @property
     def distance(self) -> Floats:
         """Distance of the ball from its start [m], shape (n,)."""
         return _length(self.position - self.start)
 
-    @cached_property
+    @property
     def steps(self) -> Floats:
         """Way of the ball from tick to tick [m], shape (n - 1,)."""
         return _length(np.diff(self.position, axis=0))
 
-    @cached_property
+    @property
     def distance_from_mean(self) -> Floats:
         """Distance of the ball from its mean place in the second half [m], shape (m,)."""
         position = self.position[self.second_half]
@@ -83,9 +83,10 @@ METRICS = MetricRegistry[Motion]()
 @METRICS.metric(f'time until both pitches stay within ±{SETTLED_DEG:g}°')
 def settling_time_s(motion: Motion) -> float:
     """Return the time from the first tick to the first after which no pitch leaves the band."""
-    if np.isnan(motion.pitch).any():
+    pitch = motion.pitch
+    if np.isnan(pitch).any():
         return math.nan
-    outside = np.flatnonzero(np.abs(motion.pitch).max(axis=1) > SETTLED_DEG)
+    outside = np.flatnonzero(np.abs(pitch).max(axis=1) > SETTLED_DEG)
     if outside.size == 0:
         return 0.0
     last = outside[-1]

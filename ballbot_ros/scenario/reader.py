@@ -9,7 +9,14 @@ from typing import Any
 
 from ballbot_ros.files import read_text
 from ballbot_ros.numerics.elementary import sine_cosine
-from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, ParameterSet, parameters_of
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    GYRO,
+    PLANT,
+    ParameterSet,
+    PlantParameters,
+    parameters_of,
+)
 from ballbot_ros.plant.truth import FORCE_LIMIT
 from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.metrics import METRICS
@@ -83,7 +90,7 @@ class ScenarioReader:
                 raise self._error((text,), f'{text}: {value!r} is not a line of text')
         profile = data.get('profile', IDEAL)
         parameters = self._parameters(data, profile)
-        duration = parameters.values(PLANT)['duration']
+        duration = parameters.of(PlantParameters).duration
         sticks = self._mapping(data.get('sticks', {}), ('sticks',), ('vertical', 'horizontal'))
         return Scenario(
             name=self._document.path.stem,
@@ -107,7 +114,7 @@ class ScenarioReader:
         for key, (node, name) in _PARAMETERS.items():
             if key in data:
                 self._set(parameters, node, name, data[key], (key,))
-        if parameters.values(PLANT)['duration'] == 0.0:
+        if parameters.of(PlantParameters).duration == 0.0:
             raise self._error(('duration',), 'a scenario lasts longer than 0 s')
         if 'map' in data:
             self._set(parameters, PLANT, 'map', self._map(data['map']), ('map',))
@@ -137,16 +144,16 @@ class ScenarioReader:
 
     def _check_world(self, parameters: ParameterSet) -> None:
         """Refuse a map that can't be read and a start that it has no room for."""
-        values = parameters.values(PLANT)
-        if not values['map']:
+        plant = parameters.of(PlantParameters)
+        if not plant.map:
             return
         try:
-            floor_map = load_map(values['map'])
+            floor_map = load_map(plant.map)
         except WorldError as error:
             raise self._error(('map',), str(error)) from None
         try:
-            world = World(floor_map, values['body_depth'], values['body_width'])
-            world.check_start((values['start_position_x'], values['start_position_y']))
+            world = World(floor_map, plant.body_depth, plant.body_width)
+            world.check_start((plant.start_position_x, plant.start_position_y))
         except WorldError as error:
             raise self._error(('start',), str(error)) from None
 
@@ -259,13 +266,13 @@ class ScenarioReader:
 
     def _expectations(self, data: Any, parameters: ParameterSet) -> list[Expectation]:
         expectations: list[Expectation] = []
-        plant = parameters.values(PLANT)
+        plant = parameters.of(PlantParameters)
         for metric, bounds in self._mapping(data, ('expectations',)).items():
             keys: Keys = ('expectations', metric)
             if metric not in METRICS:
                 known = ', '.join(METRICS)
                 raise self._error(keys, f'unknown metric {metric!r}; known: {known}')
-            if metric == 'wall_clearance_m' and not plant['map']:
+            if metric == 'wall_clearance_m' and not plant.map:
                 raise self._error(keys, f'{metric} needs a map')
 
             def read(item: Any, at: Keys) -> Expectation:
@@ -279,7 +286,7 @@ class ScenarioReader:
                 expectations.append(read(bounds, keys))
         return expectations
 
-    def _expectation(self, keys: Keys, data: Any, plant: Mapping[str, Any]) -> Expectation:
+    def _expectation(self, keys: Keys, data: Any, plant: PlantParameters) -> Expectation:
         metric = keys[1]
         limits = {
             key: self._number(value, (*keys, key))
@@ -291,14 +298,14 @@ class ScenarioReader:
         if low > high:
             raise self._error(keys, f'{metric}: min {low:g} is more than max {high:g}')
         start, end = limits.get('from', 0.0), limits.get('to', math.inf)
-        duration = plant['duration']
+        duration = plant.duration
         if not 0.0 <= start < min(end, duration) or duration < end < math.inf:
             raise self._error(
                 keys, f'{metric}: {start:g} … {end:g} s is no window of a run of {duration:g} s'
             )
-        if end < plant['hold_time']:
+        if end < plant.hold_time:
             raise self._error(
-                keys, f'{metric}: the window ends before the release at {plant["hold_time"]:g} s'
+                keys, f'{metric}: the window ends before the release at {plant.hold_time:g} s'
             )
         return Expectation(metric, limits.get('min'), limits.get('max'), start, end)
 

@@ -15,7 +15,13 @@ from ballbot_ros.brick.encoder import Encoder
 from ballbot_ros.brick.gyro import Gyro
 from ballbot_ros.brick.sonar import Sonar
 from ballbot_ros.codegen.implementation import program_maker
-from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
+from ballbot_ros.parameters import (
+    ControllerParameters,
+    GyroParameters,
+    ParameterSet,
+    PlantParameters,
+    SonarParameters,
+)
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.plant.truth import Push, Truth
 from ballbot_ros.scenario.scenario import Scenario
@@ -79,13 +85,13 @@ class ClosedLoop:
         start_ns: int = FIRST_TICK_NS,
     ) -> None:
         self._start_ns = start_ns
-        self.world = World.of(parameters.values(PLANT))
-        self.plant = Plant(parameters.values(PLANT), self._start_ns, self.world)
-        self._gyro = Gyro(parameters.values(GYRO))
+        self.world = World.of(parameters.of(PlantParameters))
+        self.plant = Plant(parameters.of(PlantParameters), self._start_ns, self.world)
+        self._gyro = Gyro(parameters.of(GyroParameters))
         self._encoder = Encoder()
-        self._sonar = Sonar(parameters.values(SONAR))
-        self._beam = SonarBeam(parameters.values(SONAR))
-        self.program = program_maker(parameters.values(CONTROLLER))()
+        self._sonar = Sonar(parameters.of(SonarParameters))
+        self._beam = SonarBeam(parameters.of(SonarParameters))
+        self.program = program_maker(parameters.of(ControllerParameters))()
         self._scenario = scenario or Scenario()
         self.pushes = self._scenario.pushes_from(self._start_ns)
         for push in self.pushes:

@@ -13,7 +13,7 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.numerics.discretisation import zero_order_hold
 from ballbot_ros.numerics.elementary import natural_log, sine_cosine
 from ballbot_ros.numerics.random_numbers import bits_53, normal, philox4x32, uniform
-from ballbot_ros.parameters import PLANT
+from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.closed_loop import ClosedLoop
@@ -59,7 +59,7 @@ def load_golden() -> Golden:
 def duty_sha256(scenario: Scenario) -> str:
     """Run a scenario in this process and return its ``duty_sha256``."""
     loop, log = ClosedLoop(scenario.parameters, scenario), TrajectoryLog(keep=False)
-    ticks = round(scenario.parameters.values(PLANT)['duration'] * SECOND_NS) // TICK_NS
+    ticks = round(scenario.parameters.of(PlantParameters).duration * SECOND_NS) // TICK_NS
     for _ in range(ticks):
         tick = loop.tick()
         log.add(tick.truth, *tick.outputs.duty)

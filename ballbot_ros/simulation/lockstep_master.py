@@ -10,6 +10,7 @@ from collections.abc import Collection
 
 from ballbot_ros.parameters import RECORDER
 from ballbot_ros.plant.truth import Truth
+from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recorder_flow import RecorderFlow
 from ballbot_ros.simulation.run_actions import AskDrivers, Log, Report, Severity, WakeIn
@@ -163,7 +164,7 @@ class LockstepMaster(RunMaster):
         if self._settings.waits_for_silent:
             self._warn(f'{problem}: waiting for it')
         else:
-            self._end('failed', problem, 1)
+            self._end(Outcome.FAILED, problem, 1)
 
     @property
     def _limit_s(self) -> float:

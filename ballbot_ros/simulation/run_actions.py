@@ -11,6 +11,7 @@ from enum import Enum, auto
 
 from ballbot_ros.plant.truth import Push, Truth
 from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Membership, Participant
 from ballbot_ros.world.world import World
 
@@ -201,8 +202,7 @@ class RunSummary:
 
     Attributes
     ----------
-    outcome : str
-        ``completed``, ``failed`` or ``stopped``.
+    outcome : Outcome
     reason : str
         Why it has failed; otherwise ''.
     ticks : int
@@ -222,7 +222,7 @@ class RunSummary:
         Everybody who has taken part.
     """
 
-    outcome: str
+    outcome: Outcome
     reason: str
     ticks: int
     duty_sha256: str

@@ -16,6 +16,7 @@ from typing import Concatenate, ParamSpec, TypeVar
 from ballbot_ros.plant.truth import Pair, Push
 from ballbot_ros.simulation.liveness import Machine
 from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.pacer import Pacer
 from ballbot_ros.simulation.participants import Announcement, Membership, Standing, State
 from ballbot_ros.simulation.pause_control import PauseControl
@@ -158,7 +159,7 @@ class RunMaster(ABC):
         if self._phase is Phase.ENDED:
             return
         if self.log.ticks == 0 and self._graph.count_publishers(self._topics.clock) > 1:
-            self._end('failed', 'another plant publishes /clock in this ROS domain', 2)
+            self._end(Outcome.FAILED, 'another plant publishes /clock in this ROS domain', 2)
         elif self._phase is Phase.SETTLING:
             if self._now_s - self._created_s > SETTLE_S:
                 self._begin()
@@ -280,7 +281,7 @@ class RunMaster(ABC):
     @event
     def stop(self) -> None:
         """End the run because the plant is told to stop."""
-        self._end('stopped', '', 0)
+        self._end(Outcome.STOPPED, '', 0)
 
     # Conduct of a run
 
@@ -361,7 +362,7 @@ class RunMaster(ABC):
         duration_ns = self._settings.duration_ns
         if self._plant.stopped:
             self._publish_truth()
-            self._end('failed', str(self._plant.newest_hit), 1)
+            self._end(Outcome.FAILED, str(self._plant.newest_hit), 1)
         elif duration_ns and self._plant.time_ns - self._run.start_ns >= duration_ns:
             self._phase = Phase.DRAINING
             self._last_tick_s = self._now_s
@@ -375,17 +376,17 @@ class RunMaster(ABC):
             return
         problem = self._participants.restarted_controller()
         if problem:
-            self._end('failed', problem, 1)
+            self._end(Outcome.FAILED, problem, 1)
         else:
-            self._end('completed', '', 0)
+            self._end(Outcome.COMPLETED, '', 0)
 
-    def _end(self, outcome: str, reason: str, exit_status: int) -> None:
+    def _end(self, outcome: Outcome, reason: str, exit_status: int) -> None:
         """End the run."""
         if self._is_ended:
             return
         if self._phase is not Phase.DRAINING:
             self._last_tick_s = self._now_s
-        if outcome != 'completed' and self._is_open:
+        if outcome is not Outcome.COMPLETED and self._is_open:
             self._act(StopMotors(self._truth.stamp_ns))
         self._phase = Phase.ENDED
         self._cancel_wake()
@@ -422,7 +423,7 @@ class RunMaster(ABC):
         """
         standing = self._participants.standing(self._plant.time_ns, self._now_s)
         if standing.state is State.REFUSED:
-            self._end('failed', standing.reason, 1)
+            self._end(Outcome.FAILED, standing.reason, 1)
         elif standing.state is State.WAITING:
             self._is_held = self._may_be_held
             if calls_roll:
@@ -459,7 +460,7 @@ class RunMaster(ABC):
             return
         elif waited_s > settings.startup_timeout_s and missing and not settings.waits_for_silent:
             limit = f'{settings.startup_timeout_s:g} s before the first tick'
-            self._end('failed', f'{", ".join(missing)} silent for {limit}', 1)
+            self._end(Outcome.FAILED, f'{", ".join(missing)} silent for {limit}', 1)
         elif self._now_s - self._sent_s > STARTUP_WARN_S:
             self._warn(standing.reason)
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
+from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.participants import Participant
@@ -42,16 +41,16 @@ class RunSettings:
     requires_recorder: bool
 
     @classmethod
-    def from_parameters(cls, values: Mapping[str, Any]) -> RunSettings:
+    def from_parameters(cls, parameters: PlantParameters) -> RunSettings:
         """Return the settings that the parameters of ``plant_sim`` name."""
         return cls(
-            duration_ns=round(values['duration'] * SECOND_NS) or None,
-            real_time_factor=values['real_time_factor'],
-            push_ns=round(values['push_duration'] * SECOND_NS),
-            timeout_s=values['timeout'],
-            startup_timeout_s=values['startup_timeout'],
-            waits_for_silent=values['on_timeout'] == 'wait',
-            requires_recorder=values['require_recorder'],
+            duration_ns=round(parameters.duration * SECOND_NS) or None,
+            real_time_factor=parameters.real_time_factor,
+            push_ns=round(parameters.push_duration * SECOND_NS),
+            timeout_s=parameters.timeout,
+            startup_timeout_s=parameters.startup_timeout,
+            waits_for_silent=parameters.on_timeout == 'wait',
+            requires_recorder=parameters.require_recorder,
         )
 
 

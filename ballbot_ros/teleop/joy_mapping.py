@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ballbot_ros.parameters import Subset
 from ballbot_ros.teleop.errors import TeleopError
 from ballbot_ros.teleop.sticks import Sticks, sticks_of
 
@@ -16,7 +17,7 @@ _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
-class JoyMapping:
+class JoyMapping(Subset):
     """Which axes and buttons drive, and how.
 
     Axes and buttons are numbered as ``game_controller_node`` of the package joy does it: axes 0, 1

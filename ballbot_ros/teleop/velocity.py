@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ballbot_ros.parameters import Subset
 from ballbot_ros.teleop.errors import TeleopError
 from ballbot_ros.teleop.sticks import NEUTRAL, Sticks, sticks_of
 
 
 @dataclass(frozen=True)
-class VelocityMapping:
+class VelocityMapping(Subset):
     """What the controller makes of a full stick, turned round.
 
     Attributes

@@ -18,6 +18,7 @@ from ballbot_ros.messages.markers import (
     fill_points,
     place_marker,
 )
+from ballbot_ros.parameters import Dimensions
 from ballbot_ros.simulation.timing import SECOND_NS
 from ballbot_ros.viewer import colours
 from ballbot_ros.viewer.floor import walls
@@ -26,7 +27,6 @@ from ballbot_ros.viewer.robot import (
     BODY,
     LINKS,
     TRAIL_STEP,
-    Dimensions,
     Vector,
     parts,
 )

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import viser
 
+from ballbot_ros.parameters import Dimensions
 from ballbot_ros.viewer.access_policy import AccessPolicy
 from ballbot_ros.viewer.address import check_address
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.guarded_server import GuardedServer
-from ballbot_ros.viewer.robot import Dimensions
 from ballbot_ros.viewer.scene import Robot, Scene
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.views import TITLES, TRACKING, VIEWS, VISTA, camera

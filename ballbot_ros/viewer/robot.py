@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballbot_ros.parameters import Dimensions
 from ballbot_ros.plant.truth import Pair
 from ballbot_ros.viewer.colours import BLACK, BLUE, DARK, LIGHT, ORANGE, WHITE, Colour
 
@@ -43,18 +43,6 @@ TRAIL_STEP = 0.01
 
 BEAM_HALF_ANGLE = math.radians(5.0)
 """Half of the opening with which the sonar's beam is drawn: schematic."""
-
-
-@dataclass(frozen=True)
-class Dimensions:
-    """The physical parameters that the shape follows from [m], by their names in the table."""
-
-    ball_radius: float
-    wheel_radius: float
-    wheel_width: float
-    body_depth: float
-    body_width: float
-    body_height: float
 
 
 class Part(NamedTuple):

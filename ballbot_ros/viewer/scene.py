@@ -7,6 +7,7 @@ import math
 import numpy as np
 from viser import SceneApi
 
+from ballbot_ros.parameters import Dimensions
 from ballbot_ros.viewer import colours, floor, shapes
 from ballbot_ros.viewer.colours import WHITE, Colour
 from ballbot_ros.viewer.display import picture
@@ -18,7 +19,6 @@ from ballbot_ros.viewer.robot import (
     LINKS,
     WHEEL_X,
     WHEEL_Y,
-    Dimensions,
     Motion,
     body_orientation,
     lcd_position,

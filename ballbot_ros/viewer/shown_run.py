@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from ballbot_ros.analysis.run_data import RunData, Series, read_run
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
-from ballbot_ros.parameters import select
+from ballbot_ros.parameters import Dimensions
 from ballbot_ros.viewer.errors import ViewerError
-from ballbot_ros.viewer.robot import Dimensions
 from ballbot_ros.viewer.snapshot import TRACE_COLUMNS, WINDOW_S, Snapshot
 from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
@@ -62,7 +61,7 @@ class ShownRun:
         self.name = run.name
         self.end = run.end
         self.damage = run.damage
-        self.dimensions = select(Dimensions, run.plant)
+        self.dimensions = Dimensions.from_parameters(run.plant)
         self.floor_map = _floor_map(run)
         x, y = run.trajectory.position[0].tolist()
         self.start = (x, -y)

@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.parameters import Dimensions
 from ballbot_ros.plant.truth import Pair
 from ballbot_ros.viewer.robot import (
     BALL,
     BODY,
     WHEEL_X,
     WHEEL_Y,
-    Dimensions,
     Motion,
     Vector,
     body_orientation,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
+from ballbot_ros.parameters import Dimensions
 from ballbot_ros.plant.model import Bodies
 from ballbot_ros.viewer.colours import NAMES
 from ballbot_ros.viewer.robot import (
@@ -18,7 +19,6 @@ from ballbot_ros.viewer.robot import (
     X_AXIS,
     Y_AXIS,
     Z_AXIS,
-    Dimensions,
     Vector,
     parts,
     sonar_position,

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
+from ballbot_ros.parameters import SonarParameters
 from ballbot_ros.plant.truth import Pair
 from ballbot_ros.world.distance import RAYS
 from ballbot_ros.world.errors import WorldError
@@ -21,7 +20,7 @@ class SonarBeam:
 
     Parameters
     ----------
-    values : mapping
+    parameters : SonarParameters
         The parameters of ``sonar_driver``. Without a ``map`` there is no wall anywhere.
 
     Raises
@@ -30,13 +29,13 @@ class SonarBeam:
         If the map can't be read, or ``cone_rays`` is an even number.
     """
 
-    def __init__(self, values: Mapping[str, Any]) -> None:
-        self._to_front: float = values['body_depth'] / 2.0
-        opening: float = values['cone_angle']
-        count: int = values['cone_rays'] if opening else 1
-        if values['cone_rays'] % 2 == 0:
+    def __init__(self, parameters: SonarParameters) -> None:
+        self._to_front: float = parameters.body_depth / 2.0
+        opening: float = parameters.cone_angle
+        count: int = parameters.cone_rays if opening else 1
+        if parameters.cone_rays % 2 == 0:
             raise WorldError(
-                f'sonar_driver.cone_rays: {values["cone_rays"]} is even; '
+                f'sonar_driver.cone_rays: {parameters.cone_rays} is even; '
                 'the middle one of an odd number of rays looks straight ahead'
             )
         middle = count // 2
@@ -44,9 +43,9 @@ class SonarBeam:
             opening * (index - middle) / (count - 1) if index != middle else 0.0
             for index in range(count)
         ]
-        self._map = load_map(values['map']) if values['map'] else None
+        self._map = load_map(parameters.map) if parameters.map else None
         if self._map is not None:
-            self._ray = RAYS[values['distance_model']](self._map)
+            self._ray = RAYS[parameters.distance_model](self._map)
 
     def distance_m(self, position: Pair) -> float:
         """Return the distance [m] from the sensor to the nearest wall, inf if there is none.

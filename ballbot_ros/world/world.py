@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.truth import Pair
 from ballbot_ros.world.distance import wall_distance
 from ballbot_ros.world.errors import WorldError
@@ -50,7 +49,7 @@ class World:
         }
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> World | None:
+    def of(cls, parameters: PlantParameters) -> World | None:
         """Make the world that the parameters of ``plant_sim`` name; None without a ``map``.
 
         Raises
@@ -58,10 +57,10 @@ class World:
         WorldError
             If the map can't be read, or the robot can't start where it is to.
         """
-        if not values['map']:
+        if not parameters.map:
             return None
-        world = cls(load_map(values['map']), values['body_depth'], values['body_width'])
-        world.check_start((values['start_position_x'], values['start_position_y']))
+        world = cls(load_map(parameters.map), parameters.body_depth, parameters.body_width)
+        world.check_start((parameters.start_position_x, parameters.start_position_y))
         return world
 
     def check_start(self, position: Pair) -> None:

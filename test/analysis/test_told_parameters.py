@@ -44,7 +44,7 @@ SIMULATED = [
 
 
 def values(told, role, attached=None, run=RUN):
-    return told.of(run, attached or ParameterSet(), FILES).values(role)
+    return told.of(run, attached or ParameterSet(), FILES).of_node(role)
 
 
 def test_what_was_told_comes_before_what_is_attached():
@@ -52,8 +52,8 @@ def test_what_was_told_comes_before_what_is_attached():
     attached.set(CONTROLLER, 'k_i', -0.1)
     attached.set(CONTROLLER, 'a_d', 0.7)
     found = values(told(*SIMULATED), CONTROLLER, attached)
-    assert (found['k_i'], found['a_d'], found['ball_radius']) == (-0.5, 0.7, 0.03)
-    assert values(told(*SIMULATED), CONTROLLER, attached, run='2 abc')['k_i'] == -0.1
+    assert (found.k_i, found.a_d, found.ball_radius) == (-0.5, 0.7, 0.03)
+    assert values(told(*SIMULATED), CONTROLLER, attached, run='2 abc').k_i == -0.1
 
 
 @pytest.mark.parametrize('without', range(4))
@@ -68,20 +68,20 @@ def test_a_run_is_told_only_if_all_that_it_is_made_of_is(without):
 def test_the_parameters_are_those_of_who_took_part(order):
     member, stranger = a(GYRO, 'a', noise=0.5), a(GYRO, 'b', noise=9.0)
     both = [member, stranger][::order]
-    assert values(told(*both, members=[member]), GYRO)['noise'] == 0.5
+    assert values(told(*both, members=[member]), GYRO).noise == 0.5
 
 
 @pytest.mark.parametrize('value', [None, 5, [1], {'a': 1}, True])
 def test_what_is_no_value_is_left_out(value):
-    assert values(told(a(PLANT, 'a', map=value, gravity='much', wings=2)), PLANT)['map'] == ''
+    assert values(told(a(PLANT, 'a', map=value, gravity='much', wings=2)), PLANT).map == ''
 
 
 def test_of_a_map_that_is_a_file_the_attachment_is_taken_if_it_is_that_one():
     sha = hashlib.sha256(b'a map').hexdigest()
     same = told(a(PLANT, 'a', map='hall.png', **{MAP_HASH: sha}))
-    assert values(same, PLANT)['map'] == 'map.png'
+    assert values(same, PLANT).map == 'map.png'
     other = told(a(PLANT, 'a', map='hall.png', **{MAP_HASH: sha[::-1]}))
-    assert values(other, PLANT)['map'] == 'hall.png'
+    assert values(other, PLANT).map == 'hall.png'
 
 
 def test_another_scenario_is_told_from_the_first():

@@ -9,11 +9,13 @@ import pytest
 from graph import BALLBOT, environment
 
 from ballbot_ros.cli import run
-from ballbot_ros.cli.experiment import Finished
+from ballbot_ros.cli.experiment import Processes
 from ballbot_ros.cli.run import RunOptions, run_scenario
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.writer import RecordingWriter
+from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.run_result import RunResult
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 
 FULL = 'No space left on device'
@@ -21,16 +23,15 @@ FULL = 'No space left on device'
 
 def options(output, processes, *assignments, as_json=True):
     return RunOptions(
-        processes=processes, real_time_factor=None, output=output, seed=None, record=True,
-        assignments=assignments, controller=None, viewer=False, as_json=as_json,
+        processes=Processes(processes), real_time_factor=None, output=output, seed=None,
+        record=True, assignments=assignments, controller=None, viewer=False, as_json=as_json,
     )  # fmt: skip
 
 
 def test_a_recorder_that_fails_at_the_start_is_the_only_reason(tmp_path, monkeypatch, capsys):
     reason = f'recorder: [/red]/stationary.mcap: {FULL}'
-    summary = {'outcome': 'failed', 'reason': reason, 'exit_status': 2, 'ticks': 0}
-    finished = Finished(summary, TrajectoryLog().trajectory())
-    monkeypatch.setattr(run, '_run', lambda *_: finished)
+    failed = RunResult(Outcome.FAILED, reason, 2, trajectory=TrajectoryLog().trajectory())
+    monkeypatch.setattr(run, '_run', lambda *_: failed)
     assert run_scenario('stationary', options(tmp_path / 'output', 'separate')) == 2
     result = json.loads(capsys.readouterr().out)
     assert result['reason'] == reason

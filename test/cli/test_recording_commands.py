@@ -8,7 +8,8 @@ from importlib.util import find_spec
 import pytest
 from graph import BALLBOT, record
 
-from ballbot_ros.cli.play import keys_in, play_file
+from ballbot_ros.cli.play import command as play
+from ballbot_ros.cli.play import keys_in
 from ballbot_ros.parameters import ParameterError
 
 
@@ -100,9 +101,9 @@ def test_parquet_asks_for_what_it_needs(run, tmp_path):
 @pytest.mark.parametrize(
     ('name', 'value'), [('rate', 0.0), ('rate', float('nan')), ('start', -1.0)]
 )
-def test_a_rate_or_start_out_of_bounds_is_told_with_its_bounds(name, value):
+def test_a_rate_or_start_out_of_bounds_is_told_with_its_bounds(run, name, value):
     with pytest.raises(ParameterError, match=rf'^player\.{name}: .* is not within \S+ … '):
-        play_file({'file': 'any.mcap', name: value})
+        play.main([str(run), f'--{name}', str(value)], standalone_mode=False)
 
 
 def test_keys_that_come_at_once_are_told_apart():

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 
 from ballbot_ros.cli.experiment import assign
 from ballbot_ros.nodes.domain_lock import DomainLock
-from ballbot_ros.parameters import GYRO, PLANT, VIEWER, ParameterSet
+from ballbot_ros.parameters import GYRO, PLANT, ParameterSet, ViewerParameters
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
@@ -267,4 +267,4 @@ def test_a_full_disk_is_one_line_and_a_failed_run(start_run, tmp_path, processes
 def test_an_assignment_of_text_is_text_of_every_node(text, told):
     parameters = ParameterSet()
     assign(parameters, f'viewer.host={text}')
-    assert parameters.values(VIEWER)['host'] == told
+    assert parameters.of(ViewerParameters).host == told

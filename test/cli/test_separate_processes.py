@@ -10,6 +10,8 @@ from ballbot_ros.cli import separate_processes
 from ballbot_ros.cli.node_process import NodeProcess
 from ballbot_ros.cli.separate_processes import judged, watch
 from ballbot_ros.parameters import NODES, PLANT, VIEWER
+from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.run_result import RunResult
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, TICK_NS
 
 SILENT = 'plant_sim does not answer'
@@ -41,9 +43,9 @@ def process(name, exit_status=0):
 )  # fmt: skip
 def test_a_completed_run_is_completed(outcome, failure, ends, signal, expected):
     processes = {name: process(name, ends.get(name, 0)) for name in ('plant_sim', *ends)}
-    summary = {'outcome': outcome, 'reason': ''}
-    verdict = judged(summary, failure, processes, SimpleNamespace(signal=signal), False)
-    assert (verdict['outcome'], verdict['reason'], verdict['exit_status']) == expected
+    told = RunResult(Outcome(outcome))
+    result = judged(told, failure, processes, SimpleNamespace(signal=signal), False)
+    assert (result.outcome, result.reason, result.exit_status) == expected
 
 
 def watched(victim, now_ns, *, plant_hangs=False):

@@ -14,14 +14,14 @@ from ballbot_ros.codegen.application import application_files, read_tasks, write
 from ballbot_ros.codegen.c_parameters import c_parameters, parameter_hash
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.signals import PLANE_SIGNALS, PROGRAM_SIGNALS
-from ballbot_ros.controller.parameters import ControllerParameters
+from ballbot_ros.controller.constants import ProgramConstants
 from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.controller.tasks import TS1_MS
-from ballbot_ros.parameter_file import read_parameter_file
-from ballbot_ros.parameters import CONTROLLER
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters
+from ballbot_ros.parameters.files import read_parameter_file
 
 VALUES = values_of(CONTROLLER)
-TASKS = ControllerParameters.of(VALUES).tasks
+TASKS = ProgramConstants.of(VALUES).tasks
 CONSTANT = re.compile(r'^const \w+ (\w+)(?:\[\d+\])? = \{?([^;}]+)\}?;', re.MULTILINE)
 
 
@@ -71,12 +71,12 @@ def test_how_a_simulation_runs_does_not_change_the_files():
 @pytest.mark.parametrize('seed', range(20))
 def test_every_constant_is_exactly_the_single_or_integer_of_the_python_program(seed):
     values = random_values(seed)
-    typed = ControllerParameters.of(values)
+    typed = ProgramConstants.of(values)
     written = constants(values)
     assert written.pop('ts1') == ['4.0']
     written['sound_freq'] = written.pop('sound_frq')
     periods = {'ts2_period', 'ts3_period'}  # they stand in the OIL file
-    assert written.keys() | periods == ControllerParameters.__annotations__.keys()
+    assert written.keys() | periods == ProgramConstants.__annotations__.keys()
     for name, texts in written.items():
         value = getattr(typed, name)
         if isinstance(value, tuple | np.floating):
@@ -98,7 +98,7 @@ def test_the_folder_holds_the_parameters_it_was_made_from(tmp_path):
     for seed in range(3):
         values = random_values(seed)
         write_application(tmp_path, values)
-        read = read_parameter_file(tmp_path / 'parameters.yaml').values(CONTROLLER)
+        read = read_parameter_file(tmp_path / 'parameters.yaml').of(ControllerParameters)
         assert application_files(read) == application_files(values)
 
 

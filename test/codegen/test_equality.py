@@ -14,14 +14,19 @@ from ballbot_ros.brick.brick import Brick, DeviceInputs
 from ballbot_ros.codegen.back_to_back import compare
 from ballbot_ros.codegen.steps import Step, random_steps
 from ballbot_ros.codegen.toolchain import TARGETS
+from ballbot_ros.controller.interface import OperatingState
 from ballbot_ros.controller.program import (
-    CONTROL,
-    STOP,
     VOLTAGE_OFFSET,
     VOLTAGE_SLOPE,
     ControlProgram,
 )
-from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    PLANT,
+    ControllerParameters,
+    PlantParameters,
+    parameters_of,
+)
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 from ballbot_ros.simulation.golden import duty_sha256, load_golden
 from ballbot_ros.simulation.scenario_steps import scenario_steps
@@ -42,7 +47,7 @@ def built(tmp_path_factory):
     def make(target, *, flags=(), values=None, **changes):
         need(target)
         values = values or values_of(CONTROLLER, **changes)
-        key = target, flags, repr(sorted(values.items()))
+        key = target, flags, values
         if key not in known:
             known[key] = Built(values, target, tmp_path_factory.mktemp(target), flags)
         return known[key]
@@ -53,10 +58,10 @@ def built(tmp_path_factory):
 def golden_values_and_steps(path):
     with np.load(path, allow_pickle=False) as file:
         data = {name: file[name].tolist() for name in file.files}
-    values = ParameterSet().values(CONTROLLER)
     given = json.loads(str(data['parameters']))
     given['wheel_radius'], given['ball_radius'] = given.pop('Rw'), given.pop('Rs')
-    values.update({name: value for name, value in given.items() if name in values})
+    known = parameters_of(CONTROLLER)
+    values = {name: value for name, value in given.items() if name in known}
     steps = [
         Step(
             4 * n,
@@ -79,7 +84,7 @@ def steps_of(ticks, systick_ms=1000, **inputs):
 
 
 def assert_equal(made, steps):
-    comparison = compare(made.values, made.program(), steps)
+    comparison = compare(made.parameters, made.program(), steps)
     assert comparison.difference is None, str(comparison.difference)
     return comparison.ticks
 
@@ -89,8 +94,8 @@ def assert_equal(made, steps):
 def test_every_shipped_scenario(built, target, name):
     scenario = load_scenario(name)
     steps = scenario_steps(scenario.parameters, scenario)
-    made = built(target, values=scenario.parameters.values(CONTROLLER))
-    seconds = scenario.parameters.values(PLANT)['duration']
+    made = built(target, values=scenario.parameters.of(ControllerParameters))
+    seconds = scenario.parameters.of(PlantParameters).duration
     assert assert_equal(made, steps) == round(seconds * 250)
 
 
@@ -128,7 +133,7 @@ def test_a_program_that_is_started_again_equals_a_fresh_one(built, parameters, t
         for step in random_steps(seed, 1 + 15 * seed, wild=seed % 3 != 0):
             used.tick(*step)
         used.brick = Brick()
-        comparison = compare(made.values, used, restarted_steps(SEQUENCES + seed))
+        comparison = compare(made.parameters, used, restarted_steps(SEQUENCES + seed))
         assert comparison.difference is None, str(comparison.difference)
 
 
@@ -141,10 +146,12 @@ def test_after_stop_and_run_the_motors_rest_until_the_gyros_are_calibrated(
     program = made.program()
     for step in [*steps_of(300), *steps_of(600, **disturbance)[300:]]:
         program.tick(*step)
-    assert program.operating_state == (STOP if 'gyro' in disturbance else CONTROL)
+    assert program.operating_state == (
+        OperatingState.STOP if 'gyro' in disturbance else OperatingState.CONTROL
+    )
     again = [program.tick(*step).duty for step in steps_of(500, systick_ms=60_000)]
     assert set(again) == {(0, 0)}
-    assert program.operating_state == CONTROL
+    assert program.operating_state == OperatingState.CONTROL
 
 
 def test_with_fused_multiply_add_in_the_processor(built):
@@ -161,7 +168,7 @@ def test_fused_operations_would_be_noticed(built):
     if ' fma ' not in Path('/proc/cpuinfo').read_text():
         pytest.skip('this processor has no FMA')
     made = built('c', flags=('-O2', '-mfma', '-ffp-contract=fast'))
-    comparison = compare(made.values, made.program(), random_steps(0, 300, wild=False))
+    comparison = compare(made.parameters, made.program(), random_steps(0, 300, wild=False))
     assert comparison.difference
 
 
@@ -195,7 +202,7 @@ def test_no_voltage_gives_a_duty_and_never_what_is_not_a_number(
     made = built(target, a_b=battery_filter_for_no_voltage(), pwm_gain=pwm_gain, time_start=100)
     steps = no_voltage_steps(revolution)
     assert_equal(made, steps)
-    program = ControlProgram(made.values)
+    program = ControlProgram(made.parameters)
     duties = [program.tick(*step).duty for step in steps]
     assert VOLTAGE_SLOPE * program.battery - VOLTAGE_OFFSET == 0
     assert duties[27] == (duty, -duty)
@@ -204,7 +211,7 @@ def test_no_voltage_gives_a_duty_and_never_what_is_not_a_number(
 @pytest.mark.parametrize('target', TARGETS)
 def test_the_log_counter_wraps(built, target):
     made = built(target, time_start=0, log_count=255)
-    program = ControlProgram(made.values)
+    program = ControlProgram(made.parameters)
     steps = steps_of(600)
     logged = [step.elapsed_ms for step in steps if program.tick(*step).log]
     assert logged == [4, 4 + 4 * 255, 4 + 8 * 255]
@@ -230,7 +237,7 @@ def test_duty_and_logged_pitch_saturate(built, target):
     for sign in (1, -1):
         turning = steps_of(60, gyro=(600 + 300 * sign, 600 - 300 * sign))
         steps = [*steps_of(1), *turning[1:]]
-        program = ControlProgram(made.values)
+        program = ControlProgram(made.parameters)
         outputs = [program.tick(*step) for step in steps]
         assert outputs[-1].duty == (100 * sign, -100 * sign)
         packet = [packet for output in outputs for packet in output.log][-1]

@@ -8,7 +8,7 @@ import pytest
 
 from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.controller.program import ControlProgram
-from ballbot_ros.parameters import CONTROLLER, ParameterSet
+from ballbot_ros.parameters import ControllerParameters
 
 GOLDEN = sorted((Path(__file__).parent / 'golden').glob('*.npz'))
 
@@ -25,11 +25,12 @@ def bits(*values):
 def test_every_tick_equals_the_generated_c(path):
     with np.load(path, allow_pickle=False) as file:
         data = {name: file[name].tolist() for name in file.files}
-    values = ParameterSet().values(CONTROLLER)
-    for name, value in json.loads(str(data['parameters'])).items():
-        if name not in NOT_OURS:
-            values[RENAMED.get(name, name)] = value
-    program = ControlProgram(values)
+    given = {
+        RENAMED.get(name, name): value
+        for name, value in json.loads(str(data['parameters'])).items()
+        if name not in NOT_OURS
+    }
+    program = ControlProgram(ControllerParameters(**given))
     x, y = program.x, program.y
     # The golden bench answers a request with the tick's own sample; the brick is a request late.
     program.brick.read_sonar = lambda: data['in_sonar_cm'][n]

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from ballbot_ros.messages.run_summary import run_status, summary_json, summary_words
 from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Membership, Participant
 from ballbot_ros.simulation.run_actions import PublishStatus, RunSummary
 
@@ -14,7 +15,7 @@ MEMBER = Membership(
     is_successor=True,
 )
 SUMMARY = RunSummary(
-    outcome='failed',
+    outcome=Outcome.FAILED,
     reason='broken',
     ticks=3,
     duty_sha256='ab',

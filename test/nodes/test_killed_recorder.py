@@ -8,6 +8,7 @@ import time
 import pytest
 from graph import environment, wait_for
 
+from ballbot_ros.parameters import RecorderParameters
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.repair import repair
 
@@ -82,7 +83,7 @@ def test_a_recorder_writes_twice_a_second(domain, monkeypatch, tmp_path):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     rclpy.init()
     try:
-        recorder = Recorder({'output': str(tmp_path / 'run.mcap')})
+        recorder = Recorder(RecorderParameters(output=str(tmp_path / 'run.mcap')))
         (period_ns,) = (
             timer.timer_period_ns for timer in recorder.timers if timer.callback == recorder._flush
         )

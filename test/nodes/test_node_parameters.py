@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+from dataclasses import asdict, replace
 
 import pytest
 
@@ -18,7 +19,18 @@ from ballbot_ros.nodes.gyro_driver import GyroDriver
 from ballbot_ros.nodes.plant_sim import PlantSim
 from ballbot_ros.nodes.recorder import Recorder
 from ballbot_ros.nodes.sonar_driver import SonarDriver
-from ballbot_ros.parameters import ALL_NODES, Acts, parameters_of
+from ballbot_ros.parameters import (
+    ALL_NODES,
+    Acts,
+    ControllerParameters,
+    EncoderParameters,
+    GamepadParameters,
+    GyroParameters,
+    PlantParameters,
+    RecorderParameters,
+    SonarParameters,
+    parameters_of,
+)
 
 pytestmark = pytest.mark.graph
 
@@ -32,6 +44,16 @@ NODES = {
     Recorder: {},
 }
 
+PARAMETERS = {
+    PlantSim: PlantParameters,
+    GyroDriver: GyroParameters,
+    EncoderDriver: EncoderParameters,
+    SonarDriver: SonarParameters,
+    Controller: ControllerParameters,
+    GamepadTeleop: GamepadParameters,
+    Recorder: RecorderParameters,
+}
+
 
 @pytest.fixture
 def make(domain, monkeypatch, tmp_path):
@@ -43,7 +65,7 @@ def make(domain, monkeypatch, tmp_path):
         def make(kind, arguments=(), **values):
             rclpy.init(args=['--ros-args', *arguments] if arguments else [])
             stack.callback(rclpy.try_shutdown)
-            node = kind(None if arguments else values)
+            node = kind(None if arguments else PARAMETERS[kind](**values))
             stack.callback(node.destroy_node)
             stack.callback(node.close)
             return node
@@ -72,10 +94,10 @@ def test_a_node_takes_its_own_dump(make, kind):
 def test_every_parameter_acts_when_the_table_says(make, kind):
     node = make(kind, **NODES[kind])
     for name, row in parameters_of(node.role).items():
-        value = another(row, node.values[name])
+        value = another(row, getattr(node.parameters, name))
         if value is None:
             continue
-        before = node.values[name]
+        before = getattr(node.parameters, name)
         result = set_one(node, name, value)
         if row.acts is Acts.NEVER:
             assert not result.successful
@@ -83,7 +105,7 @@ def test_every_parameter_acts_when_the_table_says(make, kind):
             continue
         assert result.successful, (name, result.reason)
         at_once = row.acts is Acts.AT_ONCE
-        assert node.values[name] == (row.check(value, '') if at_once else before)
+        assert getattr(node.parameters, name) == (row.check(value, '') if at_once else before)
         assert ('from the next run on' in result.reason) == (not at_once)
         assert set_one(node, name, list(before) if isinstance(before, tuple) else before).successful
 
@@ -113,9 +135,9 @@ def test_what_acts_from_the_next_run_on_does_so_together(make):
     node = make(GyroDriver)
     assert set_one(node, 'noise', 2.5).successful
     assert set_one(node, 'seed', 7).successful
-    assert (node.values['noise'], node.values['seed']) == (0.0, 1)
+    assert (node.parameters.noise, node.parameters.seed) == (0.0, 1)
     node.take_values()
-    assert (node.values['noise'], node.values['seed']) == (2.5, 7)
+    assert (node.parameters.noise, node.parameters.seed) == (2.5, 7)
 
 
 def test_none_of_several_is_taken_if_one_is_refused(make):
@@ -124,7 +146,7 @@ def test_none_of_several_is_taken_if_one_is_refused(make):
     result = node.set_parameters_atomically(pair)
     assert not result.successful
     assert result.reason == 'plant_sim.real_time_factor: 0.0001 is not within 0 or 0.01 … 1000'
-    assert node.values['push_duration'] == 0.1
+    assert node.parameters.push_duration == 0.1
     assert node.get_parameter('push_duration').value == 0.1
 
 
@@ -160,10 +182,10 @@ def test_what_cannot_be_is_refused_with_the_reason(make, kind, name, value, word
 
 def test_a_whole_number_is_taken_for_a_float(make):
     node = make(PlantSim, duration=4)
-    assert node.values['duration'] == 4.0
+    assert node.parameters.duration == 4.0
     assert set_one(node, 'real_time_factor', 1).successful
     assert node.get_parameter('real_time_factor').value == 1.0
-    assert type(node.values['real_time_factor']) is float
+    assert type(node.parameters.real_time_factor) is float
     assert set_one(node, 'real_time_factor', 0).successful
 
 
@@ -177,7 +199,7 @@ def test_a_number_that_yaml_takes_for_text_is_taken_for_a_float(make):
 
 def test_a_whole_number_is_taken_for_a_float_on_the_command_line(make):
     node = make(GyroDriver, ['-p', 'noise:=1'])
-    assert node.values['noise'] == 1.0
+    assert node.parameters.noise == 1.0
 
 
 def test_a_log_that_can_not_be_made_at_the_next_run_does_not_end_the_driving(make, tmp_path):
@@ -194,7 +216,7 @@ def test_a_log_that_can_not_be_made_at_the_next_run_does_not_end_the_driving(mak
 def test_with_the_keyboard_at_work_other_parameters_are_taken(make):
     node = make(GamepadTeleop)
     # While the panel is up, standard output is a pipe.
-    node.values['keyboard'] = node._asked['keyboard'] = True
+    node.parameters = node._requested = replace(node.parameters, keyboard=True)
     assert set_one(node, 'deadzone', 0.2).successful
 
 
@@ -221,5 +243,5 @@ def test_a_renamed_node_is_the_same_in_all_but_its_name(make, kind):
     assert node.get_fully_qualified_name() == '/robot/another'
     assert node.role in ALL_NODES
     assert not set_one(node, next(iter(parameters_of(node.role))), 'none').successful
-    for name, value in node.values.items():
+    for name, value in asdict(node.parameters).items():
         assert set_one(node, name, list(value) if isinstance(value, tuple) else value).successful

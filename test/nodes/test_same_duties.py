@@ -9,7 +9,7 @@ import time
 import pytest
 from graph import NODES, Node, free_domain
 
-from ballbot_ros.parameters import GYRO, PLANT, RECORDER
+from ballbot_ros.parameters import GYRO, PLANT, RECORDER, PlantParameters
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
 from ballbot_ros.simulation.trajectory import load_trajectory
@@ -58,7 +58,7 @@ def test_every_repetition_gives_the_same_duties(tmp_path, expected_sha256):
 
     Any order of messages is tried in simulation/test_robot_world.py.
     """
-    start_pitch_x = load_scenario('stationary').parameters.values(PLANT)['start_pitch_x']
+    start_pitch_x = load_scenario('stationary').parameters.of(PlantParameters).start_pitch_x
     with contextlib.ExitStack() as stack:
         domains = [stack.enter_context(free_domain()) for _ in range(2)]
 

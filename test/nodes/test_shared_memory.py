@@ -413,8 +413,9 @@ def test_a_port_that_is_laid_out_otherwise_is_left_alone(tmp_path):
 ENDS_AT_A_CHECK = """
 import rclpy
 from ballbot_ros.nodes import base, gyro_driver
+from ballbot_ros.parameters import GyroParameters
 rclpy.init()
-node = gyro_driver.GyroDriver({})
+node = gyro_driver.GyroDriver(GyroParameters())
 base.mark_dead_readers = node.finish
 base.spin([node], node.done)
 """

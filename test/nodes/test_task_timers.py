@@ -9,12 +9,13 @@ pytest.importorskip('rclpy')
 from std_srvs.srv import Trigger
 
 from ballbot_ros.cli import one_process
+from ballbot_ros.cli.experiment import Processes
 from ballbot_ros.cli.run import RunOptions, run_scenario
 from ballbot_ros.controller.tasks import TS1
 from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.one_shot import OneShot
-from ballbot_ros.parameters import CONTROLLER, NODES, PLANT, RECORDER
+from ballbot_ros.parameters import CONTROLLER, NODES, PLANT, RECORDER, PlantParameters
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, MILLISECOND_NS
@@ -31,9 +32,9 @@ LATE_S = 0.01
 class Tampered(Controller):
     """A controller whose diagnostics are kept when it closes, with all of its timers."""
 
-    def __init__(self, values):
+    def __init__(self, parameters):
         self.late = []
-        super().__init__(values)
+        super().__init__(parameters)
 
     def now(self):
         return self.get_clock().now().nanoseconds
@@ -123,7 +124,7 @@ def test_whatever_the_timers_do_the_duties_are_the_same(
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.setitem(one_process._DRIVERS, CONTROLLER, kind)
     options = RunOptions(
-        processes='one', real_time_factor=0.0, output=None, seed=None, record=False,
+        processes=Processes.ONE, real_time_factor=0.0, output=None, seed=None, record=False,
         assignments=(f'plant_sim.duration={DURATION_S}',), controller=None, viewer=False,
         as_json=True,
     )  # fmt: skip
@@ -143,7 +144,7 @@ def test_the_timers_are_in_phase_with_every_run_of_a_controller_that_lasts(
     for name in NODES:
         if name not in (PLANT, RECORDER):
             start_node(name)
-    start_pitch = load_scenario('stationary').parameters.values(PLANT)['start_pitch_x']
+    start_pitch = load_scenario('stationary').parameters.of(PlantParameters).start_pitch_x
     # The timer of the display has 500 ms, and runs begin at multiples of 100 ms.
     for number, resets_ms in enumerate(([], [1112, 1560], [1720])):
         path = tmp_path / f'{number}.npz'

@@ -37,7 +37,7 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     ROLL_CALL,
 )
 from ballbot_ros.nodes.teleop_inputs import TeleopInputs  # noqa: E402
-from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet  # noqa: E402
+from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, GamepadParameters, ParameterSet  # noqa: E402
 from ballbot_ros.recording.encoding import encoder, new_message  # noqa: E402
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 from ballbot_ros.scenario.library import load_scenario  # noqa: E402
@@ -195,7 +195,7 @@ def test_an_input_of_no_use_is_released_at_once():
     """By times at which no source counts as silent."""
     callbacks, reported = {}, []
     node = SimpleNamespace(
-        values=ParameterSet().values(GAMEPAD) | {'device': ''},
+        parameters=GamepadParameters(device=''),
         create_subscription=lambda kind, name, take, *rest, **_: callbacks.update({name: take}),
         every=lambda *_: None,
         warn=reported.append,

@@ -13,7 +13,12 @@ from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.cli.replay import replay_recording
 from ballbot_ros.messages.topics import PLANT_IMU
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
-from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR
+from ballbot_ros.parameters import (
+    ControllerParameters,
+    GyroParameters,
+    PlantParameters,
+    SonarParameters,
+)
 
 pytestmark = pytest.mark.graph
 
@@ -55,11 +60,11 @@ def test_each_run_is_recorded_and_replayed_with_its_own_values(
     ]  # fmt: skip
     first, second = read_run(path, 1), read_run(path, 2)
     assert first.end * 1e9 + 1e9 > first_end - 1e9
-    told = [run.attached.parameters.values for run in (first, second)]
-    assert [values(GYRO)['noise'] for values in told] == [0.0, 0.5]
-    assert [values(SONAR)['seed'] for values in told] == [1, 3]
-    assert [values(CONTROLLER)['pwm_gain'] for values in told] == [1.0, 0.9]
-    assert [values(PLANT)['map'] for values in told] == ['', 'corridor']
+    told = [run.attached.parameters for run in (first, second)]
+    assert [each.of(GyroParameters).noise for each in told] == [0.0, 0.5]
+    assert [each.of(SonarParameters).seed for each in told] == [1, 3]
+    assert [each.of(ControllerParameters).pwm_gain for each in told] == [1.0, 0.9]
+    assert [each.of(PlantParameters).map for each in told] == ['', 'corridor']
     assert (first.grid, second.attached.has_parameters) == (None, True)
     assert second.grid is not None
     assert second.complete

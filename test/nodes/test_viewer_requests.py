@@ -12,6 +12,7 @@ from ros_client import Client
 from ballbot_ros.messages.topics import RUN
 from ballbot_ros.nodes.base import Output, reliable_qos
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
+from ballbot_ros.parameters import PlantParameters
 
 pytestmark = pytest.mark.graph
 
@@ -32,7 +33,7 @@ def test_the_plant_is_asked_by_whatever_name_it_has_until_it_answers(domain):
             return answers
 
         client.spin_until(is_answered)
-        assert answers == [{'map': 'the map'}]
+        assert answers == [PlantParameters(map='the map')]
 
 
 def test_a_player_announces_runs_but_has_no_parameters_of_a_plant(domain):

@@ -13,7 +13,7 @@ from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.sonar import Sonar
 from ballbot_ros.messages.conversions import ball_position
 from ballbot_ros.messages.topics import MOTOR_DUTY
-from ballbot_ros.parameters import SONAR
+from ballbot_ros.parameters import SONAR, SonarParameters
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.world.exports import occupancy_grid
@@ -142,7 +142,7 @@ def the_sonar_reads_what_the_map_says(run, tmp_path, processes):
     profile = load_profile('hardware')
     image = save(with_walls(100, 100, (0, 100, 64, 66)), tmp_path / 'wall.png')
     profile.set(SONAR, 'map', str(image))
-    device, beam = Sonar(profile.values(SONAR)), SonarBeam(profile.values(SONAR))
+    device, beam = Sonar(profile.of(SonarParameters)), SonarBeam(profile.of(SonarParameters))
     positions = {stamp: ball_position(m) for stamp, m in recorded(run, '/plant/odom')}
     readings = recorded(run, '/sonar')
     assert len(readings) >= run.result['ticks'] // 5, processes

@@ -21,7 +21,7 @@ from ballbot_ros.controller.axis import (
     control,
     in_control,
 )
-from ballbot_ros.controller.parameters import ControllerParameters, Single
+from ballbot_ros.controller.constants import ProgramConstants, Single
 from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.plant.actuator import motor_current, motor_voltage
 from ballbot_ros.plant.battery import terminal_voltage
@@ -80,7 +80,7 @@ def plane(generator):
 
 
 CONSTANTS = [
-    constants_of(ControllerParameters.of(values))
+    constants_of(ProgramConstants.of(values))
     for values in (values_of(CONTROLLER), *(random_values(seed) for seed in range(5)))
 ]
 

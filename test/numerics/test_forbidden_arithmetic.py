@@ -11,10 +11,11 @@ PACKAGE = Path(ballbot_ros.__file__).parent
 FLOORS = (
     'numerics', 'plant', 'brick', 'world', 'controller', 'scenario', 'teleop', 'simulation',
 )  # fmt: skip
-FILES = [
-    *(path for floor in FLOORS for path in sorted((PACKAGE / floor).glob('*.py'))),
+# What measures a run that is over leads to no duty.
+FILES = {
+    *(path for floor in FLOORS for path in (PACKAGE / floor).glob('*.py')),
     PACKAGE / 'messages' / 'conversions.py',
-]
+} - {PACKAGE / 'scenario' / 'metrics.py'}
 
 # Exact, or rounded alike everywhere: square roots, absolute values, comparisons, whole numbers.
 ALLOWED_MATH = {
@@ -101,7 +102,7 @@ def forbidden(source):
     return found
 
 
-@pytest.mark.parametrize('path', FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+@pytest.mark.parametrize('path', sorted(FILES), ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_the_sources_use_none_of_it(path):
     assert not forbidden(path.read_text(encoding='utf-8'))
 

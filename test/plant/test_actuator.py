@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from laws import given
 from robot import values_of
 
-from ballbot_ros.parameters import PLANT, select
+from ballbot_ros.parameters import PLANT
 from ballbot_ros.plant.actuator import Actuator, effective_duty, max_voltage
 
 duties = st.integers(-100, 100)
@@ -14,7 +14,7 @@ dead_zones = st.floats(0.0, 50.0)
 
 
 def actuator(**changes):
-    return select(Actuator, values_of(PLANT, **changes))
+    return Actuator.from_parameters(values_of(PLANT, **changes))
 
 
 def test_full_duty_at_8000_mv_gives_equation_6_1():

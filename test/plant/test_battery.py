@@ -6,14 +6,14 @@ from hypothesis import strategies as st
 from laws import given
 from robot import make_plant, run_plant, values_of
 
-from ballbot_ros.parameters import PLANT, select
+from ballbot_ros.parameters import PLANT
 from ballbot_ros.plant.battery import Battery, BatteryParameters
 
 DRAINING = {'battery_model': 'draining'}
 
 
 def make_battery(**changes):
-    return Battery(select(BatteryParameters, values_of(PLANT, **changes)))
+    return Battery(BatteryParameters.from_parameters(values_of(PLANT, **changes)))
 
 
 def test_a_constant_battery_ignores_the_load():

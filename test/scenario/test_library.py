@@ -7,7 +7,15 @@ from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR
+from ballbot_ros.parameters import (
+    GYRO,
+    PLANT,
+    SONAR,
+    ControllerParameters,
+    GyroParameters,
+    PlantParameters,
+    SonarParameters,
+)
 from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.library import load_profile, load_scenario, scenario_names
 from ballbot_ros.scenario.scenario import Expectation, ScheduledPush
@@ -61,18 +69,18 @@ def test_a_scenario_sets_all_that_it_names(load):
     scenario = load(FULL)
     assert (scenario.name, scenario.purpose) == ('mine', 'everything at once')
     assert scenario.text == FULL
-    plant = scenario.parameters.values(PLANT)
-    assert plant['duration'] == 12.5
-    assert plant['start_pitch_x'] == math.radians(4.0)
-    assert plant['start_pitch_y'] == math.radians(-2.0)
-    assert (plant['start_position_x'], plant['start_position_y']) == (0.5, -1.0)
-    assert plant['plant_model'] == 'nonlinear'
-    assert plant['ball_radius'] == 0.03
-    assert scenario.parameters.values(CONTROLLER)['ball_radius'] == 0.03
+    plant = scenario.parameters.of(PlantParameters)
+    assert plant.duration == 12.5
+    assert plant.start_pitch_x == math.radians(4.0)
+    assert plant.start_pitch_y == math.radians(-2.0)
+    assert (plant.start_position_x, plant.start_position_y) == (0.5, -1.0)
+    assert plant.plant_model == 'nonlinear'
+    assert plant.ball_radius == 0.03
+    assert scenario.parameters.of(ControllerParameters).ball_radius == 0.03
     for node in (GYRO, SONAR):
-        assert scenario.parameters.values(node)['seed'] == 7
-    assert plant['gravity'] == 9.8
-    assert scenario.parameters.values(CONTROLLER)['mode'] == 'autonomous'
+        assert scenario.parameters.of_node(node).seed == 7
+    assert plant.gravity == 9.8
+    assert scenario.parameters.of(ControllerParameters).mode == 'autonomous'
     assert [segment.name for segment in scenario.vertical.segments] == ['ahead', 'back']
     assert scenario.sticks_at(1.0) == (-50, 0)
     assert scenario.sticks_at(2.0) == (50, 0)
@@ -107,10 +115,10 @@ def test_shipped_scenarios_load_by_name(name):
 
 def test_the_documents_scenario_is_shipped():
     scenario = load_scenario('stationary')
-    plant = scenario.parameters.values(PLANT)
-    assert plant['start_pitch_x'] == math.radians(4.0)
-    assert plant['start_pitch_y'] == 0.0
-    assert plant['hold_time'] == 1.0
+    plant = scenario.parameters.of(PlantParameters)
+    assert plant.start_pitch_x == math.radians(4.0)
+    assert plant.start_pitch_y == 0.0
+    assert plant.hold_time == 1.0
 
 
 def test_the_ideal_profile_is_the_table():
@@ -119,15 +127,16 @@ def test_the_ideal_profile_is_the_table():
 
 def test_the_hardware_profile_has_all_the_faults_of_the_devices():
     hardware = load_profile('hardware')
-    gyro, sonar, plant = (hardware.values(node) for node in (GYRO, SONAR, PLANT))
-    assert gyro['noise'] == 0.7
+    gyro, sonar = hardware.of(GyroParameters), hardware.of(SonarParameters)
+    plant = hardware.of(PlantParameters)
+    assert gyro.noise == 0.7
     # Faster drift makes the pitch estimate ramp until the robot stops itself.
-    assert 0.0 < gyro['drift'] < 2.0
-    assert sonar['noise_cm'] == 3.0
-    assert sonar['dropout_probability'] == 0.15
-    assert plant['dead_zone'] > 0.0
-    assert plant['backlash'] == pytest.approx(math.radians(4.0), rel=0.1)
-    assert plant['battery_model'] == 'draining'
+    assert 0.0 < gyro.drift < 2.0
+    assert sonar.noise_cm == 3.0
+    assert sonar.dropout_probability == 0.15
+    assert plant.dead_zone > 0.0
+    assert plant.backlash == pytest.approx(math.radians(4.0), rel=0.1)
+    assert plant.battery_model == 'draining'
 
 
 @pytest.mark.parametrize('name', ['', 'nothing', 'Stationary', 'two\nlines', '..'])

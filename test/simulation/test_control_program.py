@@ -5,7 +5,7 @@ import pytest
 from robot import values_of
 
 from ballbot_ros.brick.brick import DeviceInputs, Tone
-from ballbot_ros.controller.parameters import ControllerParameters
+from ballbot_ros.controller.constants import ProgramConstants
 from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER
 
@@ -280,7 +280,7 @@ def test_the_display_is_refreshed_every_half_second():
 
 
 def test_the_tasks_are_those_of_the_oil_file():
-    parameters = ControllerParameters.of(values_of(CONTROLLER))
+    parameters = ProgramConstants.of(values_of(CONTROLLER))
     tasks = {name: timing for name, *timing in parameters.tasks}
     assert tasks == {
         'task_init': [5, 0],

@@ -1,6 +1,7 @@
 """The master of a run in lockstep: tables of events, and worlds in which everything goes wrong."""
 
 import itertools
+from dataclasses import replace
 
 import pytest
 from hypothesis import settings
@@ -513,7 +514,7 @@ def test_another_pace_acts_at_once():
     world = begun(1, real_time_factor=0.01)
     world.settle()
     assert world.wake_s > world.now_s + 0.3
-    world.values['real_time_factor'] = 0.0
+    world.parameters = replace(world.parameters, real_time_factor=0.0)
     ticks = world.ticks
     world.tell(world.master.on_settings, world.run_settings())
     assert world.wake_s is None
@@ -662,7 +663,7 @@ class TroubledRun(RuleBasedStateMachine):
 
     @rule(factor=st.sampled_from([0.0, 1.0, 1000.0]))
     def change_pace(self, factor):
-        self.world.values['real_time_factor'] = factor
+        self.world.parameters = replace(self.world.parameters, real_time_factor=factor)
         self.world.tell(self.world.master.on_settings, self.world.run_settings())
 
     @invariant()
@@ -690,7 +691,7 @@ class TroubledRun(RuleBasedStateMachine):
         world = self.world
         for node in world.nodes.values():
             node.is_hung = False
-        world.values['real_time_factor'] = 0.0
+        world.parameters = replace(world.parameters, real_time_factor=0.0)
         world.tell(world.master.on_settings, world.run_settings())
         world.tell(world.master.set_paused, is_paused=False)
         world.wait(10)

@@ -51,7 +51,7 @@ def test_messages_in_any_order_give_the_duties_of_the_loop(seed):
     world = RobotWorld(parameters_of_runs(TICKS), SCENARIO, seed).start()
     world.wait(60)
     assert world.summary.ticks == TICKS
-    assert world.summary.duty_sha256 == undisturbed_sha256(world.parameters, TICKS)
+    assert world.summary.duty_sha256 == undisturbed_sha256(world.parameter_set, TICKS)
 
 
 @pytest.mark.parametrize('seed', range(4))
@@ -65,7 +65,7 @@ def test_nodes_that_stop_and_go_on_at_random_change_no_duty(seed):
         node.is_hung = False
         world.wait(choose.uniform(0.0, 0.05))
     assert world.master.resends > 0
-    assert world.summary.duty_sha256 == undisturbed_sha256(world.parameters, TICKS)
+    assert world.summary.duty_sha256 == undisturbed_sha256(world.parameter_set, TICKS)
 
 
 @pytest.mark.parametrize('role', DRIVERS)
@@ -79,7 +79,7 @@ def test_a_restarted_driver_changes_no_duty(role, leave):
         world.start(role, generation=ticks)
     world.wait(60)
     assert world.summary.ticks == TICKS
-    assert world.summary.duty_sha256 == undisturbed_sha256(world.parameters, TICKS)
+    assert world.summary.duty_sha256 == undisturbed_sha256(world.parameter_set, TICKS)
 
 
 @pytest.mark.parametrize('lost', ['on_duty', 'on_clock', 'on_truth', 'on_sample', 'on_timer'])
@@ -93,7 +93,7 @@ def test_a_message_that_is_lost_comes_again(lost):
         del world.in_flight[ways.index(lost)]
     world.wait(60)
     assert world.summary.ticks == TICKS
-    assert world.summary.duty_sha256 == undisturbed_sha256(world.parameters, TICKS)
+    assert world.summary.duty_sha256 == undisturbed_sha256(world.parameter_set, TICKS)
 
 
 @pytest.mark.parametrize('task', TASKS)
@@ -105,7 +105,7 @@ def test_a_tick_waits_for_a_callback_that_is_lost_until_the_plant_asks_again(tas
     brick.dropped.add(task)
     world.wait(60)
     assert (world.master.resends, brick.forced) == (before[0] + 1, before[1] + 1)
-    assert world.summary.duty_sha256 == undisturbed_sha256(world.parameters, TICKS)
+    assert world.summary.duty_sha256 == undisturbed_sha256(world.parameter_set, TICKS)
 
 
 class TroubledRobot(RuleBasedStateMachine):
@@ -186,7 +186,7 @@ class TroubledRobot(RuleBasedStateMachine):
         world.tell(world.master.set_paused, is_paused=False)
         world.wait(120)
         assert world.summary.outcome == 'completed'
-        assert world.summary.duty_sha256 == undisturbed_sha256(world.parameters, self.TICKS)
+        assert world.summary.duty_sha256 == undisturbed_sha256(world.parameter_set, self.TICKS)
 
 
 TestTroubledRobot = TroubledRobot.TestCase

@@ -6,16 +6,15 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.parameters import GAMEPAD, parameters_of, select
+from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.teleop.errors import TeleopError
 from ballbot_ros.teleop.joy_mapping import JoyMapping
 
-DEFAULTS = {name: row.default for name, row in parameters_of(GAMEPAD).items()}
 BUTTONS = [0] * 21
 
 
 def mapping(**changes):
-    return select(JoyMapping, DEFAULTS | changes)
+    return JoyMapping.from_parameters(GamepadParameters(**changes))
 
 
 def axes(left_y=0.0, right_x=0.0):

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.parameters import GAMEPAD, ParameterSet, select
+from ballbot_ros.parameters import GamepadParameters, ParameterSet
 from ballbot_ros.teleop.errors import TeleopError
 from ballbot_ros.teleop.velocity import VelocityMapping
 
-MAPPING = select(VelocityMapping, ParameterSet().values(GAMEPAD))
+MAPPING = VelocityMapping.from_parameters(ParameterSet().of(GamepadParameters))
 FULL = MAPPING.full_speed
 finite = st.floats(allow_nan=False, allow_infinity=False)
 

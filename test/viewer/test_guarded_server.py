@@ -19,13 +19,12 @@ from viser.infra import _infra
 from websockets.exceptions import ConnectionClosedError
 from websockets.sync.client import connect
 
-from ballbot_ros.parameters import VIEWER, ParameterSet, select
+from ballbot_ros.parameters import Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.live_controls import LiveControls
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.panel import Panel
-from ballbot_ros.viewer.robot import Dimensions
 from ballbot_ros.viewer.snapshot import History, Snapshot
 
 PROTOCOL = f'viser-v{viser.__version__}'
@@ -53,7 +52,9 @@ class Served:
 
     def __init__(self):
         self.robot = StubRobot()
-        self.page = Page(select(Dimensions, ParameterSet().values(VIEWER)), 'test', '127.0.0.1', 0)
+        self.page = Page(
+            Dimensions.from_parameters(ParameterSet().of(ViewerParameters)), 'test', '127.0.0.1', 0
+        )
         self.server = self.page.server
         self.controls = LiveControls(self.server.gui, self.robot, ['push', 'square'])
         self.controls.offer_scenarios(offer=True)

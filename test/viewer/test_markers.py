@@ -10,7 +10,7 @@ from trimesh import transformations
 
 from ballbot_ros.messages.markers import ADD, DELETE, DELETE_ALL, SHAPES, fill_transform
 from ballbot_ros.messages.raw import decoder
-from ballbot_ros.parameters import VISUALIZER, ParameterSet, select
+from ballbot_ros.parameters import Dimensions, ParameterSet, VisualizerParameters
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.viewer import colours
 from ballbot_ros.viewer.floor import walls
@@ -21,7 +21,6 @@ from ballbot_ros.viewer.robot import (
     LINKS,
     WHEEL_X,
     WHEEL_Y,
-    Dimensions,
     Motion,
     body_orientation,
     parts,
@@ -40,7 +39,7 @@ from ballbot_ros.viewer.transforms import (
 )
 from ballbot_ros.world.floor_map import FLOOR, WALL, FloorMap
 
-DIMENSIONS = select(Dimensions, ParameterSet().values(VISUALIZER))
+DIMENSIONS = Dimensions.from_parameters(ParameterSet().of(VisualizerParameters))
 FRAMES = Frames(DIMENSIONS)
 ARRAY, TRANSFORMS = 'visualization_msgs/msg/MarkerArray', 'tf2_msgs/msg/TFMessage'
 

@@ -27,13 +27,13 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     PLANT_ODOM,
     VIEWER_JOY,
 )
-from ballbot_ros.parameters import VIEWER, ParameterSet, select  # noqa: E402
+from ballbot_ros.parameters import Dimensions, ParameterSet, ViewerParameters  # noqa: E402
 from ballbot_ros.viewer.floor import Area, lines  # noqa: E402
 from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.panel import Panel  # noqa: E402
 from ballbot_ros.viewer.player import Player  # noqa: E402
-from ballbot_ros.viewer.robot import BLACK, DARK, Dimensions, parts  # noqa: E402
+from ballbot_ros.viewer.robot import BLACK, DARK, parts  # noqa: E402
 from ballbot_ros.viewer.shown_run import ShownRun  # noqa: E402
 from ballbot_ros.viewer.snapshot import History, Snapshot  # noqa: E402
 from ballbot_ros.viewer.views import ROBOT, TITLES, VIEWS, camera  # noqa: E402
@@ -42,7 +42,7 @@ from ballbot_ros.world.library import load_map  # noqa: E402
 
 START = (0.0, -0.3)
 DRIVE = ('drive', '--no-keyboard', '--no-record', '--map', 'track', '--start', *START)
-DIMENSIONS = select(Dimensions, ParameterSet().values(VIEWER))
+DIMENSIONS = Dimensions.from_parameters(ParameterSet().of(ViewerParameters))
 
 
 HANDSHAKE = """GET / HTTP/1.1\r

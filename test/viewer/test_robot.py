@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from ballbot_ros.messages.conversions import body_pitch
-from ballbot_ros.parameters import VIEWER, ParameterSet, select
+from ballbot_ros.parameters import Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.robot import (
     BALL,
     LINKS,
-    Dimensions,
     Motion,
     body_orientation,
     parts,
@@ -20,7 +19,7 @@ from ballbot_ros.viewer.robot import (
 from ballbot_ros.viewer.snapshot import TRAIL_POINTS, WINDOW_S, History, Snapshot
 from ballbot_ros.viewer.views import CHASER_1, CHASER_2, ROBOT, TOP, TRACKING, VIEWS, camera
 
-DIMENSIONS = select(Dimensions, ParameterSet().values(VIEWER))
+DIMENSIONS = Dimensions.from_parameters(ParameterSet().of(ViewerParameters))
 
 
 def now(position=(0.0, 0.0), psi=(0.0, 0.0), time=1.0):

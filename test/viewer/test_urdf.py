@@ -15,7 +15,13 @@ yourdfpy = pytest.importorskip('yourdfpy')
 from trimesh import transformations  # noqa: E402
 
 from ballbot_ros.messages.conversions import MOTOR_NAMES  # noqa: E402
-from ballbot_ros.parameters import VISUALIZER, ParameterSet, parameters_of, select  # noqa: E402
+from ballbot_ros.parameters import (  # noqa: E402
+    VISUALIZER,
+    Dimensions,
+    ParameterSet,
+    VisualizerParameters,
+    parameters_of,
+)
 from ballbot_ros.plant.model import Bodies  # noqa: E402
 from ballbot_ros.viewer.colours import NAMES  # noqa: E402
 from ballbot_ros.viewer.robot import (  # noqa: E402
@@ -24,7 +30,6 @@ from ballbot_ros.viewer.robot import (  # noqa: E402
     LINKS,
     WHEEL_X,
     WHEEL_Y,
-    Dimensions,
     Motion,
     parts,
     sonar_position,
@@ -32,8 +37,8 @@ from ballbot_ros.viewer.robot import (  # noqa: E402
 )
 from ballbot_ros.viewer.urdf import robot_description  # noqa: E402
 
-VALUES = ParameterSet().values(VISUALIZER)
-DIMENSIONS, BODIES = select(Dimensions, VALUES), select(Bodies, VALUES)
+VALUES = ParameterSet().of(VisualizerParameters)
+DIMENSIONS, BODIES = Dimensions.from_parameters(VALUES), Bodies.from_parameters(VALUES)
 lengths = st.floats(1e-3, 1.0)
 
 
@@ -169,7 +174,8 @@ def test_any_dimensions_give_shapes_with_an_extent(sizes, scale):
         max(size * (scale if bounds[name].bounds[0] == 0.0 else 1.0), bounds[name].bounds[0])
         for name, size in zip(names, sizes, strict=True)
     ]
-    document = ElementTree.fromstring(robot_description(Dimensions(*sizes), BODIES))
+    dimensions = Dimensions(**dict(zip(names, sizes, strict=True)))
+    document = ElementTree.fromstring(robot_description(dimensions, BODIES))
     extents = [
         float(number)
         for kind in ('box', 'cylinder', 'sphere')

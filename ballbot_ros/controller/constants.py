@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,12 +9,13 @@ import numpy as np
 
 from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.controller.tasks import task_timings
+from ballbot_ros.parameters import ControllerParameters
 
 Single = np.float32
 
 
 @dataclass(frozen=True)
-class ControllerParameters:
+class ProgramConstants:
     """Constants of Appendix C under the document's names; ``Single`` where C has float."""
 
     k_f: tuple[Single, Single, Single, Single]
@@ -49,15 +49,15 @@ class ControllerParameters:
     ts3_period: int
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> ControllerParameters:
+    def of(cls, parameters: ControllerParameters) -> ProgramConstants:
         """Take the parameters of the node ``controller``."""
-        typed: dict[str, Any] = {'autonomous': values['mode'] == 'autonomous'}
+        typed: dict[str, Any] = {'autonomous': parameters.mode == 'autonomous'}
         for name, annotation in cls.__annotations__.items():
             if annotation == 'Single':
-                typed[name] = Single(values[name])
+                typed[name] = Single(getattr(parameters, name))
             elif annotation == 'int':
-                typed[name] = int(values[name])
-        typed['k_f'] = tuple(Single(gain) for gain in values['k_f'])
+                typed[name] = int(getattr(parameters, name))
+        typed['k_f'] = tuple(Single(gain) for gain in parameters.k_f)
         return cls(**typed)
 
     @property

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from ballbot_ros.parameters import NODES, ParameterError, ParameterSet
+from ballbot_ros.parameters.parameter import ParameterError
+from ballbot_ros.parameters.parameter_set import ParameterSet
+from ballbot_ros.parameters.table import NODES, parameters_of
 from ballbot_ros.yaml_document import YamlDocument
 
 
@@ -66,10 +69,10 @@ def format_parameters(parameters: ParameterSet, nodes: Iterable[str] = NODES) ->
         f'/**/{node}': {
             'ros__parameters': {
                 name: list(value) if isinstance(value, tuple) else value
-                for name, value in parameters.values(node).items()
+                for name, value in asdict(parameters.of_node(node)).items()
             }
         }
         for node in nodes
-        if parameters.values(node)
+        if parameters_of(node)
     }
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import yaml
 
-from ballbot_ros.parameters import ALL_NODES, TABLE, Acts, Parameter, ParameterSet, Value, select
+from ballbot_ros.parameters.parameter import Acts, Parameter, Value
+from ballbot_ros.parameters.plant import PlantParameters
+from ballbot_ros.parameters.table import ALL_NODES, TABLE
 from ballbot_ros.plant.model import PhysicalParameters
 
 DERIVED = {
@@ -39,7 +41,7 @@ def reference_page() -> str:
     lines = [
         '# Parameters',
         '',
-        'Made from `ballbot_ros/parameters.py` by `scripts/generate`. Sections and equations are',
+        'Made from `ballbot_ros/parameters` by `scripts/generate`. Sections and equations are',
         "those of the document; *facts* are the devices' and the author's figures that it does not",
         'give, *project* is what this simulator adds. A value that is given to a running node',
         '(`ros2 param set`) acts from the next run on, which `plant_sim/reset` begins, unless the',
@@ -59,7 +61,7 @@ def reference_page() -> str:
                 f'| `{row.name}` | {_text(row.default)} | {row.unit} | {_allowed(row)} '
                 f'| {row.description}{note} | {row.source} |'
             )
-    physical = select(PhysicalParameters, ParameterSet().values('plant_sim'))
+    physical = PhysicalParameters.from_parameters(PlantParameters())
     lines += [
         '',
         '## Derived',

@@ -1,0 +1,54 @@
+"""The parameters of each node, their checks, and the files and pages made from them."""
+
+from ballbot_ros.parameters.controller import ControllerParameters, Implementation
+from ballbot_ros.parameters.devices import EncoderParameters, GyroParameters, SonarParameters
+from ballbot_ros.parameters.parameter import (
+    Acts,
+    NodeParameters,
+    Parameter,
+    ParameterError,
+    Subset,
+    Value,
+)
+from ballbot_ros.parameters.parameter_set import ParameterSet
+from ballbot_ros.parameters.plant import PlantParameters
+from ballbot_ros.parameters.shared import Dimensions
+from ballbot_ros.parameters.table import (
+    AGREED,
+    ALL_NODES,
+    CONTROLLER,
+    ENCODER,
+    GAMEPAD,
+    GYRO,
+    NODES,
+    OPTIONAL_NODES,
+    PATHS,
+    PLANT,
+    PLAYER,
+    RECORDER,
+    SONAR,
+    SUPERVISOR,
+    TABLE,
+    VIEWER,
+    VISUALIZER,
+    nearest,
+    parameters_of,
+)
+from ballbot_ros.parameters.teleop import GamepadParameters
+from ballbot_ros.parameters.tools import (
+    PlayerParameters,
+    RecorderParameters,
+    SupervisorParameters,
+    ViewerParameters,
+    VisualizerParameters,
+)
+
+__all__ = [
+    'AGREED', 'ALL_NODES', 'CONTROLLER', 'ENCODER', 'GAMEPAD', 'GYRO', 'NODES', 'OPTIONAL_NODES',
+    'PATHS', 'PLANT', 'PLAYER', 'RECORDER', 'SONAR', 'SUPERVISOR', 'TABLE', 'VIEWER', 'VISUALIZER',
+    'Acts', 'ControllerParameters', 'Dimensions', 'EncoderParameters', 'GamepadParameters',
+    'GyroParameters', 'Implementation', 'NodeParameters', 'Parameter', 'ParameterError',
+    'ParameterSet', 'PlantParameters', 'PlayerParameters', 'RecorderParameters',
+    'SonarParameters', 'Subset', 'SupervisorParameters', 'Value', 'ViewerParameters',
+    'VisualizerParameters', 'nearest', 'parameters_of',
+]  # fmt: skip

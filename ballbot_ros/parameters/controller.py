@@ -1,0 +1,80 @@
+"""Parameters of the control program, under the names of Appendix C where it has them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from ballbot_ros.parameters.parameter import NodeParameters, quantity, setting
+from ballbot_ros.parameters.shared import LockstepChoice, Radii, StickScale
+
+Gains = tuple[float, float, float, float]
+Period = Literal[4, 20, 100]
+"""Whole ticks [ms], of which the 100 ms on whose multiples runs begin are a multiple."""
+
+Implementation = Literal['python', 'c', 'arm']
+
+ANY = (-1e9, 1e9)
+COEFFICIENT = (0.0, 1.0)
+UINT32 = (0, 2**32 - 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
+    """The parameters of ``controller``."""
+
+    node: ClassVar[str] = 'controller'
+
+    implementation: Implementation = setting(
+        'python',
+        'what computes: the Python program, the C generated from it, or that on an emulated ARM',
+        'project',
+    )
+    mode: Literal['remote', 'autonomous'] = setting('remote', 'drive mode (task_init)', '7.3')
+    k_f: Gains = quantity(
+        (-0.01504899, -1.56981134, -0.02700482, -0.23249821),
+        'V/deg, V·s/deg',
+        ANY,
+        'servo control feedback gain of θ, ψ, θ˙, ψ˙',
+        '4.2',
+    )
+    k_i: float = quantity(-0.00712528, 'V/(deg·s)', ANY, 'servo control integral gain', '4.2')
+    a_b: float = quantity(0.8, '1', COEFFICIENT, 'low pass: battery voltage', '7.7')
+    a_d: float = quantity(0.8, '1', COEFFICIENT, 'low pass: velocity', '7.7')
+    a_r: float = quantity(0.996, '1', COEFFICIENT, 'low pass: speed reference', '7.7')
+    a_gc: float = quantity(0.8, '1', COEFFICIENT, 'low pass: gyro calibration', '7.7')
+    a_gd: float = quantity(0.999, '1', COEFFICIENT, 'low pass: gyro drift', '7.7')
+    pwm_gain: float = quantity(1.0, '1', (0.0, 100.0), 'friction compensator gain', '7.7')
+    pwm_offset: float = quantity(0.0, '%', (0.0, 100.0), 'friction compensator offset', '7.7')
+    dst_thr: int = quantity(30, 'cm', (-1, 255), 'obstacle avoidance threshold', '7.7')
+    sonar_hold: int = quantity(
+        0, 'ms', (0, 60000), 'how long the last echo counts when none returns', 'project'
+    )
+    time_start: int = quantity(1000, 'ms', UINT32, 'gyro calibration time', '7.4')
+    time_auto: int = quantity(5000, 'ms', UINT32, 'start of autonomous drive', '7.6')
+    time_stop: int = quantity(500, 'ms', UINT32, 'time out of control until the motors stop', '7.6')
+    theta_diff_thr: float = quantity(
+        600.0, 'deg', (0.0, 1e6), 'wheel angle error out of control', '7.6'
+    )
+    psi_diff_thr: float = quantity(
+        15.0, 'deg', (0.0, 180.0), 'body pitch error out of control', '7.6'
+    )
+    sound_freq: int = quantity(440, 'Hz', (31, 14080), 'tone after calibration', '7.6')
+    sound_dur: int = quantity(500, 'ms', (0, 65535), 'length of that tone', '7.6')
+    sound_volume: int = quantity(70, '%', (0, 100), 'volume of that tone', '7.6')
+    tone_gain: int = quantity(
+        0, 'Hz/cm', (0, 55), 'tone in proportion to the distance; 0: none', '10'
+    )
+    log_count: int = quantity(25, 'ticks', (1, 255), 'ticks from one log packet to the next', '7.4')
+    ts2_period: Period = quantity(20, 'ms', (4, 100), 'period of task_ts2: obstacles', '7.5')
+    ts3_period: Period = quantity(
+        100, 'ms', (4, 100), 'period of task_ts3: operating state, battery, sound', '7.6'
+    )
+    lsb: float = quantity(
+        2.0**-10, 'deg', (1e-09, 1000.0), 'value of one bit of the logged pitch', '7.4'
+    )
+    rejoin: bool = setting(
+        False,
+        'true: a controller started in mid-run begins afresh; false: it fails the run at once',
+        'project',
+    )

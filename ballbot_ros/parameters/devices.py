@@ -1,0 +1,65 @@
+"""Parameters of the drivers of the brick's sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from ballbot_ros.parameters.parameter import NodeParameters, quantity, setting
+from ballbot_ros.parameters.shared import BodyDepth, DeviceSeed, MapChoice
+
+
+@dataclass(frozen=True, kw_only=True)
+class GyroParameters(DeviceSeed, NodeParameters):
+    """The parameters of ``gyro_driver``."""
+
+    node: ClassVar[str] = 'gyro_driver'
+
+    zero_rate_offset_x: float = quantity(
+        600.0, 'deg/s', (0.0, 1023.0), 'reading at rest, gyro S1 (x)', 'facts'
+    )
+    zero_rate_offset_y: float = quantity(
+        600.0, 'deg/s', (0.0, 1023.0), 'reading at rest, gyro S2 (y)', 'facts'
+    )
+    noise: float = quantity(0.0, 'deg/s', (0.0, 100.0), 'standard deviation of the noise', '2.2')
+    drift: float = quantity(
+        0.0, 'deg/s', (0.0, 50.0), 'amplitude of the slow drift of the offset', '2.2'
+    )
+    drift_period: float = quantity(300.0, 's', (1.0, 1e6), 'period of the drift', '2.2')
+    rate_limit: float = quantity(
+        360.0, 'deg/s', (1.0, 1e4), 'largest rate that the gyro measures', 'facts'
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderParameters(NodeParameters):
+    """``encoder_driver`` has no parameters: an encoder only counts degrees."""
+
+    node: ClassVar[str] = 'encoder_driver'
+
+
+@dataclass(frozen=True, kw_only=True)
+class SonarParameters(DeviceSeed, MapChoice, BodyDepth, NodeParameters):
+    """The parameters of ``sonar_driver``."""
+
+    node: ClassVar[str] = 'sonar_driver'
+
+    noise_cm: float = quantity(0.0, 'cm', (0.0, 50.0), 'largest error of an echo', 'facts')
+    dropout_probability: float = quantity(
+        0.0, '1', (0.0, 1.0), 'share of echoes that are missed (255)', 'facts'
+    )
+    max_range_cm: float = quantity(
+        255.0, 'cm', (1.0, 255.0), 'distance from which no echo returns', 'facts'
+    )
+    min_range_cm: float = quantity(
+        0.0, 'cm', (0.0, 255.0), 'distance below which half of the echoes are missed', 'facts'
+    )
+    distance_model: Literal['exact', 'stepped'] = setting(
+        'exact', 'distance along a ray: exactly, or in steps of 1 cm', 'B.3'
+    )
+    cone_angle: float = quantity(
+        0.0, 'rad', (0.0, 3.0), 'opening of the sound cone; 0: a single ray', 'project'
+    )
+    cone_rays: int = quantity(
+        7, '1', (1, 99), 'rays of the cone, an odd number; the nearest echo counts', 'project'
+    )

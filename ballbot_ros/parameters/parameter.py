@@ -1,0 +1,222 @@
+"""A parameter: its default, unit, bounds and meaning, declared as a field of a dataclass.
+
+Plant and recording values are SI; the parameters of the brick and its devices are in the brick's
+own units, as their unit says. Sections and equations are those of Yamamoto, *NXT Ballbot
+Model-Based Design* (2009).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from enum import Enum
+from typing import Any, ClassVar, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
+
+from ballbot_ros.errors import BallbotError
+
+Value = bool | int | float | str | tuple[float, ...]
+_Value = TypeVar('_Value', bound=Value)
+_Bounds = tuple[float, float]
+
+
+class ParameterError(BallbotError):
+    """An unknown parameter, or a value of the wrong type or out of bounds."""
+
+
+class Acts(Enum):
+    """From when on a value acts that a running node is given."""
+
+    AT_ONCE = 'at once'
+    NEXT_RUN = 'next run'
+    NEVER = 'never'
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter, of one node or of several that share its value.
+
+    Attributes
+    ----------
+    nodes : tuple of str
+        The nodes that declare it; most have one.
+    name : str
+    default : bool, int, float, str or tuple of float
+        The default of the ``ideal`` profile; its type is the parameter's type.
+    unit : str
+        ``'1'`` for a pure number, empty for text and switches.
+    bounds : tuple of float or None
+        Inclusive lower and upper bound of a number, or of each element of an array.
+    or_zero : bool
+        Whether 0, which lies out of bounds, is allowed and means something else.
+    is_path : bool
+        Whether it names, or may name, a file or folder.
+    choices : tuple
+        The words a text, or the numbers a whole number may be; empty for any.
+    acts : Acts
+        From when on a new value acts in a running node; never, where it is read-only.
+    """
+
+    nodes: tuple[str, ...]
+    name: str
+    default: Value
+    unit: str
+    bounds: tuple[float, float] | None
+    or_zero: bool
+    is_path: bool
+    choices: tuple[str | int, ...]
+    description: str
+    source: str
+    acts: Acts
+
+    def check(self, value: Any, where: str) -> Value:
+        """Return `value` in the parameter's own type.
+
+        Raises
+        ------
+        ParameterError
+            If the type is wrong or the value lies outside the bounds.
+        """
+        name = f'{where}{self.name}'
+        if isinstance(self.default, tuple):
+            if not isinstance(value, list | tuple) or len(value) != len(self.default):
+                raise ParameterError(
+                    f'{name}: {value!r} is not a list of {len(self.default)} numbers'
+                )
+            return tuple(self._number(item, name) for item in value)
+        if isinstance(self.default, bool):
+            if not isinstance(value, bool):
+                raise ParameterError(f'{name}: {value!r} is not true or false')
+            return value
+        if isinstance(self.default, str):
+            if not isinstance(value, str):
+                raise ParameterError(f'{name}: {value!r} is not text')
+            if not _is_utf8(value):
+                raise ParameterError(f'{name}: {value!r} is not UTF-8')
+            return str(self._choice(value, name))
+        if isinstance(self.default, int):
+            if isinstance(value, float) and value.is_integer():
+                value = int(value)
+            if isinstance(value, bool) or not isinstance(value, int):
+                raise ParameterError(f'{name}: {value!r} is not a whole number')
+            return int(self._choice(value, name) if self.choices else self._number(value, name))
+        return float(self._number(value, name))
+
+    def _choice(self, value: Any, name: str) -> Any:
+        if self.choices and value not in self.choices:
+            raise ParameterError(
+                f'{name}: {value!r} is not one of {self.choices_text}{self._spaced_unit}'
+            )
+        return value
+
+    @property
+    def choices_text(self) -> str:
+        """The choices in words."""
+        return ', '.join(map(str, self.choices))
+
+    @property
+    def bounds_text(self) -> str:
+        """The bounds in words, without the unit."""
+        if not self.bounds:
+            return ''
+        low, high = self.bounds
+        return f'{"0 or " if self.or_zero else ""}{low:g} … {high:g}'
+
+    @property
+    def _spaced_unit(self) -> str:
+        return '' if self.unit in ('', '1') else f' {self.unit}'
+
+    def _number(self, value: Any, name: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ParameterError(f'{name}: {value!r} is not a number')
+        low, high = self.bounds or (-math.inf, math.inf)
+        if not (low <= value <= high or (self.or_zero and value == 0)):
+            raise ParameterError(
+                f'{name}: {value!r} is not within {self.bounds_text}{self._spaced_unit}'
+            )
+        return value if isinstance(self.default, int) else float(value)
+
+
+def _is_utf8(text: str) -> bool:
+    """Tell whether ROS can carry a text: no bytes of a name that are no UTF-8, and no NUL."""
+    return not any(each == '\0' or '\ud800' <= each <= '\udfff' for each in text)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeParameters:
+    """The parameters of a node. Each node has a subclass, with a field for each parameter."""
+
+    node: ClassVar[str]
+    """Name of the node."""
+
+
+_Subset = TypeVar('_Subset', bound='Subset')
+
+
+class Subset:
+    """A dataclass some of whose parameters a node has."""
+
+    @classmethod
+    def from_parameters(cls: type[_Subset], parameters: NodeParameters) -> _Subset:
+        """Return those of a node's parameters that the fields of this class name."""
+        return cls(**{each.name: getattr(parameters, each.name) for each in fields(cls)})  # type: ignore[arg-type]
+
+
+def quantity(
+    default: _Value,
+    unit: str,
+    bounds: _Bounds | None,
+    description: str,
+    source: str,
+    *,
+    or_zero: bool = False,
+    acts: Acts = Acts.NEXT_RUN,
+) -> _Value:
+    """Declare a number, or several of a kind; the arguments are those of :class:`Parameter`."""
+    return _declared(
+        default, unit=unit, bounds=bounds, or_zero=or_zero,
+        description=description, source=source, acts=acts,
+    )  # fmt: skip
+
+
+def setting(
+    default: _Value, description: str, source: str, *, acts: Acts = Acts.NEXT_RUN
+) -> _Value:
+    """Declare a switch or a text; one of a few words where the field's type is their Literal."""
+    return _declared(default, description=description, source=source, acts=acts)
+
+
+def path(description: str, source: str, *, acts: Acts = Acts.NEXT_RUN) -> str:
+    """Declare the path of a file or folder, or the name of a shipped one; empty by default."""
+    return _declared('', description=description, source=source, acts=acts, is_path=True)
+
+
+def _declared(
+    default: _Value,
+    *,
+    description: str,
+    source: str,
+    acts: Acts,
+    unit: str = '',
+    bounds: _Bounds | None = None,
+    or_zero: bool = False,
+    is_path: bool = False,
+) -> _Value:
+    metadata = {
+        'unit': unit, 'bounds': bounds, 'or_zero': or_zero, 'is_path': is_path,
+        'description': description, 'source': source, 'acts': acts,
+    }  # fmt: skip
+    return field(default=default, metadata=metadata)
+
+
+def table(classes: tuple[type[NodeParameters], ...]) -> tuple[Parameter, ...]:
+    """Return the parameters of all nodes; one that several inherit is one row."""
+    rows = {}
+    for cls in classes:
+        types = get_type_hints(cls)
+        for each in fields(cls):
+            nodes = tuple(c.node for c in classes if each in fields(c))
+            choices = get_args(types[each.name]) if get_origin(types[each.name]) is Literal else ()
+            rows[nodes, each.name] = Parameter(
+                nodes, each.name, cast(Value, each.default), choices=choices, **each.metadata
+            )
+    return tuple(rows.values())

@@ -1,0 +1,86 @@
+"""Parameters of the nodes that record, play and show runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ballbot_ros.parameters.parameter import Acts, NodeParameters, path, quantity, setting
+from ballbot_ros.parameters.shared import Dimensions, MapChoice, Masses
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecorderParameters(NodeParameters):
+    """The parameters of ``recorder``."""
+
+    node: ClassVar[str] = 'recorder'
+
+    output: str = path('file to write; empty: a new one under runs/', 'project', acts=Acts.NEVER)
+    attachments: str = path(
+        'folder whose files are attached to the recording; empty: none', 'project', acts=Acts.NEVER
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayerParameters(NodeParameters):
+    """The parameters of ``player``."""
+
+    node: ClassVar[str] = 'player'
+
+    file: str = path('recording to play', 'project', acts=Acts.NEVER)
+    rate: float = quantity(
+        1.0, '1', (0.01, 100.0), 'speed in times real time', 'project', acts=Acts.AT_ONCE
+    )
+    start: float = quantity(
+        0.0, 's', (0.0, 1e9), 'where to begin, after the first message', 'project', acts=Acts.NEVER
+    )
+    loop: bool = setting(False, 'true: begins again at the end', 'project', acts=Acts.NEVER)
+    topics: str = setting(
+        '', 'topics to play, with commas between; empty: all', 'project', acts=Acts.NEVER
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewerParameters(Dimensions, MapChoice, NodeParameters):
+    """The parameters of ``viewer``."""
+
+    node: ClassVar[str] = 'viewer'
+
+    host: str = setting(
+        '127.0.0.1',
+        'address that serves the page: all who reach it can look, those with the token can steer',
+        'project',
+        acts=Acts.NEVER,
+    )
+    port: int = quantity(
+        8080, '1', (0, 65535), 'its port; 0: a free one', 'project', acts=Acts.NEVER
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class VisualizerParameters(Dimensions, Masses, NodeParameters):
+    """The parameters of ``robot_visualizer``."""
+
+    node: ClassVar[str] = 'robot_visualizer'
+
+    rate: float = quantity(
+        30.0,
+        'Hz',
+        (1.0, 250.0),
+        'markers and transforms a second, at most',
+        'project',
+        acts=Acts.NEVER,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SupervisorParameters(NodeParameters):
+    """The parameters of ``supervisor``."""
+
+    node: ClassVar[str] = 'supervisor'
+
+    scenario: str = path(
+        'scenario (name or file) of the run that supervisor/start begins',
+        'project',
+        acts=Acts.AT_ONCE,
+    )
