@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import logging
 from collections.abc import Awaitable, Callable, Iterator
@@ -10,7 +11,8 @@ from typing import Any
 
 import viser
 import websockets.asyncio.server
-from viser.infra import ClientId, Message
+from viser.infra import ClientId, Message, _infra
+from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
 
@@ -37,12 +39,40 @@ class _OneLine(logging.Filter):
 _log.addFilter(_OneLine())
 
 
+class _LoopEvent(asyncio.Event):
+    """An event that is set by its event loop alone.
+
+    viser also sets it from the thread that queues a message, before it has its loop set it. That
+    wakes waiters from outside their loop, and raises an error when one leaves at that moment.
+    """
+
+    def set(self) -> None:
+        """Wake what waits, if this is called in the loop."""
+        try:
+            asyncio.get_running_loop()
+        except RuntimeError:
+            return
+        super().set()
+
+
+class _MessageBuffer(AsyncMessageBuffer):
+    """viser's queue of messages to browsers, fit for several threads."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.message_event = _LoopEvent()
+
+
+_infra.AsyncMessageBuffer = _MessageBuffer  # type: ignore[attr-defined]
+
+
 class GuardedServer(viser.ViserServer):
     """Answers the requests that a policy allows, and lets those steer that have its token.
 
     viser has no hook for either, so this uses its internals: its call of ``serve`` is given
     another answer to requests, and its handling of messages about what all browsers share passes
-    a check. Messages about what is a browser's own, such as its camera, take another way.
+    a check. Messages about what is a browser's own, such as its camera, take another way. Its
+    queues of messages are replaced by ones that several threads may use.
 
     Parameters
     ----------
@@ -61,7 +91,8 @@ class GuardedServer(viser.ViserServer):
         self._is_guarded = False
         with _instead_of_serve(self._serve):
             super().__init__(policy.host, port, label=title, verbose=False)
-        if not self._is_guarded:
+        buffer = self._websock_server._broadcast_buffer
+        if not (self._is_guarded and isinstance(buffer, _MessageBuffer)):
             self.stop()
             raise ViewerError(f'viser {viser.__version__} cannot be guarded; viser 1.1 can')
 

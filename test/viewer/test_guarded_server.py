@@ -1,5 +1,6 @@
 """Foreign pages, and clients without the token, at a page that is served."""
 
+import collections
 import contextlib
 import dataclasses
 import http.client
@@ -273,3 +274,29 @@ def test_what_is_no_message_costs_its_sender_the_connection_and_a_line(served, c
     [record] = caplog.records
     assert record.getMessage().startswith('viewer: connection handler failed: ')
     assert record.exc_info is None
+
+
+class WaitersByThread(collections.deque):
+    """Notes which threads look for somebody to wake."""
+
+    def __init__(self, waiters, threads):
+        super().__init__(waiters)
+        self._threads = threads
+
+    def __iter__(self):
+        self._threads.append(threading.current_thread())
+        return super().__iter__()
+
+
+def test_a_message_wakes_connections_in_the_loop_of_the_server_alone(served):
+    """A thread that went through those that wait met one that left, and the viewer ended."""
+    server = served.server._websock_server
+    with client(served), client(served):
+        own = [state.message_buffer for state in server._client_state_from_id.values()]
+        for buffer in (server._broadcast_buffer, *own):
+            event, threads = buffer.message_event, []
+            wait_for(lambda event=event: event._waiters, what='a connection that waits')
+            event._waiters = WaitersByThread(event._waiters, threads)
+            buffer.push(_messages.GuiUpdateMessage('none', {}))
+            wait_for(lambda threads=threads: threads, what='the wake-up')
+            assert threading.current_thread() not in threads
