@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
@@ -16,7 +17,8 @@ class StopRequest:
 
     Nothing is done in the handler, which may come in the midst of anything: a lock that it needs
     may be held by what it interrupts. What a block around it has noted before counts within it,
-    too. A hangup that is ignored, as ``nohup`` has it, still is.
+    too. A hangup that is ignored, as ``nohup`` has it, still is. Only the main thread can note
+    signals; a block in another one notes none.
 
     Parameters
     ----------
@@ -38,7 +40,8 @@ class StopRequest:
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> StopRequest:
-        for number in self._numbers:
+        is_main = threading.current_thread() is threading.main_thread()
+        for number in self._numbers if is_main else ():
             if number == signal.SIGHUP and signal.getsignal(number) is signal.SIG_IGN:
                 continue
             self._before[number] = before = signal.signal(number, self._note)

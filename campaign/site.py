@@ -12,8 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from ballbot_ros.nodes.processes import children, threads_by_process
 from ballbot_ros.parameters import NODES
-from ballbot_ros.processes import children, threads_by_process
 from ballbot_ros.simulation.silence_timer import LOOK_S, Threads, available_s
 
 MARK = 'BALLBOT_CAMPAIGN_TRIAL'

@@ -12,20 +12,12 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackagePrefix
 
-from ballbot_ros.cli.experiment import Experiment, attachments_of, settle_map
-from ballbot_ros.files import temporary_folder, write_temporary
+from ballbot_ros.files import temporary_folder
 from ballbot_ros.messages.topics import MAP, MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION
-from ballbot_ros.parameters import (
-    ALL_NODES,
-    GAMEPAD,
-    NODES,
-    PLANT,
-    RECORDER,
-    VISUALIZER,
-    ParameterSet,
-)
-from ballbot_ros.parameters.files import read_parameter_file, write_parameter_file
-from ballbot_ros.scenario.library import scenario_of
+from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER, VISUALIZER
+from ballbot_ros.parameters.files import write_parameter_file
+from ballbot_ros.run.graph import graph_parameters
+from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.share import share_directory
 
 ARGUMENTS = {
@@ -94,30 +86,18 @@ def launch_graph(context):
     if show:
         # If it is missing that ends the launch here, before there are processes to be left behind.
         FindPackagePrefix('rviz2').perform(context)
-    parameters = ParameterSet()
-    scenario = scenario_of(given['scenario'])
-    if given['scenario']:
-        parameters.update(scenario.parameters)
-        parameters.set(GAMEPAD, 'scenario', given['scenario'])
-    if given['params_file']:
-        parameters.update(read_parameter_file(given['params_file']))
-    if given['scenario'] and not parameters.is_set(GAMEPAD, 'device'):
-        # Whatever lies plugged in must not disturb a scenario.
-        parameters.set(GAMEPAD, 'device', '')
-    if given['real_time_factor']:
-        factor = yaml.safe_load(given['real_time_factor'])
-        parameters.set(PLANT, 'real_time_factor', factor, 'real_time_factor:=')
-    settle_map(parameters)
+    factor = given['real_time_factor']
+    options = RunOptions(
+        parameter_file=given['params_file'] or None,
+        real_time_factor=yaml.safe_load(factor) if factor else None,
+        default_real_time_factor=None,
+        record=record,
+    )
+    spec = RunSpec.of_scenario(given['scenario'], options)
     scratch = temporary_folder()
     folder = Path(scratch.name)
-    attachments = folder / 'attachments'
-    experiment = Experiment(scenario, given['scenario'], parameters, None)
-    for name, data in attachments_of(experiment).items():
-        write_temporary(attachments / name, data)
-    parameters.set(PLANT, 'require_recorder', record)
-    parameters.set(RECORDER, 'attachments', str(attachments))
-    if given['output']:
-        parameters.set(RECORDER, 'output', given['output'])
+    recording = Path(given['output']) if given['output'] else None
+    parameters = graph_parameters(spec, recording, folder)
     write_parameter_file(folder / 'parameters.yaml', parameters, ALL_NODES)
     names = [name for name in NODES if name != RECORDER or record]
     nodes = {

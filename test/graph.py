@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from ballbot_ros import processes
+from ballbot_ros.nodes import processes
 from ballbot_ros.nodes.participant_ports import PORT_BASE, PORTS_PER_DOMAIN
 from ballbot_ros.parameters import NODES
 from ballbot_ros.recording.errors import RecordingError

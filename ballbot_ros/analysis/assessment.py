@@ -11,6 +11,7 @@ import numpy as np
 from ballbot_ros.analysis.metrics import HALF_TICK_S, Judgement, judge, measure, number
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
+from ballbot_ros.analysis.verdict import Verdict
 from ballbot_ros.parameters import GyroParameters, PlantParameters
 from ballbot_ros.scenario.metrics import METRICS, Clearance
 from ballbot_ros.world.exports import floor_map_of
@@ -38,8 +39,7 @@ class Assessment:
         :data:`~ballbot_ros.analysis.run_metrics.RUN_METRICS`; NaN where there is nothing to
         measure it by.
     expectations : tuple of Judged
-    outcome : str
-        ``passed``, ``expectations not met``, ``failed``, ``incomplete`` or ``not judged``.
+    outcome : Verdict
     reason : str
         Why it did not pass; empty if it did.
     """
@@ -47,7 +47,7 @@ class Assessment:
     run: RunData
     metrics: dict[str, float]
     expectations: tuple[Judged, ...]
-    outcome: str
+    outcome: Verdict
     reason: str
 
     def as_json(self) -> dict[str, Any]:
@@ -57,7 +57,7 @@ class Assessment:
             'recording': str(run.path),
             'run': run.number,
             'runs': run.count,
-            'outcome': self.outcome,
+            'outcome': self.outcome.value,
             'reason': self.reason,
             'complete': run.complete,
             'damage': run.damage,
@@ -129,20 +129,20 @@ def _verdict(run: RunData, judgement: Judgement) -> str:
     return 'met' if judgement.holds else 'not met'
 
 
-def _outcome(run: RunData, judged: tuple[Judged, ...]) -> tuple[str, str]:
+def _outcome(run: RunData, judged: tuple[Judged, ...]) -> tuple[Verdict, str]:
     if failure := _failure(run):
-        return 'failed', failure
+        return Verdict.FAILED, failure
     missed = [each.judgement for each in judged if each.verdict == 'not met']
     if missed:
-        return 'expectations not met', ', '.join(map(str, missed))
+        return Verdict.NOT_MET, ', '.join(map(str, missed))
     if not run.complete:
-        return 'incomplete', _lack(run)
+        return Verdict.INCOMPLETE, _lack(run)
     if run.attached.scenario is None:
-        return 'not judged', 'no scenario is attached'
+        return Verdict.NOT_JUDGED, 'no scenario is attached'
     unknown = [each.judgement.expectation.metric for each in judged if each.verdict != 'met']
     if unknown:
-        return 'not judged', f'{", ".join(unknown)} cannot be computed from this recording'
-    return 'passed', ''
+        return Verdict.NOT_JUDGED, f'{", ".join(unknown)} cannot be computed from this recording'
+    return Verdict.PASSED, ''
 
 
 def _lack(run: RunData) -> str:

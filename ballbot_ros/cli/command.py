@@ -10,7 +10,7 @@ from ballbot_ros import __version__
 
 COMMANDS = {
     'run': ('run', 'Run a scenario and judge it by its expectations.'),
-    'drive': ('drive_command', 'Drive the robot by hand.'),
+    'drive': ('drive', 'Drive the robot by hand.'),
     'scenarios': ('scenarios', 'List the shipped scenarios.'),
     'report': ('report', 'Make a page with figures and metrics of a recorded run.'),
     'compare': ('compare', 'Set the metrics of recorded runs side by side.'),

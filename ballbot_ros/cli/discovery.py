@@ -10,7 +10,7 @@ import uuid
 
 from ballbot_ros.errors import one_line
 from ballbot_ros.nodes.middleware import DISCOVERY_RANGE, use_profiles
-from ballbot_ros.processes import end_with_parent
+from ballbot_ros.nodes.processes import end_with_parent
 
 DISCOVERY_S = 5.0
 LIMIT_S = 20

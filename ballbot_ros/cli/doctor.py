@@ -27,6 +27,7 @@ from ballbot_ros.nodes.middleware import (
     ros_domain,
 )
 from ballbot_ros.nodes.participant_ports import PORT_BASE, PORTS_PER_DOMAIN
+from ballbot_ros.nodes.processes import END_WITH_PARENT
 from ballbot_ros.nodes.shared_memory import (
     SHARED_MEMORY,
     Leftover,
@@ -34,7 +35,6 @@ from ballbot_ros.nodes.shared_memory import (
     find_broken_ports,
     find_leftovers,
 )
-from ballbot_ros.processes import END_WITH_PARENT
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.golden import arithmetic_sha256, duty_sha256, load_golden

@@ -16,9 +16,9 @@ import click
 
 from ballbot_ros.cli.options import split_at_commas
 from ballbot_ros.cli.path_types import RECORDING
-from ballbot_ros.cli.requirements import require_rclpy
 from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
 from ballbot_ros.parameters import PLAYER, ParameterSet, PlayerParameters
+from ballbot_ros.run.requirements import require_rclpy
 
 KEYS_S = 0.05
 SKIP_S = 5.0

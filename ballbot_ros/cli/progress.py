@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 
-UPDATE_S = 0.2
+from ballbot_ros.run.observer import UPDATE_S
 
 
 class Progress:

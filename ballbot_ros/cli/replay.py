@@ -32,7 +32,6 @@ from ballbot_ros.analysis.replay import (
 )
 from ballbot_ros.analysis.replayed_controller import ReplayedController, choose_controller
 from ballbot_ros.analysis.told_parameters import ToldParameters
-from ballbot_ros.cli.experiment import assign
 from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.codegen.implementation import missing_for, program_maker, require_implementation
@@ -48,6 +47,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
+from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.recording.attachments import PARAMETERS
 from ballbot_ros.recording.errors import RecordingError

@@ -4,212 +4,50 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
-from ballbot_ros.analysis.figures import draw_motion
-from ballbot_ros.analysis.metrics import Judgement, judge, measure
-from ballbot_ros.cli.experiment import (
-    Experiment,
-    Processes,
-    assign,
-    attachments_of,
-    output_of,
-    settle_map,
-    tidied,
-)
 from ballbot_ros.cli.options import set_option
 from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.cli.progress import Progress
-from ballbot_ros.cli.requirements import require_rclpy
-from ballbot_ros.cli.result import Result, Verdict, print_json, print_table
-from ballbot_ros.codegen.implementation import require_implementation
-from ballbot_ros.files import temporary_folder
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    GAMEPAD,
-    GYRO,
-    PLANT,
-    SUPERVISOR,
-    ControllerParameters,
-    GyroParameters,
-    ParameterError,
-    ParameterSet,
-    PlantParameters,
-)
-from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.run_result import RunResult
+from ballbot_ros.cli.result import print_json, print_table
+from ballbot_ros.run.execution import execute
+from ballbot_ros.run.requirements import require_rclpy
+from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
 
 
-@dataclass(frozen=True)
-class RunOptions:
-    """What the command line says of a run, whatever its scenario.
-
-    Attributes
-    ----------
-    processes : Processes
-    real_time_factor : float or None
-        None: what the scenario says, else 1 to be looked at and 0 otherwise.
-    output : Path or None
-        Folder for the recording; None for a new one.
-    seed : int or None
-        None: what the scenario says.
-    record : bool
-    assignments : sequence of str
-        Values of parameters, as `node.param=value`.
-    controller : str or None
-        What computes; None: what the scenario says.
-    viewer : bool
-        Whether it is shown in a browser.
-    as_json : bool
-        Whether the result is printed as JSON.
-    """
-
-    processes: Processes
-    real_time_factor: float | None
-    output: Path | None
-    seed: int | None
-    record: bool
-    assignments: Sequence[str]
-    controller: str | None
-    viewer: bool
-    as_json: bool
-
-
-def parameters_of_run(scenario: Scenario, reference: str, options: RunOptions) -> ParameterSet:
-    """Return the parameters of a run.
-
-    Raises
-    ------
-    ParameterError
-        If an option or an assignment is not allowed.
-    """
-    parameters = ParameterSet()
-    parameters.update(scenario.parameters)
-    real_time_factor = options.real_time_factor
-    if real_time_factor is None and not parameters.is_set(PLANT, 'real_time_factor'):
-        real_time_factor = 1.0 if options.viewer else 0.0
-    if real_time_factor is not None:
-        parameters.set(PLANT, 'real_time_factor', real_time_factor, '--real-time-factor')
-    if options.seed is not None:
-        parameters.set(GYRO, 'seed', options.seed, '--seed')
-    for assignment in options.assignments:
-        assign(parameters, assignment)
-    for node in (GAMEPAD, SUPERVISOR):
-        if parameters.is_set(node, 'scenario'):
-            raise ParameterError(f'{node}.scenario can not be set: the scenario is {reference}')
-    if options.controller:
-        parameters.set(CONTROLLER, 'implementation', options.controller, '--controller')
-    if parameters.of(PlantParameters).duration == 0.0:
-        raise ParameterError(f'--set {PLANT}.duration=0: a run of a scenario lasts longer than 0 s')
-    if not parameters.is_set(GAMEPAD, 'device'):
-        # Whatever lies plugged in must not disturb a scenario.
-        parameters.set(GAMEPAD, 'device', '')
-    return parameters
-
-
-def run_scenario(
-    reference: str, options: RunOptions, is_replaced: Callable[[], bool] = lambda: False
+def run_and_print(
+    reference: str,
+    options: RunOptions,
+    *,
+    as_json: bool,
+    is_replaced: Callable[[], bool] = lambda: False,
 ) -> int:
-    """Run a scenario as the command line says, print its result, return the exit status.
+    """Run a scenario, print its result, return the exit status.
 
     Parameters
     ----------
     reference : str
         Name or file of the scenario.
     options : RunOptions
+    as_json : bool
+        Whether the result is printed as JSON.
     is_replaced : callable
-        Whether another run is to take this one's place, of a graph of processes.
+        Whether another run is to take the place of this one.
     """
-    scenario = load_scenario(reference)
-    parameters = parameters_of_run(scenario, reference, options)
-    require_implementation(parameters.of(ControllerParameters).implementation)
-    if '/' in reference or reference.endswith(('.yaml', '.yml')):
-        reference = str(Path(reference).resolve())
-    parameters.set(GAMEPAD, 'scenario', reference)
-    world = settle_map(parameters)
-    floor_map = world.map if world else None
-
-    folder, recording = output_of(scenario.name, options.output, record=options.record)
-    experiment = Experiment(scenario, reference, parameters, recording)
-    experiment.attachments = attachments_of(experiment)
-
-    plant = parameters.of(PlantParameters)
-    duration = plant.duration
-    with tidied(folder):
-        with Progress(scenario.name, duration) as progress, _stdout_to_stderr():
-            run = _run(options.processes, experiment, progress, is_replaced)
-
-        trajectory = run.trajectory
-        metrics: dict[str, float] = {}
-        judgements: list[Judgement] = []
-        if trajectory:
-            clearance = world.clearance if world and world.map.walls.any() else None
-            metrics = measure(trajectory, plant, clearance)
-            judgements = judge(scenario.expectations, trajectory, plant, clearance)
-        result = Result(
-            scenario=scenario.name,
-            processes=options.processes,
-            seed=int(parameters.of(GyroParameters).seed),
-            recording=recording if recording and recording.exists() else None,
-            figure=None,
-            metrics=metrics,
-            verdict=Verdict.of(run, judgements),
-            run=run,
-            judgements=judgements,
-        )
-        # Who interrupts a run wants it to end; the recording has everything.
-        if folder and trajectory and len(trajectory.time) and run.outcome is not Outcome.STOPPED:
-            figure = folder / f'{scenario.name}.png'
-            try:
-                draw_motion(
-                    trajectory,
-                    figure,
-                    f'{scenario.name}: {scenario.purpose}',
-                    plant.hold_time,
-                    (*scenario.vertical.segments, *scenario.horizontal.segments),
-                    floor_map,
-                )
-                result.figure = figure
-            except OSError as error:
-                figure.unlink(missing_ok=True)
-                result.verdict = result.verdict.without_picture(f'{figure}: {error.strerror}')
-    (print_json if options.as_json else print_table)(result)
-    return result.verdict.exit_status
-
-
-def _run(
-    processes: Processes,
-    experiment: Experiment,
-    progress: Progress,
-    is_replaced: Callable[[], bool],
-) -> RunResult:
-    # Each way has imports of its own: without ROS there is no rclpy to import.
-    if processes is Processes.NONE:
-        from ballbot_ros.cli.without_ros import run_without_ros
-
-        return run_without_ros(experiment, progress)
-    require_rclpy(', or use --processes none')
-    with temporary_folder() as folder:
-        scratch = Path(folder)
-        if processes is Processes.ONE:
-            from ballbot_ros.cli.one_process import run_in_one_process
-
-            return run_in_one_process(experiment, scratch, progress)
-        from ballbot_ros.cli.separate_processes import run_in_separate_processes
-
-        return run_in_separate_processes(experiment, scratch, progress, is_replaced)
+    spec = RunSpec.of_scenario(reference, options)
+    with Progress(spec.name, spec.plant.duration) as progress, _stdout_to_stderr():
+        result = execute(spec, progress, is_replaced)
+    (print_json if as_json else print_table)(spec, result)
+    return result.exit_status
 
 
 @contextmanager
 def _stdout_to_stderr() -> Iterator[None]:
-    """Keep standard output for the result: the middleware prints its complaints there."""
+    """Keep standard output for the result: the middleware prints its errors there."""
     sys.stdout.flush()
     kept = os.dup(1)
     os.dup2(2, 1)
@@ -241,6 +79,15 @@ def _stdout_to_stderr() -> Iterator[None]:
     type=PATH,
     help='Folder for recording and picture.  [default: runs/<date>_<scenario>]',
 )
+@click.option(
+    '--profile', help='Profile of the devices, such as hardware.  [default: that of the scenario]'
+)
+@click.option(
+    '--params',
+    'parameter_file',
+    type=PATH,
+    help='Parameter file whose values override those of the scenario.',
+)
 @click.option('--seed', type=click.IntRange(0), help='Seed of the device noise.')
 @click.option('--no-record', is_flag=True, help='Write no recording.')
 @set_option
@@ -262,6 +109,8 @@ def command(
     processes: str,
     real_time_factor: float | None,
     output: Path | None,
+    profile: str | None,
+    parameter_file: Path | None,
     seed: int | None,
     no_record: bool,
     assignments: tuple[str, ...],
@@ -276,18 +125,20 @@ def command(
     """
     options = RunOptions(
         processes=Processes(processes),
+        profile=profile,
+        parameter_file=parameter_file,
         real_time_factor=real_time_factor,
-        output=output,
+        # Somebody looks at it.
+        default_real_time_factor=1.0 if viewer else 0.0,
         seed=seed,
-        record=not no_record,
         assignments=assignments,
         controller=controller,
-        viewer=viewer,
-        as_json=as_json,
+        output=output,
+        record=not no_record,
     )
     if not viewer:
-        return run_scenario(scenario, options)
+        return run_and_print(scenario, options, as_json=as_json)
     require_rclpy(', or leave out --viewer')
     from ballbot_ros.cli.viewer_session import run_with_viewer
 
-    return run_with_viewer(scenario, options)
+    return run_with_viewer(scenario, options, as_json=as_json)

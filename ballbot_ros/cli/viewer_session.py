@@ -9,23 +9,23 @@ from pathlib import Path
 
 from rich.console import Console
 
-from ballbot_ros.cli.graph import ros
-from ballbot_ros.cli.node_process import NodeProcess, stop_all
-from ballbot_ros.cli.node_thread import NodeThread
-from ballbot_ros.cli.requirements import require_viewer
-from ballbot_ros.cli.run import RunOptions, parameters_of_run, run_scenario
+from ballbot_ros.cli.run import run_and_print
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.supervisor import Supervisor
 from ballbot_ros.parameters import VIEWER, ParameterSet, ViewerParameters
 from ballbot_ros.parameters.files import write_parameter_file
-from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.run.graph import ros
+from ballbot_ros.run.node_process import NodeProcess, stop_all
+from ballbot_ros.run.node_thread import NodeThread
+from ballbot_ros.run.requirements import require_viewer
+from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.stop_request import StopRequest
 
 POLL_S = 0.05
 
 
-def run_with_viewer(reference: str, options: RunOptions) -> int:
+def run_with_viewer(reference: str, options: RunOptions, *, as_json: bool) -> int:
     """Run a scenario, then whichever the page asks for; return the exit status of the last.
 
     With a folder for the recording, the later runs have folders 2, 3 ... in it.
@@ -36,20 +36,24 @@ def run_with_viewer(reference: str, options: RunOptions) -> int:
         If the first can't be run as the command line says. What is wrong with a later one is
         printed, and the page stays.
     """
-    parameters = parameters_of_run(load_scenario(reference), reference, options)
+    parameters = RunSpec.of_scenario(reference, options).parameters
     require_viewer(parameters, options.processes)
     console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     with StopRequest() as stop, ViewerSession(parameters, reference, console) as session:
-        status = run_scenario(reference, options, session.is_asked_for_another)
+
+        def run(reference: str, options: RunOptions) -> int:
+            return run_and_print(
+                reference, options, as_json=as_json, is_replaced=session.is_asked_for_another
+            )
+
+        status = run(reference, options)
         number = 1
         # A status beyond 128 tells of a signal: whoever sent it wants all to end.
         while status < 128 and not stop.signal and (chosen := session.wait_for_choice(stop)):
             number += 1
             folder = options.output and options.output / str(number)
             try:
-                status = run_scenario(
-                    chosen, replace(options, output=folder), session.is_asked_for_another
-                )
+                status = run(chosen, replace(options, output=folder))
             except BallbotError as error:
                 console.print(f'error: {error}')
                 status = 2

@@ -13,7 +13,7 @@ from ballbot_ros.recording import rosbag2
 from ballbot_ros.recording.attachments import OUTCOME_KEYS, media_type
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.simulation.closed_loop import Tick
-from ballbot_ros.simulation.run_result import RunResult
+from ballbot_ros.simulation.run_actions import RunSummary
 from ballbot_ros.simulation.timing import SECOND_NS
 from ballbot_ros.world.world import World
 
@@ -67,7 +67,7 @@ class SimulatedRecording:
         """Write that the motors are off once the run has ended, which has not completed."""
         self._messages.stop_motors(last_ns)
 
-    def close(self, result: RunResult) -> None:
+    def close(self, summary: RunSummary) -> None:
         """Say how the run ended, and finish the file."""
-        self._writer.add_outcome({key: str(getattr(result, key)) for key in OUTCOME_KEYS})
+        self._writer.add_outcome({key: str(getattr(summary, key)) for key in OUTCOME_KEYS})
         self._writer.close()

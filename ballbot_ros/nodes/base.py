@@ -23,8 +23,8 @@ from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, start_f
 from ballbot_ros.nodes.node_parameters import P, ParameterNode
 from ballbot_ros.nodes.own_ports import OwnPorts
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
+from ballbot_ros.nodes.processes import end_with_parent
 from ballbot_ros.nodes.shared_memory import mark_dead_readers
-from ballbot_ros.processes import end_with_parent
 from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0

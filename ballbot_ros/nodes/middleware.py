@@ -8,8 +8,8 @@ import subprocess
 import sys
 
 from ballbot_ros.errors import BallbotError, one_line
+from ballbot_ros.nodes.processes import END_WITH_PARENT
 from ballbot_ros.nodes.shared_memory import clear_shared_memory
-from ballbot_ros.processes import END_WITH_PARENT
 from ballbot_ros.share import share_directory
 
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'

@@ -31,9 +31,9 @@ from ballbot_ros.nodes.one_shot import OneShot
 from ballbot_ros.nodes.participation import participant_of, with_parameters
 from ballbot_ros.nodes.plant_actions import PlantActions
 from ballbot_ros.nodes.plant_events import PlantEvents
+from ballbot_ros.nodes.processes import LocalMachine
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.plant import Plant
-from ballbot_ros.processes import LocalMachine
 from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.simulation.free_running_master import FreeRunningMaster
 from ballbot_ros.simulation.lockstep_master import LockstepMaster

@@ -18,8 +18,14 @@ def scenario_names() -> list[str]:
     return sorted(path.stem for path in (share_directory() / 'config/scenarios').glob('*.yaml'))
 
 
-def load_scenario(name_or_file: str) -> Scenario:
+def load_scenario(name_or_file: str, profile: str | None = None) -> Scenario:
     """Read a shipped scenario by its name, or a file by its path.
+
+    Parameters
+    ----------
+    name_or_file : str
+    profile : str or None
+        Profile of the devices in place of the one that the scenario names.
 
     Raises
     ------
@@ -36,7 +42,7 @@ def load_scenario(name_or_file: str) -> Scenario:
             f'unknown scenario {name_or_file!r}; shipped: {", ".join(scenario_names())} '
             '(a file of your own: give its path, ending in .yaml)'
         )
-    return ScenarioReader(YamlDocument(path), load_profile).scenario()
+    return ScenarioReader(YamlDocument(path), load_profile).scenario(profile)
 
 
 def scenario_of(name_or_file: str) -> Scenario:

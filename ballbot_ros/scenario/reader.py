@@ -7,6 +7,8 @@ import reprlib
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
+import yaml
+
 from ballbot_ros.files import read_text
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import (
@@ -72,8 +74,13 @@ class ScenarioReader:
         self._document = document
         self._load_profile = load_profile
 
-    def scenario(self) -> Scenario:
+    def scenario(self, profile: str | None = None) -> Scenario:
         """Return the scenario that the document describes.
+
+        Parameters
+        ----------
+        profile : str or None
+            Profile of the devices in place of the document's own.
 
         Raises
         ------
@@ -88,14 +95,13 @@ class ScenarioReader:
             value = data.get(text, IDEAL)
             if not isinstance(value, str) or len(value.splitlines()) != 1:
                 raise self._error((text,), f'{text}: {value!r} is not a line of text')
-        profile = data.get('profile', IDEAL)
         parameters = self._parameters(data, profile)
         duration = parameters.of(PlantParameters).duration
         sticks = self._mapping(data.get('sticks', {}), ('sticks',), ('vertical', 'horizontal'))
         return Scenario(
             name=self._document.path.stem,
             purpose=str(data['purpose']),
-            profile=profile,
+            profile=data.get('profile', IDEAL) if profile is None else profile,
             parameters=parameters,
             vertical=self._signal(sticks.get('vertical', []), ('sticks', 'vertical'), duration),
             horizontal=self._signal(
@@ -103,14 +109,17 @@ class ScenarioReader:
             ),
             pushes=tuple(self._pushes(data.get('pushes', []), duration)),
             expectations=tuple(self._expectations(data.get('expectations', {}), parameters)),
-            text=read_text(self._document.path),
+            text=self._text(data, profile),
         )
 
-    def _parameters(self, data: Mapping[Any, Any], profile: str) -> ParameterSet:
-        try:
-            parameters = self._load_profile(profile)
-        except ScenarioError as error:
-            raise self._error(('profile',), str(error)) from None
+    def _text(self, data: Mapping[Any, Any], profile: str | None) -> str:
+        """Return the file's text, or one with another profile."""
+        if profile is None:
+            return read_text(self._document.path)
+        return yaml.safe_dump({**data, 'profile': profile}, sort_keys=False, allow_unicode=True)
+
+    def _parameters(self, data: Mapping[Any, Any], profile: str | None) -> ParameterSet:
+        parameters = self._own_profile(data) if profile is None else self._load_profile(profile)
         for key, (node, name) in _PARAMETERS.items():
             if key in data:
                 self._set(parameters, node, name, data[key], (key,))
@@ -132,6 +141,12 @@ class ScenarioReader:
                 self._set(parameters, node, name, value, ('parameters', node, name))
         self._check_world(parameters)
         return parameters
+
+    def _own_profile(self, data: Mapping[Any, Any]) -> ParameterSet:
+        try:
+            return self._load_profile(data.get('profile', IDEAL))
+        except ScenarioError as error:
+            raise self._error(('profile',), str(error)) from None
 
     def _radians(self, degrees: float, name: str, keys: Keys) -> float:
         """Convert the value of one of the plant's angles; refuse it in degrees, as it is given."""

@@ -10,9 +10,9 @@ import pytest
 from graph import BALLBOT, NODES, alive, await_recording, wait_for
 from matplotlib.image import imread
 
-from ballbot_ros.cli.experiment import assign
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.parameters import GYRO, PLANT, ParameterSet, ViewerParameters
+from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
@@ -171,7 +171,7 @@ def test_without_rclpy_there_is_a_hint_and_a_way(start_run, tmp_path, monkeypatc
     assert run.finish() == 0
     drive = subprocess.run([*BALLBOT, 'drive'], capture_output=True, text=True, check=False)
     assert drive.returncode == 2
-    assert drive.stderr.startswith('error: ROS 2 is not there (no rclpy here): ')
+    assert drive.stderr.startswith('error: ROS 2 not found (no rclpy here): ')
 
 
 @pytest.mark.graph

@@ -16,6 +16,7 @@ from ports import needs_layout_of_ports
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes import middleware, shared_memory
+from ballbot_ros.nodes.processes import END_WITH_PARENT
 from ballbot_ros.nodes.shared_memory import (
     INITIALISED,
     READER_SIZE,
@@ -27,7 +28,6 @@ from ballbot_ros.nodes.shared_memory import (
     mark_dead_readers,
     sweep,
 )
-from ballbot_ros.processes import END_WITH_PARENT
 
 PORT, SEGMENT = 'fastrtps_port7004', 'fastrtps_0123456789abcdef'
 MUTEX = f'sem.{PORT}_mutex'

@@ -1,21 +1,19 @@
 """The timers of the controller release its tasks: with some of their callbacks tampered with."""
 
-import json
-
 import pytest
 
 pytest.importorskip('rclpy')
 
 from std_srvs.srv import Trigger
 
-from ballbot_ros.cli import one_process
-from ballbot_ros.cli.experiment import Processes
-from ballbot_ros.cli.run import RunOptions, run_scenario
 from ballbot_ros.controller.tasks import TS1
 from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.one_shot import OneShot
 from ballbot_ros.parameters import CONTROLLER, NODES, PLANT, RECORDER, PlantParameters
+from ballbot_ros.run import one_process
+from ballbot_ros.run.execution import execute
+from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, MILLISECOND_NS
@@ -119,22 +117,19 @@ def expected_sha256():
     ids=lambda value: getattr(value, '__name__', str(value)),
 )
 def test_whatever_the_timers_do_the_duties_are_the_same(
-    domain, monkeypatch, capfd, expected_sha256, kind, forced
+    domain, monkeypatch, expected_sha256, kind, forced
 ):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.setitem(one_process._DRIVERS, CONTROLLER, kind)
     options = RunOptions(
-        processes=Processes.ONE, real_time_factor=0.0, output=None, seed=None, record=False,
-        assignments=(f'plant_sim.duration={DURATION_S}',), controller=None, viewer=False,
-        as_json=True,
-    )  # fmt: skip
-    run_scenario('stationary', options)
-    result = json.loads(capfd.readouterr().out)
-    assert result['ticks'] == round(DURATION_S * 250), result['reason']
-    assert result['duty_sha256'] == expected_sha256
+        processes=Processes.ONE, record=False, assignments=(f'plant_sim.duration={DURATION_S}',)
+    )
+    result = execute(RunSpec.of_scenario('stationary', options))
+    assert result.ticks == round(DURATION_S * 250), result.reason
+    assert result.duty_sha256 == expected_sha256
     assert kind.counts['forced releases'] == forced
     # What the timers leave out, the plant has to ask for.
-    assert result['asked_again'] >= forced
+    assert result.resends >= forced
 
 
 def test_the_timers_are_in_phase_with_every_run_of_a_controller_that_lasts(

@@ -1,11 +1,11 @@
-"""What a command finds out before anything starts: whether all that it needs is there."""
+"""Checks, before anything starts, that everything is installed that a run needs."""
 
 from __future__ import annotations
 
-from ballbot_ros.cli.experiment import Processes
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.middleware import require_middleware
 from ballbot_ros.parameters import ParameterSet, ViewerParameters
+from ballbot_ros.run.spec import Processes
 
 
 def require_rclpy(otherwise: str = '') -> None:
@@ -26,8 +26,7 @@ def require_rclpy(otherwise: str = '') -> None:
         import rclpy  # noqa: F401
     except ImportError as error:
         raise BallbotError(
-            f'ROS 2 is not there ({error}): source ROS 2 Jazzy, install '
-            f'"ballbot_ros[ros]"{otherwise}'
+            f'ROS 2 not found ({error}): source ROS 2 Jazzy, install "ballbot_ros[ros]"{otherwise}'
         ) from None
 
 

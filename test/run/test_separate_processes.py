@@ -6,12 +6,12 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from ballbot_ros.cli import separate_processes
-from ballbot_ros.cli.node_process import NodeProcess
-from ballbot_ros.cli.separate_processes import judged, watch
 from ballbot_ros.parameters import NODES, PLANT, VIEWER
+from ballbot_ros.run import separate_processes
+from ballbot_ros.run.node_process import NodeProcess
+from ballbot_ros.run.result import RunResult
+from ballbot_ros.run.separate_processes import judged, watch
 from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.run_result import RunResult
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, TICK_NS
 
 SILENT = 'plant_sim does not answer'
@@ -27,9 +27,9 @@ def process(name, exit_status=0):
 @pytest.mark.parametrize(
     ('outcome', 'failure', 'ends', 'signal', 'expected'),
     [
-        ('completed', '', {}, 0, ('completed', '', 1)),
-        ('completed', SILENT, {'plant_sim': -9}, 0, ('completed', '', 1)),
-        ('completed', 'gyro_driver died of SIGKILL', {'gyro_driver': -9}, 0, ('completed', '', 1)),
+        ('completed', '', {}, 0, ('completed', '', 0)),
+        ('completed', SILENT, {'plant_sim': -9}, 0, ('completed', '', 0)),
+        ('completed', 'gyro_driver died of SIGKILL', {'gyro_driver': -9}, 0, ('completed', '', 0)),
         ('completed', '', {'recorder': 1}, 0, ('failed', f'recorder: {FULL}', 1)),
         ('failed', '', {'plant_sim': 1, 'sonar_driver': 1}, 0, ('failed', f'plant_sim: {FULL}', 1)),
         ('failed', SILENT, {'plant_sim': -9}, 0, ('failed', SILENT, 1)),

@@ -1,4 +1,4 @@
-"""What both ways of running the graph prepare."""
+"""What every way of running the graph prepares."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
-from ballbot_ros.cli.experiment import Experiment
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.files import write_temporary
 from ballbot_ros.nodes.middleware import (
@@ -20,7 +19,9 @@ from ballbot_ros.nodes.middleware import (
     start_failure,
 )
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
-from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet, PlantParameters
+from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
+from ballbot_ros.run.attachments import attachments_of
+from ballbot_ros.run.spec import RunSpec
 
 RCLError = rclpy_implementation.RCLError
 
@@ -60,23 +61,32 @@ def ros(log_level: str = 'WARN') -> Iterator[None]:
         rclpy.try_shutdown()
 
 
-def write_attachments(experiment: Experiment, scratch: Path) -> None:
-    """Write the files that the recorder attaches to the recording."""
-    for name, data in experiment.attachments.items():
-        write_temporary(_attachments_folder(scratch) / name, data)
+def write_attachments(spec: RunSpec, scratch: Path) -> Path:
+    """Write the files that the recorder attaches to the recording; return their folder."""
+    folder = scratch / 'attachments'
+    for name, data in attachments_of(spec).items():
+        write_temporary(folder / name, data)
+    return folder
 
 
-def graph_parameters(experiment: Experiment, scratch: Path) -> ParameterSet:
-    """Return the experiment's parameters with those that only a graph needs."""
+def graph_parameters(spec: RunSpec, recording: Path | None, scratch: Path) -> ParameterSet:
+    """Return the parameters of the nodes: those of the run, and what only a graph needs.
+
+    Parameters
+    ----------
+    spec : RunSpec
+    recording : Path or None
+        The file that the recorder writes, where the run is recorded; None for a new one under
+        ``runs/``.
+    scratch : Path
+        Folder for what only the nodes read.
+    """
     parameters = ParameterSet()
-    parameters.update(experiment.parameters)
-    if experiment.recording:
-        parameters.set(RECORDER, 'output', str(experiment.recording.resolve()))
-        parameters.set(RECORDER, 'attachments', str(_attachments_folder(scratch)))
-        if parameters.of(PlantParameters).lockstep:
+    parameters.update(spec.parameters)
+    if recording:
+        parameters.set(RECORDER, 'output', str(recording.resolve()))
+    if spec.record:
+        parameters.set(RECORDER, 'attachments', str(write_attachments(spec, scratch)))
+        if spec.plant.lockstep:
             parameters.set(PLANT, 'require_recorder', True)
     return parameters
-
-
-def _attachments_folder(scratch: Path) -> Path:
-    return scratch / 'attachments'

@@ -12,8 +12,8 @@ from ballbot_ros.messages.conversions import time_ns
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
 from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
+from ballbot_ros.nodes.processes import is_waiting, threads_by_process
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.processes import is_waiting, threads_by_process
 from ballbot_ros.simulation.silence_timer import SilenceTimer, Threads
 
 _REPORTS = 50

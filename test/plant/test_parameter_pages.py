@@ -7,9 +7,9 @@ import pytest
 
 from ballbot_ros.parameters import ALL_NODES, TABLE, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
-from ballbot_ros.parameters.reference import default_file, reference_page
+from ballbot_ros.plant.parameter_pages import default_file, reference_page
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 def test_the_default_file_is_the_table():

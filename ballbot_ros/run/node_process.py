@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from ballbot_ros.nodes.domain_lock import HANDED_ON, DomainLock
-from ballbot_ros.processes import END_WITH_PARENT, threads_by_process
+from ballbot_ros.nodes.processes import END_WITH_PARENT, threads_by_process
 from ballbot_ros.simulation.silence_timer import SilenceTimer
 
 GRACE_S = 1.5

@@ -7,18 +7,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from ballbot_ros.cli.experiment import Experiment
-from ballbot_ros.cli.graph import graph_parameters, ros, write_attachments
-from ballbot_ros.cli.graph_monitor import GraphMonitor
-from ballbot_ros.cli.node_process import NodeProcess, stop_all
-from ballbot_ros.cli.progress import Progress
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.middleware import require_discovery, ros_domain
 from ballbot_ros.nodes.shared_memory import SETTLED_S, sweep
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER
 from ballbot_ros.parameters.files import write_parameter_file
+from ballbot_ros.run.graph import graph_parameters, ros
+from ballbot_ros.run.graph_monitor import GraphMonitor
+from ballbot_ros.run.node_process import NodeProcess, stop_all
+from ballbot_ros.run.observer import RunObserver
+from ballbot_ros.run.result import RunResult
+from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.run_result import RunResult
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS
 from ballbot_ros.simulation.trajectory import load_trajectory
 from ballbot_ros.stop_request import StopRequest
@@ -27,45 +27,47 @@ POLL_S = 0.05
 
 
 def run_in_separate_processes(
-    experiment: Experiment,
+    spec: RunSpec,
+    recording: Path | None,
     scratch: Path,
-    progress: Progress,
-    is_replaced: Callable[[], bool] = lambda: False,
+    observer: RunObserver,
+    is_replaced: Callable[[], bool],
 ) -> RunResult:
     """Run the graph as processes; all of them have ended when this returns.
 
     Parameters
     ----------
-    experiment : Experiment
+    spec : RunSpec
+    recording : Path or None
+        The file that the recorder writes.
     scratch : Path
-        Folder for what only the nodes need.
-    progress : Progress
+        Folder for what only the nodes read.
+    observer : RunObserver
     is_replaced : callable
-        Whether another run is to take this one's place.
+        Whether another run is to take the place of this one.
     """
-    write_attachments(experiment, scratch)
-    parameters = graph_parameters(experiment, scratch)
+    parameters = graph_parameters(spec, recording, scratch)
     trajectory_file = scratch / 'trajectory.npz'
     parameters.set(PLANT, 'trajectory_file', str(trajectory_file))
     parameter_file = scratch / 'parameters.yaml'
     write_parameter_file(parameter_file, parameters, ALL_NODES)
-    names = [name for name in NODES if name != RECORDER or experiment.recording]
+    names = [name for name in NODES if name != RECORDER or recording]
     processes: dict[str, NodeProcess] = {}
     with StopRequest() as stop, ros():
         try:
-            start_nodes(names, parameter_file, progress.notice, processes)
+            start_nodes(names, parameter_file, observer.notice, processes)
             with GraphMonitor() as monitor:
 
                 def is_told_to_stop() -> bool:
                     return bool(stop.signal) or is_replaced()
 
-                failure = watch(processes, monitor, progress, is_told_to_stop)
+                failure = watch(processes, monitor, observer, is_told_to_stop)
         finally:
             stop_all(processes.values(), last=RECORDER)
         told = RunResult(Outcome.FAILED)
         if trajectory_file.exists():
             trajectory, summary = load_trajectory(trajectory_file)
-            told = RunResult.of_plant(summary, trajectory)
+            told = RunResult.from_summary(summary, trajectory)
         return judged(told, failure, processes, stop, is_replaced())
 
 
@@ -96,7 +98,7 @@ def start_nodes(
 def watch(
     processes: dict[str, NodeProcess],
     monitor: GraphMonitor,
-    progress: Progress,
+    observer: RunObserver,
     is_told_to_stop: Callable[[], bool],
 ) -> str:
     """Wait until the plant has ended; return what went wrong where it can't tell itself."""
@@ -110,14 +112,14 @@ def watch(
             sweep()
             swept_at = time.monotonic()
         if monitor.now_ns:
-            progress.update((monitor.now_ns - FIRST_TICK_NS) / SECOND_NS)
+            observer.update((monitor.now_ns - FIRST_TICK_NS) / SECOND_NS)
         for name, process in processes.items():
             if process.running or name in reported:
                 continue
             reported.add(name)
             if name == PLANT and not process.died:
                 return ''
-            progress.notice(f'{name} {process.how_it_ended}')
+            observer.notice(f'{name} {process.how_it_ended}')
             # A node that refuses its parameters never comes. In mid-run another may be restarted by
             # hand, and the plant tells when it has waited long enough.
             is_too_early = name in NODES and monitor.now_ns <= FIRST_TICK_NS
@@ -128,7 +130,7 @@ def watch(
             # The middleware may never come back to it from a node that was killed.
             died = [p.failure for p in processes.values() if p.died]
             end = ', '.join([f'{PLANT} does not answer', *died])
-            progress.notice(end)
+            observer.notice(end)
             plant.kill()
             return end
         time.sleep(POLL_S)
@@ -147,11 +149,11 @@ def judged(
     A run that the plant has completed is completed, whatever becomes of the processes then.
     """
     failed = {p.name: p.failure for p in processes.values() if p.exit_status in (1, 2)}
-    is_complete = told.outcome is Outcome.COMPLETED
+    is_complete = told.is_complete
     if stop.signal:
-        return replace(told, outcome=Outcome.STOPPED, exit_status=128 + stop.signal)
+        return replace(told, outcome=Outcome.STOPPED, failure_status=128 + stop.signal)
     if is_replaced and not is_complete:
-        return replace(told, outcome=Outcome.STOPPED, exit_status=0)
+        return replace(told, outcome=Outcome.STOPPED, failure_status=0)
     result = told
     if failure and not is_complete:
         result = told.failed(failure)
@@ -160,9 +162,9 @@ def judged(
     elif is_complete and RECORDER in failed:
         result = told.failed(failed[RECORDER])
     if result.outcome is Outcome.FAILED:
-        if not result.reason:
+        if not result.failure:
             # A plant that could not leave its account says why.
             result = result.failed([*failed.values(), processes[PLANT].failure][0])
         if any(p.exit_status == 2 for p in processes.values()):
-            result = replace(result, exit_status=2)
+            result = replace(result, failure_status=2)
     return result

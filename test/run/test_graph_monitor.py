@@ -10,11 +10,11 @@ from types import SimpleNamespace
 import pytest
 from graph import wait_for
 
-from ballbot_ros.cli import graph_monitor
-from ballbot_ros.cli.graph import ros
-from ballbot_ros.cli.graph_monitor import PLANT_WAIT_S, GraphMonitor, Liveness
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
-from ballbot_ros.processes import is_waiting
+from ballbot_ros.nodes.processes import is_waiting
+from ballbot_ros.run import graph_monitor
+from ballbot_ros.run.graph import ros
+from ballbot_ros.run.graph_monitor import PLANT_WAIT_S, GraphMonitor, Liveness
 from ballbot_ros.simulation.silence_timer import ThreadTime
 
 pytestmark = pytest.mark.graph

@@ -9,8 +9,8 @@ import sys
 import pytest
 from graph import wait_for
 
-from ballbot_ros import processes
-from ballbot_ros.processes import children, is_waiting, threads_by_process, threads_of
+from ballbot_ros.nodes import processes
+from ballbot_ros.nodes.processes import children, is_waiting, threads_by_process, threads_of
 
 SPIN = [sys.executable, '-c', 'while True: pass']
 WAIT = [sys.executable, '-c', 'input()']

@@ -3,58 +3,62 @@
 import json
 import subprocess
 import tempfile
-from types import SimpleNamespace
 
 import pytest
 from graph import BALLBOT, environment
 
-from ballbot_ros.cli import run
-from ballbot_ros.cli.experiment import Processes
-from ballbot_ros.cli.run import RunOptions, run_scenario
+from ballbot_ros.analysis.verdict import Verdict
+from ballbot_ros.cli.run import run_and_print
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.writer import RecordingWriter
+from ballbot_ros.run import execution, spec
+from ballbot_ros.run.execution import execute
+from ballbot_ros.run.result import RunResult
+from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
+from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.run_result import RunResult
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 
 FULL = 'No space left on device'
 
 
-def options(output, processes, *assignments, as_json=True):
-    return RunOptions(
-        processes=Processes(processes), real_time_factor=None, output=output, seed=None,
-        record=True, assignments=assignments, controller=None, viewer=False, as_json=as_json,
-    )  # fmt: skip
+def options(output, processes, *assignments):
+    return RunOptions(processes=Processes(processes), output=output, assignments=assignments)
+
+
+def stationary(*arguments):
+    return execute(RunSpec.of_scenario('stationary', options(*arguments)))
 
 
 def test_a_recorder_that_fails_at_the_start_is_the_only_reason(tmp_path, monkeypatch, capsys):
     reason = f'recorder: [/red]/stationary.mcap: {FULL}'
     failed = RunResult(Outcome.FAILED, reason, 2, trajectory=TrajectoryLog().trajectory())
-    monkeypatch.setattr(run, '_run', lambda *_: failed)
-    assert run_scenario('stationary', options(tmp_path / 'output', 'separate')) == 2
+    monkeypatch.setattr(execution, '_carry_out', lambda *_: failed)
+    words = options(tmp_path / 'output', 'separate')
+    assert run_and_print('stationary', words, as_json=True) == 2
     result = json.loads(capsys.readouterr().out)
     assert result['reason'] == reason
     assert result['figure'] is None
     assert list(tmp_path.iterdir()) == []
-    assert run_scenario('stationary', options(tmp_path, 'separate', as_json=False)) == 2
+    assert run_and_print('stationary', options(tmp_path, 'separate'), as_json=False) == 2
     assert f'failed: {reason}' in capsys.readouterr().out.splitlines()
 
 
 def test_what_the_nodes_can_not_be_handed_is_no_place_for_a_recording(tmp_path):
     pytest.importorskip('rclpy')
     with pytest.raises(BallbotError, match=r"^recorder\.output: '.*\\udcff/.*' is not UTF-8$"):
-        run_scenario('stationary', options(tmp_path / 'a\udcff', 'one'))
+        stationary(tmp_path / 'a\udcff', 'one')
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize('words', [(), ('controller.implementation=c',)], ids=len)
 def test_without_a_folder_for_temporary_files_there_is_no_run(tmp_path, monkeypatch, words):
     pytest.importorskip('rclpy')
-    monkeypatch.setattr(run, 'require_implementation', lambda _: None)
+    monkeypatch.setattr(spec, 'require_implementation', lambda _: None)
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'no'))
     with pytest.raises(BallbotError, match=f'^{tmp_path}/no: No such file or directory'):
-        run_scenario('stationary', options(tmp_path / 'output', 'none' if words else 'one', *words))
+        stationary(tmp_path / 'output', 'none' if words else 'one', *words)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -96,19 +100,19 @@ def test_a_peer_that_can_not_be_resolved_is_one_line(domain):
 
 def test_what_does_not_fit_into_the_temporary_folder_is_named(tmp_path):
     pytest.importorskip('rclpy')
-    from ballbot_ros.cli.graph import write_attachments
+    from ballbot_ros.run.graph import write_attachments
 
     path = tmp_path / 'attachments' / 'parameters.yaml'
     path.parent.mkdir()
     path.symlink_to('/dev/full')
     with pytest.raises(BallbotError, match=f'^{path}: {FULL}'):
-        write_attachments(SimpleNamespace(attachments={path.name: b'x'}), tmp_path)
+        write_attachments(RunSpec(Scenario()), tmp_path)
 
 
 @pytest.mark.graph
 @pytest.mark.parametrize('lockstep', ['true', 'false'])
 def test_a_disk_that_is_full_when_the_file_is_closed_fails_the_run(
-    tmp_path, monkeypatch, capfd, domain, lockstep
+    tmp_path, monkeypatch, domain, lockstep
 ):
     pytest.importorskip('rclpy')
 
@@ -120,8 +124,7 @@ def test_a_disk_that_is_full_when_the_file_is_closed_fails_the_run(
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     nodes = ('plant_sim', 'controller', 'gamepad_teleop')
     modes = [f'{node}.lockstep={lockstep}' for node in nodes]
-    words = options(tmp_path, 'one', 'plant_sim.duration=0.2', *modes)
-    assert run_scenario('stationary', words) == 1
-    result = json.loads(capfd.readouterr().out)
-    assert result['outcome'] == 'failed'
-    assert result['reason'] == f'recorder: {tmp_path}/stationary.mcap: {FULL}'
+    result = stationary(tmp_path, 'one', 'plant_sim.duration=0.2', *modes)
+    assert result.exit_status == 1
+    assert result.verdict is Verdict.FAILED
+    assert result.reason == f'recorder: {tmp_path}/stationary.mcap: {FULL}'

@@ -7,9 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ballbot_ros.cli.experiment import Experiment
-from ballbot_ros.cli.graph import graph_parameters, ros, write_attachments
-from ballbot_ros.cli.progress import UPDATE_S, Progress
 from ballbot_ros.nodes.base import AnyNode, spin
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.encoder_driver import EncoderDriver
@@ -28,8 +25,10 @@ from ballbot_ros.parameters import (
     PlantParameters,
     RecorderParameters,
 )
-from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.run_result import RunResult
+from ballbot_ros.run.graph import graph_parameters, ros
+from ballbot_ros.run.observer import UPDATE_S, RunObserver
+from ballbot_ros.run.result import RunResult
+from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
 from ballbot_ros.stop_request import StopRequest
 
@@ -43,10 +42,11 @@ _DRIVERS: dict[str, Callable[[Any], AnyNode]] = {
 """What makes each node from its parameters."""
 
 
-def run_in_one_process(experiment: Experiment, scratch: Path, progress: Progress) -> RunResult:
+def run_in_one_process(
+    spec: RunSpec, recording: Path | None, scratch: Path, observer: RunObserver
+) -> RunResult:
     """Run the graph in this process."""
-    write_attachments(experiment, scratch)
-    parameters = graph_parameters(experiment, scratch)
+    parameters = graph_parameters(spec, recording, scratch)
     nodes: list[AnyNode] = []
     recorder: Recorder | None = None
     with ros():
@@ -54,10 +54,10 @@ def run_in_one_process(experiment: Experiment, scratch: Path, progress: Progress
             plant = PlantSim(parameters.of(PlantParameters))
             nodes.append(plant)
             nodes += [make(parameters.of_node(name)) for name, make in _DRIVERS.items()]
-            if experiment.recording:
+            if recording:
                 recorder = Recorder(parameters.of(RecorderParameters))
                 nodes.append(recorder)
-            plant.every(UPDATE_S, lambda: progress.update(plant.log.ticks * TICK_NS / SECOND_NS))
+            plant.every(UPDATE_S, lambda: observer.update(plant.log.ticks * TICK_NS / SECOND_NS))
             with StopRequest() as stop:
                 spin(nodes, plant.done, stop)
             plant.stop()
@@ -65,9 +65,9 @@ def run_in_one_process(experiment: Experiment, scratch: Path, progress: Progress
             for node in nodes:
                 node.close()
                 node.destroy_node()
-    result = RunResult.of_plant(plant.summary, plant.log.trajectory())
-    if recorder and recorder.failure and result.outcome is Outcome.COMPLETED:
+    result = RunResult.from_summary(plant.summary, plant.log.trajectory())
+    if recorder and recorder.failure and result.is_complete:
         result = result.failed(f'{RECORDER}: {recorder.failure}')
     if plant.exit_status == 2:
-        return replace(result, exit_status=2)
-    return replace(result, exit_status=128 + stop.signal) if stop.signal else result
+        return replace(result, failure_status=2)
+    return replace(result, failure_status=128 + stop.signal) if stop.signal else result

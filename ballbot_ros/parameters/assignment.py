@@ -1,0 +1,26 @@
+"""Parameters set by a text: ``node.param=value``."""
+
+from __future__ import annotations
+
+from ballbot_ros.parameters.parameter import ParameterError
+from ballbot_ros.parameters.parameter_set import ParameterSet
+from ballbot_ros.parameters.table import ALL_NODES, parameters_of
+from ballbot_ros.yaml_document import parse_value
+
+
+def assign(parameters: ParameterSet, assignment: str) -> None:
+    """Set the parameter that an assignment names, such as ``controller.k_thetadot=300``.
+
+    Raises
+    ------
+    ParameterError
+        If the text has another form, or node, name or value are not allowed.
+    """
+    target, equals, text = assignment.partition('=')
+    node, dot, name = target.partition('.')
+    if not (equals and dot and node and name):
+        raise ParameterError(f'--set {assignment}: not of the form node.param=value')
+    row = parameters_of(node).get(name) if node in ALL_NODES else None
+    is_text = row is not None and isinstance(row.default, str)
+    value = text if is_text else parse_value(text)
+    parameters.set(node, name, value, f'--set {assignment}')

@@ -1,0 +1,175 @@
+"""The graph in real time, driven by hand until told to stop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from ballbot_ros.codegen.implementation import require_implementation
+from ballbot_ros.files import temporary_folder
+from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
+from ballbot_ros.parameters import (
+    ALL_NODES,
+    GAMEPAD,
+    NODES,
+    PLANT,
+    RECORDER,
+    VIEWER,
+    ControllerParameters,
+    GamepadParameters,
+    ParameterSet,
+)
+from ballbot_ros.parameters.assignment import assign
+from ballbot_ros.parameters.files import write_parameter_file
+from ballbot_ros.run.graph import graph_parameters, ros
+from ballbot_ros.run.graph_monitor import GraphMonitor
+from ballbot_ros.run.node_process import NodeProcess, stop_all
+from ballbot_ros.run.node_thread import NodeThread
+from ballbot_ros.run.observer import RunObserver
+from ballbot_ros.run.output_folder import output_files
+from ballbot_ros.run.requirements import require_viewer
+from ballbot_ros.run.separate_processes import start_nodes, watch
+from ballbot_ros.run.spec import RunSpec, resolve_map
+from ballbot_ros.scenario.library import load_profile
+from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.stop_request import StopRequest
+
+NAME = 'drive'
+"""Name of the recording."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveOptions:
+    """What a user chooses for a drive.
+
+    Attributes
+    ----------
+    map_name : str or None
+    start : tuple of float or None
+        Start position x, y in the frame ``map`` [m].
+    profile : str or None
+        Profile of the devices; None for ``ideal``.
+    device : str or None
+        Gamepad, by its number or part of its name; None for any.
+    assignments : sequence of str
+        Values of parameters, as ``node.param=value``.
+    no_keyboard : str
+        Why the keys of the terminal do not drive; '' if they do.
+    log : Path or None
+        File for the data log of the brick.
+    output : Path or None
+        Folder for the recording; None for a new one under ``runs/``.
+    record : bool
+    viewer : bool
+        Whether the robot is shown in a browser.
+    """
+
+    map_name: str | None = None
+    start: tuple[float, float] | None = None
+    profile: str | None = None
+    device: str | None = None
+    assignments: Sequence[str] = ()
+    no_keyboard: str = ''
+    log: Path | None = None
+    output: Path | None = None
+    record: bool = True
+    viewer: bool = False
+
+
+class DriveResult(NamedTuple):
+    """Exit status of a drive, and its recording if there is one."""
+
+    exit_status: int
+    recording: Path | None
+
+
+def drive_spec(options: DriveOptions) -> RunSpec:
+    """Return the specification of a drive.
+
+    Raises
+    ------
+    BallbotError
+        One line on what is not allowed.
+    """
+    parameters = ParameterSet()
+    if options.profile is not None:
+        parameters.update(load_profile(options.profile))
+    parameters.set(PLANT, 'real_time_factor', 1.0)
+    parameters.set(PLANT, 'on_wall_hit', 'report')
+    if options.map_name is not None:
+        parameters.set(PLANT, 'map', options.map_name, '--map')
+    if options.start is not None:
+        parameters.set(PLANT, 'start_position_x', options.start[0], '--start')
+        parameters.set(PLANT, 'start_position_y', -options.start[1], '--start')
+    if options.device is not None:
+        parameters.set(GAMEPAD, 'device', options.device, '--device')
+    for assignment in options.assignments:
+        assign(parameters, assignment)
+    require_implementation(parameters.of(ControllerParameters).implementation)
+    if options.viewer:
+        require_viewer(parameters)
+    resolve_map(parameters)
+    return RunSpec(Scenario(NAME), parameters, output=options.output, record=options.record)
+
+
+def drive(spec: RunSpec, options: DriveOptions, observer: RunObserver) -> DriveResult:
+    """Run the graph; the gamepad node, which may own the terminal, is in this process.
+
+    Raises
+    ------
+    BallbotError
+        If the drive can't begin.
+    """
+    with ExitStack() as stack:
+        recording = stack.enter_context(output_files(spec)).recording
+        scratch = Path(stack.enter_context(temporary_folder()))
+        parameters = graph_parameters(spec, recording, scratch)
+        # Not attached to the recording: neither terminal nor log is needed to run it again.
+        parameters.set(GAMEPAD, 'keyboard', not options.no_keyboard)
+        if options.log is not None:
+            parameters.set(GAMEPAD, 'log_csv', str(options.log.resolve()), '--log')
+        names = [n for n in NODES if n != GAMEPAD and (n != RECORDER or recording)]
+        if options.viewer:
+            names.append(VIEWER)
+        status = _run_graph(names, parameters, scratch, observer, options.no_keyboard)
+        recorded = recording if recording and recording.exists() else None
+    return DriveResult(status, recorded)
+
+
+def _run_graph(
+    names: Sequence[str],
+    parameters: ParameterSet,
+    scratch: Path,
+    observer: RunObserver,
+    no_keyboard: str,
+) -> int:
+    parameter_file = scratch / 'parameters.yaml'
+    write_parameter_file(parameter_file, parameters, ALL_NODES)
+    processes: dict[str, NodeProcess] = {}
+    with StopRequest() as stop, ros('INFO'), GraphMonitor() as monitor:
+        gamepad = GamepadTeleop(parameters.of(GamepadParameters))
+        thread = NodeThread(gamepad)
+        if no_keyboard:
+            observer.notice(f'no keyboard ({no_keyboard}): a gamepad, joy or cmd_vel drives')
+
+        def is_told_to_stop() -> bool:
+            # The user has quit, or the terminal has vanished.
+            terminal = gamepad.terminal
+            return bool(stop.signal or gamepad.finished or (terminal and terminal.gone))
+
+        try:
+            start_nodes(names, parameter_file, observer.notice, processes)
+            failure = watch(processes, monitor, observer, is_told_to_stop)
+        finally:
+            # The gamepad answers to the end, so that log and recording have the same packets.
+            stop_all(processes.values(), last=RECORDER)
+            thread.close()
+    if thread.error is not None:
+        raise thread.error
+    ends = {process.exit_status for process in processes.values()}
+    if failure or 1 in ends or 2 in ends:
+        return 2 if 2 in ends else 1
+    return gamepad.exit_status

@@ -1,0 +1,78 @@
+"""The folder of a run's recording and picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import NamedTuple
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.run.spec import RunSpec
+
+
+class OutputFiles(NamedTuple):
+    """Where the results of a run go.
+
+    Attributes
+    ----------
+    recording, picture : Path or None
+        The file to write; None for none.
+    """
+
+    recording: Path | None = None
+    picture: Path | None = None
+
+
+@contextmanager
+def output_files(spec: RunSpec) -> Iterator[OutputFiles]:
+    """Make the folder of a run; one that is still empty at the end is removed.
+
+    Raises
+    ------
+    BallbotError
+        If the folder can't be written to, or has a recording of that name already.
+    """
+    if spec.output is None and not spec.record:
+        yield OutputFiles()
+        return
+    folder = spec.output or _new_folder(spec.name)
+    if spec.output is not None:
+        _make_folder(folder)
+    try:
+        recording = folder / f'{spec.name}.mcap' if spec.record else None
+        if recording and recording.exists():
+            raise BallbotError(f'{recording}: exists already; choose another --output')
+        yield OutputFiles(recording, folder / f'{spec.name}.png')
+    finally:
+        _remove_if_empty(folder)
+
+
+def _remove_if_empty(folder: Path) -> None:
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / '.ballbot_probe'
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise BallbotError(f'--output {folder}: {error.strerror}') from None
+
+
+def _new_folder(name: str) -> Path:
+    stem = f'{datetime.now():%Y-%m-%d_%H-%M-%S}_{name}'
+    for suffix in ('', *(f'_{number}' for number in range(2, 1000))):
+        folder = Path('runs') / (stem + suffix)
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise BallbotError(f'{folder}: {error.strerror}') from None
+        return folder
+    raise BallbotError(f'runs/{stem}: exists already')

@@ -1,0 +1,144 @@
+"""A run as a value: from its specification to its result, without the command."""
+
+import dataclasses
+import math
+import threading
+
+import pytest
+
+from ballbot_ros.analysis.assessment import assess
+from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.analysis.verdict import Verdict
+from ballbot_ros.run.execution import execute
+from ballbot_ros.run.result import RunResult
+from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
+from ballbot_ros.simulation.golden import load_golden
+from ballbot_ros.simulation.outcome import Outcome
+
+
+class Notes:
+    """Notes what a run tells."""
+
+    def __init__(self):
+        self.times, self.lines = [], []
+
+    def update(self, elapsed_s):
+        self.times.append(elapsed_s)
+
+    def notice(self, text):
+        self.lines.append(text)
+
+
+def spec_of(name, *words, processes=Processes.NONE, **options):
+    options = RunOptions(processes=processes, assignments=words, **options)
+    return RunSpec.of_scenario(name, options)
+
+
+@pytest.fixture(scope='module')
+def stationary(tmp_path_factory):
+    notes = Notes()
+    spec = spec_of('stationary', output=tmp_path_factory.mktemp('run'))
+    return spec, execute(spec, notes), notes
+
+
+def test_a_run_gives_its_result_and_its_files(stationary):
+    spec, result, notes = stationary
+    assert result.passed
+    assert (result.verdict, result.reason, result.exit_status) == (Verdict.PASSED, '', 0)
+    assert result.duty_sha256 == load_golden().scenarios['stationary']
+    assert result.ticks == len(result.trajectory.time) == 2500
+    assert result.recording == spec.output / 'stationary.mcap'
+    assert result.picture == spec.output / 'stationary.png'
+    assert result.picture.read_bytes().startswith(b'\x89PNG')
+    assert notes.lines == []
+    assert notes.times == pytest.approx([0.004 * tick for tick in range(1, 2501)])
+
+
+def test_metrics_and_verdict_are_those_of_the_recording(stationary):
+    _, result, _ = stationary
+    assessment = assess(read_run(result.recording))
+    assert assessment.outcome is result.verdict
+    for name, value in result.metrics.items():
+        assert assessment.metrics[name] == pytest.approx(value, rel=1e-9, nan_ok=True), name
+
+
+def test_a_run_with_a_recording_of_that_name_is_refused(stationary):
+    spec, result, _ = stationary
+    before = result.recording.read_bytes()
+    with pytest.raises(Exception, match=r'stationary\.mcap: exists already; choose another'):
+        execute(spec)
+    assert result.recording.read_bytes() == before
+
+
+def test_a_specification_is_not_used_up(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    spec = spec_of('stationary', 'plant_sim.duration=1', record=False)
+    first, second = execute(spec), execute(spec)
+    assert first.duty_sha256 == second.duty_sha256
+    assert first.recording is first.picture is None
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize('processes', [Processes.ONE, Processes.SEPARATE])
+def test_a_graph_is_run_without_the_command(processes, domain, monkeypatch, tmp_path):
+    pytest.importorskip('rclpy')
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    words = ('plant_sim.duration=1',)
+    notes = Notes()
+    result = execute(spec_of('square', *words, processes=processes, output=tmp_path), notes)
+    assert (result.outcome, result.failure) == (Outcome.COMPLETED, '')
+    assert result.duty_sha256 == execute(spec_of('square', *words, record=False)).duty_sha256
+    assert next(each['role'] for each in result.participants) == 'plant_sim'
+    assert result.recording.exists()
+    assert notes.lines == []
+
+
+def test_a_wall_ends_the_run_as_failed(tmp_path):
+    words = ('plant_sim.map=track', 'plant_sim.start_position_x=0.7')
+    spec = spec_of('forward_backward', *words, output=tmp_path)
+    notes = Notes()
+    result = execute(spec, notes)
+    assert (result.verdict, result.exit_status) == (Verdict.FAILED, 1)
+    assert 'wall' in result.reason
+    assert notes.lines == [result.reason]
+    assert result.recording.exists()
+    assert result.picture.exists()
+
+
+def test_a_picture_that_can_not_be_written_fails_a_run_that_passed(tmp_path):
+    (tmp_path / 'stationary.png').mkdir()
+    result = execute(spec_of('stationary', output=tmp_path, record=False))
+    assert (result.verdict, result.exit_status) == (Verdict.FAILED, 1)
+    assert result.reason == f'{tmp_path}/stationary.png: Is a directory'
+    assert result.picture is None
+    assert not math.isnan(result.metrics['duty_rms_percent'])
+
+
+STATUSES = [
+    (RunResult(Outcome.COMPLETED), 'passed', '', 0),
+    (RunResult(Outcome.FAILED, 'fell'), 'failed', 'fell', 1),
+    (RunResult(Outcome.FAILED, 'no map', 2), 'failed', 'no map', 2),
+    (RunResult(Outcome.STOPPED, '', 130), 'stopped', '', 130),
+    (RunResult(Outcome.STOPPED, '', 0), 'stopped', '', 0),
+]
+
+
+@pytest.mark.parametrize(('result', 'verdict', 'reason', 'status'), STATUSES)
+def test_verdict_reason_and_status_agree(result, verdict, reason, status):
+    assert (result.verdict, result.reason, result.exit_status) == (verdict, reason, status)
+    full = dataclasses.replace(result, picture_failure='x.png: full')
+    assert full.reason == '; '.join(filter(None, (reason, 'x.png: full')))
+    assert full.exit_status == (status or 1)
+    assert full.verdict == ('failed' if verdict == 'passed' else verdict)
+
+
+def test_a_run_needs_no_main_thread():
+    """Signals are the main thread's; whoever runs in another one stops by other means."""
+    spec = spec_of('stationary', 'plant_sim.duration=0.5', record=False)
+    results = []
+    thread = threading.Thread(target=lambda: results.append(execute(spec)))
+    thread.start()
+    thread.join()
+    assert results[0].duty_sha256 == execute(spec).duty_sha256

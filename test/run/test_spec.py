@@ -1,0 +1,148 @@
+"""A run's specification: what overrides what, and what is refused before anything starts."""
+
+import pytest
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.parameters import (
+    ControllerParameters,
+    GamepadParameters,
+    GyroParameters,
+    ParameterSet,
+    PlantParameters,
+)
+from ballbot_ros.parameters.files import write_parameter_file
+from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO
+from ballbot_ros.run.attachments import attachments_of
+from ballbot_ros.run.execution import execute
+from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
+from ballbot_ros.scenario.library import load_profile, load_scenario
+
+NOISE = """purpose: noise of its own
+duration: 1
+profile: hardware
+parameters:
+  gyro_driver: {noise: 0.25}
+"""
+
+
+@pytest.fixture
+def scenario(tmp_path):
+    path = tmp_path / 'noisy.yaml'
+    path.write_text(NOISE)
+    return str(path)
+
+
+def parameter_file(tmp_path, text):
+    path = tmp_path / 'mine.yaml'
+    path.write_text(text)
+    return path
+
+
+def of_gyro(spec):
+    return spec.parameters.of(GyroParameters)
+
+
+def test_each_level_overrides_the_one_before(tmp_path, scenario):
+    """Profile, scenario, parameter file, options, assignments."""
+    hardware = load_profile('hardware').of(GyroParameters)
+    own = RunSpec.of_scenario(scenario)
+    assert of_gyro(own).drift == hardware.drift
+    assert of_gyro(own).noise == 0.25
+    ideal = RunSpec.of_scenario(scenario, RunOptions(profile='ideal'))
+    assert of_gyro(ideal).drift == 0.0
+    assert of_gyro(ideal).noise == 0.25
+
+    file = parameter_file(tmp_path, 'gyro_driver: {ros__parameters: {noise: 0.5, seed: 3}}')
+    filed = of_gyro(RunSpec.of_scenario(scenario, RunOptions(parameter_file=file)))
+    assert (filed.noise, filed.seed, filed.drift) == (0.5, 3, hardware.drift)
+    seeded = of_gyro(RunSpec.of_scenario(scenario, RunOptions(parameter_file=file, seed=4)))
+    assert seeded.seed == 4
+    words = ('gyro_driver.seed=5', 'gyro_driver.noise=1')
+    options = RunOptions(parameter_file=file, seed=4, assignments=words)
+    assigned = of_gyro(RunSpec.of_scenario(scenario, options))
+    assert (assigned.noise, assigned.seed) == (1.0, 5)
+
+
+def test_the_pace_is_that_of_whoever_sets_it(tmp_path):
+    def factor(**options):
+        return RunSpec.of_scenario('stationary', RunOptions(**options)).plant.real_time_factor
+
+    file = parameter_file(tmp_path, 'plant_sim: {ros__parameters: {real_time_factor: 2.0}}')
+    assert factor() == 0.0
+    assert factor(default_real_time_factor=1.0) == 1.0
+    assert factor(default_real_time_factor=None) == PlantParameters().real_time_factor
+    assert factor(parameter_file=file, default_real_time_factor=1.0) == 2.0
+    assert factor(parameter_file=file, real_time_factor=3.0) == 3.0
+
+
+def test_another_profile_is_that_of_the_attached_scenario(tmp_path):
+    """So whoever runs what is attached has the same devices."""
+    spec = RunSpec.of_scenario('square', RunOptions(profile='hardware'))
+    shipped = load_scenario('square')
+    assert (shipped.profile, spec.scenario.profile) == ('ideal', 'hardware')
+    attached = tmp_path / 'square.yaml'
+    attached.write_bytes(attachments_of(spec)[SCENARIO])
+    again = RunSpec.of_scenario(str(attached))
+    for name in ('profile', 'purpose', 'vertical', 'horizontal', 'pushes', 'expectations'):
+        assert getattr(again.scenario, name) == getattr(spec.scenario, name)
+    assert attachments_of(again)[PARAMETERS] == attachments_of(spec)[PARAMETERS]
+    unchanged = RunSpec.of_scenario('square')
+    assert attachments_of(unchanged)[SCENARIO].decode() == shipped.text
+
+
+def test_a_run_is_made_again_from_its_attached_parameters(tmp_path):
+    """They name every parameter of every node, also those that a scenario does not let be set."""
+    words = ('controller.pwm_gain=0.9', 'plant_sim.duration=1')
+    options = RunOptions(processes=Processes.NONE, record=False, seed=7, assignments=words)
+    spec = RunSpec.of_scenario('hardware_standing', options)
+    file = tmp_path / 'parameters.yaml'
+    file.write_bytes(attachments_of(spec)[PARAMETERS])
+    options = RunOptions(processes=Processes.NONE, record=False, parameter_file=file)
+    again = RunSpec.of_scenario('hardware_standing', options)
+    assert execute(again).duty_sha256 == execute(spec).duty_sha256
+    assert again.parameters.of(ControllerParameters).pwm_gain == 0.9
+
+
+def test_without_a_scenario_the_robot_balances_without_end():
+    spec = RunSpec.of_scenario('', RunOptions(profile='hardware'))
+    assert spec.plant.duration == 0.0
+    assert spec.parameters.of(GamepadParameters) == GamepadParameters()
+    assert of_gyro(spec) == load_profile('hardware').of(GyroParameters)
+
+
+REFUSED = {
+    'unknown profile': ('profile', 'soft', "unknown profile 'soft'; known: ideal, hardware"),
+    'no name of a profile': ('profile', '', "unknown profile ''; known: ideal, hardware"),
+    'no such file': ('parameter_file', '/no/such.yaml', '/no/such.yaml: No such file'),
+    'another scenario': (
+        'assignments', ['gamepad_teleop.scenario=push'], 'the scenario is stationary',
+    ),
+    'unknown map': ('assignments', ['plant_sim.map=mars'], "unknown map 'mars'"),
+    'no compiler': ('controller', 'fortran', 'is not one of python, c, arm'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(('name', 'value', 'told'), REFUSED.values(), ids=REFUSED)
+def test_a_mistake_is_refused_in_one_line(name, value, told):
+    with pytest.raises(BallbotError) as raised:
+        RunSpec.of_scenario('stationary', RunOptions(**{name: value}))
+    assert told in str(raised.value)
+    assert '\n' not in str(raised.value)
+
+
+def test_a_mistake_in_a_parameter_file_is_named_with_its_line(tmp_path):
+    file = parameter_file(
+        tmp_path, 'controller:\n  ros__parameters:\n    a_b: 0.2\n    gian: 2.0\n'
+    )
+    with pytest.raises(BallbotError, match=rf'^{file}:4: controller has no parameter .gian.'):
+        RunSpec.of_scenario('stationary', RunOptions(parameter_file=file))
+
+
+def test_a_run_without_end_is_refused(tmp_path):
+    """The file of the defaults has a duration of 0: a graph without a scenario has no end."""
+    file = tmp_path / 'defaults.yaml'
+    write_parameter_file(file, ParameterSet())
+    options = RunOptions(parameter_file=file, output=tmp_path / 'run')
+    with pytest.raises(BallbotError, match=r'^plant_sim\.duration is 0: a run of a scenario'):
+        execute(RunSpec.of_scenario('stationary', options))
+    assert not (tmp_path / 'run').exists()
