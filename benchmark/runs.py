@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet
+from ballbot_ros.parameters import NODES, PLANT
 from ballbot_ros.parameters.files import write_parameter_file
-from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.run.graph import graph_parameters
+from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import load_trajectory
 
@@ -103,14 +104,10 @@ def run_nodes(duration: float, *, single_threaded: Sequence[str]) -> Run:
     with _scratch_folder() as folder:
         parameter_file = Path(folder, 'parameters.yaml')
         trajectory_file = Path(folder, 'trajectory.npz')
-        parameters = ParameterSet()
-        parameters.update(load_scenario(SCENARIO).parameters)
-        parameters.set(GAMEPAD, 'scenario', SCENARIO)
-        parameters.set(PLANT, 'duration', duration)
-        parameters.set(PLANT, 'real_time_factor', 0.0)
-        parameters.set(PLANT, 'require_recorder', True)
+        options = RunOptions(assignments=[f'{PLANT}.duration={duration}'])
+        spec = RunSpec.of_scenario(SCENARIO, options)
+        parameters = graph_parameters(spec, Path(folder, 'run.mcap'), Path(folder))
         parameters.set(PLANT, 'trajectory_file', str(trajectory_file))
-        parameters.set(RECORDER, 'output', str(Path(folder, 'run.mcap')))
         write_parameter_file(parameter_file, parameters)
         commands = {}
         for name in NODES:
