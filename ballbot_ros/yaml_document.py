@@ -6,7 +6,6 @@ import re
 import reprlib
 from collections.abc import Hashable
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -28,7 +27,7 @@ class _Loader(yaml.SafeLoader):
     Numbers are those of YAML 1.2: 1e3 is one, 1:30 and 0777 in other bases are none.
     """
 
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
             event = self.peek_event()  # type: ignore[no-untyped-call]
             raise yaml.MarkedYAMLError(
@@ -52,7 +51,7 @@ _Loader.add_implicit_resolver(
 _Loader.add_constructor(_INT, lambda loader, node: int(loader.construct_scalar(node)))  # type: ignore[arg-type]
 
 
-def parse_value(text: str) -> Any:
+def parse_value(text: str) -> object:
     """Return the value that a text has in a YAML file; the text itself where it has none."""
     loader = _Loader(text)
     try:
@@ -115,7 +114,9 @@ class YamlDocument:
                 return f'{self.path}:{line}'
         return str(self.path)
 
-    def _convert(self, loader: yaml.SafeLoader, node: yaml.Node, keys: tuple[Hashable, ...]) -> Any:
+    def _convert(
+        self, loader: yaml.SafeLoader, node: yaml.Node, keys: tuple[Hashable, ...]
+    ) -> object:
         self._lines.setdefault(keys, node.start_mark.line + 1)
         if isinstance(node, yaml.CollectionNode) and node.tag not in _COLLECTIONS:
             raise self._error(node, f'unknown tag {node.tag!r}')
@@ -124,7 +125,7 @@ class YamlDocument:
                 self._convert(loader, item, (*keys, index)) for index, item in enumerate(node.value)
             ]
         if isinstance(node, yaml.MappingNode):
-            mapping: dict[Hashable, Any] = {}
+            mapping: dict[Hashable, object] = {}
             for key_node, value_node in node.value:
                 line = key_node.start_mark.line + 1
                 if not isinstance(key_node, yaml.ScalarNode):
@@ -137,7 +138,7 @@ class YamlDocument:
             return mapping
         return self._scalar(loader, node)
 
-    def _scalar(self, loader: yaml.SafeLoader, node: yaml.Node) -> Any:
+    def _scalar(self, loader: yaml.SafeLoader, node: yaml.Node) -> object:
         try:
             value = loader.construct_object(node)
         except (AttributeError, LookupError, ValueError):

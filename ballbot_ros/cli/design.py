@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -68,7 +67,7 @@ def _print_matrix(console: Console, name: str, matrix: Matrix) -> None:
         console.print(f'{label:>4} ' + ' '.join(f'{value + 0.0:12.6g}' for value in row))
 
 
-def _poles(poles: NDArray[Any]) -> str:
+def _poles(poles: Iterable[complex]) -> str:
     """Return poles in order of their speed, a conjugate pair as one."""
     words = []
     for pole in sorted(poles, key=lambda p: (abs(p), p.imag)):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import click
 import yaml
@@ -136,7 +135,7 @@ def _timing(topic: TopicOverview) -> tuple[str, str, str]:
     return rate, f'{topic.gap_ns / 1e9:.3f} s', f'{topic.gap_at_ns / 1e9:.3f} s'
 
 
-def _made_by(overview: Overview) -> dict[str, Any]:
+def _made_by(overview: Overview) -> dict[str, object]:
     """Return what the attachments of `ballbot run` tell of scenario, seed and versions."""
     scenario = _attached(overview, SCENARIO)
     parameters = _attached(overview, PARAMETERS)
@@ -156,7 +155,7 @@ def _made_by(overview: Overview) -> dict[str, Any]:
     return {name: value for name, value in told.items() if value not in (None, {})}
 
 
-def _attached(overview: Overview, name: str) -> dict[str, Any]:
+def _attached(overview: Overview, name: str) -> dict[str, object]:
     file = overview.attachments.get(name)
     try:
         content = yaml.safe_load(file.data) if file else None

@@ -323,7 +323,7 @@ def _plain_controller(controller: ReplayedController) -> dict[str, str | None]:
     }
 
 
-def _plain(outcome: Outcome) -> dict[str, Any]:
+def _plain(outcome: Outcome) -> dict[str, object]:
     difference = outcome.difference
     return {
         'what': outcome.what,

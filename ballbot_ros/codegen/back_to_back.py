@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,8 @@ class Difference(NamedTuple):
 
     elapsed_ms: int
     what: str
-    python: Any
-    compiled: Any
+    python: object
+    compiled: object
 
     def __str__(self) -> str:
         return (

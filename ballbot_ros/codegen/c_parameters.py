@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 
@@ -95,7 +94,7 @@ def _mode(autonomous: bool, row: Parameter) -> CParameter:
     )  # fmt: skip
 
 
-def _constant(row: Parameter, value: Any) -> CParameter:
+def _constant(row: Parameter, value: Single | int | tuple[Single, ...]) -> CParameter:
     if isinstance(value, tuple):
         c_type, length = 'float', len(value)
         c_value = f'{{{", ".join(map(c_float, value))}}}'

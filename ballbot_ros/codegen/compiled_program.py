@@ -113,7 +113,7 @@ class CompiledProgram:
         for number, plane in enumerate((self.x, self.y)):
             vars(plane).update(plane_values(answer.state, number))
         values = named_values(answer.state)
-        self.operating_state = OperatingState(values['operating_state'])
+        self.operating_state = OperatingState(int(values['operating_state']))
         self.drive_state = drive_state(
             self.operating_state,
             self._autonomous,

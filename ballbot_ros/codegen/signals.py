@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from ballbot_ros.brick.bluetooth import PACKET_SIZE, GamepadPacket
 from ballbot_ros.controller.program import ControlProgram
@@ -107,7 +106,7 @@ def state_bytes(program: ControlProgram) -> bytes:
     return _MEMBERS.pack(*planes, *rest)
 
 
-def _value(program: ControlProgram, name: str) -> Any:
+def _value(program: ControlProgram, name: str) -> object:
     if name == 'bluetooth_rx':
         return GamepadPacket(*program.sticks).encode()
     return getattr(program, name)
@@ -118,7 +117,7 @@ def members(state: bytes) -> bytes:
     return state[: _MEMBERS.size]
 
 
-def named_values(state: bytes) -> dict[str, Any]:
+def named_values(state: bytes) -> dict[str, float]:
     """Return every member of a C structure by its name in C, such as ``x.theta``."""
     names = [f'{plane}.{signal.name}' for plane in 'xy' for signal in PLANE_SIGNALS]
     names += [signal.name for signal in PROGRAM_SIGNALS]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import IntEnum
-from typing import Any, Protocol
+from typing import Protocol, SupportsFloat
 
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.text_enum import TextEnum
@@ -34,17 +34,17 @@ class Estimates(Protocol):
     """One plane's estimates and references [deg, deg/s]."""
 
     @property
-    def theta(self) -> Any: ...  # noqa: D102
+    def theta(self) -> SupportsFloat: ...  # noqa: D102
     @property
-    def psi(self) -> Any: ...  # noqa: D102
+    def psi(self) -> SupportsFloat: ...  # noqa: D102
     @property
-    def theta_dot(self) -> Any: ...  # noqa: D102
+    def theta_dot(self) -> SupportsFloat: ...  # noqa: D102
     @property
-    def psi_dot(self) -> Any: ...  # noqa: D102
+    def psi_dot(self) -> SupportsFloat: ...  # noqa: D102
     @property
-    def theta_ref(self) -> Any: ...  # noqa: D102
+    def theta_ref(self) -> SupportsFloat: ...  # noqa: D102
     @property
-    def theta_ref_dot(self) -> Any: ...  # noqa: D102
+    def theta_ref_dot(self) -> SupportsFloat: ...  # noqa: D102
 
 
 class Program(Protocol):

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import control
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.plant.model import Matrix
@@ -16,7 +16,7 @@ class DesignError(BallbotError):
     """A system or weight for which no controller exists."""
 
 
-def controllability_rank(a: Any, b: Any) -> int:
+def controllability_rank(a: ArrayLike, b: ArrayLike) -> int:
     """Return the rank of the controllability matrix [B, AB, ..., A^(n-1) B] (A.5).
 
     Its columns are scaled to one size, which leaves the rank alone.
@@ -32,7 +32,7 @@ def controllability_rank(a: Any, b: Any) -> int:
     return int(np.linalg.matrix_rank(matrix / largest))
 
 
-def require_controllable(a: Any, b: Any) -> None:
+def require_controllable(a: ArrayLike, b: ArrayLike) -> None:
     """Raise DesignError unless the pair (A, B) is controllable.
 
     By Hautus' test, [A - sI, B] has full rank at every pole s of A: unlike the powers of A in
@@ -52,7 +52,7 @@ def require_controllable(a: Any, b: Any) -> None:
             )
 
 
-def lqr(a: Any, b: Any, q: Any, r: Any) -> Matrix:
+def lqr(a: ArrayLike, b: ArrayLike, q: ArrayLike, r: ArrayLike) -> Matrix:
     """Return the gain K (m, n) that minimises the integral of x'Qx + u'Ru.
 
     Raises
@@ -71,7 +71,7 @@ def lqr(a: Any, b: Any, q: Any, r: Any) -> Matrix:
     return np.asarray(gain, float)
 
 
-def place(a: Any, b: Any, poles: Sequence[complex]) -> Matrix:
+def place(a: ArrayLike, b: ArrayLike, poles: Sequence[complex]) -> Matrix:
     """Return the gain K (m, n) that puts the poles of A - BK at `poles`.
 
     Raises

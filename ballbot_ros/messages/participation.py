@@ -155,7 +155,7 @@ def decode_run_status(data: bytes) -> RunStatus:
         raise ValueError(f'{RUN_STATUS.name}: tells no {error}') from None
 
 
-def membership_json(member: Membership, start_ns: int) -> dict[str, Any]:
+def membership_json(member: Membership, start_ns: int) -> dict[str, object]:
     """Return what the verdict tells of a participant of a run that began at `start_ns` [ns]."""
     participant = member.participant
     namespace, _, _ = participant.node.rpartition('/')
@@ -182,14 +182,14 @@ def membership_text(member: Membership, start_ns: int) -> str:
     )
 
 
-def _parameter(text: str) -> Any:
+def _parameter(text: str) -> object:
     try:
         return json.loads(text)
     except RecursionError:
         raise ValueError(f'{text[:20]} ...: nested too deeply') from None
 
 
-def _encoded(level: int, name: str, text: str, host: str, values: Mapping[str, Any]) -> bytes:
+def _encoded(level: int, name: str, text: str, host: str, values: Mapping[str, object]) -> bytes:
     message = new_message(PARTICIPANTS.type_name)
     message.level, message.name, message.message, message.hardware_id = level, name, text, host
     for key, value in values.items():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.simulation.run_actions import PublishStatus, RunSummary
 
 
-def summary_json(summary: RunSummary) -> dict[str, Any]:
+def summary_json(summary: RunSummary) -> dict[str, object]:
     """Return a summary under the keys that the command's JSON has."""
     return {
         'outcome': summary.outcome.value,
@@ -27,11 +26,11 @@ def summary_json(summary: RunSummary) -> dict[str, Any]:
     }
 
 
-def summary_words(summary: RunSummary) -> dict[str, Any]:
+def summary_words(summary: RunSummary) -> dict[str, object]:
     """Return what the plant's diagnostics have of a summary."""
     words = summary_json(summary)
-    del words['ticks'], words['participants']
-    if trips_ms := words.pop('round_trip_ms'):
+    del words['ticks'], words['participants'], words['round_trip_ms']
+    if trips_ms := _in_milliseconds(summary.round_trips_s):
         label = f'round trip {" / ".join(trips_ms)} [ms]'
         words[label] = ' / '.join(f'{trip_ms:.2f}' for trip_ms in trips_ms.values())
     return words

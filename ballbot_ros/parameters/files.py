@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -40,7 +39,7 @@ def read_parameter_file(path: str | Path) -> ParameterSet:
     return parameters
 
 
-def _mapping(document: YamlDocument, data: Any, *keys: Any) -> dict[Any, Any]:
+def _mapping(document: YamlDocument, data: object, *keys: Hashable) -> dict[Hashable, object]:
     if not isinstance(data, dict):
         what = ' '.join(map(repr, keys)) or 'the file'
         raise ParameterError(f'{document.where(*keys)}: {what} is not a mapping of names')

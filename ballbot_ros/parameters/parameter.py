@@ -68,7 +68,7 @@ class Parameter:
     source: str
     acts: Acts
 
-    def check(self, value: Any, where: str) -> Value:
+    def check(self, value: object, where: str) -> Value:
         """Return `value` in the parameter's own type.
 
         Raises
@@ -125,7 +125,7 @@ class Parameter:
     def _spaced_unit(self) -> str:
         return '' if self.unit in ('', '1') else f' {self.unit}'
 
-    def _number(self, value: Any, name: str) -> float:
+    def _number(self, value: object, name: str) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ParameterError(f'{name}: {value!r} is not a number')
         low, high = self.bounds or (-math.inf, math.inf)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from ballbot_ros.parameters.parameter import NodeParameters, ParameterError, Value
 from ballbot_ros.parameters.table import ALL_NODES, CLASSES, nearest, parameters_of
@@ -22,7 +22,7 @@ class ParameterSet:
         for (node, name), value in self._values.items():
             yield node, name, value
 
-    def set(self, node: str, name: str, value: Any, where: str = '') -> None:
+    def set(self, node: str, name: str, value: object, where: str = '') -> None:
         """Set `name` of `node`, or of every node that has it where `node` is ``'/**'``.
 
         Raises

@@ -123,7 +123,7 @@ class Batch:
         """The sizes of the messages [byte]."""
         return self.ends - self.starts
 
-    def chosen(self, rows: NDArray[Any]) -> Batch:
+    def chosen(self, rows: Rows | NDArray[np.bool_]) -> Batch:
         """Return some of the messages, by their rows or a truth value each."""
         return Batch(self.data, self.heads[rows], self.starts[rows], self.ends[rows], self.names)
 

@@ -194,7 +194,7 @@ def _name(path: Iterable[str], unit: str) -> str:
     return '_'.join([*path, unit] if unit else path)
 
 
-def _type_name(value: Any) -> str:
+def _type_name(value: object) -> str:
     return str(getattr(value, '__msgtype__', ''))
 
 

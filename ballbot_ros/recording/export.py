@@ -197,7 +197,7 @@ class _Grid:
         self._newest: int | None = None
         self._next: int | None = None
 
-    def put(self, tick: int, topic: str, values: list[Any], longest_gap: int) -> bool:
+    def put(self, tick: int, topic: str, values: list[Value | None], longest_gap: int) -> bool:
         """Note the values of `topic` at `tick`; tell whether its row can still be written."""
         if self._newest is None:
             self._newest = tick

@@ -134,7 +134,7 @@ def serialized_metadata(file_name: str, topics: Iterable[Topic], times: TimeRang
     )
 
 
-def _topic(topic: Topic) -> dict[str, Any]:
+def _topic(topic: Topic) -> dict[str, object]:
     return {
         'topic_metadata': {
             'name': topic.name,
@@ -147,7 +147,7 @@ def _topic(topic: Topic) -> dict[str, Any]:
     }
 
 
-def _qos(profiles: Iterable[QosProfile]) -> list[dict[str, Any]]:
+def _qos(profiles: Iterable[QosProfile]) -> list[dict[str, object]]:
     return [
         {
             'history': profile.history,
@@ -170,9 +170,9 @@ def _duration(nanoseconds: int) -> dict[str, int]:
 
 
 class _Dumper(yaml.SafeDumper):
-    def ignore_aliases(self, data: Any) -> bool:
+    def ignore_aliases(self, data: object) -> bool:
         return True
 
 
-def _yaml(value: Any) -> str:
+def _yaml(value: object) -> str:
     return yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True)

@@ -67,7 +67,7 @@ class RunResult:
     late_ticks: int | None = None
     resends: int | None = None
     round_trip: RoundTrip | None = None
-    participants: Sequence[Mapping[str, Any]] = ()
+    participants: Sequence[Mapping[str, object]] = ()
     trajectory: Trajectory | None = None
     metrics: Mapping[str, float] = field(default_factory=dict)
     judgements: Sequence[Judgement] = ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Callable, Collection, Mapping
-from typing import Any
+from typing import TypeVar, cast
 
 import yaml
 
@@ -57,7 +57,8 @@ SCENARIO_KEYS = {
     'expectations',
 }  # fmt: skip
 
-Keys = tuple[Any, ...]
+Keys = tuple[str | int, ...]
+_Part = TypeVar('_Part')
 
 
 class ScenarioReader:
@@ -101,7 +102,7 @@ class ScenarioReader:
         return Scenario(
             name=self._document.path.stem,
             purpose=str(data['purpose']),
-            profile=data.get('profile', IDEAL) if profile is None else profile,
+            profile=_own_profile(data) if profile is None else profile,
             parameters=parameters,
             vertical=self._signal(sticks.get('vertical', []), ('sticks', 'vertical'), duration),
             horizontal=self._signal(
@@ -112,14 +113,18 @@ class ScenarioReader:
             text=self._text(data, profile),
         )
 
-    def _text(self, data: Mapping[Any, Any], profile: str | None) -> str:
+    def _text(self, data: Mapping[str, object], profile: str | None) -> str:
         """Return the file's text, or one with another profile."""
         if profile is None:
             return read_text(self._document.path)
         return yaml.safe_dump({**data, 'profile': profile}, sort_keys=False, allow_unicode=True)
 
-    def _parameters(self, data: Mapping[Any, Any], profile: str | None) -> ParameterSet:
-        parameters = self._own_profile(data) if profile is None else self._load_profile(profile)
+    def _parameters(self, data: Mapping[str, object], profile: str | None) -> ParameterSet:
+        try:
+            parameters = self._load_profile(_own_profile(data) if profile is None else profile)
+        except ScenarioError as error:
+            # A profile that the caller chose is not in the file.
+            raise (self._error(('profile',), str(error)) if profile is None else error) from None
         for key, (node, name) in _PARAMETERS.items():
             if key in data:
                 self._set(parameters, node, name, data[key], (key,))
@@ -141,12 +146,6 @@ class ScenarioReader:
                 self._set(parameters, node, name, value, ('parameters', node, name))
         self._check_world(parameters)
         return parameters
-
-    def _own_profile(self, data: Mapping[Any, Any]) -> ParameterSet:
-        try:
-            return self._load_profile(data.get('profile', IDEAL))
-        except ScenarioError as error:
-            raise self._error(('profile',), str(error)) from None
 
     def _radians(self, degrees: float, name: str, keys: Keys) -> float:
         """Convert the value of one of the plant's angles; refuse it in degrees, as it is given."""
@@ -172,13 +171,13 @@ class ScenarioReader:
         except WorldError as error:
             raise self._error(('start',), str(error)) from None
 
-    def _map(self, value: Any) -> Any:
+    def _map(self, value: object) -> object:
         """Return a map's name as it is, and a file's path as seen from the scenario's folder."""
         if isinstance(value, str) and ('/' in value or '.' in value):
             return str((self._document.path.parent / value).resolve())
         return value
 
-    def _signal(self, data: Any, keys: Keys, duration: float) -> Signal:
+    def _signal(self, data: object, keys: Keys, duration: float) -> Signal:
         segments = self._each(data, keys, self._segment)
         for index, segment in enumerate(segments):
             if segment.start >= duration:
@@ -196,7 +195,7 @@ class ScenarioReader:
                 )
         return Signal(tuple(segments))
 
-    def _segment(self, data: Any, keys: Keys) -> Segment:
+    def _segment(self, data: object, keys: Keys) -> Segment:
         values = self._mapping(data, keys, ('name', 'from', 'to', 'value', 'points'))
         name = values.get('name')
         if not isinstance(name, str) or not name.strip():
@@ -225,31 +224,31 @@ class ScenarioReader:
         value = self._stick(values['value'], (*keys, 'value'))
         return Segment(name, ((start, value), (end, value)))
 
-    def _point(self, data: Any, keys: Keys) -> tuple[float, float]:
+    def _point(self, data: object, keys: Keys) -> tuple[float, float]:
         if not isinstance(data, list) or len(data) != 2:
             raise self._error(keys, f'{data!r} is not a pair [time, value]')
         return self._time(data[0], keys), self._stick(data[1], keys)
 
-    def _time(self, value: Any, keys: Keys) -> float:
+    def _time(self, value: object, keys: Keys) -> float:
         time = self._number(value, keys)
         if not 0.0 <= time <= TIME_LIMIT:
             raise self._error(keys, f'{time:g} s is not within 0 … {TIME_LIMIT:g} s')
         return time
 
-    def _stick(self, value: Any, keys: Keys) -> float:
+    def _stick(self, value: object, keys: Keys) -> float:
         number = self._number(value, keys)
         if abs(number) > STICK_LIMIT:
             raise self._error(keys, f'{number:g} is not within -{STICK_LIMIT} … {STICK_LIMIT}')
         return number
 
-    def _pushes(self, data: Any, duration: float) -> list[ScheduledPush]:
+    def _pushes(self, data: object, duration: float) -> list[ScheduledPush]:
         pushes = self._each(data, ('pushes',), self._push)
         for index, push in enumerate(pushes):
             if push.time >= duration:
                 raise self._error(('pushes', index), 'a push begins after the end of the run')
         return pushes
 
-    def _push(self, data: Any, keys: Keys) -> ScheduledPush:
+    def _push(self, data: object, keys: Keys) -> ScheduledPush:
         names = ('time', 'duration', 'force', 'direction')
         values = self._mapping(data, keys, names)
         for required in names:
@@ -269,7 +268,7 @@ class ScenarioReader:
             force * rightward,
         )
 
-    def _direction(self, value: Any, keys: Keys) -> tuple[float, float]:
+    def _direction(self, value: object, keys: Keys) -> tuple[float, float]:
         if isinstance(value, str):
             if value not in _DIRECTIONS:
                 words = ', '.join(_DIRECTIONS)
@@ -279,7 +278,7 @@ class ScenarioReader:
         sine, cosine = sine_cosine(math.radians(self._number(value, keys)))
         return cosine, -sine
 
-    def _expectations(self, data: Any, parameters: ParameterSet) -> list[Expectation]:
+    def _expectations(self, data: object, parameters: ParameterSet) -> list[Expectation]:
         expectations: list[Expectation] = []
         plant = parameters.of(PlantParameters)
         for metric, bounds in self._mapping(data, ('expectations',)).items():
@@ -290,7 +289,7 @@ class ScenarioReader:
             if metric == 'wall_clearance_m' and not plant.map:
                 raise self._error(keys, f'{metric} needs a map')
 
-            def read(item: Any, at: Keys) -> Expectation:
+            def read(item: object, at: Keys) -> Expectation:
                 return self._expectation(at, item, plant)
 
             if isinstance(bounds, list):
@@ -301,8 +300,8 @@ class ScenarioReader:
                 expectations.append(read(bounds, keys))
         return expectations
 
-    def _expectation(self, keys: Keys, data: Any, plant: PlantParameters) -> Expectation:
-        metric = keys[1]
+    def _expectation(self, keys: Keys, data: object, plant: PlantParameters) -> Expectation:
+        metric = str(keys[1])
         limits = {
             key: self._number(value, (*keys, key))
             for key, value in self._mapping(data, keys, ('min', 'max', 'from', 'to')).items()
@@ -325,33 +324,40 @@ class ScenarioReader:
         return Expectation(metric, limits.get('min'), limits.get('max'), start, end)
 
     def _mapping(
-        self, data: Any, keys: Keys, allowed: Collection[str] | None = None
-    ) -> Mapping[Any, Any]:
+        self, data: object, keys: Keys, allowed: Collection[str] | None = None
+    ) -> Mapping[str, object]:
         if not isinstance(data, dict):
             raise self._error(keys, f'{_label(keys)} is not a mapping of names')
         for key in data:
             if allowed is not None and key not in allowed:
                 words = ', '.join(sorted(allowed))
                 raise self._error((*keys, key), f'unknown key {key!r}; known: {words}')
-        return data
+        # A key that is no text names nothing, and is refused as unknown.
+        return cast('Mapping[str, object]', data)
 
-    def _each(self, data: Any, keys: Keys, read: Callable[[Any, Keys], Any]) -> list[Any]:
+    def _each(self, data: object, keys: Keys, read: Callable[[object, Keys], _Part]) -> list[_Part]:
         if not isinstance(data, list):
             raise self._error(keys, f'{_label(keys)} is not a list')
         return [read(item, (*keys, index)) for index, item in enumerate(data)]
 
-    def _number(self, value: Any, keys: Keys) -> float:
+    def _number(self, value: object, keys: Keys) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self._error(keys, f'{_label(keys)}: {value!r} is not a number')
         if not math.isfinite(value):
             raise self._error(keys, f'{_label(keys)}: {value!r} is not finite')
         return float(value)
 
-    def _set(self, parameters: ParameterSet, node: Any, name: Any, value: Any, keys: Keys) -> None:
+    def _set(
+        self, parameters: ParameterSet, node: object, name: object, value: object, keys: Keys
+    ) -> None:
         parameters.set(str(node), str(name), value, self._document.where(*keys))
 
     def _error(self, keys: Keys, text: str) -> ScenarioError:
         return ScenarioError(f'{self._document.where(*keys)}: {text}')
+
+
+def _own_profile(data: Mapping[str, object]) -> str:
+    return str(data.get('profile', IDEAL))
 
 
 def _label(keys: Keys) -> str:
@@ -360,4 +366,4 @@ def _label(keys: Keys) -> str:
     if not names:
         return 'the scenario'
     last = len(keys) - 1 - keys[::-1].index(names[-1])
-    return reprlib.repr(names[-1]) + ''.join(f' {index + 1}' for index in keys[last + 1 :])
+    return reprlib.repr(names[-1]) + ''.join(f' {int(index) + 1}' for index in keys[last + 1 :])

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ballbot_ros.simulation.timing import SECOND_NS
 
@@ -72,7 +72,7 @@ class Participant:
     parameters_sha256: str
     guid_prefix: str = ''
     topics: tuple[str, ...] = ()
-    parameters: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, object] = field(default_factory=dict)
 
     def __str__(self) -> str:
         return f'{self.node} (process {self.process} on {self.host})'

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from array import array
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,7 +87,7 @@ class TrajectoryLog:
         )
 
 
-def save_trajectory(path: Path, trajectory: Trajectory, summary: dict[str, Any]) -> None:
+def save_trajectory(path: Path, trajectory: Trajectory, summary: Mapping[str, object]) -> None:
     """Write a trajectory and a summary of the run to an .npz file.
 
     The file is there once it is whole.
