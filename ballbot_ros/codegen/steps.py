@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from ballbot_ros.brick.brick import UINT32, DeviceInputs
@@ -21,6 +21,13 @@ class Step(NamedTuple):
     elapsed_ms: int
     systick_ms: int
     inputs: DeviceInputs
+
+
+class InputSequence(NamedTuple):
+    """Inputs of consecutive ticks, with a name."""
+
+    name: str
+    steps: Sequence[Step]
 
 
 def random_steps(seed: int, ticks: int, *, wild: bool) -> Iterator[Step]:

@@ -1,14 +1,20 @@
-"""What the devices give in a scenario's run, for feeding another control program."""
+"""Device inputs for feeding another control program: those of scenarios, and random ones."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ballbot_ros.codegen.steps import Step
-from ballbot_ros.parameters import ParameterSet, PlantParameters
+from ballbot_ros.codegen.steps import InputSequence, Step, random_steps
+from ballbot_ros.controller.tasks import TS1_MS
+from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
+from ballbot_ros.scenario.library import load_scenario, scenario_names
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, MILLISECOND_NS, SECOND_NS, TICK_NS
+
+RANDOM_SEQUENCES = 50
+RANDOM_TICKS = 150
+"""Length of a random sequence after the calibration."""
 
 
 def scenario_steps(parameters: ParameterSet, scenario: Scenario) -> Iterator[Step]:
@@ -19,3 +25,20 @@ def scenario_steps(parameters: ParameterSet, scenario: Scenario) -> Iterator[Ste
         tick = loop.tick()
         now = tick.truth.stamp_ns
         yield Step((now - FIRST_TICK_NS) // MILLISECOND_NS, now // MILLISECOND_NS, tick.inputs)
+
+
+def check_sequences(parameters: ParameterSet) -> list[InputSequence]:
+    """Return the inputs of every shipped scenario with these parameters, and random ones."""
+    sequences = []
+    for name in scenario_names():
+        scenario = load_scenario(name)
+        together = ParameterSet()
+        together.update(scenario.parameters)
+        together.update(parameters)
+        sequences.append(InputSequence(name, list(scenario_steps(together, scenario))))
+    calibration = int(parameters.of(ControllerParameters).time_start) // TS1_MS
+    ticks = min(calibration, 2500) + RANDOM_TICKS
+    for seed in range(RANDOM_SEQUENCES):
+        steps = list(random_steps(seed, ticks, wild=seed % 2 == 1))
+        sequences.append(InputSequence(f'random sequence {seed}', steps))
+    return sequences

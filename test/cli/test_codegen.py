@@ -14,6 +14,7 @@ from graph import record
 from ballbot_ros.cli import codegen
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.simulation import scenario_steps
 
 SHORT = ('--set=plant_sim.duration=2.0', '--set=gyro_driver.noise=0.7')
 
@@ -30,9 +31,9 @@ def ballbot(*arguments, **environment):
 
 @pytest.fixture
 def few_sequences(monkeypatch):
-    monkeypatch.setattr(codegen, 'RANDOM_SEQUENCES', 2)
-    monkeypatch.setattr(codegen, 'RANDOM_TICKS', 50)
-    monkeypatch.setattr(codegen, 'scenario_names', lambda: ['stationary'])
+    monkeypatch.setattr(scenario_steps, 'RANDOM_SEQUENCES', 2)
+    monkeypatch.setattr(scenario_steps, 'RANDOM_TICKS', 50)
+    monkeypatch.setattr(scenario_steps, 'scenario_names', lambda: ['stationary'])
 
 
 @pytest.fixture

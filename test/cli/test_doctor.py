@@ -11,12 +11,13 @@ from graph import BALLBOT, environment, private_shared_memory, state, wait_for
 from ballbot_ros.cli import doctor
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.shared_memory import Leftover
+from ballbot_ros.run import machine_checks
 from ballbot_ros.simulation import golden
 
 
 @pytest.fixture
 def only_arithmetic(monkeypatch):
-    monkeypatch.setattr(doctor, '_CHECKS', {'arithmetic': doctor._arithmetic})
+    monkeypatch.setattr(doctor, 'CHECKS', {'arithmetic': machine_checks._arithmetic})
 
 
 def test_a_machine_with_the_golden_hashes_passes(only_arithmetic, capsys):
@@ -37,7 +38,7 @@ def test_a_machine_with_another_hash_fails_with_both_hashes(
     only_arithmetic, monkeypatch, capsys, changes, named
 ):
     wrong = dataclasses.replace(golden.load_golden(), **changes)
-    monkeypatch.setattr(doctor, 'load_golden', lambda: wrong)
+    monkeypatch.setattr(machine_checks, 'load_golden', lambda: wrong)
     assert doctor.examine() == 1
     [line] = capsys.readouterr().out.splitlines()
     assert line.startswith(f'FAIL arithmetic {named}')
@@ -71,10 +72,10 @@ def test_a_sine_of_the_c_library_is_noticed(monkeypatch):
 @pytest.fixture
 def only_leftovers(monkeypatch):
     files = [Leftover(Path('a'), 1_500_000), Leftover(Path('b'), 32)]
-    monkeypatch.setattr(doctor, '_CHECKS', {'leftovers': doctor._leftovers})
-    monkeypatch.setattr(doctor, 'find_broken_ports', list)
-    monkeypatch.setattr(doctor, 'find_leftovers', lambda: files)
-    monkeypatch.setattr(doctor, 'clear_shared_memory', lambda: files)
+    monkeypatch.setattr(doctor, 'CHECKS', {'leftovers': machine_checks._leftovers})
+    monkeypatch.setattr(machine_checks, 'find_broken_ports', list)
+    monkeypatch.setattr(machine_checks, 'find_leftovers', lambda: files)
+    monkeypatch.setattr(machine_checks, 'clear_shared_memory', lambda: files)
 
 
 def test_leftovers_are_counted(only_leftovers, capsys):
@@ -91,7 +92,7 @@ def test_fix_tells_what_it_can_not_remove(only_leftovers, monkeypatch, capsys):
     def refuse():
         raise BallbotError('remove it as root')
 
-    monkeypatch.setattr(doctor, 'clear_shared_memory', refuse)
+    monkeypatch.setattr(machine_checks, 'clear_shared_memory', refuse)
     assert doctor.examine(fix=True) == 1
     assert capsys.readouterr().out == 'FAIL leftovers  remove it as root\n'
 
@@ -100,7 +101,7 @@ def test_a_name_in_brackets_is_printed_as_it_is(monkeypatch, capsys):
     def refuse():
         raise BallbotError('/tmp/[/x] is full')
 
-    monkeypatch.setattr(doctor, '_CHECKS', {'files': lambda: '/tmp/[red]', 'disk': refuse})
+    monkeypatch.setattr(doctor, 'CHECKS', {'files': lambda: '/tmp/[red]', 'disk': refuse})
     assert doctor.examine() == 1
     assert (
         capsys.readouterr().out == 'OK   files      /tmp/[red]\nFAIL disk       /tmp/[/x] is full\n'
@@ -153,5 +154,5 @@ def test_the_command_makes_every_check(domain):
         capture_output=True, text=True, env=environment(domain), check=False,
     )  # fmt: skip
     lines = done.stdout.splitlines()
-    assert [line.split()[1] for line in lines] == list(doctor._CHECKS), done.stdout + done.stderr
+    assert [line.split()[1] for line in lines] == list(doctor.CHECKS), done.stdout + done.stderr
     assert done.returncode == 0, done.stdout

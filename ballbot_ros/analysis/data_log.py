@@ -1,0 +1,66 @@
+"""The data log of a recording, as the gamepad node writes it while driving."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ballbot_ros.analysis.namespace import robot_namespace
+from ballbot_ros.brick.bluetooth import PacketError
+from ballbot_ros.messages.conversions import log_packet, time_ns
+from ballbot_ros.messages.topics import BLUETOOTH_TX, RUN
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.simulation.timing import MILLISECOND_NS
+from ballbot_ros.teleop.csv_log import CsvLog
+
+
+@dataclass(frozen=True)
+class WrittenLog:
+    """The files that were written, one a run, and how many messages were no log packets."""
+
+    paths: Sequence[Path]
+    topic: str
+    malformed: int
+
+
+def write_data_log(reader: RecordingReader, output: Path) -> WrittenLog:
+    """Write the log packets of a recording as CSV, a file for each run.
+
+    Raises
+    ------
+    RecordingError
+        If there is no topic of log packets, or a message can't be read; no file is left then.
+    """
+    namespace = robot_namespace(reader, [BLUETOOTH_TX])
+    if namespace is None:
+        names = ', '.join(sorted(reader.topics())) or 'none'
+        raise RecordingError(
+            f'{reader.path}: no topic {BLUETOOTH_TX.name!r}, one is needed; there are {names}'
+        )
+    packets, runs = BLUETOOTH_TX.resolved(namespace), RUN.resolved(namespace)
+    log = CsvLog(output)
+    try:
+        malformed = _write(reader, log, packets, runs)
+    except RecordingError:
+        log.close()
+        for path in log.paths:
+            path.unlink()
+        raise
+    log.close()
+    return WrittenLog(log.paths, packets, malformed)
+
+
+def _write(reader: RecordingReader, log: CsvLog, packets: str, runs: str) -> int:
+    """Write the packets; return how many messages were none."""
+    malformed = 0
+    for topic, _, message in reader.messages({packets, runs} & reader.topics().keys()):
+        if topic == runs:
+            log.begin_run(time_ns(message.stamp) // MILLISECOND_NS)
+            continue
+        try:
+            log.write(log_packet(message))
+        except PacketError:
+            malformed += 1
+    return malformed

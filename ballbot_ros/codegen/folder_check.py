@@ -1,0 +1,136 @@
+"""A generated folder, built for a target, compared with the Python program and measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from ballbot_ros.codegen.application import PARAMETER_FILE, read_tasks
+from ballbot_ros.codegen.back_to_back import compare
+from ballbot_ros.codegen.brick_process import Answer, BrickProcess
+from ballbot_ros.codegen.compiled_program import CompiledProgram
+from ballbot_ros.codegen.errors import CodegenError
+from ballbot_ros.codegen.measure import Memory, count_instructions, measure_memory
+from ballbot_ros.codegen.steps import InputSequence
+from ballbot_ros.codegen.toolchain import Target, build
+from ballbot_ros.parameters import ControllerParameters, ParameterSet
+from ballbot_ros.parameters.files import read_parameter_file
+
+
+@dataclass(frozen=True)
+class FolderComparison:
+    """How many ticks were compared, and the first difference in words; '' if there is none."""
+
+    ticks: int
+    difference: str = ''
+
+
+@dataclass(frozen=True)
+class TaskCost:
+    """Cost of a task.
+
+    Attributes
+    ----------
+    name : str
+    is_periodic : bool
+    instructions : int
+        The most that a call took.
+    stack_bytes : int
+        The most that it used.
+    """
+
+    name: str
+    is_periodic: bool
+    instructions: int
+    stack_bytes: int
+
+
+class ProgramCost(NamedTuple):
+    """Cost of the program on the brick, without the platform."""
+
+    tasks: Sequence[TaskCost]
+    memory: Memory
+
+
+class _Tape:
+    """A machine whose requests are kept."""
+
+    def __init__(self, machine: BrickProcess) -> None:
+        self._machine = machine
+        self.requests: list[bytes] = []
+
+    def exchange(self, request: bytes) -> Answer:
+        """Run a tick."""
+        self.requests.append(request)
+        return self._machine.exchange(request)
+
+
+def read_folder_parameters(folder: Path) -> ParameterSet:
+    """Return the parameters that a folder was generated from.
+
+    Raises
+    ------
+    CodegenError
+        If it is not a generated folder.
+    """
+    file = folder / PARAMETER_FILE
+    if not file.is_file():
+        raise CodegenError(f'{file}: no such file; not a folder of ballbot codegen')
+    return read_parameter_file(file)
+
+
+class BuiltFolder:
+    """A generated folder, built for a target.
+
+    Parameters
+    ----------
+    folder : Path
+    target : Target
+    scratch : Path
+        Folder for what the compiler writes.
+
+    Raises
+    ------
+    CodegenError
+        If the folder is not complete, or can't be built.
+    """
+
+    def __init__(self, folder: Path, target: Target, scratch: Path) -> None:
+        self._parameters = read_folder_parameters(folder).of(ControllerParameters)
+        self._tasks = read_tasks(folder)
+        self._scratch = scratch
+        self._command = build(folder, target, scratch)
+        self._stack = [0] * len(self._tasks)
+
+    def _program(self, machine: BrickProcess | _Tape) -> CompiledProgram:
+        return CompiledProgram(machine, self._tasks, self._parameters.mode == 'autonomous')
+
+    def compare(self, sequences: Sequence[InputSequence]) -> FolderComparison:
+        """Run the C and the Python program on the same inputs until they differ."""
+        ticks = 0
+        for sequence in sequences:
+            program = self._program(BrickProcess(self._command))
+            comparison = compare(self._parameters, program, sequence.steps)
+            ticks += comparison.ticks
+            if comparison.difference:
+                return FolderComparison(ticks, f'{sequence.name}, {comparison.difference}')
+            self._stack = list(map(max, self._stack, program.stack_bytes))
+        return FolderComparison(ticks)
+
+    def cost(self, sequences: Sequence[InputSequence]) -> ProgramCost:
+        """Measure the program: instructions by running it, stack by what was compared before."""
+        worst = dict.fromkeys((task.name for task in self._tasks), 0)
+        for sequence in sequences:
+            tape = _Tape(BrickProcess(self._command))
+            program = self._program(tape)
+            for step in sequence.steps:
+                program.tick(*step)
+            counted = count_instructions(self._command, tape.requests, list(worst))
+            worst = {name: max(worst[name], counted[name]) for name in worst}
+        tasks = [
+            TaskCost(task.name, bool(task.period_ms), worst[task.name], stack)
+            for task, stack in zip(self._tasks, self._stack, strict=True)
+        ]
+        return ProgramCost(tasks, measure_memory(self._scratch, len(self._tasks)))

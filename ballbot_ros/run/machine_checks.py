@@ -1,0 +1,184 @@
+"""Checks of this machine: Python, files, arithmetic, ROS, ports, shared memory, disk."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.discovery_probe import LIMIT_S
+from ballbot_ros.nodes.middleware import (
+    DISCOVERY_RANGE,
+    DOMAIN,
+    require_discovery,
+    require_middleware,
+    ros_domain,
+)
+from ballbot_ros.nodes.participant_ports import PORT_BASE, PORTS_PER_DOMAIN
+from ballbot_ros.nodes.processes import END_WITH_PARENT
+from ballbot_ros.nodes.shared_memory import (
+    SHARED_MEMORY,
+    Leftover,
+    clear_shared_memory,
+    find_broken_ports,
+    find_leftovers,
+)
+from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.share import share_directory
+from ballbot_ros.simulation.golden import arithmetic_sha256, duty_sha256, load_golden
+
+OLDEST_PYTHON = (3, 10)
+LEAST_FREE_BYTES = 200e6
+GOLDEN_SCENARIOS = ('stationary', 'hardware_autonomous')
+
+
+class FailedCheckError(BallbotError):
+    """A check that failed, and what to do."""
+
+
+def _python() -> str:
+    if sys.version_info < OLDEST_PYTHON:
+        raise FailedCheckError(
+            f'{platform.python_version()} is too old: install Python 3.10 or later'
+        )
+    return platform.python_version()
+
+
+def _files() -> str:
+    try:
+        return str(share_directory())
+    except BallbotError as error:
+        raise FailedCheckError(f'{error}: install the package again') from None
+
+
+def _rclpy() -> str:
+    found = find_spec('rclpy')
+    if found is None or found.origin is None:
+        raise FailedCheckError('no rclpy: source ROS 2 Jazzy, or install "ballbot_ros[ros]"')
+    return str(Path(found.origin).parent)
+
+
+def _rmw() -> str:
+    require_middleware()
+    try:
+        from rclpy.utilities import get_rmw_implementation_identifier
+
+        return str(get_rmw_implementation_identifier())
+    except Exception as error:
+        wanted = os.environ.get('RMW_IMPLEMENTATION', '')
+        hint = f'unset RMW_IMPLEMENTATION ({wanted})' if wanted else 'install rmw_fastrtps_cpp'
+        raise FailedCheckError(
+            f'no middleware loads: {hint} ({" ".join(str(error).split())})'
+        ) from None
+
+
+def _domain() -> str:
+    require_discovery()
+    reach = os.environ.get(DISCOVERY_RANGE, 'not set: runs use LOCALHOST')
+    return f'{DOMAIN} {ros_domain()}, {DISCOVERY_RANGE} {reach}'
+
+
+def _ports() -> str:
+    port = PORT_BASE + PORTS_PER_DOMAIN * ros_domain()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        # Discovery shares its multicast port among participants; another program may not.
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(('', port))
+        except OSError as error:
+            raise FailedCheckError(
+                f'UDP {port}: {error.strerror}: use another ROS_DOMAIN_ID'
+            ) from None
+    return f'UDP {port} and above are free for discovery'
+
+
+def _leftovers() -> str:
+    if broken := find_broken_ports():
+        raise FailedCheckError(f'{broken[0]} holds up every node: run `ballbot doctor --fix`')
+    if left := find_leftovers():
+        return f'{_amount(left)}, left by killed processes, which the next run or --fix removes'
+    return f'killed processes left nothing in {SHARED_MEMORY}'
+
+
+def remove_leftovers() -> str:
+    """Remove what killed processes left in shared memory; return what that was."""
+    return f'{_amount(clear_shared_memory())} removed from {SHARED_MEMORY}'
+
+
+def _amount(files: list[Leftover]) -> str:
+    plural = '' if len(files) == 1 else 's'
+    return f'{len(files)} file{plural} ({sum(file.size for file in files) / 1e6:.1f} MB)'
+
+
+def _discovery() -> str:
+    """Try discovery in a process of its own, since the middleware can hang, deaf to signals."""
+    process = subprocess.Popen(
+        [sys.executable, '-W', 'ignore', '-m', 'ballbot_ros.nodes.discovery_probe'],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        # An interrupt may come before it is known here.
+        env={**os.environ, END_WITH_PARENT: str(os.getpid())},
+    )  # fmt: skip
+    try:
+        output, _ = process.communicate()
+    finally:
+        # subprocess.run does not await the process that it kills at an interrupt.
+        process.kill()
+        process.wait()
+    if process.returncode == -signal.SIGALRM:
+        raise FailedCheckError(
+            f'the middleware gives no answer in {LIMIT_S} s: run `ballbot doctor --fix`, or look '
+            f'into {SHARED_MEMORY}'
+        )
+    if process.returncode:
+        raise FailedCheckError(' '.join(output.split()) or f'ended with {process.returncode}')
+    return output.strip()
+
+
+def _arithmetic() -> str:
+    """Compare the arithmetic itself, and the duties of a linear and of a nonlinear run."""
+    golden = load_golden()
+    results = [('the arithmetic', golden.arithmetic, arithmetic_sha256())]
+    for name in GOLDEN_SCENARIOS:
+        wanted = golden.scenarios.get(name, '')
+        results.append((f'the run {name}', wanted, duty_sha256(load_scenario(name))))
+    for what, wanted, got in results:
+        if got != wanted:
+            raise FailedCheckError(
+                f'{what} has the hash {got[:8]}… here and {wanted[:8]}… elsewhere, so recordings '
+                'of other machines will not replay as identical. Unless config/ was edited, '
+                'report this with the processor and the versions of Python and numpy'
+            )
+    return f'{" and ".join(GOLDEN_SCENARIOS)} have the duty_sha256 of every machine'
+
+
+def _disk() -> str:
+    folder = Path('runs') if Path('runs').is_dir() else Path()
+    if not os.access(folder, os.W_OK):
+        raise FailedCheckError(f'{folder.resolve()} is not writable: go elsewhere or use --output')
+    free = shutil.disk_usage(folder).free
+    if free < LEAST_FREE_BYTES:
+        raise FailedCheckError(f'{free / 1e6:.0f} MB free: a minute of recording takes about 6 MB')
+    return f'{free / 1e9:.1f} GB free in {folder.resolve()}'
+
+
+CHECKS: Mapping[str, Callable[[], str]] = {
+    'Python': _python,
+    'files': _files,
+    'arithmetic': _arithmetic,
+    'rclpy': _rclpy,
+    'RMW': _rmw,
+    'domain': _domain,
+    'ports': _ports,
+    'leftovers': _leftovers,
+    'discovery': _discovery,
+    'disk': _disk,
+}
+"""By name. Each returns what it found, or raises BallbotError with what to do."""
