@@ -17,17 +17,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.namespace import robot_namespace
+from ballbot_ros.analysis.recorded_runs import (
+    RecordedRun,
+    RobotTopics,
+    RunFinder,
+    robot_topics,
+    samples_in,
+)
 from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.conversions import (
     ball_position,
     body_rates,
     pitch_angles,
-    stamp_ns,
     tone_of,
 )
-from ballbot_ros.messages.motor_stop import are_stops
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -45,7 +49,6 @@ from ballbot_ros.messages.topics import (
     RUN_STATUS,
     SONAR_RANGE,
     SOUND,
-    TOPICS,
     Topic,
 )
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
@@ -53,8 +56,7 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.timing import SECOND_NS
 
-_EVENTS = (OPERATING_STATE, RUN, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP)
-_FOREVER_NS = 2**63 - 1
+_EVENTS = (OPERATING_STATE, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP)
 _OTHER_CLOCK_MS = 3.6e6
 
 
@@ -85,7 +87,7 @@ x, y [rad/s]; gyro x, y with offset [rad/s]; distance [m]; voltage [V].
 
 
 class Columns:
-    """The samples of a stamped topic; an epoch is a stretch of the file in which stamps rise.
+    """The samples of a stamped topic, by epoch of the file.
 
     Parameters
     ----------
@@ -97,42 +99,34 @@ class Columns:
 
     def __init__(self, kind: str, width: int) -> None:
         self._kind, self._width = kind, width
-        self._epochs: list[tuple[array[int], array[float]]] = []
-        self._newest = 0
+        self._epochs: dict[int, tuple[array[int], array[float]]] = {}
 
-    def __len__(self) -> int:
-        """Return the number of epochs."""
-        return len(self._epochs)
+    def __bool__(self) -> bool:
+        """Tell whether there are samples."""
+        return bool(self._epochs)
 
-    def extend(self, stamps: NDArray[np.int64], values: NDArray[Any]) -> NDArray[np.intp]:
-        """Add samples, and return the epoch of each; one that comes twice is dropped.
+    def extend(
+        self, stamps: NDArray[np.int64], values: NDArray[Any], epochs: NDArray[np.intp]
+    ) -> None:
+        """Add samples.
 
         Parameters
         ----------
         stamps : ndarray, shape (n,)
         values : ndarray, shape (n, width)
+        epochs : ndarray, shape (n,)
         """
-        before = np.append(self._newest, stamps[:-1])
-        begins = stamps < before
-        is_new = stamps != before
-        if not self._epochs:
-            begins[0] = is_new[0] = True
-        epochs = len(self) - 1 + np.cumsum(begins)
-        for epoch in range(int(epochs[0]), int(epochs[-1]) + 1):
-            if epoch == len(self):
-                self._epochs.append((array('q'), array(self._kind)))
-            taken = is_new & (epochs == epoch)
-            column, numbers = self._epochs[epoch]
-            column.frombytes(stamps[taken].tobytes())
-            numbers.frombytes(values[taken].astype(self._kind, copy=False).tobytes())
-        self._newest = int(stamps[-1])
-        return epochs
+        for epoch in np.unique(epochs).tolist():
+            column, numbers = self._epochs.setdefault(epoch, (array('q'), array(self._kind)))
+            chosen = epochs == epoch
+            column.frombytes(stamps[chosen].tobytes())
+            numbers.frombytes(values[chosen].astype(self._kind, copy=False).tobytes())
 
-    def epoch(self, index: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
+    def epoch(self, number: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
         """Return stamps, shape (n,), and values, shape (n, width), without copying them."""
-        if index >= len(self._epochs):
+        if number not in self._epochs:
             return np.zeros(0, np.int64), np.zeros((0, self._width), self._kind)
-        stamps, numbers = self._epochs[index]
+        stamps, numbers = self._epochs[number]
         return (
             np.frombuffer(stamps, np.int64),
             np.frombuffer(numbers, self._kind).reshape(-1, self._width),
@@ -215,13 +209,12 @@ class Traffic:
 
 @dataclass
 class Extraction:
-    """All runs of a recording; of events the epoch, the stamp [ns] and the content."""
+    """All runs of a recording; of events the epoch, the log time [ns] and the content."""
 
+    runs: tuple[RecordedRun, ...] = ()
     columns: dict[Topic, Columns] = field(
         default_factory=lambda: {topic: Columns(*TICKED[topic][:2]) for topic in TICKED}
     )
-    announced: list[tuple[int, int]] = field(default_factory=list)
-    names: dict[tuple[int, int], str] = field(default_factory=dict)
     told: ToldParameters = field(default_factory=ToldParameters)
     states: list[tuple[int, int, str]] = field(default_factory=list)
     statuses: list[tuple[int, int, Status]] = field(default_factory=list)
@@ -230,28 +223,6 @@ class Extraction:
     maps: list[tuple[int, int, Any]] = field(default_factory=list)
     traffic: dict[str, Traffic] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
-
-    def runs(self) -> list[tuple[int, int, int]]:
-        """Return epoch, first tick and end [ns] of each run, in the order of the file.
-
-        A run begins where ``plant/run`` says so, and where time goes back in the file.
-        """
-        runs = []
-        for epoch in range(max(map(len, self.columns.values()))):
-            starts = [start for each, start in self.announced if each == epoch]
-            if not starts:
-                pieces = (columns.epoch(epoch)[0] for columns in self.columns.values())
-                starts = [min(int(stamps[0]) for stamps in pieces if len(stamps))]
-            runs += list(
-                zip([epoch] * len(starts), starts, [*starts[1:], _FOREVER_NS], strict=True)
-            )
-        return runs
-
-    def announce(self, start: int, name: str) -> None:
-        """Note what ``plant/run`` says."""
-        epoch, newest = self.announced[-1] if self.announced else (0, -1)
-        self.announced.append((epoch + (start <= newest), start))
-        self.names[self.announced[-1]] = name
 
 
 def extract(recording: RecordingReader, progress: Callable[[int, int], None]) -> Extraction:
@@ -263,28 +234,28 @@ def extract(recording: RecordingReader, progress: Callable[[int, int], None]) ->
         If it has no topic of a ballbot, those of several, or a message that is not as it should be.
     """
     extraction = Extraction()
-    wanted = _wanted(recording, extraction.notices)
+    wanted = _wanted(robot_topics(recording), extraction.notices)
+    finder = RunFinder(recording)
     traffic = extraction.traffic = {
         name: Traffic(name, summary.type_name) for name, summary in recording.topics().items()
     }
-    newest_ns = epoch = done = 0
+    newest_ns = done = 0
     for batch in recording.batches():
         progress(done, recording.count)
         done += len(batch)
         rows = batch.rows()
+        ours = {wanted[name]: places for name, places in rows.items() if name in wanted}
         log_ns = batch.log_ns
-        stamps, epochs = log_ns.copy(), np.full(len(batch), -1)
-        for name, places in rows.items():
-            topic = wanted.get(name)
-            if topic is MOTOR_DUTY:
-                places = places[~are_stops(batch, places)]
-            if topic is not None and topic in TICKED and len(places):
-                stamps[places], values = _samples(recording, topic, name, batch, places)
-                epochs[places] = extraction.columns[topic].extend(stamps[places], values)
-        epochs = _last_known(epochs, epoch)
-        epoch = int(epochs[-1])
-        events = (rows[name].tolist() for name in rows if wanted.get(name) in _EVENTS)
-        for row in sorted(chain.from_iterable(events)):
+        stamps, values = log_ns.copy(), {}
+        samples = samples_in(batch, {topic: ours[topic] for topic in TICKED if topic in ours})
+        for topic, places in samples.items():
+            stamps[places], values[topic] = _samples(recording, topic, batch, places)
+        epochs, are_new = finder.take(batch, ours, samples, stamps)
+        for topic, places in samples.items():
+            new = are_new[places]
+            kept = places[new]
+            extraction.columns[topic].extend(stamps[kept], values[topic][new], epochs[kept])
+        for row in sorted(chain.from_iterable(ours[t].tolist() for t in _EVENTS if t in ours)):
             raw = batch.message(row)
             _take_event(extraction, recording, wanted[raw.topic], raw, int(epochs[row]))
         newest = np.maximum.accumulate(log_ns).clip(min=newest_ns)
@@ -292,14 +263,15 @@ def extract(recording: RecordingReader, progress: Callable[[int, int], None]) ->
         ages_ms = (newest - stamps) * 1e-6
         for name, places in rows.items():
             traffic[name].extend(log_ns[places], ages_ms[places])
-    if not any(map(len, extraction.columns.values())):
+    if not any(extraction.columns.values()):
         raise RecordingError(f'{recording.path}: no messages of a ballbot: nothing to report')
+    extraction.runs = finder.runs()
     extraction.traffic = {name: each for name, each in traffic.items() if each.count}
     return extraction
 
 
 def _samples(
-    recording: RecordingReader, topic: Topic, name: str, batch: Batch, rows: Rows
+    recording: RecordingReader, topic: Topic, batch: Batch, rows: Rows
 ) -> tuple[NDArray[np.int64], NDArray[Any]]:
     """Return the stamps [ns] of messages of a stamped topic, shape (n,), and what is read of them.
 
@@ -307,6 +279,7 @@ def _samples(
     """
     kind, width, read = TICKED[topic]
     stamps, values = np.empty(len(rows), np.int64), np.empty((len(rows), width), kind)
+    name = batch.message(rows[0]).topic
     for some, messages in recording.records(name, batch, rows):
         places = np.searchsorted(rows, some)
         try:
@@ -323,12 +296,6 @@ def _samples(
     return stamps, values
 
 
-def _last_known(epochs: NDArray[np.intp], before: int) -> NDArray[np.intp]:
-    """Return the epochs of all messages: that of the sample before where there is none, −1."""
-    places = np.maximum.accumulate(np.where(epochs < 0, -1, np.arange(len(epochs))))
-    return np.where(places < 0, before, epochs[places])
-
-
 def _take_event(
     extraction: Extraction, recording: RecordingReader, topic: Topic, raw: RawMessage, epoch: int
 ) -> None:
@@ -336,9 +303,7 @@ def _take_event(
         extraction.told.add(topic, raw.data)
         return
     message, log_ns = recording.decode(raw), raw.stamp_ns
-    if topic is RUN:
-        extraction.announce(stamp_ns(_Headed(message)), message.frame_id)
-    elif topic is OPERATING_STATE:
+    if topic is OPERATING_STATE:
         extraction.states.append((epoch, log_ns, message.data))
     elif topic is DIAGNOSTICS:
         extraction.statuses += [(epoch, log_ns, _status(each)) for each in message.status]
@@ -351,13 +316,6 @@ def _take_event(
             raise _unlike(recording, raw, error) from None
     else:
         extraction.maps.append((epoch, log_ns, message))
-
-
-@dataclass(frozen=True)
-class _Headed:
-    """A message that is a header, as one that has it."""
-
-    header: Any
 
 
 def _status(message: Any) -> Status:
@@ -382,29 +340,15 @@ def _unlike(recording: RecordingReader, raw: RawMessage, error: Exception) -> Re
     )
 
 
-def _wanted(recording: RecordingReader, notices: list[str]) -> dict[str, Topic]:
-    """Return our topics by the names they have in the file, below whatever namespace."""
-    topics = recording.topics()
-    ours = (*TICKED, *_EVENTS)
-    # These names are nobody else's, and none ends like another one.
-    marks = [topic for topic in TOPICS if topic.name.startswith(('plant/', 'controller/'))]
-    marks.append(MOTOR_DUTY)
-    namespace = robot_namespace(recording, marks)
-    if namespace is None:
-        raise RecordingError(
-            f'{recording.path}: no recording of a ballbot: it has none of '
-            f'{", ".join(mark.resolved() for mark in marks)}'
-        )
+def _wanted(topics: RobotTopics, notices: list[str]) -> dict[str, Topic]:
+    """Return what is read, by the names that it has in the file, and note what is missing."""
     wanted = {}
-    for topic in ours:
-        name = topic.resolved(namespace)
-        if name not in topics:
-            if topic is not None and topic in TICKED:
-                notices.append(f'There is no topic {name}; what needs it is left out.')
-        elif topics[name].type_name != topic.type_name:
-            notices.append(
-                f'{name} is {topics[name].type_name}, not {topic.type_name}; it is left out.'
-            )
-        else:
+    for topic in (*TICKED, *_EVENTS, RUN):
+        name = topic.resolved(topics.namespace)
+        if name in topics.mistyped:
+            notices.append(f'{topics.mismatch(name)}; it is left out.')
+        elif name in topics.by_name:
             wanted[name] = topic
+        elif topic in TICKED:
+            notices.append(f'There is no topic {name}; what needs it is left out.')
     return wanted

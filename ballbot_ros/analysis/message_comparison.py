@@ -26,11 +26,14 @@ class Difference(NamedTuple):
     topic : str
     what : str
         The first field that differs and both values, or what is missing.
+    epoch : int
+        The epoch of the file in which the tick is.
     """
 
     stamp_ns: int
     topic: str
     what: str
+    epoch: int = 0
 
 
 class Comparison:
@@ -52,33 +55,32 @@ class Comparison:
         self._first: dict[Topic, Difference] = {}
         self.compared = 0
 
-    def recorded(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
+    def recorded(self, topic: Topic, stamp_ns: int, data: bytes, epoch: int = 0) -> None:
         """Take a recorded message."""
         if pairs := self._topics.get(topic):
-            pairs.recorded.append((stamp_ns, data))
+            pairs.recorded.append(_Message(epoch, stamp_ns, data))
             self._compare(topic, pairs)
 
-    def replayed(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
+    def replayed(self, topic: Topic, stamp_ns: int, data: bytes, epoch: int = 0) -> None:
         """Take a message of the run that is made again."""
         if pairs := self._topics.get(topic):
-            pairs.replayed.append((stamp_ns, data))
+            pairs.replayed.append(_Message(epoch, stamp_ns, data))
             self._compare(topic, pairs)
 
     def _compare(self, topic: Topic, pairs: _Pairs) -> None:
         if not (pairs.recorded and pairs.replayed):
             return
-        recorded_ns, recorded = pairs.recorded.popleft()
-        stamp_ns, replayed = pairs.replayed.popleft()
+        recorded, replayed = pairs.recorded.popleft(), pairs.replayed.popleft()
         self.compared += 1
-        if topic in self._first or recorded == replayed:
+        if topic in self._first or recorded.data == replayed.data:
             return
-        if pairs.is_stamped and recorded_ns != stamp_ns:
-            earlier = min(recorded_ns, stamp_ns)
-            text = _EXTRA if earlier == recorded_ns else _MISSING
-            self._first[topic] = Difference(earlier, topic.name, text)
+        if pairs.is_stamped and recorded.moment != replayed.moment:
+            is_extra = recorded.moment < replayed.moment
+            earlier, text = (recorded, _EXTRA) if is_extra else (replayed, _MISSING)
+            self._first[topic] = earlier.difference(topic, text)
         # The middleware may pad in another way; what counts is the content.
-        elif what := pairs.difference(recorded, replayed):
-            self._first[topic] = Difference(stamp_ns, topic.name, what)
+        elif what := pairs.difference(recorded.data, replayed.data):
+            self._first[topic] = replayed.difference(topic, what)
 
     def first_difference(self, *, complete: bool) -> Difference | None:
         """Return the earliest difference, of one tick the first in the order of cause.
@@ -94,20 +96,37 @@ class Comparison:
             for topic, pairs in self._topics.items():
                 for waiting, text in ((pairs.recorded, _EXTRA), (pairs.replayed, _MISSING)):
                     if waiting and topic not in found:
-                        found[topic] = Difference(waiting[0][0], topic.name, text)
+                        found[topic] = waiting[0].difference(topic, text)
         order = list(self._topics)
         first = min(
-            found, key=lambda topic: (found[topic].stamp_ns, order.index(topic)), default=None
+            found,
+            key=lambda topic: (found[topic].epoch, found[topic].stamp_ns, order.index(topic)),
+            default=None,
         )
         return None if first is None else found[first]
+
+
+class _Message(NamedTuple):
+    """A message, and the epoch and stamp [ns] of its tick."""
+
+    epoch: int
+    stamp_ns: int
+    data: bytes
+
+    @property
+    def moment(self) -> tuple[int, int]:
+        return self.epoch, self.stamp_ns
+
+    def difference(self, topic: Topic, what: str) -> Difference:
+        return Difference(self.stamp_ns, topic.name, what, self.epoch)
 
 
 class _Pairs:
     """The messages of a topic that wait for their counterparts."""
 
     def __init__(self, type_name: str) -> None:
-        self.recorded: deque[tuple[int, bytes]] = deque()
-        self.replayed: deque[tuple[int, bytes]] = deque()
+        self.recorded: deque[_Message] = deque()
+        self.replayed: deque[_Message] = deque()
         self.is_stamped = has_stamp(type_name)
         self._type = type_name
         self._decode = decoder(type_name)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
 from ballbot_ros.analysis.message_comparison import Comparison
-from ballbot_ros.analysis.recorded_run import RecordedRun, recorded_topics, taken_from
+from ballbot_ros.analysis.recorded_inputs import RunInputs, taken_from
+from ballbot_ros.analysis.recorded_runs import RobotRecording
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.controller_messages import ControllerMessages
@@ -37,7 +38,6 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.parameters import ParameterSet, PlantParameters
 from ballbot_ros.recording.batch import RawMessage
-from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.closed_loop import ClosedLoop, Tick
 from ballbot_ros.simulation.timing import MILLISECOND_NS, TICK_NS
 
@@ -72,7 +72,7 @@ EVENTS = (WALL_HIT, OPERATING_STATE, BLUETOOTH_TX, LCD)
 
 
 def replay_controller(
-    reader: RecordingReader, run: RecordedRun, program: Program, comparison: Comparison
+    recording: RobotRecording, inputs: RunInputs, program: Program, comparison: Comparison
 ) -> Iterator[ReplayedTick]:
     """Give a controller the recorded samples, and compare what it publishes.
 
@@ -86,31 +86,33 @@ def replay_controller(
     RecordingError
         If a sample cannot be decoded, or is none of its device.
     """
+    reader, run = recording.reader, inputs.run
     samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUTS}
-    messages = ControllerMessages(partial(EncodedOutput, sink=comparison.replayed))
+    sink = partial(comparison.replayed, epoch=run.epoch)
+    messages = ControllerMessages(partial(EncodedOutput, sink=sink))
     now = run.start_ns
-    for topic, raw in _messages(reader, run):
-        comparison.recorded(topic, raw.stamp_ns, raw.data)
+    for topic, raw in _messages(recording, inputs):
+        comparison.recorded(topic, raw.stamp_ns, raw.data, run.epoch)
         if topic not in INPUTS:
             continue
         message = reader.decode(raw)
         with taken_from(reader, raw.topic, raw.stamp_ns):
             samples[topic][raw.stamp_ns] = INPUTS[topic](message)
-        while now <= run.last_ns and all(
+        while now <= inputs.last_ns and all(
             now in samples[due] for due in INPUTS if now % due.period_ns == 0
         ):
-            inputs = device_inputs(lambda each: samples[each].pop(now, None))  # noqa: B023
+            sampled = device_inputs(lambda each: samples[each].pop(now, None))  # noqa: B023
             elapsed = now - run.start_ns
             with taken_from(reader, 'the inputs', now):
-                outputs = program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, inputs)
+                outputs = program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, sampled)
                 messages.tick(now, outputs, program)
-            yield ReplayedTick(now, inputs, outputs)
+            yield ReplayedTick(now, sampled, outputs)
             now += TICK_NS
 
 
 def replay_run(
-    reader: RecordingReader,
-    run: RecordedRun,
+    recording: RobotRecording,
+    inputs: RunInputs,
     parameters: ParameterSet,
     comparison: Comparison,
 ) -> Iterator[Tick]:
@@ -121,36 +123,48 @@ def replay_run(
     Tick
         Each tick of the closed loop.
     """
-    loop = ClosedLoop(parameters, run, run.start_ns)
+    run = inputs.run
+    loop = ClosedLoop(parameters, inputs, run.start_ns)
     ball_radius = parameters.of(PlantParameters).ball_radius
 
     def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
         # A push may end after the run, and of a run without a duty there are events only.
-        if stamp_ns <= run.last_ns or topic in EVENTS:
-            comparison.replayed(topic, stamp_ns, data)
+        if stamp_ns <= inputs.last_ns or topic in EVENTS:
+            comparison.replayed(topic, stamp_ns, data, run.epoch)
 
     messages = RunMessages(replayed, ball_radius)
     messages.begin(run.start_ns, loop.world, loop.pushes)
-    for topic, raw in _messages(reader, run):
-        comparison.recorded(topic, raw.stamp_ns, raw.data)
+    for topic, raw in _messages(recording, inputs):
+        comparison.recorded(topic, raw.stamp_ns, raw.data, run.epoch)
         # No further than the recording: what waits for its counterpart stays little.
         while topic is CLOCK and loop.plant.time_ns <= raw.stamp_ns:
             tick = loop.tick()
-            messages.tick(tick, loop.program, run.sources.get(tick.truth.stamp_ns, ''))
+            source = inputs.sources.get(tick.truth.stamp_ns, '')
+            messages.tick(tick, loop.program, source)
             yield tick
 
 
-def compare_events(reader: RecordingReader, last_ns: int, comparison: Comparison) -> None:
-    """Give a comparison the recorded events of all runs, up to the last one's end."""
-    topics = {name: topic for name, topic in recorded_topics(reader).items() if topic in EVENTS}
-    for name, stamp_ns, _, data in reader.raw_messages(topics):
-        if stamp_ns <= last_ns:
-            comparison.recorded(topics[name], stamp_ns, data)
+def compare_events(
+    recording: RobotRecording, runs: Iterable[RunInputs], comparison: Comparison
+) -> None:
+    """Give a comparison the recorded events, in each epoch up to the end of its last run.
+
+    Parameters
+    ----------
+    recording : RobotRecording
+    runs : iterable of RunInputs
+        The runs that are compared, in the order of the file.
+    comparison : Comparison
+    """
+    ends = {each.run.epoch: max(each.run.start_ns, each.last_ns) for each in runs}
+    for epoch, topic, raw in recording.messages(EVENTS):
+        if epoch in ends and raw.stamp_ns <= ends[epoch]:
+            comparison.recorded(topic, raw.stamp_ns, raw.data, epoch)
 
 
-def _messages(reader: RecordingReader, run: RecordedRun) -> Iterator[tuple[Topic, RawMessage]]:
+def _messages(recording: RobotRecording, inputs: RunInputs) -> Iterator[tuple[Topic, RawMessage]]:
     """Iterate over the stamped messages of a run."""
-    topics = {n: topic for n, topic in recorded_topics(reader).items() if topic not in EVENTS}
-    for raw in reader.raw_messages(topics, run.start_ns):
-        if raw.stamp_ns <= run.last_ns:
-            yield topics[raw.topic], raw
+    stamped = [topic for topic in ALL_TOPICS if topic not in EVENTS]
+    for epoch, topic, raw in recording.messages(stamped, inputs.run.start_ns):
+        if epoch == inputs.run.epoch and raw.stamp_ns <= inputs.last_ns:
+            yield topic, raw

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.attached import Attached, read_attached
 from ballbot_ros.analysis.extraction import TICKED, Extraction, Status, Traffic, extract
+from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.controller.interface import DriveState
 from ballbot_ros.messages.conversions import map_grid
@@ -181,23 +182,23 @@ def read_run(
         attached = read_attached(recording)
         extraction = extract(recording, progress)
         damage = recording.damage
-    runs = extraction.runs()
+    runs = extraction.runs
     if number is None:
         number = len(runs)
     if not 1 <= number <= len(runs):
         known = '1' if len(runs) == 1 else f'1 … {len(runs)}'
         raise RecordingError(f'{path}: there is no run {number}, only {known}')
-    epoch, start, end = runs[number - 1]
-    run = extraction.names.get((epoch, start), '')
-    attached = attached.in_run(run, extraction.told)
+    run = runs[number - 1]
+    start = run.start_ns
+    attached = attached.in_run(run.name, extraction.told)
     notices = [*extraction.notices, *attached.notices]
     if len(runs) > 1:
         notices.append(f'The file holds {len(runs)} runs; this is run {number}.')
-    series = _series(extraction, epoch, start, end)
+    series = _series(extraction, run)
     if not series:
         raise RecordingError(f'{path}: run {number} of {len(runs)} has no ticks')
     plant = attached.parameters.of(PlantParameters)
-    has_map = bool(plant.map) or not extraction.told.tells(run)
+    has_map = bool(plant.map) or not extraction.told.tells(run.name)
     trajectory, missing = _trajectory(series, start, plant.lockstep)
     last = trajectory.time[-1] if len(trajectory.time) else 0.0
     if not attached.has_parameters and PLANT_ODOM in series:
@@ -216,22 +217,22 @@ def read_run(
         count=len(runs),
         trajectory=trajectory,
         series=series,
-        states=_states(extraction, epoch, start, end, last),
-        grid=_grid(extraction, epoch, end) if has_map else None,
+        states=_states(extraction, run, last),
+        grid=_grid(extraction, run) if has_map else None,
         statuses=tuple(
             ((stamp - start) / SECOND_NS, status)
-            for each, stamp, status in extraction.statuses
-            if each == epoch and start <= stamp < end
+            for epoch, stamp, status in extraction.statuses
+            if run.has(epoch, stamp)
         ),
         pages=tuple(
             ((stamp - start) / SECOND_NS, page)
-            for each, stamp, page in extraction.pages
-            if each == epoch and start <= stamp < end
+            for epoch, stamp, page in extraction.pages
+            if run.has(epoch, stamp)
         ),
         tones=tuple(
             ((stamp - start) / SECOND_NS, tone)
-            for each, stamp, tone in extraction.tones
-            if each == epoch and start <= stamp < end
+            for epoch, stamp, tone in extraction.tones
+            if run.has(epoch, stamp)
         ),
         traffic=tuple(extraction.traffic.values()),
         attached=attached,
@@ -243,12 +244,12 @@ def read_run(
     )
 
 
-def _series(extraction: Extraction, epoch: int, start: int, end: int) -> dict[Topic, Series]:
+def _series(extraction: Extraction, run: RecordedRun) -> dict[Topic, Series]:
     """Return what a run has of each topic; those of equal stamps have these arrays in common."""
     found: dict[Topic, Series] = {}
     for topic in TICKED:
-        stamps, values = extraction.columns[topic].epoch(epoch)
-        first, last = np.searchsorted(stamps, [start, end])
+        stamps, values = extraction.columns[topic].epoch(run.epoch)
+        first, last = np.searchsorted(stamps, [run.start_ns, run.end_ns])
         if first == last:
             continue
         stamps = stamps[first:last]
@@ -258,7 +259,7 @@ def _series(extraction: Extraction, epoch: int, start: int, end: int) -> dict[To
                 break
         else:
             # As the log of a run without recording reckons it, for the same numbers.
-            time = seconds(stamps) - start * 1e-9
+            time = seconds(stamps) - run.start_ns * 1e-9
         found[topic] = Series(stamps, time, values[first:last])
     return found
 
@@ -294,13 +295,11 @@ def _trajectory(
     return Trajectory(seconds(stamps) - start * 1e-9, position, psi, duties), max(0, missing)
 
 
-def _states(
-    extraction: Extraction, epoch: int, start: int, end: int, last: float
-) -> tuple[Interval, ...]:
+def _states(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Interval, ...]:
     changes = [
-        ((stamp - start) / SECOND_NS, state)
-        for each, stamp, state in extraction.states
-        if each == epoch and start <= stamp < end
+        ((stamp - run.start_ns) / SECOND_NS, state)
+        for epoch, stamp, state in extraction.states
+        if run.has(epoch, stamp)
     ]
     ends = [time for time, _ in changes[1:]] + [float(last) + TICK_NS / SECOND_NS]
     return tuple(
@@ -310,10 +309,12 @@ def _states(
     )
 
 
-def _grid(extraction: Extraction, epoch: int, end: int) -> OccupancyGrid | None:
+def _grid(extraction: Extraction, run: RecordedRun) -> OccupancyGrid | None:
     """Return the map that was published last before a run has ended."""
     published = [
-        message for each, stamp, message in extraction.maps if (each, stamp) < (epoch, end)
+        message
+        for epoch, stamp, message in extraction.maps
+        if (epoch, stamp) < (run.epoch, run.end_ns)
     ]
     if not published:
         return None

@@ -16,12 +16,8 @@ from rich.text import Text
 
 from ballbot_ros.analysis.divergence import Divergence
 from ballbot_ros.analysis.message_comparison import Comparison, Difference
-from ballbot_ros.analysis.recorded_run import (
-    RecordedRun,
-    has_begun,
-    recorded_runs,
-    recorded_topics,
-)
+from ballbot_ros.analysis.recorded_inputs import RunInputs, read_inputs
+from ballbot_ros.analysis.recorded_runs import RecordedRun, RobotRecording
 from ballbot_ros.analysis.replay import (
     ALL_TOPICS,
     CONTROLLER_TOPICS,
@@ -93,13 +89,14 @@ def replay_recording(
         attached = _attached_parameters(reader, Path(scratch))
         if attached is None and not _tells_participants(reader):
             raise RecordingError(_nothing_to_replay_by(path))
-        runs, told = recorded_runs(reader)
+        recorded = read_inputs(reader)
+        recording, told = recorded.recording, recorded.told
         begun = [
-            _Job(run, _parameters(reader, run, told, attached, Path(scratch)))
-            for run in runs
-            if run.ticks or has_begun(reader, run)
+            _Job(inputs, _parameters(reader, inputs.run, told, attached, Path(scratch)))
+            for inputs in recorded.runs
+            if inputs.ticks or recorded.has_begun(inputs.run)
         ]
-        jobs = [job for job in begun if job.run.ticks]
+        jobs = [job for job in begun if job.inputs.ticks]
         if not jobs:
             raise RecordingError(f'{path}: no tick in it has a duty: nothing to replay')
         if controller:
@@ -119,12 +116,12 @@ def replay_recording(
                 replace(each, replayed=_implementation(job.parameters))
                 for each, job in zip(controllers, jobs, strict=True)
             ]
-            divergences = [_ask(reader, job) for job in jobs]
+            divergences = [_ask(recording, job) for job in jobs]
             (_print_divergences_json if as_json else _print_divergences)(divergences, controllers)
             return 0
         outcomes = [
-            _replay(reader, jobs, 'controller', CONTROLLER_TOPICS),
-            _replay(reader, begun, 'robot', ALL_TOPICS),
+            _replay(recording, jobs, 'controller', CONTROLLER_TOPICS),
+            _replay(recording, begun, 'robot', ALL_TOPICS),
         ]
         (_print_json if as_json else print_outcomes)(outcomes, controllers)
         if reader.damage:
@@ -137,14 +134,14 @@ def replay_recording(
 class _Job(NamedTuple):
     """A run, and the parameters it had."""
 
-    run: RecordedRun
+    inputs: RunInputs
     parameters: ParameterSet
 
 
 def _choose(job: _Job, told: ToldParameters, asked: str | None) -> ReplayedController:
     """Choose what a run is replayed with, and enter it among the run's parameters."""
     attached = _implementation(job.parameters)
-    chosen = choose_controller(told.controller(job.run.name), attached, asked, missing_for)
+    chosen = choose_controller(told.controller(job.inputs.run.name), attached, asked, missing_for)
     job.parameters.set(CONTROLLER, 'implementation', chosen.replayed)
     return chosen
 
@@ -201,46 +198,50 @@ def _parameters(
 
 
 def _replay(
-    reader: RecordingReader,
+    recording: RobotRecording,
     jobs: Sequence[_Job],
     what: str,
     topics: Sequence[Topic],
 ) -> Outcome:
     """Run the controller or the robot again, run by run, and compare the given topics."""
-    recorded = recorded_topics(reader).values()
+    recorded = recording.topics.by_name.values()
     comparison = Comparison([topic for topic in topics if topic in recorded])
     ticks = 0
-    with Progress(what, sum(job.run.ticks for job in jobs) * TICK_NS / SECOND_NS) as progress:
-        for run, parameters in jobs:
+    with Progress(what, sum(job.inputs.ticks for job in jobs) * TICK_NS / SECOND_NS) as progress:
+        for inputs, parameters in jobs:
             replayed: Iterator[Any]
             if what == 'controller':
-                replayed = replay_controller(reader, run, _program(parameters), comparison)
+                replayed = replay_controller(recording, inputs, _program(parameters), comparison)
             else:
-                replayed = replay_run(reader, run, parameters, comparison)
+                replayed = replay_run(recording, inputs, parameters, comparison)
             for _ in replayed:
                 ticks += 1
                 progress.update(ticks * TICK_NS / SECOND_NS)
-    last = jobs[-1].run
-    compare_events(reader, max(last.start_ns, last.last_ns), comparison)
-    difference = comparison.first_difference(complete=reader.complete)
+    compare_events(recording, [job.inputs for job in jobs], comparison)
+    difference = comparison.first_difference(complete=recording.reader.complete)
     outcome = Outcome(what, ticks, comparison.compared, difference)
     if difference and what == 'robot':
         # Of a run that has ended before, the last one that had begun.
-        job = next(job for job in reversed(jobs) if job.run.start_ns <= difference.stamp_ns)
-        outcome.around = _around(reader, job, difference.stamp_ns)
+        job = next(job for job in reversed(jobs) if _has_begun_before(job, difference))
+        outcome.around = _around(recording, job, difference.stamp_ns)
     return outcome
+
+
+def _has_begun_before(job: _Job, difference: Difference) -> bool:
+    run = job.inputs.run
+    return (run.epoch, run.start_ns) <= (difference.epoch, difference.stamp_ns)
 
 
 def _program(parameters: ParameterSet) -> Program:
     return program_maker(parameters.of(ControllerParameters))()
 
 
-def _around(reader: RecordingReader, job: _Job, stamp_ns: int) -> list[ReplayedTick]:
+def _around(recording: RobotRecording, job: _Job, stamp_ns: int) -> list[ReplayedTick]:
     """Return the recorded inputs about a tick, and what the controller makes of them."""
     reach = AROUND_TICKS * TICK_NS
     nothing = Comparison(())
     found = []
-    for tick in replay_controller(reader, job.run, _program(job.parameters), nothing):
+    for tick in replay_controller(recording, job.inputs, _program(job.parameters), nothing):
         if tick.stamp_ns > stamp_ns + reach:
             break
         if tick.stamp_ns >= stamp_ns - reach:
@@ -248,17 +249,17 @@ def _around(reader: RecordingReader, job: _Job, stamp_ns: int) -> list[ReplayedT
     return found
 
 
-def _ask(reader: RecordingReader, job: _Job) -> Divergence:
+def _ask(recording: RobotRecording, job: _Job) -> Divergence:
     """Compare another controller's duties with the recorded ones."""
-    run, parameters = job
-    duties = run.duties
+    inputs, parameters = job
+    duties = inputs.duties
     divergence = Divergence()
-    with Progress('controller', run.ticks * TICK_NS / SECOND_NS) as progress:
+    with Progress('controller', inputs.ticks * TICK_NS / SECOND_NS) as progress:
         nothing = Comparison(())
-        for tick in replay_controller(reader, run, _program(parameters), nothing):
+        for tick in replay_controller(recording, inputs, _program(parameters), nothing):
             if tick.stamp_ns in duties:
                 divergence.add(tick.stamp_ns, duties[tick.stamp_ns], tick.outputs.duty)
-            progress.update((tick.stamp_ns - run.start_ns) / SECOND_NS)
+            progress.update((tick.stamp_ns - inputs.run.start_ns) / SECOND_NS)
     return divergence
 
 

@@ -259,6 +259,61 @@ def test_a_run_of_which_nobody_has_answered_a_tick_is_no_difference(
     assert [each['runs'] for each in json.loads(done.stdout)] == [1, 1]
 
 
+@pytest.fixture
+def two_plants(push, tmp_path):
+    """The runs of two plants, as a leftover recorder writes them: both begin at 1 s.
+
+    The first one is stopped early; `change` takes number of the plant, topic, stamp and data of
+    each message, and returns the data.
+    """
+
+    def write(change=lambda plant, topic, stamp, data: data):
+        path = tmp_path / 'two_plants.mcap'
+        with RecordingReader(push) as reader, RecordingWriter(path) as writer:
+            for name, file in reader.attachments().items():
+                writer.add_attachment(name, file.media_type, file.data)
+            topics = {
+                name: writer.add_topic(name, each.type_name)
+                for name, each in reader.topics().items()
+            }
+            for plant, end_ns in enumerate((3_000_000_000, 5_000_000_000), 1):
+                for raw in reader.raw_messages():
+                    data = raw.data
+                    if raw.topic == '/plant/run':
+                        run = new_message('std_msgs/msg/Header')
+                        fill_header(run, raw.stamp_ns, f'1 plant{plant}')
+                        data = encoder('std_msgs/msg/Header')(run)
+                    if raw.stamp_ns < end_ns:
+                        data = change(plant, raw.topic, raw.stamp_ns, data)
+                        writer.write(topics[raw.topic], raw.stamp_ns, data, raw.sequence)
+        return path
+
+    return write
+
+
+def test_the_runs_of_two_plants_in_one_file_are_both_replayed(two_plants, replay):
+    done = replay(two_plants(), '--json')
+    assert done.returncode == 0, done.stdout + done.stderr
+    for each in json.loads(done.stdout):
+        assert each['identical']
+        assert each['runs'] == 2
+        assert each['ticks'] == 500 + 1000
+
+
+def test_a_difference_in_the_first_of_two_plants_is_told_with_the_inputs_around_it(
+    two_plants, replay
+):
+    def change(plant, topic, stamp, data):
+        if (plant, topic, stamp) == (1, '/motor_duty', 2_404_000_000):
+            return data[:-20] + bytes([data[-20] ^ 1]) + data[-19:]
+        return data
+
+    done = replay(two_plants(change))
+    assert done.returncode == 1
+    assert done.stdout.count('differs first at sim time 2.404 s, /motor_duty') == 2
+    assert done.stdout.count('2.404 s') == 3
+
+
 def test_another_parameter_asks_what_would_have_been(push, replay):
     same = json.loads(replay(push, '--set=controller.dst_thr=20', '--json').stdout)
     assert [each['differing'] for each in same] == [0]

@@ -1,0 +1,199 @@
+"""What came from outside in each run of a recording, so that the run can be made again."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import groupby
+from operator import attrgetter
+from typing import Any
+
+from ballbot_ros.analysis.recorded_runs import (
+    RecordedRun,
+    RobotRecording,
+    RunFinder,
+    placed_messages,
+    robot_topics,
+)
+from ballbot_ros.analysis.told_parameters import ToldParameters
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.messages.conversions import push_forces, stamp_ns, stick_values
+from ballbot_ros.messages.inputs import INPUTS
+from ballbot_ros.messages.motor_stop import is_stop
+from ballbot_ros.messages.topics import (
+    ACCEPTED_PUSH,
+    CLOCK,
+    GAMEPAD_JOY,
+    MOTOR_DUTY,
+    PARTICIPANTS,
+    RUN,
+    RUN_STATUS,
+    Topic,
+)
+from ballbot_ros.plant.truth import Push
+from ballbot_ros.recording.batch import RawMessage
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.simulation.timing import TICK_NS
+
+_DECODED = {RUN, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY, *INPUTS}
+
+
+@dataclass(frozen=True)
+class RunInputs:
+    """A recorded run, and what it depends on next to its parameters.
+
+    Attributes
+    ----------
+    run : RecordedRun
+    last_ns : int
+        Sim time of its last tick that has a duty [ns]; before its start if none has.
+    sticks : mapping of int to tuple of int
+        The gamepad's sticks by stamp [ns].
+    sources : mapping of int to str
+        Who was in command, by stamp [ns].
+    duties : mapping of int to tuple of int
+        The duties [%] by stamp [ns].
+    pushes : sequence of Push
+        The pushes that acted, from the scenario or from outside.
+    """
+
+    run: RecordedRun
+    last_ns: int
+    sticks: Mapping[int, tuple[int, int]]
+    sources: Mapping[int, str]
+    duties: Mapping[int, tuple[int, int]]
+    pushes: Sequence[Push]
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks that have a duty."""
+        return max(0, (self.last_ns - self.run.start_ns) // TICK_NS + 1)
+
+    def sticks_at(self, time: float) -> tuple[int, int]:
+        """Return the sticks at `time` [s] from the start of the run."""
+        return self.sticks.get(self.run.start_ns + round(time * 1e9), (0, 0))
+
+    def pushes_from(self, start_ns: int) -> Sequence[Push]:
+        """Return the pushes of the run."""
+        return self.pushes
+
+
+@dataclass(frozen=True)
+class RecordedInputs:
+    """What a recording holds of its runs, to make them again.
+
+    Attributes
+    ----------
+    recording : RobotRecording
+    runs : tuple of RunInputs
+        In the order of the file.
+    told : ToldParameters
+        What was told of their parameters.
+    """
+
+    recording: RobotRecording
+    runs: tuple[RunInputs, ...]
+    told: ToldParameters
+
+    def has_begun(self, run: RecordedRun) -> bool:
+        """Tell whether the plant has published a tick of a run, if only one not answered."""
+        clocks = self.recording.messages([CLOCK], run.start_ns)
+        stamps = (each.raw.stamp_ns for each in clocks if each.epoch == run.epoch)
+        return next(stamps, None) == run.start_ns
+
+
+@contextmanager
+def taken_from(reader: RecordingReader, what: str, stamp_ns: int) -> Iterator[None]:
+    """Say where in a recording the values stand that cannot be used.
+
+    Raises
+    ------
+    RecordingError
+        If a value is not finite, beyond what a device gives, or missing.
+    """
+    try:
+        yield
+    except (BallbotError, IndexError, OverflowError, ValueError) as error:
+        raise RecordingError(f'{reader.path}: {what} at {stamp_ns} ns: {error}') from None
+
+
+def read_inputs(reader: RecordingReader) -> RecordedInputs:
+    """Read what is needed to make the runs of a recording again.
+
+    Raises
+    ------
+    RecordingError
+        If it is no recording of this robot, its beginning is missing, or a message cannot be used.
+    """
+    topics = robot_topics(reader)
+    for name in topics.mistyped:
+        if topics.by_name[name] in _DECODED:
+            raise RecordingError(f'{reader.path}: {topics.mismatch(name)}')
+    finder, told = RunFinder(reader), ToldParameters()
+    epochs: defaultdict[int, _EpochInputs] = defaultdict(_EpochInputs)
+    wanted = (RUN_STATUS, PARTICIPANTS, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY)
+    for epoch, topic, raw in placed_messages(reader, topics, finder, wanted):
+        if topic in (PARTICIPANTS, RUN_STATUS):
+            told.add(topic, raw.data)
+        elif topic is not MOTOR_DUTY or not is_stop(raw.data):
+            epochs[epoch].add(reader, topic, raw)
+    inputs: list[RunInputs] = []
+    for epoch, runs in groupby(finder.runs(), key=attrgetter('epoch')):
+        inputs += epochs[epoch].of_runs(reader, list(runs))
+    if not inputs:
+        raise _begins_in_mid_run(reader)
+    return RecordedInputs(RobotRecording(reader, topics, finder.epochs), tuple(inputs), told)
+
+
+def _begins_in_mid_run(reader: RecordingReader) -> RecordingError:
+    return RecordingError(f'{reader.path}: begins in mid-run')
+
+
+@dataclass
+class _EpochInputs:
+    """What came from outside in an epoch of the file, by stamp [ns]."""
+
+    sticks: dict[int, tuple[int, int]] = field(default_factory=dict)
+    sources: dict[int, str] = field(default_factory=dict)
+    duties: dict[int, tuple[int, int]] = field(default_factory=dict)
+    begun: dict[str, Any] = field(default_factory=dict)
+    pushes: list[Push] = field(default_factory=list)
+
+    def add(self, reader: RecordingReader, topic: Topic, raw: RawMessage) -> None:
+        message = reader.decode(raw)
+        if topic is GAMEPAD_JOY:
+            with taken_from(reader, raw.topic, raw.stamp_ns):
+                self.sticks[stamp_ns(message)] = stick_values(message)
+            self.sources[stamp_ns(message)] = message.header.frame_id
+        elif topic is MOTOR_DUTY:
+            with taken_from(reader, raw.topic, raw.stamp_ns):
+                self.duties[stamp_ns(message)] = int(message.vector.x), int(message.vector.y)
+        elif start := self.begun.pop(message.header.frame_id, None):
+            self.pushes.append(Push(stamp_ns(start), stamp_ns(message), *push_forces(start)))
+        else:
+            self.begun[message.header.frame_id] = message
+
+    def of_runs(self, reader: RecordingReader, runs: Sequence[RecordedRun]) -> list[RunInputs]:
+        """Return the inputs of each run of the epoch.
+
+        Several topics come in no fixed order, so what belongs to which run follows from the
+        stamps.
+        """
+        starts = [run.start_ns for run in runs]
+        if not runs[0].is_announced or min(self.duties, default=starts[0]) < starts[0]:
+            raise _begins_in_mid_run(reader)
+        last = [start - TICK_NS for start in starts]
+        for stamp in self.duties:
+            number = bisect_right(starts, stamp) - 1
+            last[number] = max(last[number], stamp)
+        pushes: list[list[Push]] = [[] for _ in runs]
+        for push in self.pushes:
+            pushes[bisect_right(starts, push.start_ns) - 1].append(push)
+        return [
+            RunInputs(run, last_ns, self.sticks, self.sources, self.duties, acted)
+            for run, last_ns, acted in zip(runs, last, pushes, strict=True)
+        ]

@@ -1,0 +1,421 @@
+"""Which robot a recording is of, and which runs it holds, in the order of the file.
+
+Time may go back within a file: the runs of each plant begin at 1 s, and a recorder that is left
+over from one plant records the next one's runs into the same file. A stretch of the file in which
+time does not go back is an *epoch*; a stamp tells a tick only within its epoch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.messages.conversions import time_ns
+from ballbot_ros.messages.motor_stop import are_stops
+from ballbot_ros.messages.topics import HISTORY, MOTOR_DUTY, RUN, TOPICS, Topic
+from ballbot_ros.parameters import PLANT
+from ballbot_ros.recording.batch import Batch, RawMessage, Rows
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.simulation.recording_gate import MOST_AHEAD_NS
+
+END_OF_TIME_NS = 2**63 - 1
+
+ROBOT_MARKS = (
+    MOTOR_DUTY,
+    *(topic for topic in TOPICS if topic.name.startswith(('plant/', 'controller/'))),
+)
+"""The topics that tell a robot's namespace: their names are nobody else's, and none ends like
+another one."""
+
+
+@dataclass(frozen=True)
+class RobotTopics:
+    """The robot's topics in a recording.
+
+    Attributes
+    ----------
+    namespace : str
+        Such as ``/robot``; '' where there is no namespace.
+    by_name : mapping of str to Topic
+        Those that the file has, by the names that they have there.
+    mistyped : mapping of str to str
+        Which of them are of another type than the robot's, and of which.
+    """
+
+    namespace: str
+    by_name: Mapping[str, Topic]
+    mistyped: Mapping[str, str]
+
+    @property
+    def usable(self) -> dict[str, Topic]:
+        """Those of the robot's types, by name."""
+        return {n: topic for n, topic in self.by_name.items() if n not in self.mistyped}
+
+    def mismatch(self, name: str) -> str:
+        """Say what is wrong with the type of one that is mistyped."""
+        return f'{name} is {self.mistyped[name]}, not {self.by_name[name].type_name}'
+
+
+def robot_topics(reader: RecordingReader) -> RobotTopics:
+    """Find the robot's topics in a recording, whatever namespace its nodes ran in.
+
+    Raises
+    ------
+    RecordingError
+        If it is no recording of this robot, or one of several robots.
+    """
+    # Where there are duties, what else is called plant/… may be a stranger's.
+    namespace = robot_namespace(reader, [MOTOR_DUTY])
+    if namespace is None:
+        namespace = robot_namespace(reader, ROBOT_MARKS)
+    if namespace is None:
+        raise RecordingError(
+            f'{reader.path}: no recording of a ballbot: it has none of '
+            f'{", ".join(mark.resolved() for mark in ROBOT_MARKS)}'
+        )
+    ours = {topic.resolved(namespace): topic for topic in TOPICS}
+    types = {name: each.type_name for name, each in reader.topics().items() if name in ours}
+    return RobotTopics(
+        namespace,
+        {name: ours[name] for name in types},
+        {name: found for name, found in types.items() if found != ours[name].type_name},
+    )
+
+
+def robot_namespace(reader: RecordingReader, marks: Iterable[Topic]) -> str | None:
+    """Return the namespace in which a recording has one of the topics `marks`.
+
+    Returns
+    -------
+    str or None
+        Such as ``/robot``, or '' where there is no namespace; None if it has none of the topics.
+
+    Raises
+    ------
+    RecordingError
+        If it has them in several namespaces.
+    """
+    endings = [f'/{mark.name}' for mark in marks]
+    spaces = {
+        name.removesuffix(ending)
+        for name in reader.topics()
+        for ending in endings
+        if name.endswith(ending)
+    }
+    if len(spaces) > 1:
+        names = ', '.join(sorted(space or '/' for space in spaces))
+        raise RecordingError(f'{reader.path}: several robots: {names}; take one of them out')
+    return next(iter(spaces), None)
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """A run of a recording.
+
+    Attributes
+    ----------
+    epoch : int
+        The epoch of the file in which it is, from 0 on.
+    name : str
+        As ``plant/run`` has it; '' where the file does not tell.
+    start_ns : int
+        Sim time of its first tick [ns].
+    end_ns : int
+        Sim time at which the next run of the epoch begins [ns], :data:`END_OF_TIME_NS` where none
+        does.
+    is_announced : bool
+        Whether ``plant/run`` tells of it. If not, it begins with the first sample of its epoch.
+    """
+
+    epoch: int
+    name: str
+    start_ns: int
+    end_ns: int = END_OF_TIME_NS
+    is_announced: bool = True
+
+    def has(self, epoch: int, stamp_ns: int) -> bool:
+        """Tell whether a stamp of an epoch [ns] is of this run."""
+        return epoch == self.epoch and self.start_ns <= stamp_ns < self.end_ns
+
+
+def samples_in(batch: Batch, rows: Mapping[Topic, Rows]) -> dict[Topic, Rows]:
+    """Return which rows of each topic are samples.
+
+    Samples are the messages of a periodic topic; a ``motor_duty`` that answers no tick is none.
+
+    Parameters
+    ----------
+    batch : Batch
+    rows : mapping of Topic to ndarray
+        The rows of the batch by topic.
+    """
+    samples = {}
+    for topic, places in rows.items():
+        if topic is MOTOR_DUTY:
+            places = places[~are_stops(batch, places)]
+        if topic.period_ns and len(places):
+            samples[topic] = places
+    return samples
+
+
+class Placement(NamedTuple):
+    """Where the messages of a batch belong.
+
+    Attributes
+    ----------
+    epochs : ndarray of int, shape (n,)
+        The epoch of each message.
+    is_new : ndarray of bool, shape (n,)
+        Of samples, whether they are newer than all of their topic before in their epoch.
+    """
+
+    epochs: NDArray[np.intp]
+    is_new: NDArray[np.bool_]
+
+
+class PlacedMessage(NamedTuple):
+    """A recorded message, its topic, and its epoch of the file."""
+
+    epoch: int
+    topic: Topic
+    raw: RawMessage
+
+
+@dataclass
+class _Epoch:
+    """The runs announced in an epoch, start [ns] and name, and the span of its samples [ns]."""
+
+    names: dict[int, str] = field(default_factory=dict)
+    oldest_ns: int = END_OF_TIME_NS
+    newest_ns: int = -1
+
+    def note(self, oldest_ns: int, newest_ns: int) -> None:
+        self.oldest_ns = min(self.oldest_ns, oldest_ns)
+        self.newest_ns = max(self.newest_ns, newest_ns)
+
+
+class _Newest(NamedTuple):
+    """The newest sample of a topic: its epoch and stamp [ns]."""
+
+    epoch: int
+    stamp_ns: int
+
+
+def _by_row(rows: Mapping[Topic, Rows]) -> dict[int, Topic]:
+    return {row: topic for topic, places in rows.items() for row in places.tolist()}
+
+
+class RunFinder:
+    """Finds the runs of a recording, from its messages in the order of the file.
+
+    The topics of a file are in no fixed order to each other, so each is followed by itself. The
+    one whose time goes back first begins the next epoch, and the others follow. Other messages are
+    of the epoch in which they stand; what a plant tells after it has announced a run of the next
+    epoch, before its first sample, is of that one.
+
+    Parameters
+    ----------
+    reader : RecordingReader
+        What decodes ``plant/run``.
+    """
+
+    def __init__(self, reader: RecordingReader) -> None:
+        self._reader = reader
+        self._epochs = [_Epoch()]
+        self._next: dict[int, str] = {}  # what is announced of the next epoch
+        self._newest: dict[Topic, _Newest] = {}
+
+    @property
+    def epochs(self) -> int:
+        """The number of epochs so far, at least 1."""
+        return len(self._epochs)
+
+    def runs(self) -> tuple[RecordedRun, ...]:
+        """Return the runs found so far, in the order of the file."""
+        runs = []
+        for number, epoch in enumerate(self._epochs):
+            starts = sorted(epoch.names)
+            runs += [
+                RecordedRun(number, epoch.names[start], start, end)
+                for start, end in zip(starts, [*starts[1:], END_OF_TIME_NS], strict=False)
+            ]
+            if not starts and epoch.newest_ns >= 0:
+                runs.append(RecordedRun(number, '', epoch.oldest_ns, is_announced=False))
+        return tuple(runs)
+
+    def take(
+        self,
+        batch: Batch,
+        rows: Mapping[Topic, Rows],
+        samples: Mapping[Topic, Rows],
+        stamps: NDArray[np.int64],
+    ) -> Placement:
+        """Take the next messages of the file.
+
+        Parameters
+        ----------
+        batch : Batch
+        rows : mapping of Topic to ndarray
+            The rows of the batch by topic.
+        samples : mapping of Topic to ndarray
+            Which of them are samples, as :func:`samples_in` tells.
+        stamps : ndarray, shape (n,)
+            The stamps of the samples [ns], and the log times of all other messages.
+
+        Raises
+        ------
+        RecordingError
+            If a message of ``plant/run`` cannot be decoded.
+        """
+        if RUN in rows or self._next or not self._go_on(samples, stamps):
+            return self._take_each(batch, rows, samples, stamps)
+        are_new = self._take_all(samples, stamps)
+        return Placement(np.full(len(batch), self.epochs - 1), are_new)
+
+    def _go_on(self, samples: Mapping[Topic, Rows], stamps: NDArray[np.int64]) -> bool:
+        """Tell whether no sample is older than one before it."""
+        for topic, rows in samples.items():
+            epoch, newest_ns = self._newest.get(topic, (self.epochs - 1, -1))
+            if epoch != self.epochs - 1 or (np.diff(stamps[rows], prepend=newest_ns) < 0).any():
+                return False
+        return True
+
+    def _take_all(
+        self, samples: Mapping[Topic, Rows], stamps: NDArray[np.int64]
+    ) -> NDArray[np.bool_]:
+        """Take messages of the epoch that there is; return which are new."""
+        are_new = np.zeros(len(stamps), np.bool_)
+        for topic, rows in samples.items():
+            newest_ns = self._newest[topic].stamp_ns if topic in self._newest else -1
+            are_new[rows] = np.diff(stamps[rows], prepend=newest_ns) > 0
+            first, last = stamps[rows[[0, -1]]].tolist()
+            self._newest[topic] = _Newest(self.epochs - 1, last)
+            self._epochs[-1].note(first, last)
+        return are_new
+
+    def _take_each(
+        self,
+        batch: Batch,
+        rows: Mapping[Topic, Rows],
+        samples: Mapping[Topic, Rows],
+        stamps: NDArray[np.int64],
+    ) -> Placement:
+        """Take messages one by one."""
+        topics, sampled = _by_row(rows), _by_row(samples)
+        epochs, are_new = np.empty(len(batch), np.intp), np.zeros(len(batch), np.bool_)
+        for row, stamp_ns in enumerate(stamps.tolist()):
+            if row in sampled:
+                epochs[row], are_new[row] = self._take_sample(sampled[row], stamp_ns)
+                continue
+            topic = topics.get(row)
+            if topic is RUN:
+                message = self._reader.decode(batch.message(row))
+                self._announce(time_ns(message.stamp), message.frame_id)
+            epochs[row] = self.epochs - 1
+            if self._next and topic and topic.publisher == PLANT:
+                epochs[row] += 1  # of the plant that has announced its run
+        return Placement(epochs, are_new)
+
+    def _announce(self, start_ns: int, name: str) -> None:
+        epoch = self._epochs[-1]
+        rises = start_ns > max(epoch.names, default=-1)
+        if rises and (not self._next or start_ns > epoch.newest_ns):
+            epoch.names[start_ns] = name
+        else:
+            self._next[start_ns] = name
+
+    def _take_sample(self, topic: Topic, stamp_ns: int) -> tuple[int, bool]:
+        """Return the epoch of a sample, and whether it is newer than those before."""
+        epoch, newest_ns = self._newest.get(topic, (self.epochs - 1, -1))
+        if epoch == self.epochs - 1:
+            if self._begins(topic, stamp_ns, newest_ns):
+                self._epochs.append(_Epoch(self._next))
+                self._next = {}
+        elif stamp_ns > max(newest_ns, self._epochs[-1].newest_ns + MOST_AHEAD_NS):
+            # It is left of the epoch before.
+            self._newest[topic] = _Newest(epoch, stamp_ns)
+            return epoch, True
+        if epoch != self.epochs - 1:
+            epoch, newest_ns = self.epochs - 1, -1
+        if stamp_ns <= newest_ns:
+            return epoch, False
+        if topic.publisher == PLANT and self._next.items() <= self._epochs[-1].names.items():
+            self._next = {}  # the same run was announced again, and goes on
+        self._newest[topic] = _Newest(epoch, stamp_ns)
+        self._epochs[-1].note(stamp_ns, stamp_ns)
+        return epoch, True
+
+    def _begins(self, topic: Topic, stamp_ns: int, newest_ns: int) -> bool:
+        """Tell whether a sample begins another epoch, and was not just sent again or late."""
+        if stamp_ns in self._next:
+            return True
+        is_far_back = stamp_ns < newest_ns - HISTORY * topic.period_ns
+        return is_far_back or self._epochs[-1].oldest_ns >= stamp_ns < newest_ns
+
+
+def placed_messages(
+    reader: RecordingReader, topics: RobotTopics, finder: RunFinder, wanted: Collection[Topic]
+) -> Iterator[PlacedMessage]:
+    """Iterate over the messages of some topics in the order of the file.
+
+    Parameters
+    ----------
+    reader : RecordingReader
+    topics : RobotTopics
+    finder : RunFinder
+        What is given all that it needs of the file, too.
+    wanted : collection of Topic
+    """
+    read = [n for n, topic in topics.by_name.items() if topic in (*wanted, RUN) or topic.period_ns]
+    usable = topics.usable
+    for batch in reader.batches(read):
+        rows = batch.rows()
+        ours = {usable[name]: places for name, places in rows.items() if name in usable}
+        epochs = finder.take(batch, ours, samples_in(batch, ours), batch.log_ns).epochs
+        is_wanted = np.zeros(len(batch), np.bool_)
+        for name, places in rows.items():
+            is_wanted[places] = topics.by_name[name] in wanted
+        messages = batch.chosen(is_wanted).messages()
+        for epoch, raw in zip(epochs[is_wanted].tolist(), messages, strict=True):
+            yield PlacedMessage(epoch, topics.by_name[raw.topic], raw)
+
+
+@dataclass(frozen=True)
+class RobotRecording:
+    """A recording of the robot, whose runs are known.
+
+    Attributes
+    ----------
+    reader : RecordingReader
+    topics : RobotTopics
+    epochs : int
+        How many epochs the file has, at least 1.
+    """
+
+    reader: RecordingReader
+    topics: RobotTopics
+    epochs: int
+
+    def messages(self, wanted: Collection[Topic], start_ns: int = 0) -> Iterator[PlacedMessage]:
+        """Iterate over the messages of some topics in the order of the file.
+
+        Parameters
+        ----------
+        wanted : collection of Topic
+        start_ns : int
+            The log time [ns] from which on they are wanted.
+        """
+        if self.epochs == 1:
+            names = {name: topic for name, topic in self.topics.by_name.items() if topic in wanted}
+            for raw in self.reader.raw_messages(names, start_ns):
+                yield PlacedMessage(0, names[raw.topic], raw)
+            return
+        finder = RunFinder(self.reader)
+        for each in placed_messages(self.reader, self.topics, finder, wanted):
+            if each.raw.stamp_ns >= start_ns:
+                yield each
