@@ -9,8 +9,9 @@ from golden_runs import WITHOUT_FMA
 from graph import Run, free_domain
 
 from ballbot_ros.analysis.message_comparison import Difference
+from ballbot_ros.analysis.recording_replay import ReplayResult
 from ballbot_ros.analysis.replayed_controller import ReplayedController
-from ballbot_ros.cli.replay import Outcome, print_outcomes, replay_recording
+from ballbot_ros.cli.replay import print_results, replay_recording
 from ballbot_ros.messages.conversions import fill_duty, fill_header, fill_time
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
@@ -196,7 +197,7 @@ def push_by(push, tmp_path):
 @pytest.mark.parametrize('missing', ['', 'gcc is not there: install the Debian package gcc'])
 def test_what_made_the_recording_replays_it_or_is_told(push_by, monkeypatch, capsys, missing):
     path = push_by('c')
-    monkeypatch.setattr('ballbot_ros.cli.replay.missing_for', lambda name: missing)
+    monkeypatch.setattr('ballbot_ros.analysis.recording_replay.missing_for', lambda name: missing)
     assert replay_recording(path, controller=None, assignments=[], as_json=True) == 0
     out, err = capsys.readouterr()
     for each in json.loads(out):
@@ -220,8 +221,8 @@ def test_the_controller_that_is_asked_for_replays_it(push_by, capsys):
 
 def test_recorded_text_is_shown_as_it_is(capsys):
     told = "data: recorded '[/red][bold]', replayed 'remote'"
-    print_outcomes(
-        [Outcome('robot', 1, 1, Difference(0, 'operating_state', told))],
+    print_results(
+        [ReplayResult('robot', 1, 1, Difference(0, 'operating_state', told))],
         [ReplayedController('[bold]', 'python')],
     )
     out = capsys.readouterr().out

@@ -1,0 +1,278 @@
+"""A recording whose runs are made again and compared with what it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import NamedTuple
+
+from ballbot_ros.analysis.divergence import Divergence
+from ballbot_ros.analysis.message_comparison import Comparison, Difference
+from ballbot_ros.analysis.recorded_inputs import RunInputs, read_inputs
+from ballbot_ros.analysis.recorded_runs import RecordedRun
+from ballbot_ros.analysis.replay import (
+    ALL_TOPICS,
+    CONTROLLER_TOPICS,
+    ReplayedTick,
+    compare_events,
+    replay_controller,
+    replay_run,
+)
+from ballbot_ros.analysis.replayed_controller import ReplayedController, choose_controller
+from ballbot_ros.codegen.implementation import missing_for, program_maker, require_implementation
+from ballbot_ros.controller.interface import Program
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.files import write_temporary
+from ballbot_ros.messages.topics import PARTICIPANTS, Topic
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    PLANT,
+    ControllerParameters,
+    ParameterError,
+    ParameterSet,
+    PlantParameters,
+)
+from ballbot_ros.parameters.assignment import assign
+from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.recording.attachments import PARAMETERS
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
+from ballbot_ros.world.library import is_file_name
+
+AROUND_TICKS = 2
+"""Ticks before and after a difference that are shown with it."""
+
+Update = Callable[[float], None]
+"""Takes how much sim time has been made again [s]."""
+
+
+@dataclass(frozen=True)
+class ReplayResult:
+    """What a replay has compared.
+
+    Attributes
+    ----------
+    subject : str
+        ``controller`` or ``robot``: what was run again.
+    ticks, messages : int
+        What was compared.
+    difference : Difference or None
+        The first one.
+    around : sequence of ReplayedTick
+        The ticks around a difference of the robot: recorded inputs, and what the controller makes
+        of them.
+    """
+
+    subject: str
+    ticks: int
+    messages: int
+    difference: Difference | None
+    around: Sequence[ReplayedTick] = ()
+
+
+class _Job(NamedTuple):
+    """A run, and the parameters it had."""
+
+    inputs: RunInputs
+    parameters: ParameterSet
+
+    @property
+    def implementation(self) -> str:
+        return str(self.parameters.of(ControllerParameters).implementation)
+
+    def program(self) -> Program:
+        """Return a new control program."""
+        return program_maker(self.parameters.of(ControllerParameters))()
+
+    def has_begun_before(self, difference: Difference) -> bool:
+        run = self.inputs.run
+        return (run.epoch, run.start_ns) <= (difference.epoch, difference.stamp_ns)
+
+
+class RecordingReplay:
+    """Makes the runs of a recording again.
+
+    Parameters
+    ----------
+    reader : RecordingReader
+    scratch : Path
+        Folder for what is attached to the recording.
+    controller : str or None
+        Implementation of the controller; None for the one that made the recording.
+
+    Attributes
+    ----------
+    controllers : list of ReplayedController
+        Of each run that has a tick with a duty.
+    duration : float
+        Sim time of these runs [s].
+
+    Raises
+    ------
+    RecordingError
+        If there is nothing to replay, or nothing to replay it by.
+    """
+
+    def __init__(
+        self, reader: RecordingReader, scratch: Path, controller: str | None = None
+    ) -> None:
+        attached = _attached_parameters(reader, scratch)
+        if attached is None and not _tells_participants(reader):
+            raise RecordingError(_nothing_to_replay_by(reader.path))
+        recorded = read_inputs(reader)
+        self._recording, self._told = recorded.recording, recorded.told
+        self._begun = [
+            _Job(inputs, self._parameters(inputs.run, attached, scratch))
+            for inputs in recorded.runs
+            if inputs.ticks or recorded.has_begun(inputs.run)
+        ]
+        self._jobs = [job for job in self._begun if job.inputs.ticks]
+        if not self._jobs:
+            raise RecordingError(f'{reader.path}: no tick in it has a duty: nothing to replay')
+        if controller:
+            require_implementation(controller)
+        self.controllers = [self._choose(job, controller) for job in self._jobs]
+        self.duration = sum(job.inputs.ticks for job in self._jobs) * TICK_NS / SECOND_NS
+
+    def _parameters(
+        self, run: RecordedRun, attached: ParameterSet | None, scratch: Path
+    ) -> ParameterSet:
+        """Return the parameters of a run; its map is in the scratch folder."""
+        reader = self._recording.reader
+        if attached is None and not self._told.tells(run.name):
+            raise RecordingError(_nothing_to_replay_by(reader.path))
+        files = reader.attachments()
+        parameters = self._told.of(run.name, attached or ParameterSet(), files)
+        name = parameters.of(PlantParameters).map
+        if is_file_name(name):
+            if name not in files:
+                raise RecordingError(f'{reader.path}: the map {name!r} is not attached')
+            image = scratch / f'map{Path(name).suffix}'
+            write_temporary(image, files[name].data)
+            parameters.set(PLANT, 'map', str(image))
+        return parameters
+
+    def _choose(self, job: _Job, asked: str | None) -> ReplayedController:
+        """Choose the controller of a run, and enter it among the run's parameters."""
+        participant = self._told.controller(job.inputs.run.name)
+        chosen = choose_controller(participant, job.implementation, asked, missing_for)
+        job.parameters.set(CONTROLLER, 'implementation', chosen.replayed)
+        return chosen
+
+    def replay_controller(self, update: Update) -> ReplayResult:
+        """Run the controller again on the recorded samples; compare what it publishes."""
+
+        def ticks(job: _Job, comparison: Comparison) -> Iterator[object]:
+            return replay_controller(self._recording, job.inputs, job.program(), comparison)
+
+        return self._compare('controller', self._jobs, CONTROLLER_TOPICS, ticks, update)
+
+    def replay_robot(self, update: Update) -> ReplayResult:
+        """Run the whole robot again; compare every message."""
+
+        def ticks(job: _Job, comparison: Comparison) -> Iterator[object]:
+            return replay_run(self._recording, job.inputs, job.parameters, comparison)
+
+        result = self._compare('robot', self._begun, ALL_TOPICS, ticks, update)
+        if result.difference is None:
+            return result
+        # Of a run that has ended before, the last one that had begun.
+        job = next(j for j in reversed(self._begun) if j.has_begun_before(result.difference))
+        return replace(result, around=self._around(job, result.difference.stamp_ns))
+
+    def ask(self, assignments: Sequence[str], update: Update) -> list[Divergence]:
+        """Compare the duties of another controller with those of each run.
+
+        Parameters
+        ----------
+        assignments : sequence of str
+            Its parameters, as ``controller.param=value``; they hold from now on.
+        update : callable
+
+        Raises
+        ------
+        ParameterError
+            If a parameter is not the controller's, or not allowed.
+        """
+        for assignment in assignments:
+            if not assignment.startswith(f'{CONTROLLER}.'):
+                raise ParameterError(
+                    f'--set {assignment}: of a recorded run only the {CONTROLLER} can be asked'
+                )
+            for job in self._jobs:
+                assign(job.parameters, assignment)
+        self.controllers = [
+            replace(each, replayed=job.implementation)
+            for each, job in zip(self.controllers, self._jobs, strict=True)
+        ]
+        done = 0.0
+        divergences = []
+        for job in self._jobs:
+            divergence = Divergence()
+            for tick in replay_controller(
+                self._recording, job.inputs, job.program(), Comparison(())
+            ):
+                if tick.stamp_ns in job.inputs.duties:
+                    duty = job.inputs.duties[tick.stamp_ns]
+                    divergence.add(tick.stamp_ns, duty, tick.outputs.duty)
+                done += TICK_NS / SECOND_NS
+                update(done)
+            divergences.append(divergence)
+        return divergences
+
+    def _compare(
+        self,
+        subject: str,
+        jobs: Sequence[_Job],
+        topics: Sequence[Topic],
+        replay: Callable[[_Job, Comparison], Iterator[object]],
+        update: Update,
+    ) -> ReplayResult:
+        recorded = self._recording.topics.by_name.values()
+        comparison = Comparison([topic for topic in topics if topic in recorded])
+        ticks = 0
+        for _ in chain.from_iterable(replay(job, comparison) for job in jobs):
+            ticks += 1
+            update(ticks * TICK_NS / SECOND_NS)
+        compare_events(self._recording, [job.inputs for job in jobs], comparison)
+        difference = comparison.first_difference(complete=self._recording.reader.complete)
+        return ReplayResult(subject, ticks, comparison.compared, difference)
+
+    def _around(self, job: _Job, stamp_ns: int) -> list[ReplayedTick]:
+        """Return the recorded inputs around a tick, and what the controller makes of them."""
+        reach = AROUND_TICKS * TICK_NS
+        found = []
+        for tick in replay_controller(self._recording, job.inputs, job.program(), Comparison(())):
+            if tick.stamp_ns > stamp_ns + reach:
+                break
+            if tick.stamp_ns >= stamp_ns - reach:
+                found.append(tick)
+        return found
+
+
+def _nothing_to_replay_by(path: Path) -> str:
+    return (
+        f'{path}: {PARAMETERS} is not attached, and no participant has told its parameters: '
+        'nothing to replay it by'
+    )
+
+
+def _tells_participants(reader: RecordingReader) -> bool:
+    return any(name.endswith(f'/{PARTICIPANTS.name}') for name in reader.topics())
+
+
+def _attached_parameters(reader: RecordingReader, scratch: Path) -> ParameterSet | None:
+    """Return the parameters that are attached, if any are."""
+    attached = reader.attachments()
+    if PARAMETERS not in attached:
+        return None
+    file = scratch / PARAMETERS
+    write_temporary(file, attached[PARAMETERS].data)
+    try:
+        return read_parameter_file(file)
+    except BallbotError as error:
+        text = str(error).replace(str(file), f'{reader.path}: {PARAMETERS}')
+        raise RecordingError(text) from None
