@@ -11,7 +11,7 @@ import numpy as np
 from ballbot_ros.analysis.metrics import HALF_TICK_S, Judgement, judge, measure, number
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
-from ballbot_ros.analysis.verdict import Verdict
+from ballbot_ros.analysis.verdict import ExpectationVerdict, Verdict
 from ballbot_ros.parameters import GyroParameters, PlantParameters
 from ballbot_ros.scenario.metrics import METRICS, Clearance
 from ballbot_ros.world.exports import floor_map_of
@@ -21,10 +21,10 @@ from ballbot_ros.world.world import World
 
 @dataclass(frozen=True)
 class Judged:
-    """An expectation and its verdict: ``met``, ``not met``, or ``not judged`` for want of data."""
+    """An expectation with what was measured, and its verdict."""
 
     judgement: Judgement
-    verdict: str
+    verdict: ExpectationVerdict
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,8 @@ class Assessment:
             'versions': run.attached.versions,
             'metrics': {name: number(value) for name, value in self.metrics.items()},
             'expectations': [
-                {**each.judgement.as_json(), 'verdict': each.verdict} for each in self.expectations
+                {**each.judgement.as_json(), 'verdict': each.verdict.value}
+                for each in self.expectations
             ],
             'topics': [
                 {
@@ -118,28 +119,32 @@ def shown_metrics(assessment: Assessment) -> dict[str, float]:
     }
 
 
-def _verdict(run: RunData, judgement: Judgement) -> str:
+def _verdict(run: RunData, judgement: Judgement) -> ExpectationVerdict:
     expectation, value = judgement.expectation, judgement.value
     to_the_end = run.complete
     within = run.intact and expectation.end < run.end + HALF_TICK_S
     # A robot that never settles is a finding; any other number that is not there is none.
     known = not math.isnan(value) or expectation.metric == 'settling_time_s'
     if not known or not (to_the_end or within):
-        return 'not judged'
-    return 'met' if judgement.holds else 'not met'
+        return ExpectationVerdict.NOT_JUDGED
+    return ExpectationVerdict.MET if judgement.holds else ExpectationVerdict.NOT_MET
 
 
 def _outcome(run: RunData, judged: tuple[Judged, ...]) -> tuple[Verdict, str]:
     if failure := _failure(run):
         return Verdict.FAILED, failure
-    missed = [each.judgement for each in judged if each.verdict == 'not met']
+    missed = [each.judgement for each in judged if each.verdict is ExpectationVerdict.NOT_MET]
     if missed:
         return Verdict.NOT_MET, ', '.join(map(str, missed))
     if not run.complete:
         return Verdict.INCOMPLETE, _lack(run)
     if run.attached.scenario is None:
         return Verdict.NOT_JUDGED, 'no scenario is attached'
-    unknown = [each.judgement.expectation.metric for each in judged if each.verdict != 'met']
+    unknown = [
+        each.judgement.expectation.metric
+        for each in judged
+        if each.verdict is ExpectationVerdict.NOT_JUDGED
+    ]
     if unknown:
         return Verdict.NOT_JUDGED, f'{", ".join(unknown)} cannot be computed from this recording'
     return Verdict.PASSED, ''

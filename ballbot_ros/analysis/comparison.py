@@ -33,6 +33,7 @@ from ballbot_ros.analysis.style import (
     tidy,
 )
 from ballbot_ros.analysis.table import Table, csv_text
+from ballbot_ros.analysis.verdict import Verdict
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.world.exports import OccupancyGrid
 
@@ -109,7 +110,7 @@ def compared(letter: str, assessment: Assessment) -> Compared:
         path=run.path,
         outcome=assessment.outcome,
         reason=assessment.reason,
-        trusted=run.complete and assessment.outcome != 'failed',
+        trusted=run.complete and assessment.outcome is not Verdict.FAILED,
         metrics=assessment.metrics,
         tables=tables,
         grid=run.grid,

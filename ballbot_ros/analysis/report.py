@@ -13,6 +13,7 @@ from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import Drawn, draw_figures
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.analysis.table import csv_text
+from ballbot_ros.analysis.verdict import ExpectationVerdict
 from ballbot_ros.parameters import (
     NODES,
     GyroParameters,
@@ -21,6 +22,12 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.scenario.metric_registry import label
 from ballbot_ros.scenario.metrics import METRICS
+
+_MARKS = {
+    ExpectationVerdict.MET: '✓ ',
+    ExpectationVerdict.NOT_MET: '✗ ',
+    ExpectationVerdict.NOT_JUDGED: '',
+}
 
 MEANINGS: Mapping[str, str] = {**METRICS.meanings, **RUN_METRICS.meanings}
 
@@ -121,7 +128,7 @@ def _facts(run: RunData) -> list[tuple[str, str]]:
 
 def _expectation(judged: Judged) -> dict[str, str]:
     expectation = judged.judgement.expectation
-    mark = {'met': '✓ ', 'not met': '✗ '}.get(judged.verdict, '')
+    mark = _MARKS[judged.verdict]
     return {
         **metric_row(expectation.metric, judged.judgement.value),
         'window': expectation.window or 'whole run',

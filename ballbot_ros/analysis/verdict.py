@@ -1,4 +1,4 @@
-"""The verdict on a run."""
+"""The verdicts on a run and on its expectations."""
 
 from __future__ import annotations
 
@@ -16,3 +16,12 @@ class Verdict(TextEnum):
     """Of a recording: it lacks a part of the run."""
     NOT_JUDGED = 'not judged'
     """Of a recording: it lacks what the expectations are about."""
+
+
+class ExpectationVerdict(TextEnum):
+    """What came of an expectation in a recorded run."""
+
+    MET = 'met'
+    NOT_MET = 'not met'
+    NOT_JUDGED = 'not judged'
+    """The recording lacks what it is about."""
