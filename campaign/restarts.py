@@ -10,16 +10,7 @@ from dataclasses import dataclass
 from signal import Signals
 from typing import NamedTuple
 
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    ENCODER,
-    GAMEPAD,
-    GYRO,
-    NODES,
-    PLANT,
-    RECORDER,
-    SONAR,
-)
+from ballbot_ros.parameters import CONTROLLER, DRIVERS, NODES, PLANT, RECORDER
 from ballbot_ros.simulation.trajectory import load_trajectory
 from campaign.fault import Verdict
 from campaign.remains import read_remains
@@ -32,7 +23,6 @@ from campaign.run import (
 )
 from campaign.site import Program, Site, Stopwatch, wait_until
 
-DRIVERS = (GYRO, ENCODER, SONAR, GAMEPAD)
 DURATION_S = 4.0
 PATIENCE_S = 60.0
 BOUND_S = 60.0

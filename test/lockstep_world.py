@@ -15,12 +15,10 @@ from ballbot_ros.messages.run_topics import RUN_TOPICS
 from ballbot_ros.parameters import (
     ALL_NODES,
     CONTROLLER,
-    ENCODER,
-    GAMEPAD,
-    GYRO,
+    DRIVERS,
+    PERIODS_MS,
     PLANT,
     RECORDER,
-    SONAR,
     PlantParameters,
 )
 from ballbot_ros.plant.plant import Plant
@@ -30,13 +28,11 @@ from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.participants import Announcement, Objection, Participant, Publisher
 from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
 from ballbot_ros.simulation.silence_timer import Observation, ThreadTime
-from ballbot_ros.simulation.timing import SLOW_NS, TICK_NS
+from ballbot_ros.simulation.timing import MILLISECOND_NS, TICK_NS
 from ballbot_ros.world.world import World
 
 TOPICS = dataclasses.replace(RUN_TOPICS, is_same_duty=operator.eq)
-DRIVERS = (GYRO, ENCODER, SONAR, GAMEPAD)
 ROLES = (*DRIVERS, CONTROLLER)
-SLOW = (SONAR, GAMEPAD)
 WATCH_S = 0.1
 FREE_PERIODS_S = {'on_time': WATCH_S, 'on_tick': TICK_NS / 1e9}
 LATENCY_S = 2e-4
@@ -49,6 +45,11 @@ def duty_of(stamp_ns):
     """Return what the controller of this world answers at a tick."""
     tick = stamp_ns // TICK_NS
     return tick % 7 - 3, tick % 5 - 2
+
+
+def is_due(role, stamp_ns):
+    """Tell whether a driver has a sample of a stamp."""
+    return stamp_ns % (PERIODS_MS[role] * MILLISECOND_NS) == 0
 
 
 def data_of(stamp_ns, duty):
@@ -254,13 +255,12 @@ class LockstepWorld:
         stamp_ns = truth.stamp_ns
         for role in DRIVERS:
             node = self.nodes.get(role)
-            is_due = role not in SLOW or stamp_ns % SLOW_NS == 0
-            if node and node.answers and node.run and is_due:
+            if node and node.answers and node.run and is_due(role, stamp_ns):
                 node.samples.add(stamp_ns)
         has_all = all(
             stamp_ns in self.nodes[role].samples
             for role in DRIVERS
-            if role in self.nodes and (role not in SLOW or stamp_ns % SLOW_NS == 0)
+            if role in self.nodes and is_due(role, stamp_ns)
         )
         controller = self.nodes.get(CONTROLLER)
         if controller and controller.answers and controller.run and has_all:

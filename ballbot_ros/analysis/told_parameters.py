@@ -10,11 +10,10 @@ from ballbot_ros.messages.participation import decode_announcement, decode_run_s
 from ballbot_ros.messages.topics import RUN_STATUS, Topic
 from ballbot_ros.parameters import (
     CONTROLLER,
-    GYRO,
     NODES,
     PATHS,
     PLANT,
-    SONAR,
+    SIMULATED,
     ParameterError,
     ParameterSet,
 )
@@ -22,9 +21,6 @@ from ballbot_ros.recording.attachments import MAPS
 from ballbot_ros.recording.reader import AttachedFile
 from ballbot_ros.simulation.participants import MAP_HASH, Participant
 from ballbot_ros.world.library import is_file_name
-
-_SIMULATED = {PLANT, GYRO, SONAR, CONTROLLER}
-"""Roles without whose parameters a run can't be made again."""
 
 
 class ToldParameters:
@@ -70,7 +66,7 @@ class ToldParameters:
 
     def tells(self, run: str) -> bool:
         """Tell whether all is known of a run, by its name, that it can be made again by."""
-        return self._of_run(run).keys() >= _SIMULATED
+        return self._of_run(run).keys() >= SIMULATED
 
     def is_of_another_scenario(self, run: str) -> bool:
         """Tell whether a run had another scenario than the first one that told its own."""

@@ -7,16 +7,17 @@ from typing import Any, NamedTuple
 
 from ballbot_ros.parameters import (
     CONTROLLER,
-    ENCODER,
-    GAMEPAD,
-    GYRO,
     NODES,
     PLANT,
     RECORDER,
-    SONAR,
     VISUALIZER,
+    DriverParameters,
+    EncoderParameters,
+    GamepadParameters,
+    GyroParameters,
+    SonarParameters,
 )
-from ballbot_ros.simulation.timing import BATTERY_NS, SLOW_NS, TICK_NS
+from ballbot_ros.simulation.timing import BATTERY_NS, MILLISECOND_NS, TICK_NS
 
 HISTORY = 128
 """Messages that a publisher keeps: the plant runs at most
@@ -66,6 +67,11 @@ class Topic(NamedTuple):
         return self.name if self.name.startswith('/') else f'{namespace}/{self.name}'
 
 
+def _samples_of(driver: type[DriverParameters], name: str, type_name: str) -> Topic:
+    """Return the topic that a driver's samples go to."""
+    return Topic(name, type_name, driver.node, driver.period_ms * MILLISECOND_NS)
+
+
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', PLANT, TICK_NS)
 RUN = Topic('plant/run', 'std_msgs/msg/Header', PLANT, keeps=1, has_history=True)
 ROLL_CALL = Topic('plant/roll_call', 'std_msgs/msg/Header', PLANT, keeps=1, has_history=True)
@@ -94,10 +100,10 @@ PUSH = Topic('plant/push', 'geometry_msgs/msg/WrenchStamped', None)
 ACCEPTED_PUSH = Topic(
     'plant/accepted_push', 'geometry_msgs/msg/WrenchStamped', PLANT, has_history=True
 )
-GYRO_IMU = Topic('gyro', 'sensor_msgs/msg/Imu', GYRO, TICK_NS)
-JOINT_STATES = Topic('joint_states', 'sensor_msgs/msg/JointState', ENCODER, TICK_NS)
-SONAR_RANGE = Topic('sonar', 'sensor_msgs/msg/Range', SONAR, SLOW_NS)
-GAMEPAD_JOY = Topic('gamepad', 'sensor_msgs/msg/Joy', GAMEPAD, SLOW_NS)
+GYRO_IMU = _samples_of(GyroParameters, 'gyro', 'sensor_msgs/msg/Imu')
+JOINT_STATES = _samples_of(EncoderParameters, 'joint_states', 'sensor_msgs/msg/JointState')
+SONAR_RANGE = _samples_of(SonarParameters, 'sonar', 'sensor_msgs/msg/Range')
+GAMEPAD_JOY = _samples_of(GamepadParameters, 'gamepad', 'sensor_msgs/msg/Joy')
 JOY = Topic('joy', 'sensor_msgs/msg/Joy', None)
 VIEWER_JOY = Topic('viewer/joy', 'sensor_msgs/msg/Joy', None)
 CMD_VEL = Topic('cmd_vel', 'geometry_msgs/msg/Twist', None)

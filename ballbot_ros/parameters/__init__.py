@@ -1,9 +1,15 @@
 """The parameters of each node, their checks, and the files and pages made from them."""
 
 from ballbot_ros.parameters.controller import ControllerParameters, Implementation
-from ballbot_ros.parameters.devices import EncoderParameters, GyroParameters, SonarParameters
+from ballbot_ros.parameters.devices import (
+    DEVICES,
+    EncoderParameters,
+    GyroParameters,
+    SonarParameters,
+)
 from ballbot_ros.parameters.parameter import (
     Acts,
+    DriverParameters,
     NodeParameters,
     Parameter,
     ParameterError,
@@ -17,15 +23,19 @@ from ballbot_ros.parameters.table import (
     AGREED,
     ALL_NODES,
     CONTROLLER,
+    DRIVERS,
     ENCODER,
+    EXECUTABLES,
     GAMEPAD,
     GYRO,
     NODES,
     OPTIONAL_NODES,
     PATHS,
+    PERIODS_MS,
     PLANT,
     PLAYER,
     RECORDER,
+    SIMULATED,
     SONAR,
     SUPERVISOR,
     TABLE,
@@ -44,11 +54,12 @@ from ballbot_ros.parameters.tools import (
 )
 
 __all__ = [
-    'AGREED', 'ALL_NODES', 'CONTROLLER', 'ENCODER', 'GAMEPAD', 'GYRO', 'NODES', 'OPTIONAL_NODES',
-    'PATHS', 'PLANT', 'PLAYER', 'RECORDER', 'SONAR', 'SUPERVISOR', 'TABLE', 'VIEWER', 'VISUALIZER',
-    'Acts', 'ControllerParameters', 'Dimensions', 'EncoderParameters', 'GamepadParameters',
-    'GyroParameters', 'Implementation', 'NodeParameters', 'Parameter', 'ParameterError',
-    'ParameterSet', 'PlantParameters', 'PlayerParameters', 'RecorderParameters',
+    'AGREED', 'ALL_NODES', 'CONTROLLER', 'DEVICES', 'DRIVERS', 'ENCODER', 'EXECUTABLES', 'GAMEPAD',
+    'GYRO', 'NODES', 'OPTIONAL_NODES', 'PATHS', 'PERIODS_MS', 'PLANT', 'PLAYER', 'RECORDER',
+    'SIMULATED', 'SONAR', 'SUPERVISOR', 'TABLE', 'VIEWER', 'VISUALIZER', 'Acts',
+    'ControllerParameters', 'Dimensions', 'DriverParameters', 'EncoderParameters',
+    'GamepadParameters', 'GyroParameters', 'Implementation', 'NodeParameters', 'Parameter',
+    'ParameterError', 'ParameterSet', 'PlantParameters', 'PlayerParameters', 'RecorderParameters',
     'SonarParameters', 'Subset', 'SupervisorParameters', 'Value', 'ViewerParameters',
     'VisualizerParameters', 'nearest', 'parameters_of',
 ]  # fmt: skip

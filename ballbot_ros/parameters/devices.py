@@ -1,19 +1,20 @@
-"""Parameters of the drivers of the brick's sensors."""
+"""Parameters of the drivers of the brick's devices."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from ballbot_ros.parameters.parameter import NodeParameters, quantity, setting
+from ballbot_ros.parameters.parameter import DriverParameters, quantity, setting
 from ballbot_ros.parameters.shared import BodyDepth, DeviceSeed, MapChoice
 
 
 @dataclass(frozen=True, kw_only=True)
-class GyroParameters(DeviceSeed, NodeParameters):
+class GyroParameters(DeviceSeed, DriverParameters):
     """The parameters of ``gyro_driver``."""
 
     node: ClassVar[str] = 'gyro_driver'
+    period_ms: ClassVar[int] = 4
 
     zero_rate_offset_x: float = quantity(
         600.0, 'deg/s', (0.0, 1023.0), 'reading at rest, gyro S1 (x)', 'facts'
@@ -32,17 +33,19 @@ class GyroParameters(DeviceSeed, NodeParameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EncoderParameters(NodeParameters):
+class EncoderParameters(DriverParameters):
     """``encoder_driver`` has no parameters: an encoder only counts degrees."""
 
     node: ClassVar[str] = 'encoder_driver'
+    period_ms: ClassVar[int] = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class SonarParameters(DeviceSeed, MapChoice, BodyDepth, NodeParameters):
+class SonarParameters(DeviceSeed, MapChoice, BodyDepth, DriverParameters):
     """The parameters of ``sonar_driver``."""
 
     node: ClassVar[str] = 'sonar_driver'
+    period_ms: ClassVar[int] = 20
 
     noise_cm: float = quantity(0.0, 'cm', (0.0, 50.0), 'largest error of an echo', 'facts')
     dropout_probability: float = quantity(
@@ -63,3 +66,7 @@ class SonarParameters(DeviceSeed, MapChoice, BodyDepth, NodeParameters):
     cone_rays: int = quantity(
         7, '1', (1, 99), 'rays of the cone, an odd number; the nearest echo counts', 'project'
     )
+
+
+DEVICES: tuple[type[DriverParameters], ...] = (GyroParameters, EncoderParameters, SonarParameters)
+"""The devices; each has a driver."""

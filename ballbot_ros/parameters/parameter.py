@@ -149,6 +149,14 @@ class NodeParameters:
     """Name of the node."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class DriverParameters(NodeParameters):
+    """The parameters of a driver: a node that answers the plant's truth in every run."""
+
+    period_ms: ClassVar[int]
+    """It answers with a sample at each multiple of this sim time [ms]."""
+
+
 _Subset = TypeVar('_Subset', bound='Subset')
 
 

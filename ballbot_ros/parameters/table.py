@@ -7,11 +7,22 @@ The ROS declarations, the validation of parameter files, ``config/ballbot.yaml``
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
 from difflib import get_close_matches
 
 from ballbot_ros.parameters.controller import ControllerParameters
-from ballbot_ros.parameters.devices import EncoderParameters, GyroParameters, SonarParameters
-from ballbot_ros.parameters.parameter import NodeParameters, Parameter, table
+from ballbot_ros.parameters.devices import (
+    DEVICES,
+    EncoderParameters,
+    GyroParameters,
+    SonarParameters,
+)
+from ballbot_ros.parameters.parameter import (
+    DriverParameters,
+    NodeParameters,
+    Parameter,
+    table,
+)
 from ballbot_ros.parameters.plant import PlantParameters
 from ballbot_ros.parameters.teleop import GamepadParameters
 from ballbot_ros.parameters.tools import (
@@ -24,9 +35,7 @@ from ballbot_ros.parameters.tools import (
 
 PARTICIPANTS: tuple[type[NodeParameters], ...] = (
     PlantParameters,
-    GyroParameters,
-    EncoderParameters,
-    SonarParameters,
+    *DEVICES,
     ControllerParameters,
     GamepadParameters,
     RecorderParameters,
@@ -40,15 +49,34 @@ TOOLS: tuple[type[NodeParameters], ...] = (
 CLASSES = {cls.node: cls for cls in PARTICIPANTS + TOOLS}
 """The parameters of each node, by its name."""
 
-PLANT, GYRO, ENCODER, SONAR, CONTROLLER, GAMEPAD, RECORDER = NODES = tuple(
-    cls.node for cls in PARTICIPANTS
-)
+PLANT = PlantParameters.node
+GYRO = GyroParameters.node
+ENCODER = EncoderParameters.node
+SONAR = SonarParameters.node
+CONTROLLER = ControllerParameters.node
+GAMEPAD = GamepadParameters.node
+RECORDER = RecorderParameters.node
+
+NODES = tuple(cls.node for cls in PARTICIPANTS)
 """The participants of a run."""
+
+PERIODS_MS = {cls.node: cls.period_ms for cls in PARTICIPANTS if issubclass(cls, DriverParameters)}
+"""How often each driver answers the plant's truth, in sim time [ms]."""
+
+DRIVERS = tuple(PERIODS_MS)
+"""The participants that answer the plant's truth."""
+
+_SIMULATED: tuple[type[NodeParameters], ...] = (PlantParameters, *DEVICES, ControllerParameters)
+SIMULATED = frozenset(cls.node for cls in _SIMULATED if fields(cls))
+"""Nodes without whose parameters a run can't be made again."""
 
 PLAYER, VIEWER, VISUALIZER, SUPERVISOR = OPTIONAL_NODES = tuple(cls.node for cls in TOOLS)
 """Nodes that a run does without."""
 
 ALL_NODES = NODES + OPTIONAL_NODES
+
+EXECUTABLES = tuple(node for node in ALL_NODES if node != SUPERVISOR)
+"""Nodes that are programs; the supervisor is a part of ``ballbot run --viewer``."""
 
 TABLE = table(PARTICIPANTS + TOOLS)
 """Every parameter of every node; what several share is one row."""

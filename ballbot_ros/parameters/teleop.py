@@ -5,17 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ballbot_ros.parameters.parameter import NodeParameters, path, quantity, setting
+from ballbot_ros.parameters.parameter import DriverParameters, path, quantity, setting
 from ballbot_ros.parameters.shared import BallRadius, LockstepChoice, ScenarioChoice, StickScale
 
 SHARE = (0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class GamepadParameters(BallRadius, StickScale, ScenarioChoice, LockstepChoice, NodeParameters):
+class GamepadParameters(BallRadius, StickScale, ScenarioChoice, LockstepChoice, DriverParameters):
     """The parameters of ``gamepad_teleop``."""
 
     node: ClassVar[str] = 'gamepad_teleop'
+    period_ms: ClassVar[int] = 20
 
     device: str = setting(
         'any',

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from typing import Protocol
 
-from ballbot_ros.parameters import CONTROLLER, ENCODER, GAMEPAD, GYRO, RECORDER, SONAR
+from ballbot_ros.parameters import CONTROLLER, DRIVERS, PERIODS_MS, RECORDER
 from ballbot_ros.simulation.participants import Participant, Roster
 from ballbot_ros.simulation.silence_timer import Observation, SilenceTimer
-from ballbot_ros.simulation.timing import SLOW_NS
+from ballbot_ros.simulation.timing import MILLISECOND_NS
 
-DRIVERS = (GYRO, ENCODER, SONAR, GAMEPAD)
-_SLOW = (SONAR, GAMEPAD)
+_PERIODS_NS = {role: period_ms * MILLISECOND_NS for role, period_ms in PERIODS_MS.items()}
 
 
 class Machine(Protocol):
@@ -85,7 +84,7 @@ class LivenessMonitor:
         """
         if self._since_call is None:
             return {}
-        due_ns = {role: tick_ns for role in DRIVERS if role not in _SLOW or tick_ns % SLOW_NS == 0}
+        due_ns = {role: tick_ns for role in DRIVERS if tick_ns % _PERIODS_NS[role] == 0}
         due_ns |= {role: 0 for role in (*DRIVERS, CONTROLLER) if role not in due_ns}
         awaited = CONTROLLER
         if awaits_recorder:

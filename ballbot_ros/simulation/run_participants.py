@@ -6,8 +6,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from ballbot_ros.parameters import AGREED, CONTROLLER, RECORDER
-from ballbot_ros.simulation.liveness import DRIVERS, LivenessMonitor, Machine
+from ballbot_ros.parameters import AGREED, CONTROLLER, DRIVERS, RECORDER
+from ballbot_ros.simulation.liveness import LivenessMonitor, Machine
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import (
     MAP_HASH,
