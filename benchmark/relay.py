@@ -21,27 +21,24 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ballbot_ros.messages.conversions import MOTOR_NAMES, STATE_NAMES, fill_time, time_ns
+from ballbot_ros.messages.devices import DEVICE_MESSAGES
+from ballbot_ros.messages.inputs import INPUTS
 from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import (
-    BATTERY_STATE,
     BLUETOOTH_TX,
     CONTROLLER_STATE,
     GAMEPAD_JOY,
-    GYRO_IMU,
     HISTORY,
     JOINT_STATES,
     MOTOR_DUTY,
-    PLANT_IMU,
     PLANT_JOINT_STATES,
-    PLANT_ODOM,
     RECORDER_ACK,
-    SONAR_RANGE,
     TOPICS,
     Topic,
 )
 from ballbot_ros.nodes.base import reliable_qos, spin
 from ballbot_ros.nodes.middleware import prepare_middleware
-from ballbot_ros.parameters import CONTROLLER, ENCODER, GAMEPAD, GYRO, NODES, PLANT, RECORDER, SONAR
+from ballbot_ros.parameters import CONTROLLER, GAMEPAD, NODES, PLANT, RECORDER
 from ballbot_ros.simulation.lockstep import InputGate
 from ballbot_ros.simulation.timing import (
     BATTERY_NS,
@@ -54,15 +51,11 @@ from ballbot_ros.stop_request import StopRequest
 
 ACK_PERIOD_S = 5e-3
 
-DRIVERS = {
-    GYRO: (PLANT_IMU, GYRO_IMU),
-    ENCODER: (PLANT_JOINT_STATES, JOINT_STATES),
-    SONAR: (PLANT_ODOM, SONAR_RANGE),
-    GAMEPAD: (PLANT_JOINT_STATES, GAMEPAD_JOY),
+DRIVERS = {each.device.parameters.node: (each.truth, each.sample) for each in DEVICE_MESSAGES} | {
+    GAMEPAD: (PLANT_JOINT_STATES, GAMEPAD_JOY)
 }
 """What each driver answers, and with what."""
 
-CONTROLLER_INPUTS = (GYRO_IMU, JOINT_STATES, SONAR_RANGE, GAMEPAD_JOY, BATTERY_STATE)
 LOG_PERIOD_NS = BATTERY_NS
 """Period of the log packets, by default as long as the battery's."""
 
@@ -220,12 +213,12 @@ class ControllerRelay(Relay):
 
     def __init__(self) -> None:
         super().__init__(CONTROLLER, use_sim_time=True)
-        self._gate = InputGate({topic.name: topic.period_ns for topic in CONTROLLER_INPUTS})
+        self._gate = InputGate({topic.name: topic.period_ns for topic in INPUTS})
         self._next_ns = FIRST_TICK_NS
         self._duty = self.sender(MOTOR_DUTY)
         self._state = self.sender(CONTROLLER_STATE)
         self._log = self.sender(BLUETOOTH_TX)
-        for topic in CONTROLLER_INPUTS:
+        for topic in INPUTS:
             self.listen(topic, self._input_callback(topic.name))
 
     def _input_callback(self, name: str) -> Callable[[int], None]:

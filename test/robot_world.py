@@ -7,34 +7,26 @@ possible, and a topic may be held up for as long as a test likes.
 import operator
 import random
 from dataclasses import asdict
+from functools import partial
 
 from lockstep_world import LockstepWorld, data_of
 
 from ballbot_ros.brick.battery_monitor import battery_mv
-from ballbot_ros.brick.encoder import Encoder
-from ballbot_ros.brick.gyro import Gyro
-from ballbot_ros.brick.sonar import Sonar
 from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.controller.tasks import task_timings
+from ballbot_ros.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.messages.inputs import INPUTS, device_inputs
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     GAMEPAD_JOY,
     GYRO_IMU,
-    JOINT_STATES,
-    SONAR_RANGE,
 )
 from ballbot_ros.parameters import (
     CONTROLLER,
-    ENCODER,
     GAMEPAD,
-    GYRO,
     PLANT,
-    SONAR,
     ControllerParameters,
-    GyroParameters,
     PlantParameters,
-    SonarParameters,
 )
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep import LockstepTicks, Step
@@ -45,7 +37,6 @@ from ballbot_ros.simulation.timing import (
     MILLISECOND_NS,
     TICK_NS,
 )
-from ballbot_ros.world.sonar_beam import SonarBeam
 
 
 class Driver:
@@ -198,30 +189,18 @@ class RobotWorld(LockstepWorld):
     def makers(self):
         """What makes the robot's part of each role."""
         return {
-            GYRO: self._make_gyro,
-            ENCODER: self._make_encoder,
-            SONAR: self._make_sonar,
+            **{each.sample.publisher: partial(self._make_device, each) for each in DEVICE_MESSAGES},
             GAMEPAD: self._make_gamepad,
             CONTROLLER: self._make_controller,
         }
 
-    def _make_gyro(self):
-        device = Gyro(self.parameter_set.of(GyroParameters))
+    def _make_device(self, messages):
+        device = messages.device
+        read = device.make(self.parameter_set.of(device.parameters))
         return self._driver(
-            GYRO, GYRO_IMU, lambda truth, _: device.read(truth.psi_rate, truth.stamp_ns)
-        )
-
-    def _make_encoder(self):
-        device = Encoder()
-        return self._driver(ENCODER, JOINT_STATES, lambda truth, _: device.read(truth.motor_angle))
-
-    def _make_sonar(self):
-        values = self.parameter_set.of(SonarParameters)
-        device, beam = Sonar(values), SonarBeam(values)
-        return self._driver(
-            SONAR,
-            SONAR_RANGE,
-            lambda truth, _: device.read(beam.distance_m(truth.position), truth.stamp_ns),
+            messages.sample.publisher,
+            messages.sample,
+            lambda truth, _: read(device.measured(truth), truth.stamp_ns),
         )
 
     def _make_gamepad(self):

@@ -17,15 +17,7 @@ import numpy as np
 
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.brick.brick import Tone
-from ballbot_ros.brick.units import (
-    NO_DATA_CM,
-    NO_ECHO_CM,
-    centimetres_of,
-    degrees_of,
-    metres_of,
-    quantise,
-    radians_of,
-)
+from ballbot_ros.brick.units import quantise, radians_of
 from ballbot_ros.controller.interface import Estimates
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.plant.truth import Pair, Push, Truth
@@ -40,8 +32,6 @@ MOTOR_NAMES = ['motor_x', 'motor_y']
 STATE_NAMES = ['theta_x', 'psi_x', 'theta_y', 'psi_y', 'theta_ref_x', 'theta_ref_y']
 
 BATTERY_DISCHARGING = 2
-ULTRASOUND = 0
-SONAR_CONE_RAD = math.radians(30.0)
 
 
 def fill_time(message: Any, stamp_ns: int) -> None:
@@ -168,58 +158,6 @@ def map_grid(message: Any) -> OccupancyGrid:
     cells = np.asarray(message.data, np.int8).reshape(info.height, info.width)
     corner = info.origin.position
     return OccupancyGrid(info.width, info.height, info.resolution, (corner.x, corner.y), cells)
-
-
-def fill_gyro(message: Any, stamp_ns: int, counts: tuple[int, int]) -> None:
-    """Write ``gyro``: the readings in rad/s, with their zero-rate offset."""
-    fill_header(message.header, stamp_ns, 'base_link')
-    rate = message.angular_velocity
-    rate.y, rate.x = radians_of(counts[0]), radians_of(counts[1])
-    message.orientation_covariance[0] = -1.0  # not provided
-    message.linear_acceleration_covariance[0] = -1.0
-
-
-def gyro_counts(message: Any) -> tuple[int, int]:
-    """Return the readings [deg/s + offset] of gyros S1 and S2 from ``gyro``."""
-    return degrees_of(message.angular_velocity.y), degrees_of(message.angular_velocity.x)
-
-
-def fill_encoders(message: Any, stamp_ns: int, counts: tuple[int, int]) -> None:
-    """Write ``joint_states``: whole degrees as rad."""
-    fill_header(message.header, stamp_ns, '')
-    message.name = MOTOR_NAMES
-    message.position = [radians_of(counts[0]), radians_of(counts[1])]
-
-
-def encoder_counts(message: Any) -> tuple[int, int]:
-    """Return the counts [deg] of motors B and C from ``joint_states``.
-
-    ValueError if it tells of other joints.
-    """
-    if message.name != MOTOR_NAMES:
-        raise ValueError(f'joints {message.name}, not {MOTOR_NAMES}')
-    return degrees_of(message.position[0]), degrees_of(message.position[1])
-
-
-def fill_sonar(message: Any, stamp_ns: int, sonar_cm: int) -> None:
-    """Write ``sonar``."""
-    fill_header(message.header, stamp_ns, 'sonar')
-    message.radiation_type = ULTRASOUND
-    message.field_of_view = SONAR_CONE_RAD
-    message.min_range = 0.0
-    message.max_range = metres_of(NO_ECHO_CM - 1)
-    message.range = metres_of(sonar_cm)
-
-
-def sonar_reading(message: Any) -> int:
-    """Return the reading [cm] from ``sonar``.
-
-    ValueError if no register of the sensor holds it.
-    """
-    reading = centimetres_of(message.range)
-    if not NO_DATA_CM <= reading <= NO_ECHO_CM:
-        raise ValueError(f'a distance of {reading} cm, not 0 … {NO_ECHO_CM}')
-    return reading
 
 
 def fill_sticks(message: Any, stamp_ns: int, sticks: tuple[int, int], source: str) -> None:

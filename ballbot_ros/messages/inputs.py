@@ -3,40 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.brick import DeviceInputs
-from ballbot_ros.messages.conversions import (
-    encoder_counts,
-    gyro_counts,
-    sonar_reading,
-    stick_values,
-)
-from ballbot_ros.messages.topics import (
-    BATTERY_STATE,
-    GAMEPAD_JOY,
-    GYRO_IMU,
-    JOINT_STATES,
-    SONAR_RANGE,
-    Topic,
-)
+from ballbot_ros.messages.conversions import stick_values
+from ballbot_ros.messages.devices import DEVICE_MESSAGES
+from ballbot_ros.messages.topics import BATTERY_STATE, GAMEPAD_JOY, Topic
 
-INPUTS: dict[Topic, Callable[[Any], Any]] = {
-    GYRO_IMU: gyro_counts,
-    JOINT_STATES: encoder_counts,
-    SONAR_RANGE: sonar_reading,
-    GAMEPAD_JOY: stick_values,
-    BATTERY_STATE: lambda message: battery_mv(message.voltage),
-}
+
+@dataclass(frozen=True)
+class _Input:
+    """A topic, the field of the device inputs that it fills, and what reads its messages."""
+
+    topic: Topic
+    field: str
+    read: Callable[[Any], Any]
+
+
+_INPUTS = (
+    *(_Input(each.sample, each.device.field, each.reading) for each in DEVICE_MESSAGES),
+    _Input(GAMEPAD_JOY, 'sticks', stick_values),
+    _Input(BATTERY_STATE, 'battery_mv', lambda message: battery_mv(message.voltage)),
+)
+_TOPIC_OF = {each.field: each.topic for each in _INPUTS}
+_TOPICS = tuple(_TOPIC_OF[field] for field in DeviceInputs._fields)
+
+INPUTS: dict[Topic, Callable[[Any], Any]] = {each.topic: each.read for each in _INPUTS}
+"""What reads each of the topics."""
 
 
 def device_inputs(sample: Callable[[Topic], Any]) -> DeviceInputs:
     """Return the inputs of a tick from the `sample` of each topic, None where there is none."""
-    return DeviceInputs(
-        gyro=sample(GYRO_IMU),
-        revolutions=sample(JOINT_STATES),
-        sonar_cm=sample(SONAR_RANGE),
-        battery_mv=sample(BATTERY_STATE),
-        sticks=sample(GAMEPAD_JOY),
-    )
+    return DeviceInputs._make([sample(topic) for topic in _TOPICS])

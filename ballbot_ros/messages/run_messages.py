@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import partial
+from operator import attrgetter
 
 from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.controller_messages import ControllerMessages
-from ballbot_ros.messages.conversions import fill_encoders, fill_gyro, fill_sonar, fill_sticks
+from ballbot_ros.messages.conversions import fill_sticks
+from ballbot_ros.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.messages.outputs import EncodedOutput, Sink
 from ballbot_ros.messages.plant_messages import PlantMessages
-from ballbot_ros.messages.topics import GAMEPAD_JOY, GYRO_IMU, JOINT_STATES, SONAR_RANGE
+from ballbot_ros.messages.topics import GAMEPAD_JOY
 from ballbot_ros.plant.truth import Push, Truth
 from ballbot_ros.simulation.closed_loop import Tick
 from ballbot_ros.teleop.arbiter import SCENARIO
@@ -36,9 +38,10 @@ class RunMessages:
         make = partial(EncodedOutput, sink=sink)
         self._plant = PlantMessages(make)
         self._plant.ball_radius = ball_radius
-        self._gyro = make(GYRO_IMU)
-        self._encoders = make(JOINT_STATES)
-        self._sonar = make(SONAR_RANGE)
+        self._devices = [
+            (attrgetter(each.device.field), each.fill, make(each.sample))
+            for each in DEVICE_MESSAGES
+        ]
         self._gamepad = make(GAMEPAD_JOY)
         self._controller = ControllerMessages(make)
 
@@ -61,17 +64,15 @@ class RunMessages:
         """Make the messages of a tick; `source` has the gamepad's command."""
         now = tick.truth.stamp_ns
         self.truth(tick.truth, wall_hit=tick.wall_hit)
-        self._devices(now, tick.inputs, source)
+        self._drivers(now, tick.inputs, source)
         self._controller.tick(now, tick.outputs, program)
 
-    def _devices(self, now: int, inputs: DeviceInputs, source: str) -> None:
-        fill_gyro(self._gyro.message, now, inputs.gyro)
-        self._gyro.send(now)
-        fill_encoders(self._encoders.message, now, inputs.revolutions)
-        self._encoders.send(now)
-        if inputs.sonar_cm is not None:
-            fill_sonar(self._sonar.message, now, inputs.sonar_cm)
-            self._sonar.send(now)
+    def _drivers(self, now: int, inputs: DeviceInputs, source: str) -> None:
+        for reading_of, fill, output in self._devices:
+            reading = reading_of(inputs)
+            if reading is not None:
+                fill(output.message, now, reading)
+                output.send(now)
         if inputs.sticks is not None:
             fill_sticks(self._gamepad.message, now, inputs.sticks, source)
             self._gamepad.send(now)

@@ -6,7 +6,8 @@ import sys
 from typing import Any
 
 from ballbot_ros.brick.encoder import Encoder
-from ballbot_ros.messages.conversions import fill_encoders, motor_angles, stamp_ns
+from ballbot_ros.messages.conversions import motor_angles, stamp_ns
+from ballbot_ros.messages.devices import fill_encoders
 from ballbot_ros.messages.topics import JOINT_STATES, PLANT_JOINT_STATES
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
@@ -28,7 +29,7 @@ class EncoderDriver(BallbotNode[EncoderParameters]):
         if not self._participation.includes(now):
             return
         try:
-            reading = self._device.read(motor_angles(truth))
+            reading = self._device.read(motor_angles(truth), now)
         except NO_SAMPLE as error:
             self.ignore(PLANT_JOINT_STATES, error)
             return

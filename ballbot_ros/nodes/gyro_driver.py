@@ -6,7 +6,8 @@ import sys
 from typing import Any
 
 from ballbot_ros.brick.gyro import Gyro
-from ballbot_ros.messages.conversions import body_rates, fill_gyro, stamp_ns
+from ballbot_ros.messages.conversions import body_rates, stamp_ns
+from ballbot_ros.messages.devices import fill_gyro
 from ballbot_ros.messages.topics import GYRO_IMU, PLANT_IMU
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation

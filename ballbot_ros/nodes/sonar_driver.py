@@ -6,7 +6,8 @@ import sys
 from typing import Any
 
 from ballbot_ros.brick.sonar import Sonar
-from ballbot_ros.messages.conversions import ball_position, fill_sonar
+from ballbot_ros.messages.conversions import ball_position
+from ballbot_ros.messages.devices import fill_sonar
 from ballbot_ros.messages.raw import decoder, stamp_of
 from ballbot_ros.messages.topics import PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node

@@ -6,28 +6,27 @@ run them, so its duties equal the graph's to the bit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
 
 from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
-from ballbot_ros.brick.encoder import Encoder
-from ballbot_ros.brick.gyro import Gyro
-from ballbot_ros.brick.sonar import Sonar
 from ballbot_ros.codegen.implementation import program_maker
 from ballbot_ros.parameters import (
     ControllerParameters,
-    GyroParameters,
+    GamepadParameters,
     ParameterSet,
     PlantParameters,
-    SonarParameters,
 )
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.plant.truth import Push, Truth
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.timing import BATTERY_NS, FIRST_TICK_NS, MILLISECOND_NS, SLOW_NS
-from ballbot_ros.world.sonar_beam import SonarBeam
+from ballbot_ros.simulation.devices import DEVICES, AnyDevice, Read
+from ballbot_ros.simulation.timing import BATTERY_NS, FIRST_TICK_NS, MILLISECOND_NS
 from ballbot_ros.world.world import World
+
+_BATTERY, _STICKS = (DeviceInputs._fields.index(name) for name in ('battery_mv', 'sticks'))
+_STICKS_NS = GamepadParameters.period_ms * MILLISECOND_NS
 
 
 class Tick(NamedTuple):
@@ -49,6 +48,21 @@ class Inputs(Protocol):
     def pushes_from(self, start_ns: int) -> Sequence[Push]:
         """Return the pushes of a run that begins at sim time `start_ns`."""
         ...
+
+
+class _Sampled(NamedTuple):
+    """A device, unpacked for the loop: its period [ns] and its place in the inputs of a tick."""
+
+    period_ns: int
+    place: int
+    measured: Callable[[Truth], Any]
+    read: Read[Any, Any]
+
+    @classmethod
+    def of(cls, device: AnyDevice, parameters: ParameterSet) -> _Sampled:
+        place = DeviceInputs._fields.index(device.field)
+        read = device.make(parameters.of(device.parameters))
+        return cls(device.period_ns, place, device.measured, read)
 
 
 class ClosedLoop:
@@ -87,10 +101,8 @@ class ClosedLoop:
         self._start_ns = start_ns
         self.world = World.of(parameters.of(PlantParameters))
         self.plant = Plant(parameters.of(PlantParameters), self._start_ns, self.world)
-        self._gyro = Gyro(parameters.of(GyroParameters))
-        self._encoder = Encoder()
-        self._sonar = Sonar(parameters.of(SonarParameters))
-        self._beam = SonarBeam(parameters.of(SonarParameters))
+        self._devices = [_Sampled.of(each, parameters) for each in DEVICES]
+        self._no_samples = [None] * len(DeviceInputs._fields)
         self.program = program_maker(parameters.of(ControllerParameters))()
         self._scenario = scenario or Scenario()
         self.pushes = self._scenario.pushes_from(self._start_ns)
@@ -101,18 +113,16 @@ class ClosedLoop:
         """Run one tick: sample the devices, run the tasks due, move the plant by 4 ms."""
         truth, wall_hit = self.plant.truth(), self.plant.wall_hit
         now = truth.stamp_ns
-        slow = now % SLOW_NS == 0
         elapsed = now - self._start_ns
-        inputs = DeviceInputs(
-            gyro=self._gyro.read(truth.psi_rate, now),
-            revolutions=self._encoder.read(truth.motor_angle),
-            sonar_cm=self._read_sonar(truth) if slow else None,
-            battery_mv=battery_mv(truth.battery_voltage) if now % BATTERY_NS == 0 else None,
-            sticks=self._scenario.sticks_at(elapsed * 1e-9) if slow else None,
-        )
+        samples: list[Any] = self._no_samples.copy()
+        for period_ns, place, measured, read in self._devices:
+            if now % period_ns == 0:
+                samples[place] = read(measured(truth), now)
+        if now % BATTERY_NS == 0:
+            samples[_BATTERY] = battery_mv(truth.battery_voltage)
+        if now % _STICKS_NS == 0:
+            samples[_STICKS] = self._scenario.sticks_at(elapsed * 1e-9)
+        inputs = DeviceInputs._make(samples)
         outputs = self.program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, inputs)
         self.plant.tick(*outputs.duty)
         return Tick(truth, wall_hit, inputs, outputs)
-
-    def _read_sonar(self, truth: Truth) -> int:
-        return self._sonar.read(self._beam.distance_m(truth.position), truth.stamp_ns)

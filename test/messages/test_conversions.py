@@ -10,6 +10,7 @@ from maps import drawn
 
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.messages import conversions as c
+from ballbot_ros.messages import devices
 from ballbot_ros.messages.raw import decoder, stamp_of
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
@@ -62,15 +63,15 @@ def truth(**values):
 
 @given(counts=st.tuples(st.integers(0, 1023), st.integers(0, 1023)))
 def test_gyro_readings_come_back(through, counts):
-    message, data = through(GYRO_IMU, c.fill_gyro, STAMP, counts)
-    assert c.gyro_counts(message) == counts
+    message, data = through(GYRO_IMU, devices.fill_gyro, STAMP, counts)
+    assert devices.gyro_counts(message) == counts
     assert stamp_of(data) == c.stamp_ns(message) == STAMP
 
 
 @given(counts=st.tuples(int32, int32))
 def test_encoder_counts_come_back(through, counts):
-    message, _ = through(JOINT_STATES, c.fill_encoders, STAMP, counts)
-    assert c.encoder_counts(message) == counts
+    message, _ = through(JOINT_STATES, devices.fill_encoders, STAMP, counts)
+    assert devices.encoder_counts(message) == counts
 
 
 def test_joints_of_another_robot_are_no_encoder_counts(through):
@@ -79,26 +80,26 @@ def test_joints_of_another_robot_are_no_encoder_counts(through):
 
     message, _ = through(JOINT_STATES, fill)
     with pytest.raises(ValueError, match='left_wheel'):
-        c.encoder_counts(message)
+        devices.encoder_counts(message)
 
 
 @pytest.mark.parametrize('range_m', [-0.02, 2.56, 1e38])
 def test_a_distance_that_no_register_holds_is_refused(range_m):
-    message, _ = through_rosbags(SONAR_RANGE, c.fill_sonar, STAMP, 0)
+    message, _ = through_rosbags(SONAR_RANGE, devices.fill_sonar, STAMP, 0)
     message.range = range_m
     with pytest.raises(ValueError, match='not 0 … 255'):
-        c.sonar_reading(message)
+        devices.sonar_reading(message)
 
 
 @pytest.mark.parametrize('sonar_cm', range(-1, 256))
 def test_every_sonar_reading_comes_back(sonar_cm):
-    message, _ = through_rosbags(SONAR_RANGE, c.fill_sonar, STAMP, sonar_cm)
-    assert c.sonar_reading(message) == sonar_cm
+    message, _ = through_rosbags(SONAR_RANGE, devices.fill_sonar, STAMP, sonar_cm)
+    assert devices.sonar_reading(message) == sonar_cm
 
 
 def test_no_echo_is_infinite_and_no_data_is_not_a_number(through):
-    assert through(SONAR_RANGE, c.fill_sonar, STAMP, 255)[0].range == math.inf
-    assert math.isnan(through(SONAR_RANGE, c.fill_sonar, STAMP, -1)[0].range)
+    assert through(SONAR_RANGE, devices.fill_sonar, STAMP, 255)[0].range == math.inf
+    assert math.isnan(through(SONAR_RANGE, devices.fill_sonar, STAMP, -1)[0].range)
 
 
 @pytest.mark.parametrize('value', range(-128, 128))

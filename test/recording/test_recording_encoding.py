@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from laws import given
 from rosbags.serde import SerdeError
 
-from ballbot_ros.messages.conversions import fill_encoders, fill_log, fill_sticks
+from ballbot_ros.messages.conversions import fill_log, fill_sticks
+from ballbot_ros.messages.devices import fill_encoders
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.schemas import typestore

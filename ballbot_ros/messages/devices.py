@@ -1,0 +1,144 @@
+"""The messages of the devices: what each answers, and its samples.
+
+The functions that fill and read messages are as those in :mod:`ballbot_ros.messages.conversions`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeAlias
+
+from ballbot_ros.brick.units import (
+    NO_DATA_CM,
+    NO_ECHO_CM,
+    centimetres_of,
+    degrees_of,
+    metres_of,
+    radians_of,
+)
+from ballbot_ros.messages.conversions import (
+    MOTOR_NAMES,
+    ball_position,
+    body_rates,
+    fill_header,
+    motor_angles,
+)
+from ballbot_ros.messages.topics import (
+    GYRO_IMU,
+    JOINT_STATES,
+    PLANT_IMU,
+    PLANT_JOINT_STATES,
+    PLANT_ODOM,
+    SONAR_RANGE,
+    Topic,
+)
+from ballbot_ros.simulation.devices import (
+    ENCODER_DEVICE,
+    GYRO_DEVICE,
+    SONAR_DEVICE,
+    Device,
+    Measured,
+    P,
+    Reading,
+)
+
+ULTRASOUND = 0
+SONAR_CONE_RAD = math.radians(30.0)
+
+
+@dataclass(frozen=True)
+class DeviceMessages(Generic[P, Measured, Reading]):
+    """What the driver of a device hears and says.
+
+    Attributes
+    ----------
+    device : Device
+    truth : Topic
+        What of the plant it answers.
+    measured : callable
+        Returns what the device measures from a message of `truth`.
+    sample : Topic
+        Where its samples go.
+    fill : callable
+        Writes a sample: into the message, its stamp [ns] and the reading.
+    reading : callable
+        Returns the reading from a sample. Raises ValueError for one that the device can't give.
+    """
+
+    device: Device[P, Measured, Reading]
+    truth: Topic
+    measured: Callable[[Any], Measured]
+    sample: Topic
+    fill: Callable[[Any, int, Reading], None]
+    reading: Callable[[Any], Reading]
+
+
+def fill_gyro(message: Any, stamp_ns: int, counts: tuple[int, int]) -> None:
+    """Write ``gyro``: the readings in rad/s, with their zero-rate offset."""
+    fill_header(message.header, stamp_ns, 'base_link')
+    rate = message.angular_velocity
+    rate.y, rate.x = radians_of(counts[0]), radians_of(counts[1])
+    message.orientation_covariance[0] = -1.0  # not provided
+    message.linear_acceleration_covariance[0] = -1.0
+
+
+def gyro_counts(message: Any) -> tuple[int, int]:
+    """Return the readings [deg/s + offset] of gyros S1 and S2 from ``gyro``."""
+    return degrees_of(message.angular_velocity.y), degrees_of(message.angular_velocity.x)
+
+
+def fill_encoders(message: Any, stamp_ns: int, counts: tuple[int, int]) -> None:
+    """Write ``joint_states``: whole degrees as rad."""
+    fill_header(message.header, stamp_ns, '')
+    message.name = MOTOR_NAMES
+    message.position = [radians_of(counts[0]), radians_of(counts[1])]
+
+
+def encoder_counts(message: Any) -> tuple[int, int]:
+    """Return the counts [deg] of motors B and C from ``joint_states``.
+
+    ValueError if it tells of other joints.
+    """
+    if message.name != MOTOR_NAMES:
+        raise ValueError(f'joints {message.name}, not {MOTOR_NAMES}')
+    return degrees_of(message.position[0]), degrees_of(message.position[1])
+
+
+def fill_sonar(message: Any, stamp_ns: int, sonar_cm: int) -> None:
+    """Write ``sonar``."""
+    fill_header(message.header, stamp_ns, 'sonar')
+    message.radiation_type = ULTRASOUND
+    message.field_of_view = SONAR_CONE_RAD
+    message.min_range = 0.0
+    message.max_range = metres_of(NO_ECHO_CM - 1)
+    message.range = metres_of(sonar_cm)
+
+
+def sonar_reading(message: Any) -> int:
+    """Return the reading [cm] from ``sonar``.
+
+    ValueError if no register of the sensor holds it.
+    """
+    reading = centimetres_of(message.range)
+    if not NO_DATA_CM <= reading <= NO_ECHO_CM:
+        raise ValueError(f'a distance of {reading} cm, not 0 … {NO_ECHO_CM}')
+    return reading
+
+
+AnyDeviceMessages: TypeAlias = DeviceMessages[Any, Any, Any]
+"""The messages of a device of any kind."""
+
+DEVICE_MESSAGES: tuple[AnyDeviceMessages, ...] = (
+    DeviceMessages(GYRO_DEVICE, PLANT_IMU, body_rates, GYRO_IMU, fill_gyro, gyro_counts),
+    DeviceMessages(
+        ENCODER_DEVICE,
+        PLANT_JOINT_STATES,
+        motor_angles,
+        JOINT_STATES,
+        fill_encoders,
+        encoder_counts,
+    ),
+    DeviceMessages(SONAR_DEVICE, PLANT_ODOM, ball_position, SONAR_RANGE, fill_sonar, sonar_reading),
+)

@@ -1,0 +1,42 @@
+"""Each device has one entry in each table, and they agree."""
+
+import pytest
+
+from ballbot_ros import parameters
+from ballbot_ros.brick.brick import DeviceInputs
+from ballbot_ros.messages.devices import DEVICE_MESSAGES
+from ballbot_ros.messages.inputs import INPUTS
+from ballbot_ros.messages.topics import TOPICS, periodic_topics
+from ballbot_ros.parameters import DRIVERS, GAMEPAD
+from ballbot_ros.simulation.devices import DEVICES
+from ballbot_ros.simulation.timing import MILLISECOND_NS, TICK_NS
+
+each_device = pytest.mark.parametrize(
+    'messages', DEVICE_MESSAGES, ids=lambda each: each.device.parameters.node
+)
+
+
+def test_the_tables_have_the_same_devices_in_one_order():
+    assert tuple(each.parameters for each in DEVICES) == parameters.DEVICES
+    assert tuple(each.device for each in DEVICE_MESSAGES) == DEVICES
+    assert (*(each.parameters.node for each in DEVICES), GAMEPAD) == DRIVERS
+
+
+def test_each_field_of_the_brick_has_one_topic():
+    fields = [each.device.field for each in DEVICE_MESSAGES]
+    assert sorted([*fields, 'battery_mv', 'sticks']) == sorted(DeviceInputs._fields)
+    assert len(INPUTS) == len(DeviceInputs._fields)
+
+
+@each_device
+def test_a_driver_publishes_its_samples_and_nothing_else_in_lockstep(messages):
+    driver = messages.device.parameters
+    assert periodic_topics(driver.node) == (messages.sample,)
+    assert messages.sample in TOPICS
+    assert messages.sample.period_ns == driver.period_ms * MILLISECOND_NS
+
+
+@each_device
+def test_a_driver_is_told_the_truth_whenever_it_is_to_answer(messages):
+    assert messages.truth.period_ns == TICK_NS
+    assert messages.sample.period_ns % TICK_NS == 0
