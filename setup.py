@@ -1,30 +1,29 @@
 """Installs ballbot_ros by pip and, as an ament_python package, by colcon."""
 
 import re
+import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'ballbot_ros'
-NODES = (
-    'plant_sim',
-    'gyro_driver',
-    'encoder_driver',
-    'sonar_driver',
-    'controller',
-    'gamepad_teleop',
-    'recorder',
-    'player',
-    'viewer',
-    'robot_visualizer',
-)
 
 
 def version() -> str:
     """Read the version without importing the package, whose dependencies may be missing."""
     text = Path(PACKAGE, '__init__.py').read_text(encoding='utf-8')
     return re.search(r"^__version__ = '(.+)'$", text, re.MULTILINE)[1]
+
+
+def nodes() -> tuple[str, ...]:
+    """Take the nodes from the parameter table, which needs only the standard library."""
+    sys.path.insert(0, str(Path().resolve()))
+    try:
+        return import_module(f'{PACKAGE}.parameters').EXECUTABLES
+    finally:
+        del sys.path[0]
 
 
 def long_description() -> str:
@@ -140,7 +139,7 @@ setup(
     entry_points={
         'console_scripts': [
             f'ballbot = {PACKAGE}.cli.main:main',
-            *(f'{node} = {PACKAGE}.nodes.executables:{node}' for node in NODES),
+            *(f'{node} = {PACKAGE}.nodes.executables:{node}' for node in nodes()),
         ],
     },
 )

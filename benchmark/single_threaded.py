@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
 from ballbot_ros.nodes import base
+from ballbot_ros.nodes.registry import REGISTRY
 from ballbot_ros.stop_request import StopRequest
 
 
@@ -30,4 +30,4 @@ def spin(
 
 if __name__ == '__main__':
     base.spin = spin
-    import_module(f'ballbot_ros.nodes.{sys.argv[1]}').main()
+    REGISTRY[sys.argv[1]].main()

@@ -172,7 +172,11 @@ wanted_stamp() {
   local minor
   minor=$(minor_version "$venv/bin/python") || return
   printf '3.%s in %s\n' "$minor" "$project"
-  cat "$project/setup.py" "$project/pyproject.toml" | sha256sum
+  {
+    cat "$project/setup.py" "$project/pyproject.toml"
+    # The nodes, each of which gets a command.
+    grep -hs 'node: ClassVar' "$project"/ballbot_ros/parameters/*.py || true
+  } | sha256sum
 }
 
 is_reusable() {

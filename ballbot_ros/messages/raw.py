@@ -23,8 +23,14 @@ _STAMPS = ('std_msgs/msg/Header', 'builtin_interfaces/msg/Time')
 
 
 def stamp_of(data: bytes) -> int:
-    """Return the stamp [ns] of a serialised message that begins with a header or a time."""
-    seconds, nanoseconds = _STAMP.unpack_from(data)
+    """Return the stamp [ns] of a serialised message that begins with a header or a time.
+
+    ValueError for bytes that are too few to have one.
+    """
+    try:
+        seconds, nanoseconds = _STAMP.unpack_from(data)
+    except struct.error as error:
+        raise ValueError(str(error)) from None
     return int(seconds) * SECOND_NS + int(nanoseconds)
 
 

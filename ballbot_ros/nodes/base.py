@@ -153,6 +153,11 @@ class BallbotNode(ParameterNode[P]):
         self.every(DIAGNOSTICS_PERIOD_S, self.report)
 
     @property
+    def program(self) -> str:
+        """Name of the program that the node tells of itself."""
+        return type(self).__name__
+
+    @property
     def finished(self) -> bool:
         """Whether the node has finished its work."""
         return bool(self.done.done())

@@ -38,7 +38,7 @@ def participant_of(node: AnyNode) -> Participant:
         host=socket.gethostname(),
         process=os.getpid(),
         instance=instance,
-        implementation=f'ballbot_ros {__version__} {type(node).__name__}',
+        implementation=f'ballbot_ros {__version__} {node.program}',
         parameters_sha256='',
         guid_prefix=guid_prefix(node, instance),
         topics=tuple(topic.name for topic in periodic_topics(node.role)),

@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from ballbot_ros.nodes.base import AnyNode, spin
-from ballbot_ros.nodes.controller import Controller
-from ballbot_ros.nodes.encoder_driver import EncoderDriver
-from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
-from ballbot_ros.nodes.gyro_driver import GyroDriver
 from ballbot_ros.nodes.plant_sim import PlantSim
 from ballbot_ros.nodes.recorder import Recorder
-from ballbot_ros.nodes.sonar_driver import SonarDriver
+from ballbot_ros.nodes.registry import make_node
 from ballbot_ros.parameters import (
     CONTROLLER,
-    ENCODER,
-    GAMEPAD,
-    GYRO,
+    DRIVERS,
     RECORDER,
-    SONAR,
     PlantParameters,
     RecorderParameters,
 )
@@ -31,15 +22,6 @@ from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
 from ballbot_ros.stop_request import StopRequest
-
-_DRIVERS: dict[str, Callable[[Any], AnyNode]] = {
-    GYRO: GyroDriver,
-    ENCODER: EncoderDriver,
-    SONAR: SonarDriver,
-    GAMEPAD: GamepadTeleop,
-    CONTROLLER: Controller,
-}
-"""What makes each node from its parameters."""
 
 
 def run_in_one_process(
@@ -53,7 +35,7 @@ def run_in_one_process(
         try:
             plant = PlantSim(parameters.of(PlantParameters))
             nodes.append(plant)
-            nodes += [make(parameters.of_node(name)) for name, make in _DRIVERS.items()]
+            nodes += [make_node(parameters.of_node(name)) for name in (*DRIVERS, CONTROLLER)]
             if recording:
                 recorder = Recorder(parameters.of(RecorderParameters))
                 nodes.append(recorder)

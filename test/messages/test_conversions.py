@@ -173,3 +173,9 @@ def test_a_log_packet_travels_as_its_32_bytes(through):
     packet = LogPacket(1234, 0, 0, 8005, 0, -5, 7, -100, 100, 0, 0, 255)
     message, _ = through(BLUETOOTH_TX, c.fill_log, packet)
     assert LogPacket.decode(bytes(message.data)) == packet
+
+
+@pytest.mark.parametrize('data', [b'', b'\0\1\0\0', bytes(11)])
+def test_bytes_too_few_for_a_stamp_are_no_message(data):
+    with pytest.raises(ValueError, match='buffer'):
+        stamp_of(data)

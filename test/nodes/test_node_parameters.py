@@ -12,46 +12,28 @@ import rclpy
 from rclpy.parameter import Parameter
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.controller import Controller
-from ballbot_ros.nodes.encoder_driver import EncoderDriver
-from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
-from ballbot_ros.nodes.gyro_driver import GyroDriver
-from ballbot_ros.nodes.plant_sim import PlantSim
-from ballbot_ros.nodes.recorder import Recorder
-from ballbot_ros.nodes.sonar_driver import SonarDriver
+from ballbot_ros.nodes.registry import REGISTRY
 from ballbot_ros.parameters import (
     ALL_NODES,
+    CONTROLLER,
+    GAMEPAD,
+    GYRO,
+    NODES,
+    PLANT,
+    RECORDER,
+    SONAR,
     Acts,
-    ControllerParameters,
-    EncoderParameters,
-    GamepadParameters,
-    GyroParameters,
-    PlantParameters,
-    RecorderParameters,
-    SonarParameters,
     parameters_of,
 )
 
 pytestmark = pytest.mark.graph
 
-NODES = {
-    PlantSim: {'timeout': 3},
-    GyroDriver: {'noise': 1},
-    EncoderDriver: {},
-    SonarDriver: {'map': 'track'},
-    Controller: {'k_f': [0, -1, 0, 0]},
-    GamepadTeleop: {'device': ''},
-    Recorder: {},
-}
-
-PARAMETERS = {
-    PlantSim: PlantParameters,
-    GyroDriver: GyroParameters,
-    EncoderDriver: EncoderParameters,
-    SonarDriver: SonarParameters,
-    Controller: ControllerParameters,
-    GamepadTeleop: GamepadParameters,
-    Recorder: RecorderParameters,
+VALUES = {
+    PLANT: {'timeout': 3},
+    GYRO: {'noise': 1},
+    SONAR: {'map': 'track'},
+    CONTROLLER: {'k_f': [0, -1, 0, 0]},
+    GAMEPAD: {'device': ''},
 }
 
 
@@ -62,10 +44,11 @@ def make(domain, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     with contextlib.ExitStack() as stack:
 
-        def make(kind, arguments=(), **values):
+        def make(role, arguments=(), **values):
             rclpy.init(args=['--ros-args', *arguments] if arguments else [])
             stack.callback(rclpy.try_shutdown)
-            node = kind(None if arguments else PARAMETERS[kind](**values))
+            entry = REGISTRY[role]
+            node = entry.maker(None if arguments else entry.parameters(**values))
             stack.callback(node.destroy_node)
             stack.callback(node.close)
             return node
@@ -78,9 +61,9 @@ def set_one(node, name, value):
     return node.set_parameters([Parameter(name, value=value)])[0]
 
 
-@pytest.mark.parametrize('kind', NODES, ids=lambda kind: kind.__name__)
-def test_a_node_takes_its_own_dump(make, kind):
-    node = make(kind, **NODES[kind])
+@pytest.mark.parametrize('role', NODES)
+def test_a_node_takes_its_own_dump(make, role):
+    node = make(role, **VALUES.get(role, {}))
     names = [*node.list_parameters([], 10).names, 'use_sim_time', 'start_type_description_service']
     dump = node.get_parameters(sorted({*names}))
     assert {each.name for each in dump} >= set(parameters_of(node.role))
@@ -90,9 +73,9 @@ def test_a_node_takes_its_own_dump(make, kind):
         assert result.successful, (parameter.name, result.reason)
 
 
-@pytest.mark.parametrize('kind', NODES, ids=lambda kind: kind.__name__)
-def test_every_parameter_acts_when_the_table_says(make, kind):
-    node = make(kind, **NODES[kind])
+@pytest.mark.parametrize('role', NODES)
+def test_every_parameter_acts_when_the_table_says(make, role):
+    node = make(role, **VALUES.get(role, {}))
     for name, row in parameters_of(node.role).items():
         value = another(row, getattr(node.parameters, name))
         if value is None:
@@ -132,7 +115,7 @@ def another(row, value):
 
 
 def test_what_acts_from_the_next_run_on_does_so_together(make):
-    node = make(GyroDriver)
+    node = make(GYRO)
     assert set_one(node, 'noise', 2.5).successful
     assert set_one(node, 'seed', 7).successful
     assert (node.parameters.noise, node.parameters.seed) == (0.0, 1)
@@ -141,7 +124,7 @@ def test_what_acts_from_the_next_run_on_does_so_together(make):
 
 
 def test_none_of_several_is_taken_if_one_is_refused(make):
-    node = make(PlantSim)
+    node = make(PLANT)
     pair = [Parameter('push_duration', value=0.5), Parameter('real_time_factor', value=1e-4)]
     result = node.set_parameters_atomically(pair)
     assert not result.successful
@@ -151,29 +134,29 @@ def test_none_of_several_is_taken_if_one_is_refused(make):
 
 
 @pytest.mark.parametrize(
-    ('kind', 'name', 'value', 'words'),
+    ('role', 'name', 'value', 'words'),
     [
-        (PlantSim, 'map', 'nowhere', 'unknown map'),
-        (PlantSim, 'scenario', 'nothing', 'unknown scenario'),
-        (PlantSim, 'gravity', 'much', 'not a number'),
-        (PlantSim, 'gravity', True, 'not a number'),
-        (PlantSim, 'gravity', -1.0, 'not within 0 … 100 m/s²'),
-        (PlantSim, 'real_time_factor', -1, 'not within 0 or 0.01 … 1000'),
-        (PlantSim, 'lockstep', False, 'read-only'),
-        (SonarDriver, 'cone_rays', 4, 'even'),
-        (SonarDriver, 'map', 'nowhere', 'unknown map'),
-        (GamepadTeleop, 'scenario', 'nothing', 'unknown scenario'),
-        (GamepadTeleop, 'keyboard', True, 'keyboard'),
-        (GamepadTeleop, 'log_csv', '/dev/null', 'exists already'),
-        (Controller, 'k_f', [1.0, 2.0], 'not a list of 4 numbers'),
-        (Controller, 'ts2_period', 5, 'not one of 4, 20, 100'),
-        (Controller, 'use_sim_time', False, 'timers go by /clock'),
-        (Recorder, 'output', 'other.mcap', 'read-only'),
+        (PLANT, 'map', 'nowhere', 'unknown map'),
+        (PLANT, 'scenario', 'nothing', 'unknown scenario'),
+        (PLANT, 'gravity', 'much', 'not a number'),
+        (PLANT, 'gravity', True, 'not a number'),
+        (PLANT, 'gravity', -1.0, 'not within 0 … 100 m/s²'),
+        (PLANT, 'real_time_factor', -1, 'not within 0 or 0.01 … 1000'),
+        (PLANT, 'lockstep', False, 'read-only'),
+        (SONAR, 'cone_rays', 4, 'even'),
+        (SONAR, 'map', 'nowhere', 'unknown map'),
+        (GAMEPAD, 'scenario', 'nothing', 'unknown scenario'),
+        (GAMEPAD, 'keyboard', True, 'keyboard'),
+        (GAMEPAD, 'log_csv', '/dev/null', 'exists already'),
+        (CONTROLLER, 'k_f', [1.0, 2.0], 'not a list of 4 numbers'),
+        (CONTROLLER, 'ts2_period', 5, 'not one of 4, 20, 100'),
+        (CONTROLLER, 'use_sim_time', False, 'timers go by /clock'),
+        (RECORDER, 'output', 'other.mcap', 'read-only'),
     ],
-    ids=lambda value: getattr(value, '__name__', str(value)),
+    ids=str,
 )
-def test_what_cannot_be_is_refused_with_the_reason(make, kind, name, value, words):
-    node = make(kind)
+def test_what_cannot_be_is_refused_with_the_reason(make, role, name, value, words):
+    node = make(role)
     result = set_one(node, name, value)
     assert not result.successful
     assert words in result.reason
@@ -181,7 +164,7 @@ def test_what_cannot_be_is_refused_with_the_reason(make, kind, name, value, word
 
 
 def test_a_whole_number_is_taken_for_a_float(make):
-    node = make(PlantSim, duration=4)
+    node = make(PLANT, duration=4)
     assert node.parameters.duration == 4.0
     assert set_one(node, 'real_time_factor', 1).successful
     assert node.get_parameter('real_time_factor').value == 1.0
@@ -190,7 +173,7 @@ def test_a_whole_number_is_taken_for_a_float(make):
 
 
 def test_a_number_that_yaml_takes_for_text_is_taken_for_a_float(make):
-    node = make(PlantSim)
+    node = make(PLANT)
     assert set_one(node, 'motor_inertia', '2e-05').successful
     assert node.get_parameter('motor_inertia').value == 2e-5
     assert not set_one(node, 'motor_inertia', 'nan').successful
@@ -198,12 +181,12 @@ def test_a_number_that_yaml_takes_for_text_is_taken_for_a_float(make):
 
 
 def test_a_whole_number_is_taken_for_a_float_on_the_command_line(make):
-    node = make(GyroDriver, ['-p', 'noise:=1'])
+    node = make(GYRO, ['-p', 'noise:=1'])
     assert node.parameters.noise == 1.0
 
 
 def test_a_log_that_can_not_be_made_at_the_next_run_does_not_end_the_driving(make, tmp_path):
-    node = make(GamepadTeleop)
+    node = make(GAMEPAD)
     path = tmp_path / 'none' / 'log.csv'
     assert set_one(node, 'log_csv', str(path)).successful
     node.take_values()
@@ -214,7 +197,7 @@ def test_a_log_that_can_not_be_made_at_the_next_run_does_not_end_the_driving(mak
 
 
 def test_with_the_keyboard_at_work_other_parameters_are_taken(make):
-    node = make(GamepadTeleop)
+    node = make(GAMEPAD)
     # While the panel is up, standard output is a pipe.
     node.parameters = node._requested = replace(node.parameters, keyboard=True)
     assert set_one(node, 'deadzone', 0.2).successful
@@ -222,24 +205,24 @@ def test_with_the_keyboard_at_work_other_parameters_are_taken(make):
 
 def test_in_lockstep_the_controller_has_no_other_clock(make):
     with pytest.raises(BallbotError, match='use_sim_time: false: in lockstep'):
-        make(Controller, ['-p', 'use_sim_time:=false'])
+        make(CONTROLLER, ['-p', 'use_sim_time:=false'])
 
 
 def test_free_running_it_may_have_another_clock(make):
-    node = make(Controller, ['-p', 'use_sim_time:=false', '-p', 'lockstep:=false'])
+    node = make(CONTROLLER, ['-p', 'use_sim_time:=false', '-p', 'lockstep:=false'])
     assert node.get_parameter('use_sim_time').value is False
     assert set_one(node, 'use_sim_time', True).successful
 
 
 def test_the_clock_is_sim_time_unless_it_is_told_otherwise(make):
-    node = make(Controller)
+    node = make(CONTROLLER)
     assert node.get_parameter('use_sim_time').value is True
     assert node.get_clock().ros_time_is_active
 
 
-@pytest.mark.parametrize('kind', [PlantSim, GyroDriver, Controller], ids=lambda kind: kind.__name__)
-def test_a_renamed_node_is_the_same_in_all_but_its_name(make, kind):
-    node = make(kind, ['-r', '__node:=another', '-r', '__ns:=/robot'])
+@pytest.mark.parametrize('role', [PLANT, GYRO, CONTROLLER])
+def test_a_renamed_node_is_the_same_in_all_but_its_name(make, role):
+    node = make(role, ['-r', '__node:=another', '-r', '__ns:=/robot'])
     assert node.get_fully_qualified_name() == '/robot/another'
     assert node.role in ALL_NODES
     assert not set_one(node, next(iter(parameters_of(node.role))), 'none').successful

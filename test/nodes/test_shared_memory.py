@@ -412,10 +412,11 @@ def test_a_port_that_is_laid_out_otherwise_is_left_alone(tmp_path):
 
 ENDS_AT_A_CHECK = """
 import rclpy
-from ballbot_ros.nodes import base, gyro_driver
+from ballbot_ros.nodes import base
+from ballbot_ros.nodes.registry import make_node
 from ballbot_ros.parameters import GyroParameters
 rclpy.init()
-node = gyro_driver.GyroDriver(GyroParameters())
+node = make_node(GyroParameters())
 base.mark_dead_readers = node.finish
 base.spin([node], node.done)
 """

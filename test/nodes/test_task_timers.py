@@ -8,10 +8,10 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.controller.tasks import TS1
 from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
+from ballbot_ros.nodes import controller
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.one_shot import OneShot
 from ballbot_ros.parameters import CONTROLLER, NODES, PLANT, RECORDER, PlantParameters
-from ballbot_ros.run import one_process
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
 from ballbot_ros.scenario.library import load_scenario
@@ -120,7 +120,7 @@ def test_whatever_the_timers_do_the_duties_are_the_same(
     domain, monkeypatch, expected_sha256, kind, forced
 ):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-    monkeypatch.setitem(one_process._DRIVERS, CONTROLLER, kind)
+    monkeypatch.setattr(controller, 'Controller', kind)
     options = RunOptions(
         processes=Processes.ONE, record=False, assignments=(f'plant_sim.duration={DURATION_S}',)
     )

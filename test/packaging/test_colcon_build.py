@@ -8,20 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from ballbot_ros.parameters import EXECUTABLES
+
 ROOT = Path(__file__).resolve().parents[2]
-EXECUTABLES = {
-    'ballbot',
-    'plant_sim',
-    'gyro_driver',
-    'encoder_driver',
-    'sonar_driver',
-    'controller',
-    'gamepad_teleop',
-    'recorder',
-    'player',
-    'viewer',
-    'robot_visualizer',
-}
 LOAD_ENTRY_POINTS = """
 from importlib.metadata import distribution
 import ballbot_ros
@@ -81,7 +70,10 @@ def run_sourced(prefix, *command):
 
 def test_executables_are_where_ros2_run_looks(prefix):
     folder = prefix / 'lib/ballbot_ros'
-    assert {file.name for file in folder.iterdir() if os.access(file, os.X_OK)} == EXECUTABLES
+    assert {file.name for file in folder.iterdir() if os.access(file, os.X_OK)} == {
+        'ballbot',
+        *EXECUTABLES,
+    }
 
 
 def test_package_is_in_the_ament_index(prefix):

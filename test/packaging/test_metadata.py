@@ -3,12 +3,15 @@
 import ast
 import re
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 import setuptools
+
+from ballbot_ros.nodes.registry import REGISTRY
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -133,6 +136,19 @@ def imported_modules(file):
             yield from (alias.name.split('.')[0] for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and not node.level:
             yield node.module.split('.')[0]
+
+
+def test_every_node_is_a_program(setup):
+    scripts = setup['entry_points']['console_scripts']
+    nodes = {name: f'{name} = ballbot_ros.nodes.executables:{name}' for name in REGISTRY}
+    assert scripts == ['ballbot = ballbot_ros.cli.main:main', *nodes.values()]
+
+
+def test_the_nodes_are_known_without_any_dependency():
+    code = "import sys; sys.path.insert(0, '.'); from ballbot_ros.parameters import EXECUTABLES"
+    bare = [sys.executable, '-I', '-S', '-c', code]
+    done = subprocess.run(bare, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_every_subpackage_is_installed(setup):

@@ -54,7 +54,7 @@ class Machine:
         for tool in TOOLS:
             (folder / 'bin' / tool).symlink_to(shutil.which(tool))
         shutil.copytree(ROOT / 'scripts', self.project / 'scripts')
-        (self.project / 'ballbot_ros').mkdir()
+        (self.project / 'ballbot_ros/parameters').mkdir(parents=True)
         (self.project / 'setup.py').write_text('first')
         (self.project / 'pyproject.toml').write_text('first')
         self.pip('')
@@ -271,11 +271,11 @@ def test_test_script_adds_its_tools_once(machine):
     assert machine.calls[2].endswith('--editable .[ros,drive,viewer,test]')
 
 
-@pytest.mark.parametrize('name', ['setup.py', 'pyproject.toml'])
-def test_changed_requirements_are_installed(machine, name):
+@pytest.mark.parametrize('name', ['setup.py', 'pyproject.toml', 'ballbot_ros/parameters/new.py'])
+def test_changed_requirements_and_nodes_are_installed(machine, name):
     machine.python()
     machine.run('run')
-    (machine.project / name).write_text('second')
+    (machine.project / name).write_text("    node: ClassVar[str] = 'second'")
     process = machine.run('run')
     assert process.errors == 'Updating .venv ...\n'
     assert [call.split()[1] for call in machine.calls] == ['venv', 'pip', 'pip']

@@ -1,0 +1,72 @@
+"""The driver of a device: the truth that it measures in, its readings out."""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+
+from ballbot_ros.messages.devices import DEVICE_MESSAGES, AnyDeviceMessages
+from ballbot_ros.messages.raw import decoder, stamp_of
+from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
+from ballbot_ros.nodes.participation import Participation
+from ballbot_ros.parameters import DriverParameters
+from ballbot_ros.simulation.devices import P
+from ballbot_ros.simulation.lockstep import Run
+
+
+class DeviceDriver(BallbotNode[P]):
+    """Answers each truth that is due with one sample of the same stamp.
+
+    Parameters
+    ----------
+    cls : type
+        The parameters of the driver, which tell what device it is.
+    parameters : DriverParameters or None
+        As for any node.
+    """
+
+    def __init__(self, cls: type[P], parameters: P | None = None) -> None:
+        super().__init__(cls, parameters)
+        self._messages = messages_of(cls)
+        self._device = self._messages.device
+        self._period_ns = self._device.period_ns
+        self._read = self._device.make(self.parameters)
+        self._decode = decoder(self._messages.truth.type_name)
+        self._output = self.output(self._messages.sample)
+        self._participation = Participation(self, self._on_run)
+        self.listen(self._messages.truth, self._on_truth, raw=True)
+
+    @property
+    def program(self) -> str:
+        """Name of the program, such as ``GyroDriver``."""
+        return ''.join(word.capitalize() for word in self.role.split('_'))
+
+    def check(self, parameters: P) -> None:
+        """Find out whether the device can be made with such parameters."""
+        self._device.make(parameters)
+
+    def _on_run(self, run: Run) -> None:
+        self._read = self._device.make(self.parameters)
+
+    def _on_truth(self, truth: bytes) -> None:
+        try:
+            now = stamp_of(truth)
+            if now % self._period_ns or not self._participation.includes(now):
+                return
+            reading = self._read(self._messages.measured(self._decode(truth)), now)
+        except NO_SAMPLE as error:
+            self.ignore(self._messages.truth, error)
+            return
+        self._messages.fill(self._output.message, now, reading)
+        self._output.send(now)
+        self.sampled(now)
+
+
+def messages_of(cls: type[DriverParameters]) -> AnyDeviceMessages:
+    """Return the messages of the device whose driver has such parameters."""
+    return next(each for each in DEVICE_MESSAGES if each.device.parameters is cls)
+
+
+def main(cls: type[DriverParameters]) -> None:
+    """Run the driver of a device, which the class of its parameters tells."""
+    sys.exit(run_node(partial(DeviceDriver, cls)))

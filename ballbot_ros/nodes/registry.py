@@ -1,0 +1,83 @@
+"""The nodes: what runs each, imported when it is called for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from ballbot_ros.parameters import (
+    DEVICES,
+    ControllerParameters,
+    GamepadParameters,
+    NodeParameters,
+    PlantParameters,
+    PlayerParameters,
+    RecorderParameters,
+    ViewerParameters,
+    VisualizerParameters,
+)
+
+if TYPE_CHECKING:
+    from ballbot_ros.nodes.base import AnyNode
+
+
+@dataclass(frozen=True)
+class NodeEntry:
+    """A node that is a program.
+
+    Attributes
+    ----------
+    parameters : type
+        Its parameters, whose class has its name.
+    module : str
+        The module in :mod:`ballbot_ros.nodes` that has its ``main``.
+    class_name : str
+        Its class there.
+    serves_several : bool
+        Whether class and ``main`` serve several nodes, and are told by the class of the
+        parameters which one they are to be.
+    """
+
+    parameters: type[NodeParameters]
+    module: str
+    class_name: str
+    serves_several: bool = False
+
+    @property
+    def maker(self) -> Callable[[NodeParameters | None], AnyNode]:
+        """What makes the node, with the values of its parameters or those that ROS has for it."""
+        make: Callable[[NodeParameters | None], AnyNode] = self._load(self.class_name)
+        return make
+
+    @property
+    def main(self) -> Callable[[], None]:
+        """What runs the node as a program."""
+        main: Callable[[], None] = self._load('main')
+        return main
+
+    def _load(self, name: str) -> Any:
+        found = getattr(import_module(f'ballbot_ros.nodes.{self.module}'), name)
+        return partial(found, self.parameters) if self.serves_several else found
+
+
+_ENTRIES = (
+    NodeEntry(PlantParameters, 'plant_sim', 'PlantSim'),
+    *(NodeEntry(each, 'device_driver', 'DeviceDriver', serves_several=True) for each in DEVICES),
+    NodeEntry(ControllerParameters, 'controller', 'Controller'),
+    NodeEntry(GamepadParameters, 'gamepad_teleop', 'GamepadTeleop'),
+    NodeEntry(RecorderParameters, 'recorder', 'Recorder'),
+    NodeEntry(PlayerParameters, 'player', 'Player'),
+    NodeEntry(ViewerParameters, 'viewer', 'Viewer'),
+    NodeEntry(VisualizerParameters, 'robot_visualizer', 'RobotVisualizer'),
+)
+
+REGISTRY = {each.parameters.node: each for each in _ENTRIES}
+"""The nodes by name."""
+
+
+def make_node(parameters: NodeParameters) -> AnyNode:
+    """Return a node with these values of its parameters, whose class tells which one it is."""
+    return REGISTRY[parameters.node].maker(parameters)

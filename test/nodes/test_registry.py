@@ -1,0 +1,32 @@
+"""The registry of the nodes against the parameter table and the modules."""
+
+import pytest
+
+from ballbot_ros.nodes import executables
+from ballbot_ros.nodes.registry import REGISTRY
+from ballbot_ros.parameters import ALL_NODES, EXECUTABLES, NODES, SUPERVISOR
+
+each_node = pytest.mark.parametrize('name', EXECUTABLES)
+
+
+def test_registry_and_parameter_table_have_the_same_nodes_in_one_order():
+    assert tuple(REGISTRY) == EXECUTABLES
+    assert EXECUTABLES[: len(NODES)] == NODES
+    assert {*ALL_NODES} - {*EXECUTABLES} == {SUPERVISOR}
+
+
+@each_node
+def test_what_runs_a_node_is_where_the_registry_says(name):
+    pytest.importorskip('rclpy')
+    pytest.importorskip('viser')
+    assert callable(REGISTRY[name].maker)
+    assert callable(REGISTRY[name].main)
+
+
+@each_node
+def test_each_node_is_a_function_of_the_executables(name):
+    assert getattr(executables, name).args == (name,)
+
+
+def test_what_python_looks_for_in_a_module_is_no_node():
+    assert not hasattr(executables, '__path__')
