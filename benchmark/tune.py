@@ -22,7 +22,6 @@ from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.scenario.signal import Segment, Signal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
 
 SEEDS = range(1, 6)
 FULL_MOVES = (-100.0, 0.0, 100.0)
@@ -70,8 +69,8 @@ def run(parameters: ParameterSet, seconds: float, scenario: Scenario | None = No
     assert isinstance(program, ControlProgram)
     peak_error = 0.0
     motion = []
-    for _ in range(round(seconds * SECOND_NS) // TICK_NS):
-        truth = loop.tick().truth
+    for tick in loop.ticks(seconds):
+        truth = tick.truth
         if loop.plant.fallen or loop.plant.stopped:
             break
         errors = (float(plane.theta_diff) for plane in (program.x, program.y))

@@ -24,78 +24,84 @@ from ballbot_ros.stop_request import StopRequest
 
 def run_offline(spec: RunSpec, recording: Path | None, observer: RunObserver) -> RunResult:
     """Run the closed loop, recorded as the graph would be."""
-    loop = ClosedLoop(spec.parameters, spec.scenario)
-    log, pacer = TrajectoryLog(), Pacer()
-    writer = _begin_recording(spec, recording, loop)
-    begun = time.monotonic()
+    with StopRequest() as stop:
+        run = _OfflineRun(spec, recording, stop)
+        try:
+            run.tick_to_the_end(observer)
+            summary = run.summary(run.wall_hit)
+            run.end_recording(summary)
+        except RecordingError as error:
+            summary = run.summary(str(error))
+    if summary.reason:
+        observer.notice(summary.reason)
+    result = RunResult.from_summary(summary_json(summary), run.log.trajectory())
+    return replace(result, failure_status=128 + stop.signal) if stop.signal else result
 
-    def summary(failure: str) -> RunSummary:
-        outcome = Outcome.STOPPED if stop.signal else Outcome.COMPLETED
+
+class _OfflineRun:
+    """A closed loop with its log, its recording and its pace."""
+
+    def __init__(self, spec: RunSpec, recording: Path | None, stop: StopRequest) -> None:
+        self._loop = ClosedLoop(spec.parameters, spec.scenario)
+        self._plant_parameters = spec.plant
+        self._stop = stop
+        self._pacer = Pacer()
+        self._writer: SimulatedRecording | None = None
+        if recording:
+            attachments = attachments_of(spec)
+            self._writer = SimulatedRecording(recording, attachments, spec.plant.ball_radius)
+            self._writer.begin(FIRST_TICK_NS, self._loop.world, self._loop.pushes)
+        self.log = TrajectoryLog()
+        self._begun = time.monotonic()
+
+    @property
+    def wall_hit(self) -> str:
+        """The wall hit that has ended the run, in words; '' if there is none."""
+        return str(self._loop.plant.newest_hit) if self._loop.plant.stopped else ''
+
+    def tick_to_the_end(self, observer: RunObserver) -> None:
+        """Run the ticks at their pace until the end of the run, a wall hit or a signal."""
+        ticks = round(self._plant_parameters.duration * SECOND_NS) // TICK_NS
+        plant = self._loop.plant
+        while self.log.ticks < ticks and not plant.stopped and not self._stop.signal:
+            self._await_tick()
+            tick = self._loop.tick()
+            self.log.add(tick.truth, *tick.outputs.duty)
+            if self._writer:
+                self._writer.add(tick, self._loop.program)
+            observer.update(self.log.ticks * TICK_NS / SECOND_NS)
+
+    def _await_tick(self) -> None:
+        factor = self._plant_parameters.real_time_factor
+        if delay_s := self._pacer.delay_s(factor, time.monotonic()):
+            time.sleep(delay_s)
+        self._pacer.ticked(factor, time.monotonic())
+
+    def summary(self, failure: str) -> RunSummary:
+        """Return the summary of the run, which has failed if there is a reason."""
+        outcome = Outcome.STOPPED if self._stop.signal else Outcome.COMPLETED
+        wall_s = time.monotonic() - self._begun
         return RunSummary(
             outcome=Outcome.FAILED if failure else outcome,
             reason=failure,
-            ticks=log.ticks,
-            duty_sha256=log.duty_sha256,
-            real_time_factor=log.ticks * TICK_NS / SECOND_NS / (time.monotonic() - begun),
-            late_ticks=pacer.late_ticks,
+            ticks=self.log.ticks,
+            duty_sha256=self.log.duty_sha256,
+            real_time_factor=self.log.ticks * TICK_NS / SECOND_NS / wall_s,
+            late_ticks=self._pacer.late_ticks,
             resends=0,
             round_trips_s=(),
             start_ns=FIRST_TICK_NS,
         )
 
-    with StopRequest() as stop:
-        try:
-            _tick_to_the_end(spec, loop, log, pacer, writer, observer, stop)
-            hit = str(loop.plant.newest_hit) if loop.plant.stopped else ''
-            if hit:
-                observer.notice(hit)
-            told = summary(hit)
-            if writer:
-                _end_recording(writer, loop, told)
-        except RecordingError as error:
-            told = summary(str(error))
-            observer.notice(str(error))
-    result = RunResult.from_summary(summary_json(told), log.trajectory())
-    return replace(result, failure_status=128 + stop.signal) if stop.signal else result
-
-
-def _tick_to_the_end(
-    spec: RunSpec,
-    loop: ClosedLoop,
-    log: TrajectoryLog,
-    pacer: Pacer,
-    writer: SimulatedRecording | None,
-    observer: RunObserver,
-    stop: StopRequest,
-) -> None:
-    factor = spec.plant.real_time_factor
-    ticks = round(spec.plant.duration * SECOND_NS) // TICK_NS
-    while log.ticks < ticks and not stop.signal and not loop.plant.stopped:
-        if delay_s := pacer.delay_s(factor, time.monotonic()):
-            time.sleep(delay_s)
-        pacer.ticked(factor, time.monotonic())
-        tick = loop.tick()
-        log.add(tick.truth, *tick.outputs.duty)
-        if writer:
-            writer.add(tick, loop.program)
-        observer.update(log.ticks * TICK_NS / SECOND_NS)
-
-
-def _begin_recording(
-    spec: RunSpec, recording: Path | None, loop: ClosedLoop
-) -> SimulatedRecording | None:
-    if recording is None:
-        return None
-    writer = SimulatedRecording(recording, attachments_of(spec), spec.plant.ball_radius)
-    writer.begin(FIRST_TICK_NS, loop.world, loop.pushes)
-    return writer
-
-
-def _end_recording(writer: SimulatedRecording, loop: ClosedLoop, summary: RunSummary) -> None:
-    last_ns = loop.plant.time_ns - TICK_NS
-    if loop.plant.stopped:
-        last_ns = loop.plant.time_ns
-        writer.add_truth(loop.plant.truth(), wall_hit=loop.plant.wall_hit)
-    if summary.outcome is not Outcome.COMPLETED:
-        writer.stop_motors(last_ns)
-    writer.close(summary)
+    def end_recording(self, summary: RunSummary) -> None:
+        """Write how the run ended, and finish the file."""
+        if self._writer is None:
+            return
+        plant = self._loop.plant
+        last_ns = plant.time_ns - TICK_NS
+        if plant.stopped:
+            last_ns = plant.time_ns
+            self._writer.add_truth(plant.truth(), wall_hit=plant.wall_hit)
+        if summary.outcome is not Outcome.COMPLETED:
+            self._writer.stop_motors(last_ns)
+        self._writer.close(summary)

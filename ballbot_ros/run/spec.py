@@ -18,7 +18,6 @@ from ballbot_ros.parameters import (
     ParameterError,
     ParameterSet,
     PlantParameters,
-    SonarParameters,
     SupervisorParameters,
 )
 from ballbot_ros.parameters.assignment import assign
@@ -26,9 +25,9 @@ from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.scenario.library import load_profile, load_scenario
 from ballbot_ros.scenario.reader import IDEAL
 from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.simulation.devices import DEVICES
 from ballbot_ros.text_enum import TextEnum
 from ballbot_ros.world.library import is_file_name
-from ballbot_ros.world.sonar_beam import SonarBeam
 from ballbot_ros.world.world import World
 
 
@@ -176,7 +175,7 @@ def _follow_scenario(reference: str, parameters: ParameterSet) -> None:
 
 
 def resolve_map(parameters: ParameterSet) -> None:
-    """Make the path of a map file absolute.
+    """Make the path of a map file absolute; check that plant and devices can use the map.
 
     Raises
     ------
@@ -185,7 +184,8 @@ def resolve_map(parameters: ParameterSet) -> None:
         the map.
     """
     World.of(parameters.of(PlantParameters))
-    SonarBeam(parameters.of(SonarParameters))
+    for device in DEVICES:
+        device.make(parameters.of(device.parameters))
     name = parameters.of(PlantParameters).map
     if is_file_name(name):
         parameters.set(PLANT, 'map', str(Path.cwd() / name))

@@ -6,7 +6,7 @@ run them, so its duties equal the graph's to the bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from ballbot_ros.brick.battery_monitor import battery_mv
@@ -22,7 +22,13 @@ from ballbot_ros.plant.plant import Plant
 from ballbot_ros.plant.truth import Push, Truth
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.devices import DEVICES, AnyDevice, Read
-from ballbot_ros.simulation.timing import BATTERY_NS, FIRST_TICK_NS, MILLISECOND_NS
+from ballbot_ros.simulation.timing import (
+    BATTERY_NS,
+    FIRST_TICK_NS,
+    MILLISECOND_NS,
+    SECOND_NS,
+    TICK_NS,
+)
 from ballbot_ros.world.world import World
 
 _BATTERY, _STICKS = (DeviceInputs._fields.index(name) for name in ('battery_mv', 'sticks'))
@@ -108,6 +114,13 @@ class ClosedLoop:
         self.pushes = self._scenario.pushes_from(self._start_ns)
         for push in self.pushes:
             self.plant.push(push)
+
+    def ticks(self, duration: float) -> Iterator[Tick]:
+        """Run for `duration` [s], or up to the wall hit that ends the run; yield each tick."""
+        for _ in range(round(duration * SECOND_NS) // TICK_NS):
+            if self.plant.stopped:
+                return
+            yield self.tick()
 
     def tick(self) -> Tick:
         """Run one tick: sample the devices, run the tasks due, move the plant by 4 ms."""

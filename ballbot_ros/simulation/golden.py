@@ -17,7 +17,6 @@ from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 
 GOLDEN_FILE = 'config/golden.yaml'
@@ -59,12 +58,8 @@ def load_golden() -> Golden:
 def duty_sha256(scenario: Scenario) -> str:
     """Run a scenario in this process and return its ``duty_sha256``."""
     loop, log = ClosedLoop(scenario.parameters, scenario), TrajectoryLog(keep=False)
-    ticks = round(scenario.parameters.of(PlantParameters).duration * SECOND_NS) // TICK_NS
-    for _ in range(ticks):
-        tick = loop.tick()
+    for tick in loop.ticks(scenario.parameters.of(PlantParameters).duration):
         log.add(tick.truth, *tick.outputs.duty)
-        if loop.plant.stopped:
-            break
     return log.duty_sha256
 
 

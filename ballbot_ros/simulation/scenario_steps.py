@@ -10,7 +10,7 @@ from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantPara
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.timing import FIRST_TICK_NS, MILLISECOND_NS, SECOND_NS, TICK_NS
+from ballbot_ros.simulation.timing import FIRST_TICK_NS, MILLISECOND_NS
 
 RANDOM_SEQUENCES = 50
 RANDOM_TICKS = 150
@@ -20,9 +20,7 @@ RANDOM_TICKS = 150
 def scenario_steps(parameters: ParameterSet, scenario: Scenario) -> Iterator[Step]:
     """Yield the device inputs of every tick of a scenario."""
     loop = ClosedLoop(parameters, scenario)
-    ticks = round(parameters.of(PlantParameters).duration * SECOND_NS) // TICK_NS
-    for _ in range(ticks):
-        tick = loop.tick()
+    for tick in loop.ticks(parameters.of(PlantParameters).duration):
         now = tick.truth.stamp_ns
         yield Step((now - FIRST_TICK_NS) // MILLISECOND_NS, now // MILLISECOND_NS, tick.inputs)
 
