@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ballbot_ros.analysis.assessment import Assessment
 from ballbot_ros.analysis.conditions import Condition
+from ballbot_ros.analysis.drawing import (
+    DUTY,
+    PITCH,
+    POSITION,
+    Quantity,
+    draw_floor,
+    draw_line,
+    draw_track,
+    frame_curves,
+    label_time,
+    legend_above,
+)
 from ballbot_ros.analysis.figure_tables import duty_table, pitch_table, position_table, track_table
 from ballbot_ros.analysis.metrics import number
 from ballbot_ros.analysis.page import number_text, render, write_folder
 from ballbot_ros.analysis.report import MEANINGS, banner, metric_row
 from ballbot_ros.analysis.run_data import RunData
-from ballbot_ros.analysis.run_figures import (
-    Drawn,
-    draw_map,
-    label_track,
-)
+from ballbot_ros.analysis.run_figures import Drawn
 from ballbot_ros.analysis.style import (
     BLUE,
     GRAY,
@@ -27,41 +35,39 @@ from ballbot_ros.analysis.style import (
     ORANGE,
     PURPLE,
     SKY,
-    legend_above,
+    WIDTH,
+    Line,
     new_figure,
     png_of,
-    tidy,
 )
 from ballbot_ros.analysis.table import Table, csv_text
 from ballbot_ros.analysis.verdict import Verdict
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.world.exports import OccupancyGrid
+from ballbot_ros.world.floor_map import FloorMap
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, GRAY)
 _DASHES = ('-', '--', '-.', ':')
-_WIDTH = 8.0
 
 
 @dataclass(frozen=True)
-class _Quantity:
-    """What a figure of two rows, one a plane, shows."""
+class _Source:
+    """A quantity that is compared, and where it comes from."""
 
-    name: str
+    quantity: Quantity
     title: str
     topic: Topic
     table: Callable[[RunData], Table]
-    columns: tuple[str, str]
-    label: str
 
 
-_QUANTITIES = (
-    _Quantity('pitch', 'Body pitch', PLANT_IMU, pitch_table,
-              ('pitch_x_deg', 'pitch_y_deg'), 'body pitch [°]'),
-    _Quantity('position', 'Position', PLANT_ODOM, position_table,
-              ('position_x_cm', 'position_y_cm'), 'position [cm]'),
-    _Quantity('duty', 'Duty', MOTOR_DUTY, duty_table,
-              ('duty_x_percent', 'duty_y_percent'), 'duty [%]'),
-)  # fmt: skip
+_SOURCES = (
+    _Source(PITCH, 'Body pitch', PLANT_IMU, pitch_table),
+    _Source(POSITION, 'Position', PLANT_ODOM, position_table),
+    _Source(DUTY, 'Duty', MOTOR_DUTY, duty_table),
+)
 
 
 @dataclass(frozen=True)
@@ -79,7 +85,7 @@ class Compared:
     metrics : dict of str to float
     tables : dict of str to Table
         The numbers of each figure, by its name.
-    grid : OccupancyGrid or None
+    floor : FloorMap, OccupancyGrid or None
     notes : tuple of str
     """
 
@@ -90,7 +96,7 @@ class Compared:
     trusted: bool
     metrics: dict[str, float]
     tables: dict[str, Table]
-    grid: OccupancyGrid | None
+    floor: FloorMap | OccupancyGrid | None
     notes: tuple[str, ...]
 
     @property
@@ -102,7 +108,7 @@ class Compared:
 def compared(letter: str, assessment: Assessment) -> Compared:
     """Return what a comparison needs of a run."""
     run = assessment.run
-    tables = {each.name: each.table(run) for each in _QUANTITIES if each.topic in run.series}
+    tables = {s.quantity.name: s.table(run) for s in _SOURCES if s.topic in run.series}
     if PLANT_ODOM in run.series:
         tables['track'] = track_table(run)
     return Compared(
@@ -113,7 +119,7 @@ def compared(letter: str, assessment: Assessment) -> Compared:
         trusted=run.complete and assessment.outcome is not Verdict.FAILED,
         metrics=assessment.metrics,
         tables=tables,
-        grid=run.grid,
+        floor=run.floor,
         notes=tuple(banner(run)),
     )
 
@@ -231,13 +237,14 @@ def write_comparison(runs: Sequence[Compared], failed: Sequence[str], folder: Pa
 
 
 def _figures(runs: Sequence[Compared]) -> Iterable[Drawn]:
-    for quantity in _QUANTITIES:
-        if any(quantity.name in each.tables for each in runs):
+    for source in _SOURCES:
+        name, title = source.quantity.name, source.title
+        if any(name in each.tables for each in runs):
             yield Drawn(
-                quantity.name,
-                quantity.title,
-                f'{quantity.title} of all runs against time, plane x above and plane y below.',
-                png_of(_draw_quantity(quantity, runs)),
+                name,
+                title,
+                f'{title} of all runs against time, plane x above and plane y below.',
+                png_of(_draw_quantity(source.quantity, runs)),
                 {},
             )
     if any('track' in each.tables for each in runs):
@@ -250,41 +257,39 @@ def _figures(runs: Sequence[Compared]) -> Iterable[Drawn]:
         )
 
 
-def _line(index: int) -> dict[str, Any]:
-    return {
-        'color': _COLOURS[index % len(_COLOURS)],
-        'linestyle': _DASHES[index % len(_DASHES)],
-        # The first lines are the wider ones, so that those above do not hide them.
-        'linewidth': 2.0 if index == 0 else 1.1,
-    }
+def _lines(runs: Sequence[Compared], name: str) -> Iterator[tuple[Table, Line]]:
+    """Iterate over the tables of a name that the runs have, and how each is drawn."""
+    for index, each in enumerate(runs):
+        if name in each.tables:
+            # The first line is the widest one, so that those above do not hide it.
+            yield (
+                each.tables[name],
+                Line(
+                    _COLOURS[index % len(_COLOURS)],
+                    2.0 if index == 0 else 1.1,
+                    _DASHES[index % len(_DASHES)],
+                    each.label,
+                ),
+            )
 
 
-def _draw_quantity(quantity: _Quantity, runs: Sequence[Compared]) -> Any:
-    figure = new_figure(_WIDTH, 5.0)
+def _draw_quantity(quantity: Quantity, runs: Sequence[Compared]) -> Figure:
+    figure = new_figure(WIDTH, 5.0)
     both = figure.subplots(2, 1, sharex=True)
-    for axes, column, plane in zip(both, quantity.columns, 'xy', strict=True):
-        for index, each in enumerate(runs):
-            if table := each.tables.get(quantity.name):
-                axes.plot(table['time_s'], table[column], label=each.label, **_line(index))
-        axes.margins(x=0.0)
-        axes.set_ylabel(f'{quantity.label}, {plane}')
-        tidy(axes)
+    for axes, plane in zip(both, 'xy', strict=True):
+        for table, line in _lines(runs, quantity.name):
+            draw_line(axes, table['time_s'], table[quantity.column(plane)], line)
+        frame_curves(axes, f'{quantity.label}, {plane}')
     legend_above(both[0], 3)
-    both[1].set_xlabel('time [s]')
+    label_time(both[1])
     return figure
 
 
-def _draw_tracks(runs: Sequence[Compared]) -> Any:
-    figure = new_figure(_WIDTH, 5.0)
+def _draw_tracks(runs: Sequence[Compared]) -> Figure:
+    figure = new_figure(WIDTH, 5.0)
     axes = figure.subplots()
-    draw_map(runs[0].grid, axes)
-    for index, each in enumerate(runs):
-        if table := each.tables.get('track'):
-            x, y = table['map_x_cm'], table['map_y_cm']
-            look = _line(index)
-            axes.plot(x, y, label=each.label, **look)
-            axes.plot(x[0], y[0], marker='o', color=look['color'], linestyle='')
-            axes.plot(x[-1], y[-1], marker='s', color=look['color'], linestyle='')
-    label_track(axes)
+    draw_floor(axes, runs[0].floor)
+    for table, line in _lines(runs, 'track'):
+        draw_track(axes, table, line)
     legend_above(axes, 3)
     return figure

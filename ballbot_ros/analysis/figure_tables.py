@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.drawing import DUTY, PITCH, POSITION
 from ballbot_ros.analysis.run_data import RunData, Series
 from ballbot_ros.analysis.run_metrics import (
     estimated_gyro_offset,
@@ -14,7 +15,13 @@ from ballbot_ros.analysis.run_metrics import (
     estimated_position,
     true_gyro_offset,
 )
-from ballbot_ros.analysis.table import Table, envelope, every_nth
+from ballbot_ros.analysis.table import (
+    Table,
+    envelope,
+    every_nth,
+    plane_columns,
+    track_columns,
+)
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     GYRO_IMU,
@@ -25,37 +32,32 @@ from ballbot_ros.messages.topics import (
 )
 
 
-def _planes(name: str, unit: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    return {f'{name}_x_{unit}': values[:, 0], f'{name}_y_{unit}': values[:, 1]}
-
-
 def _table(series: Series, name: str, unit: str, values: NDArray[Any]) -> Table:
-    return envelope(series.time, _planes(name, unit, values))
+    return envelope(series.time, plane_columns(name, unit, values))
 
 
 def position_table(run: RunData) -> Table:
     """Return the true position [cm]."""
     series = run.series[PLANT_ODOM]
-    return _table(series, 'position', 'cm', series.values * 100.0)
+    return envelope(series.time, POSITION.columns(series.values * 100.0))
 
 
 def pitch_table(run: RunData) -> Table:
     """Return the true body pitch [°]."""
     series = run.series[PLANT_IMU]
-    return _table(series, 'pitch', 'deg', np.degrees(series.values[:, :2]))
+    return envelope(series.time, PITCH.columns(np.degrees(series.values[:, :2])))
 
 
 def track_table(run: RunData) -> Table:
     """Return the way of the ball in ``map`` [cm]."""
     series = run.series[PLANT_ODOM]
-    x, y = series.values.T * 100.0
-    return every_nth(series.time, {'map_x_cm': x, 'map_y_cm': -y})
+    return every_nth(series.time, track_columns(series.values))
 
 
 def duty_table(run: RunData) -> Table:
     """Return the duties [%]."""
     series = run.series[MOTOR_DUTY]
-    return _table(series, 'duty', 'percent', series.values)
+    return envelope(series.time, DUTY.columns(series.values))
 
 
 def motion_table(run: RunData) -> Table:
@@ -67,8 +69,8 @@ def motion_table(run: RunData) -> Table:
         time = odometry.time[np.isin(odometry.stamps, stamps)]
         return envelope(
             time,
-            _planes('position', 'cm', odometry.at(stamps) * 100.0)
-            | _planes('pitch', 'deg', np.degrees(body.at(stamps)[:, :2])),
+            POSITION.columns(odometry.at(stamps) * 100.0)
+            | PITCH.columns(np.degrees(body.at(stamps)[:, :2])),
         )
     return {**position, **pitch}
 

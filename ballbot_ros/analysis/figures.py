@@ -1,17 +1,35 @@
-"""The picture that goes beside a run's recording: its motion against time, and its track."""
+"""The picture next to a run's recording: its motion against time, and its track."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ballbot_ros.analysis.style import BLUE, GRAY, ORANGE, PLANES, new_figure, png_of, tidy
+from ballbot_ros.analysis.drawing import (
+    DUTY,
+    PITCH,
+    POSITION,
+    Span,
+    draw_floor,
+    draw_planes,
+    draw_track,
+    label_time,
+    legend_above,
+    legend_below,
+    name_spans,
+    shade,
+)
+from ballbot_ros.analysis.style import BLUE, WIDTH, Line, new_figure, png_of
+from ballbot_ros.analysis.table import track_columns
 from ballbot_ros.scenario.signal import Segment
 from ballbot_ros.simulation.trajectory import Trajectory
-from ballbot_ros.world.floor_map import LINE, WALL, FloorMap
+from ballbot_ros.world.floor_map import FloorMap
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure, SubFigure
 
 MANY_CM = 5.0
 """Motion in plane y from which on the track says more than the two positions against time."""
@@ -27,7 +45,7 @@ def draw_motion(
 ) -> None:
     """Draw position, body pitch and duty against time, like the document's figures 8-2 and 8-3.
 
-    Where there is a map, or the ball moves in both planes, its track is drawn beside them.
+    Where there is a map, or the ball moves in both planes, its track is drawn next to them.
 
     Parameters
     ----------
@@ -43,73 +61,43 @@ def draw_motion(
     floor_map : FloorMap or None
         Walls and lines below the track.
     """
-    sideways = trajectory.position[:, 1] * 100.0
-    with_track = len(sideways) > 0 and (floor_map is not None or np.ptp(sideways) > MANY_CM)
-    figure = new_figure(12.0 if with_track else 8.0, 6.0, title)
-    history: Any = figure
+    position = trajectory.position
+    with_track = len(position) > 0 and (
+        floor_map is not None or np.ptp(position[:, 1]) * 100.0 > MANY_CM
+    )
+    figure = new_figure(12.0 if with_track else WIDTH, 6.0, title)
+    history: Figure | SubFigure = figure
     if with_track:
         history, beside = np.asarray(figure.subfigures(1, 2, width_ratios=(8, 5)))
-        _draw_track(beside.subplots(), trajectory, floor_map)
-    _draw_history(
-        history.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2)),
-        trajectory,
-        hold_time,
-        segments,
-    )
+        track = beside.subplots()
+        draw_floor(track, floor_map)
+        draw_track(track, track_columns(position), Line(BLUE))
+        legend_above(track)
+    _draw_history(history, trajectory, _spans(trajectory, hold_time, segments))
     path.write_bytes(png_of(figure))
 
 
+def _spans(trajectory: Trajectory, hold_time: float, segments: Iterable[Segment]) -> list[Span]:
+    """Return what is shaded, as far as there are ticks."""
+    last = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
+    spans = [Span(0.0, hold_time, 'calibration')]
+    spans += [Span(segment.start, segment.end, segment.name) for segment in segments]
+    return [Span(s.start, min(s.end, last), s.name) for s in spans if s.start < min(s.end, last)]
+
+
 def _draw_history(
-    rows: Any, trajectory: Trajectory, hold_time: float, segments: Iterable[Segment]
+    figure: Figure | SubFigure, trajectory: Trajectory, spans: Sequence[Span]
 ) -> None:
-    time = trajectory.time
-    last = float(time[-1]) if len(time) else 0.0
-    spans = [(segment.start, segment.end, segment.name) for segment in segments]
-    spans = [(0.0, hold_time, 'calibration'), *spans]
-    spans = [(start, min(end, last), name) for start, end, name in spans if start < min(end, last)]
-    for axes, values, label in (
-        (rows[0], trajectory.position * 100.0, 'position [cm]'),
-        (rows[1], np.degrees(trajectory.psi), 'body pitch [°]'),
-        (rows[2], trajectory.duty, 'duty [%]'),
-    ):
-        axes.margins(x=0.0)
-        for plane in (1, 0):
-            axes.plot(time, values[:, plane], **PLANES[plane])
-        axes.set_ylabel(label)
-        tidy(axes)
-        for start, end, _ in spans:
-            axes.axvspan(start, end, color=GRAY, alpha=0.12, linewidth=0.0)
-    for start, end, name in spans:
-        rows[0].annotate(
-            name, ((start + end) / 2.0, 1.0), (0, 3), color=GRAY, fontsize='small',
-            xycoords=('data', 'axes fraction'), textcoords='offset points', ha='center',
-        )  # fmt: skip
-    rows[2].set_xlabel('time [s]')
-    # Beside that label, where no curve is.
-    rows[2].legend(
-        handles=rows[2].get_lines()[::-1],
-        loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=2, frameon=False,
-    )  # fmt: skip
-
-
-def _draw_track(axes: Any, trajectory: Trajectory, floor_map: FloorMap | None) -> None:
-    """Draw the ball's way from above, forward to the right, as in the frame `map`."""
-    if floor_map is not None:
-        # In a lighter gray than the image has, so that the track stands out.
-        shades = {WALL: 0.6, LINE: 0.8}
-        picture = np.ones(floor_map.cells.shape)
-        for kind, shade in shades.items():
-            picture[floor_map.cells == kind] = shade
-        columns, rows = floor_map.columns / 2.0, floor_map.rows / 2.0
-        axes.imshow(
-            picture, cmap='gray', vmin=0.0, vmax=1.0, extent=(-columns, columns, -rows, rows)
-        )
-    x, y = trajectory.position[:, 0] * 100.0, trajectory.position[:, 1] * -100.0
-    axes.plot(x, y, color=BLUE, linewidth=1.4)
-    axes.plot(x[0], y[0], marker='o', color=GRAY, linestyle='', label='start')
-    axes.plot(x[-1], y[-1], marker='s', color=ORANGE, linestyle='', label='end')
-    axes.set_aspect('equal', adjustable='datalim' if floor_map is None else 'box')
-    axes.set_xlabel('x of map [cm]')
-    axes.set_ylabel('y of map [cm]')
-    axes.legend(loc='best', frameon=False)
-    tidy(axes)
+    rows = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2))
+    table = {
+        'time_s': trajectory.time,
+        **POSITION.columns(trajectory.position * 100.0),
+        **PITCH.columns(np.degrees(trajectory.psi)),
+        **DUTY.columns(trajectory.duty),
+    }
+    for axes, quantity in zip(rows, (POSITION, PITCH, DUTY), strict=True):
+        draw_planes(axes, quantity, table)
+        shade(axes, spans)
+    name_spans(rows[0], spans)
+    label_time(rows[2])
+    legend_below(rows[2])

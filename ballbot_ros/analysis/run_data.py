@@ -25,6 +25,7 @@ from ballbot_ros.scenario.metrics import Floats
 from ballbot_ros.simulation.timing import SECOND_NS
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.world.exports import OccupancyGrid
+from ballbot_ros.world.floor_map import FloorMap
 
 Integers = NDArray[np.int64]
 
@@ -134,6 +135,12 @@ class RunData:
     def end(self) -> float:
         """Time of the last tick [s]; 0 without one."""
         return float(self.trajectory.time[-1]) if len(self.trajectory.time) else 0.0
+
+    @property
+    def floor(self) -> FloorMap | OccupancyGrid | None:
+        """The attached map, which has lines, too, or the recorded one; None without either."""
+        floor_map = self.attached.floor_map
+        return self.grid if floor_map is None else floor_map
 
     @property
     def intact(self) -> bool:

@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ballbot_ros.analysis.drawing import (
+    DUTY,
+    PITCH,
+    POSITION,
+    Span,
+    draw_bounds,
+    draw_floor,
+    draw_line,
+    draw_planes,
+    draw_track,
+    frame_curves,
+    label_time,
+    legend_above,
+    shade,
+    tidy,
+    widen,
+)
 from ballbot_ros.analysis.figure_tables import (
     battery_table,
     duty_table,
@@ -24,14 +41,13 @@ from ballbot_ros.analysis.style import (
     GRAY,
     GREEN,
     ORANGE,
-    PLANES,
     PURPLE,
     SKY,
+    WIDTH,
     YELLOW,
-    legend_above,
+    Line,
     new_figure,
     png_of,
-    tidy,
 )
 from ballbot_ros.analysis.table import Table
 from ballbot_ros.controller.interface import DriveState
@@ -45,11 +61,12 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     Topic,
 )
-from ballbot_ros.world.exports import OccupancyGrid
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _STATE_COLOURS = (GRAY, BLUE, GREEN, SKY, YELLOW, PURPLE, ORANGE)
 _HATCHES = ('', '', '//', '..', 'xx', '\\\\', '++')
-_WIDTH = 8.0
 
 LEAST_SPAN = 1.0
 """Of the axis of a state that hardly changes [°, cm or °/s]; a count of the gyro is 1 °/s."""
@@ -78,7 +95,7 @@ class RunFigure:
     caption: str
     needs: tuple[Topic, ...]
     table: Callable[[RunData], Table]
-    draw: Callable[[RunData, Table], Any]
+    draw: Callable[[RunData, Table], Figure]
 
 
 @dataclass(frozen=True)
@@ -105,175 +122,136 @@ def draw_figures(run: RunData) -> list[Drawn]:
     return drawn
 
 
-def _draw_planes(axes: Any, table: Table, first: str, second: str, label: str) -> None:
-    """Draw the columns of both planes against time."""
-    axes.margins(x=0.0)
-    for name, style in ((second, PLANES[1]), (first, PLANES[0])):
-        axes.plot(table['time_s'], table[name], **style)
-    axes.set_ylabel(label)
-    tidy(axes)
+def _calibration(run: RunData) -> list[Span]:
+    return [
+        Span(each.start, each.end, each.state)
+        for each in run.states
+        if each.state == DriveState.CALIBRATION
+    ]
 
 
-def _shade_calibration(run: RunData, axes: Any) -> None:
-    for each in run.states:
-        if each.state == DriveState.CALIBRATION:
-            axes.axvspan(each.start, each.end, color=GRAY, alpha=0.12, linewidth=0.0)
-
-
-def _widen(axes: Any, least: float) -> None:
-    """Let the vertical axis span at least so much: what hardly changes is shown as such."""
-    low, high = axes.get_ylim()
-    middle, half = (low + high) / 2.0, max(high - low, least) / 2.0
-    axes.set_ylim(middle - half, middle + half)
-
-
-def _draw_motion(run: RunData, table: Table) -> Any:
-    figure = new_figure(_WIDTH, 5.0)
+def _draw_motion(run: RunData, table: Table) -> Figure:
+    figure = new_figure(WIDTH, 5.0)
     rows = figure.subplots(2, 1, sharex=True)
-    _draw_planes(rows[0], table, 'position_x_cm', 'position_y_cm', 'position [cm]')
-    _draw_planes(rows[1], table, 'pitch_x_deg', 'pitch_y_deg', 'body pitch [°]')
-    for axes in rows:
-        _shade_calibration(run, axes)
+    for axes, quantity in zip(rows, (POSITION, PITCH), strict=True):
+        draw_planes(axes, quantity, table)
+        shade(axes, _calibration(run))
     legend_above(rows[0])
-    rows[1].set_xlabel('time [s]')
+    label_time(rows[1])
     return figure
 
 
-def draw_map(grid: OccupancyGrid | None, axes: Any) -> None:
-    """Draw the walls of the recorded map in gray, if there is one."""
-    if grid is None:
-        return
-    height, width = grid.cells.shape
-    left, low = (edge * 100.0 for edge in grid.origin)
-    cell = grid.resolution * 100.0
-    walls = np.ma.masked_less(grid.cells, 50)
-    axes.imshow(
-        walls, cmap='gray', vmin=0, vmax=200, origin='lower', interpolation='nearest',
-        extent=(left, left + width * cell, low, low + height * cell),
-    )  # fmt: skip
-
-
-def label_track(axes: Any) -> None:
-    """Make the axes those of the floor seen from above."""
-    axes.set_aspect('equal', adjustable='datalim')
-    axes.set_xlabel('x of map, forward [cm]')
-    axes.set_ylabel('y of map, left [cm]')
-    tidy(axes)
-
-
-def _draw_track(run: RunData, table: Table) -> Any:
-    figure = new_figure(_WIDTH, 5.0)
+def _draw_track(run: RunData, table: Table) -> Figure:
+    figure = new_figure(WIDTH, 5.0)
     axes = figure.subplots()
-    draw_map(run.grid, axes)
-    x, y = table['map_x_cm'], table['map_y_cm']
-    axes.plot(x, y, color=BLUE, linewidth=1.4)
-    axes.plot(x[0], y[0], marker='o', color=GRAY, linestyle='', markersize=8, label='start')
-    axes.plot(x[-1], y[-1], marker='s', color=ORANGE, linestyle='', markersize=5, label='end')
-    label_track(axes)
+    draw_floor(axes, run.floor)
+    draw_track(axes, table, Line(BLUE))
     legend_above(axes)
     return figure
 
 
-def _draw_duty(run: RunData, table: Table) -> Any:
-    figure = new_figure(_WIDTH, 2.8)
+def _draw_duty(run: RunData, table: Table) -> Figure:
+    figure = new_figure(WIDTH, 2.8)
     axes = figure.subplots()
-    _draw_planes(axes, table, 'duty_x_percent', 'duty_y_percent', 'duty [%]')
-    for bound in (-100.0, 100.0):
-        axes.axhline(bound, color=GRAY, linewidth=0.8, linestyle=':')
-    _shade_calibration(run, axes)
+    draw_planes(axes, DUTY, table)
+    draw_bounds(axes, (-100.0, 100.0))
+    shade(axes, _calibration(run))
     legend_above(axes)
-    axes.set_xlabel('time [s]')
+    label_time(axes)
     return figure
 
 
-def _draw_pairs(run: RunData, table: Table, rows: Any, share: str) -> Any:
-    """Draw pairs of a true and an estimated column: a row a quantity, a column a plane."""
-    figure = new_figure(_WIDTH, 5.0)
-    grid = figure.subplots(2, 2, sharex=True, sharey=share)
-    for line, (true, other, label, name) in zip(grid, rows, strict=True):
+@dataclass(frozen=True)
+class _Pair:
+    """A true and another column of a quantity, with {} for the plane.
+
+    Attributes
+    ----------
+    true, other : str
+        The columns.
+    label : str
+        What stands at the axis.
+    name : str
+        What the other column is.
+    """
+
+    true: str
+    other: str
+    label: str
+    name: str = 'estimated'
+
+
+def _draw_pairs(run: RunData, table: Table, pairs: Sequence[_Pair], *, share_rows: bool) -> Figure:
+    """Draw true and other columns: a row a quantity, a column a plane."""
+    figure = new_figure(WIDTH, 5.0)
+    grid = figure.subplots(2, 2, sharex=True, sharey='row' if share_rows else 'none')
+    for line, pair in zip(grid, pairs, strict=True):
         for axes, plane in zip(line, 'xy', strict=True):
-            time = table['time_s']
-            axes.margins(x=0.0)
-            axes.plot(time, table[true.format(plane)], color=ORANGE, linewidth=2.2, label='true')
-            axes.plot(time, table[other.format(plane)], color=BLUE, linewidth=0.9, linestyle='--',
-                      label=name)  # fmt: skip
-            _shade_calibration(run, axes)
-            tidy(axes)
+            for column, look in (
+                (pair.true, Line(ORANGE, 2.2, label='true')),
+                (pair.other, Line(BLUE, 0.9, '--', pair.name)),
+            ):
+                draw_line(axes, table['time_s'], table[column.format(plane)], look)
+            frame_curves(axes, '')
+            shade(axes, _calibration(run))
         for axes in line:  # both planes may share an axis, which stays as it is set
-            _widen(axes, LEAST_SPAN)
-        line[0].set_ylabel(label)
+            widen(axes, LEAST_SPAN)
+        line[0].set_ylabel(pair.label)
         legend_above(line[1])
     for axes, plane in zip(grid[0], 'xy', strict=True):
         axes.set_title(f'plane {plane}', loc='left')
     for axes in grid[1]:
-        axes.set_xlabel('time [s]')
+        label_time(axes)
     return figure
 
 
-def _draw_estimate(run: RunData, table: Table) -> Any:
-    return _draw_pairs(
-        run,
-        table,
-        (
-            ('true_pitch_{}_deg', 'estimated_pitch_{}_deg', 'body pitch [°]', 'estimated'),
-            ('true_position_{}_cm', 'estimated_position_{}_cm', 'position [cm]', 'estimated'),
-        ),
-        'row',
+def _draw_estimate(run: RunData, table: Table) -> Figure:
+    pairs = (
+        _Pair('true_pitch_{}_deg', 'estimated_pitch_{}_deg', PITCH.label),
+        _Pair('true_position_{}_cm', 'estimated_position_{}_cm', POSITION.label),
     )
+    return _draw_pairs(run, table, pairs, share_rows=True)
 
 
-def _draw_gyro(run: RunData, table: Table) -> Any:
-    return _draw_pairs(
-        run,
-        table,
-        (
-            (
-                'true_rate_{}_deg_s',
-                'read_rate_{}_deg_s',
-                'pitch rate [°/s]',
-                'reading − offset',
-            ),
-            ('true_offset_{}_deg_s', 'estimated_offset_{}_deg_s', 'gyro offset [°/s]', 'estimated'),
-        ),
-        'none',  # each gyro has an offset of its own
+def _draw_gyro(run: RunData, table: Table) -> Figure:
+    pairs = (
+        _Pair('true_rate_{}_deg_s', 'read_rate_{}_deg_s', 'pitch rate [°/s]', 'reading − offset'),
+        _Pair('true_offset_{}_deg_s', 'estimated_offset_{}_deg_s', 'gyro offset [°/s]'),
     )
+    # Each gyro has an offset of its own.
+    return _draw_pairs(run, table, pairs, share_rows=False)
 
 
-def _draw_sonar(run: RunData, table: Table) -> Any:
-    figure = new_figure(_WIDTH, 2.8)
+def _draw_sonar(run: RunData, table: Table) -> Figure:
+    figure = new_figure(WIDTH, 2.8)
     axes = figure.subplots()
     time, distance = table['time_s'], table['distance_cm']
-    silent = np.isinf(distance)
-    axes.margins(x=0.0)
-    heard = np.isfinite(distance)
+    heard, silent = np.isfinite(distance), np.isinf(distance)
     axes.plot(time[heard], distance[heard], '.', color=BLUE, markersize=3.0, label='echo')
     axes.plot(time[silent], np.full(silent.sum(), 255.0), '|', color=ORANGE, markersize=4.0,
               label='no echo')  # fmt: skip
     axes.set_ylim(0.0, 270.0)
-    axes.set_ylabel('distance [cm]')
-    axes.set_xlabel('time [s]')
-    tidy(axes)
+    frame_curves(axes, 'distance [cm]')
+    label_time(axes)
     legend_above(axes)
     return figure
 
 
-def _draw_battery(run: RunData, table: Table) -> Any:
-    figure = new_figure(_WIDTH, 2.4)
+def _draw_battery(run: RunData, table: Table) -> Figure:
+    figure = new_figure(WIDTH, 2.4)
     axes = figure.subplots()
-    axes.margins(x=0.0)
-    axes.plot(table['time_s'], table['voltage_v'], color=BLUE, linewidth=1.2)
-    _widen(axes, 0.5)
-    axes.set_ylabel('battery [V]')
-    axes.set_xlabel('time [s]')
-    tidy(axes)
+    draw_line(axes, table['time_s'], table['voltage_v'], Line(BLUE))
+    frame_curves(axes, 'battery [V]')
+    widen(axes, 0.5)
+    label_time(axes)
     return figure
 
 
-def _draw_states(run: RunData, table: Table) -> Any:
+def _draw_states(run: RunData, table: Table) -> Figure:
     known = [state.value for state in DriveState]
     present = [state for state in known if state in table['state']]
     present += sorted(set(table['state'].tolist()) - set(present))
-    figure = new_figure(_WIDTH, 1.1 + 0.32 * len(present))
+    figure = new_figure(WIDTH, 1.1 + 0.32 * len(present))
     axes = figure.subplots()
     for each in run.states:
         look = known.index(each.state) if each.state in known else 0
@@ -286,7 +264,7 @@ def _draw_states(run: RunData, table: Table) -> Any:
     axes.invert_yaxis()
     axes.set_xlim(0.0, max(run.end, float(table['end_s'][-1])))
     axes.set_ylabel('operating state')
-    axes.set_xlabel('time [s]')
+    label_time(axes)
     tidy(axes)
     return figure
 

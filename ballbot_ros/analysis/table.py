@@ -19,6 +19,17 @@ Table = Mapping[str, NDArray[Any]]
 """Columns of equal length by name; the first is the time [s]."""
 
 
+def plane_columns(name: str, unit: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return the columns of values of both planes, shape (n, 2), by their names."""
+    return {f'{name}_x_{unit}': values[:, 0], f'{name}_y_{unit}': values[:, 1]}
+
+
+def track_columns(position: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return the columns of a track in ``map`` [cm], of positions in the planes [m], (n, 2)."""
+    x, y = position.T * 100.0
+    return {'map_x_cm': x, 'map_y_cm': -y}
+
+
 def envelope(time: NDArray[Any], columns: Mapping[str, NDArray[Any]]) -> Table:
     """Return a table of the columns, of many rows the least and the largest of each interval.
 

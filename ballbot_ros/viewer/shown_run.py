@@ -16,7 +16,7 @@ from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SO
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.snapshot import TRACE_COLUMNS, WINDOW_S, Snapshot
-from ballbot_ros.world.exports import floor_map_of
+from ballbot_ros.world.exports import OccupancyGrid, floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
 
 _SAMPLES = 600
@@ -134,6 +134,4 @@ def _held(series: Series | None, times: NDArray[np.float64]) -> NDArray[np.float
 
 def _floor_map(run: RunData) -> FloorMap | None:
     """Return the attached map, or the walls that were published."""
-    if run.attached.floor_map is not None or run.grid is None:
-        return run.attached.floor_map
-    return floor_map_of(run.grid)
+    return floor_map_of(run.floor) if isinstance(run.floor, OccupancyGrid) else run.floor

@@ -1,0 +1,72 @@
+"""What figures consist of: the same thing looks the same in all of them."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from ballbot_ros.analysis.drawing import (
+    PITCH,
+    draw_floor,
+    draw_planes,
+    draw_track,
+    legend_above,
+)
+from ballbot_ros.analysis.style import BLUE, Line
+from ballbot_ros.world.exports import occupancy_grid
+from ballbot_ros.world.library import load_map
+
+
+@pytest.fixture
+def axes():
+    return Figure().subplots()
+
+
+def drawn_floor(axes):
+    (image,) = axes.get_images()
+    return image.get_array(), image.get_extent()
+
+
+def test_a_map_and_its_grid_show_the_same_walls_in_the_same_place(axes):
+    floor_map = load_map('track')
+    draw_floor(axes, floor_map)
+    shades, extent = drawn_floor(axes)
+    other = Figure().subplots()
+    draw_floor(other, occupancy_grid(floor_map))
+    walls, of_grid = drawn_floor(other)
+    assert of_grid == pytest.approx(extent)
+    assert walls.count() == floor_map.walls.sum()
+    assert (walls.compressed() == shades[floor_map.walls]).all()
+    assert not walls.mask[floor_map.walls].any()
+
+
+def test_the_lines_of_a_map_are_drawn_lighter_than_its_walls(axes):
+    floor_map = load_map('track')
+    draw_floor(axes, floor_map)
+    shades, _ = drawn_floor(axes)
+    wall, line = np.unique(shades.compressed())
+    assert wall < line < 1.0
+    assert (shades[floor_map.walls] == wall).all()
+
+
+def test_the_track_tells_its_ends_by_name_where_it_is_alone_and_by_its_colour_otherwise(axes):
+    table = {'map_x_cm': np.array([0.0, 9.0]), 'map_y_cm': np.array([0.0, 5.0])}
+    draw_track(axes, table, Line(BLUE))
+    draw_track(axes, table, Line('#009E73', label='B other'))
+    legend_above(axes)
+    names = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert names == ['start', 'end', 'B other']
+    _, start, end, line, *ends = axes.get_lines()
+    assert start.get_color() != end.get_color()
+    assert {each.get_color() for each in ends} == {line.get_color()}
+    for first, last in ((start, end), ends):
+        assert (first.get_marker(), last.get_marker()) == ('o', 's')
+        assert first.get_xydata().tolist() == [[0.0, 0.0]]
+        assert last.get_xydata().tolist() == [[9.0, 5.0]]
+
+
+def test_plane_x_is_named_first_and_drawn_over_plane_y(axes):
+    values = np.zeros((3, 2))
+    draw_planes(axes, PITCH, {'time_s': np.arange(3), **PITCH.columns(values)})
+    x, y = axes.get_lines()
+    assert (x.get_label(), y.get_label()) == ('plane x', 'plane y')
+    assert x.get_zorder() > y.get_zorder()
