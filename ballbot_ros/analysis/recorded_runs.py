@@ -213,7 +213,7 @@ def _by_row(rows: Mapping[Topic, Rows]) -> dict[int, Topic]:
 class RunFinder:
     """Finds the runs of a recording, from its messages in the order of the file.
 
-    The topics of a file are in no fixed order to each other, so each is followed by itself. The
+    The topics of a file are in no fixed order to each other, so each is followed on its own. The
     one whose time goes back first begins the next epoch, and the others follow. Other messages are
     of the epoch in which they stand; what a plant tells after it has announced a run of the next
     epoch, before its first sample, is of that one.
@@ -337,7 +337,7 @@ class RunFinder:
                 self._epochs.append(_Epoch(self._next))
                 self._next = {}
         elif stamp_ns > max(newest_ns, self._epochs[-1].newest_ns + MOST_AHEAD_NS):
-            # It is left of the epoch before.
+            # A late one of the epoch before.
             self._newest[topic] = _Newest(epoch, stamp_ns)
             return epoch, True
         if epoch != self.epochs - 1:
@@ -345,7 +345,7 @@ class RunFinder:
         if stamp_ns <= newest_ns:
             return epoch, False
         if topic.publisher == PLANT and self._next.items() <= self._epochs[-1].names.items():
-            self._next = {}  # the same run was announced again, and goes on
+            self._next = {}  # the same run was only announced again
         self._newest[topic] = _Newest(epoch, stamp_ns)
         self._epochs[-1].note(stamp_ns, stamp_ns)
         return epoch, True
@@ -368,7 +368,7 @@ def placed_messages(
     reader : RecordingReader
     topics : RobotTopics
     finder : RunFinder
-        What is given all that it needs of the file, too.
+        Places them. It is also given the samples and announcements that it needs for that.
     wanted : collection of Topic
     """
     read = [n for n, topic in topics.by_name.items() if topic in (*wanted, RUN) or topic.period_ns]
