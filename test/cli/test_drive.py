@@ -106,7 +106,8 @@ def test_keys_drive_reset_and_quit(start_drive, tmp_path):
     assert drive.finish() == 0
     assert not any(alive(pid) for pid in pids.values())
     assert termios.tcgetattr(drive.side) == drive.settings
-    assert str(drive.folder / 'drive.mcap').encode() in drive.screen.replace(b'\r\n', b'')
+    path = str(drive.folder / 'drive.mcap').encode()
+    wait_for(lambda: path in drive.screen.replace(b'\r\n', b''), what='the path on the screen')
     assert ('keyboard', -0.5, 0.0) in drive.recorded()
     assert drive.recorded()[0] == ('scenario', 0.0, 0.0)
     with RecordingReader(drive.folder / 'drive.mcap') as reader:
