@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.errors import BallbotError
@@ -112,6 +111,6 @@ def _read(attached: Attached, name: str, path: Path) -> None:
     elif name in MAPS:
         attached.floor_map = read_map(path)
     else:
-        content: Any = YamlDocument(path).data
+        content = YamlDocument(path).data
         if isinstance(content, dict):
             attached.versions = {str(key): str(value) for key, value in content.items()}

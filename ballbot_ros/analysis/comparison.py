@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 from ballbot_ros.analysis.assessment import Assessment
 from ballbot_ros.analysis.conditions import Condition
@@ -25,7 +25,7 @@ from ballbot_ros.analysis.drawing import (
 from ballbot_ros.analysis.figure_tables import duty_table, pitch_table, position_table, track_table
 from ballbot_ros.analysis.metrics import number
 from ballbot_ros.analysis.page import number_text, render, write_folder
-from ballbot_ros.analysis.report import MEANINGS, banner, metric_row
+from ballbot_ros.analysis.report import MEANINGS, MetricText, banner, metric_text
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import Drawn
 from ballbot_ros.analysis.style import (
@@ -155,10 +155,10 @@ def changes(reference: float, value: float) -> tuple[float, float]:
     return change, change / abs(reference) * 100.0 if reference else math.nan
 
 
-def as_json(runs: Sequence[Compared], failed: Sequence[str]) -> dict[str, Any]:
+def as_json(runs: Sequence[Compared], failed: Sequence[str]) -> dict[str, object]:
     """Return the comparison as one object; a number that is not there is None."""
     reference = runs[0]
-    metrics: dict[str, Any] = {}
+    metrics: dict[str, object] = {}
     for name in MEANINGS:
         before = reference.metrics[name]
         differences = [changes(before, each.metrics[name]) for each in runs[1:]]
@@ -182,26 +182,35 @@ def as_json(runs: Sequence[Compared], failed: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def rows(runs: Sequence[Compared]) -> list[dict[str, Any]]:
-    """Return the metrics that any run has, in words, with the later runs' differences."""
-    reference = runs[0]
+class Change(NamedTuple):
+    """A metric of a later run in words, and how far it is from that of the first run."""
+
+    value: str
+    change: str
+    percent: str
+
+
+class ComparedMetric(NamedTuple):
+    """A metric in words: of the first run, and of each later one."""
+
+    text: MetricText
+    changes: list[Change]
+
+
+def rows(runs: Sequence[Compared]) -> list[ComparedMetric]:
+    """Return the metrics that any run has."""
     content = []
     for name in MEANINGS:
         values = [each.metrics[name] for each in runs]
         nothing = all(math.isnan(value) for value in values)
         if nothing or (name.startswith('time_in_') and not any(values)):
             continue
-        others = []
-        for each in runs[1:]:
-            change, percent = changes(reference.metrics[name], each.metrics[name])
-            others.append(
-                {
-                    **metric_row(name, each.metrics[name]),
-                    'change': _signed(change),
-                    'percent': f'{_signed(percent)} %' if not math.isnan(percent) else '–',
-                }
-            )
-        content.append({**metric_row(name, values[0]), 'others': others, 'name': name})
+        later = []
+        for value in values[1:]:
+            change, percent = changes(values[0], value)
+            share = f'{_signed(percent)} %' if not math.isnan(percent) else '–'
+            later.append(Change(metric_text(name, value).value, _signed(change), share))
+        content.append(ComparedMetric(metric_text(name, values[0]), later))
     return content
 
 

@@ -32,6 +32,7 @@ from ballbot_ros.messages.conversions import (
     pitch_angles,
     tone_of,
 )
+from ballbot_ros.messages.message_types import DiagnosticStatus, OccupancyGridMessage
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -220,7 +221,7 @@ class Extraction:
     statuses: list[tuple[int, int, Status]] = field(default_factory=list)
     pages: list[tuple[int, int, str]] = field(default_factory=list)
     tones: list[tuple[int, int, Tone]] = field(default_factory=list)
-    maps: list[tuple[int, int, Any]] = field(default_factory=list)
+    maps: list[tuple[int, int, OccupancyGridMessage]] = field(default_factory=list)
     traffic: dict[str, Traffic] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
 
@@ -318,7 +319,7 @@ def _take_event(
         extraction.maps.append((epoch, log_ns, message))
 
 
-def _status(message: Any) -> Status:
+def _status(message: DiagnosticStatus) -> Status:
     return Status(
         intern(message.name),
         intern(message.message),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -36,7 +35,7 @@ class Judgement:
         window = f' ({self.expectation.window})' if self.expectation.window else ''
         return f'{self.expectation.metric}{window} {self.value:.4g} is not {self.expectation}'
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, object]:
         """Return metric, window, bounds and value; a number that is not there is None."""
         return {
             'metric': self.expectation.metric,

@@ -6,7 +6,6 @@ import base64
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -20,7 +19,7 @@ class ReportError(BallbotError):
     """A report that cannot be written."""
 
 
-def render(template: str, **content: Any) -> str:
+def render(template: str, **content: object) -> str:
     """Return a page of this package's templates; whatever it shows is escaped."""
     environment = Environment(
         loader=PackageLoader('ballbot_ros.analysis'),

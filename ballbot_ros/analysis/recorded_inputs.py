@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import groupby
 from operator import attrgetter
-from typing import Any
 
 from ballbot_ros.analysis.recorded_runs import (
     RecordedRun,
@@ -22,6 +21,7 @@ from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import push_forces, stamp_ns, stick_values
 from ballbot_ros.messages.inputs import INPUTS
+from ballbot_ros.messages.message_types import WrenchStamped
 from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.topics import (
     ACCEPTED_PUSH,
@@ -160,7 +160,7 @@ class _EpochInputs:
     sticks: dict[int, tuple[int, int]] = field(default_factory=dict)
     sources: dict[int, str] = field(default_factory=dict)
     duties: dict[int, tuple[int, int]] = field(default_factory=dict)
-    begun: dict[str, Any] = field(default_factory=dict)
+    begun: dict[str, WrenchStamped] = field(default_factory=dict)
     pushes: list[Push] = field(default_factory=list)
 
     def add(self, reader: RecordingReader, topic: Topic, raw: RawMessage) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from ballbot_ros.parameters import CONTROLLER, parameters_of
 from ballbot_ros.simulation.participants import Participant
@@ -54,7 +53,7 @@ def choose_controller(
     missing_tool : callable
         Tells what an implementation lacks on this machine; '' for nothing.
     """
-    told: dict[str, Any] = dict(participant.parameters) if participant else {}
+    told: dict[str, object] = dict(participant.parameters) if participant else {}
     recorded = str(told.get('implementation', attached))
     reason = ''
     if participant and participant.implementation.split()[:1] != [OUR_PACKAGE]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 from ballbot_ros.analysis.assessment import Assessment, Judged, shown_metrics
 from ballbot_ros.analysis.page import number_text, render, write_folder
@@ -18,6 +18,7 @@ from ballbot_ros.parameters import (
     NODES,
     GyroParameters,
     PlantParameters,
+    Value,
     parameters_of,
 )
 from ballbot_ros.scenario.metric_registry import label
@@ -67,7 +68,7 @@ def report_page(assessment: Assessment, figures: list[Drawn]) -> str:
         extent='' if run.complete else f'They are those of the ticks up to {run.end:.3f} s.',
         expectations=[_expectation(each) for each in assessment.expectations],
         metrics=[
-            {**metric_row(name, value), 'meaning': MEANINGS[name]}
+            (metric_text(name, value), MEANINGS[name])
             for name, value in shown_metrics(assessment).items()
         ],
         figures=figures,
@@ -103,11 +104,19 @@ def banner(run: RunData) -> list[str]:
     return lines
 
 
-def metric_row(name: str, value: float) -> dict[str, str]:
-    """Return name, value and unit of a metric in words."""
+class MetricText(NamedTuple):
+    """Name, value and unit of a metric in words."""
+
+    label: str
+    value: str
+    unit: str
+
+
+def metric_text(name: str, value: float) -> MetricText:
+    """Return a metric in words."""
     words, unit = label(name)
     missing = 'never' if name == 'settling_time_s' else '–'
-    return {'label': words, 'value': number_text(value, missing), 'unit': unit}
+    return MetricText(words, number_text(value, missing), unit)
 
 
 def _facts(run: RunData) -> list[tuple[str, str]]:
@@ -130,14 +139,14 @@ def _expectation(judged: Judged) -> dict[str, str]:
     expectation = judged.judgement.expectation
     mark = _MARKS[judged.verdict]
     return {
-        **metric_row(expectation.metric, judged.judgement.value),
+        **metric_text(expectation.metric, judged.judgement.value)._asdict(),
         'window': expectation.window or 'whole run',
         'bounds': str(expectation).replace('-', '−'),
         'verdict': f'{mark}{judged.verdict}',
     }
 
 
-def _problems(run: RunData) -> Iterator[dict[str, Any]]:
+def _problems(run: RunData) -> Iterator[dict[str, object]]:
     """Yield each warning and error once, with the time of its first report."""
     seen = set()
     for time, status in run.statuses:
@@ -147,7 +156,7 @@ def _problems(run: RunData) -> Iterator[dict[str, Any]]:
             yield {'time': time, 'name': name, 'message': status.message}
 
 
-def _parameters(run: RunData) -> Iterator[dict[str, Any]]:
+def _parameters(run: RunData) -> Iterator[dict[str, object]]:
     if not run.attached.has_parameters:
         return
     for node in NODES:
@@ -165,7 +174,7 @@ def _parameters(run: RunData) -> Iterator[dict[str, Any]]:
             }
 
 
-def _text(value: Any) -> str:
+def _text(value: Value) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, tuple):

@@ -327,6 +327,6 @@ def _grid(extraction: Extraction, run: RecordedRun) -> OccupancyGrid | None:
         return None
     message = published[-1]
     info = message.info
-    if message.data.size != info.width * info.height or not info.resolution > 0.0:
+    if len(message.data) != info.width * info.height or not info.resolution > 0.0:
         return None
     return map_grid(message)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from typing import Any
 
 from ballbot_ros.messages.participation import decode_announcement, decode_run_status
 from ballbot_ros.messages.topics import RUN_STATUS, Topic
@@ -47,9 +46,9 @@ class ToldParameters:
         if participant.role in NODES and participant.parameters:
             self._told.setdefault(announcement.run, []).append(participant)
 
-    def _of_run(self, run: str) -> dict[str, Mapping[str, Any]]:
+    def _of_run(self, run: str) -> dict[str, Mapping[str, object]]:
         """Return the parameters by role: of whoever took part, not of who came in between."""
-        values: dict[str, Mapping[str, Any]] = {}
+        values: dict[str, Mapping[str, object]] = {}
         for each in self._told.get(run, ()):
             if self._took_part(each, run):
                 values.setdefault(each.role, each.parameters)
@@ -73,7 +72,7 @@ class ToldParameters:
         scenarios = [self._scenario(each) for each in (*self._told, run)]
         return bool(scenarios[-1] != scenarios[0])
 
-    def _scenario(self, run: str) -> Any:
+    def _scenario(self, run: str) -> object:
         return self._of_run(run).get(PLANT, {}).get('scenario')
 
     def of(
@@ -105,7 +104,7 @@ class ToldParameters:
         return parameters
 
 
-def _attached_map(files: Mapping[str, AttachedFile], sha256: Any) -> str | None:
+def _attached_map(files: Mapping[str, AttachedFile], sha256: object) -> str | None:
     for name in MAPS:
         if name in files and hashlib.sha256(files[name].data).hexdigest() == sha256:
             return name

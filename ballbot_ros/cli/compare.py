@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
+from itertools import chain
 from pathlib import Path
 from string import ascii_uppercase
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
@@ -15,7 +16,7 @@ from rich.table import Table
 from ballbot_ros.cli.path_types import PATH, RECORDING
 
 if TYPE_CHECKING:
-    from ballbot_ros.analysis.comparison import Compared
+    from ballbot_ros.analysis.comparison import Compared, ComparedMetric
 
 WIDEST = 2000
 
@@ -76,7 +77,7 @@ def command(
     return 1 if failed else 0
 
 
-def _print_table(runs: Sequence[Compared], rows: Iterable[Mapping[str, Any]]) -> None:
+def _print_table(runs: Sequence[Compared], rows: Iterable[ComparedMetric]) -> None:
     console = Console(highlight=False, markup=False)
     for each in runs:
         reason = f': {each.reason}' if each.reason else ''
@@ -89,8 +90,8 @@ def _print_table(runs: Sequence[Compared], rows: Iterable[Mapping[str, Any]]) ->
         for heading in (each.letter, f'{each.letter} − {runs[0].letter}', 'change'):
             table.add_column(heading, justify='right')
     for row in rows:
-        cells = [cell for o in row['others'] for cell in (o['value'], o['change'], o['percent'])]
-        table.add_row(row['label'], row['unit'], row['value'], *cells)
+        text = row.text
+        table.add_row(text.label, text.unit, text.value, *chain.from_iterable(row.changes))
     # A number that is cut short is worse than a line that the terminal breaks.
     whole = console.measure(table, options=console.options.update(max_width=WIDEST)).maximum
     console.width = max(console.width, whole)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, SupportsFloat
 
 import numpy as np
 
@@ -19,6 +19,22 @@ from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.brick.units import quantise, radians_of
 from ballbot_ros.controller.interface import Estimates
+from ballbot_ros.messages.message_types import (
+    BatteryState,
+    Bytes,
+    Clock,
+    Header,
+    Imu,
+    JointState,
+    Joy,
+    OccupancyGridMessage,
+    Odometry,
+    Stamped,
+    Time,
+    Twist,
+    Vector3Stamped,
+    WrenchStamped,
+)
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.plant.truth import Pair, Push, Truth
 from ballbot_ros.simulation.timing import SECOND_NS
@@ -34,33 +50,33 @@ STATE_NAMES = ['theta_x', 'psi_x', 'theta_y', 'psi_y', 'theta_ref_x', 'theta_ref
 BATTERY_DISCHARGING = 2
 
 
-def fill_time(message: Any, stamp_ns: int) -> None:
+def fill_time(message: Time, stamp_ns: int) -> None:
     """Write ``builtin_interfaces/Time``."""
     message.sec, message.nanosec = divmod(stamp_ns, SECOND_NS)
 
 
-def time_ns(message: Any) -> int:
+def time_ns(message: Time) -> int:
     """Return the nanoseconds of a ``builtin_interfaces/Time``."""
     return int(message.sec) * SECOND_NS + int(message.nanosec)
 
 
-def stamp_ns(message: Any) -> int:
+def stamp_ns(message: Stamped) -> int:
     """Return the stamp [ns] of a message that has a header."""
     return time_ns(message.header.stamp)
 
 
-def fill_clock(message: Any, now_ns: int) -> None:
+def fill_clock(message: Clock, now_ns: int) -> None:
     """Write ``rosgraph_msgs/Clock``."""
     fill_time(message.clock, now_ns)
 
 
-def fill_header(message: Any, stamp_ns: int, frame_id: str) -> None:
+def fill_header(message: Header, stamp_ns: int, frame_id: str) -> None:
     """Write ``std_msgs/Header``."""
     fill_time(message.stamp, stamp_ns)
     message.frame_id = frame_id
 
 
-def fill_motors(message: Any, truth: Truth) -> None:
+def fill_motors(message: JointState, truth: Truth) -> None:
     """Write ``plant/joint_states``: true shaft angle, rate and torque."""
     fill_header(message.header, truth.stamp_ns, '')
     message.name = MOTOR_NAMES
@@ -69,12 +85,12 @@ def fill_motors(message: Any, truth: Truth) -> None:
     message.effort = list(truth.motor_torque)
 
 
-def motor_angles(message: Any) -> Pair:
+def motor_angles(message: JointState) -> Pair:
     """Return the shaft angles [rad] of ``plant/joint_states``."""
     return message.position[0], message.position[1]
 
 
-def fill_body(message: Any, truth: Truth) -> None:
+def fill_body(message: Imu, truth: Truth) -> None:
     """Write ``plant/imu``: roll is plane y's pitch angle, pitch is plane x's, yaw is zero."""
     fill_header(message.header, truth.stamp_ns, 'base_link')
     psi_x, psi_y = truth.psi
@@ -88,12 +104,12 @@ def fill_body(message: Any, truth: Truth) -> None:
     message.linear_acceleration_covariance[0] = -1.0  # not provided
 
 
-def body_rates(message: Any) -> Pair:
+def body_rates(message: Imu) -> Pair:
     """Return the pitch rates [rad/s] of planes x and y from ``plant/imu``."""
     return message.angular_velocity.y, message.angular_velocity.x
 
 
-def body_pitch(message: Any) -> Pair:
+def body_pitch(message: Imu) -> Pair:
     """Return the pitch angles [rad] of planes x and y from ``plant/imu``."""
     q = message.orientation
     return pitch_angles(q.w, q.x, q.y, q.z)
@@ -106,7 +122,7 @@ def pitch_angles(w: float, x: float, y: float, z: float) -> Pair:
     return math.copysign(psi_x, y), math.copysign(psi_y, x)
 
 
-def fill_odometry(message: Any, truth: Truth, ball_radius: float) -> None:
+def fill_odometry(message: Odometry, truth: Truth, ball_radius: float) -> None:
     """Write ``plant/odom``: pose and twist of the ball's centre in ``map``."""
     fill_header(message.header, truth.stamp_ns, 'map')
     message.child_frame_id = 'ball'
@@ -116,12 +132,12 @@ def fill_odometry(message: Any, truth: Truth, ball_radius: float) -> None:
     speed.x, speed.y = truth.velocity[0], -truth.velocity[1]
 
 
-def ball_position(message: Any) -> Pair:
+def ball_position(message: Odometry) -> Pair:
     """Return the ball's position [m] on planes x and y from ``plant/odom``."""
     return message.pose.pose.position.x, -message.pose.pose.position.y
 
 
-def fill_battery(message: Any, truth: Truth) -> None:
+def fill_battery(message: BatteryState, truth: Truth) -> None:
     """Write ``battery_state``."""
     fill_header(message.header, truth.stamp_ns, 'base_link')
     message.voltage = truth.battery_voltage
@@ -138,7 +154,7 @@ def fill_battery(message: Any, truth: Truth) -> None:
     message.present = True
 
 
-def fill_map(message: Any, stamp_ns: int, grid: OccupancyGrid) -> None:
+def fill_map(message: OccupancyGridMessage, stamp_ns: int, grid: OccupancyGrid) -> None:
     """Write ``map``: the walls of the floor."""
     fill_header(message.header, stamp_ns, 'map')
     fill_time(message.info.map_load_time, stamp_ns)
@@ -149,7 +165,7 @@ def fill_map(message: Any, stamp_ns: int, grid: OccupancyGrid) -> None:
     message.data = array('b', grid.cells.tobytes())
 
 
-def map_grid(message: Any) -> OccupancyGrid:
+def map_grid(message: OccupancyGridMessage) -> OccupancyGrid:
     """Return the occupancy grid of ``map``."""
     # Here, so that the nodes that read no map start sooner.
     from ballbot_ros.world.exports import OccupancyGrid
@@ -160,7 +176,7 @@ def map_grid(message: Any) -> OccupancyGrid:
     return OccupancyGrid(info.width, info.height, info.resolution, (corner.x, corner.y), cells)
 
 
-def fill_sticks(message: Any, stamp_ns: int, sticks: tuple[int, int], source: str) -> None:
+def fill_sticks(message: Joy, stamp_ns: int, sticks: tuple[int, int], source: str) -> None:
     """Write ``gamepad``: left stick vertical and right stick horizontal, each n/100.
 
     The frame names the source in command.
@@ -169,28 +185,28 @@ def fill_sticks(message: Any, stamp_ns: int, sticks: tuple[int, int], source: st
     message.axes = [sticks[0] / 100.0, sticks[1] / 100.0]
 
 
-def stick_values(message: Any) -> tuple[int, int]:
+def stick_values(message: Joy) -> tuple[int, int]:
     """Return the packet's integers from ``gamepad``."""
     return quantise(message.axes[0] * 100.0), quantise(message.axes[1] * 100.0)
 
 
-def planar_velocity(twist: Any) -> Pair:
+def planar_velocity(twist: Twist) -> Pair:
     """Return the velocity [m/s] forward and to the left from a ``geometry_msgs/Twist``."""
     return twist.linear.x, twist.linear.y
 
 
-def log_packet(message: Any) -> LogPacket:
+def log_packet(message: Bytes) -> LogPacket:
     """Return the packet of ``bluetooth/tx``; PacketError if it is none."""
     return LogPacket.decode(bytes(message.data))
 
 
-def fill_duty(message: Any, stamp_ns: int, duty: tuple[int, int]) -> None:
+def fill_duty(message: Vector3Stamped, stamp_ns: int, duty: tuple[int, int]) -> None:
     """Write ``motor_duty``."""
     fill_header(message.header, stamp_ns, '')
     message.vector.x, message.vector.y = float(duty[0]), float(duty[1])
 
 
-def duty_values(message: Any) -> tuple[int, int] | None:
+def duty_values(message: Vector3Stamped) -> tuple[int, int] | None:
     """Return the duties [%] from ``motor_duty``; None unless they are whole and within ±100."""
     x, y = message.vector.x, message.vector.y
     if not (x in _DUTIES and y in _DUTIES):
@@ -198,7 +214,7 @@ def duty_values(message: Any) -> tuple[int, int] | None:
     return int(x), int(y)
 
 
-def fill_controller_state(message: Any, stamp_ns: int, x: Estimates, y: Estimates) -> None:
+def fill_controller_state(message: JointState, stamp_ns: int, x: Estimates, y: Estimates) -> None:
     """Write ``controller/state``: the controller's estimates and references in SI."""
     fill_header(message.header, stamp_ns, '')
     message.name = STATE_NAMES
@@ -208,28 +224,30 @@ def fill_controller_state(message: Any, stamp_ns: int, x: Estimates, y: Estimate
     )
 
 
-def _radians(angles: Iterable[Any]) -> list[float]:
+def _radians(angles: Iterable[SupportsFloat]) -> list[float]:
     return [radians_of(float(angle)) for angle in angles]
 
 
-def fill_log(message: Any, packet: LogPacket) -> None:
+def fill_log(message: Bytes, packet: LogPacket) -> None:
     """Write ``bluetooth/tx``: the packet's 32 bytes."""
     message.data = packet.encode()
 
 
-def fill_tone(message: Any, stamp_ns: int, tone: Tone) -> None:
+def fill_tone(message: Vector3Stamped, stamp_ns: int, tone: Tone) -> None:
     """Write ``sound``: frequency [Hz], duration [ms], volume [%]."""
     fill_header(message.header, stamp_ns, '')
     sound = message.vector
     sound.x, sound.y, sound.z = map(float, tone)
 
 
-def tone_of(message: Any) -> Tone:
+def tone_of(message: Vector3Stamped) -> Tone:
     """Return the tone of ``sound``."""
     return Tone(*(round(value) for value in (message.vector.x, message.vector.y, message.vector.z)))
 
 
-def fill_accepted_push(message: Any, stamp_ns: int, push: Push, number: int, *, acts: bool) -> None:
+def fill_accepted_push(
+    message: WrenchStamped, stamp_ns: int, push: Push, number: int, *, acts: bool
+) -> None:
     """Write ``plant/accepted_push``: the wrench of push `number` that acts from the stamp on."""
     fill_header(message.header, stamp_ns, f'push {number}')
     force, torque = message.wrench.force, message.wrench.torque
@@ -237,19 +255,19 @@ def fill_accepted_push(message: Any, stamp_ns: int, push: Push, number: int, *, 
     torque.y, torque.x = push.torque if acts else (0.0, 0.0)
 
 
-def fill_push(message: Any, stamp_ns: int, force: Pair) -> None:
+def fill_push(message: WrenchStamped, stamp_ns: int, force: Pair) -> None:
     """Write ``plant/push``: a force [N] in plane signs."""
     fill_header(message.header, stamp_ns, 'base_link')
     message.wrench.force.x, message.wrench.force.y = force[0], -force[1]
 
 
-def fill_joy(message: Any, stamp_ns: int, sticks: Pair) -> None:
+def fill_joy(message: Joy, stamp_ns: int, sticks: Pair) -> None:
     """Write ``viewer/joy``: forward and rightward, each −1 ... 1, as axes 1 and 2 of ``joy``."""
     fill_header(message.header, stamp_ns, '')
     message.axes = [0.0, sticks[0], -sticks[1], 0.0]
 
 
-def push_forces(message: Any) -> tuple[Pair, Pair]:
+def push_forces(message: WrenchStamped) -> tuple[Pair, Pair]:
     """Return force [N] and torque [N·m] of ``plant/push`` in plane signs."""
     force, torque = message.wrench.force, message.wrench.torque
     return (force.x, -force.y), (torque.y, torque.x)

@@ -25,6 +25,7 @@ from ballbot_ros.messages.conversions import (
     fill_header,
     motor_angles,
 )
+from ballbot_ros.messages.message_types import Imu, JointState, Range
 from ballbot_ros.messages.topics import (
     GYRO_IMU,
     JOINT_STATES,
@@ -75,7 +76,7 @@ class DeviceMessages(Generic[P, Measured, Reading]):
     reading: Callable[[Any], Reading]
 
 
-def fill_gyro(message: Any, stamp_ns: int, counts: tuple[int, int]) -> None:
+def fill_gyro(message: Imu, stamp_ns: int, counts: tuple[int, int]) -> None:
     """Write ``gyro``: the readings in rad/s, with their zero-rate offset."""
     fill_header(message.header, stamp_ns, 'base_link')
     rate = message.angular_velocity
@@ -84,19 +85,19 @@ def fill_gyro(message: Any, stamp_ns: int, counts: tuple[int, int]) -> None:
     message.linear_acceleration_covariance[0] = -1.0
 
 
-def gyro_counts(message: Any) -> tuple[int, int]:
+def gyro_counts(message: Imu) -> tuple[int, int]:
     """Return the readings [deg/s + offset] of gyros S1 and S2 from ``gyro``."""
     return degrees_of(message.angular_velocity.y), degrees_of(message.angular_velocity.x)
 
 
-def fill_encoders(message: Any, stamp_ns: int, counts: tuple[int, int]) -> None:
+def fill_encoders(message: JointState, stamp_ns: int, counts: tuple[int, int]) -> None:
     """Write ``joint_states``: whole degrees as rad."""
     fill_header(message.header, stamp_ns, '')
     message.name = MOTOR_NAMES
     message.position = [radians_of(counts[0]), radians_of(counts[1])]
 
 
-def encoder_counts(message: Any) -> tuple[int, int]:
+def encoder_counts(message: JointState) -> tuple[int, int]:
     """Return the counts [deg] of motors B and C from ``joint_states``.
 
     ValueError if it tells of other joints.
@@ -106,7 +107,7 @@ def encoder_counts(message: Any) -> tuple[int, int]:
     return degrees_of(message.position[0]), degrees_of(message.position[1])
 
 
-def fill_sonar(message: Any, stamp_ns: int, sonar_cm: int) -> None:
+def fill_sonar(message: Range, stamp_ns: int, sonar_cm: int) -> None:
     """Write ``sonar``."""
     fill_header(message.header, stamp_ns, 'sonar')
     message.radiation_type = ULTRASOUND
@@ -116,7 +117,7 @@ def fill_sonar(message: Any, stamp_ns: int, sonar_cm: int) -> None:
     message.range = metres_of(sonar_cm)
 
 
-def sonar_reading(message: Any) -> int:
+def sonar_reading(message: Range) -> int:
     """Return the reading [cm] from ``sonar``.
 
     ValueError if no register of the sensor holds it.

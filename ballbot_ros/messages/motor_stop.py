@@ -7,12 +7,12 @@ them is still there. Its frame_id tells it from the answers, whose frame_id is e
 from __future__ import annotations
 
 import struct
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.messages.conversions import fill_header
+from ballbot_ros.messages.message_types import Vector3Stamped
 from ballbot_ros.messages.outputs import Output
 from ballbot_ros.recording.batch import Batch, Rows
 from ballbot_ros.simulation.timing import TICK_NS
@@ -24,7 +24,7 @@ _BEGIN = 12
 _ENCODED = struct.pack(f'<I{len(FRAME_ID) + 1}s', len(FRAME_ID) + 1, FRAME_ID.encode())
 
 
-def fill_stop(message: Any, stamp_ns: int) -> None:
+def fill_stop(message: Vector3Stamped, stamp_ns: int) -> None:
     """Write ``motor_duty``: from `stamp_ns` on the motors are off."""
     fill_header(message.header, stamp_ns, FRAME_ID)
     message.vector.x = message.vector.y = 0.0

@@ -8,8 +8,8 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
+from ballbot_ros.messages.message_types import DiagnosticStatus
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import PARTICIPANTS, RUN_STATUS
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
@@ -199,5 +199,5 @@ def _encoded(level: int, name: str, text: str, host: str, values: Mapping[str, o
     return _encode(message)
 
 
-def _values(message: Any) -> dict[str, str]:
+def _values(message: DiagnosticStatus) -> dict[str, str]:
     return {pair.key: pair.value for pair in message.values}

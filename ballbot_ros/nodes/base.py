@@ -14,6 +14,8 @@ from rclpy.duration import Duration
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.messages.conversions import fill_time
@@ -91,7 +93,7 @@ class Output:
         """Publish the message as it is now."""
         self.publish(self.message)
 
-    def publish(self, message: Any) -> None:
+    def publish(self, message: object) -> None:
         """Publish a message, or one that is serialised."""
         for publisher in self._publishers:
             publisher.publish(message)
@@ -167,7 +169,7 @@ class BallbotNode(ParameterNode[P]):
         if not self.finished:
             self.done.set_result(None)
 
-    def every(self, period_s: float, callback: Callable[[], None]) -> Any:
+    def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
         """Call back on the wall clock."""
         return self.create_timer(period_s, callback, clock=self._steady)
 
@@ -193,7 +195,7 @@ class BallbotNode(ParameterNode[P]):
 
     def listen(
         self, topic: Topic, callback: Callable[..., None], *, depth: int = 1, raw: bool = False
-    ) -> Any:
+    ) -> Subscription:
         """Subscribe to `topic`; with `raw` the callback gets the bytes.
 
         In lockstep nothing newer than an unanswered sample comes, so a depth of one loses
@@ -231,7 +233,7 @@ class BallbotNode(ParameterNode[P]):
         self.now_ns = now_ns
         self._last_sample_at = time.monotonic()
 
-    def diagnose(self) -> Mapping[str, Any]:
+    def diagnose(self) -> Mapping[str, object]:
         """Return what the node adds to its diagnostics."""
         return {}
 

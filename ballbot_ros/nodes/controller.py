@@ -210,7 +210,7 @@ class Controller(BallbotNode[ControllerParameters]):
         for name in tick.untimed:
             self._timers_of_tasks[name].reset()
 
-    def diagnose(self) -> Mapping[str, Any]:
+    def diagnose(self) -> Mapping[str, object]:
         """Return the counts of timers, late ticks and repeated answers."""
         fired = (self._lockstep_ticks.releases if self._lockstep else self._free_ticks).fired
         periods = {name: period_ms for name, _, period_ms in self._tasks if period_ms}

@@ -6,11 +6,13 @@ import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+
+from rclpy.subscription import Subscription
 
 from ballbot_ros.brick.bluetooth import PacketError
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import fill_sticks, log_packet
+from ballbot_ros.messages.message_types import Bytes
 from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import (
     BLUETOOTH_TX,
@@ -55,7 +57,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         self._sources = Arbiter()
         self._complaints = Complaints()
         self._log: CsvLog | None = None
-        self._log_subscription: Any = None
+        self._log_subscription: Subscription | None = None
         self._inputs = TeleopInputs(self, self._sources, self._complaints)
         self.terminal: TeleopTerminal | None = None
         self._set_terminal()
@@ -114,7 +116,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         if self._log:
             self._log.begin_run(run.start_ns // MILLISECOND_NS)
 
-    def _on_truth(self, truth: Any) -> None:
+    def _on_truth(self, truth: bytes) -> None:
         now = stamp_of(truth)
         if now % SLOW_NS == 0 and self._participation.includes(now):
             self._answer(now)
@@ -141,7 +143,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
     def _driver(self) -> str:
         return self._command.driver(self.parameters.scenario)
 
-    def _on_log(self, message: Any) -> None:
+    def _on_log(self, message: Bytes) -> None:
         if self._log is None:
             return
         try:
@@ -172,7 +174,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         else:
             self.recover()
 
-    def diagnose(self) -> Mapping[str, Any]:
+    def diagnose(self) -> Mapping[str, object]:
         """Return who is in command."""
         vertical, horizontal = self._command.sticks
         return {

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection
-from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Header
 
 from ballbot_ros.messages.raw import stamp_of
@@ -38,7 +39,7 @@ class GraphLook:
         self._node = node
         self._topics = {topic.name: topic for topic in topics}
         self._inbox: Node | None = None
-        self._subscriptions: dict[str, Any] = {}
+        self._subscriptions: dict[str, Subscription] = {}
         self._counts: list[int] = []
         self._found: dict[str, list[Publisher]] = {}
         self._looked_at = 0.0
@@ -80,7 +81,7 @@ class GraphLook:
             found += [(name, stamp_of(data)) for data, _ in taken(self._subscriptions[name])]
         return found
 
-    def _listen(self, name: str) -> Any:
+    def _listen(self, name: str) -> Subscription:
         if self._inbox is None:
             self._inbox = hidden_node('look', self._node)
         qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -110,7 +111,7 @@ def guid_prefix(node: Node, word: str) -> str:
     return prefixes.pop() if len(prefixes) == 1 else ''
 
 
-def _full_name(offer: Any) -> str:
+def _full_name(offer: TopicEndpointInfo) -> str:
     """Return the fully qualified name of a publisher's node, '' while it is not known."""
     if offer.node_name == UNKNOWN_NODE:
         return ''

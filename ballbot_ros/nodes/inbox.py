@@ -7,6 +7,7 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 
 from ballbot_ros.messages.topics import Topic
 
@@ -28,14 +29,14 @@ def hidden_node(name: str, owner: Node | None = None) -> Node:
     )
 
 
-def raw_subscription(node: Node, topic: Topic, qos: QoSProfile) -> Any:
+def raw_subscription(node: Node, topic: Topic, qos: QoSProfile) -> Subscription:
     """Subscribe a hidden node to a topic; the messages are taken as they come off the wire."""
     return node.create_subscription(
         topic.message_class, topic.name, lambda data: None, qos, raw=True
     )
 
 
-def taken(subscription: Any) -> Iterator[tuple[Any, Mapping[str, Any]]]:
+def taken(subscription: Subscription) -> Iterator[tuple[Any, Mapping[str, Any]]]:
     """Take the messages that wait, oldest first, each with what the middleware says of it."""
     handle, kind, raw = subscription.handle, subscription.msg_type, subscription.raw
     with handle:

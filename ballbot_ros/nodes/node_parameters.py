@@ -97,7 +97,7 @@ class ParameterNode(Node, Generic[P]):
         self._sim_time_reason = reason
         self._check_sim_time(self.get_parameter(SIM_TIME).value)
 
-    def _check_sim_time(self, value: Any) -> None:
+    def _check_sim_time(self, value: object) -> None:
         if self._sim_time_reason and value is False:
             raise ParameterError(f'{self.get_name()}.{SIM_TIME}: false: {self._sim_time_reason}')
 
@@ -211,7 +211,7 @@ class ParameterNode(Node, Generic[P]):
         """Take note that values act which may change at any time."""
 
 
-def _ros_parameter(name: str, value: Any) -> RosParameter:
+def _ros_parameter(name: str, value: object) -> RosParameter:
     return RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
 
 

@@ -9,11 +9,11 @@ import socket
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 from uuid import uuid4
 
 from ballbot_ros import __version__
 from ballbot_ros.messages.conversions import time_ns
+from ballbot_ros.messages.message_types import Header
 from ballbot_ros.messages.participation import encode_announcement
 from ballbot_ros.messages.topics import PARTICIPANTS, ROLL_CALL, periodic_topics
 from ballbot_ros.nodes.base import AnyNode
@@ -104,7 +104,7 @@ class Participation:
             self._objection = objection
             self._announce()
 
-    def _on_roll_call(self, header: Any) -> None:
+    def _on_roll_call(self, header: Header) -> None:
         run = Run(header.frame_id, time_ns(header.stamp))
         if run != self.run:
             self._join(run)

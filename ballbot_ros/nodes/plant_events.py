@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from std_srvs.srv import SetBool, Trigger
 
 from ballbot_ros.messages.conversions import duty_values, push_forces, stamp_ns, time_ns
+from ballbot_ros.messages.message_types import Header, WrenchStamped
 from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.participation import decode_announcement
 from ballbot_ros.messages.raw import decoder, stamp_of
@@ -64,10 +65,10 @@ class PlantEvents:
             duty = None
         self._node.tell(self._master.on_duty, stamp_of(data), duty, data, is_stop=is_stop(data))
 
-    def _on_ack(self, header: Any) -> None:
+    def _on_ack(self, header: Header) -> None:
         self._node.tell(self._master.on_ack, time_ns(header.stamp))
 
-    def _on_push(self, message: Any) -> None:
+    def _on_push(self, message: WrenchStamped) -> None:
         self._node.tell(self._master.on_push, stamp_ns(message), *push_forces(message))
 
     def _on_announcement(self, data: bytes) -> None:
@@ -79,22 +80,22 @@ class PlantEvents:
             return
         self._node.tell(self._master.on_announcement, announcement)
 
-    def _run_callback(self, topic: Topic) -> Callable[[Any], None]:
+    def _run_callback(self, topic: Topic) -> Callable[[Header], None]:
         return lambda header: self._node.tell(self._master.on_run, header.frame_id, topic.name)
 
-    def _reset(self, request: Any, response: Any) -> Any:
+    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._node.tell(self._master.reset)
         response.success = True
         response.message = 'a new run begins'
         return response
 
-    def _pause(self, request: Any, response: Any) -> Any:
+    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._node.tell(self._master.set_paused, is_paused=request.data)
         response.success = True
         response.message = 'paused' if request.data else 'running'
         return response
 
-    def _step(self, request: Any, response: Any) -> Any:
+    def _step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self._master.pause.is_paused
         response.message = 'one tick' if response.success else 'pause the plant first'
         self._node.tell(self._master.step)

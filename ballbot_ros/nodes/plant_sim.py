@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import rclpy
 
@@ -79,7 +78,7 @@ class PlantSim(BallbotNode[PlantParameters]):
             on_tick = self.master.on_tick
             self._free_timer = self.every(self._tick_s, lambda: self.tell(on_tick))
 
-    def tell(self, event: Callable[..., Actions], *what: Any, **details: Any) -> None:
+    def tell(self, event: Callable[..., Actions], *what: object, **details: object) -> None:
         """Tell the master of an event of now, and carry out what follows."""
         self._actions.carry_out(event(time.monotonic(), *what, **details))
 
@@ -127,11 +126,11 @@ class PlantSim(BallbotNode[PlantParameters]):
         return self.master.log
 
     @property
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Mapping[str, object]:
         """The outcome of the run as JSON, once it has ended."""
         return summary_json(self.master.summary) if self.master.summary else {}
 
-    def diagnose(self) -> Mapping[str, Any]:
+    def diagnose(self) -> Mapping[str, object]:
         """Return the state of the run."""
         master = self.master
         return {

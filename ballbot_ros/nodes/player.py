@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rclpy.duration import Duration
+from rclpy.publisher import Publisher
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
@@ -79,7 +80,7 @@ class Player(BallbotNode[PlayerParameters]):
         if self._lock:
             self.every(WATCH_S, self._watch)
 
-    def _publisher(self, name: str, type_name: str) -> Any:
+    def _publisher(self, name: str, type_name: str) -> Publisher:
         try:
             kind = message_class(type_name)
         except (ImportError, AttributeError, ValueError):
@@ -113,7 +114,7 @@ class Player(BallbotNode[PlayerParameters]):
             self.fail('a plant publishes /clock in this ROS domain: set ROS_DOMAIN_ID to another')
             self.exit_status = 2
 
-    def _pause(self, request: Any, response: Any) -> Any:
+    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self.playback.pause(request.data, time.monotonic())
         response.success = True
         response.message = 'paused' if request.data else 'playing'
@@ -125,7 +126,7 @@ class Player(BallbotNode[PlayerParameters]):
             return
         self.playback.seek(message.data, time.monotonic())
 
-    def diagnose(self) -> Mapping[str, Any]:
+    def diagnose(self) -> Mapping[str, object]:
         """Return how far it has got."""
         position = self.playback.position(time.monotonic())
         return {

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ballbot_ros.messages.conversions import fill_time, time_ns
 from ballbot_ros.messages.motor_stop import is_stop
@@ -323,7 +325,7 @@ class Recorder(BallbotNode[RecorderParameters]):
 class _Channel:
     """A topic being recorded."""
 
-    def __init__(self, topic: Topic, subscription: Any) -> None:
+    def __init__(self, topic: Topic, subscription: Subscription) -> None:
         self.topic = topic
         self.subscription = subscription
         self.history: Any = None
@@ -361,7 +363,7 @@ _Item = tuple[_Channel, bytes, int]
 """On which channel a message came, the message, and its publisher's number."""
 
 
-def _node_of(offer: Any) -> tuple[str, str]:
+def _node_of(offer: TopicEndpointInfo) -> tuple[str, str]:
     """Return namespace and name of the node that a publisher belongs to."""
     return offer.node_namespace, offer.node_name
 

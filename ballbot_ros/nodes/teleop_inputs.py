@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 
 from ballbot_ros.errors import one_line
 from ballbot_ros.messages.conversions import planar_velocity
@@ -51,7 +52,7 @@ class TeleopInputs:
         self._listen_to_joy(JOY, arbiter.JOY, lambda: self._mapping)
         self._listen_to_joy(VIEWER_JOY, arbiter.VIEWER, lambda: self._screen_mapping)
         self._cmd_vel: Topic | None = None
-        self._cmd_vel_subscription: Any = None
+        self._cmd_vel_subscription: Subscription | None = None
         node.every(LOOK_S, self._look_for_cmd_vel)
         self._device: str = node.parameters.device
         self._gamepad = self._open_gamepad()
@@ -99,7 +100,9 @@ class TeleopInputs:
         if self._complaints.add(name, text):
             self._node.warn(str(self._complaints))
 
-    def _subscribe(self, topic: Topic, source: str, read: Callable[[Any], Sticks | None]) -> Any:
+    def _subscribe(
+        self, topic: Topic, source: str, read: Callable[[Any], Sticks | None]
+    ) -> Subscription:
         decode = decoder(topic.type_name)
 
         def sticks(data: bytes) -> Sticks | None:

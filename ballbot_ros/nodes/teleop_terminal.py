@@ -5,11 +5,11 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from std_srvs.srv import Trigger
 
 from ballbot_ros.controller.interface import DriveState
+from ballbot_ros.messages.message_types import Text
 from ballbot_ros.messages.topics import OPERATING_STATE
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.parameters import PLANT, GamepadParameters
@@ -65,7 +65,7 @@ class TeleopTerminal:
         self._node.destroy_subscription(self._subscription)
         self._node.destroy_client(self._reset)
 
-    def _on_state(self, message: Any) -> None:
+    def _on_state(self, message: Text) -> None:
         self._state = message.data
 
     def _leave(self) -> None:

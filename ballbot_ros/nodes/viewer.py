@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import fields
-from typing import Any
 
 from ballbot_ros.messages.conversions import fill_joy, map_grid, stamp_ns, tone_of
+from ballbot_ros.messages.message_types import OccupancyGridMessage
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     LCD,
@@ -101,7 +101,7 @@ class Viewer(BallbotNode[ViewerParameters]):
             self._panel.show(now, self._history.trace(), self._factor(now.time))
             self._controls.offer_scenarios(offer=self._requests.can_start)
 
-    def _begin(self, now: Snapshot, published: Any) -> None:
+    def _begin(self, now: Snapshot, published: OccupancyGridMessage | None) -> None:
         """Show the floor of a run that begins, and forget the run before it.
 
         `published` is the map that comes with the run, if any. It lacks the lines; the plant tells

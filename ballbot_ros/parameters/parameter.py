@@ -101,7 +101,7 @@ class Parameter:
             return int(self._choice(value, name) if self.choices else self._number(value, name))
         return float(self._number(value, name))
 
-    def _choice(self, value: Any, name: str) -> Any:
+    def _choice(self, value: object, name: str) -> Any:
         if self.choices and value not in self.choices:
             raise ParameterError(
                 f'{name}: {value!r} is not one of {self.choices_text}{self._spaced_unit}'

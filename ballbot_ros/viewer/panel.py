@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Any
 
 import numpy as np
 import viser
@@ -101,7 +100,7 @@ def _scales(now: float, heights: tuple[float, float]) -> dict[str, uplot.Scale]:
     }
 
 
-def _plot(gui: viser.GuiApi, curves: int) -> Any:
+def _plot(gui: viser.GuiApi, curves: int) -> viser.GuiUplotHandle:
     nothing = np.array([0.0, 1.0])
     colours = (_X_COLOUR, _Y_COLOUR)[:curves]
     series = [uplot.Series(stroke=colour, width=1.5) for colour in colours]

@@ -10,6 +10,7 @@ from typing import Any
 
 import imageio
 import numpy as np
+import viser
 from numpy.typing import NDArray
 
 from ballbot_ros.viewer.browser import browser_page
@@ -56,7 +57,7 @@ def pictures(run: ShownRun, shots: Sequence[tuple[str, float]]) -> Iterator[Pict
             page.stop()
 
 
-def _client(page: Page) -> Any:
+def _client(page: Page) -> viser.ClientHandle:
     deadline = time.monotonic() + _CONNECT_S
     while time.monotonic() < deadline:
         for client in page.server.get_clients().values():
@@ -65,7 +66,7 @@ def _client(page: Page) -> Any:
     raise ViewerError(f'the browser does not show the page within {_CONNECT_S:g} s')
 
 
-def _picture(client: Any) -> Picture:
+def _picture(client: viser.ClientHandle) -> Picture:
     try:
         image = client.get_render(HEIGHT, WIDTH, timeout=_FRAME_S)
     except (RuntimeError, TimeoutError) as error:

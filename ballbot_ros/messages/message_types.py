@@ -1,0 +1,194 @@
+"""The fields of the messages that are filled and read here, as types.
+
+The classes of rclpy and those of rosbags have these fields, but neither library tells their types.
+"""
+
+from __future__ import annotations
+
+from collections.abc import MutableSequence, Sequence
+from typing import Protocol
+
+
+class Time(Protocol):
+    """``builtin_interfaces/Time``."""
+
+    sec: int
+    nanosec: int
+
+
+class Header(Protocol):
+    """``std_msgs/Header``."""
+
+    stamp: Time
+    frame_id: str
+
+
+class Stamped(Protocol):
+    """A message with a header."""
+
+    header: Header
+
+
+class Clock(Protocol):
+    """``rosgraph_msgs/Clock``."""
+
+    clock: Time
+
+
+class Vector3(Protocol):
+    """``geometry_msgs/Vector3`` or ``Point``."""
+
+    x: float
+    y: float
+    z: float
+
+
+class Quaternion(Protocol):
+    """``geometry_msgs/Quaternion``."""
+
+    w: float
+    x: float
+    y: float
+    z: float
+
+
+class Pose(Protocol):
+    """``geometry_msgs/Pose``."""
+
+    position: Vector3
+    orientation: Quaternion
+
+
+class PoseWithCovariance(Protocol):
+    """``geometry_msgs/PoseWithCovariance``."""
+
+    pose: Pose
+
+
+class Twist(Protocol):
+    """``geometry_msgs/Twist``."""
+
+    linear: Vector3
+    angular: Vector3
+
+
+class TwistWithCovariance(Protocol):
+    """``geometry_msgs/TwistWithCovariance``."""
+
+    twist: Twist
+
+
+class Wrench(Protocol):
+    """``geometry_msgs/Wrench``."""
+
+    force: Vector3
+    torque: Vector3
+
+
+class WrenchStamped(Stamped, Protocol):
+    """``geometry_msgs/WrenchStamped``."""
+
+    wrench: Wrench
+
+
+class Vector3Stamped(Stamped, Protocol):
+    """``geometry_msgs/Vector3Stamped``."""
+
+    vector: Vector3
+
+
+class Imu(Stamped, Protocol):
+    """``sensor_msgs/Imu``."""
+
+    orientation: Quaternion
+    orientation_covariance: MutableSequence[float]
+    angular_velocity: Vector3
+    linear_acceleration_covariance: MutableSequence[float]
+
+
+class JointState(Stamped, Protocol):
+    """``sensor_msgs/JointState``."""
+
+    name: list[str]
+    position: Sequence[float]
+    velocity: Sequence[float]
+    effort: Sequence[float]
+
+
+class Odometry(Stamped, Protocol):
+    """``nav_msgs/Odometry``."""
+
+    child_frame_id: str
+    pose: PoseWithCovariance
+    twist: TwistWithCovariance
+
+
+class Range(Stamped, Protocol):
+    """``sensor_msgs/Range``."""
+
+    radiation_type: int
+    field_of_view: float
+    min_range: float
+    max_range: float
+    range: float
+
+
+class BatteryState(Stamped, Protocol):
+    """``sensor_msgs/BatteryState``."""
+
+    voltage: float
+    power_supply_status: int
+    present: bool
+
+
+class Joy(Stamped, Protocol):
+    """``sensor_msgs/Joy``."""
+
+    axes: Sequence[float]
+    buttons: Sequence[int]
+
+
+class MapMetaData(Protocol):
+    """``nav_msgs/MapMetaData``."""
+
+    map_load_time: Time
+    resolution: float
+    width: int
+    height: int
+    origin: Pose
+
+
+class OccupancyGridMessage(Stamped, Protocol):
+    """``nav_msgs/OccupancyGrid``."""
+
+    info: MapMetaData
+    data: Sequence[int]
+
+
+class Text(Protocol):
+    """``std_msgs/String``."""
+
+    data: str
+
+
+class Bytes(Protocol):
+    """``std_msgs/UInt8MultiArray``."""
+
+    data: bytes
+
+
+class KeyValue(Protocol):
+    """``diagnostic_msgs/KeyValue``."""
+
+    key: str
+    value: str
+
+
+class DiagnosticStatus(Protocol):
+    """``diagnostic_msgs/DiagnosticStatus``."""
+
+    level: int
+    name: str
+    message: str
+    hardware_id: str
+    values: MutableSequence[KeyValue]
