@@ -14,7 +14,14 @@ from launch_ros.substitutions import FindPackagePrefix
 
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.messages.topics import MAP, MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION
-from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER, VISUALIZER
+from ballbot_ros.parameters import (
+    ALL_NODES,
+    NODES,
+    PLANT,
+    RECORDER,
+    VISUALIZER,
+    ParameterSet,
+)
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.run.graph import graph_parameters
 from ballbot_ros.run.spec import RunOptions, RunSpec
@@ -86,14 +93,17 @@ def launch_graph(context):
     if show:
         # If it is missing that ends the launch here, before there are processes to be left behind.
         FindPackagePrefix('rviz2').perform(context)
-    factor = given['real_time_factor']
+    factor = None
+    if given['real_time_factor']:
+        factor = yaml.safe_load(given['real_time_factor'])
+        ParameterSet().set(PLANT, 'real_time_factor', factor, 'real_time_factor:=')
     options = RunOptions(
-        parameter_file=given['params_file'] or None,
-        real_time_factor=yaml.safe_load(factor) if factor else None,
+        parameter_file=Path(given['params_file']) if given['params_file'] else None,
+        real_time_factor=factor,
         default_real_time_factor=None,
         record=record,
     )
-    spec = RunSpec.of_scenario(given['scenario'], options)
+    spec = RunSpec.compose(given['scenario'] or None, options)
     scratch = temporary_folder()
     folder = Path(scratch.name)
     recording = Path(given['output']) if given['output'] else None

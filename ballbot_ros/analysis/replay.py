@@ -12,6 +12,7 @@ from ballbot_ros.analysis.recorded_runs import RobotRecording
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.controller_messages import ControllerMessages
+from ballbot_ros.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.messages.inputs import INPUTS, device_inputs
 from ballbot_ros.messages.outputs import EncodedOutput
 from ballbot_ros.messages.run_messages import RunMessages
@@ -22,8 +23,6 @@ from ballbot_ros.messages.topics import (
     CLOCK,
     CONTROLLER_STATE,
     GAMEPAD_JOY,
-    GYRO_IMU,
-    JOINT_STATES,
     LCD,
     MAP,
     MOTOR_DUTY,
@@ -31,7 +30,6 @@ from ballbot_ros.messages.topics import (
     PLANT_IMU,
     PLANT_JOINT_STATES,
     PLANT_ODOM,
-    SONAR_RANGE,
     SOUND,
     WALL_HIT,
     Topic,
@@ -46,7 +44,7 @@ CONTROLLER_TOPICS = (
 )  # fmt: skip
 ALL_TOPICS = (
     MAP, ACCEPTED_PUSH, CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, BATTERY_STATE, WALL_HIT,
-    GYRO_IMU, JOINT_STATES, SONAR_RANGE, GAMEPAD_JOY, *CONTROLLER_TOPICS,
+    *(device.sample for device in DEVICE_MESSAGES), GAMEPAD_JOY, *CONTROLLER_TOPICS,
 )  # fmt: skip
 """In the order in which a tick causes them."""
 

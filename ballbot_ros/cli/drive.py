@@ -56,22 +56,19 @@ def command(
     require_rclpy()
     from ballbot_ros.run.drive import NAME, DriveOptions, drive, drive_spec
 
-    obstacle = '--no-keyboard' if no_keyboard else why_no_keyboard()
     options = DriveOptions(
         map_name=map_name,
         start=start,
         profile=profile,
         device=device,
         assignments=assignments,
-        no_keyboard=obstacle,
-        log=log,
         output=output,
         record=not no_record,
-        viewer=viewer,
     )
     spec = drive_spec(options)
+    obstacle = '--no-keyboard' if no_keyboard else why_no_keyboard()
     with Progress(NAME, 0.0, bar=bool(obstacle)) as progress:
-        result = drive(spec, options, progress)
+        result = drive(spec, progress, no_keyboard=obstacle, log=log, viewer=viewer)
     if result.recording:
         click.echo(f'recording  {result.recording}')
     return result.exit_status

@@ -24,7 +24,7 @@ def run_and_print(
     options: RunOptions,
     *,
     as_json: bool,
-    is_replaced: Callable[[], bool] = lambda: False,
+    is_replaced: Callable[[], bool] | None = None,
 ) -> int:
     """Run a scenario, print its result, return the exit status.
 
@@ -35,7 +35,7 @@ def run_and_print(
     options : RunOptions
     as_json : bool
         Whether the result is printed as JSON.
-    is_replaced : callable
+    is_replaced : callable or None
         Whether another run is to take the place of this one.
     """
     spec = RunSpec.of_scenario(reference, options)

@@ -70,7 +70,12 @@ _SIMULATED: tuple[type[NodeParameters], ...] = (PlantParameters, *DEVICES, Contr
 SIMULATED = frozenset(cls.node for cls in _SIMULATED if fields(cls))
 """Nodes without whose parameters a run can't be made again."""
 
-PLAYER, VIEWER, VISUALIZER, SUPERVISOR = OPTIONAL_NODES = tuple(cls.node for cls in TOOLS)
+PLAYER = PlayerParameters.node
+VIEWER = ViewerParameters.node
+VISUALIZER = VisualizerParameters.node
+SUPERVISOR = SupervisorParameters.node
+
+OPTIONAL_NODES = tuple(cls.node for cls in TOOLS)
 """Nodes that a run does without."""
 
 ALL_NODES = NODES + OPTIONAL_NODES

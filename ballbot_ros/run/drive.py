@@ -32,7 +32,7 @@ from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.output_folder import output_files
 from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.run.separate_processes import start_nodes, watch
-from ballbot_ros.run.spec import RunSpec, resolve_map
+from ballbot_ros.run.spec import RunSpec, refuse_own_files, resolve_map
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.stop_request import StopRequest
@@ -43,7 +43,7 @@ NAME = 'drive'
 
 @dataclass(frozen=True, kw_only=True)
 class DriveOptions:
-    """What a user chooses for a drive.
+    """Settings of a drive.
 
     Attributes
     ----------
@@ -56,15 +56,9 @@ class DriveOptions:
         Gamepad, by its number or part of its name; None for any.
     assignments : sequence of str
         Values of parameters, as ``node.param=value``.
-    no_keyboard : str
-        Why the keys of the terminal do not drive; '' if they do.
-    log : Path or None
-        File for the data log of the brick.
     output : Path or None
         Folder for the recording; None for a new one under ``runs/``.
     record : bool
-    viewer : bool
-        Whether the robot is shown in a browser.
     """
 
     map_name: str | None = None
@@ -72,11 +66,8 @@ class DriveOptions:
     profile: str | None = None
     device: str | None = None
     assignments: Sequence[str] = ()
-    no_keyboard: str = ''
-    log: Path | None = None
     output: Path | None = None
     record: bool = True
-    viewer: bool = False
 
 
 class DriveResult(NamedTuple):
@@ -109,32 +100,51 @@ def drive_spec(options: DriveOptions) -> RunSpec:
     for assignment in options.assignments:
         assign(parameters, assignment)
     require_implementation(parameters.of(ControllerParameters).implementation)
-    if options.viewer:
-        require_viewer(parameters)
+    refuse_own_files(parameters)
     resolve_map(parameters)
     return RunSpec(Scenario(NAME), parameters, output=options.output, record=options.record)
 
 
-def drive(spec: RunSpec, options: DriveOptions, observer: RunObserver) -> DriveResult:
+def drive(
+    spec: RunSpec,
+    observer: RunObserver,
+    *,
+    no_keyboard: str = '',
+    log: Path | None = None,
+    viewer: bool = False,
+) -> DriveResult:
     """Run the graph; the gamepad node, which may own the terminal, is in this process.
+
+    Parameters
+    ----------
+    spec : RunSpec
+    observer : RunObserver
+    no_keyboard : str
+        Why the keys of the terminal do not drive; '' if they do.
+    log : Path or None
+        File for the data log of the brick.
+    viewer : bool
+        Whether the robot is shown in a browser.
 
     Raises
     ------
     BallbotError
         If the drive can't begin.
     """
+    if viewer:
+        require_viewer(spec.parameters)
     with ExitStack() as stack:
         recording = stack.enter_context(output_files(spec)).recording
         scratch = Path(stack.enter_context(temporary_folder()))
         parameters = graph_parameters(spec, recording, scratch)
         # Not attached to the recording: neither terminal nor log is needed to run it again.
-        parameters.set(GAMEPAD, 'keyboard', not options.no_keyboard)
-        if options.log is not None:
-            parameters.set(GAMEPAD, 'log_csv', str(options.log.resolve()), '--log')
+        parameters.set(GAMEPAD, 'keyboard', not no_keyboard)
+        if log is not None:
+            parameters.set(GAMEPAD, 'log_csv', str(log.resolve()), '--log')
         names = [n for n in NODES if n != GAMEPAD and (n != RECORDER or recording)]
-        if options.viewer:
+        if viewer:
             names.append(VIEWER)
-        status = _run_graph(names, parameters, scratch, observer, options.no_keyboard)
+        status = _run_graph(names, parameters, scratch, observer, no_keyboard)
         recorded = recording if recording and recording.exists() else None
     return DriveResult(status, recorded)
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from ballbot_ros.analysis.figures import draw_motion
 from ballbot_ros.analysis.metrics import judge, measure
 from ballbot_ros.files import temporary_folder
-from ballbot_ros.parameters import PLANT, ParameterError
 from ballbot_ros.run.observer import LogObserver, RunObserver
 from ballbot_ros.run.output_folder import output_files
 from ballbot_ros.run.requirements import require_rclpy
@@ -20,14 +19,10 @@ from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.world.world import World
 
 
-def _never() -> bool:
-    return False
-
-
 def execute(
     spec: RunSpec,
     observer: RunObserver | None = None,
-    is_replaced: Callable[[], bool] = _never,
+    is_replaced: Callable[[], bool] | None = None,
 ) -> RunResult:
     """Run a scenario, measure and judge it, and draw its picture.
 
@@ -36,8 +31,9 @@ def execute(
     spec : RunSpec
     observer : RunObserver or None
         Is told of progress and incidents; None for one that logs the incidents.
-    is_replaced : callable
-        Whether another run is to take the place of this one, for nodes in separate processes.
+    is_replaced : callable or None
+        Whether another run is to take the place of this one, for nodes in separate processes;
+        None: none will.
 
     Returns
     -------
@@ -47,24 +43,27 @@ def execute(
     Raises
     ------
     BallbotError
-        If the run can't begin: a duration of 0 s, no ROS, another plant in the ROS domain, a
-        folder or file that can't be written.
+        If the run can't begin: no ROS, another plant in the ROS domain, a folder or file that
+        can't be written.
     """
-    if spec.plant.duration == 0.0:
-        raise ParameterError(f'{PLANT}.duration is 0: a run of a scenario lasts longer than 0 s')
+    # Before the run: the file of a map may be gone, or another one, after it.
+    world = World.of(spec.plant)
     with output_files(spec) as files:
         result = _carry_out(spec, files.recording, observer or LogObserver(), is_replaced)
-        result = _judged(spec, result)
+        result = _with_metrics(spec, world, result)
         if files.recording and files.recording.exists():
             result = replace(result, recording=files.recording)
         # Whoever interrupts a run wants it to end; the recording has everything.
         if files.picture and result.outcome is not Outcome.STOPPED:
-            result = _with_picture(spec, result, files.picture)
+            result = _with_picture(spec, world, result, files.picture)
     return result
 
 
 def _carry_out(
-    spec: RunSpec, recording: Path | None, observer: RunObserver, is_replaced: Callable[[], bool]
+    spec: RunSpec,
+    recording: Path | None,
+    observer: RunObserver,
+    is_replaced: Callable[[], bool] | None,
 ) -> RunResult:
     # Each way has imports of its own: without ROS there is no rclpy to import.
     if spec.processes is Processes.NONE:
@@ -83,11 +82,10 @@ def _carry_out(
         return run_in_separate_processes(spec, recording, scratch, observer, is_replaced)
 
 
-def _judged(spec: RunSpec, result: RunResult) -> RunResult:
-    """Return the result with metrics, and expectations judged by them."""
+def _with_metrics(spec: RunSpec, world: World | None, result: RunResult) -> RunResult:
+    """Return the result with metrics, and the expectations judged by them."""
     if result.trajectory is None:
         return result
-    world = World.of(spec.plant)
     clearance = world.clearance if world and world.map.walls.any() else None
     return replace(
         result,
@@ -96,11 +94,11 @@ def _judged(spec: RunSpec, result: RunResult) -> RunResult:
     )
 
 
-def _with_picture(spec: RunSpec, result: RunResult, path: Path) -> RunResult:
+def _with_picture(spec: RunSpec, world: World | None, result: RunResult, path: Path) -> RunResult:
     """Draw the picture, if there is anything to be seen."""
     if result.trajectory is None or not len(result.trajectory.time):
         return result
-    scenario, world = spec.scenario, World.of(spec.plant)
+    scenario = spec.scenario
     try:
         draw_motion(
             result.trajectory,

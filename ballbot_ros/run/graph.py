@@ -1,4 +1,4 @@
-"""What every way of running the graph prepares."""
+"""Preparations of a graph: rclpy, parameters, attachments."""
 
 from __future__ import annotations
 
@@ -87,6 +87,5 @@ def graph_parameters(spec: RunSpec, recording: Path | None, scratch: Path) -> Pa
         parameters.set(RECORDER, 'output', str(recording.resolve()))
     if spec.record:
         parameters.set(RECORDER, 'attachments', str(write_attachments(spec, scratch)))
-        if spec.plant.lockstep:
-            parameters.set(PLANT, 'require_recorder', True)
+        parameters.set(PLANT, 'require_recorder', True)
     return parameters

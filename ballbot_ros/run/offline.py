@@ -28,12 +28,13 @@ def run_offline(spec: RunSpec, recording: Path | None, observer: RunObserver) ->
         run = _OfflineRun(spec, recording, stop)
         try:
             run.tick_to_the_end(observer)
+            if run.wall_hit:
+                observer.notice(run.wall_hit)
             summary = run.summary(run.wall_hit)
             run.end_recording(summary)
         except RecordingError as error:
             summary = run.summary(str(error))
-    if summary.reason:
-        observer.notice(summary.reason)
+            observer.notice(str(error))
     result = RunResult.from_summary(summary_json(summary), run.log.trajectory())
     return replace(result, failure_status=128 + stop.signal) if stop.signal else result
 

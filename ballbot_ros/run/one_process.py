@@ -10,8 +10,8 @@ from ballbot_ros.nodes.plant_sim import PlantSim
 from ballbot_ros.nodes.recorder import Recorder
 from ballbot_ros.nodes.registry import make_node
 from ballbot_ros.parameters import (
-    CONTROLLER,
-    DRIVERS,
+    NODES,
+    PLANT,
     RECORDER,
     PlantParameters,
     RecorderParameters,
@@ -35,7 +35,8 @@ def run_in_one_process(
         try:
             plant = PlantSim(parameters.of(PlantParameters))
             nodes.append(plant)
-            nodes += [make_node(parameters.of_node(name)) for name in (*DRIVERS, CONTROLLER)]
+            others = [name for name in NODES if name not in (PLANT, RECORDER)]
+            nodes += [make_node(parameters.of_node(name)) for name in others]
             if recording:
                 recorder = Recorder(parameters.of(RecorderParameters))
                 nodes.append(recorder)

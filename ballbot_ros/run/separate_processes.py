@@ -31,7 +31,7 @@ def run_in_separate_processes(
     recording: Path | None,
     scratch: Path,
     observer: RunObserver,
-    is_replaced: Callable[[], bool],
+    is_replaced: Callable[[], bool] | None,
 ) -> RunResult:
     """Run the graph as processes; all of them have ended when this returns.
 
@@ -43,9 +43,10 @@ def run_in_separate_processes(
     scratch : Path
         Folder for what only the nodes read.
     observer : RunObserver
-    is_replaced : callable
-        Whether another run is to take the place of this one.
+    is_replaced : callable or None
+        Whether another run is to take the place of this one; None: none will.
     """
+    is_replaced = is_replaced or (lambda: False)
     parameters = graph_parameters(spec, recording, scratch)
     trajectory_file = scratch / 'trajectory.npz'
     parameters.set(PLANT, 'trajectory_file', str(trajectory_file))
@@ -64,11 +65,11 @@ def run_in_separate_processes(
                 failure = watch(processes, monitor, observer, is_told_to_stop)
         finally:
             stop_all(processes.values(), last=RECORDER)
-        told = RunResult(Outcome.FAILED)
+        plant_result = RunResult(Outcome.FAILED)
         if trajectory_file.exists():
             trajectory, summary = load_trajectory(trajectory_file)
-            told = RunResult.from_summary(summary, trajectory)
-        return judged(told, failure, processes, stop, is_replaced())
+            plant_result = RunResult.from_summary(summary, trajectory)
+        return with_failures_of(processes, plant_result, failure, stop, is_replaced=is_replaced())
 
 
 def start_nodes(
@@ -137,30 +138,44 @@ def watch(
     return ''
 
 
-def judged(
-    told: RunResult,
-    failure: str,
+def with_failures_of(
     processes: Mapping[str, NodeProcess],
+    plant_result: RunResult,
+    failure: str,
     stop: StopRequest,
+    *,
     is_replaced: bool,
 ) -> RunResult:
-    """Return the result of a run that the plant has told, with what it can't know.
+    """Return the result of a run with what the plant can't know.
 
     A run that the plant has completed is completed, whatever becomes of the processes then.
+
+    Parameters
+    ----------
+    processes : mapping of str to NodeProcess
+        All of them have ended.
+    plant_result : RunResult
+        By the account of the plant.
+    failure : str
+        Reported by :func:`watch`.
+    stop : StopRequest
+    is_replaced : bool
+        Whether another run takes the place of this one.
     """
     failed = {p.name: p.failure for p in processes.values() if p.exit_status in (1, 2)}
-    is_complete = told.is_complete
+    is_complete = plant_result.is_complete
     if stop.signal:
-        return replace(told, outcome=Outcome.STOPPED, failure_status=128 + stop.signal)
+        status = 128 + stop.signal
+        return replace(plant_result, outcome=Outcome.STOPPED, failure_status=status)
     if is_replaced and not is_complete:
-        return replace(told, outcome=Outcome.STOPPED, failure_status=0)
-    result = told
+        return replace(plant_result, outcome=Outcome.STOPPED, failure_status=0)
+    result = plant_result
     if failure and not is_complete:
-        result = told.failed(failure)
-    elif told.outcome is Outcome.STOPPED:
-        result = told.failed(f'{PLANT} was told to stop')
+        result = result.failed(failure)
+    elif result.outcome is Outcome.STOPPED:
+        result = result.failed(f'{PLANT} was told to stop')
     elif is_complete and RECORDER in failed:
-        result = told.failed(failed[RECORDER])
+        result = result.failed(failed[RECORDER])
     if result.outcome is Outcome.FAILED:
         if not result.failure:
             # A plant that could not leave its account says why.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,12 +12,14 @@ from ballbot_ros.parameters import (
     GAMEPAD,
     GYRO,
     PLANT,
+    RECORDER,
     SUPERVISOR,
     ControllerParameters,
     GamepadParameters,
     ParameterError,
     ParameterSet,
     PlantParameters,
+    RecorderParameters,
     SupervisorParameters,
 )
 from ballbot_ros.parameters.assignment import assign
@@ -42,7 +44,7 @@ class Processes(TextEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """What a user chooses for a run, whatever its scenario.
+    """Settings of a run that apply whatever its scenario.
 
     Later ones override earlier ones: profile, scenario, parameter file, the attributes below it,
     assignments, controller.
@@ -83,7 +85,7 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class RunSpec:
-    """A run that can be carried out: everything in it has been checked.
+    """A run that can be carried out, made by :meth:`of_scenario`, which has checked it.
 
     Attributes
     ----------
@@ -115,9 +117,39 @@ class RunSpec:
 
     @classmethod
     def of_scenario(cls, reference: str, options: RunOptions | None = None) -> RunSpec:
-        """Return the run of a scenario, a shipped one by its name or a file.
+        """Return the run of a scenario, to be executed.
 
-        Without a scenario (``''``) the robot balances until it is told to stop.
+        Parameters
+        ----------
+        reference : str
+            Name of a shipped scenario, or a file.
+        options : RunOptions or None
+
+        Raises
+        ------
+        BallbotError
+            As :meth:`compose`; or if the run has no end, or its files are to go elsewhere.
+        """
+        options = options or RunOptions()
+        spec = cls.compose(reference, options)
+        if spec.plant.duration == 0.0:
+            raise ParameterError(
+                f'{_origin(options, PLANT, "duration")}{PLANT}.duration is 0: a run of a scenario '
+                'lasts longer than 0 s'
+            )
+        refuse_own_files(spec.parameters, lambda node, name: _origin(options, node, name))
+        return spec
+
+    @classmethod
+    def compose(cls, reference: str | None, options: RunOptions) -> RunSpec:
+        """Return a run that is checked but for its end and where it is recorded.
+
+        Parameters
+        ----------
+        reference : str or None
+            Name of a shipped scenario, or a file; None for a robot that balances until it is told
+            to stop.
+        options : RunOptions
 
         Raises
         ------
@@ -125,17 +157,16 @@ class RunSpec:
             One line on what is not allowed: in scenario, profile or parameter file, an option, an
             assignment, the map, the start position, or a controller that can't run here.
         """
-        options = options or RunOptions()
-        if reference:
-            scenario = load_scenario(reference, options.profile)
-        else:
+        if reference is None:
             profile = IDEAL if options.profile is None else options.profile
             scenario = Scenario(parameters=load_profile(profile))
+        else:
+            scenario = load_scenario(reference, options.profile)
         parameters = ParameterSet()
         parameters.update(scenario.parameters)
         _apply(options, parameters)
-        if reference:
-            _follow_scenario(reference, parameters)
+        if reference is not None:
+            _follow_scenario(reference, options, parameters)
         require_implementation(parameters.of(ControllerParameters).implementation)
         resolve_map(parameters)
         return cls(scenario, parameters, options.processes, options.output, options.record)
@@ -149,29 +180,69 @@ def _apply(options: RunOptions, parameters: ParameterSet) -> None:
     if factor is None and not parameters.is_set(PLANT, 'real_time_factor'):
         factor = options.default_real_time_factor
     if factor is not None:
-        parameters.set(PLANT, 'real_time_factor', factor)
+        parameters.set(PLANT, 'real_time_factor', factor, '--real-time-factor')
     if options.seed is not None:
-        parameters.set(GYRO, 'seed', options.seed)
+        parameters.set(GYRO, 'seed', options.seed, '--seed')
     for assignment in options.assignments:
         assign(parameters, assignment)
     if options.controller:
-        parameters.set(CONTROLLER, 'implementation', options.controller)
+        parameters.set(CONTROLLER, 'implementation', options.controller, '--controller')
 
 
-def _follow_scenario(reference: str, parameters: ParameterSet) -> None:
+def _origin(options: RunOptions, node: str, name: str) -> str:
+    """Return what has set a parameter, as the beginning of an error's line."""
+    for assignment in reversed(options.assignments):
+        if assignment.partition('=')[0] == f'{node}.{name}':
+            return f'--set {assignment}: '
+    return f'{options.parameter_file}: ' if options.parameter_file is not None else ''
+
+
+def _follow_scenario(reference: str, options: RunOptions, parameters: ParameterSet) -> None:
     """Let the nodes load the scenario, and nothing else disturb it."""
     for node, named in (
         (GAMEPAD, parameters.of(GamepadParameters).scenario),
         (SUPERVISOR, parameters.of(SupervisorParameters).scenario),
     ):
         if named:
-            raise ParameterError(f'{node}.scenario can not be set: the scenario is {reference}')
+            raise ParameterError(
+                f'{_origin(options, node, "scenario")}{node}.scenario can not be set: the scenario '
+                f'is {reference}'
+            )
     if '/' in reference or reference.endswith(('.yaml', '.yml')):
         reference = str(Path(reference).resolve())
     parameters.set(GAMEPAD, 'scenario', reference)
     if not parameters.is_set(GAMEPAD, 'device'):
         # Whatever is plugged in must not disturb a scenario.
         parameters.set(GAMEPAD, 'device', '')
+
+
+def refuse_own_files(
+    parameters: ParameterSet, origin: Callable[[str, str], str] = lambda node, name: ''
+) -> None:
+    """Refuse parameters that name files which the run names itself.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+    origin : callable
+        Returns what has set a parameter, as the beginning of an error's line.
+
+    Raises
+    ------
+    ParameterError
+        If one is set.
+    """
+    recorder = parameters.of(RecorderParameters)
+    for node, name, value in (
+        (RECORDER, 'output', recorder.output),
+        (RECORDER, 'attachments', recorder.attachments),
+        (PLANT, 'trajectory_file', parameters.of(PlantParameters).trajectory_file),
+    ):
+        if value:
+            raise ParameterError(
+                f'{origin(node, name)}{node}.{name} can not be set: the files of a run are in '
+                '--output'
+            )
 
 
 def resolve_map(parameters: ParameterSet) -> None:

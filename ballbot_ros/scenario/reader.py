@@ -121,10 +121,11 @@ class ScenarioReader:
 
     def _parameters(self, data: Mapping[str, object], profile: str | None) -> ParameterSet:
         try:
-            parameters = self._load_profile(_own_profile(data) if profile is None else profile)
+            parameters = self._load_profile(_own_profile(data))
         except ScenarioError as error:
-            # A profile that the caller chose is not in the file.
-            raise (self._error(('profile',), str(error)) if profile is None else error) from None
+            raise self._error(('profile',), str(error)) from None
+        if profile is not None:
+            parameters = self._load_profile(profile)
         for key, (node, name) in _PARAMETERS.items():
             if key in data:
                 self._set(parameters, node, name, data[key], (key,))

@@ -33,6 +33,7 @@ from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RecordingWriter
+from ballbot_ros.simulation.recording_gate import MOST_AHEAD_NS
 
 S = 1_000_000_000
 TICK = 4_000_000
@@ -189,6 +190,39 @@ def test_a_sample_that_is_left_of_the_plant_before_stays_with_it(find):
     runs, epochs = find(*first, (RUN, S, '1 b'), *second[:2], *late, *second[2:])
     assert len(runs) == 2
     assert epochs == [0] * len(first) + [1, 1, 1, 0] + [1] * (len(second) - 2)
+
+
+@pytest.mark.parametrize(('ahead_ns', 'epoch'), [(MOST_AHEAD_NS, 1), (MOST_AHEAD_NS + TICK, 0)])
+def test_a_sample_that_no_node_of_the_new_run_can_have_sent_is_of_the_run_before(
+    find, ahead_ns, epoch
+):
+    first = plant('1 a', S + 2 * TICK, GYRO_IMU)
+    _, epochs = find(*first, *plant('1 b', S + TICK), (GYRO_IMU, S + ahead_ns))
+    assert epochs[-1] == epoch
+
+
+def test_a_plant_may_begin_its_second_run_before_a_tick_of_its_first(find):
+    first = plant('1 a', 9 * S)
+    announced = [(RUN, S, '1 b'), (RUN, 2 * S, '2 b')]
+    runs, _ = find(*first, *announced, *ticks(2 * S, 3 * S, CLOCK, PLANT_IMU))
+    assert runs == (
+        RecordedRun(0, '1 a', S),
+        RecordedRun(1, '1 b', S, 2 * S),
+        RecordedRun(1, '2 b', 2 * S),
+    )
+
+
+def test_a_tick_of_the_plant_before_does_not_make_an_announcement_void(find):
+    first, late = plant('1 a', 3 * S), ticks(3 * S, 3 * S + TICK, CLOCK, PLANT_IMU)
+    runs, _ = find(*first, (RUN, S, '1 b'), *late, *ticks(S, 2 * S, CLOCK, PLANT_IMU))
+    assert runs == (RecordedRun(0, '1 a', S), RecordedRun(1, '1 b', S))
+
+
+def test_a_short_run_that_nobody_announces_ends_where_time_goes_back_to_its_start(find):
+    first, second = ticks(S, S + 9 * TICK, PLANT_IMU), ticks(S, S + 3 * TICK, PLANT_IMU)
+    runs, epochs = find(*first, *second)
+    assert [(run.epoch, run.start_ns) for run in runs] == [(0, S), (1, S)]
+    assert epochs == [0] * 9 + [1] * 3
 
 
 def test_a_sample_that_is_sent_again_begins_nothing(find):

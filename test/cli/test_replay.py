@@ -1,6 +1,8 @@
 """`ballbot replay`: identical, or the first difference."""
 
 import json
+import math
+import struct
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,6 +11,7 @@ from golden_runs import WITHOUT_FMA
 from graph import Run, free_domain
 
 from ballbot_ros.analysis.message_comparison import Difference
+from ballbot_ros.analysis.recorded_inputs import read_inputs
 from ballbot_ros.analysis.recording_replay import ReplayResult
 from ballbot_ros.analysis.replayed_controller import ReplayedController
 from ballbot_ros.cli.replay import print_results, replay_recording
@@ -265,11 +268,12 @@ def two_plants(push, tmp_path):
     """The runs of two plants, as a leftover recorder writes them: both begin at 1 s.
 
     The first one is stopped early; `change` takes number of the plant, topic, stamp and data of
-    each message, and returns the data.
+    each message, and returns the data, or None for no message.
     """
 
     def write(change=lambda plant, topic, stamp, data: data):
         path = tmp_path / 'two_plants.mcap'
+        path.unlink(missing_ok=True)
         with RecordingReader(push) as reader, RecordingWriter(path) as writer:
             for name, file in reader.attachments().items():
                 writer.add_attachment(name, file.media_type, file.data)
@@ -286,7 +290,8 @@ def two_plants(push, tmp_path):
                         data = encoder('std_msgs/msg/Header')(run)
                     if raw.stamp_ns < end_ns:
                         data = change(plant, raw.topic, raw.stamp_ns, data)
-                        writer.write(topics[raw.topic], raw.stamp_ns, data, raw.sequence)
+                        if data is not None:
+                            writer.write(topics[raw.topic], raw.stamp_ns, data, raw.sequence)
         return path
 
     return write
@@ -313,6 +318,48 @@ def test_a_difference_in_the_first_of_two_plants_is_told_with_the_inputs_around_
     assert done.returncode == 1
     assert done.stdout.count('differs first at sim time 2.404 s, /motor_duty') == 2
     assert done.stdout.count('2.404 s') == 3
+
+
+def test_the_inputs_around_a_difference_are_those_of_its_plant(two_plants, replay):
+    def told(*, other_gyro):
+        def change(plant, topic, stamp, data):
+            if stamp == 2_404_000_000 and (plant, topic) == (1, '/motor_duty'):
+                return data[:-20] + bytes([data[-20] ^ 1]) + data[-19:]
+            if stamp == 2_404_000_000 and (plant, topic) == (2, '/gyro') and other_gyro:
+                rate = struct.pack('<d', math.radians(640.0))  # of plane x
+                return data[:-184] + rate + data[-176:]
+            return data
+
+        return replay(two_plants(change)).stdout
+
+    assert 'recorded inputs' in told(other_gyro=False)
+    assert told(other_gyro=True) == told(other_gyro=False)
+
+
+def test_a_plant_that_has_only_announced_its_run_has_begun_none(two_plants, replay):
+    def change(plant, topic, stamp, data):
+        return data if plant == 1 or topic == '/plant/run' else None
+
+    path = two_plants(change)
+    with RecordingReader(path) as reader:
+        recorded = read_inputs(reader)
+        assert [recorded.has_begun(each.run) for each in recorded.runs] == [True, False]
+    done = replay(path, '--json')
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert [each['runs'] for each in json.loads(done.stdout)] == [1, 1]
+
+
+def test_duties_before_the_first_run_are_the_rest_of_another(two_plants, replay):
+    def change(plant, topic, stamp, data):
+        if plant == 1 and topic == '/plant/run':
+            run = new_message('std_msgs/msg/Header')
+            fill_header(run, 1_500_000_000, '1 plant1')
+            return encoder('std_msgs/msg/Header')(run)
+        return data
+
+    done = replay(two_plants(change))
+    assert done.returncode == 2
+    assert done.stderr.endswith(': begins in mid-run\n')
 
 
 def test_another_parameter_asks_what_would_have_been(push, replay):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import signal
 import threading
 
 import pytest
@@ -9,11 +10,14 @@ import pytest
 from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.verdict import Verdict
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
 from ballbot_ros.simulation.golden import load_golden
 from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.world.library import read_map_file
 
 
 class Notes:
@@ -95,6 +99,23 @@ def test_a_graph_is_run_without_the_command(processes, domain, monkeypatch, tmp_
     assert notes.lines == []
 
 
+@pytest.mark.graph
+def test_a_plant_that_refuses_the_domain_is_the_mistake_of_the_user(domain, monkeypatch):
+    pytest.importorskip('rclpy')
+    from ballbot_ros.run import one_process
+
+    class Refusing(one_process.PlantSim):
+        def stop(self):
+            super().stop()
+            self.exit_status = 2
+
+    monkeypatch.setattr(one_process, 'PlantSim', Refusing)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    spec = spec_of('square', 'plant_sim.duration=0.1', processes=Processes.ONE, record=False)
+    assert execute(spec).failure_status == 2
+
+
 def test_a_wall_ends_the_run_as_failed(tmp_path):
     words = ('plant_sim.map=track', 'plant_sim.start_position_x=0.7')
     spec = spec_of('forward_backward', *words, output=tmp_path)
@@ -114,6 +135,50 @@ def test_a_picture_that_can_not_be_written_fails_a_run_that_passed(tmp_path):
     assert result.reason == f'{tmp_path}/stationary.png: Is a directory'
     assert result.picture is None
     assert not math.isnan(result.metrics['duty_rms_percent'])
+
+
+def test_the_map_of_a_run_is_the_one_at_its_start(tmp_path):
+    """Its file may be gone, or another one, when the metrics are computed."""
+    path = tmp_path / 'floor.png'
+    path.write_bytes(read_map_file('track'))
+
+    class Remover(Notes):
+        def update(self, elapsed_s):
+            path.unlink(missing_ok=True)
+
+    words = (f'plant_sim.map={path}', 'plant_sim.start_position_x=0.3')
+    spec = spec_of('stationary', *words, output=tmp_path / 'run')
+    result = execute(spec, Remover())
+    assert not path.exists()
+    assert (result.verdict, result.reason) == (Verdict.PASSED, '')
+    assert 0.0 < result.metrics['wall_clearance_m'] < 1.0
+    assert result.picture.exists()
+
+
+def test_an_interrupted_run_leaves_its_recording_but_no_picture(tmp_path):
+    class Interrupter(Notes):
+        def update(self, elapsed_s):
+            signal.raise_signal(signal.SIGTERM)
+
+    result = execute(spec_of('stationary', output=tmp_path), Interrupter())
+    assert (result.verdict, result.exit_status) == (Verdict.STOPPED, 128 + signal.SIGTERM)
+    assert result.ticks == 1
+    assert [path.name for path in tmp_path.iterdir()] == ['stationary.mcap']
+
+
+def test_a_wall_hit_is_told_also_where_the_recording_fails(tmp_path, monkeypatch):
+    def fail(writer):
+        raise RecordingError(f'{writer.path}: full')
+
+    monkeypatch.setattr(RecordingWriter, 'close', fail)
+    words = ('plant_sim.map=track', 'plant_sim.start_position_x=0.7')
+    notes = Notes()
+    result = execute(spec_of('forward_backward', *words, output=tmp_path), notes)
+    assert result.reason == f'{tmp_path}/forward_backward.mcap: full'
+    hit, failure = notes.lines
+    assert 'wall' in hit
+    assert hit != failure
+    assert failure == result.reason
 
 
 STATUSES = [

@@ -10,7 +10,7 @@ from ballbot_ros.parameters import NODES, PLANT, VIEWER
 from ballbot_ros.run import separate_processes
 from ballbot_ros.run.node_process import NodeProcess
 from ballbot_ros.run.result import RunResult
-from ballbot_ros.run.separate_processes import judged, watch
+from ballbot_ros.run.separate_processes import watch, with_failures_of
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.timing import FIRST_TICK_NS, TICK_NS
 
@@ -42,10 +42,30 @@ def process(name, exit_status=0):
     ],
 )  # fmt: skip
 def test_a_completed_run_is_completed(outcome, failure, ends, signal, expected):
-    processes = {name: process(name, ends.get(name, 0)) for name in ('plant_sim', *ends)}
-    told = RunResult(Outcome(outcome))
-    result = judged(told, failure, processes, SimpleNamespace(signal=signal), False)
+    result = ended(outcome, failure, ends, signal)
     assert (result.outcome, result.reason, result.exit_status) == expected
+
+
+@pytest.mark.parametrize(
+    ('outcome', 'failure', 'signal', 'expected'),
+    [
+        ('stopped', '', 0, ('stopped', '', 0)),
+        ('failed', SILENT, 0, ('stopped', '', 0)),
+        ('completed', '', 0, ('completed', '', 0)),
+        ('completed', SILENT, 0, ('completed', '', 0)),
+        ('stopped', '', 2, ('stopped', '', 130)),
+    ],
+)
+def test_a_run_that_makes_way_for_another_has_not_failed(outcome, failure, signal, expected):
+    result = ended(outcome, failure, {}, signal, is_replaced=True)
+    assert (result.outcome, result.reason, result.exit_status) == expected
+
+
+def ended(outcome, failure, ends, signal, *, is_replaced=False):
+    processes = {name: process(name, ends.get(name, 0)) for name in ('plant_sim', *ends)}
+    by_the_plant = RunResult(Outcome(outcome))
+    stop = SimpleNamespace(signal=signal)
+    return with_failures_of(processes, by_the_plant, failure, stop, is_replaced=is_replaced)
 
 
 def watched(victim, now_ns, *, plant_hangs=False):

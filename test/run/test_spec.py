@@ -104,10 +104,20 @@ def test_a_run_is_made_again_from_its_attached_parameters(tmp_path):
 
 
 def test_without_a_scenario_the_robot_balances_without_end():
-    spec = RunSpec.of_scenario('', RunOptions(profile='hardware'))
+    spec = RunSpec.compose(None, RunOptions(profile='hardware'))
     assert spec.plant.duration == 0.0
     assert spec.parameters.of(GamepadParameters) == GamepadParameters()
     assert of_gyro(spec) == load_profile('hardware').of(GyroParameters)
+
+
+def test_a_gamepad_that_is_plugged_in_does_not_disturb_a_scenario():
+    def device(*assignments):
+        spec = RunSpec.of_scenario('stationary', RunOptions(assignments=assignments))
+        return spec.parameters.of(GamepadParameters).device
+
+    assert GamepadParameters().device == 'any'
+    assert device() == ''
+    assert device('gamepad_teleop.device=pad') == 'pad'
 
 
 REFUSED = {
@@ -117,6 +127,25 @@ REFUSED = {
     'another scenario': (
         'assignments', ['gamepad_teleop.scenario=push'], 'the scenario is stationary',
     ),
+    'another scenario on the page': (
+        'assignments', ['supervisor.scenario=push'], 'the scenario is stationary',
+    ),
+    'a recording elsewhere': (
+        'assignments', ['recorder.output=x.mcap'],
+        '--set recorder.output=x.mcap: recorder.output can not be set: the files of a run are in',
+    ),
+    "attachments of one's own": (
+        'assignments', ['recorder.attachments=x'], 'recorder.attachments can not be set',
+    ),
+    "a trajectory of one's own": (
+        'assignments', ['plant_sim.trajectory_file=x'], 'plant_sim.trajectory_file can not be set',
+    ),
+    'no end': (
+        'assignments', ['plant_sim.duration=0'],
+        '--set plant_sim.duration=0: plant_sim.duration is 0: a run of a scenario lasts longer',
+    ),
+    'seed out of bounds': ('seed', -1, '--seed: gyro_driver.seed: -1 is not within'),
+    'no pace': ('real_time_factor', 'x', "--real-time-factor: plant_sim.real_time_factor: 'x'"),
     'unknown map': ('assignments', ['plant_sim.map=mars'], "unknown map 'mars'"),
     'no compiler': ('controller', 'fortran', 'is not one of python, c, arm'),
 }  # fmt: skip
@@ -138,11 +167,28 @@ def test_a_mistake_in_a_parameter_file_is_named_with_its_line(tmp_path):
         RunSpec.of_scenario('stationary', RunOptions(parameter_file=file))
 
 
+@pytest.mark.parametrize('reference', ['', 'nosuch'])
+def test_an_unknown_scenario_is_refused(reference):
+    with pytest.raises(BallbotError, match=f'^unknown scenario {reference!r}; shipped: '):
+        RunSpec.of_scenario(reference)
+
+
 def test_a_run_without_end_is_refused(tmp_path):
     """The file of the defaults has a duration of 0: a graph without a scenario has no end."""
     file = tmp_path / 'defaults.yaml'
     write_parameter_file(file, ParameterSet())
-    options = RunOptions(parameter_file=file, output=tmp_path / 'run')
-    with pytest.raises(BallbotError, match=r'^plant_sim\.duration is 0: a run of a scenario'):
-        execute(RunSpec.of_scenario('stationary', options))
-    assert not (tmp_path / 'run').exists()
+    options = RunOptions(parameter_file=file)
+    with pytest.raises(BallbotError, match=rf'^{file}: plant_sim\.duration is 0: a run of a'):
+        RunSpec.of_scenario('stationary', options)
+    options = RunOptions(parameter_file=file, assignments=['plant_sim.duration=2'])
+    assert RunSpec.of_scenario('stationary', options).plant.duration == 2.0
+    # Whoever launches a graph may let it go on.
+    assert RunSpec.compose('stationary', RunOptions(parameter_file=file)).plant.duration == 0.0
+
+
+def test_a_profile_that_there_is_not_is_refused_whatever_the_profile_of_the_run(tmp_path):
+    """Each node reads the file of the scenario itself."""
+    path = tmp_path / 'typo.yaml'
+    path.write_text('purpose: a typo\nduration: 1\nprofile: nope\n')
+    with pytest.raises(BallbotError, match=rf"^{path}:3: unknown profile 'nope'"):
+        RunSpec.of_scenario(str(path), RunOptions(profile='ideal'))
