@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ballbot_ros.analysis.recorded_runs import robot_namespace
+from ballbot_ros.analysis.robot_topics import robot_namespace
 from ballbot_ros.brick.bluetooth import PacketError
 from ballbot_ros.messages.conversions import log_packet, time_ns
 from ballbot_ros.messages.topics import BLUETOOTH_TX, RUN

@@ -17,13 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.recorded_runs import (
-    RecordedRun,
-    RobotTopics,
-    RunFinder,
-    robot_topics,
-    samples_in,
-)
+from ballbot_ros.analysis.recorded_runs import RecordedRun, RunFinder, samples_in
+from ballbot_ros.analysis.robot_topics import RobotTopics, robot_topics
 from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.conversions import (

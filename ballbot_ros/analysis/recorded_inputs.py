@@ -15,8 +15,8 @@ from ballbot_ros.analysis.recorded_runs import (
     RobotRecording,
     RunFinder,
     placed_messages,
-    robot_topics,
 )
+from ballbot_ros.analysis.robot_topics import robot_topics
 from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import push_forces, stamp_ns, stick_values

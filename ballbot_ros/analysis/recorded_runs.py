@@ -1,4 +1,4 @@
-"""Which robot a recording is of, and which runs it holds, in the order of the file.
+"""The runs that a recording holds, in the order of the file.
 
 Time may go back within a file: the runs of each plant begin at 1 s, and a recorder that is left
 over from one plant records the next one's runs into the same file. A stretch of the file in which
@@ -7,110 +7,23 @@ time does not go back is an *epoch*; a stamp tells a tick only within its epoch.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.robot_topics import RobotTopics
 from ballbot_ros.messages.conversions import time_ns
 from ballbot_ros.messages.motor_stop import are_stops
-from ballbot_ros.messages.topics import HISTORY, MOTOR_DUTY, RUN, TOPICS, Topic
+from ballbot_ros.messages.topics import HISTORY, MOTOR_DUTY, RUN, Topic
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.recording_gate import MOST_AHEAD_NS
 
 END_OF_TIME_NS = 2**63 - 1
-
-ROBOT_MARKS = (
-    MOTOR_DUTY,
-    *(topic for topic in TOPICS if topic.name.startswith(('plant/', 'controller/'))),
-)
-"""The topics that tell a robot's namespace: their names are nobody else's, and none ends like
-another one."""
-
-
-@dataclass(frozen=True)
-class RobotTopics:
-    """The robot's topics in a recording.
-
-    Attributes
-    ----------
-    namespace : str
-        Such as ``/robot``; '' where there is no namespace.
-    by_name : mapping of str to Topic
-        Those that the file has, by the names that they have there.
-    mistyped : mapping of str to str
-        Which of them are of another type than the robot's, and of which.
-    """
-
-    namespace: str
-    by_name: Mapping[str, Topic]
-    mistyped: Mapping[str, str]
-
-    @property
-    def usable(self) -> dict[str, Topic]:
-        """Those of the robot's types, by name."""
-        return {n: topic for n, topic in self.by_name.items() if n not in self.mistyped}
-
-    def mismatch(self, name: str) -> str:
-        """Say what is wrong with the type of one that is mistyped."""
-        return f'{name} is {self.mistyped[name]}, not {self.by_name[name].type_name}'
-
-
-def robot_topics(reader: RecordingReader) -> RobotTopics:
-    """Find the robot's topics in a recording, whatever namespace its nodes ran in.
-
-    Raises
-    ------
-    RecordingError
-        If it is no recording of this robot, or one of several robots.
-    """
-    # Where there are duties, what else is called plant/… may be a stranger's.
-    namespace = robot_namespace(reader, [MOTOR_DUTY])
-    if namespace is None:
-        namespace = robot_namespace(reader, ROBOT_MARKS)
-    if namespace is None:
-        raise RecordingError(
-            f'{reader.path}: no recording of a ballbot: it has none of '
-            f'{", ".join(mark.resolved() for mark in ROBOT_MARKS)}'
-        )
-    ours = {topic.resolved(namespace): topic for topic in TOPICS}
-    types = {name: each.type_name for name, each in reader.topics().items() if name in ours}
-    return RobotTopics(
-        namespace,
-        {name: ours[name] for name in types},
-        {name: found for name, found in types.items() if found != ours[name].type_name},
-    )
-
-
-def robot_namespace(reader: RecordingReader, marks: Iterable[Topic]) -> str | None:
-    """Return the namespace in which a recording has one of the topics `marks`.
-
-    Returns
-    -------
-    str or None
-        Such as ``/robot``, or '' where there is no namespace; None if it has none of the topics.
-
-    Raises
-    ------
-    RecordingError
-        If it has them in several namespaces.
-    """
-    endings = [f'/{mark.name}' for mark in marks]
-    spaces = {
-        name.removesuffix(ending)
-        for name in reader.topics()
-        for ending in endings
-        if name.endswith(ending)
-    }
-    if len(spaces) > 1:
-        names = ', '.join(sorted(space or '/' for space in spaces))
-        raise RecordingError(f'{reader.path}: several robots: {names}; take one of them out')
-    return next(iter(spaces), None)
 
 
 @dataclass(frozen=True)

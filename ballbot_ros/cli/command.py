@@ -27,8 +27,8 @@ COMMANDS = {
     'codegen': ('codegen', 'Write the controller as C for the brick, or check it.'),
     'doctor': ('doctor', 'Check that this machine is ready.'),
 }
-"""Of each command the module in this package, which declares it as `command`, and the line of help
-that `ballbot --help` shows."""
+"""The module in this package that declares each command, as `command`, and its line in the help of
+`ballbot`."""
 
 
 def load_command(name: str) -> click.Command:

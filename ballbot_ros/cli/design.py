@@ -1,4 +1,4 @@
-"""`ballbot design`: the model, its poles, and the servo gains beside the published ones."""
+"""`ballbot design`: the model, its poles, and the servo gains next to the published ones."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ GAIN_NAMES = ('θ', 'ψ', 'θ̇', 'ψ̇', '∫θ')
     help='Parameter file whose physical values are used.',
 )
 def command(parameter_file: Path | None) -> None:
-    """Print the model, its poles, and the servo gains beside the published ones."""
+    """Print the model, its poles, and the servo gains next to the published ones."""
     # Only here: what it imports takes two seconds.
     from ballbot_ros.design.servo import PUBLISHED_GAIN, design_servo
 

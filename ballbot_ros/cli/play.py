@@ -104,7 +104,7 @@ class _Terminal:
         return keys_in(os.read(sys.stdin.fileno(), 64).decode(errors='replace'))
 
     def show(self, text: str) -> None:
-        """Write the status line anew."""
+        """Write the status line again."""
         if sys.stderr.isatty():
             sys.stderr.write(f'\r{text}\x1b[K')
             sys.stderr.flush()

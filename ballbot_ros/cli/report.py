@@ -16,7 +16,7 @@ from ballbot_ros.cli.path_types import PATH, RECORDING
     '--output',
     type=PATH,
     help='Folder for page, pictures and tables; it must be new or empty.  '
-    '[default: <recording>_report beside it]',
+    '[default: <recording>_report next to it]',
 )
 @click.option(
     '--run',

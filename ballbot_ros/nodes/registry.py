@@ -1,4 +1,4 @@
-"""The nodes: what runs each, imported when it is called for."""
+"""The class and the module of each node, imported when they are needed."""
 
 from __future__ import annotations
 

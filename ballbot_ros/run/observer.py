@@ -1,4 +1,4 @@
-"""Who is told how a run goes on."""
+"""Observers of a run: of its progress, and of incidents in it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ UPDATE_S = 0.2
 
 
 class RunObserver(Protocol):
-    """Is told of the progress of a run and of what happens in it."""
+    """Takes the progress of a run, and what happens in it."""
 
     def update(self, elapsed_s: float) -> None:
         """Take the sim time since the start [s]; called at every tick, so it has to be cheap."""

@@ -31,7 +31,7 @@ def require_rclpy(otherwise: str = '') -> None:
 
 
 def require_viewer(parameters: ParameterSet, processes: Processes = Processes.SEPARATE) -> None:
-    """Find out whether the page can be served beside a run.
+    """Find out whether the page can be served next to a run.
 
     Raises
     ------

@@ -12,10 +12,9 @@ from ballbot_ros.analysis.recorded_runs import (
     RecordedRun,
     RunFinder,
     placed_messages,
-    robot_namespace,
-    robot_topics,
     samples_in,
 )
+from ballbot_ros.analysis.robot_topics import robot_namespace, robot_topics
 from ballbot_ros.messages.conversions import fill_header
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,

@@ -3,6 +3,7 @@
 import pytest
 
 from ballbot_ros import parameters
+from ballbot_ros.analysis.replay import ALL_TOPICS
 from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.messages.inputs import INPUTS
@@ -26,6 +27,10 @@ def test_each_field_of_the_brick_has_one_topic():
     fields = [each.device.field for each in DEVICE_MESSAGES]
     assert sorted([*fields, 'battery_mv', 'sticks']) == sorted(DeviceInputs._fields)
     assert len(INPUTS) == len(DeviceInputs._fields)
+
+
+def test_a_replay_compares_every_input_of_the_controller():
+    assert set(INPUTS) <= set(ALL_TOPICS)
 
 
 @each_device
