@@ -336,15 +336,21 @@ def test_the_inputs_around_a_difference_are_those_of_its_plant(two_plants, repla
     assert told(other_gyro=True) == told(other_gyro=False)
 
 
-def test_a_plant_that_has_only_announced_its_run_has_begun_none(two_plants, replay):
+def test_a_run_has_begun_once_its_own_plant_has_moved_the_clock(two_plants):
+    def change(plant, topic, stamp, data):
+        is_first = topic == '/plant/run' or (topic, stamp) == ('/plant/imu', 1_000_000_000)
+        return data if plant == 1 or is_first else None
+
+    with RecordingReader(two_plants(change)) as reader:
+        recorded = read_inputs(reader)
+        assert [recorded.has_begun(each.run) for each in recorded.runs] == [True, False]
+
+
+def test_a_plant_that_has_only_announced_its_run_is_none(two_plants, replay):
     def change(plant, topic, stamp, data):
         return data if plant == 1 or topic == '/plant/run' else None
 
-    path = two_plants(change)
-    with RecordingReader(path) as reader:
-        recorded = read_inputs(reader)
-        assert [recorded.has_begun(each.run) for each in recorded.runs] == [True, False]
-    done = replay(path, '--json')
+    done = replay(two_plants(change), '--json')
     assert done.returncode == 0, done.stdout + done.stderr
     assert [each['runs'] for each in json.loads(done.stdout)] == [1, 1]
 
