@@ -1,5 +1,6 @@
 """The README names every command and option, every scenario and every node."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from ballbot_ros.cli.command import COMMANDS, load_command
 from ballbot_ros.parameters import ALL_NODES
 from ballbot_ros.scenario.library import scenario_names
+from ballbot_ros.simulation.golden import load_golden
 
 README = (Path(__file__).parents[2] / 'README.md').read_text(encoding='utf-8')
 OPTIONS = [
@@ -31,3 +33,14 @@ def test_every_option_of_running_and_driving_is_in_the_readme(command, option):
 @pytest.mark.parametrize('name', [*scenario_names(), *ALL_NODES])
 def test_every_scenario_and_node_is_in_the_readme(name):
     assert f'`{name}`' in README
+
+
+def test_the_program_in_the_readme_runs(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (program,) = re.findall(r'^```python\n(.*?)^```', README, re.DOTALL | re.MULTILINE)
+    exec(compile(program, 'README.md', 'exec'), {})
+    verdict, peak_pitch, duty_sha256 = capsys.readouterr().out.split()
+    assert verdict == 'passed'
+    assert 3.0 < float(peak_pitch) < 6.0
+    # Unlike in the ideal run, the noise of the devices is in it.
+    assert duty_sha256 != load_golden().scenarios['stationary']
