@@ -40,14 +40,14 @@ from ballbot_ros.nodes.base import reliable_qos, spin
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.parameters import CONTROLLER, GAMEPAD, NODES, PLANT, RECORDER
 from ballbot_ros.simulation.lockstep import InputGate
-from ballbot_ros.simulation.timing import (
-    BATTERY_NS,
+from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.timing import (
+    BATTERY_PERIOD_NS,
     FIRST_TICK_NS,
     MAX_LEAD_TICKS,
     SECOND_NS,
     TICK_NS,
 )
-from ballbot_ros.stop_request import StopRequest
 
 ACK_PERIOD_S = 5e-3
 
@@ -56,7 +56,7 @@ DRIVERS = {each.device.parameters.node: (each.truth, each.sample) for each in DE
 }
 """What each driver answers, and with what."""
 
-LOG_PERIOD_NS = BATTERY_NS
+LOG_PERIOD_NS = BATTERY_PERIOD_NS
 """Period of the log packets, by default as long as the battery's."""
 
 CONTENT: dict[Topic, dict[str, Any]] = {

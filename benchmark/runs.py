@@ -19,8 +19,8 @@ from ballbot_ros.parameters import NODES, PLANT
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.run.graph import graph_parameters
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import load_trajectory
+from ballbot_ros.timing import SECOND_NS, TICK_NS
 
 SCENARIO = 'stationary'
 

@@ -14,7 +14,7 @@ from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.repair import repair
-from ballbot_ros.simulation.timing import FIRST_TICK_NS, TICK_NS
+from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
 
 Duty = tuple[float, float]
 

@@ -11,7 +11,7 @@ from enum import Enum
 from signal import Signals
 
 from ballbot_ros.parameters import NODES, PLANT, RECORDER
-from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
+from ballbot_ros.timing import SECOND_NS, TICK_NS
 from campaign.fault import Verdict
 from campaign.run import (
     Run,

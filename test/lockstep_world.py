@@ -15,8 +15,8 @@ from ballbot_ros.messages.run_topics import RUN_TOPICS
 from ballbot_ros.parameters import (
     ALL_NODES,
     CONTROLLER,
+    DRIVER_PERIODS_NS,
     DRIVERS,
-    PERIODS_MS,
     PLANT,
     RECORDER,
     PlantParameters,
@@ -28,7 +28,7 @@ from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.participants import Announcement, Objection, Participant, Publisher
 from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
 from ballbot_ros.simulation.silence_timer import Observation, ThreadTime
-from ballbot_ros.simulation.timing import MILLISECOND_NS, TICK_NS
+from ballbot_ros.timing import TICK_NS
 from ballbot_ros.world.world import World
 
 TOPICS = dataclasses.replace(RUN_TOPICS, is_same_duty=operator.eq)
@@ -49,7 +49,7 @@ def duty_of(stamp_ns):
 
 def is_due(role, stamp_ns):
     """Tell whether a driver has a sample of a stamp."""
-    return stamp_ns % (PERIODS_MS[role] * MILLISECOND_NS) == 0
+    return stamp_ns % DRIVER_PERIODS_NS[role] == 0
 
 
 def data_of(stamp_ns, duty):

@@ -32,8 +32,8 @@ from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep import LockstepTicks, Step
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.task_releases import DueTick
-from ballbot_ros.simulation.timing import (
-    BATTERY_NS,
+from ballbot_ros.timing import (
+    BATTERY_PERIOD_NS,
     MILLISECOND_NS,
     TICK_NS,
 )
@@ -271,7 +271,7 @@ class RobotWorld(LockstepWorld):
             stamp_ns = action.truth.stamp_ns
             if CONTROLLER in self.robot:
                 self.send(self.robot[CONTROLLER].on_clock, stamp_ns, way=('', CONTROLLER, 'clock'))
-            if stamp_ns % BATTERY_NS == 0:
+            if stamp_ns % BATTERY_PERIOD_NS == 0:
                 reading = battery_mv(action.truth.battery_voltage)
                 self._sample(BATTERY_STATE, stamp_ns, reading, '')
 

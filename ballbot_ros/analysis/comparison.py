@@ -28,6 +28,7 @@ from ballbot_ros.analysis.page import number_text, render, write_folder
 from ballbot_ros.analysis.report import MEANINGS, MetricText, banner, metric_text
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import Drawn
+from ballbot_ros.analysis.run_metrics import FORMER_NAMES
 from ballbot_ros.analysis.style import (
     BLUE,
     GRAY,
@@ -177,7 +178,7 @@ def as_json(runs: Sequence[Compared], failed: Sequence[str]) -> dict[str, object
             }
             for each in runs
         ],
-        'metrics': metrics,
+        'metrics': {**metrics, **{old: metrics[name] for old, name in FORMER_NAMES.items()}},
         'failures': list(failed),
     }
 

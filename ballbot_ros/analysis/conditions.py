@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 
+from ballbot_ros.analysis.run_metrics import FORMER_NAMES
 from ballbot_ros.errors import BallbotError
 
 _FORM = re.compile(
@@ -71,7 +72,7 @@ def parse_condition(text: str, metrics: Iterable[str]) -> Condition:
             f'--fail-if {text!r}: not of the form metric>5%, metric>0.1, metric<5% or metric<0.1'
         )
     known = list(metrics)
-    name = match['metric']
+    name = FORMER_NAMES.get(match['metric'], match['metric'])
     if name not in known:
         close = get_close_matches(name, known)
         hint = f'did you mean {" or ".join(close)}?' if close else f'known: {", ".join(known)}'

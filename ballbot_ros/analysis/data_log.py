@@ -12,8 +12,8 @@ from ballbot_ros.messages.conversions import log_packet, time_ns
 from ballbot_ros.messages.topics import BLUETOOTH_TX, RUN
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.simulation.timing import MILLISECOND_NS
 from ballbot_ros.teleop.csv_log import CsvLog
+from ballbot_ros.timing import MILLISECOND_NS
 
 
 @dataclass(frozen=True)

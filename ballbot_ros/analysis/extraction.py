@@ -50,7 +50,7 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.timing import SECOND_NS
 
 _EVENTS = (OPERATING_STATE, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP)
 _OTHER_CLOCK_MS = 3.6e6
@@ -70,7 +70,7 @@ TICKED: Mapping[Topic, tuple[str, int, Callable[[Any], Sequence[Any]]]] = {
     MOTOR_DUTY: ('f', 2, lambda m: (m.vector.x, m.vector.y)),
     CONTROLLER_STATE: ('f', 6, lambda m: (*m.position.T[:4], *m.velocity.T[[1, 3]])),
     GYRO_IMU: ('f', 2, lambda m: (m.angular_velocity.y, m.angular_velocity.x)),
-    SONAR_RANGE: ('f', 1, lambda m: (m.range,)),
+    SONAR_RANGE: ('f', 2, lambda m: (m.range, m.field_of_view)),
     BATTERY_STATE: ('f', 1, lambda m: (m.voltage,)),
 }
 """The stamped topics, with number type and count of their columns, and how these are read from a

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ballbot_ros.messages.raw import decoder, has_stamp
-from ballbot_ros.messages.topics import Topic
+from ballbot_ros.messages.topics import SONAR_RANGE, Topic
+
+_NOT_COMPARED = {SONAR_RANGE.name: frozenset({'field_of_view'})}
+"""Fields that do not depend on the run: older versions published 30° whatever `cone_angle` was."""
 
 _EXTRA, _MISSING = 'recorded, and not replayed', 'replayed, and not recorded'
 
@@ -51,7 +54,7 @@ class Comparison:
     """
 
     def __init__(self, topics: Iterable[Topic]) -> None:
-        self._topics = {topic: _Pairs(topic.type_name) for topic in topics}
+        self._topics = {topic: _Pairs(topic) for topic in topics}
         self._first: dict[Topic, Difference] = {}
         self.compared = 0
 
@@ -124,26 +127,34 @@ class _Message(NamedTuple):
 class _Pairs:
     """The messages of a topic that wait for their counterparts."""
 
-    def __init__(self, type_name: str) -> None:
+    def __init__(self, topic: Topic) -> None:
         self.recorded: deque[_Message] = deque()
         self.replayed: deque[_Message] = deque()
-        self.is_stamped = has_stamp(type_name)
-        self._type = type_name
-        self._decode = decoder(type_name)
+        self.is_stamped = has_stamp(topic.type_name)
+        self._type = topic.type_name
+        self._decode = decoder(topic.type_name)
+        self._not_compared = _NOT_COMPARED.get(topic.name, frozenset())
 
     def difference(self, recorded: bytes, replayed: bytes) -> str:
         try:
             message = self._decode(recorded)
         except ValueError as error:
             return f'recorded is no {self._type}: {error}'
-        return first_difference(message, self._decode(replayed))
+        return first_difference(message, self._decode(replayed), not_compared=self._not_compared)
 
 
-def first_difference(recorded: Any, replayed: Any, path: str = '') -> str:
-    """Return name and values of the first field in which two messages differ; '' if in none."""
+def first_difference(
+    recorded: Any, replayed: Any, path: str = '', *, not_compared: Set[str] = frozenset()
+) -> str:
+    """Return name and values of the first field in which two messages differ; '' if in none.
+
+    `not_compared` names the fields of the message itself that are left out.
+    """
     if is_dataclass(recorded):
         for each in fields(recorded):
             name = f'{path}.{each.name}' if path else each.name
+            if name in not_compared:
+                continue
             text = first_difference(
                 getattr(recorded, each.name), getattr(replayed, each.name), name
             )

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.plant.truth import TICK_NS
 from ballbot_ros.scenario.metrics import METRICS, Clearance, Motion
 from ballbot_ros.scenario.scenario import Expectation
 from ballbot_ros.simulation.trajectory import Trajectory
+from ballbot_ros.timing import TICK_NS
 
 HALF_TICK_S = TICK_NS * 0.5e-9
 """Stamps are whole nanoseconds, times in seconds are rounded: so near they are the same tick."""

@@ -37,7 +37,7 @@ from ballbot_ros.plant.truth import Push
 from ballbot_ros.recording.batch import RawMessage
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.simulation.timing import TICK_NS
+from ballbot_ros.timing import TICK_NS
 
 _DECODED = {RUN, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY, *INPUTS}
 

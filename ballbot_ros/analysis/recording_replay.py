@@ -39,7 +39,7 @@ from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.recording.attachments import PARAMETERS
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
+from ballbot_ros.timing import SECOND_NS, TICK_NS
 from ballbot_ros.world.library import is_file_name
 
 AROUND_TICKS = 2

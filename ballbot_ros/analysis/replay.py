@@ -34,10 +34,10 @@ from ballbot_ros.messages.topics import (
     WALL_HIT,
     Topic,
 )
-from ballbot_ros.parameters import ParameterSet, PlantParameters
+from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.recording.batch import RawMessage
 from ballbot_ros.simulation.closed_loop import ClosedLoop, Tick
-from ballbot_ros.simulation.timing import MILLISECOND_NS, TICK_NS
+from ballbot_ros.timing import MILLISECOND_NS, TICK_NS
 
 CONTROLLER_TOPICS = (
     MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD,
@@ -123,14 +123,13 @@ def replay_run(
     """
     run = inputs.run
     loop = ClosedLoop(parameters, inputs, run.start_ns)
-    ball_radius = parameters.of(PlantParameters).ball_radius
 
     def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
         # A push may end after the run, and of a run without a duty there are events only.
         if stamp_ns <= inputs.last_ns or topic in EVENTS:
             comparison.replayed(topic, stamp_ns, data, run.epoch)
 
-    messages = RunMessages(replayed, ball_radius)
+    messages = RunMessages(replayed, parameters)
     messages.begin(run.start_ns, loop.world, loop.pushes)
     for topic, raw in _messages(recording, inputs):
         comparison.recorded(topic, raw.stamp_ns, raw.data, run.epoch)

@@ -18,12 +18,11 @@ from ballbot_ros.controller.interface import DriveState
 from ballbot_ros.messages.conversions import map_grid
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
-from ballbot_ros.plant.truth import TICK_NS
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.metrics import Floats
-from ballbot_ros.simulation.timing import SECOND_NS
 from ballbot_ros.simulation.trajectory import Trajectory
+from ballbot_ros.timing import SECOND_NS, TICK_NS
 from ballbot_ros.world.exports import OccupancyGrid
 from ballbot_ros.world.floor_map import FloorMap
 

@@ -23,10 +23,13 @@ from ballbot_ros.messages.topics import (
     PLANT_ODOM,
 )
 from ballbot_ros.parameters import CONTROLLER, PLANT, ControllerParameters
-from ballbot_ros.plant.truth import TICK_NS
 from ballbot_ros.scenario.metric_registry import MetricRegistry
+from ballbot_ros.timing import TICK_NS
 
 RUN_METRICS = MetricRegistry[RunData]()
+
+FORMER_NAMES: Mapping[str, str] = {'truth_sent_again': 'resends'}
+"""The present names of metrics that were renamed; JSON and conditions take both."""
 """In addition to those of the scenario's expectations; NaN where the file lacks what it needs."""
 
 _MEAN_S = 1.0
@@ -202,15 +205,17 @@ def tick_jitter_ms(run: RunData) -> float:
     '/diagnostics; in free running those of the controller too'
 )
 def late_ticks(run: RunData) -> float:
-    late = _counter(run, PLANT, 'overruns')
+    late = _counter(run, PLANT, 'late ticks', 'overruns')
     if not run.plant.lockstep:
-        late += _counter(run, CONTROLLER, 'overruns')
+        late += _counter(run, CONTROLLER, 'late ticks', 'overruns')
     return late
 
 
-@RUN_METRICS.metric('times that the plant asked again after 0.1 s of silence (/diagnostics)')
-def truth_sent_again(run: RunData) -> float:
-    return _counter(run, PLANT, 'asked again')
+@RUN_METRICS.metric(
+    'ticks that the plant sent again after 0.1 s without an answer, from /diagnostics'
+)
+def resends(run: RunData) -> float:
+    return _counter(run, PLANT, 'resends', 'asked again')
 
 
 @RUN_METRICS.metric(
@@ -222,10 +227,15 @@ def tick_rate_hz(run: RunData) -> float:
     return float(np.median(rates)) if rates else math.nan
 
 
-def _counter(run: RunData, role: str, key: str) -> float:
-    """Return what a node has counted up to its last report; NaN where it has not reported."""
+def _counter(run: RunData, role: str, key: str, former_key: str) -> float:
+    """Return a counter of a node at its last report; NaN if it has not reported.
+
+    Recordings of older versions have it under `former_key`.
+    """
     reports = list(_diagnostics(run, role))
-    return _read(reports[-1], key) if reports else math.nan
+    if not reports:
+        return math.nan
+    return _read(reports[-1], key if key in reports[-1] else former_key)
 
 
 def _diagnostics(run: RunData, role: str) -> Iterator[Mapping[str, str]]:

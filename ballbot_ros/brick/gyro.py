@@ -9,9 +9,9 @@ from ballbot_ros.brick.units import quantise
 from ballbot_ros.numerics.elementary import TWO_PI, sine_cosine
 from ballbot_ros.numerics.random_numbers import normal, uniform
 from ballbot_ros.parameters import GyroParameters
+from ballbot_ros.timing import TICK_NS
 
 ADC_MAX = 1023
-_SAMPLE_NS = 4_000_000
 _DEGREES = 180.0 / math.pi
 
 
@@ -82,7 +82,7 @@ class Gyro:
         stamp_ns : int
             Sim time [ns] of the sample.
         """
-        errors = self._noise.pair(stamp_ns // _SAMPLE_NS) if self._sigma else (0.0, 0.0)
+        errors = self._noise.pair(stamp_ns // TICK_NS) if self._sigma else (0.0, 0.0)
         return (
             gyro_reading(self._x, rates[0], errors[0], stamp_ns),
             gyro_reading(self._y, rates[1], errors[1], stamp_ns),

@@ -6,8 +6,8 @@ from ballbot_ros.brick.noise import DeviceNoise
 from ballbot_ros.brick.units import NO_ECHO_CM, quantise
 from ballbot_ros.numerics.random_numbers import uniform
 from ballbot_ros.parameters import SonarParameters
+from ballbot_ros.timing import SLOW_PERIOD_NS
 
-SAMPLE_NS = 20_000_000
 NEAR_DROPOUT = 0.5
 """Share of the echoes of an obstacle nearer than the least range that are missed."""
 
@@ -62,7 +62,7 @@ class Sonar:
 
     def read(self, distance_m: float, stamp_ns: int) -> int:
         """Return the reading [cm] for the distance [m] to an obstacle, +inf if there is none."""
-        chance, error = self._noise.pair(stamp_ns // SAMPLE_NS)
+        chance, error = self._noise.pair(stamp_ns // SLOW_PERIOD_NS)
         return sonar_reading(
             distance_m, chance, error,
             self._error, self._dropout, self._min_range, self._max_range,

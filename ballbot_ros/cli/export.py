@@ -24,7 +24,7 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.export import Exporter
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.tables import load_pyarrow
-from ballbot_ros.simulation.timing import TICK_NS
+from ballbot_ros.timing import TICK_NS
 
 _MEANINGS = {
     PLANT_IMU: Meaning(

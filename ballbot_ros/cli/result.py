@@ -27,8 +27,10 @@ def print_json(spec: RunSpec, result: RunResult) -> None:
         'duty_sha256': result.duty_sha256,
         'ticks': result.ticks,
         'real_time_factor': result.real_time_factor,
-        'missed_ticks': result.late_ticks,
-        'asked_again': result.resends,
+        'late_ticks': result.late_ticks,
+        'missed_ticks': result.late_ticks,  # former name
+        'resends': result.resends,
+        'asked_again': result.resends,  # former name
         'round_trip_ms': result.round_trip._asdict() if result.round_trip else None,
         'participants': list(result.participants),
         'recording': None if result.recording is None else str(result.recording),
@@ -71,7 +73,7 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
         text = ' / '.join(f'{trip_ms:.2f}' for trip_ms in result.round_trip)
         table.add_row('tick round trip p50 / p99 / max', f'{text} ms', '', '')
     table.add_row('ticks', str(result.ticks), '', '')
-    table.add_row('missed ticks', str(result.late_ticks or 0), '', '')
+    table.add_row('late ticks', str(result.late_ticks or 0), '', '')
     console.print(table)
     colour = 'green' if result.exit_status == 0 else 'red'
     reason = f': {result.reason}' if result.reason else ''

@@ -37,7 +37,7 @@ from ballbot_ros.messages.message_types import (
 )
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.plant.truth import Pair, Push, Truth
-from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.timing import SECOND_NS
 
 if TYPE_CHECKING:
     from ballbot_ros.world.exports import OccupancyGrid
@@ -93,15 +93,22 @@ def motor_angles(message: JointState) -> Pair:
 def fill_body(message: Imu, truth: Truth) -> None:
     """Write ``plant/imu``: roll is plane y's pitch angle, pitch is plane x's, yaw is zero."""
     fill_header(message.header, truth.stamp_ns, 'base_link')
-    psi_x, psi_y = truth.psi
-    sin_x, cos_x = sine_cosine(psi_x / 2.0)
-    sin_y, cos_y = sine_cosine(psi_y / 2.0)
-    turn = message.orientation
-    turn.w, turn.x = cos_x * cos_y, cos_x * sin_y
-    turn.y, turn.z = sin_x * cos_y, -sin_x * sin_y
+    q = message.orientation
+    q.w, q.x, q.y, q.z = body_orientation(truth.psi)
     rate = message.angular_velocity
     rate.y, rate.x = truth.psi_rate
     message.linear_acceleration_covariance[0] = -1.0  # not provided
+
+
+def body_orientation(psi: Pair) -> tuple[float, float, float, float]:
+    """Return the orientation of ``base_link`` in ``map`` for the pitch angles `psi` [rad].
+
+    A unit quaternion w, x, y, z: roll ψy, then pitch ψx, no yaw. :func:`pitch_angles` is its
+    inverse.
+    """
+    sin_x, cos_x = sine_cosine(psi[0] / 2.0)
+    sin_y, cos_y = sine_cosine(psi[1] / 2.0)
+    return cos_x * cos_y, cos_x * sin_y, sin_x * cos_y, -sin_x * sin_y
 
 
 def body_rates(message: Imu) -> Pair:

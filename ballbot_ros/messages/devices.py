@@ -5,7 +5,6 @@ The functions that fill and read messages are as those in :mod:`ballbot_ros.mess
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeAlias
@@ -35,6 +34,7 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     Topic,
 )
+from ballbot_ros.parameters import SonarParameters
 from ballbot_ros.simulation.devices import (
     ENCODER_DEVICE,
     GYRO_DEVICE,
@@ -46,7 +46,6 @@ from ballbot_ros.simulation.devices import (
 )
 
 ULTRASOUND = 0
-SONAR_CONE_RAD = math.radians(30.0)
 
 
 @dataclass(frozen=True)
@@ -66,6 +65,9 @@ class DeviceMessages(Generic[P, Measured, Reading]):
         Writes a sample: into the message, its stamp [ns] and the reading.
     reading : callable
         Returns the reading from a sample. Raises ValueError for one that the device can't give.
+    describe : callable
+        Writes the properties of the device, which are the same in every sample, into a message
+        that `fill` writes to later.
     """
 
     device: Device[P, Measured, Reading]
@@ -74,6 +76,7 @@ class DeviceMessages(Generic[P, Measured, Reading]):
     sample: Topic
     fill: Callable[[Any, int, Reading], None]
     reading: Callable[[Any], Reading]
+    describe: Callable[[Any, P], None] = lambda message, parameters: None
 
 
 def fill_gyro(message: Imu, stamp_ns: int, counts: tuple[int, int]) -> None:
@@ -107,13 +110,17 @@ def encoder_counts(message: JointState) -> tuple[int, int]:
     return degrees_of(message.position[0]), degrees_of(message.position[1])
 
 
+def describe_sonar(message: Range, parameters: SonarParameters) -> None:
+    """Write the properties of the sensor to ``sonar``; a single ray has no field of view."""
+    message.radiation_type = ULTRASOUND
+    message.field_of_view = parameters.cone_angle
+    message.min_range = 0.0
+    message.max_range = metres_of(NO_ECHO_CM - 1)
+
+
 def fill_sonar(message: Range, stamp_ns: int, sonar_cm: int) -> None:
     """Write ``sonar``."""
     fill_header(message.header, stamp_ns, 'sonar')
-    message.radiation_type = ULTRASOUND
-    message.field_of_view = SONAR_CONE_RAD
-    message.min_range = 0.0
-    message.max_range = metres_of(NO_ECHO_CM - 1)
     message.range = metres_of(sonar_cm)
 
 
@@ -141,5 +148,13 @@ DEVICE_MESSAGES: tuple[AnyDeviceMessages, ...] = (
         fill_encoders,
         encoder_counts,
     ),
-    DeviceMessages(SONAR_DEVICE, PLANT_ODOM, ball_position, SONAR_RANGE, fill_sonar, sonar_reading),
+    DeviceMessages(
+        SONAR_DEVICE,
+        PLANT_ODOM,
+        ball_position,
+        SONAR_RANGE,
+        fill_sonar,
+        sonar_reading,
+        describe_sonar,
+    ),
 )

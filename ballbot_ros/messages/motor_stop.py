@@ -15,7 +15,7 @@ from ballbot_ros.messages.conversions import fill_header
 from ballbot_ros.messages.message_types import Vector3Stamped
 from ballbot_ros.messages.outputs import Output
 from ballbot_ros.recording.batch import Batch, Rows
-from ballbot_ros.simulation.timing import TICK_NS
+from ballbot_ros.timing import TICK_NS
 
 FRAME_ID = 'stop'
 

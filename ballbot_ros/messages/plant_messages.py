@@ -27,7 +27,7 @@ from ballbot_ros.messages.topics import (
     WALL_HIT,
 )
 from ballbot_ros.plant.truth import Push, Truth
-from ballbot_ros.simulation.timing import BATTERY_NS
+from ballbot_ros.timing import BATTERY_PERIOD_NS
 from ballbot_ros.world.exports import occupancy_grid
 from ballbot_ros.world.world import World
 
@@ -88,9 +88,9 @@ class PlantMessages:
         fill_clock(self._clock.message, now)
         self._clock.send(now)
         # Before what the drivers answer: with it a run begins for the controller.
-        if now % BATTERY_NS == 0:
+        if now % BATTERY_PERIOD_NS == 0:
             fill_battery(self._battery.message, truth)
-        if again or now % BATTERY_NS == 0:
+        if again or now % BATTERY_PERIOD_NS == 0:
             self._battery.send(now)
         self.ask(truth)
         hit = self._wall_hit.message

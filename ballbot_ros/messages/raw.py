@@ -15,7 +15,7 @@ from rosbags.serde import SerdeError
 
 from ballbot_ros.recording.encoding import encoder
 from ballbot_ros.recording.schemas import typestore
-from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.timing import SECOND_NS
 
 # After the four bytes that tell the encoding, CDR has the first field: here a time.
 _STAMP = struct.Struct('<4xiI')

@@ -14,6 +14,7 @@ from ballbot_ros.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.messages.outputs import EncodedOutput, Sink
 from ballbot_ros.messages.plant_messages import PlantMessages
 from ballbot_ros.messages.topics import GAMEPAD_JOY
+from ballbot_ros.parameters import ParameterSet, PlantParameters
 from ballbot_ros.plant.truth import Push, Truth
 from ballbot_ros.simulation.closed_loop import Tick
 from ballbot_ros.teleop.arbiter import SCENARIO
@@ -30,18 +31,18 @@ class RunMessages:
     ----------
     sink : callable
         What takes them.
-    ball_radius : float
-        Height of the ball's centre [m].
+    parameters : ParameterSet
     """
 
-    def __init__(self, sink: Sink, ball_radius: float) -> None:
+    def __init__(self, sink: Sink, parameters: ParameterSet) -> None:
         make = partial(EncodedOutput, sink=sink)
         self._plant = PlantMessages(make)
-        self._plant.ball_radius = ball_radius
-        self._devices = [
-            (attrgetter(each.device.field), each.fill, make(each.sample))
-            for each in DEVICE_MESSAGES
-        ]
+        self._plant.ball_radius = parameters.of(PlantParameters).ball_radius
+        self._devices = []
+        for each in DEVICE_MESSAGES:
+            output = make(each.sample)
+            each.describe(output.message, parameters.of(each.device.parameters))
+            self._devices.append((attrgetter(each.device.field), each.fill, output))
         self._gamepad = make(GAMEPAD_JOY)
         self._controller = ControllerMessages(make)
 

@@ -19,8 +19,10 @@ def summary_json(summary: RunSummary) -> dict[str, object]:
         'ticks': summary.ticks,
         'duty_sha256': summary.duty_sha256,
         'real_time_factor': summary.real_time_factor,
-        'missed_ticks': summary.late_ticks,
-        'asked_again': summary.resends,
+        'late_ticks': summary.late_ticks,
+        'missed_ticks': summary.late_ticks,  # former name
+        'resends': summary.resends,
+        'asked_again': summary.resends,  # former name
         'round_trip_ms': _in_milliseconds(summary.round_trips_s),
         'participants': [membership_json(each, summary.start_ns) for each in summary.members],
     }

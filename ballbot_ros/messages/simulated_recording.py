@@ -8,13 +8,14 @@ from pathlib import Path
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import Topic
+from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.plant.truth import Push, Truth
 from ballbot_ros.recording import rosbag2
 from ballbot_ros.recording.attachments import OUTCOME_KEYS, media_type
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.simulation.closed_loop import Tick
 from ballbot_ros.simulation.run_actions import RunSummary
-from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.world.world import World
 
 
@@ -27,15 +28,17 @@ class SimulatedRecording:
         The file to create.
     attachments : mapping of str to bytes
         Files to attach.
-    ball_radius : float
-        Height of the ball's centre [m].
+    parameters : ParameterSet
+        The parameters of the run.
     """
 
-    def __init__(self, path: Path, attachments: Mapping[str, bytes], ball_radius: float) -> None:
+    def __init__(
+        self, path: Path, attachments: Mapping[str, bytes], parameters: ParameterSet
+    ) -> None:
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
             self._writer.add_attachment(name, media_type(name), data)
-        self._messages = RunMessages(self._write, ball_radius)
+        self._messages = RunMessages(self._write, parameters)
         self._topics: dict[str, rosbag2.Topic] = {}
         self._flushed_ns = 0
 

@@ -17,11 +17,11 @@ from ballbot_ros.parameters import (
     GyroParameters,
     SonarParameters,
 )
-from ballbot_ros.simulation.timing import BATTERY_NS, MILLISECOND_NS, TICK_NS
+from ballbot_ros.timing import BATTERY_PERIOD_NS, TICK_NS
 
 HISTORY = 128
 """Messages that a publisher keeps: the plant runs at most
-:data:`~ballbot_ros.simulation.timing.MAX_LEAD_TICKS` ahead of the recorder."""
+:data:`~ballbot_ros.timing.MAX_LEAD_TICKS` ahead of the recorder."""
 
 
 class Topic(NamedTuple):
@@ -69,7 +69,7 @@ class Topic(NamedTuple):
 
 def _samples_of(driver: type[DriverParameters], name: str, type_name: str) -> Topic:
     """Return the topic that a driver's samples go to."""
-    return Topic(name, type_name, driver.node, driver.period_ms * MILLISECOND_NS)
+    return Topic(name, type_name, driver.node, driver.period_ns)
 
 
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', PLANT, TICK_NS)
@@ -90,7 +90,7 @@ BATTERY_STATE = Topic(
     'battery_state',
     'sensor_msgs/msg/BatteryState',
     PLANT,
-    BATTERY_NS,
+    BATTERY_PERIOD_NS,
     keeps=1,
     has_history=True,
 )

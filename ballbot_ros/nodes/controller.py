@@ -31,7 +31,7 @@ from ballbot_ros.simulation.lockstep import LockstepTicks, Run, Step
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.sample_history import DEPTH
 from ballbot_ros.simulation.task_releases import DueTick
-from ballbot_ros.simulation.timing import MILLISECOND_NS, SECOND_NS, TICK_NS
+from ballbot_ros.timing import MILLISECOND_NS, SECOND_NS, TICK_NS
 
 
 class Controller(BallbotNode[ControllerParameters]):
@@ -220,8 +220,10 @@ class Controller(BallbotNode[ControllerParameters]):
                 str(fired[name]) for name in periods
             ),
             'forced releases': self._lockstep_ticks.releases.forced,
-            'overruns': self._free_ticks.late_ticks,
-            'answers sent again': self._resends,
+            'late ticks': self._free_ticks.late_ticks,
+            'overruns': self._free_ticks.late_ticks,  # former name
+            'resends': self._resends,
+            'answers sent again': self._resends,  # former name
         }
 
     def close(self) -> None:

@@ -33,6 +33,7 @@ class DeviceDriver(BallbotNode[P]):
         self._read = self._device.make(self.parameters)
         self._decode = decoder(self._messages.truth.type_name)
         self._output = self.output(self._messages.sample)
+        self._messages.describe(self._output.message, self.parameters)
         self._participation = Participation(self, self._on_run)
         self.listen(self._messages.truth, self._on_truth, raw=True)
 
@@ -47,6 +48,7 @@ class DeviceDriver(BallbotNode[P]):
 
     def _on_run(self, run: Run) -> None:
         self._read = self._device.make(self.parameters)
+        self._messages.describe(self._output.message, self.parameters)
 
     def _on_truth(self, truth: bytes) -> None:
         try:

@@ -27,7 +27,6 @@ from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.timing import MAX_LEAD_TICKS, MILLISECOND_NS, SLOW_NS, TICK_NS
 from ballbot_ros.teleop.arbiter import SCENARIO, Arbiter, Command
 from ballbot_ros.teleop.complaints import Complaints
 from ballbot_ros.teleop.csv_log import CsvLog
@@ -37,10 +36,11 @@ from ballbot_ros.teleop.gamepad import ANY
 from ballbot_ros.teleop.sdl import SdlBackend
 from ballbot_ros.teleop.sticks import NEUTRAL
 from ballbot_ros.teleop.terminal import why_no_keyboard
+from ballbot_ros.timing import MAX_LEAD_TICKS, MILLISECOND_NS, SLOW_PERIOD_NS, TICK_NS
 
 LIST_DEVICES = '--list-devices'
 FLUSH_S = 0.5
-MOST_ANSWERS = MAX_LEAD_TICKS * TICK_NS // SLOW_NS + 1
+MOST_ANSWERS = MAX_LEAD_TICKS * TICK_NS // SLOW_PERIOD_NS + 1
 """Answers that are kept: the plant may ask again for any tick that the recorder lacks."""
 
 
@@ -118,7 +118,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
 
     def _on_truth(self, truth: bytes) -> None:
         now = stamp_of(truth)
-        if now % SLOW_NS == 0 and self._participation.includes(now):
+        if now % SLOW_PERIOD_NS == 0 and self._participation.includes(now):
             self._answer(now)
 
     def _answer(self, now_ns: int) -> None:

@@ -22,7 +22,7 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.nodes.base import requested_qos
 from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
-from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.snapshot import Snapshot
 
 
@@ -92,6 +92,7 @@ def snapshot_of(newest: Newest) -> Snapshot | None:
         psi=body_pitch(body),
         duty=(duty.vector.x, duty.vector.y) if duty else (math.nan, math.nan),
         sonar=sonar.range if sonar else math.nan,
+        cone_angle=sonar.field_of_view if sonar else 0.0,
         battery=battery.voltage if battery else math.nan,
         state=state.data if state else '',
         lcd=lcd.data if lcd else '',

@@ -39,8 +39,8 @@ from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.run_actions import Actions
 from ballbot_ros.simulation.run_master import RunMaster
 from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
-from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import TrajectoryLog, save_trajectory
+from ballbot_ros.timing import SECOND_NS, TICK_NS
 from ballbot_ros.world.world import World
 
 WATCH_S = 0.1
@@ -137,8 +137,10 @@ class PlantSim(BallbotNode[PlantParameters]):
             'run': master.number,
             'sim time [s]': f'{master.time_ns / SECOND_NS:.3f}',
             'ticks': master.log.ticks,
-            'overruns': master.late_ticks,
-            'asked again': master.resends,
+            'late ticks': master.late_ticks,
+            'overruns': master.late_ticks,  # former name
+            'resends': master.resends,
+            'asked again': master.resends,  # former name
             'fallen': master.is_fallen,
             'paused': master.pause.is_paused,
             **(summary_words(master.summary) if master.summary else {}),

@@ -26,7 +26,7 @@ from ballbot_ros.nodes.newest import Newest, snapshot_of
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
 from ballbot_ros.scenario.library import scenario_names
-from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.address import require_viser, warning_of
 from ballbot_ros.viewer.snapshot import History, Snapshot
 from ballbot_ros.world.errors import WorldError

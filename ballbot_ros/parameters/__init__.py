@@ -23,6 +23,7 @@ from ballbot_ros.parameters.table import (
     AGREED,
     ALL_NODES,
     CONTROLLER,
+    DRIVER_PERIODS_NS,
     DRIVERS,
     ENCODER,
     EXECUTABLES,
@@ -31,7 +32,6 @@ from ballbot_ros.parameters.table import (
     NODES,
     OPTIONAL_NODES,
     PATHS,
-    PERIODS_MS,
     PLANT,
     PLAYER,
     RECORDER,
@@ -54,9 +54,9 @@ from ballbot_ros.parameters.tools import (
 )
 
 __all__ = [
-    'AGREED', 'ALL_NODES', 'CONTROLLER', 'DEVICES', 'DRIVERS', 'ENCODER', 'EXECUTABLES', 'GAMEPAD',
-    'GYRO', 'NODES', 'OPTIONAL_NODES', 'PATHS', 'PERIODS_MS', 'PLANT', 'PLAYER', 'RECORDER',
-    'SIMULATED', 'SONAR', 'SUPERVISOR', 'TABLE', 'VIEWER', 'VISUALIZER', 'Acts',
+    'AGREED', 'ALL_NODES', 'CONTROLLER', 'DEVICES', 'DRIVERS', 'DRIVER_PERIODS_NS', 'ENCODER',
+    'EXECUTABLES', 'GAMEPAD', 'GYRO', 'NODES', 'OPTIONAL_NODES', 'PATHS', 'PLANT', 'PLAYER',
+    'RECORDER', 'SIMULATED', 'SONAR', 'SUPERVISOR', 'TABLE', 'VIEWER', 'VISUALIZER', 'Acts',
     'ControllerParameters', 'Dimensions', 'DriverParameters', 'EncoderParameters',
     'GamepadParameters', 'GyroParameters', 'Implementation', 'NodeParameters', 'Parameter',
     'ParameterError', 'ParameterSet', 'PlantParameters', 'PlayerParameters', 'RecorderParameters',

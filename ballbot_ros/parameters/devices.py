@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 
 from ballbot_ros.parameters.parameter import DriverParameters, quantity, setting
 from ballbot_ros.parameters.shared import BodyDepth, DeviceSeed, MapChoice
+from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,7 +15,7 @@ class GyroParameters(DeviceSeed, DriverParameters):
     """The parameters of ``gyro_driver``."""
 
     node: ClassVar[str] = 'gyro_driver'
-    period_ms: ClassVar[int] = 4
+    period_ns: ClassVar[int] = TICK_NS
 
     zero_rate_offset_x: float = quantity(
         600.0, 'deg/s', (0.0, 1023.0), 'reading at rest, gyro S1 (x)', 'facts'
@@ -37,7 +38,7 @@ class EncoderParameters(DriverParameters):
     """``encoder_driver`` has no parameters: an encoder only counts degrees."""
 
     node: ClassVar[str] = 'encoder_driver'
-    period_ms: ClassVar[int] = 4
+    period_ns: ClassVar[int] = TICK_NS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +46,7 @@ class SonarParameters(DeviceSeed, MapChoice, BodyDepth, DriverParameters):
     """The parameters of ``sonar_driver``."""
 
     node: ClassVar[str] = 'sonar_driver'
-    period_ms: ClassVar[int] = 20
+    period_ns: ClassVar[int] = SLOW_PERIOD_NS
 
     noise_cm: float = quantity(0.0, 'cm', (0.0, 50.0), 'largest error of an echo', 'facts')
     dropout_probability: float = quantity(

@@ -153,8 +153,8 @@ class NodeParameters:
 class DriverParameters(NodeParameters):
     """The parameters of a driver: a node that answers the plant's truth in every run."""
 
-    period_ms: ClassVar[int]
-    """It answers with a sample at each multiple of this sim time [ms]."""
+    period_ns: ClassVar[int]
+    """Sampling period: the driver answers at each multiple of it in sim time [ns]."""
 
 
 _Subset = TypeVar('_Subset', bound='Subset')

@@ -60,10 +60,12 @@ RECORDER = RecorderParameters.node
 NODES = tuple(cls.node for cls in PARTICIPANTS)
 """The participants of a run."""
 
-PERIODS_MS = {cls.node: cls.period_ms for cls in PARTICIPANTS if issubclass(cls, DriverParameters)}
-"""How often each driver answers the plant's truth, in sim time [ms]."""
+DRIVER_PERIODS_NS = {
+    cls.node: cls.period_ns for cls in PARTICIPANTS if issubclass(cls, DriverParameters)
+}
+"""Sampling period of each driver in sim time [ns]."""
 
-DRIVERS = tuple(PERIODS_MS)
+DRIVERS = tuple(DRIVER_PERIODS_NS)
 """The participants that answer the plant's truth."""
 
 _SIMULATED: tuple[type[NodeParameters], ...] = (PlantParameters, *DEVICES, ControllerParameters)

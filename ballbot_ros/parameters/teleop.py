@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from ballbot_ros.parameters.parameter import DriverParameters, path, quantity, setting
 from ballbot_ros.parameters.shared import BallRadius, LockstepChoice, ScenarioChoice, StickScale
+from ballbot_ros.timing import SLOW_PERIOD_NS
 
 SHARE = (0.0, 1.0)
 
@@ -16,7 +17,7 @@ class GamepadParameters(BallRadius, StickScale, ScenarioChoice, LockstepChoice, 
     """The parameters of ``gamepad_teleop``."""
 
     node: ClassVar[str] = 'gamepad_teleop'
-    period_ms: ClassVar[int] = 20
+    period_ns: ClassVar[int] = SLOW_PERIOD_NS
 
     device: str = setting(
         'any',

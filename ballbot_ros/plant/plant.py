@@ -10,8 +10,9 @@ from ballbot_ros.plant.actuator import Actuator, motor_current
 from ballbot_ros.plant.battery import Battery, BatteryParameters
 from ballbot_ros.plant.integration import State, linear_step, nonlinear_step
 from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.plant.truth import STEP_NS, STEPS_PER_TICK, Pair, Push, Truth
+from ballbot_ros.plant.truth import Pair, Push, Truth
 from ballbot_ros.plant.wall_contact import Floor, WallContact, WallHit
+from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK
 
 _FLOAT32 = struct.Struct('<f')
 

@@ -5,10 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-STEP_NS = 1_000_000
-STEPS_PER_TICK = 4
-TICK_NS = STEPS_PER_TICK * STEP_NS
-
 FORCE_LIMIT = 1000.0
 """Largest component of a push [N], [N·m]."""
 

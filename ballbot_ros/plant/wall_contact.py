@@ -7,9 +7,7 @@ from typing import NamedTuple, Protocol
 from ballbot_ros.plant.integration import State
 from ballbot_ros.plant.model import MassMatrix, PhysicalParameters, impulse_ratio, mass_matrix
 from ballbot_ros.plant.truth import Pair
-
-SAMPLE_NS = 20_000_000
-"""Period at which a wall hit is noticed (Appendix B.3)."""
+from ballbot_ros.timing import SLOW_PERIOD_NS
 
 Planes = tuple[State, State]
 
@@ -137,7 +135,7 @@ class WallContact:
 
     def sample(self, time_ns: int) -> None:
         """At multiples of 20 ms, notice whether there was a contact since the last one."""
-        if time_ns % SAMPLE_NS == 0:
+        if time_ns % SLOW_PERIOD_NS == 0:
             self.sampled, self._since_sample = self._since_sample, False
 
     def _position(self, planes: Planes) -> Pair:

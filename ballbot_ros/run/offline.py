@@ -17,9 +17,9 @@ from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.pacer import Pacer
 from ballbot_ros.simulation.run_actions import RunSummary
-from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 
 
 def run_offline(spec: RunSpec, recording: Path | None, observer: RunObserver) -> RunResult:
@@ -50,7 +50,7 @@ class _OfflineRun:
         self._writer: SimulatedRecording | None = None
         if recording:
             attachments = attachments_of(spec)
-            self._writer = SimulatedRecording(recording, attachments, spec.plant.ball_radius)
+            self._writer = SimulatedRecording(recording, attachments, spec.parameters)
             self._writer.begin(FIRST_TICK_NS, self._loop.world, self._loop.pushes)
         self.log = TrajectoryLog()
         self._begun = time.monotonic()

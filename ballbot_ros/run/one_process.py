@@ -20,8 +20,8 @@ from ballbot_ros.run.graph import graph_parameters, ros
 from ballbot_ros.run.observer import UPDATE_S, RunObserver
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
-from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
 from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.timing import SECOND_NS, TICK_NS
 
 
 def run_in_one_process(

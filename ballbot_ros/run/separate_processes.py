@@ -19,9 +19,9 @@ from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS
 from ballbot_ros.simulation.trajectory import load_trajectory
 from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS
 
 POLL_S = 0.05
 

@@ -22,8 +22,8 @@ from ballbot_ros.plant.plant import Plant
 from ballbot_ros.plant.truth import Push, Truth
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.devices import DEVICES, AnyDevice, Read
-from ballbot_ros.simulation.timing import (
-    BATTERY_NS,
+from ballbot_ros.timing import (
+    BATTERY_PERIOD_NS,
     FIRST_TICK_NS,
     MILLISECOND_NS,
     SECOND_NS,
@@ -32,7 +32,6 @@ from ballbot_ros.simulation.timing import (
 from ballbot_ros.world.world import World
 
 _BATTERY, _STICKS = (DeviceInputs._fields.index(name) for name in ('battery_mv', 'sticks'))
-_STICKS_NS = GamepadParameters.period_ms * MILLISECOND_NS
 
 
 class Tick(NamedTuple):
@@ -131,9 +130,9 @@ class ClosedLoop:
         for period_ns, place, measured, read in self._devices:
             if now % period_ns == 0:
                 samples[place] = read(measured(truth), now)
-        if now % BATTERY_NS == 0:
+        if now % BATTERY_PERIOD_NS == 0:
             samples[_BATTERY] = battery_mv(truth.battery_voltage)
-        if now % _STICKS_NS == 0:
+        if now % GamepadParameters.period_ns == 0:
             samples[_STICKS] = self._scenario.sticks_at(elapsed * 1e-9)
         inputs = DeviceInputs._make(samples)
         outputs = self.program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, inputs)

@@ -16,7 +16,6 @@ from ballbot_ros.parameters import (
     SonarParameters,
 )
 from ballbot_ros.plant.truth import Pair, Truth
-from ballbot_ros.simulation.timing import MILLISECOND_NS
 from ballbot_ros.world.sonar_beam import SonarBeam
 
 P = TypeVar('P', bound=DriverParameters)
@@ -58,7 +57,7 @@ class Device(Generic[P, Measured, Reading]):
     @property
     def period_ns(self) -> int:
         """The sim time from one sample to the next [ns]."""
-        return self.parameters.period_ms * MILLISECOND_NS
+        return self.parameters.period_ns
 
 
 def _gyro(parameters: GyroParameters) -> Read[Pair, tuple[int, int]]:

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from typing import Protocol
 
-from ballbot_ros.parameters import CONTROLLER, DRIVERS, PERIODS_MS, RECORDER
+from ballbot_ros.parameters import CONTROLLER, DRIVER_PERIODS_NS, DRIVERS, RECORDER
 from ballbot_ros.simulation.participants import Participant, Roster
 from ballbot_ros.simulation.silence_timer import Observation, SilenceTimer
-from ballbot_ros.simulation.timing import MILLISECOND_NS
-
-_PERIODS_NS = {role: period_ms * MILLISECOND_NS for role, period_ms in PERIODS_MS.items()}
 
 
 class Machine(Protocol):
@@ -84,7 +81,7 @@ class LivenessMonitor:
         """
         if self._since_call is None:
             return {}
-        due_ns = {role: tick_ns for role in DRIVERS if tick_ns % _PERIODS_NS[role] == 0}
+        due_ns = {role: tick_ns for role in DRIVERS if tick_ns % DRIVER_PERIODS_NS[role] == 0}
         due_ns |= {role: 0 for role in (*DRIVERS, CONTROLLER) if role not in due_ns}
         awaited = CONTROLLER
         if awaits_recorder:

@@ -20,9 +20,8 @@ from ballbot_ros.simulation.run_master import (
     RunMaster,
 )
 from ballbot_ros.simulation.sample_history import Sample, SampleHistory
-from ballbot_ros.simulation.timing import MAX_LEAD_TICKS, SECOND_NS
+from ballbot_ros.timing import MAX_LEAD_TICKS, RESEND_S, SECOND_NS
 
-RESEND_S = 0.1
 WARN_S = 0.3
 
 

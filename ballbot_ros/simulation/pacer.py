@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
+from ballbot_ros.timing import SECOND_NS, TICK_NS
 
 
 class Pacer:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import NamedTuple
 
-from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.timing import SECOND_NS
 
 ANSWER_CALLS = 5
 """Roll calls that a living participant answers; who answers none of them is gone."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ballbot_ros.simulation.participants import Participant
-from ballbot_ros.simulation.timing import MAX_LEAD_TICKS, SLOW_NS, TICK_NS
+from ballbot_ros.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS
 
 
 class RecorderFlow:
@@ -45,7 +45,7 @@ class RecorderFlow:
             return False
         self.recorder = self._newest = recorder
         self.ack_ns = None
-        self._sync_ns = -(-now_ns // SLOW_NS) * SLOW_NS
+        self._sync_ns = -(-now_ns // SLOW_PERIOD_NS) * SLOW_PERIOD_NS
         return True
 
     def leave(self) -> None:

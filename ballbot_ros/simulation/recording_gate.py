@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.sample_history import Sample, SampleHistory
-from ballbot_ros.simulation.timing import SECOND_NS, TICK_NS
+from ballbot_ros.timing import SECOND_NS, TICK_NS
 
 MOST_AHEAD_NS = SECOND_NS
 """A sample's stamp further ahead of the clock was made by another clock."""

@@ -42,8 +42,8 @@ from ballbot_ros.simulation.run_actions import (
 )
 from ballbot_ros.simulation.run_participants import Graph, RunParticipants, RunTopics
 from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
-from ballbot_ros.simulation.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS, next_start_ns
 from ballbot_ros.simulation.trajectory import TrajectoryLog
+from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS, next_start_ns
 
 SETTLE_S = 0.4
 """Time before the first run to discover another plant, whose run a second clock would disturb."""

@@ -21,7 +21,7 @@ from ballbot_ros.simulation.participants import (
     State,
 )
 from ballbot_ros.simulation.run_actions import Action, CallRoll, PublishStatus, RunSummary
-from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.timing import SECOND_NS
 
 
 class Graph(Protocol):

@@ -8,7 +8,7 @@ from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.participants import Participant
-from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.world.world import World
 
 

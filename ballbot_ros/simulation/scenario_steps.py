@@ -10,7 +10,7 @@ from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantPara
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.timing import FIRST_TICK_NS, MILLISECOND_NS
+from ballbot_ros.timing import FIRST_TICK_NS, MILLISECOND_NS
 
 RANDOM_SEQUENCES = 50
 RANDOM_TICKS = 150

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from ballbot_ros.brick.schedule import Schedule, TaskTiming
-from ballbot_ros.simulation.timing import MILLISECOND_NS
+from ballbot_ros.timing import MILLISECOND_NS
 
 
 class DueTick(NamedTuple):

@@ -19,13 +19,13 @@ from ballbot_ros.messages.markers import (
     place_marker,
 )
 from ballbot_ros.parameters import Dimensions
-from ballbot_ros.simulation.timing import SECOND_NS
+from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer import colours
 from ballbot_ros.viewer.floor import walls
 from ballbot_ros.viewer.robot import (
-    BEAM_HALF_ANGLE,
     BODY,
     LINKS,
+    MIN_CONE_ANGLE,
     TRAIL_STEP,
     Vector,
     parts,
@@ -135,7 +135,7 @@ class RobotMarkers:
             for piece, *place in zip(pieces, position.tolist(), turn.tolist(), strict=True):
                 place_marker(piece, stamp_ns, *place)
             markers += pieces
-        self._show_beam(stamp_ns, now.sonar, places[SONAR])
+        self._show_beam(stamp_ns, now, places[SONAR])
         self._show_text(stamp_ns, now, places[BODY])
         markers += [self._beam, self._text]
         if self._is_new or whole:
@@ -146,12 +146,13 @@ class RobotMarkers:
         self._is_new = self._is_longer = False
         return markers
 
-    def _show_beam(self, stamp_ns: int, reach: float, sensor: Transform) -> None:
-        """Show the beam up to the distance told; not without an echo."""
+    def _show_beam(self, stamp_ns: int, now: Snapshot, sensor: Transform) -> None:
+        """Show the sonar's cone up to the measured distance; hide it without an echo."""
+        reach = now.sonar
         place_marker(self._beam, stamp_ns, *(each.tolist() for each in sensor))
         self._beam.action = ADD if math.isfinite(reach) and reach > 0.0 else DELETE
         if self._beam.action == ADD:
-            radius = reach * math.tan(BEAM_HALF_ANGLE)
+            radius = reach * math.tan(max(now.cone_angle, MIN_CONE_ANGLE) / 2.0)
             angles = [2.0 * math.pi * side / _BEAM_SIDES for side in range(_BEAM_SIDES + 1)]
             rim = [(reach, radius * math.cos(a), radius * math.sin(a)) for a in angles]
             tip = (0.0, 0.0, 0.0)

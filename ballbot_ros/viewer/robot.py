@@ -41,8 +41,8 @@ LCD_SIZE = (0.058, 0.046)
 TRAIL_STEP = 0.01
 """Shortest step of the trail that is drawn behind the ball [m]."""
 
-BEAM_HALF_ANGLE = math.radians(5.0)
-"""Half of the opening with which the sonar's beam is drawn: schematic."""
+MIN_CONE_ANGLE = math.radians(1.0)
+"""Smallest opening with which the sonar's cone is drawn: that of a single ray [rad]."""
 
 
 class Part(NamedTuple):
@@ -180,13 +180,6 @@ def _brick(dimensions: Dimensions) -> Iterator[Part]:
         ((front, y, z - 0.042), DARK, (0.006, 0.026, 0.010)),
     ):
         yield Part(BODY, 'box', size, at, Z_AXIS, colour)
-
-
-def body_orientation(psi: Pair) -> Quaternion:
-    """Return the orientation of ``base_link`` in ``map``: roll ψy, then pitch ψx, no yaw."""
-    cos_x, sin_x = math.cos(psi[0] / 2.0), math.sin(psi[0] / 2.0)
-    cos_y, sin_y = math.cos(psi[1] / 2.0), math.sin(psi[1] / 2.0)
-    return cos_x * cos_y, cos_x * sin_y, sin_x * cos_y, -sin_x * sin_y
 
 
 def rotate(turn: ArrayLike, vector: ArrayLike) -> NDArray[np.float64]:

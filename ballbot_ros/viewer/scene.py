@@ -7,20 +7,20 @@ import math
 import numpy as np
 from viser import SceneApi
 
+from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.viewer import colours, floor, shapes
 from ballbot_ros.viewer.colours import WHITE, Colour
 from ballbot_ros.viewer.display import picture
 from ballbot_ros.viewer.robot import (
     BALL,
-    BEAM_HALF_ANGLE,
     BODY,
     LCD_SIZE,
     LINKS,
+    MIN_CONE_ANGLE,
     WHEEL_X,
     WHEEL_Y,
     Motion,
-    body_orientation,
     lcd_position,
     parts,
     sonar_position,
@@ -130,7 +130,7 @@ class Robot:
         self._cone = self._display = None
         if not ghost:
             self._cone = api.add_mesh_simple(
-                f'/{name}/body/cone', *shapes.cone(BEAM_HALF_ANGLE), color=colours.BEAM,
+                f'/{name}/body/cone', *shapes.unit_cone(), color=colours.BEAM,
                 opacity=colours.BEAM_OPACITY, side='double', cast_shadow=False,
                 receive_shadow=False, position=sonar_position(dimensions), visible=False,
             )  # fmt: skip
@@ -174,7 +174,8 @@ class Robot:
         if self._cone is not None:
             self._cone.visible = echo = math.isfinite(now.sonar) and now.sonar > 0.0
             if echo:
-                self._cone.scale = now.sonar
+                width = math.tan(max(now.cone_angle, MIN_CONE_ANGLE) / 2.0)
+                self._cone.scale = (now.sonar, now.sonar * width, now.sonar * width)
         if self._display is not None and now.lcd != self._page:
             self._page = now.lcd
             self._display.image = picture(now.lcd)

@@ -65,9 +65,9 @@ def prisms(rectangles: Sequence[Rectangle], low: float, high: float) -> Mesh:
     return _mesh(trimesh.util.concatenate(boxes))
 
 
-def cone(half_angle: float) -> Mesh:
-    """Return a cone of length 1 m along +x with its tip in the origin."""
-    mesh = trimesh.creation.cone(np.tan(half_angle), 1.0, sections=_SIDES)
+def unit_cone() -> Mesh:
+    """Return a cone of length and radius 1 m along +x with its tip in the origin."""
+    mesh = trimesh.creation.cone(1.0, 1.0, sections=_SIDES)
     # It stands on its base: tip to the origin, axis to +x.
     mesh.apply_translation((0.0, 0.0, -1.0))
     mesh.apply_transform(_turn(0.0, -np.pi / 2.0, 0.0))

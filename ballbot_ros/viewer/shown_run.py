@@ -78,16 +78,26 @@ class ShownRun:
         x, y = motion.position[tick].tolist()
         psi_x, psi_y = motion.psi[tick].tolist()
         duty_x, duty_y = motion.duty[tick].tolist()
+        sonar, cone_angle = self._newest_sonar(time)
         return Snapshot(
             time=float(motion.time[tick]),
             position=(x, y),
             psi=(psi_x, psi_y),
             duty=(duty_x, duty_y),
-            sonar=float(_held(self._run.series.get(SONAR_RANGE), np.array([time]))[0]),
+            sonar=sonar,
+            cone_angle=cone_angle,
             battery=float(_held(self._run.series.get(BATTERY_STATE), np.array([time]))[0]),
             state=self._run.states[state].state if state >= 0 else '',
             lcd=self._run.pages[page][1] if page >= 0 else '',
         )
+
+    def _newest_sonar(self, time: float) -> tuple[float, float]:
+        """Return distance [m] and cone angle [rad] of the newest sonar sample."""
+        series = self._run.series.get(SONAR_RANGE)
+        if series is None or not len(series.values):
+            return math.nan, 0.0
+        distance = float(_held(series, np.array([time]))[0])
+        return distance, float(series.values[0, 1])
 
     def _tick(self, time: float) -> int:
         # Ticks are stamped to the nanosecond, times of a slider are not.

@@ -34,6 +34,8 @@ class Snapshot(NamedTuple):
         Motor duty [%].
     sonar : float
         Distance [m]; inf without an echo, NaN without data.
+    cone_angle : float
+        Opening of the sonar's cone [rad].
     battery : float
         Voltage [V]; NaN where it is unknown.
     state : str
@@ -47,6 +49,7 @@ class Snapshot(NamedTuple):
     psi: Pair
     duty: Pair = (math.nan, math.nan)
     sonar: float = math.nan
+    cone_angle: float = 0.0
     battery: float = math.nan
     state: str = ''
     lcd: str = ''

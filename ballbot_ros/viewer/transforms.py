@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.plant.truth import Pair
 from ballbot_ros.viewer.robot import (
@@ -16,7 +17,6 @@ from ballbot_ros.viewer.robot import (
     WHEEL_Y,
     Motion,
     Vector,
-    body_orientation,
     product,
     rotate,
     sonar_position,

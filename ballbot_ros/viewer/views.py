@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.viewer.floor import Area
-from ballbot_ros.viewer.robot import body_orientation, rotate, sonar_position
+from ballbot_ros.viewer.robot import rotate, sonar_position
 from ballbot_ros.viewer.snapshot import Snapshot
 
 TOP, VISTA, CHASER_1, CHASER_2, ROBOT = VIEWS = ('top', 'vista', 'chaser1', 'chaser2', 'robot')

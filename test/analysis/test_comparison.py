@@ -24,7 +24,8 @@ def test_the_same_run_has_not_changed(command, short):
     )  # fmt: skip
     assert (status, stderr) == (0, '')
     content = json.loads(stdout)
-    assert list(content['metrics']) == list(MEANINGS)
+    assert list(content['metrics']) == [*MEANINGS, 'truth_sent_again']
+    assert content['metrics']['truth_sent_again'] == content['metrics']['resends']
     assert all(each['changes'][0] in (0.0, None) for each in content['metrics'].values())
 
 

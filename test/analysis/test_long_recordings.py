@@ -11,8 +11,8 @@ from ballbot_ros.analysis.extraction import TICKED
 from ballbot_ros.analysis.run_data import Series, read_run
 from ballbot_ros.analysis.run_figures import FIGURES
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.simulation.timing import TICK_NS
 from ballbot_ros.simulation.trajectory import Trajectory
+from ballbot_ros.timing import TICK_NS
 
 TICKS = 100_000
 

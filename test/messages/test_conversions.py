@@ -25,6 +25,7 @@ from ballbot_ros.messages.topics import (
     PLANT_ODOM,
     SONAR_RANGE,
 )
+from ballbot_ros.parameters import SonarParameters
 from ballbot_ros.plant.truth import Truth
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.world.exports import occupancy_grid
@@ -95,6 +96,14 @@ def test_a_distance_that_no_register_holds_is_refused(range_m):
 def test_every_sonar_reading_comes_back(sonar_cm):
     message, _ = through_rosbags(SONAR_RANGE, devices.fill_sonar, STAMP, sonar_cm)
     assert devices.sonar_reading(message) == sonar_cm
+
+
+@pytest.mark.parametrize('cone_angle', [0.0, 0.52])
+def test_the_field_of_view_is_the_cone_of_the_driver(through, cone_angle):
+    parameters = SonarParameters(cone_angle=cone_angle)
+    message, _ = through(SONAR_RANGE, devices.describe_sonar, parameters)
+    assert message.field_of_view == pytest.approx(cone_angle)
+    assert message.max_range == pytest.approx(2.54)
 
 
 def test_no_echo_is_infinite_and_no_data_is_not_a_number(through):

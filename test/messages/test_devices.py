@@ -10,7 +10,7 @@ from ballbot_ros.messages.inputs import INPUTS
 from ballbot_ros.messages.topics import TOPICS, periodic_topics
 from ballbot_ros.parameters import DRIVERS, GAMEPAD
 from ballbot_ros.simulation.devices import DEVICES
-from ballbot_ros.simulation.timing import MILLISECOND_NS, TICK_NS
+from ballbot_ros.timing import TICK_NS
 
 each_device = pytest.mark.parametrize(
     'messages', DEVICE_MESSAGES, ids=lambda each: each.device.parameters.node
@@ -38,7 +38,7 @@ def test_a_driver_publishes_its_samples_and_nothing_else_in_lockstep(messages):
     driver = messages.device.parameters
     assert periodic_topics(driver.node) == (messages.sample,)
     assert messages.sample in TOPICS
-    assert messages.sample.period_ns == driver.period_ms * MILLISECOND_NS
+    assert messages.sample.period_ns == driver.period_ns
 
 
 @each_device

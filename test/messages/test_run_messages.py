@@ -18,7 +18,7 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.plant.truth import Push
 from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.timing import TICK_NS
+from ballbot_ros.timing import TICK_NS
 
 TICKS = 150
 
@@ -32,7 +32,7 @@ def loop():
 def sent(loop):
     """Return the topics by stamp, in the order in which their messages came."""
     found = defaultdict(list)
-    messages = RunMessages(lambda topic, stamp, data: found[stamp].append(topic), 0.026)
+    messages = RunMessages(lambda topic, stamp, data: found[stamp].append(topic), ParameterSet())
     start = loop.plant.time_ns
     messages.begin(start, None, [Push(start + 1, start + 2, (1.0, 0.0), (0.0, 0.0))])
     assert [found.pop(start), found.pop(start + 1), found.pop(start + 2)] == [

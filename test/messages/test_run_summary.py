@@ -38,7 +38,9 @@ def test_the_json_keeps_its_keys():
         'ticks': 3,
         'duty_sha256': 'ab',
         'real_time_factor': 2.0,
+        'late_ticks': 4,
         'missed_ticks': 4,
+        'resends': 5,
         'asked_again': 5,
     }
 
@@ -47,7 +49,8 @@ def test_the_diagnostics_have_round_trips_in_one_line():
     words = summary_words(SUMMARY)
     assert words.pop('round trip p50 / p99 / max [ms]') == '2.00 / 2.98 / 3.00'
     assert list(words) == [
-        'outcome', 'reason', 'duty_sha256', 'real_time_factor', 'missed_ticks', 'asked_again',
+        'outcome', 'reason', 'duty_sha256', 'real_time_factor', 'late_ticks', 'missed_ticks',
+        'resends', 'asked_again',
     ]  # fmt: skip
 
 

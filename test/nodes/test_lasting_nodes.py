@@ -36,7 +36,7 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.nodes.base import reliable_qos
 from ballbot_ros.parameters import GYRO, PLANT, RECORDER, SONAR
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.simulation.timing import SLOW_NS, TICK_NS
+from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
 
 pytestmark = pytest.mark.graph
 
@@ -153,7 +153,7 @@ def test_a_recorder_may_come_while_the_plant_waits_for_a_duty(
     set_pause(pause=True)
     client.await_standstill()
     # At a tick at which the slow drivers send nothing.
-    while client.now_ns() % SLOW_NS != 2 * TICK_NS:
+    while client.now_ns() % SLOW_PERIOD_NS != 2 * TICK_NS:
         before = client.now_ns()
         client.call(Trigger, 'plant_sim/step', Trigger.Request())
         client.spin_until(lambda: client.now_ns() > before)  # noqa: B023

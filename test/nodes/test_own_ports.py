@@ -11,7 +11,7 @@ from ros_client import Client, header
 
 from ballbot_ros.messages.topics import PARTICIPANTS, ROLL_CALL
 from ballbot_ros.parameters import GYRO
-from ballbot_ros.simulation.timing import FIRST_TICK_NS
+from ballbot_ros.timing import FIRST_TICK_NS
 
 pytestmark = [pytest.mark.graph, needs_layout_of_ports]
 

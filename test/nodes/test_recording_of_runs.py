@@ -9,7 +9,7 @@ from rosbags.highlevel import AnyReader
 
 from ballbot_ros.messages.topics import TOPICS
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.simulation.timing import TICK_NS
+from ballbot_ros.timing import TICK_NS
 
 pytestmark = pytest.mark.graph
 

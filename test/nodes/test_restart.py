@@ -15,8 +15,8 @@ from ros_client import Client
 from ballbot_ros.messages.inputs import INPUTS
 from ballbot_ros.messages.topics import DIAGNOSTICS, GYRO_IMU, PLANT_IMU, RUN_STATUS
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.simulation.timing import FIRST_TICK_NS, SLOW_NS, TICK_NS
 from ballbot_ros.simulation.trajectory import load_trajectory
+from ballbot_ros.timing import FIRST_TICK_NS, SLOW_PERIOD_NS, TICK_NS
 
 pytestmark = pytest.mark.graph
 
@@ -110,7 +110,7 @@ def test_restarted_drivers_and_a_second_plant_change_no_duty(
             assert second.finish() == 2
         start_node(victim)
         client.spin_until(
-            lambda stopped=stopped: client.now_ns() > stopped + 2 * SLOW_NS,
+            lambda stopped=stopped: client.now_ns() > stopped + 2 * SLOW_PERIOD_NS,
             what=f'a tick after the restart of {victim}',
         )
     assert 'another plant' in second.output
@@ -144,7 +144,7 @@ def test_drivers_may_be_killed_at_once_and_before_they_are_known(client, start_g
     for driver in VICTIMS:
         start_node(driver)
     client.spin_until(
-        lambda: client.now_ns() > stopped + 5 * SLOW_NS, what='a tick after the restart'
+        lambda: client.now_ns() > stopped + 5 * SLOW_PERIOD_NS, what='a tick after the restart'
     )
 
 

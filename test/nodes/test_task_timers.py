@@ -16,8 +16,8 @@ from ballbot_ros.run.execution import execute
 from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
-from ballbot_ros.simulation.timing import FIRST_TICK_NS, MILLISECOND_NS
 from ballbot_ros.simulation.trajectory import load_trajectory
+from ballbot_ros.timing import FIRST_TICK_NS, MILLISECOND_NS
 
 pytestmark = pytest.mark.graph
 

@@ -43,15 +43,15 @@ from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 from ballbot_ros.scenario.library import load_scenario  # noqa: E402
 from ballbot_ros.scenario.scenario import Scenario  # noqa: E402
 from ballbot_ros.simulation.closed_loop import ClosedLoop  # noqa: E402
-from ballbot_ros.simulation.timing import (  # noqa: E402
-    FIRST_TICK_NS,
-    MAX_LEAD_TICKS,
-    SLOW_NS,
-    TICK_NS,
-)
 from ballbot_ros.simulation.trajectory import TrajectoryLog  # noqa: E402
 from ballbot_ros.teleop.arbiter import NOBODY, Arbiter  # noqa: E402
 from ballbot_ros.teleop.complaints import Complaints  # noqa: E402
+from ballbot_ros.timing import (  # noqa: E402
+    FIRST_TICK_NS,
+    MAX_LEAD_TICKS,
+    SLOW_PERIOD_NS,
+    TICK_NS,
+)
 
 pytestmark = pytest.mark.graph
 
@@ -259,8 +259,8 @@ def test_a_tick_that_is_asked_for_again_gets_the_same_sticks(domain, start_node)
                 client.executor.spin_once(timeout_sec=0.1)
             return stick_values(answers[-1])
 
-        stamps = itertools.count(FIRST_TICK_NS, SLOW_NS)
-        asked = deque(maxlen=MAX_LEAD_TICKS * TICK_NS // SLOW_NS + 1)
+        stamps = itertools.count(FIRST_TICK_NS, SLOW_PERIOD_NS)
+        asked = deque(maxlen=MAX_LEAD_TICKS * TICK_NS // SLOW_PERIOD_NS + 1)
         while len(asked) < asked.maxlen or len({sticks for _, sticks in asked}) == 1:
             stamp = next(stamps)
             asked.append((stamp, ask(stamp)))

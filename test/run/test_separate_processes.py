@@ -12,7 +12,7 @@ from ballbot_ros.run.node_process import NodeProcess
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.separate_processes import watch, with_failures_of
 from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.timing import FIRST_TICK_NS, TICK_NS
+from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
 
 SILENT = 'plant_sim does not answer'
 

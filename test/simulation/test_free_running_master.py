@@ -5,7 +5,7 @@ from lockstep_world import FREE_PERIODS_S, LockstepWorld, data_of
 
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.free_running_master import FreeRunningMaster
-from ballbot_ros.simulation.timing import FREE_RUNNING_SILENCE_S, TICK_NS
+from ballbot_ros.timing import FREE_RUNNING_SILENCE_S, TICK_NS
 
 START_NS = 1_000_000_000
 

@@ -12,8 +12,8 @@ from lockstep_world import DRIVERS, ROLES, LockstepWorld, data_of, duty_of
 from ballbot_ros.parameters import CONTROLLER, GYRO, RECORDER, SONAR
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.participants import ANSWER_CALLS, Objection, Publisher
-from ballbot_ros.simulation.timing import MAX_LEAD_TICKS, SLOW_NS, TICK_NS, next_start_ns
 from ballbot_ros.simulation.trajectory import TrajectoryLog
+from ballbot_ros.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS, next_start_ns
 
 START_NS = 1_000_000_000
 ENDLESS = 0.0
@@ -427,7 +427,7 @@ def test_a_recorder_may_come_while_the_plant(meanwhile, ticks):
     world.nodes[GYRO].is_hung = False
     world.wait(1.0)
     assert world.summary.outcome == 'completed'
-    first_ns = -(-stopped_ns // SLOW_NS) * SLOW_NS
+    first_ns = -(-stopped_ns // SLOW_PERIOD_NS) * SLOW_PERIOD_NS
     recorded = {stamp_ns for stamp_ns in world.nodes[RECORDER].samples if stamp_ns >= first_ns}
     assert recorded == {stamp_ns for stamp_ns in world.truths if stamp_ns >= first_ns}
 

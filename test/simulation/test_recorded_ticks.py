@@ -6,7 +6,7 @@ import pytest
 
 from ballbot_ros.simulation.recorded_ticks import RecordedTicks
 from ballbot_ros.simulation.recording_gate import Stream
-from ballbot_ros.simulation.timing import SLOW_NS, TICK_NS
+from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
 
 START_NS = 1_000_000_000
 
@@ -22,7 +22,7 @@ class Recorded:
         self.streams = {
             'gyro': Stream('gyro', period_ns=TICK_NS, is_same=bytes.__eq__),
             'duty': Stream('duty', period_ns=TICK_NS, is_same=bytes.__eq__),
-            'sonar': Stream('sonar', period_ns=SLOW_NS, is_same=bytes.__eq__),
+            'sonar': Stream('sonar', period_ns=SLOW_PERIOD_NS, is_same=bytes.__eq__),
         }
         self.ticks = RecordedTicks()
         self.ticks.require(self.streams.values())

@@ -6,7 +6,7 @@ import pytest
 
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.recording_gate import MOST_AHEAD_NS, RecordingGate, Stream
-from ballbot_ros.simulation.timing import SLOW_NS, TICK_NS
+from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
 
 MS = 1_000_000
 START = 1000 * MS
@@ -23,7 +23,7 @@ class File:
     def __init__(self, run='1 abc', start_ns=START):
         self.clock = Stream('/clock', period_ns=TICK_NS, is_clock=True, is_live=True, is_same=bare)
         self.gyro = Stream('/gyro', period_ns=TICK_NS, is_same=bare)
-        self.sonar = Stream('/sonar', period_ns=SLOW_NS, is_same=bare)
+        self.sonar = Stream('/sonar', period_ns=SLOW_PERIOD_NS, is_same=bare)
         self.state = Stream('/operating_state')
         self.joy = Stream('/joy', is_live=True, is_shared=True)
         self.map = Stream('/map', is_live=True)
@@ -58,7 +58,7 @@ class File:
     def tick(self, now_ms):
         self.take(self.clock, now_ms)
         self.take(self.gyro, now_ms)
-        if now_ms * MS % SLOW_NS == 0:
+        if now_ms * MS % SLOW_PERIOD_NS == 0:
             self.take(self.sonar, now_ms)
 
     def of(self, name):

@@ -13,8 +13,8 @@ from robot_world import RobotWorld
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, ParameterSet
 from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
 from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.timing import TICK_NS
 from ballbot_ros.simulation.trajectory import TrajectoryLog
+from ballbot_ros.timing import TICK_NS
 
 TICKS = 500
 SCENARIO = Scenario(

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from laws import given
 from trimesh import transformations
 
+from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.messages.markers import ADD, DELETE, DELETE_ALL, SHAPES, fill_transform
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.parameters import Dimensions, ParameterSet, VisualizerParameters
@@ -22,7 +23,6 @@ from ballbot_ros.viewer.robot import (
     WHEEL_X,
     WHEEL_Y,
     Motion,
-    body_orientation,
     parts,
     sonar_position,
     wheel_centres,
@@ -186,6 +186,15 @@ def test_the_beam_is_as_long_as_the_distance_told():
     assert beam.pose.position.x == pytest.approx(DIMENSIONS.body_depth / 2)
     for silent in (math.inf, math.nan, 0.0):
         assert markers_at(markers, still(1.0, sonar=silent))[SONAR, 0].action == DELETE
+
+
+@pytest.mark.parametrize(
+    ('cone_angle', 'drawn'), [(0.52, 0.52), (0.0, math.radians(1.0)), (0.01, math.radians(1.0))]
+)
+def test_the_cone_is_drawn_as_wide_as_it_is_and_a_single_ray_is_still_seen(cone_angle, drawn):
+    markers = RobotMarkers(DIMENSIONS, new_marker)
+    beam = markers_at(markers, still(1.0, sonar=2.0, cone_angle=cone_angle))[SONAR, 0]
+    assert max(point.y for point in beam.points) == pytest.approx(2.0 * math.tan(drawn / 2))
 
 
 def test_the_text_tells_state_and_display():

@@ -5,14 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from ballbot_ros.messages.conversions import body_pitch
+from ballbot_ros.messages.conversions import body_orientation, body_pitch
 from ballbot_ros.parameters import Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.robot import (
     BALL,
     LINKS,
     Motion,
-    body_orientation,
     parts,
     rotate,
 )

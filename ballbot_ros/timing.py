@@ -1,0 +1,40 @@
+"""Sim time: its units, the periods of steps, ticks and samples, and when runs begin."""
+
+from __future__ import annotations
+
+MILLISECOND_NS = 1_000_000
+SECOND_NS = 1_000_000_000
+
+STEP_NS = MILLISECOND_NS
+"""Step of the plant's integration."""
+
+STEPS_PER_TICK = 4
+TICK_NS = STEPS_PER_TICK * STEP_NS
+"""Period of the lockstep, and of the gyro, encoder and duty samples."""
+
+SLOW_PERIOD_NS = 20 * MILLISECOND_NS
+"""Period of the sonar and gamepad samples and of the wall hit test."""
+
+BATTERY_PERIOD_NS = 100 * MILLISECOND_NS
+"""Period of the battery samples. Runs begin at a multiple of it: all tasks are then in phase."""
+
+FIRST_TICK_NS = SECOND_NS
+"""Start of the first run. Zero means 'no time yet' to ROS."""
+
+RESEND_S = 0.1
+"""Wall-clock time without progress after which the plant sends its newest tick again [s]."""
+
+FREE_RUNNING_SILENCE_S = 0.5
+"""Free running: silence after which the controller takes stick zero and the plant duty zero [s]."""
+
+MAX_LEAD_TICKS = 50
+"""Ticks that the plant may be ahead of the recorder."""
+
+
+def next_start_ns(now_ns: int) -> int:
+    """Return the start of a new run: the next multiple of 100 ms after `now_ns`.
+
+    It is more than 20 ms ahead, so that no node mistakes its first sample for the next one of the
+    previous run.
+    """
+    return ((now_ns + SLOW_PERIOD_NS) // BATTERY_PERIOD_NS + 1) * BATTERY_PERIOD_NS
