@@ -14,7 +14,7 @@ from ballbot_ros.analysis.attached import Attached, read_attached
 from ballbot_ros.analysis.extraction import TICKED, Extraction, Status, Traffic, extract
 from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.brick.brick import Tone
-from ballbot_ros.controller.interface import DriveState
+from ballbot_ros.controller.interface import OperatingState
 from ballbot_ros.messages.conversions import map_grid
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
@@ -158,7 +158,7 @@ class RunData:
         calibrated = self.attached.parameters.of(ControllerParameters).time_start * 1e-3
         runs = np.asarray(time >= calibrated)
         for each in self.states:
-            if each.state in (DriveState.CALIBRATION, DriveState.OUT_OF_CONTROL):
+            if each.state in (OperatingState.CALIBRATION, OperatingState.OUT_OF_CONTROL):
                 runs &= (time < each.start) | (time > each.end)
         return runs
 

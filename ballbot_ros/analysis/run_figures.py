@@ -50,7 +50,7 @@ from ballbot_ros.analysis.style import (
     png_of,
 )
 from ballbot_ros.analysis.table import Table
-from ballbot_ros.controller.interface import DriveState
+from ballbot_ros.controller.interface import OperatingState
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -126,7 +126,7 @@ def _calibration(run: RunData) -> list[Span]:
     return [
         Span(each.start, each.end, each.state)
         for each in run.states
-        if each.state == DriveState.CALIBRATION
+        if each.state == OperatingState.CALIBRATION
     ]
 
 
@@ -248,7 +248,7 @@ def _draw_battery(run: RunData, table: Table) -> Figure:
 
 
 def _draw_states(run: RunData, table: Table) -> Figure:
-    known = [state.value for state in DriveState]
+    known = [state.value for state in OperatingState]
     present = [state for state in known if state in table['state']]
     present += sorted(set(table['state'].tolist()) - set(present))
     figure = new_figure(WIDTH, 1.1 + 0.32 * len(present))

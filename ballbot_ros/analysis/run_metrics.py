@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.metrics import HALF_TICK_S
 from ballbot_ros.analysis.run_data import RunData, seconds
-from ballbot_ros.controller.interface import DriveState
+from ballbot_ros.controller.interface import OperatingState
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -178,7 +178,7 @@ def _time_in(run: RunData, state: str) -> float:
     return sum(each.end - each.start for each in run.states if each.state == state)
 
 
-for _state in DriveState:
+for _state in OperatingState:
     RUN_METRICS.metric(f'time in the state {_state}', f'time_in_{_state}_s')(
         partial(_time_in, state=_state)
     )

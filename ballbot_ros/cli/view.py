@@ -43,10 +43,10 @@ def command(recording: Path, other: Path | None, host: str, port: int) -> int:
     # Only here: what viser brings with it takes a second to import.
     with interrupted_later():
         from ballbot_ros.viewer.page import UPDATE_S, Page
-        from ballbot_ros.viewer.player import Player
+        from ballbot_ros.viewer.recording_page import RecordingPage
 
     page = Page(runs[0].dimensions, ' and '.join(run.name for run in runs), host, port)
-    player = Player(page, runs)
+    player = RecordingPage(page, runs)
     if warning := warning_of(host):
         click.echo(f'warning: {warning}', err=True)
     click.echo(f'viewer  {page.address}')

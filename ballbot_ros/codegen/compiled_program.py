@@ -10,8 +10,8 @@ from ballbot_ros.brick.schedule import Schedule, TaskTiming
 from ballbot_ros.codegen.brick_process import Answer, encode_request
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.signals import named_values, plane_values
-from ballbot_ros.controller.interface import DriveState, OperatingState
-from ballbot_ros.controller.program import drive_state
+from ballbot_ros.controller.interface import ControlMode, OperatingState
+from ballbot_ros.controller.program import operating_state
 
 
 class Machine(Protocol):
@@ -47,8 +47,8 @@ class CompiledProgram:
     ----------
     brick : Brick
     x, y : Plane
+    control_mode : ControlMode
     operating_state : OperatingState
-    drive_state : DriveState
     state : bytes
         The C structure ``ballbot`` after the last tick.
     stack_bytes : tuple of int
@@ -62,8 +62,8 @@ class CompiledProgram:
         self._numbers = {timing.name: number for number, timing in enumerate(tasks)}
         self.brick = Brick()
         self.x, self.y = Plane(), Plane()
+        self.control_mode = ControlMode.CALIBRATION
         self.operating_state = OperatingState.CALIBRATION
-        self.drive_state = DriveState.CALIBRATION
         self.state = b''
         self.stack_bytes: tuple[int, ...] = ()
 
@@ -113,9 +113,9 @@ class CompiledProgram:
         for number, plane in enumerate((self.x, self.y)):
             vars(plane).update(plane_values(answer.state, number))
         values = named_values(answer.state)
-        self.operating_state = OperatingState(int(values['operating_state']))
-        self.drive_state = drive_state(
-            self.operating_state,
+        self.control_mode = ControlMode(int(values['control_mode']))
+        self.operating_state = operating_state(
+            self.control_mode,
             self._autonomous,
             bool(values['flag_avoid']),
             bool(values['flag_auto']),

@@ -72,7 +72,7 @@ PROGRAM_SIGNALS = (
     Signal('start_time', 'U32', 'ms', '1', 'system time of task_init', '7.3'),
     Signal('timer_stop', 'U32', 'ms', '1', 'time at which control was last kept', '7.6'),
     Signal('echo_time', 'U32', 'ms', '1', 'system time of the last echo', 'project'),
-    Signal('operating_state', 'U8', '', '0 stop, 1 calibration, 2 control', 'what ts1 does', '7.6',
+    Signal('control_mode', 'U8', '', '0 stop, 1 calibration, 2 control', 'what ts1 does', '7.6',
            initial='BALLBOT_CALIBRATION'),
     Signal('flag_avoid', 'U8', '', '0 no, 1 yes', 'an obstacle is near', '7.5'),
     Signal('flag_auto', 'U8', '', '0 no, 1 yes', 'time_auto has passed', '7.6'),

@@ -10,7 +10,7 @@ from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.text_enum import TextEnum
 
 
-class OperatingState(IntEnum):
+class ControlMode(IntEnum):
     """The state of the control program (section 7.6), as its memory has it."""
 
     STOP = 0
@@ -18,8 +18,8 @@ class OperatingState(IntEnum):
     CONTROL = 2
 
 
-class DriveState(TextEnum):
-    """The state of figure 7-1, in the word that the topic ``operating_state`` has."""
+class OperatingState(TextEnum):
+    """State of figure 7-1, in the words of the topic ``operating_state``."""
 
     CALIBRATION = 'calibration'
     BALANCE = 'balance'
@@ -59,11 +59,11 @@ class Program(Protocol):
         """Plane y."""
 
     @property
-    def operating_state(self) -> OperatingState:
+    def control_mode(self) -> ControlMode:
         """Whether the program calibrates, controls or has stopped the motors."""
 
     @property
-    def drive_state(self) -> DriveState:
+    def operating_state(self) -> OperatingState:
         """The state of figure 7-1."""
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:

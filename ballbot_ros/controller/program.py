@@ -10,7 +10,7 @@ from ballbot_ros.brick.schedule import Schedule
 from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controller.axis import ONE, ZERO, Axis
 from ballbot_ros.controller.constants import ProgramConstants, Single
-from ballbot_ros.controller.interface import DriveState, OperatingState
+from ballbot_ros.controller.interface import ControlMode, OperatingState
 from ballbot_ros.controller.tasks import PROGRAM_NAME
 from ballbot_ros.parameters import ControllerParameters
 
@@ -21,19 +21,19 @@ VOLTAGE_OFFSET = Single(0.625)
 _INT16_MIN, _INT16_MAX = -32768, 32767
 
 
-def drive_state(
-    operating_state: OperatingState, autonomous: bool, flag_avoid: bool, flag_auto: bool
-) -> DriveState:
+def operating_state(
+    control_mode: ControlMode, autonomous: bool, flag_avoid: bool, flag_auto: bool
+) -> OperatingState:
     """Return the state of figure 7-1."""
-    if operating_state == OperatingState.CALIBRATION:
-        return DriveState.CALIBRATION
-    if operating_state != OperatingState.CONTROL:
-        return DriveState.OUT_OF_CONTROL
+    if control_mode == ControlMode.CALIBRATION:
+        return OperatingState.CALIBRATION
+    if control_mode != ControlMode.CONTROL:
+        return OperatingState.OUT_OF_CONTROL
     if not autonomous:
-        return DriveState.BACKWARD if flag_avoid else DriveState.REMOTE
+        return OperatingState.BACKWARD if flag_avoid else OperatingState.REMOTE
     if not flag_auto:
-        return DriveState.BALANCE
-    return DriveState.RIGHTWARD if flag_avoid else DriveState.FORWARD
+        return OperatingState.BALANCE
+    return OperatingState.RIGHTWARD if flag_avoid else OperatingState.FORWARD
 
 
 class ControlProgram:
@@ -50,7 +50,7 @@ class ControlProgram:
         The devices it reads and sets.
     x, y : Axis
         The controllers of both planes.
-    operating_state : OperatingState
+    control_mode : ControlMode
     battery : Single
         Averaged battery voltage [mV].
     distance_cm : int
@@ -79,7 +79,7 @@ class ControlProgram:
     def _reset(self) -> None:
         self.x.reset()
         self.y.reset()
-        self.operating_state = OperatingState.CALIBRATION
+        self.control_mode = ControlMode.CALIBRATION
         self.battery = ZERO
         self.distance_cm = NO_ECHO_CM
         self.flag_avoid = False
@@ -104,10 +104,10 @@ class ControlProgram:
             getattr(self, name)()
 
     @property
-    def drive_state(self) -> DriveState:
+    def operating_state(self) -> OperatingState:
         """The state of figure 7-1, as published."""
-        return drive_state(
-            self.operating_state, self._p.autonomous, self.flag_avoid, self.flag_auto
+        return operating_state(
+            self.control_mode, self._p.autonomous, self.flag_avoid, self.flag_auto
         )
 
     def task_init(self) -> None:
@@ -125,7 +125,7 @@ class ControlProgram:
     def task_ts1(self) -> None:
         """Calibrate, balance and drive, log; or stop the motors (section 7.4)."""
         brick = self.brick
-        if self.operating_state == OperatingState.CONTROL:
+        if self.control_mode == ControlMode.CONTROL:
             self.sticks = brick.read_sticks(self.sticks)
             stick_x, stick_y = self._command()
             max_voltage = VOLTAGE_SLOPE * self.battery - VOLTAGE_OFFSET
@@ -135,7 +135,7 @@ class ControlProgram:
             )
             self._log()
             return
-        if self.operating_state == OperatingState.CALIBRATION:
+        if self.control_mode == ControlMode.CALIBRATION:
             self.x.calibrate(brick.gyro[0])
             self.y.calibrate(brick.gyro[1])
         brick.duty = (0, 0)
@@ -160,10 +160,10 @@ class ControlProgram:
         if self.x.in_control() and self.y.in_control():
             self.timer_stop = elapsed
         if (elapsed - self.timer_stop) & UINT32 < p.time_stop:
-            controls = OperatingState.CONTROL
-            self.operating_state = controls if calibrated else OperatingState.CALIBRATION
+            controls = ControlMode.CONTROL
+            self.control_mode = controls if calibrated else ControlMode.CALIBRATION
         else:
-            self.operating_state = OperatingState.STOP
+            self.control_mode = ControlMode.STOP
         if calibrated and not self.calibrated:
             self.brick.sound_tone(p.sound_freq, p.sound_dur, p.sound_volume)
         self.calibrated = calibrated

@@ -48,9 +48,9 @@ class ControllerMessages:
     def tick(self, now: int, outputs: DeviceOutputs, program: Program) -> None:
         """Send what a tick at `now` [ns] has made."""
         # What has no stamp goes first: no reader then sees it after the next tick.
-        if program.drive_state != self.operating_state:
-            self.operating_state = program.drive_state.value
-            self._operating_state.message.data = program.drive_state.value
+        if program.operating_state != self.operating_state:
+            self.operating_state = program.operating_state.value
+            self._operating_state.message.data = program.operating_state.value
             self._operating_state.send(now)
         for packet in outputs.log:
             fill_log(self._log.message, packet)

@@ -39,7 +39,7 @@ class SimulatedRecording:
         for name, data in attachments.items():
             self._writer.add_attachment(name, media_type(name), data)
         self._messages = RunMessages(self._write, parameters)
-        self._topics: dict[str, rosbag2.Topic] = {}
+        self._topics: dict[str, rosbag2.RecordedTopic] = {}
         self._flushed_ns = 0
 
     def _write(self, topic: Topic, stamp_ns: int, data: bytes) -> None:

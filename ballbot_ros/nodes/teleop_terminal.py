@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 
 from std_srvs.srv import Trigger
 
-from ballbot_ros.controller.interface import DriveState
+from ballbot_ros.controller.interface import OperatingState
 from ballbot_ros.messages.message_types import Text
 from ballbot_ros.messages.topics import OPERATING_STATE
 from ballbot_ros.nodes.base import BallbotNode
@@ -75,7 +75,7 @@ class TeleopTerminal:
     def _status(self) -> Mapping[str, str]:
         command = self._command()
         vertical, horizontal = command.sticks
-        fallen = '   press r to start anew' if self._state == DriveState.OUT_OF_CONTROL else ''
+        fallen = '   press r to start anew' if self._state == OperatingState.OUT_OF_CONTROL else ''
         return {
             'sim time': f'{self._node.now_ns * 1e-9:.1f} s',
             'state': self._state + fallen,

@@ -36,7 +36,7 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.layout import Layout
 from ballbot_ros.recording.qos import QosProfile
 from ballbot_ros.recording.rosbag2 import TimeRange, parse_offered_qos
-from ballbot_ros.recording.schemas import decoder
+from ballbot_ros.recording.schemas import schema_decoder
 from ballbot_ros.recording.writer import INCOMPLETE, is_locked
 
 DAMAGE = (McapError, struct.error, ValueError, OverflowError, RuntimeError, MemoryError, ZstdError)
@@ -199,7 +199,7 @@ class RecordingReader:
                 reasons[channel.topic] = f'its encoding is {channel.message_encoding!r}, not cdr'
                 continue
             try:
-                decoder(definition)
+                schema_decoder(definition)
             except RecordingError as error:
                 reasons[channel.topic] = str(error)
         return reasons
@@ -232,7 +232,7 @@ class RecordingReader:
         try:
             decode = self._decoders.get(raw.topic)
             if decode is None:
-                decode = self._decoders[raw.topic] = decoder(schema)
+                decode = self._decoders[raw.topic] = schema_decoder(schema)
             return decode(raw.data)
         except (RecordingError, SerdeError) as error:
             raise RecordingError(

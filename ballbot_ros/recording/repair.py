@@ -19,7 +19,7 @@ from mcap.records import (
 
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.recording.rosbag2 import METADATA_NAME, Topic
+from ballbot_ros.recording.rosbag2 import METADATA_NAME, RecordedTopic
 from ballbot_ros.recording.salvage import Damage, Salvage
 from ballbot_ros.recording.writer import RecordingWriter
 
@@ -178,7 +178,7 @@ def repair(
 def _copy(
     salvage: Salvage, survey: _Survey, writer: RecordingWriter, progress: Callable[[int], None]
 ) -> None:
-    topics: dict[int, Topic] = {
+    topics: dict[int, RecordedTopic] = {
         number: writer.copy_topic(channel, survey.schemas.get(channel.schema_id))
         for number, channel in sorted(survey.channels.items())
     }

@@ -26,7 +26,7 @@ _WORDS = {
 
 
 @dataclass(slots=True, eq=False)
-class Topic:
+class RecordedTopic:
     """A topic of a recording.
 
     Attributes
@@ -99,14 +99,16 @@ def _parse_profile(profile: dict[str, Any]) -> QosProfile:
     )
 
 
-def serialized_metadata(file_name: str, topics: Iterable[Topic], times: TimeRange | None) -> str:
+def serialized_metadata(
+    file_name: str, topics: Iterable[RecordedTopic], times: TimeRange | None
+) -> str:
     """Write the bag's description as the metadata record's value of that name.
 
     Parameters
     ----------
     file_name : str
         The recording's name without its directory.
-    topics : iterable of Topic
+    topics : iterable of RecordedTopic
         Everything recorded, with the number of messages.
     times : TimeRange or None
         None if there are no messages.
@@ -134,7 +136,7 @@ def serialized_metadata(file_name: str, topics: Iterable[Topic], times: TimeRang
     )
 
 
-def _topic(topic: Topic) -> dict[str, object]:
+def _topic(topic: RecordedTopic) -> dict[str, object]:
     return {
         'topic_metadata': {
             'name': topic.name,

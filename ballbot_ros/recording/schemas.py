@@ -57,7 +57,7 @@ def schema(type_name: str) -> Schema:
     return Schema(text, type_hash)
 
 
-def decoder(definition: records.Schema) -> Callable[[bytes], Any]:
+def schema_decoder(definition: records.Schema) -> Callable[[bytes], Any]:
     """Return the function that decodes messages of a type as its recording defines it.
 
     A type of that name in ROS 2 Jazzy may have other fields than it had where it was recorded.
@@ -78,7 +78,7 @@ def recorded_typestore(definition: records.Schema) -> Typestore:
     Raises
     ------
     RecordingError
-        As :func:`decoder`.
+        As :func:`schema_decoder`.
     """
     ours = typestore()
     name, text = definition.name, definition.data.decode(errors='replace')

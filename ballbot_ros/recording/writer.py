@@ -17,8 +17,8 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.rosbag2 import (
     METADATA_NAME,
+    RecordedTopic,
     TimeRange,
-    Topic,
     offered_qos_profiles,
     parse_offered_qos,
     serialized_metadata,
@@ -81,7 +81,7 @@ class RecordingWriter:
         self._writer = Writer(self._stream, chunk_size, enable_data_crcs=True)
         self._schemas: dict[str, int] = {}
         self._copied: dict[tuple[str, str, bytes], int] = {}
-        self._topics: dict[int, Topic] = {}
+        self._topics: dict[int, RecordedTopic] = {}
         self._oldest_ns = 2**63
         self._newest_ns = -1
         with self._writing():
@@ -101,7 +101,7 @@ class RecordingWriter:
         *,
         qos: Sequence[QosProfile] = (RELIABLE_LATCHED,),
         type_hash: str | None = None,
-    ) -> Topic:
+    ) -> RecordedTopic:
         """Announce a topic.
 
         Parameters
@@ -117,7 +117,7 @@ class RecordingWriter:
 
         Returns
         -------
-        Topic
+        RecordedTopic
             What `write` wants to know of it.
 
         Raises
@@ -151,11 +151,11 @@ class RecordingWriter:
                     'topic_type_hash': type_hash,
                 },
             )
-        topic = Topic(channel, name, type_name, type_hash, qos)
+        topic = RecordedTopic(channel, name, type_name, type_hash, qos)
         self._topics[channel] = topic
         return topic
 
-    def copy_topic(self, channel: Channel, definition: Schema | None) -> Topic:
+    def copy_topic(self, channel: Channel, definition: Schema | None) -> RecordedTopic:
         """Announce a topic of another recording as it stands there, whatever its type.
 
         Parameters
@@ -166,7 +166,7 @@ class RecordingWriter:
 
         Returns
         -------
-        Topic
+        RecordedTopic
             What `write` wants to know of it.
         """
         name, encoding, text = (
@@ -184,13 +184,13 @@ class RecordingWriter:
             )
         qos = parse_offered_qos(channel.metadata.get('offered_qos_profiles', ''))
         type_hash = channel.metadata.get('topic_type_hash', '')
-        topic = Topic(number, channel.topic, name, type_hash, qos)
+        topic = RecordedTopic(number, channel.topic, name, type_hash, qos)
         self._topics[number] = topic
         return topic
 
     def write(
         self,
-        topic: Topic,
+        topic: RecordedTopic,
         stamp_ns: int,
         data: bytes,
         sequence: int,
@@ -200,7 +200,7 @@ class RecordingWriter:
 
         Parameters
         ----------
-        topic : Topic
+        topic : RecordedTopic
             From `add_topic` of this recording.
         stamp_ns : int
             Sim time, becomes the log time, 0 ... 2**63 - 1 [ns].

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ballbot_ros.viewer.browser import browser_page
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.page import Page
-from ballbot_ros.viewer.player import Player
+from ballbot_ros.viewer.recording_page import RecordingPage
 from ballbot_ros.viewer.shown_run import ShownRun
 
 WIDTH, HEIGHT = 960, 528
@@ -43,7 +43,7 @@ def pictures(run: ShownRun, shots: Sequence[tuple[str, float]]) -> Iterator[Pict
     with browser_page(WIDTH, HEIGHT) as browser:
         page = Page(run.dimensions, run.name, '127.0.0.1', 0)
         try:
-            player = Player(page, [run])
+            player = RecordingPage(page, [run])
             browser.goto(page.address)
             client = _client(page)
             player.show(shots[0][1], panel=True)

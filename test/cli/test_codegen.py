@@ -101,7 +101,7 @@ def test_an_untouched_folder_is_equal_and_is_measured(tmp_path, parameters, few_
         ('ballbot_parameters.c', 'k_i = -0.008f', 'k_i = -0.0080001f', 'duty|sum|theta|psi'),
         ('ballbot_controller.c', '(1.0f - a_r)', '(1.001f - a_r)', r'theta_ref_dot'),
         ('ballbot_controller.c', '? vertical : -vertical', '? vertical : vertical', 'theta_ref'),
-        ('ballbot.oil', 'CYCLETIME = 100;', 'CYCLETIME = 200;', 'battery|operating_state'),
+        ('ballbot.oil', 'CYCLETIME = 100;', 'CYCLETIME = 200;', 'battery|control_mode'),
     ],
 )
 def test_a_folder_that_was_edited_differs(

@@ -14,7 +14,7 @@ from ballbot_ros.brick.brick import Brick, DeviceInputs
 from ballbot_ros.codegen.back_to_back import compare
 from ballbot_ros.codegen.steps import Step, random_steps
 from ballbot_ros.codegen.toolchain import TARGETS
-from ballbot_ros.controller.interface import OperatingState
+from ballbot_ros.controller.interface import ControlMode
 from ballbot_ros.controller.program import (
     VOLTAGE_OFFSET,
     VOLTAGE_SLOPE,
@@ -146,12 +146,12 @@ def test_after_stop_and_run_the_motors_rest_until_the_gyros_are_calibrated(
     program = made.program()
     for step in [*steps_of(300), *steps_of(600, **disturbance)[300:]]:
         program.tick(*step)
-    assert program.operating_state == (
-        OperatingState.STOP if 'gyro' in disturbance else OperatingState.CONTROL
+    assert program.control_mode == (
+        ControlMode.STOP if 'gyro' in disturbance else ControlMode.CONTROL
     )
     again = [program.tick(*step).duty for step in steps_of(500, systick_ms=60_000)]
     assert set(again) == {(0, 0)}
-    assert program.operating_state == OperatingState.CONTROL
+    assert program.control_mode == ControlMode.CONTROL
 
 
 def test_with_fused_multiply_add_in_the_processor(built):

@@ -37,11 +37,11 @@ def test_each_program_begins_afresh_and_ends_with_its_owner(target):
     before = own_children()
     for _ in range(2):
         program = make()
-        assert program.drive_state == 'calibration'
+        assert program.operating_state == 'calibration'
         states = []
         for elapsed_ms in range(0, 12, 4):
             program.tick(elapsed_ms, 1000 + elapsed_ms, AT_REST)
-            states.append(program.drive_state)
+            states.append(program.operating_state)
         assert states == ['backward'] * 3  # the sonar has not answered yet
         assert len(own_children() - before) == 1
         del program
@@ -74,9 +74,9 @@ def test_the_tasks_that_are_named_run_and_no_others(implementation):
         need(implementation)
     program = program_maker(values_of(CONTROLLER, implementation=implementation, time_start=0))()
     assert program.run(['task_init', 'task_lcd'], 1000, AT_REST).pages
-    assert program.drive_state == 'calibration'
+    assert program.operating_state == 'calibration'
     assert program.run(['task_ts3'], 1004, AT_REST).tones
-    assert program.drive_state == 'remote'
+    assert program.operating_state == 'remote'
     assert not program.run(['task_ts1'], 1008, AT_REST).pages
     program.run(['task_ts2'], 1012, AT_REST)
-    assert program.drive_state == 'backward'  # the sonar has not answered yet
+    assert program.operating_state == 'backward'  # the sonar has not answered yet

@@ -50,7 +50,7 @@ def test_every_tick_equals_the_generated_c(path):
         computed = {
             'out_duty_x': outputs.duty[0],
             'out_duty_y': outputs.duty[1],
-            'out_operating_state': program.operating_state,
+            'out_operating_state': program.control_mode,
             'out_flag_avoid': program.flag_avoid,
             'out_flag_auto': program.flag_auto,
             'out_log_event': bool(outputs.log),

@@ -42,7 +42,7 @@ def test_it_recovers_from(degrees, model):
     loop, ticks = leaning(degrees, **{'plant_sim.plant_model': model})
     assert not loop.plant.fallen
     assert np.abs(pitches(ticks[-250:])).max() < 0.6
-    assert loop.program.drive_state == 'remote'
+    assert loop.program.operating_state == 'remote'
 
 
 @PLANES
@@ -73,13 +73,13 @@ def assert_stops_after_the_fall(loop, ticks):
     fallen = [max(map(abs, tick.truth.psi)) >= LIMIT for tick in ticks].index(True)
     assert all(tick.outputs.duty == (0, 0) for tick in ticks[fallen + 250 :])
     assert len(ticks) > fallen + 500
-    assert loop.program.drive_state == 'out_of_control'
+    assert loop.program.operating_state == 'out_of_control'
 
 
 @pytest.mark.parametrize('settings', [{}, NOISY, {**NOISY, 'plant_sim.plant_model': 'nonlinear'}])
 def test_standing_for_a_minute_never_trips(settings):
     loop = make_loop({'plant_sim.start_pitch_x': math.radians(4.0), **settings})
-    states = {(loop.tick(), loop.program.drive_state)[1] for _ in range(250 * 60)}
+    states = {(loop.tick(), loop.program.operating_state)[1] for _ in range(250 * 60)}
     assert states == {'calibration', 'remote'}
     assert np.hypot(*loop.plant.truth().position) < 0.05
 
@@ -88,7 +88,7 @@ def test_a_robot_with_all_the_faults_of_the_hardware_recovers_and_stands():
     parameters = load_profile('hardware')
     parameters.set(PLANT, 'start_pitch_x', math.radians(4.0))
     loop = ClosedLoop(parameters)
-    states = {(loop.tick(), loop.program.drive_state)[1] for _ in range(250 * 60)}
+    states = {(loop.tick(), loop.program.operating_state)[1] for _ in range(250 * 60)}
     assert states == {'calibration', 'remote'}
     assert np.hypot(*loop.plant.truth().position) < 0.2
 
@@ -110,7 +110,7 @@ def test_a_full_stick_drives_its_way_at_17_cm_a_second(sticks, direction, model)
     before, after = run_loop(loop, 7.0)[-1].truth, run_loop(loop, 3.0)[-1].truth
     speed = np.subtract(after.position, before.position) / 3.0
     np.testing.assert_allclose(speed, 0.17 * np.array(direction), atol=0.02)
-    assert loop.program.drive_state == 'remote'
+    assert loop.program.operating_state == 'remote'
 
 
 @pytest.mark.parametrize('model', MODELS)
@@ -125,17 +125,17 @@ def test_full_stick_reversals_in_any_order_do_not_trip(volts, model):
     loop = make_loop(settings, scenario)
     ticks = run_loop(loop, 14.0)
     assert not loop.plant.fallen
-    assert loop.program.drive_state == 'remote'
+    assert loop.program.operating_state == 'remote'
     assert np.abs(pitches(ticks)).max() < 15.0
 
 
 def test_autonomous_drive_stands_for_five_seconds_and_then_goes_forward():
     loop = make_loop({'controller.mode': 'autonomous'})
     run_loop(loop, 4.9)
-    assert loop.program.drive_state == 'balance'
+    assert loop.program.operating_state == 'balance'
     assert loop.plant.truth().position == (0.0, 0.0)
     run_loop(loop, 5.0)
-    assert loop.program.drive_state == 'forward'
+    assert loop.program.operating_state == 'forward'
     x, y = loop.plant.truth().position
     assert x > 0.3
     assert y == 0.0

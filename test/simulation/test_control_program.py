@@ -49,9 +49,9 @@ def test_calibration_ends_at_the_first_task_ts3_after_time_start():
     program = make_program()
     clock = Clock(program)
     clock.run(996)
-    assert program.drive_state == 'calibration'
+    assert program.operating_state == 'calibration'
     clock.run(1000)
-    assert program.drive_state == 'remote'
+    assert program.operating_state == 'remote'
 
 
 def test_calibration_learns_the_gyros_offsets():
@@ -69,7 +69,7 @@ def test_autonomous_drive_balances_until_time_auto():
     states = {}
     for until_ms in (996, 1000, 4996, 5000):
         clock.run(until_ms)
-        states[until_ms] = program.drive_state
+        states[until_ms] = program.operating_state
     assert states == {996: 'calibration', 1000: 'balance', 4996: 'balance', 5000: 'forward'}
 
 
@@ -88,7 +88,7 @@ def test_autonomous_drive_balances_until_time_auto():
 def test_an_obstacle_at_the_threshold_or_nearer_changes_the_state(mode, sonar_cm, state):
     program = make_program(mode=mode, **SHORT)
     Clock(program).run(500, sonar_cm=sonar_cm)
-    assert program.drive_state == state
+    assert program.operating_state == state
 
 
 def test_an_obstacle_is_seen_a_period_of_20_ms_after_the_sonar_has_it():
@@ -96,18 +96,18 @@ def test_an_obstacle_is_seen_a_period_of_20_ms_after_the_sonar_has_it():
     clock = Clock(program)
     clock.run(316)
     clock.run(336, sonar_cm=10)
-    assert program.drive_state == 'remote'
+    assert program.operating_state == 'remote'
     clock.run(340, sonar_cm=10)
-    assert program.drive_state == 'backward'
+    assert program.operating_state == 'backward'
 
 
 def test_before_the_first_answer_the_sonar_reads_zero_and_that_is_an_obstacle():
     program = make_program(time_start=0)
     clock = Clock(program)
     clock.run(16)
-    assert (program.distance_cm, program.drive_state) == (0, 'backward')
+    assert (program.distance_cm, program.operating_state) == (0, 'backward')
     clock.run(20)
-    assert (program.distance_cm, program.drive_state) == (255, 'remote')
+    assert (program.distance_cm, program.operating_state) == (255, 'remote')
 
 
 def states(clock, readings):
@@ -118,7 +118,7 @@ def states(clock, readings):
     found = []
     for sonar_cm in [*readings, readings[-1]]:
         clock.run(clock.elapsed_ms + 16, sonar_cm=sonar_cm)
-        found.append(clock.program.drive_state)
+        found.append(clock.program.operating_state)
     return found[1:]
 
 
@@ -219,12 +219,12 @@ def test_a_lean_that_lasts_stops_the_motors_for_good():
     clock = Clock(program)
     clock.run(300)
     leaning = clock.run(496, gyro=(900, 600))
-    assert program.drive_state == 'remote'
+    assert program.operating_state == 'remote'
     assert any(output.duty != (0, 0) for output in leaning.values())
     clock.run(900, gyro=(900, 600))
-    assert program.drive_state == 'out_of_control'
+    assert program.operating_state == 'out_of_control'
     later = clock.run(3000)
-    assert program.drive_state == 'out_of_control'
+    assert program.operating_state == 'out_of_control'
     assert all(output.duty == (0, 0) for output in list(later.values())[1:])
 
 
@@ -234,7 +234,7 @@ def test_a_ball_that_is_far_from_its_reference_is_out_of_control(inputs):
     clock = Clock(program)
     clock.run(300)
     clock.run(700, **inputs)
-    assert program.drive_state == 'out_of_control'
+    assert program.operating_state == 'out_of_control'
 
 
 def test_a_short_loss_of_control_is_forgiven():
@@ -243,7 +243,7 @@ def test_a_short_loss_of_control_is_forgiven():
     clock.run(300)
     clock.run(396, revolutions=(800, 0))
     clock.run(900)
-    assert program.drive_state == 'remote'
+    assert program.operating_state == 'remote'
 
 
 @pytest.mark.parametrize('log_count', [1, 5, 25])

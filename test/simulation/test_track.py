@@ -22,8 +22,8 @@ def drive(start, **settings):
     ticks, states = [], ['calibration']
     while len(ticks) < DURATION_S * 250 and not loop.plant.stopped:
         ticks += run_loop(loop, 0.004)
-        if loop.program.drive_state != states[-1]:
-            states.append(loop.program.drive_state)
+        if loop.program.operating_state != states[-1]:
+            states.append(loop.program.operating_state)
     return loop, ticks, states
 
 

@@ -32,7 +32,7 @@ from ballbot_ros.viewer.floor import Area, lines  # noqa: E402
 from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.panel import Panel  # noqa: E402
-from ballbot_ros.viewer.player import Player  # noqa: E402
+from ballbot_ros.viewer.recording_page import RecordingPage  # noqa: E402
 from ballbot_ros.viewer.robot import BLACK, DARK, parts  # noqa: E402
 from ballbot_ros.viewer.shown_run import ShownRun  # noqa: E402
 from ballbot_ros.viewer.snapshot import History, Snapshot  # noqa: E402
@@ -299,7 +299,7 @@ def test_a_browser_that_stops_reading_holds_up_nobody(recording):
     """Its connection is full: what is shown goes on, and only the newest of it is kept."""
     run = ShownRun(recording)
     page = Page(run.dimensions, 'test', '127.0.0.1', 0)
-    player = Player(page, [run])
+    player = RecordingPage(page, [run])
     with unread(page.server.get_port()):
         for number in range(600):
             player.show(number / 60.0, panel=number % 12 == 0)

@@ -12,7 +12,7 @@ from ballbot_ros.cli.reading import read_shown_run
 from ballbot_ros.viewer.address import check_address, location, warning_of
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.live_controls import Sticks
-from ballbot_ros.viewer.player import Clock
+from ballbot_ros.viewer.recording_page import PlaybackClock
 from ballbot_ros.viewer.shown_run import ShownRun
 from ballbot_ros.viewer.snapshot import WINDOW_S
 from ballbot_ros.viewer.sound import tone_html
@@ -72,7 +72,7 @@ def test_a_file_that_ends_early_is_shown_up_to_there(recording, tmp_path, capsys
 
 
 def test_the_clock_stops_at_the_end_and_begins_again():
-    clock = Clock(2.0)
+    clock = PlaybackClock(2.0)
     clock.rate = 0.5
     clock.advance(1.0)
     assert clock.time == 0.5

@@ -224,7 +224,7 @@ TASK(task_ts1)
     S8 duty_x = 0;
     S8 duty_y = 0;
 
-    if (ballbot.operating_state == BALLBOT_CONTROL) {
+    if (ballbot.control_mode == BALLBOT_CONTROL) {
         const float max_voltage = (VOLTAGE_SLOPE * ballbot.battery) - VOLTAGE_OFFSET;
         S32 stick_x;
         S32 stick_y;
@@ -236,7 +236,7 @@ TASK(task_ts1)
                          ecrobot_get_motor_rev(MOTOR_X), stick_x, max_voltage);
         duty_y = control(&ballbot.y, ecrobot_get_gyro_sensor(GYRO_Y),
                          ecrobot_get_motor_rev(MOTOR_Y), stick_y, max_voltage);
-    } else if (ballbot.operating_state == BALLBOT_CALIBRATION) {
+    } else if (ballbot.control_mode == BALLBOT_CALIBRATION) {
         calibrate(&ballbot.x, ecrobot_get_gyro_sensor(GYRO_X));
         calibrate(&ballbot.y, ecrobot_get_gyro_sensor(GYRO_Y));
     } else {
@@ -244,7 +244,7 @@ TASK(task_ts1)
     }
     ecrobot_set_motor_mode_speed(MOTOR_X, BRAKE, duty_x);
     ecrobot_set_motor_mode_speed(MOTOR_Y, BRAKE, duty_y);
-    if (ballbot.operating_state == BALLBOT_CONTROL) {
+    if (ballbot.control_mode == BALLBOT_CONTROL) {
         log_pitches();
     }
     TerminateTask();
@@ -282,11 +282,11 @@ TASK(task_ts3)
         ballbot.timer_stop = elapsed;
     }
     if ((elapsed - ballbot.timer_stop) >= time_stop) {
-        ballbot.operating_state = BALLBOT_STOP;
+        ballbot.control_mode = BALLBOT_STOP;
     } else if (calibrated != 0U) {
-        ballbot.operating_state = BALLBOT_CONTROL;
+        ballbot.control_mode = BALLBOT_CONTROL;
     } else {
-        ballbot.operating_state = BALLBOT_CALIBRATION;
+        ballbot.control_mode = BALLBOT_CALIBRATION;
     }
 
     if ((calibrated != 0U) && (ballbot.calibrated == 0U)) {

@@ -23,7 +23,7 @@ typedef struct {
 {% endfor %}
 } BallbotState;
 
-/* Values of operating_state. */
+/* Values of control_mode. */
 #define BALLBOT_STOP 0U
 #define BALLBOT_CALIBRATION 1U
 #define BALLBOT_CONTROL 2U

@@ -13,7 +13,7 @@ RATES = {'0.1×': 0.1, '0.5×': 0.5, '1×': 1.0, '2×': 2.0, '5×': 5.0}
 _RATES_WITH_TONES = (0.5, 1.0, 2.0)
 
 
-class Clock:
+class PlaybackClock:
     """The time of a run that is played.
 
     Parameters
@@ -52,7 +52,7 @@ class Clock:
         self.is_playing = not self.is_playing
 
 
-class Player:
+class RecordingPage:
     """Shows runs on a page; the first is the run, the second its ghost.
 
     Parameters
@@ -64,7 +64,7 @@ class Player:
     def __init__(self, page: Page, runs: Sequence[ShownRun]) -> None:
         self._page = page
         self._runs = runs
-        self.clock = Clock(max(run.end for run in runs))
+        self.clock = PlaybackClock(max(run.end for run in runs))
         gui = page.server.gui
         self._panel = Panel(gui)
         with gui.add_folder('Playback', order=1.0):
