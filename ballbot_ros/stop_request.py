@@ -59,7 +59,7 @@ class StopRequest:
 
 
 @contextmanager
-def interrupted_later() -> Iterator[None]:
+def defer_sigint() -> Iterator[None]:
     """Let an interruption from the keyboard within the block count at its end.
 
     For imports: an interruption of a callback of Python's import system is printed and forgotten,

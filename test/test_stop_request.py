@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from ballbot_ros.stop_request import StopRequest, interrupted_later
+from ballbot_ros.stop_request import StopRequest, defer_sigint
 
 
 def test_the_first_signal_is_noted():
@@ -45,7 +45,7 @@ def test_the_handlers_of_before_come_back():
 
 def test_an_interruption_that_the_block_would_swallow_counts_after_it():
     def interrupted():
-        with interrupted_later():
+        with defer_sigint():
             try:
                 signal.raise_signal(signal.SIGINT)
             except KeyboardInterrupt:

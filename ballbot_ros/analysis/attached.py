@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ballbot_ros.analysis.told_parameters import ToldParameters
+from ballbot_ros.analysis.announced_parameters import AnnouncedParameters
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import temporary_folder, write_temporary
 from ballbot_ros.parameters import ParameterSet, PlantParameters
@@ -49,7 +49,7 @@ class Attached:
     notices: list[str] = field(default_factory=list)
     files: Mapping[str, AttachedFile] = field(default_factory=dict)
 
-    def in_run(self, run: str, told: ToldParameters) -> Attached:
+    def in_run(self, run: str, told: AnnouncedParameters) -> Attached:
         """Return what holds in a run, by the name that ``plant/run`` gives it."""
         if not told.tells(run):
             return self

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.announced_parameters import AnnouncedParameters
 from ballbot_ros.analysis.recorded_runs import RecordedRun, RunFinder, samples_in
 from ballbot_ros.analysis.robot_topics import RobotTopics, robot_topics
-from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.conversions import (
     ball_position,
@@ -211,7 +211,7 @@ class Extraction:
     columns: dict[Topic, Columns] = field(
         default_factory=lambda: {topic: Columns(*TICKED[topic][:2]) for topic in TICKED}
     )
-    told: ToldParameters = field(default_factory=ToldParameters)
+    told: AnnouncedParameters = field(default_factory=AnnouncedParameters)
     states: list[tuple[int, int, str]] = field(default_factory=list)
     statuses: list[tuple[int, int, Status]] = field(default_factory=list)
     pages: list[tuple[int, int, str]] = field(default_factory=list)

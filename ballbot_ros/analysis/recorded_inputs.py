@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from operator import attrgetter
 
+from ballbot_ros.analysis.announced_parameters import AnnouncedParameters
 from ballbot_ros.analysis.recorded_runs import (
     RecordedRun,
     RobotRecording,
@@ -17,7 +18,6 @@ from ballbot_ros.analysis.recorded_runs import (
     placed_messages,
 )
 from ballbot_ros.analysis.robot_topics import robot_topics
-from ballbot_ros.analysis.told_parameters import ToldParameters
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import push_forces, stamp_ns, stick_values
 from ballbot_ros.messages.inputs import INPUTS
@@ -91,13 +91,13 @@ class RecordedInputs:
     recording : RobotRecording
     runs : tuple of RunInputs
         In the order of the file.
-    told : ToldParameters
+    told : AnnouncedParameters
         What was told of their parameters.
     """
 
     recording: RobotRecording
     runs: tuple[RunInputs, ...]
-    told: ToldParameters
+    told: AnnouncedParameters
 
     def has_begun(self, run: RecordedRun) -> bool:
         """Tell whether the plant has published a tick of a run, if only one not answered."""
@@ -133,7 +133,7 @@ def read_inputs(reader: RecordingReader) -> RecordedInputs:
     for name in topics.mistyped:
         if topics.by_name[name] in _DECODED:
             raise RecordingError(f'{reader.path}: {topics.mismatch(name)}')
-    finder, told = RunFinder(reader), ToldParameters()
+    finder, told = RunFinder(reader), AnnouncedParameters()
     epochs: defaultdict[int, _EpochInputs] = defaultdict(_EpochInputs)
     wanted = (RUN_STATUS, PARTICIPANTS, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY)
     for epoch, topic, raw in placed_messages(reader, topics, finder, wanted):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 
-from ballbot_ros.stop_request import interrupted_later
+from ballbot_ros.stop_request import defer_sigint
 
 # Matrices of four rows need no threads of their own, which would spin beside the nodes.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
@@ -15,7 +15,7 @@ def main() -> None:
     """Run the command, and end with its exit status."""
     try:
         # Ctrl-C ends the command as quietly while the modules load as it does later.
-        with interrupted_later():
+        with defer_sigint():
             from ballbot_ros.cli.command import ballbot
             from ballbot_ros.cli.invoke import invoke
         status = invoke(ballbot, 'ballbot')

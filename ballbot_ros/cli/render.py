@@ -8,7 +8,7 @@ import click
 
 from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.cli.path_types import NEW_FILE, RECORDING
-from ballbot_ros.stop_request import interrupted_later
+from ballbot_ros.stop_request import defer_sigint
 from ballbot_ros.viewer.address import require_viser
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
@@ -52,7 +52,7 @@ def command(recording: Path, view: str, output: Path, moment: float | None) -> N
         raise ViewerError(f'--time {moment:g}: the run ends at {run.end:g} s')
     # Only here: what viser brings with it takes a second to import.
     try:
-        with interrupted_later():
+        with defer_sigint():
             from ballbot_ros.viewer.render import render
     except ImportError as error:
         raise ViewerError(

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from ballbot_ros.cli.path_types import RECORDING
-from ballbot_ros.stop_request import StopRequest, interrupted_later
+from ballbot_ros.stop_request import StopRequest, defer_sigint
 from ballbot_ros.viewer.address import check_address, require_viser, warning_of
 
 
@@ -41,7 +41,7 @@ def command(recording: Path, other: Path | None, host: str, port: int) -> int:
     check_address(host, port)
     runs = [read_shown_run(path) for path in (recording, other) if path]
     # Only here: what viser brings with it takes a second to import.
-    with interrupted_later():
+    with defer_sigint():
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.recording_page import RecordingPage
 

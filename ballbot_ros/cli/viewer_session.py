@@ -100,16 +100,16 @@ class ViewerSession:
 
     def is_asked_for_another(self) -> bool:
         """Whether the page asks for another run."""
-        return bool(self._supervisor.wish)
+        return bool(self._supervisor.requested_scenario)
 
     def wait_for_choice(self, stop: StopRequest) -> str:
         """Wait while the page is there; return the scenario that it asks for, else nothing."""
-        if not self._supervisor.wish and self._viewer.running:
+        if not self._supervisor.requested_scenario and self._viewer.running:
             self._print('the page stays: choose a scenario there, or end with Ctrl-C')
         while self._viewer.running and not stop.signal:
-            if wish := self._supervisor.wish:
-                self._supervisor.wish = ''
-                return wish
+            if requested := self._supervisor.requested_scenario:
+                self._supervisor.requested_scenario = ''
+                return requested
             time.sleep(POLL_S)
         if not self._viewer.running:
             self._print(f'{VIEWER} {self._viewer.how_it_ended}')

@@ -36,7 +36,7 @@ from ballbot_ros.messages.message_types import (
     WrenchStamped,
 )
 from ballbot_ros.numerics.elementary import sine_cosine
-from ballbot_ros.plant.truth import Pair, Push, Truth
+from ballbot_ros.plant.truth import GroundTruth, Pair, Push
 from ballbot_ros.timing import SECOND_NS
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def fill_header(message: Header, stamp_ns: int, frame_id: str) -> None:
     message.frame_id = frame_id
 
 
-def fill_motors(message: JointState, truth: Truth) -> None:
+def fill_motors(message: JointState, truth: GroundTruth) -> None:
     """Write ``plant/joint_states``: true shaft angle, rate and torque."""
     fill_header(message.header, truth.stamp_ns, '')
     message.name = MOTOR_NAMES
@@ -90,7 +90,7 @@ def motor_angles(message: JointState) -> Pair:
     return message.position[0], message.position[1]
 
 
-def fill_body(message: Imu, truth: Truth) -> None:
+def fill_body(message: Imu, truth: GroundTruth) -> None:
     """Write ``plant/imu``: roll is plane y's pitch angle, pitch is plane x's, yaw is zero."""
     fill_header(message.header, truth.stamp_ns, 'base_link')
     q = message.orientation
@@ -129,7 +129,7 @@ def pitch_angles(w: float, x: float, y: float, z: float) -> Pair:
     return math.copysign(psi_x, y), math.copysign(psi_y, x)
 
 
-def fill_odometry(message: Odometry, truth: Truth, ball_radius: float) -> None:
+def fill_odometry(message: Odometry, truth: GroundTruth, ball_radius: float) -> None:
     """Write ``plant/odom``: pose and twist of the ball's centre in ``map``."""
     fill_header(message.header, truth.stamp_ns, 'map')
     message.child_frame_id = 'ball'
@@ -144,7 +144,7 @@ def ball_position(message: Odometry) -> Pair:
     return message.pose.pose.position.x, -message.pose.pose.position.y
 
 
-def fill_battery(message: BatteryState, truth: Truth) -> None:
+def fill_battery(message: BatteryState, truth: GroundTruth) -> None:
     """Write ``battery_state``."""
     fill_header(message.header, truth.stamp_ns, 'base_link')
     message.voltage = truth.battery_voltage

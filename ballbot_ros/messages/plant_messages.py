@@ -26,7 +26,7 @@ from ballbot_ros.messages.topics import (
     RUN,
     WALL_HIT,
 )
-from ballbot_ros.plant.truth import Push, Truth
+from ballbot_ros.plant.truth import GroundTruth, Push
 from ballbot_ros.timing import BATTERY_PERIOD_NS
 from ballbot_ros.world.exports import occupancy_grid
 from ballbot_ros.world.world import World
@@ -78,7 +78,7 @@ class PlantMessages:
             fill_accepted_push(self._accepted_push.message, stamp, push, number, acts=acts)
             self._accepted_push.send(stamp)
 
-    def truth(self, truth: Truth, *, wall_hit: bool, again: bool = False) -> bool:
+    def truth(self, truth: GroundTruth, *, wall_hit: bool, again: bool = False) -> bool:
         """Send the truth of a tick; return whether `wall_hit` has changed.
 
         Where it is sent `again`, so is the newest battery sample: a controller that has just come
@@ -100,7 +100,7 @@ class PlantMessages:
         self._wall_hit.send(now)
         return True
 
-    def ask(self, truth: Truth) -> None:
+    def ask(self, truth: GroundTruth) -> None:
         """Send what the drivers answer."""
         now = truth.stamp_ns
         fill_body(self._body.message, truth)

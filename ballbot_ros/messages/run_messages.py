@@ -15,7 +15,7 @@ from ballbot_ros.messages.outputs import EncodedOutput, Sink
 from ballbot_ros.messages.plant_messages import PlantMessages
 from ballbot_ros.messages.topics import GAMEPAD_JOY
 from ballbot_ros.parameters import ParameterSet, PlantParameters
-from ballbot_ros.plant.truth import Push, Truth
+from ballbot_ros.plant.truth import GroundTruth, Push
 from ballbot_ros.simulation.closed_loop import Tick
 from ballbot_ros.teleop.arbiter import SCENARIO
 from ballbot_ros.world.world import World
@@ -53,7 +53,7 @@ class RunMessages:
         for number, push in enumerate(pushes, 1):
             self._plant.push(push, number)
 
-    def truth(self, truth: Truth, *, wall_hit: bool) -> None:
+    def truth(self, truth: GroundTruth, *, wall_hit: bool) -> None:
         """Make what the plant publishes at a tick."""
         self._plant.truth(truth, wall_hit=wall_hit)
 

@@ -9,7 +9,7 @@ from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import Topic
 from ballbot_ros.parameters import ParameterSet
-from ballbot_ros.plant.truth import Push, Truth
+from ballbot_ros.plant.truth import GroundTruth, Push
 from ballbot_ros.recording import rosbag2
 from ballbot_ros.recording.attachments import OUTCOME_KEYS, media_type
 from ballbot_ros.recording.writer import RecordingWriter
@@ -62,7 +62,7 @@ class SimulatedRecording:
             self._writer.flush()
             self._flushed_ns = now
 
-    def add_truth(self, truth: Truth, *, wall_hit: bool) -> None:
+    def add_truth(self, truth: GroundTruth, *, wall_hit: bool) -> None:
         """Write the last truth of a run that has ended before its time."""
         self._messages.truth(truth, wall_hit=wall_hit)
 

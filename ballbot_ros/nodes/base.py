@@ -227,7 +227,7 @@ class BallbotNode(ParameterNode[P]):
             f'{topic.name}: a message is ignored: {one_line(error)}', throttle_duration_sec=1.0
         )
 
-    def sampled(self, now_ns: int) -> None:
+    def count_sample(self, now_ns: int) -> None:
         """Count a sample of the tick at `now_ns` for the diagnostics."""
         self._samples += 1
         self.now_ns = now_ns
@@ -238,7 +238,7 @@ class BallbotNode(ParameterNode[P]):
         return {}
 
     def warn(self, problem: str) -> None:
-        """Log a problem once and show it in the diagnostics until :meth:`recover`.
+        """Log a problem once and show it in the diagnostics until :meth:`clear_warning`.
 
         An error stays in the diagnostics.
         """
@@ -248,7 +248,7 @@ class BallbotNode(ParameterNode[P]):
             self._level, self._problem = DiagnosticStatus.WARN, problem
 
     def alarm(self, problem: str) -> None:
-        """Log an error and show it in the diagnostics, at once, until :meth:`end_alarm`."""
+        """Log an error and show it in the diagnostics, at once, until :meth:`clear_error`."""
         self.get_logger().error(problem)
         self._level, self._problem = DiagnosticStatus.ERROR, problem
         self.report()
@@ -258,12 +258,12 @@ class BallbotNode(ParameterNode[P]):
         self.alarm(problem)
         self.failure, self.exit_status = problem, 1
 
-    def recover(self) -> None:
+    def clear_warning(self) -> None:
         """Take back a warning."""
         if self._level == DiagnosticStatus.WARN:
             self._level, self._problem = DiagnosticStatus.OK, ''
 
-    def end_alarm(self) -> None:
+    def clear_error(self) -> None:
         """Take back an error that has passed."""
         if self._level == DiagnosticStatus.ERROR:
             self._level, self._problem = DiagnosticStatus.OK, ''

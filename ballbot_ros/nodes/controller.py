@@ -193,7 +193,7 @@ class Controller(BallbotNode[ControllerParameters]):
         inputs = device_inputs(lambda topic: self._gate.newest(topic.name))
         outputs = self._program.run(tick.tasks, tick.time_ns // MILLISECOND_NS, inputs)
         self._messages.tick(tick.time_ns, outputs, self._program)
-        self.sampled(tick.time_ns)
+        self.count_sample(tick.time_ns)
 
     def _callback_waits(self) -> bool:
         """Tell whether a timer has fired whose callback waits in the executor's queue.

@@ -61,7 +61,7 @@ class DeviceDriver(BallbotNode[P]):
             return
         self._messages.fill(self._output.message, now, reading)
         self._output.send(now)
-        self.sampled(now)
+        self.count_sample(now)
 
 
 def messages_of(cls: type[DriverParameters]) -> AnyDeviceMessages:

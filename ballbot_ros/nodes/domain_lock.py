@@ -8,7 +8,7 @@ import socket
 
 from ballbot_ros.errors import BallbotError
 
-HANDED_ON = 'BALLBOT_DOMAIN_LOCK'
+LOCK_FD_ENV = 'BALLBOT_DOMAIN_LOCK'
 """Environment variable: the file descriptor of a lock that the starting process handed on."""
 
 
@@ -40,7 +40,7 @@ class DomainLock:
     """
 
     def __init__(self, domain: int) -> None:
-        if handed_on := os.environ.get(HANDED_ON):
+        if handed_on := os.environ.get(LOCK_FD_ENV):
             self.file = int(handed_on)
             return
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as name:

@@ -28,11 +28,11 @@ from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.teleop.arbiter import SCENARIO, Arbiter, Command
-from ballbot_ros.teleop.complaints import Complaints
 from ballbot_ros.teleop.csv_log import CsvLog
 from ballbot_ros.teleop.device_list import list_devices
 from ballbot_ros.teleop.errors import TeleopError
 from ballbot_ros.teleop.gamepad import ANY
+from ballbot_ros.teleop.input_errors import InputErrors
 from ballbot_ros.teleop.sdl import SdlBackend
 from ballbot_ros.teleop.sticks import NEUTRAL
 from ballbot_ros.teleop.terminal import why_no_keyboard
@@ -55,10 +55,10 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         self._command = Command(SCENARIO, NEUTRAL)
         self._output = self.output(GAMEPAD_JOY)
         self._sources = Arbiter()
-        self._complaints = Complaints()
+        self._input_errors = InputErrors()
         self._log: CsvLog | None = None
         self._log_subscription: Subscription | None = None
-        self._inputs = TeleopInputs(self, self._sources, self._complaints)
+        self._inputs = TeleopInputs(self, self._sources, self._input_errors)
         self.terminal: TeleopTerminal | None = None
         self._set_terminal()
         self._set_log()
@@ -131,7 +131,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
                 del self._answers[next(iter(self._answers))]
         fill_sticks(self._output.message, now_ns, answer.sticks, answer.source)
         self._output.send(now_ns)
-        self.sampled(now_ns)
+        self.count_sample(now_ns)
 
     def _decide(self, elapsed_s: float) -> None:
         before = self._driver()
@@ -148,7 +148,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             return
         try:
             self._log.write(log_packet(message))
-            self._complaints.heal(BLUETOOTH_TX.name)
+            self._input_errors.clear(BLUETOOTH_TX.name)
         except PacketError as error:
             self._inputs.complain(BLUETOOTH_TX.name, f'{error}; it is left out')
         except TeleopError as error:
@@ -168,11 +168,11 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
     def report(self) -> None:
         """Publish the diagnostics; what has healed is no warning in the next ones."""
         super().report()
-        self._complaints.reported()
-        if str(self._complaints):
-            self.warn(str(self._complaints))
+        self._input_errors.reported()
+        if str(self._input_errors):
+            self.warn(str(self._input_errors))
         else:
-            self.recover()
+            self.clear_warning()
 
     def diagnose(self) -> Mapping[str, object]:
         """Return who is in command."""

@@ -30,13 +30,13 @@ def hidden_node(name: str, owner: Node | None = None) -> Node:
 
 
 def raw_subscription(node: Node, topic: Topic, qos: QoSProfile) -> Subscription:
-    """Subscribe a hidden node to a topic; the messages are taken as they come off the wire."""
+    """Subscribe a hidden node to a topic; the messages are read as they come off the wire."""
     return node.create_subscription(
         topic.message_class, topic.name, lambda data: None, qos, raw=True
     )
 
 
-def taken(subscription: Subscription) -> Iterator[tuple[Any, Mapping[str, Any]]]:
+def drain(subscription: Subscription) -> Iterator[tuple[Any, Mapping[str, Any]]]:
     """Take the messages that wait, oldest first, each with what the middleware says of it."""
     handle, kind, raw = subscription.handle, subscription.msg_type, subscription.raw
     with handle:

@@ -17,7 +17,7 @@ from ballbot_ros.messages.message_types import Header
 from ballbot_ros.messages.participation import encode_announcement
 from ballbot_ros.messages.topics import PARTICIPANTS, ROLL_CALL, periodic_topics
 from ballbot_ros.nodes.base import AnyNode
-from ballbot_ros.nodes.graph_look import guid_prefix
+from ballbot_ros.nodes.graph_observer import guid_prefix
 from ballbot_ros.parameters import PATHS, NodeParameters
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import (

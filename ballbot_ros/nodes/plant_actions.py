@@ -48,7 +48,7 @@ class PlantActions:
     def _(self, action: do.PublishTruth) -> None:
         truth = action.truth
         self._messages.truth(truth, wall_hit=action.wall_hit, again=action.is_resend)
-        self._node.sampled(truth.stamp_ns)
+        self._node.count_sample(truth.stamp_ns)
 
     @_carry_out.register
     def _(self, action: do.AskDrivers) -> None:
@@ -110,7 +110,7 @@ class PlantActions:
 
     @_carry_out.register
     def _(self, action: do.ClearWarning) -> None:
-        self._node.recover()
+        self._node.clear_warning()
 
     @_carry_out.register
     def _(self, action: do.RaiseError) -> None:
@@ -118,7 +118,7 @@ class PlantActions:
 
     @_carry_out.register
     def _(self, action: do.ClearError) -> None:
-        self._node.end_alarm()
+        self._node.clear_error()
 
     @_carry_out.register
     def _(self, action: do.Report) -> None:

@@ -25,7 +25,7 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
-from ballbot_ros.nodes.graph_look import GraphLook
+from ballbot_ros.nodes.graph_observer import GraphObserver
 from ballbot_ros.nodes.one_shot import OneShot
 from ballbot_ros.nodes.participation import participant_of, with_parameters
 from ballbot_ros.nodes.plant_actions import PlantActions
@@ -64,7 +64,7 @@ class PlantSim(BallbotNode[PlantParameters]):
         self._actions = PlantActions(self, OneShot(self, self._on_wake))
         master = LockstepMaster if self.parameters.lockstep else FreeRunningMaster
         self.master: RunMaster = master(
-            GraphLook(self, tuple(LOCKSTEP)),
+            GraphObserver(self, tuple(LOCKSTEP)),
             LocalMachine(),
             RUN_TOPICS,
             self._set_up,

@@ -98,7 +98,7 @@ class Player(BallbotNode[PlayerParameters]):
         for topic, stamp_ns, _, data in self.playback.due(now):
             if topic in self._outputs:
                 self._outputs[topic].publish(data)
-            self.sampled(stamp_ns)
+            self.count_sample(stamp_ns)
         if self._made_clock and not self.playback.paused:
             message = CLOCK.message_class()
             position_ns = round(self.playback.position(now) * 1e9)

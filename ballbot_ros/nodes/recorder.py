@@ -33,8 +33,8 @@ from ballbot_ros.messages.topics import (
     message_class,
 )
 from ballbot_ros.nodes.base import BallbotNode, reliable_qos, run_node
-from ballbot_ros.nodes.graph_look import UNKNOWN_NODE
-from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
+from ballbot_ros.nodes.graph_observer import UNKNOWN_NODE
+from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import PLANT, RecorderParameters
 from ballbot_ros.recording.attachments import media_type
@@ -60,7 +60,7 @@ class Recorder(BallbotNode[RecorderParameters]):
 
     It takes the messages in batches, past the executor: that costs a fifth of a callback each,
     and tells the publisher's sequence number, by which a lost message is noticed. The histories
-    of the publishers and the plant's bounded lead keep everything until it is taken.
+    of the publishers and the plant's bounded lead keep everything until it is read.
     """
 
     def __init__(self, parameters: RecorderParameters | None = None) -> None:
@@ -177,7 +177,7 @@ class Recorder(BallbotNode[RecorderParameters]):
             channel.recorded = self._announce(channel)
         self._writer.write(channel.recorded, log_ns, data, sequence)
         if stream.period_ns:
-            self.sampled(self._gate.now_ns)
+            self.count_sample(self._gate.now_ns)
 
     def object(self, stream: Stream, stamp_ns: int) -> None:
         """Tell the plant of a sample that can't be of its run."""
@@ -346,14 +346,14 @@ class _Channel:
         """Take all messages that wait, from the topic's history if it has one.
 
         A topic's history is found before the topic, so there are no messages whose history is not
-        known yet. Its publisher may have left before the last message is taken.
+        known yet. Its publisher may have left before the last message is read.
         """
-        come = list(taken(self.subscription))
+        come = list(drain(self.subscription))
         if self.history:
             self.has_history = self.has_history or self.history.get_publisher_count() > 0
             if self.has_history:
                 come.clear()
-            come += taken(self.history)
+            come += drain(self.history)
         for data, info in come:
             item = (self, data, info['publication_sequence_number'])
             yield info['received_timestamp'], item

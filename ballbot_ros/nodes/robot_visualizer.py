@@ -24,7 +24,7 @@ from ballbot_ros.messages.topics import (
     message_class,
 )
 from ballbot_ros.nodes.base import AnyNode, BallbotNode, run_node
-from ballbot_ros.nodes.newest import Newest
+from ballbot_ros.nodes.latest_messages import LatestMessages
 from ballbot_ros.parameters import Dimensions, VisualizerParameters
 from ballbot_ros.plant.model import Bodies
 from ballbot_ros.viewer.markers import RobotMarkers
@@ -56,7 +56,7 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
             self.get_logger().info('tf2_msgs is not installed: markers only, no transforms')
         self._time = self._whole_at = -math.inf
         self._floor: FloorMap | None = None
-        self._newest = Newest(self, _DRAWN)
+        self._newest = LatestMessages(self, _DRAWN)
         self.every(1.0 / self.parameters.rate, self._update)
 
     def _describe(self) -> None:
@@ -90,7 +90,7 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
             self._markers.begin(self._floor)
         if now.time != self._time:
             self._time = now.time
-            self.sampled(stamp_ns(self._newest[PLANT_ODOM]))
+            self.count_sample(stamp_ns(self._newest[PLANT_ODOM]))
             self._markers.follow(now)
             if self._transforms is not None:
                 self._transforms.publish(self.now_ns, self._frames.at(now.position, now.psi))

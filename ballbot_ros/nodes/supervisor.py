@@ -20,13 +20,13 @@ class Supervisor(BallbotNode[SupervisorParameters]):
 
     Attributes
     ----------
-    wish : str
+    requested_scenario : str
         Name or file of the scenario that is to run; empty for none.
     """
 
     def __init__(self, scenario: str) -> None:
         super().__init__(SupervisorParameters, SupervisorParameters(scenario=scenario))
-        self.wish = ''
+        self.requested_scenario = ''
         self.create_service(Trigger, f'{SUPERVISOR}/start', self._start)
 
     def _start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -36,6 +36,6 @@ class Supervisor(BallbotNode[SupervisorParameters]):
         except BallbotError as error:
             response.message = str(error)
             return response
-        self.wish = name
+        self.requested_scenario = name
         response.success = True
         return response

@@ -17,9 +17,9 @@ from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.teleop import arbiter
 from ballbot_ros.teleop.arbiter import Arbiter
-from ballbot_ros.teleop.complaints import Complaints
 from ballbot_ros.teleop.errors import TeleopError
 from ballbot_ros.teleop.gamepad import ANY, Gamepad, PadState
+from ballbot_ros.teleop.input_errors import InputErrors
 from ballbot_ros.teleop.joy_mapping import JoyMapping
 from ballbot_ros.teleop.sdl import SdlBackend
 from ballbot_ros.teleop.sticks import Sticks
@@ -40,14 +40,14 @@ class TeleopInputs:
     node : BallbotNode
     sources : Arbiter
         Gets each input's sticks.
-    complaints : Complaints
+    input_errors : InputErrors
         Gets what is wrong with an input, under the name of its topic.
     """
 
     def __init__(
-        self, node: BallbotNode[GamepadParameters], sources: Arbiter, complaints: Complaints
+        self, node: BallbotNode[GamepadParameters], sources: Arbiter, input_errors: InputErrors
     ) -> None:
-        self._node, self._sources, self._complaints = node, sources, complaints
+        self._node, self._sources, self._input_errors = node, sources, input_errors
         self._set_mappings()
         self._listen_to_joy(JOY, arbiter.JOY, lambda: self._mapping)
         self._listen_to_joy(VIEWER_JOY, arbiter.VIEWER, lambda: self._screen_mapping)
@@ -89,7 +89,7 @@ class TeleopInputs:
             self._sources.release(source)
             self.complain(name, str(error))
             return
-        self._complaints.heal(name)
+        self._input_errors.clear(name)
         if values is None:
             self._sources.release(source)
         else:
@@ -97,8 +97,8 @@ class TeleopInputs:
 
     def complain(self, name: str, text: str) -> None:
         """Log what is wrong with an input, and show it in the diagnostics."""
-        if self._complaints.add(name, text):
-            self._node.warn(str(self._complaints))
+        if self._input_errors.add(name, text):
+            self._node.warn(str(self._input_errors))
 
     def _subscribe(
         self, topic: Topic, source: str, read: Callable[[Any], Sticks | None]
@@ -129,7 +129,7 @@ class TeleopInputs:
         offers = self._node.get_publishers_info_by_topic(CMD_VEL.name)
         types = {offer.topic_type for offer in offers}
         if not types or (self._cmd_vel and types == {self._cmd_vel.type_name}):
-            self._complaints.heal(f'{CMD_VEL.name} type')
+            self._input_errors.clear(f'{CMD_VEL.name} type')
             return
         known = [topic for topic in (CMD_VEL, CMD_VEL_STAMPED) if topic.type_name in types]
         if len(types) > 1 or not known:

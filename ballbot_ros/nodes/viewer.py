@@ -22,7 +22,7 @@ from ballbot_ros.messages.topics import (
     VIEWER_JOY,
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.newest import Newest, snapshot_of
+from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
 from ballbot_ros.scenario.library import scenario_names
@@ -65,7 +65,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._robot = self._page.show_robot(self._page.dimensions)
         self._requests = ViewerRequests(self, self._page.notify)
         self._controls = LiveControls(self._page.server.gui, self._requests, scenario_names())
-        self._newest = Newest(self, _SHOWN)
+        self._newest = LatestMessages(self, _SHOWN)
         self._history = History()
         self._ticks: list[tuple[float, float]] = []
         self._updates = 0
@@ -87,7 +87,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         if RUN in changed or MAP in changed:
             self._begin(now, self._newest[MAP] if MAP in changed else None)
         if PLANT_ODOM in changed:
-            self.sampled(stamp_ns(self._newest[PLANT_ODOM]))
+            self.count_sample(stamp_ns(self._newest[PLANT_ODOM]))
             self._history.add(now)
         if SOUND in changed:
             self._sound()

@@ -17,7 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 from ballbot_ros.messages.conversions import fill_push
 from ballbot_ros.messages.topics import PUSH, RUN
 from ballbot_ros.nodes.base import AnyNode
-from ballbot_ros.nodes.graph_look import UNKNOWN_NODE
+from ballbot_ros.nodes.graph_observer import UNKNOWN_NODE
 from ballbot_ros.parameters import PLANT, SUPERVISOR, PlantParameters
 from ballbot_ros.plant.truth import Pair
 

@@ -10,7 +10,7 @@ from ballbot_ros.plant.actuator import Actuator, motor_current
 from ballbot_ros.plant.battery import Battery, BatteryParameters
 from ballbot_ros.plant.integration import State, linear_step, nonlinear_step
 from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.plant.truth import Pair, Push, Truth
+from ballbot_ros.plant.truth import GroundTruth, Pair, Push
 from ballbot_ros.plant.wall_contact import Floor, WallContact, WallHit
 from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK
 
@@ -138,14 +138,14 @@ class Plant:
             self.time_ns += STEP_NS
         if self._contact:
             self._contact.sample(self.time_ns)
-            if self._contact.sampled and self._stops_at_hit:
+            if self._contact.in_contact and self._stops_at_hit:
                 self.stopped = True
                 self._voltage = (0.0, 0.0)
 
     @property
     def wall_hit(self) -> bool:
         """Whether a wall was hit in the 20 ms up to the newest multiple of 20 ms."""
-        return self._contact is not None and self._contact.sampled
+        return self._contact is not None and self._contact.in_contact
 
     @property
     def newest_hit(self) -> WallHit | None:
@@ -210,7 +210,7 @@ class Plant:
     def _supply_current(self, duties: tuple[int, int]) -> float:
         return duties[0] / 100.0 * self._current(0) + duties[1] / 100.0 * self._current(1)
 
-    def truth(self) -> Truth:
+    def truth(self) -> GroundTruth:
         """Return the state of the robot now."""
         p = self._physical
         ratio, radius = self._ratio, p.ball_radius
@@ -221,7 +221,7 @@ class Plant:
             angle = (self._wheel_angle(0), self._wheel_angle(1))
         kt = p.torque_constant
         volts: float = _FLOAT32.unpack(_FLOAT32.pack(self._battery.voltage))[0]
-        return Truth(
+        return GroundTruth(
             self.time_ns,
             angle,
             (ratio * (omega_x - rho_x), ratio * (omega_y - rho_y)),

@@ -15,7 +15,7 @@ Pair = tuple[float, float]
 """A value of plane x and one of plane y, in plane signs (docs/frames.md)."""
 
 
-class Truth(NamedTuple):
+class GroundTruth(NamedTuple):
     """What is true of the robot at one instant; every pair is (plane x, plane y).
 
     Attributes

@@ -86,7 +86,7 @@ class WallContact:
 
     Attributes
     ----------
-    sampled : bool
+    in_contact : bool
         Whether there was a contact in the 20 ms up to the newest multiple of 20 ms.
     newest : WallHit or None
         The newest hit; one that lasts is one hit.
@@ -101,7 +101,7 @@ class WallContact:
         self._linear = linear
         self._start = start
         self._since_sample = False
-        self.sampled = False
+        self.in_contact = False
         self.newest: WallHit | None = None
 
     def stop(self, before: Planes, after: Planes, time_ns: int) -> Planes:
@@ -127,7 +127,7 @@ class WallContact:
                 break
         else:
             planes = stopped_x, stopped_y
-        if not (self.sampled or self._since_sample):
+        if not (self.in_contact or self._since_sample):
             parts = self._floor.touching(attempted)
             self.newest = WallHit(time_ns, self._position(planes), parts)
         self._since_sample = True
@@ -136,7 +136,7 @@ class WallContact:
     def sample(self, time_ns: int) -> None:
         """At multiples of 20 ms, notice whether there was a contact since the last one."""
         if time_ns % SLOW_PERIOD_NS == 0:
-            self.sampled, self._since_sample = self._since_sample, False
+            self.in_contact, self._since_sample = self._since_sample, False
 
     def _position(self, planes: Planes) -> Pair:
         radius = self._radius

@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ballbot_ros.messages.conversions import time_ns
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
-from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
+from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
 from ballbot_ros.nodes.processes import is_waiting, threads_by_process
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.simulation.silence_timer import SilenceTimer, Threads
@@ -93,12 +93,12 @@ class GraphMonitor:
 
     def poll(self) -> None:
         """Take what has come since the last look."""
-        for clock, _ in islice(taken(self._clock), 1):
+        for clock, _ in islice(drain(self._clock), 1):
             self.now_ns = time_ns(clock.clock)
             self._liveness.hear(time.monotonic())
         # No more than wait at once, and of what can't be the plant's only the bytes: anybody may
         # publish there, faster than it can be read.
-        for data, _ in islice(taken(self._diagnostics), _REPORTS):
+        for data, _ in islice(drain(self._diagnostics), _REPORTS):
             if PLANT.encode() not in data:
                 continue
             try:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
 
-from ballbot_ros.nodes.domain_lock import HANDED_ON, DomainLock
+from ballbot_ros.nodes.domain_lock import LOCK_FD_ENV, DomainLock
 from ballbot_ros.nodes.processes import END_WITH_PARENT, threads_by_process
 from ballbot_ros.simulation.silence_timer import SilenceTimer
 
@@ -60,7 +60,7 @@ class NodeProcess:
                 'RCUTILS_CONSOLE_OUTPUT_FORMAT': '{name}: {message}',
                 'RCUTILS_COLORIZED_OUTPUT': '0',
                 END_WITH_PARENT: str(os.getpid()),
-                **({HANDED_ON: str(lock.file)} if lock else {}),
+                **({LOCK_FD_ENV: str(lock.file)} if lock else {}),
             },
             pass_fds=(lock.file,) if lock else (),
             stdin=subprocess.DEVNULL,

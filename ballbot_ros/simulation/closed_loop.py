@@ -19,7 +19,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
 )
 from ballbot_ros.plant.plant import Plant
-from ballbot_ros.plant.truth import Push, Truth
+from ballbot_ros.plant.truth import GroundTruth, Push
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.devices import DEVICES, AnyDevice, Read
 from ballbot_ros.timing import (
@@ -37,7 +37,7 @@ _BATTERY, _STICKS = (DeviceInputs._fields.index(name) for name in ('battery_mv',
 class Tick(NamedTuple):
     """One tick of the loop: the truth, what the devices made of it, and the answer."""
 
-    truth: Truth
+    truth: GroundTruth
     wall_hit: bool
     inputs: DeviceInputs
     outputs: DeviceOutputs
@@ -60,7 +60,7 @@ class _Sampled(NamedTuple):
 
     period_ns: int
     place: int
-    measured: Callable[[Truth], Any]
+    measured: Callable[[GroundTruth], Any]
     read: Read[Any, Any]
 
     @classmethod

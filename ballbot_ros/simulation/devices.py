@@ -15,7 +15,7 @@ from ballbot_ros.parameters import (
     GyroParameters,
     SonarParameters,
 )
-from ballbot_ros.plant.truth import Pair, Truth
+from ballbot_ros.plant.truth import GroundTruth, Pair
 from ballbot_ros.world.sonar_beam import SonarBeam
 
 P = TypeVar('P', bound=DriverParameters)
@@ -42,7 +42,7 @@ class Device(Generic[P, Measured, Reading]):
     field : str
         Field of :class:`~ballbot_ros.brick.brick.DeviceInputs` that has its readings.
     measured : callable
-        Returns what it measures of a :class:`~ballbot_ros.plant.truth.Truth`.
+        Returns what it measures of a :class:`~ballbot_ros.plant.truth.GroundTruth`.
     make : callable
         Makes one from its parameters, and returns what reads it. A reading is a function of what
         is measured and of the stamp, whatever was read before. Raises BallbotError if the
@@ -51,7 +51,7 @@ class Device(Generic[P, Measured, Reading]):
 
     parameters: type[P]
     field: str
-    measured: Callable[[Truth], Measured]
+    measured: Callable[[GroundTruth], Measured]
     make: Callable[[P], Read[Measured, Reading]]
 
     @property

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Collection
 
 from ballbot_ros.parameters import RECORDER
-from ballbot_ros.plant.truth import Truth
+from ballbot_ros.plant.truth import GroundTruth
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recorder_flow import RecorderFlow
@@ -66,7 +66,7 @@ class LockstepMaster(RunMaster):
 
     def _prepare(self, start_ns: int) -> None:
         super()._prepare(start_ns)
-        self._recent: deque[Truth] = deque(maxlen=MAX_LEAD_TICKS + 1)
+        self._recent: deque[GroundTruth] = deque(maxlen=MAX_LEAD_TICKS + 1)
         self._duties = SampleHistory(self._topics.is_same_duty)
         self._duty = None
         self._answered_s = self._now_s
@@ -194,7 +194,7 @@ class LockstepMaster(RunMaster):
             self._publish_truth(is_resend=True)
         self._sent_s = sent_s
 
-    def _first_missing(self) -> Truth:
+    def _first_missing(self) -> GroundTruth:
         """Return the first tick that the recorder lacks, or the newest.
 
         Ticks of a controller that is gone are not among them: no other can answer for it.

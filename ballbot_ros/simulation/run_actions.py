@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum, auto
 
-from ballbot_ros.plant.truth import Push, Truth
+from ballbot_ros.plant.truth import GroundTruth, Push
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Membership, Participant
@@ -98,13 +98,13 @@ class PublishTruth:
 
     Attributes
     ----------
-    truth : Truth
+    truth : GroundTruth
     wall_hit : bool
     is_resend : bool
         Whether it was published before.
     """
 
-    truth: Truth
+    truth: GroundTruth
     wall_hit: bool
     is_resend: bool = False
 
@@ -113,7 +113,7 @@ class PublishTruth:
 class AskDrivers:
     """Publish again what the drivers answer at an earlier tick; the time stays what it is."""
 
-    truth: Truth
+    truth: GroundTruth
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.plant.truth import Truth
+from ballbot_ros.plant.truth import GroundTruth
 
 _INT8 = 0xFF
 
@@ -61,7 +61,7 @@ class TrajectoryLog:
         self._hash = hashlib.sha256()
         self.ticks = 0
 
-    def add(self, truth: Truth, duty_x: int, duty_y: int) -> None:
+    def add(self, truth: GroundTruth, duty_x: int, duty_y: int) -> None:
         """Add the tick of `truth` and the duties that answer it."""
         duties = bytes((duty_x & _INT8, duty_y & _INT8))
         self._hash.update(duties)

@@ -195,7 +195,7 @@ def rotate(turn: ArrayLike, vector: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(np.asarray(vector) @ matrix.T)
 
 
-class Motion:
+class RollingOrientation:
     """Orientations of ball and wheels from the way that the ball has rolled.
 
     There is no slip, so position and pitch tell both: a wheel turns by k (θ − ψ), and the ball

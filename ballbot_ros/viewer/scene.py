@@ -20,7 +20,7 @@ from ballbot_ros.viewer.robot import (
     MIN_CONE_ANGLE,
     WHEEL_X,
     WHEEL_Y,
-    Motion,
+    RollingOrientation,
     lcd_position,
     parts,
     sonar_position,
@@ -115,7 +115,7 @@ class Robot:
 
     def __init__(self, api: SceneApi, name: str, dimensions: Dimensions, *, ghost: bool) -> None:
         self._dimensions = dimensions
-        self._motion = Motion(dimensions)
+        self._orientation = RollingOrientation(dimensions)
         self._root = api.add_frame(f'/{name}', show_axes=False, visible=False)
         paths = {
             BALL: f'/{name}/ball',
@@ -166,9 +166,9 @@ class Robot:
         self._root.visible = True
         ball = now.position[0], -now.position[1], self._dimensions.ball_radius
         self._links[BALL].position = self._links[BODY].position = ball
-        self._links[BALL].wxyz = self._motion.ball(now.position)
+        self._links[BALL].wxyz = self._orientation.ball(now.position)
         self._links[BODY].wxyz = body_orientation(now.psi)
-        turns = self._motion.wheels(now.position, now.psi)
+        turns = self._orientation.wheels(now.position, now.psi)
         for link, turn in zip((WHEEL_X, WHEEL_Y), turns, strict=True):
             self._links[link].wxyz = turn
         if self._cone is not None:

@@ -15,7 +15,7 @@ from ballbot_ros.viewer.robot import (
     BODY,
     WHEEL_X,
     WHEEL_Y,
-    Motion,
+    RollingOrientation,
     Vector,
     product,
     rotate,
@@ -77,7 +77,7 @@ class Frames:
     """
 
     def __init__(self, dimensions: Dimensions) -> None:
-        self._motion = Motion(dimensions)
+        self._orientation = RollingOrientation(dimensions)
         self._height = dimensions.ball_radius
         centres = wheel_centres(dimensions)
         self._origins = {
@@ -93,7 +93,7 @@ class Frames:
         Both are in plane signs.
         """
         body = np.array(body_orientation(psi))
-        wheel_x, wheel_y = self._motion.wheels(position, psi)
+        wheel_x, wheel_y = self._orientation.wheels(position, psi)
         turns = {
             BALL: body * (1.0, -1.0, -1.0, -1.0),
             WHEEL_X: np.array(wheel_x),

@@ -26,7 +26,7 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
 )
 from ballbot_ros.parameters import SonarParameters
-from ballbot_ros.plant.truth import Truth
+from ballbot_ros.plant.truth import GroundTruth
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.world.exports import occupancy_grid
 
@@ -58,8 +58,8 @@ def through(request):
 
 def truth(**values):
     pair = (0.0, 0.0)
-    blank = dict.fromkeys(Truth._fields, pair) | {'stamp_ns': STAMP, 'battery_voltage': 8.0}
-    return Truth(**blank | values)
+    blank = dict.fromkeys(GroundTruth._fields, pair) | {'stamp_ns': STAMP, 'battery_voltage': 8.0}
+    return GroundTruth(**blank | values)
 
 
 @given(counts=st.tuples(st.integers(0, 1023), st.integers(0, 1023)))

@@ -19,7 +19,7 @@ from ballbot_ros.messages.participation import (
 from ballbot_ros.messages.raw import same_content
 from ballbot_ros.messages.topics import LOCKSTEP, PARTICIPANTS, PLANT_JOINT_STATES, TOPICS
 from ballbot_ros.parameters import NODES
-from ballbot_ros.plant.truth import Truth
+from ballbot_ros.plant.truth import GroundTruth
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
@@ -126,7 +126,7 @@ def test_the_gaps_that_align_a_number_do_not_count():
     fill_header(message, 5, 'a')
     data = encoder(header)(message)
     motors = new_message(PLANT_JOINT_STATES.type_name)
-    fill_motors(motors, Truth(5, *[(1.0, 2.0)] * 7, battery_voltage=8.0))
+    fill_motors(motors, GroundTruth(5, *[(1.0, 2.0)] * 7, battery_voltage=8.0))
     data = bytearray(encoder(PLANT_JOINT_STATES.type_name)(motors))
     is_same = same_content(PLANT_JOINT_STATES.type_name)
     # The frame, an empty string, ends one byte behind its length; the next number is aligned.

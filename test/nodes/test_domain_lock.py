@@ -5,7 +5,7 @@ import tempfile
 import pytest
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.domain_lock import HANDED_ON, DomainLock
+from ballbot_ros.nodes.domain_lock import LOCK_FD_ENV, DomainLock
 
 
 def test_a_second_lock_is_refused_until_the_first_is_released(domain):
@@ -18,7 +18,7 @@ def test_a_second_lock_is_refused_until_the_first_is_released(domain):
 
 def test_a_lock_that_was_handed_on_is_the_same(domain, monkeypatch):
     lock = DomainLock(domain)
-    monkeypatch.setenv(HANDED_ON, str(lock.file))
+    monkeypatch.setenv(LOCK_FD_ENV, str(lock.file))
     assert DomainLock(domain).file == lock.file
     lock.release()
 

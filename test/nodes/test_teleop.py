@@ -45,7 +45,7 @@ from ballbot_ros.scenario.scenario import Scenario  # noqa: E402
 from ballbot_ros.simulation.closed_loop import ClosedLoop  # noqa: E402
 from ballbot_ros.simulation.trajectory import TrajectoryLog  # noqa: E402
 from ballbot_ros.teleop.arbiter import NOBODY, Arbiter  # noqa: E402
-from ballbot_ros.teleop.complaints import Complaints  # noqa: E402
+from ballbot_ros.teleop.input_errors import InputErrors  # noqa: E402
 from ballbot_ros.timing import (  # noqa: E402
     FIRST_TICK_NS,
     MAX_LEAD_TICKS,
@@ -201,7 +201,7 @@ def test_an_input_of_no_use_is_released_at_once():
         warn=reported.append,
     )
     sources, began = Arbiter(), time.monotonic()
-    TeleopInputs(node, sources, Complaints())
+    TeleopInputs(node, sources, InputErrors())
     encode = encoder(JOY.type_name)
     for axes, sticks in (([0.0, 1.0, 0.0, 0.0], (-100, 0)), ([0.0], (0, 0))):
         message = new_message(JOY.type_name)

@@ -22,7 +22,7 @@ from ballbot_ros.viewer.robot import (
     LINKS,
     WHEEL_X,
     WHEEL_Y,
-    Motion,
+    RollingOrientation,
     parts,
     sonar_position,
     wheel_centres,
@@ -81,7 +81,9 @@ def scene(position, psi):
     """Where the viewer's scene has each link in ``map``: the body's frames hang in the body."""
     centre = (position[0], -position[1], DIMENSIONS.ball_radius)
     body = placed(centre, body_orientation(psi))
-    wheels = zip(wheel_centres(DIMENSIONS), Motion(DIMENSIONS).wheels(position, psi), strict=True)
+    wheels = zip(
+        wheel_centres(DIMENSIONS), RollingOrientation(DIMENSIONS).wheels(position, psi), strict=True
+    )
     wheel_x, wheel_y = (body @ placed(*wheel) for wheel in wheels)
     return {
         BALL: placed(centre, (1.0, 0.0, 0.0, 0.0)),

@@ -66,7 +66,7 @@ def unread(port):
         yield
 
 
-class Truth:
+class GroundTruth:
     """What the graph tells while the browser is busy."""
 
     def __init__(self, domain):
@@ -177,7 +177,7 @@ def shows_what_it_should(browser, view):
 @pytest.mark.graph
 @pytest.mark.timeout(600)
 def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
-    with running(domain, *DRIVE), Truth(domain) as truth:
+    with running(domain, *DRIVE), GroundTruth(domain) as truth:
         viewer, address = start_viewer(start_node, port=0)
         port = urlsplit(address).port
         # What stands still is not drawn, so pages load sooner.

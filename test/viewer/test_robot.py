@@ -11,7 +11,7 @@ from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.robot import (
     BALL,
     LINKS,
-    Motion,
+    RollingOrientation,
     parts,
     rotate,
 )
@@ -40,7 +40,7 @@ def test_a_forward_lean_brings_the_head_forward_and_a_rightward_lean_right():
 
 
 def test_a_ball_that_has_rolled_its_circumference_looks_as_before():
-    motion = Motion(DIMENSIONS)
+    motion = RollingOrientation(DIMENSIONS)
     for way in np.linspace(0.0, 2.0 * math.pi * DIMENSIONS.ball_radius, 50):
         turn = motion.ball((way, 0.0))
     assert abs(turn[0]) == pytest.approx(1.0)
@@ -48,7 +48,7 @@ def test_a_ball_that_has_rolled_its_circumference_looks_as_before():
 
 def test_the_top_of_a_rolling_ball_moves_where_it_rolls():
     for step, axis, sign in (((1e-3, 0.0), 0, 1.0), ((0.0, 1e-3), 1, -1.0)):
-        motion = Motion(DIMENSIONS)
+        motion = RollingOrientation(DIMENSIONS)
         motion.ball((0.0, 0.0))
         assert sign * rotate(motion.ball(step), (0.0, 0.0, 1.0))[axis] > 0.0
 
@@ -56,7 +56,7 @@ def test_the_top_of_a_rolling_ball_moves_where_it_rolls():
 def test_wheels_turn_without_slip():
     """Where wheel and ball touch, both move alike: at the ball's equator, up or down."""
     angle = 1e-4
-    motion = Motion(DIMENSIONS)
+    motion = RollingOrientation(DIMENSIONS)
     place = angle * DIMENSIONS.ball_radius
     wheel, _ = motion.wheels((place, 0.0), (0.0, 0.0))
     motion.ball((0.0, 0.0))
@@ -67,7 +67,7 @@ def test_wheels_turn_without_slip():
 
 
 def test_a_body_that_leans_with_the_ball_does_not_turn_the_wheels():
-    x, y = Motion(DIMENSIONS).wheels((0.1 * DIMENSIONS.ball_radius, 0.0), (0.1, 0.0))
+    x, y = RollingOrientation(DIMENSIONS).wheels((0.1 * DIMENSIONS.ball_radius, 0.0), (0.1, 0.0))
     assert x == pytest.approx((1.0, 0.0, 0.0, 0.0))
     assert y == pytest.approx((1.0, 0.0, 0.0, 0.0))
 

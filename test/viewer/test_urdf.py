@@ -30,7 +30,7 @@ from ballbot_ros.viewer.robot import (  # noqa: E402
     LINKS,
     WHEEL_X,
     WHEEL_Y,
-    Motion,
+    RollingOrientation,
     parts,
     sonar_position,
     wheel_centres,
@@ -106,7 +106,7 @@ def test_motor_angles_turn_the_wheels_as_the_motion_does(position, psi):
         for place, lean in zip(position, psi, strict=True)
     ]
     ROBOT.update_cfg(dict(zip(MOTOR_NAMES, angles, strict=True)))
-    turns = Motion(DIMENSIONS).wheels(position, psi)
+    turns = RollingOrientation(DIMENSIONS).wheels(position, psi)
     for link, turn in zip((WHEEL_X, WHEEL_Y), turns, strict=True):
         found = ROBOT.get_transform(link, BODY)[:3, :3]
         assert found == pytest.approx(transformations.quaternion_matrix(turn)[:3, :3], abs=1e-6)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class Complaints:
+class InputErrors:
     """The present complaint of each input.
 
     A complaint stays until its input is healthy again and it was reported at least once, so that a
@@ -21,7 +21,7 @@ class Complaints:
         self._texts[source] = f'{source}: {text}'
         return is_first
 
-    def heal(self, source: str) -> None:
+    def clear(self, source: str) -> None:
         """Note that the source is healthy."""
         if source in self._texts:
             self._healed.add(source)

@@ -21,15 +21,15 @@ from ballbot_ros.messages.topics import (
     Topic,
 )
 from ballbot_ros.nodes.base import requested_qos
-from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
+from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
 from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.snapshot import Snapshot
 
 
-class Newest:
+class LatestMessages:
     """The newest message of each topic, decoded only when it is looked for.
 
-    The messages are taken past the executor, as the recorder does it: a callback for each of
+    The messages are read past the executor, as the recorder does it: a callback for each of
     them, of which most are never shown, would cost many times as much.
 
     Parameters
@@ -60,7 +60,7 @@ class Newest:
             announced before there was a pose nothing is missed.
         """
         for topic, subscription in self._subscriptions.items():
-            come = [data for data, _ in taken(subscription)]
+            come = [data for data, _ in drain(subscription)]
             if come:
                 self._messages[topic] = self._decoders[topic](come[-1])
                 self._changed.add(topic)
@@ -79,7 +79,7 @@ class Newest:
         self._inbox.destroy_node()
 
 
-def snapshot_of(newest: Newest) -> Snapshot | None:
+def snapshot_of(newest: LatestMessages) -> Snapshot | None:
     """Return what the newest messages tell; None before the first of the robot's pose."""
     body, ball = newest[PLANT_IMU], newest[PLANT_ODOM]
     if body is None or ball is None:

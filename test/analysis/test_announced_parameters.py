@@ -4,7 +4,7 @@ import hashlib
 
 import pytest
 
-from ballbot_ros.analysis.told_parameters import ToldParameters
+from ballbot_ros.analysis.announced_parameters import AnnouncedParameters
 from ballbot_ros.messages.participation import (
     RunStatus,
     encode_announcement,
@@ -25,7 +25,7 @@ def a(role, sha, **values):
 
 
 def told(*participants, members=None, run=RUN):
-    told = ToldParameters()
+    told = AnnouncedParameters()
     for each in participants:
         told.add(PARTICIPANTS, encode_announcement(Announcement(each, run)))
     joined = {
@@ -85,7 +85,7 @@ def test_of_a_map_that_is_a_file_the_attachment_is_taken_if_it_is_that_one():
 
 
 def test_another_scenario_is_told_from_the_first():
-    runs = ToldParameters()
+    runs = AnnouncedParameters()
     for run, scenario in (('1 x', 'push'), ('2 x', 'push'), ('3 x', 'square')):
         plant = a(PLANT, 'a', scenario=scenario, gravity=9.0)
         runs.add(PARTICIPANTS, encode_announcement(Announcement(plant, run)))
@@ -95,7 +95,7 @@ def test_another_scenario_is_told_from_the_first():
 
 
 def test_what_is_malformed_tells_nothing():
-    runs = ToldParameters()
+    runs = AnnouncedParameters()
     runs.add(PARTICIPANTS, b'')
     runs.add(RUN_STATUS, b'\x00' * 20)
     assert not runs.tells('')

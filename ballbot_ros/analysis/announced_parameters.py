@@ -22,7 +22,7 @@ from ballbot_ros.simulation.participants import MAP_HASH, Participant
 from ballbot_ros.world.library import is_file_name
 
 
-class ToldParameters:
+class AnnouncedParameters:
     """Collects what a recording tells of the participants of its runs."""
 
     def __init__(self) -> None:

@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 
 from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import Topic
-from ballbot_ros.nodes.inbox import hidden_node, raw_subscription, taken
+from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
 from ballbot_ros.simulation.participants import Publisher
 
 _PREFIX = 24
@@ -25,7 +25,7 @@ UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 """What the middleware calls a publisher's node of which it has not heard yet."""
 
 
-class GraphLook:
+class GraphObserver:
     """The publishers of some topics, and whether a message comes on them.
 
     Parameters
@@ -78,7 +78,7 @@ class GraphLook:
         for name in names:
             if name not in self._subscriptions:
                 self._subscriptions[name] = self._listen(name)
-            found += [(name, stamp_of(data)) for data, _ in taken(self._subscriptions[name])]
+            found += [(name, stamp_of(data)) for data, _ in drain(self._subscriptions[name])]
         return found
 
     def _listen(self, name: str) -> Subscription:

@@ -10,14 +10,14 @@ from ros_client import Client
 
 from ballbot_ros.messages.topics import PLANT_IMU, PLANT_ODOM, RUN
 from ballbot_ros.nodes.base import reliable_qos
-from ballbot_ros.nodes.newest import Newest
+from ballbot_ros.nodes.latest_messages import LatestMessages
 
 pytestmark = pytest.mark.graph
 
 
 def test_a_run_announced_before_the_first_pose_is_not_missed(domain):
     with contextlib.closing(Client(domain)) as client:
-        newest = Newest(client.node, (PLANT_IMU, PLANT_ODOM, RUN))
+        newest = LatestMessages(client.node, (PLANT_IMU, PLANT_ODOM, RUN))
 
         def publish(topic):
             publisher = client.node.create_publisher(

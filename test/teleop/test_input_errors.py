@@ -1,0 +1,27 @@
+"""InputErrors about inputs: each is seen at least once, and none twice at a time."""
+
+from ballbot_ros.teleop.input_errors import InputErrors
+
+
+def test_a_complaint_stays_until_it_is_healed_and_was_reported():
+    errors = InputErrors()
+    assert errors.add('joy', 'axis 1 is nan')
+    assert not errors.add('joy', 'axis 1 is inf')
+    assert str(errors) == 'joy: axis 1 is inf'
+    errors.reported()
+    assert str(errors) == 'joy: axis 1 is inf'
+    errors.clear('joy')
+    assert str(errors) == 'joy: axis 1 is inf'
+    errors.reported()
+    assert str(errors) == ''
+    assert errors.add('joy', 'axis 1 is inf')
+
+
+def test_what_goes_wrong_again_before_the_report_stays():
+    errors = InputErrors()
+    errors.add('joy', 'axis 1 is nan')
+    errors.clear('joy')
+    errors.add('joy', 'axis 1 is nan')
+    errors.add('cmd_vel', 'linear.x is nan')
+    errors.reported()
+    assert str(errors) == 'joy: axis 1 is nan; cmd_vel: linear.x is nan'
