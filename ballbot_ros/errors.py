@@ -1,8 +1,8 @@
-"""The package's base error."""
+"""The base class of the package's errors."""
 
 
 class BallbotError(Exception):
-    """A mistake or fault that ends in one line: what, where, and what is allowed."""
+    """A mistake or fault reported on one line: what, where, and what is allowed."""
 
 
 def one_line(error: BaseException) -> str:

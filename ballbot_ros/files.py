@@ -1,4 +1,4 @@
-"""Files that are read or made for a while, where whatever is wrong is told in one line."""
+"""Access to files, with errors that fit on one line."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ballbot_ros.errors import BallbotError
 def open_regular(path: str | os.PathLike[str]) -> FileIO:
     """Open a regular file for reading.
 
-    Anything else is refused before it is opened: a FIFO waits for a writer, and a device may have
+    Other kinds are refused before they are opened: a FIFO waits for a writer, and a device may have
     no end.
 
     Raises
     ------
     OSError
-        If it is no regular file, or can't be opened; `strerror` says why.
+        If it is not a regular file, or can't be opened; `strerror` has the reason.
     """
     mode = Path(path).stat().st_mode
     if stat.S_ISDIR(mode):
@@ -49,9 +49,9 @@ def temporary_folder() -> TemporaryDirectory[str]:
     Raises
     ------
     BallbotError
-        If none can be made.
+        If none can be created.
     """
-    remedy = 'set TMPDIR to a folder that can be written to'
+    remedy = 'set TMPDIR to a writable folder'
     try:
         folder = TemporaryDirectory(prefix='ballbot_')
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Where the package's files lie: in the source tree, or under an install prefix."""
+"""Location of the package's files: in the source tree, or under an install prefix."""
 
 from __future__ import annotations
 

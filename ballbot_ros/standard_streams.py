@@ -1,4 +1,4 @@
-"""Standard streams for a program that is started without, as by a daemon."""
+"""Standard streams for a program that is started without them, as by a daemon."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import sys
 
 
 def open_standard_streams() -> None:
-    """Open those of standard input, output and error that are closed, on nothing.
+    """Open closed standard streams on the null device.
 
-    Each gets the lowest number that is free, its own. The next file would have got it, such as a
-    recording, and whatever a library prints would stand in there.
+    Otherwise the next file to be opened, such as a recording, would get the file descriptor of a
+    standard stream, and the output of libraries would end up in it.
     """
     for name, mode in (('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w')):
         if getattr(sys, name) is None:

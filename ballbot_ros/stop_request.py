@@ -1,4 +1,4 @@
-"""Signals as a request instead of an interruption."""
+"""Signals as requests to stop instead of interruptions."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class StopRequest:
-    """Within the block, signals are noted instead of interrupting; a loop looks at them.
+    """Within the block, signals are noted instead of interrupting; a loop checks for them.
 
-    Nothing is done in the handler, which may come in the midst of anything: a lock that it needs
-    may be held by what it interrupts. What a block around it has noted before counts within it,
-    too. A hangup that is ignored, as ``nohup`` has it, still is. Only the main thread can note
-    signals; a block in another one notes none.
+    Nothing else happens in the handler, which may interrupt anything, including the owner of a lock
+    that it would need. A signal noted by an enclosing block counts here, too. An ignored hangup, as
+    with ``nohup``, stays ignored. Only the main thread can note signals.
 
     Parameters
     ----------
@@ -28,7 +27,7 @@ class StopRequest:
     Attributes
     ----------
     signal : int
-        The signal that came, or 0.
+        The signal that arrived, or 0.
     """
 
     def __init__(
@@ -60,10 +59,10 @@ class StopRequest:
 
 @contextmanager
 def defer_sigint() -> Iterator[None]:
-    """Let an interruption from the keyboard within the block count at its end.
+    """Defer an interruption from the keyboard to the end of the block.
 
-    For imports: an interruption of a callback of Python's import system is printed and forgotten,
-    and trimesh, for one, takes one for a part that is missing. The program would go on.
+    For imports: Python prints and ignores an interruption of the import system's callbacks, and
+    some packages, such as trimesh, mistake it for a missing dependency. The program would continue.
     """
     with StopRequest(numbers=(signal.SIGINT,)) as stop:
         yield

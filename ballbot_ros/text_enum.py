@@ -1,4 +1,4 @@
-"""Enumerations whose members are words."""
+"""Enumerations with text values."""
 
 from __future__ import annotations
 
@@ -6,6 +6,6 @@ from enum import Enum
 
 
 class TextEnum(str, Enum):
-    """Members are texts, and print as such: in messages, files and JSON the value is enough."""
+    """Members are strings and print as their values, in messages, files and JSON."""
 
     __str__ = str.__str__

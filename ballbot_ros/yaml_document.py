@@ -1,4 +1,4 @@
-"""YAML files that know their line numbers, for errors that name file and line."""
+"""YAML files with line numbers, for errors that name file and line."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class YamlError(BallbotError):
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML without aliases, which ROS refuses too: a few lines of them fill any memory.
+    """YAML without aliases, which ROS refuses, too: a few lines of them could fill any memory.
 
-    Numbers are those of YAML 1.2: 1e3 is one, 1:30 and 0777 in other bases are none.
+    Numbers follow YAML 1.2: 1e3 is a number, 1:30 and 0777 in other bases are not.
     """
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
@@ -52,7 +52,7 @@ _Loader.add_constructor(_INT, lambda loader, node: int(loader.construct_scalar(n
 
 
 def parse_value(text: str) -> object:
-    """Return the value that a text has in a YAML file; the text itself where it has none."""
+    """Return the value of a text in a YAML file, or the text itself if it has none."""
     loader = _Loader(text)
     try:
         return loader.get_single_data()
@@ -78,7 +78,7 @@ class YamlDocument:
     Raises
     ------
     YamlError
-        If the file can't be read, is not YAML, or has a key twice; file and line are named.
+        If the file can't be read, is not YAML, or has a duplicate key; names file and line.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -132,7 +132,7 @@ class YamlDocument:
                     raise YamlError(f'{self.path}:{line}: a key must be plain text')
                 key = self._scalar(loader, key_node)
                 if key in mapping:
-                    raise YamlError(f'{self.path}:{line}: {key!r} is there twice')
+                    raise YamlError(f'{self.path}:{line}: duplicate key {key!r}')
                 self._lines[(*keys, key)] = line
                 mapping[key] = self._convert(loader, value_node, (*keys, key))
             return mapping
@@ -145,7 +145,7 @@ class YamlDocument:
             value = []
         if isinstance(value, dict | list | set):
             kind = node.tag.rpartition(':')[2]
-            raise self._error(node, f'{reprlib.repr(node.value)} is no {kind}')
+            raise self._error(node, f'{reprlib.repr(node.value)} is not a valid {kind}')
         if isinstance(value, int) and value.bit_length() > _INTEGER_BITS:
             raise self._error(node, f'{reprlib.repr(node.value)} is too large')
         return value

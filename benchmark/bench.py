@@ -1,7 +1,7 @@
 """Measures how fast the robot runs in each arrangement: ``python -m benchmark.bench``.
 
-Speeds on a machine that does other work besides vary with that work. So what is compared is run in
-turn, A B A B …, and compared run by run.
+Speeds vary with the other load on the machine. Arrangements to compare therefore run alternately,
+A B A B …, and are compared pair by pair.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ ARRANGEMENTS: dict[str, tuple[str, Callable[[float], Run]]] = {
         partial(run_nodes, single_threaded=NODES),
     ),
 }
-"""What can be run: a description, and the function that runs it for a time [s]."""
+"""Arrangements: a description, and the function that runs each for a time [s]."""
 
 BARS = {
     SEPARATE: (3.0, 5.0),
@@ -66,10 +66,10 @@ BARS = {
 RELAY_BAR = 0.7
 
 WIDTH = 100
-"""Of the table where there is no terminal."""
+"""Width of the table without a terminal."""
 
 BUSY = 0.5
-"""A load average above it before the start makes the figures doubtful."""
+"""Load average at the start above which the figures are doubtful."""
 
 PARTS = {
     'separate': (SEPARATE,),
@@ -78,7 +78,7 @@ PARTS = {
     'none': (NONE, NONE_RECORDED),
     'executors': (EVENTS, CONTROLLER_SINGLE, ALL_SINGLE),
 }
-"""What must be run for each part of the benchmark, in this order."""
+"""The arrangements needed for each part of the benchmark, in order."""
 
 
 @click.command(context_settings={'help_option_names': ['-h', '--help'], 'max_content_width': 100})
@@ -101,10 +101,10 @@ PARTS = {
     '--only',
     type=click.Choice(list(PARTS)),
     multiple=True,
-    help='Measure this part; may be given again.  [default: all parts]',
+    help='Measure this part; can be repeated.  [default: all parts]',
 )
 def bench(print_json: bool, repeat: int, duration: float, only: tuple[str, ...]) -> None:
-    """Measure how fast the robot runs in each arrangement, and compare that with the bars.
+    """Measure how fast the robot runs in each arrangement, and compare this with the bars.
 
     Prints a table, with --json to stderr. The exit status is 1 if a run fails or its duties differ
     from another's, else 0, whether the bars are reached or not.
@@ -123,7 +123,7 @@ def bench(print_json: bool, repeat: int, duration: float, only: tuple[str, ...])
     title = f'{SCENARIO}, {duration:g} s, {repeat} runs each; × is the real-time factor'
     console.print(table_of(figures, title))
     if duty_sha256:
-        console.print(f'the duties of all runs are the same: {duty_sha256}', soft_wrap=True)
+        console.print(f'all runs have the same duties: {duty_sha256}', soft_wrap=True)
     if load_average > BUSY:
         console.print(f'[yellow]the machine was busy before: load average {load_average:.1f}[/]')
     if print_json:
@@ -143,7 +143,7 @@ def bench(print_json: bool, repeat: int, duration: float, only: tuple[str, ...])
 def measure(
     arrangements: Sequence[str], repeat: int, duration: float, progress: Console
 ) -> Measurements:
-    """Run each arrangement in turn, `repeat` times round."""
+    """Run the arrangements alternately, `repeat` times each."""
     measurements: Measurements = {name: [] for name in arrangements}
     for number in range(1, repeat + 1):
         for name in arrangements:
@@ -160,7 +160,7 @@ def measure(
 
 
 def common_hash(measurements: Measurements) -> str | None:
-    """Return the hash of the duties that all runs have in common.
+    """Return the hash of the duties, which all runs must share.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def common_hash(measurements: Measurements) -> str | None:
 
 
 def figures_of(measurements: Measurements) -> list[Figure]:
-    """Return the figures that the runs give."""
+    """Return the figures from the runs."""
     figures = []
     for name, runs in measurements.items():
         bar, aim = BARS.get(name, (None, None))

@@ -1,4 +1,4 @@
-"""What the benchmark tells: figures with their bars, as a table and as JSON."""
+"""Figures of the benchmark with their bars, as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class Figure:
     label : str
     unit : str
     values : sequence of float
-        One of each repeat.
+        One per repeat.
     bar, aim : float or None
-        What it should reach at least, and what would be better still.
+        Required minimum, and a desirable value.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Figure:
 
     @property
     def median(self) -> float:
-        """The value that is compared with the bar."""
+        """The value compared with the bar."""
         return median(self.values)
 
     @property

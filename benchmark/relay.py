@@ -1,9 +1,9 @@
-"""A bare relay graph: the robot's processes, topics and lockstep, with nothing behind them.
+"""A bare relay graph: the robot's processes, topics and lockstep, without the robot.
 
-It has the nodes of the graph, each a process, their topics with the same types, QoS and periods,
-the same executor and the same gating by stamps. But messages are filled once, and then only their
-stamps are set; nothing is simulated, computed or written; and stamps are read from messages that
-rclpy has decoded. So it is what a plain rclpy graph of that shape gives on this machine.
+It has the same nodes, each as a process, their topics with the same types, QoS and periods, the
+same executor, and the same gating by stamps. But messages are filled once, and then only their
+stamps change; nothing is simulated, computed or written; and stamps are read from messages decoded
+by rclpy. It shows the performance of a plain rclpy graph of this shape on this machine.
 """
 
 from __future__ import annotations
@@ -54,10 +54,10 @@ ACK_PERIOD_S = 5e-3
 DRIVERS = {each.device.parameters.node: (each.truth, each.sample) for each in DEVICE_MESSAGES} | {
     GAMEPAD: (PLANT_JOINT_STATES, GAMEPAD_JOY)
 }
-"""What each driver answers, and with what."""
+"""The input and output topics of each driver."""
 
 LOG_PERIOD_NS = BATTERY_PERIOD_NS
-"""Period of the log packets, by default as long as the battery's."""
+"""Period of the log packets, equal to the battery's by default."""
 
 CONTENT: dict[Topic, dict[str, Any]] = {
     PLANT_JOINT_STATES: {
@@ -71,7 +71,7 @@ CONTENT: dict[Topic, dict[str, Any]] = {
     GAMEPAD_JOY: {'axes': [0.5] * 2},
     BLUETOOTH_TX: {'data': bytes(32)},
 }
-"""What gives messages of variable length the robot's length."""
+"""Functions that give messages of variable length the same length as the robot's."""
 
 
 class Relay:
@@ -81,7 +81,7 @@ class Relay:
     ----------
     node : rclpy.node.Node
     done : rclpy.Future
-        Done when the process may end.
+        Completed when the process may end.
     """
 
     def __init__(self, name: str, *, use_sim_time: bool = False) -> None:
@@ -95,7 +95,7 @@ class Relay:
             self.done.set_result(None)
 
     def sender(self, topic: Topic) -> Callable[[int], None]:
-        """Return what publishes `topic` with a stamp [ns]."""
+        """Return a function that publishes on `topic` with a stamp [ns]."""
         publisher = self.node.create_publisher(
             topic.message_class, topic.name, reliable_qos(HISTORY, latched=True)
         )
@@ -120,14 +120,14 @@ class Relay:
 
 
 def time_in(message: Any) -> Any:
-    """Return the time field of a message, None where it has none."""
+    """Return the time field of a message, or None."""
     if hasattr(message, 'header'):
         return message.header.stamp
     return getattr(message, 'stamp', getattr(message, 'clock', None))
 
 
 class PlantRelay(Relay):
-    """Publishes the truth of a tick and waits for the duty of its stamp."""
+    """Publishes the truth of a tick, and waits for the duty of its stamp."""
 
     def __init__(self, ticks: int) -> None:
         super().__init__(PLANT)
@@ -181,7 +181,7 @@ class PlantRelay(Relay):
 
     def result(self) -> dict[str, Any]:
         """Return the measurements in the form of ``ballbot run --json``."""
-        # The first answer had to wait until all processes were there.
+        # The first answer had to wait for the start of all processes.
         trips = np.array(self._round_trips[1:]) * 1e3
         return {
             'real_time_factor': self._factor_of / self._wall,
@@ -209,7 +209,7 @@ class DriverRelay(Relay):
 
 
 class ControllerRelay(Relay):
-    """Answers when every input due is there."""
+    """Answers when every due input has arrived."""
 
     def __init__(self) -> None:
         super().__init__(CONTROLLER, use_sim_time=True)
@@ -235,7 +235,7 @@ class ControllerRelay(Relay):
 
 
 class RecorderRelay(Relay):
-    """Takes every message as it comes, and acknowledges the ticks that are complete."""
+    """Receives every message, and acknowledges complete ticks."""
 
     def __init__(self) -> None:
         super().__init__(RECORDER)

@@ -1,4 +1,4 @@
-"""The ways of running that the benchmark compares, each run in a ROS domain of its own."""
+"""The arrangements that the benchmark compares; each run has its own ROS domain."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from ballbot_ros.timing import SECOND_NS, TICK_NS
 
 SCENARIO = 'stationary'
 
-# Neither the default domain nor those that the tests use, and not those of another benchmark.
+# Not the default domain, nor those of the tests or of another benchmark.
 _DOMAINS = itertools.cycle([1 + (os.getpid() + number) % 100 for number in range(100)])
 
 _START_S = 30.0
 _SLOWEST_FACTOR = 0.2
-"""A run that is slower is given up."""
+"""Time limit of a run."""
 _STOP_S = 5.0
 
 
 class RunError(BallbotError):
-    """A run did not come to its end."""
+    """A run did not reach its end."""
 
 
 class Run(NamedTuple):
-    """What a run measured.
+    """Measurements of a run.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Run(NamedTuple):
     round_trip_ms : dict or None
         Of a tick, from truth to duty: ``p50``, ``p99``, ``max``; None without messages.
     duty_sha256 : str or None
-        None of a relay, which has no duties.
+        None for a relay, which has no duties.
     """
 
     real_time_factor: float
@@ -55,7 +55,7 @@ class Run(NamedTuple):
 
     @classmethod
     def of(cls, result: Mapping[str, Any]) -> Run:
-        """Take from a result what is compared."""
+        """Return the measurements in a result."""
         return cls(
             float(result['real_time_factor']),
             result.get('round_trip_ms'),
@@ -64,7 +64,7 @@ class Run(NamedTuple):
 
 
 def run_ballbot(duration: float, *, processes: str, record: bool) -> Run:
-    """Run the scenario by ``ballbot run``."""
+    """Run the scenario with ``ballbot run``."""
     with _scratch_folder() as folder:
         command = [
             sys.executable, '-m', 'ballbot_ros.cli.main', 'run', SCENARIO, '--json',
@@ -85,7 +85,7 @@ def run_ballbot(duration: float, *, processes: str, record: bool) -> Run:
                 f'ballbot run --processes {processes}: not at its end after {error.timeout:.0f} s'
             ) from None
     result = json.loads(ended.stdout) if ended.stdout else {'outcome': 'failed', 'reason': ''}
-    # Whether a short run fulfils the scenario's expectations is not asked here.
+    # Whether a short run meets the scenario's expectations does not matter here.
     if result['outcome'] in ('failed', 'stopped'):
         reason = result['reason'] or _last_line(ended.stderr)
         raise RunError(f'ballbot run --processes {processes}: {reason}')
@@ -121,7 +121,7 @@ def run_nodes(duration: float, *, single_threaded: Sequence[str]) -> Run:
 
 
 def _run_graph(commands: Mapping[str, Sequence[str]], duration: float) -> str:
-    """Run Python modules as processes until the plant's ends; return what that printed."""
+    """Run Python modules as processes until the plant's ends; return its output."""
     environment = _environment()
     processes = {
         name: subprocess.Popen(

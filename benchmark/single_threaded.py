@@ -1,7 +1,7 @@
-"""Runs a node of the robot on rclpy's SingleThreadedExecutor instead of its own choice.
+"""Runs a node of the robot on rclpy's SingleThreadedExecutor.
 
-``python -m benchmark.single_threaded NODE --ros-args …`` is like ``python -m ballbot_ros.nodes
-NODE --ros-args …`` but for the executor.
+``python -m benchmark.single_threaded NODE --ros-args …`` works like ``python -m ballbot_ros.nodes
+NODE --ros-args …``, except for the executor.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ballbot_ros.stop_request import StopRequest
 def spin(
     nodes: Sequence[base.AnyNode], done: rclpy.Future, stop: StopRequest | None = None
 ) -> None:
-    """Run the nodes' callbacks until `done`, or until told to stop."""
+    """Run the callbacks of the nodes until `done`, or until a stop is requested."""
     executor = SingleThreadedExecutor()
     for node in nodes:
         executor.add_node(node)

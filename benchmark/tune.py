@@ -1,7 +1,6 @@
-"""Repeats the experiments behind docs/tuning.md: ``python -m benchmark.tune``.
+"""Repeats the experiments of docs/tuning.md: ``python -m benchmark.tune``.
 
-They run the closed loop without ROS, with the seeds of this module, so each prints the same table
-every time.
+They run the closed loop without ROS, with fixed seeds, so each prints the same table every time.
 """
 
 from __future__ import annotations
@@ -32,11 +31,11 @@ ERROR_HEAD = r'largest \|θ_ref − θ\|'
 DRIVE_S, STEP_S, TRACK_S, STAND_S = 30.0, 20.0, 20.0, 300.0
 
 Settings = Mapping[tuple[str, str], float | str]
-"""Values of parameters by node and name."""
+"""Parameter values by node and name."""
 
 
 class Outcome(NamedTuple):
-    """What became of a run, up to a fall or a wall hit that ended it.
+    """Outcome of a run, which ends early at a fall or a wall hit.
 
     Attributes
     ----------
@@ -45,7 +44,7 @@ class Outcome(NamedTuple):
     peak_pitch, rms_pitch : float
         Body pitch of both planes [deg].
     peak_error : float
-        Largest error of the ball angle that the controller knows, of either plane [deg].
+        Largest error of the ball angle seen by the controller, of either plane [deg].
     peak_distance : float
         Largest distance of the ball from its start [m].
     clearance : float
@@ -62,7 +61,7 @@ class Outcome(NamedTuple):
 
 
 def run(parameters: ParameterSet, seconds: float, scenario: Scenario | None = None) -> Outcome:
-    """Run the closed loop for so long [s], or until the robot falls or hits a wall."""
+    """Run the closed loop for a time [s], or until the robot falls or hits a wall."""
     loop = ClosedLoop(parameters, scenario)
     start = loop.plant.truth().position
     program = loop.program
@@ -90,7 +89,7 @@ def run(parameters: ParameterSet, seconds: float, scenario: Scenario | None = No
 
 
 def parameters_with(profile: str, settings: Settings) -> ParameterSet:
-    """Return a profile's parameters with other values for some of them."""
+    """Return a profile's parameters with some other values."""
     parameters = load_profile(profile)
     for (node, name), value in settings.items():
         parameters.set(node, name, value)
@@ -135,7 +134,7 @@ def speed() -> None:
 
 
 def drive() -> None:
-    """Drive hard, for the errors and pitches that the thresholds must let pass."""
+    """Drive hard, to find the errors and pitches that the thresholds must permit."""
     rows = []
     for profile, voltage in (
         ('ideal', 8.0), ('ideal', 7.0), ('hardware', 8.0), ('hardware', 7.5), ('hardware', 7.0),
@@ -148,7 +147,7 @@ def drive() -> None:
 
 
 def track() -> None:
-    """Drive autonomously round the inner wall of the map track, by sonar cone and threshold."""
+    """Drive autonomously around the inner wall of the map track, by sonar cone and threshold."""
     starts = list(product((-0.75, -0.7, -0.6), (0.5, 0.55, 0.6)))
     rows = []
     for cone_angle, dst_thr in (
@@ -214,7 +213,7 @@ EXPERIMENTS: dict[str, Callable[[], None]] = {
 )
 @click.argument('experiments', nargs=-1, type=click.Choice(list(EXPERIMENTS)))
 def tune(experiments: tuple[str, ...]) -> None:
-    """Repeat EXPERIMENTS of docs/tuning.md, all without an argument, and print their tables."""
+    """Repeat EXPERIMENTS of docs/tuning.md, or all of them, and print their tables."""
     for name in experiments or EXPERIMENTS:
         click.echo(f'\n{EXPERIMENTS[name].__doc__}\n')
         EXPERIMENTS[name]()

@@ -1,4 +1,4 @@
-"""Breaks runs on purpose and judges what becomes of them: ``python -m campaign.campaign``."""
+"""Breaks runs on purpose and judges the outcome: ``python -m campaign.campaign``."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ from campaign.site import DOMAINS_EACH, MARK, end_all
 from campaign.trial import OWN_MEMORY
 
 DOMAINS = range(20, 50)
-"""Neither the default domain nor those that the tests use."""
+"""Not the default domain, nor those of the tests."""
 
 AT_ONCE = 2
 LIMIT_S = 300.0
-"""A trial that has not ended by then is ended, and did not hold [s]."""
+"""Time limit of a trial, which then fails [s]."""
 
 OVERTIME_S = 60.0
-"""What is still under way so long after the campaign's time is cut off, and does not count [s]."""
+"""Time after the campaign's end at which running trials are cut off and do not count [s]."""
 
 WIDTH = 100
-"""Of the table where there is no terminal."""
+"""Width of the table without a terminal."""
 
 POLL_S = 0.1
 
@@ -63,13 +63,13 @@ POLL_S = 0.1
     type=click.Choice(list(BY_NAME)),
     metavar='FAULT',
     multiple=True,
-    help='Try this fault; may be given again.  [default: all, in the order of the list below]',
+    help='Test this fault; can be repeated.  [default: all, in the order of the list below]',
 )
-@click.option('--trial', type=click.IntRange(0), help='Carry out only this trial of the fault.')
+@click.option('--trial', type=click.IntRange(0), help='Run only this trial of the fault.')
 @click.option(
     '--output',
     type=click.Path(path_type=Path, file_okay=False),
-    help='Folder for what is left of trials that did not hold.  [default: runs/<date>_campaign]',
+    help='Folder for the files of failed trials.  [default: runs/<date>_campaign]',
 )
 def campaign(
     minutes: float,
@@ -78,14 +78,14 @@ def campaign(
     trial: int | None,
     output: Path | None,
 ) -> int:
-    """Break runs at random moments, and judge what becomes of them.
+    """Break runs at random moments, and judge the outcome.
 
-    Prints what was tried, how often everything held that docs/reliability.md promises, and the
-    longest time until all had ended. The exit status is 0 if everything held, else 1, with the
-    command that repeats each trial that did not. Ctrl-C ends it with the table so far.
+    Prints the faults, how often the guarantees of docs/reliability.md held, and the longest time
+    until everything had ended. The exit status is 0 if everything held, else 1, with the command
+    that repeats each failed trial. Ctrl-C ends the campaign with the table so far.
     """
     if trial is not None and len(only) != 1:
-        raise click.UsageError('--trial needs one fault: give --only once')
+        raise click.UsageError('--trial requires one fault: give --only once')
     seed = random.randrange(1_000_000) if seed is None else seed
     console = Console(highlight=False)
     if not console.is_terminal:
@@ -97,7 +97,7 @@ def campaign(
     possible = [fault for fault in wanted if fault.name not in impossible]
     console.print(f'seed {seed}, {minutes:g} min')
     schedule = Schedule(possible, 60.0 * minutes)
-    # What it starts does not ignore SIGINT then, as what a shell runs in the background does.
+    # Otherwise processes started from a shell's background job would ignore SIGINT.
     with StopRequest() as stop, Campaign(seed, output, mounts, console, stop) as conduct:
         if trial is None:
             conduct.follow(schedule)
@@ -105,32 +105,32 @@ def campaign(
             conduct.follow_one(Trial(possible[0], trial))
     console.print(table_of(wanted, conduct.verdicts, impossible))
     if conduct.failures:
-        console.print(f'{len(conduct.failures)} did not hold; what is left of them is in {output}')
+        console.print(f'{len(conduct.failures)} did not hold; their files are in {output}')
         for command in conduct.failures:
             console.print(f'  {command}', soft_wrap=True, markup=False)
     return 128 + stop.signal if stop.signal else 1 if conduct.failures else 0
 
 
 class Campaign:
-    """Carries out trials, two at a time, each as a process of its own.
+    """Runs trials, two at a time, each as a separate process.
 
     Parameters
     ----------
     seed : int
     output : Path
-        Folder for what is left of trials that did not hold.
+        Folder for the files of failed trials.
     mounts : sequence of str
-        Beginning of a command that may mount; empty where there is none.
+        Prefix of a command that may mount; empty if there is none.
     console : Console
     stop : StopRequest
-        Ends it.
+        Ends the campaign.
 
     Attributes
     ----------
     verdicts : dict of str to list of Verdict
         By the fault's name.
     failures : list of str
-        The commands that repeat the trials that did not hold.
+        The commands that repeat the failed trials.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class Campaign:
         self._stack.close()
 
     def follow(self, schedule: Schedule) -> None:
-        """Carry out what a schedule hands out."""
+        """Run the trials of a schedule."""
         while not self._stop.signal:
             now_s = time.monotonic() - self._begun_s
             while len(self._running) < AT_ONCE and (
@@ -179,7 +179,7 @@ class Campaign:
             time.sleep(POLL_S)
 
     def follow_one(self, trial: Trial) -> None:
-        """Carry out one trial."""
+        """Run one trial."""
         self._begin(trial)
         while self._running and not self._stop.signal:
             self._reap()
@@ -224,18 +224,18 @@ class Campaign:
 
 
 class TrialProcess:
-    """A trial under way.
+    """A running trial.
 
     Parameters
     ----------
     trial : Trial
     seed : int
-        Of the campaign.
+        Seed of the campaign.
     folder : Path
-        For everything that it writes.
+        Folder for everything that it writes.
     domains : sequence of int
     mounts : sequence of str
-        Beginning of a command that may mount; empty where there is none.
+        Prefix of a command that may mount; empty if there is none.
     """
 
     def __init__(
@@ -269,20 +269,20 @@ class TrialProcess:
 
     @property
     def has_ended(self) -> bool:
-        """Whether it has ended, at the latest by its limit."""
+        """Whether it has ended, or exceeded its limit."""
         if self._process.poll() is None and self.age_s > LIMIT_S:
             self.end()
         return self._process.poll() is not None
 
     def end(self) -> None:
-        """End it and all its processes."""
+        """Kill it and all its processes."""
         end_all(self.folder)
         self._process.wait()
 
     def verdict(self) -> tuple[str, Verdict]:
-        """Return what it has tried, and the verdict.
+        """Return a description of the trial, and the verdict.
 
-        Where it did not come to one, nothing is known, so it did not hold.
+        Without a verdict nothing is known, so the trial failed.
         """
         last = self._output.read_text(errors='replace').strip().rpartition('\n')[2]
         try:
@@ -295,9 +295,9 @@ class TrialProcess:
 
 
 def own_mounts() -> list[str]:
-    """Return the beginning of a command that has mounts and a ``/dev/shm`` of its own.
+    """Return the prefix of a command that gets its own mounts and ``/dev/shm``.
 
-    Empty where the machine allows none.
+    Empty if the machine does not allow this.
     """
     as_root = [] if os.geteuid() == 0 else ['--map-root-user']
     script = 'mount -t tmpfs tmpfs /dev/shm && exec "$@"'
@@ -311,7 +311,7 @@ def own_mounts() -> list[str]:
 
 @contextmanager
 def free_domains() -> Iterator[tuple[int, ...]]:
-    """Give ROS domains that no other campaign on this machine has meanwhile.
+    """Yield ROS domains that no other campaign on this machine uses.
 
     Raises
     ------
@@ -333,7 +333,7 @@ def free_domains() -> Iterator[tuple[int, ...]]:
             if len(found) == DOMAINS_EACH:
                 yield tuple(found)
                 return
-    raise BallbotError('other campaigns have all ROS domains: wait until one of them has ended')
+    raise BallbotError('other campaigns use all ROS domains: wait until one of them has ended')
 
 
 def _scratch_folder() -> tempfile.TemporaryDirectory[str]:

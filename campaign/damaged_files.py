@@ -1,4 +1,4 @@
-"""Files and words that no recorder and no user would write."""
+"""Files and arguments that no recorder and no user would write."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def blank(generator: random.Random, data: bytes) -> bytes:
 
 
 def repeat(generator: random.Random, data: bytes) -> bytes:
-    """Have a part twice."""
+    """Duplicate a part."""
     begin, end = sorted(generator.randrange(len(data)) for _ in range(2))
     return data[:end] + data[begin:]
 
@@ -50,13 +50,13 @@ DAMAGES: tuple[Damage, ...] = (cut, flip, blank, repeat)
 
 @dataclass(frozen=True)
 class DamagedRecording:
-    """A damaged recording, handed to every command that reads one.
+    """A damaged recording, passed to every command that reads one.
 
     Attributes
     ----------
     damage : callable
     seed : int
-        Of what is random about the damage.
+        Seed of the random choices.
     """
 
     damage: Damage
@@ -67,7 +67,7 @@ class DamagedRecording:
 
     @classmethod
     def draw(cls, generator: random.Random, turn: int) -> DamagedRecording:
-        """Draw one; the kinds of damage take turns."""
+        """Draw one; the kinds of damage alternate."""
         return cls(DAMAGES[turn % len(DAMAGES)], generator.getrandbits(32))
 
     def carry_out(self, site: Site) -> Verdict:
@@ -96,7 +96,7 @@ class DamagedRecording:
 
 @dataclass(frozen=True)
 class FuzzedInput:
-    """A scenario with slips in its text, and parameters with values out of the blue.
+    """A scenario with errors in its text, and parameters with arbitrary values.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class FuzzedInput:
         """Draw a scenario and one or two assignments."""
         text = SCENARIO.encode()
         for _ in range(generator.randint(1, 2)):
-            # Most slips are in a value; the rest is seldom a scenario at all.
+            # Most errors are in a value; other changes rarely leave a scenario at all.
             text = generator.choice((swap, swap, swap, *DAMAGES))(generator, text) or b' '
         assignments = []
         for value in generator.choices(VALUES, k=generator.randint(1, 2)):
@@ -124,12 +124,12 @@ class FuzzedInput:
         return cls(text, assignments)
 
     def carry_out(self, site: Site) -> Verdict:
-        """Run it without ROS: what is wrong is to be found before anything starts."""
+        """Run it without ROS: errors must be found before anything starts."""
         scenario = site.folder / 'fuzzed.yaml'
         scenario.write_bytes(self.scenario)
         whole = write_scenario(site.folder)
         words = ['--processes=none', '--no-record']
-        # Last, so that it counts: whatever a slip has made of it, the run is short.
+        # Last, so that it takes effect: whatever the errors, the run is short.
         short = ['--real-time-factor=0', '--set', f'{PLANT}.duration=0.1']
         sets = [word for each in self.assignments for word in ('--set', each)]
         return run_commands(
@@ -150,7 +150,7 @@ VALUES = (
 
 
 def swap(generator: random.Random, data: bytes) -> bytes:
-    """Put another value in the place of one."""
+    """Replace a value with another one."""
     lines = data.split(b'\n')
     number = generator.randrange(len(lines))
     key, colon, _ = lines[number].partition(b':')
@@ -159,7 +159,7 @@ def swap(generator: random.Random, data: bytes) -> bytes:
 
 
 def run_commands(site: Site, commands: dict[str, tuple[str | Path, ...]]) -> Verdict:
-    """Run commands one after the other; each ends in time with a status of its own, no crash."""
+    """Run commands one after the other; each must end in time, with a status and no crash."""
     complaints = []
     longest_s = 0.0
     for name, words in commands.items():
@@ -171,7 +171,7 @@ def run_commands(site: Site, commands: dict[str, tuple[str | Path, ...]]) -> Ver
 
 
 def judge_command(program: Program, status: int | None) -> list[str]:
-    """Return what does not hold of a command that was given nonsense."""
+    """Return the broken guarantees of a command that received nonsense."""
     if status is None:
         return [f'not ended after {COMMAND_BOUND_S:.0f} s']
     complaints = judge_printed(program.text)

@@ -1,4 +1,4 @@
-"""What a fault of the campaign is, and what a trial of it tells."""
+"""Definition of a fault in the campaign, and the verdict of a trial."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from campaign.site import Site
 
 
 class Verdict(NamedTuple):
-    """What became of a trial.
+    """Outcome of a trial.
 
     Attributes
     ----------
     complaints : tuple of str
-        What did not hold; empty if all did.
+        The broken guarantees; empty if all held.
     took_s : float
-        From the fault to the end of everything that it hit, in time that the machine gave [s].
+        Available processor time from the fault to the end of all affected processes [s].
     bound_s : float
-        What that may be at most [s].
+        Upper bound of that time [s].
     """
 
     complaints: tuple[str, ...]
@@ -34,10 +34,10 @@ class Verdict(NamedTuple):
 
 
 class Attempt(Protocol):
-    """A fault with everything drawn that is random about it; its text says what is done."""
+    """A fault with all its random choices; its text describes the actions."""
 
     def carry_out(self, site: Site) -> Verdict:
-        """Do it to a run, and judge what becomes of that."""
+        """Apply it to a run, and judge the outcome."""
 
 
 @dataclass(frozen=True)
@@ -48,14 +48,13 @@ class Fault:
     ----------
     name : str
     draw : callable
-        Takes a generator, and a number that grows by one from trial to trial, for what takes turns;
-        returns the attempt.
+        Takes a generator and the number of the trial, for alternating choices; returns the attempt.
     lasts_s : float
-        How long a trial is expected to take [s].
+        Expected duration of a trial [s].
     alone : bool
-        Whether no other trial may run meanwhile, as this one keeps the machine busy.
+        Whether it must run alone, because it keeps the machine busy.
     needs_mounts : bool
-        Whether a trial needs file systems of its own.
+        Whether a trial needs its own file systems.
     """
 
     name: str
@@ -65,6 +64,6 @@ class Fault:
     needs_mounts: bool = False
 
     def attempt(self, seed: int, number: int) -> Attempt:
-        """Return what trial `number`, counted from 0, of a campaign with this seed does."""
+        """Return the actions of trial `number`, counted from 0, of a campaign with this seed."""
         first = random.Random(f'{seed} {self.name}').randrange(1_000_000)
         return self.draw(random.Random(f'{seed} {self.name} {number}'), first + number)

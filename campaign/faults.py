@@ -1,4 +1,4 @@
-"""The faults of the campaign, the most telling ones first."""
+"""The faults of the campaign, the most informative ones first."""
 
 from __future__ import annotations
 
@@ -43,6 +43,6 @@ FAULTS = (
     _node('SIGSTOP of a node', Moment.START, HANG, 25.0),
     Fault('busy machine', BusyMachine.draw, 30.0, alone=True),
 )
-"""In the order in which they are tried."""
+"""In the order in which they are tested."""
 
 BY_NAME = {fault.name: fault for fault in FAULTS}

@@ -1,4 +1,4 @@
-"""What is left of a recording."""
+"""The remains of a recording after a fault."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ Duty = tuple[float, float]
 
 @dataclass(frozen=True)
 class Remains:
-    """What is left of a recording, repaired if its recorder did not finish it.
+    """The content of a recording, repaired if its recorder did not finish it.
 
     Attributes
     ----------
     problem : str
-        Why nothing can be read; empty if it can.
+        Why it can't be read; empty if it can.
     finished : bool
-        Whether nothing had to be repaired.
+        Whether no repair was needed.
     missing : str
-        What the recorder itself says is missing.
+        What is missing according to the recorder.
     truths : int
         Number of truths of the plant.
     duties : tuple
-        Duties [%] by tick, from the first on.
+        Duties [%] by tick, from the first.
     strange : int
-        Number of messages on the same topic that are none, or not of the next tick.
+        Number of messages on that topic that are malformed or not of the next tick.
     motors_off : bool
-        Whether the last duty tells that the motors are off.
+        Whether the last duty is a motor stop.
     """
 
     problem: str = ''
@@ -51,14 +51,14 @@ class Remains:
 
 
 def read_remains(path: Path, folder: Path) -> Remains | None:
-    """Read what is left of a recording; None if it was never begun.
+    """Read the remains of a recording; None if it was never begun.
 
     Parameters
     ----------
     path : Path
         The recording.
     folder : Path
-        For the repaired copy, if it takes one.
+        Folder for a repaired copy.
     """
     if not path.exists():
         return None

@@ -1,4 +1,4 @@
-"""Drivers that are killed and started again."""
+"""Drivers that are killed and restarted."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ END_S = 15.0
 
 
 class Restart(NamedTuple):
-    """A driver that is killed, and started again later.
+    """A driver that is killed, and restarted later.
 
     Attributes
     ----------
     driver : str
     killed_s : float
-        Time since the first tick, or since the restart before [s].
+        Time since the first tick, or since the previous restart [s].
     away_s : float
-        Time until it is started again [s].
+        Time until it is restarted [s].
     """
 
     driver: str
@@ -48,7 +48,7 @@ class Restart(NamedTuple):
 
 @dataclass(frozen=True)
 class Restarts:
-    """Drivers of a run that are killed and started again, one after the other."""
+    """Drivers of a run that are killed and restarted, one after the other."""
 
     restarts: Sequence[Restart]
 
@@ -60,7 +60,7 @@ class Restarts:
 
     @classmethod
     def draw(cls, generator: random.Random, turn: int) -> Restarts:
-        """Draw one to three; of four trials in a row each driver is the first in one."""
+        """Draw one to three; in four consecutive trials each driver comes first once."""
         drivers = [DRIVERS[turn % len(DRIVERS)]]
         drivers += generator.choices(DRIVERS, k=generator.randrange(3))
         return cls(
@@ -68,7 +68,7 @@ class Restarts:
         )
 
     def carry_out(self, site: Site) -> Verdict:
-        """Run every node by itself, and judge the plant's account and the recording."""
+        """Start every node alone, and judge the plant's summary and the recording."""
         recording, account = site.folder / 'run.mcap', site.folder / 'trajectory.npz'
         pitch = math.radians(START_PITCH_DEG)
         nodes = {name: site.start_node(name) for name in (*DRIVERS, CONTROLLER)}
@@ -101,8 +101,8 @@ class Restarts:
             expected = undisturbed(site, ticks_of(DURATION_S))
             if load_trajectory(account)[1]['duty_sha256'] != expected.duty_sha256:
                 complaints.append('other duties than those of an undisturbed run')
-            # Killed between two of its readers, a driver may cost the recording a sample: the file
-            # says so.
+            # A driver killed between its two readers may cost the recording a sample, which the
+            # file then reports.
             remains = read_remains(recording, site.folder)
             if not remains or not remains.finished or len(remains.duties) != expected.ticks:
                 complaints.append(f'of {expected.ticks} duties the recording has {remains}')
@@ -113,7 +113,7 @@ class Restarts:
 
 
 def _end(site: Site, nodes: Sequence[Program]) -> list[str]:
-    """Interrupt the nodes that wait for another run; return what does not hold."""
+    """Interrupt the waiting nodes; return the broken guarantees."""
     for node in nodes:
         node.send(Signals.SIGINT)
     watch = Stopwatch()

@@ -1,4 +1,4 @@
-"""A run in a trial: how it is started, and how its end is judged."""
+"""A run in a trial: starting it, and judging its end."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ start:
 """Like the scenario `stationary`, but without expectations: a short run passes, too."""
 
 FIRST_TICKS_BYTES = 20_000
-"""A recording of this size has more in it than attachments."""
+"""Size from which a recording has more than attachments."""
 
 CRASH = re.compile(
     r'Traceback \(most recent call last\)|Segmentation fault|core dumped|terminate called'
@@ -37,18 +37,18 @@ CRASH = re.compile(
 
 @dataclass(frozen=True)
 class RunEnd:
-    """What is left when a run has ended.
+    """Everything that a run has left.
 
     Attributes
     ----------
     end : End
-        Of its processes.
+        End of its processes.
     text : str
-        All that was printed.
+        All its output.
     result : mapping
-        The result as JSON; empty if none was printed.
+        Its result as JSON; empty if none was printed.
     remains : Remains or None
-        Of the recording; None if there is none.
+        Content of the recording; None if there is none.
     """
 
     end: End
@@ -58,12 +58,12 @@ class RunEnd:
 
     @property
     def ticks(self) -> int:
-        """Ticks of the run by its own account."""
+        """Ticks of the run according to its result."""
         return int(self.result.get('ticks') or 0)
 
     @property
     def most_ticks(self) -> int:
-        """Ticks by its own account or by the recording, whichever has more."""
+        """Ticks according to the result or the recording, whichever has more."""
         return max(self.ticks, len(self.remains.duties) if self.remains else 0)
 
     @property
@@ -73,7 +73,7 @@ class RunEnd:
 
     @property
     def completed(self) -> bool:
-        """Whether it came to its end all the same."""
+        """Whether it reached its end nevertheless."""
         return self.result.get('outcome') == 'passed'
 
 
@@ -88,11 +88,11 @@ class Run:
     *settings : str
         More parameters of the run, as ``node.param=value``.
     output : Path, optional
-        Folder of the recording; by default in the site's.
+        Folder of the recording; by default in the site's folder.
     name : str
-        Of the files that it prints to.
+        Name of its output files.
     domain : int, optional
-        Another one than the site's first.
+        A domain other than the site's first.
     real_time_factor : float
     """
 
@@ -116,25 +116,25 @@ class Run:
         self.program: Program = site.start(name, *BALLBOT, *words, domain=domain)
 
     def has_ticks(self) -> bool:
-        """Whether the first ticks stand in the recording."""
+        """Whether the first ticks are in the recording."""
         try:
             return self.recording.stat().st_size > FIRST_TICKS_BYTES
         except OSError:
             return False
 
     def await_ticks(self) -> None:
-        """Wait until the first ticks stand in the recording, or the run has ended."""
+        """Wait until the first ticks are in the recording, or the run has ended."""
         wait_until(lambda: self.has_ticks() or self.program.status is not None, 'the first tick')
 
     def await_end(self, bound_s: float, beside: Collection[int] = ()) -> RunEnd:
-        """Wait until the run and all processes of the trial but those `beside` have ended."""
+        """Wait until the run and all other processes of the trial except `beside` have ended."""
         end = self._site.await_end(self.program, bound_s, beside)
         return RunEnd(
             end, self.program.text, self.result(), read_remains(self.recording, self._site.folder)
         )
 
     def result(self) -> dict[str, Any]:
-        """Return the result that it has printed; empty if it has printed none."""
+        """Return the printed result; empty if there is none."""
         try:
             found = json.loads(self.program.stdout)
         except ValueError:
@@ -150,7 +150,7 @@ def write_scenario(folder: Path) -> Path:
 
 
 def undisturbed(site: Site, ticks: int) -> TrajectoryLog:
-    """Return what the run does in so many ticks if nothing disturbs it."""
+    """Return the trajectory of an undisturbed run of this many ticks."""
     scenario = load_scenario(str(write_scenario(site.folder)))
     loop, log = ClosedLoop(scenario.parameters, scenario), TrajectoryLog()
     for _ in range(ticks):
@@ -160,13 +160,13 @@ def undisturbed(site: Site, ticks: int) -> TrajectoryLog:
 
 
 def undisturbed_duties(site: Site, ticks: int) -> list[tuple[float, float]]:
-    """Return the duties [%] of so many ticks if nothing disturbs the run."""
+    """Return the duties [%] of an undisturbed run of this many ticks."""
     duty = undisturbed(site, ticks).trajectory().duty
     return [(float(x), float(y)) for x, y in duty]
 
 
 def ticks_of(duration: float) -> int:
-    """Return the number of ticks of a time [s]."""
+    """Return the number of ticks in a time [s]."""
     return round(duration * SECOND_NS) // TICK_NS
 
 
@@ -174,7 +174,7 @@ def ticks_of(duration: float) -> int:
 
 
 def judge_printed(text: str) -> list[str]:
-    """Judge whether nothing has crashed."""
+    """Judge whether anything has crashed."""
     found = CRASH.search(text)
     return [f'printed {found[0]!r}'] if found else []
 
@@ -205,7 +205,7 @@ def judge_completed(run: RunEnd, duty_sha256: str) -> list[str]:
 
 
 def judge_failed(run: RunEnd, named: Collection[str], status: int = 1) -> list[str]:
-    """Judge whether a run has failed with this status, and a reason with one of these names."""
+    """Judge whether a run has failed with this status, for a reason with one of these names."""
     complaints = []
     outcome = run.result.get('outcome', 'no result')
     if run.end.status != status or outcome != 'failed':
@@ -224,21 +224,21 @@ def judge_recording(
     motors_off: bool = False,
     beside_stranger: bool = False,
 ) -> list[str]:
-    """Judge whether the recording can be read, and has the right duties up to the end.
+    """Judge whether the recording is readable, and has the correct duties up to the end.
 
     Parameters
     ----------
     run : RunEnd
     undisturbed : collection of tuple
-        Duties of an undisturbed run, as many as the run has ticks.
+        Duties of an undisturbed run with as many ticks.
     lost_ticks : int
-        How many of the run's ticks may be missing at its end.
+        Maximum number of ticks missing at its end.
     must_be_finished : bool
         Whether the recorder must have finished the file.
     motors_off : bool
-        Whether the last duty must tell that the motors are off.
+        Whether the last duty must be a motor stop.
     beside_stranger : bool
-        Whether a stranger's messages may stand among those of the run.
+        Whether a stranger's messages may be among those of the run.
     """
     remains = run.remains
     if remains is None:

@@ -1,4 +1,4 @@
-"""Which trial is next, and what all of them came to."""
+"""The order of the trials, and the table of their results."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class Trial(NamedTuple):
 
 @dataclass
 class Schedule:
-    """Hands out the trials in turn, as long as they are expected to end in time.
+    """Provides the trials in turn, as long as they are expected to end in time.
 
     Attributes
     ----------
     faults : sequence of Fault
-        In the order in which they are tried.
+        In the order in which they are tested.
     length_s : float
-        Of the campaign [s].
+        Length of the campaign [s].
     """
 
     faults: Sequence[Fault]
@@ -37,14 +37,14 @@ class Schedule:
     _expected_s: dict[str, float] = field(default_factory=dict)
 
     def next(self, now_s: float, under_way: Sequence[Fault]) -> Trial | None:
-        """Return the next trial to begin; None if there is none at present.
+        """Return the next trial to begin; None if there is none now.
 
         Parameters
         ----------
         now_s : float
             Time since the beginning [s].
         under_way : sequence of Fault
-            Those of the trials that have not ended.
+            Faults of the running trials.
         """
         if any(fault.alone for fault in under_way):
             return None
@@ -64,7 +64,7 @@ class Schedule:
         return any(self._expects_s(fault) <= self.length_s - now_s for fault in self.faults)
 
     def took(self, fault: Fault, wall_s: float) -> None:
-        """Note how long a trial has taken [s]."""
+        """Note the duration of a trial [s]."""
         self._expected_s[fault.name] = max(self._expects_s(fault), wall_s)
 
     def _expects_s(self, fault: Fault) -> float:
@@ -74,15 +74,15 @@ class Schedule:
 def table_of(
     faults: Sequence[Fault], verdicts: Mapping[str, Sequence[Verdict]], impossible: Sequence[str]
 ) -> Table:
-    """Return the table of what was tried, what held, and the worst seen.
+    """Return the table of faults, results, and the worst times.
 
     Parameters
     ----------
     faults : sequence of Fault
-    verdicts : mapping
+    Verdicts of the trials, by the fault's name.
         Those of the trials, by the fault's name.
     impossible : sequence of str
-        Names of the faults that can't be tried on this machine.
+        Names of the faults that can't be tested on this machine.
     """
     table = Table(box=MARKDOWN)
     for heading in ('fault', 'tried', 'held', 'worst'):
@@ -99,6 +99,6 @@ def table_of(
 
 
 def worst_of(verdicts: Sequence[Verdict]) -> str:
-    """Return the longest time that a trial took, by its bound, in words."""
+    """Return the longest time of a trial relative to its bound, as text."""
     worst = max(verdicts, key=lambda verdict: verdict.took_s / verdict.bound_s)
     return f'{worst.took_s:.1f} s of {worst.bound_s:.0f} s'

@@ -1,4 +1,4 @@
-"""The node of a stranger, as a process of its own; needs rclpy.
+"""A stranger's node as a separate process; needs rclpy.
 
 ``python -m campaign.sender TOPIC CONTENT PERIOD …`` sends until it is killed.
 """
@@ -22,14 +22,14 @@ from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from campaign.strangers import LOOP_TOPICS, OPEN_TOPICS, STRANGER, Content
 
 LARGE = 8_000
-"""Length of each sequence and text of a message at length."""
+"""Length of each sequence and text of a long message."""
 
 ENCODING = b'\x00\x01\x00\x00'
 """The first bytes of a message: little-endian CDR."""
 
 
 def main(words: Sequence[str]) -> None:
-    """Send what the words say: a topic, a content and a period [s], as often as they come."""
+    """Send the messages in the arguments: a topic, a content and a period [s] for each."""
     prepare_middleware()
     rclpy.init()
     with avoid_stale_ports(ros_domain()):
@@ -45,7 +45,7 @@ def main(words: Sequence[str]) -> None:
 
 
 def filled(kind: Any, number: float, length: int) -> Any:
-    """Return a message whose floats are all `number`, and whose sequences have this length."""
+    """Return a message whose floats are all `number`, with sequences of this length."""
     message = kind()
     for name, type_name in kind.get_fields_and_field_types().items():
         setattr(message, name, _value(getattr(message, name), type_name, number, length))
@@ -66,7 +66,7 @@ def _value(default: Any, type_name: str, number: float, length: int) -> Any:
 def _item(type_name: str, number: float, length: int) -> Any:
     if '/' in type_name:
         package, name = type_name.split('/')
-        # Sequences in a sequence stay short.
+        # Nested sequences stay short.
         return filled(message_class(f'{package}/msg/{name}'), number, 1)
     if type_name in ('double', 'float'):
         return number
@@ -76,7 +76,7 @@ def _item(type_name: str, number: float, length: int) -> Any:
         return True
     if type_name == 'octet':
         return b'\x7f'
-    return 127  # the most that every integer type holds
+    return 127  # fits in every integer type
 
 
 def _whole(kind: Any, number: float, length: int) -> bytes:
@@ -89,7 +89,7 @@ def _half(kind: Any) -> bytes:
 
 
 def _noise(kind: Any) -> bytes:
-    # Not longer: of a type without sequences the middleware takes no more.
+    # Not longer: for a type without sequences the middleware accepts no more.
     length = len(serialize_message(kind())) - len(ENCODING)
     return ENCODING + random.Random(kind.__name__).randbytes(length)
 
@@ -102,8 +102,9 @@ MAKERS: dict[Content, Callable[[Any], bytes]] = {
     Content.HALF: _half,
     Content.NOISE: _noise,
 }
-"""Each makes from a message's class what is sent in the place of a message, serialised once: the
-stranger is to be faster than those who have to read it."""
+"""Functions that create the bytes to send from a message class, serialised once so that the
+stranger
+is faster than its readers."""
 
 
 if __name__ == '__main__':

@@ -28,18 +28,19 @@ from campaign.run import (
 from campaign.site import Site, wait_until
 
 LONG_S, SHORT_S = 60.0, 1.5
-"""Sim time of a run that would outlast the fault, and of one that may end before it [s]."""
+"""Sim time of a run that outlasts the fault, and of one that may end before it [s]."""
 
 STARTUP_TIMEOUT_S = 10.0
 HANG_AT_START_S = 30.0
-"""From when on the command gives up a plant that has not been heard yet [s]."""
+"""Time after which the command gives up a plant that has never reported [s]."""
 
 STOP_S = 15.0
-"""Until a fault is named, the nodes are stopped, and the recording is finished: 3, 1.5 and 5 s are
-promised; the rest is for the processes to end [s]."""
+"""Bound until a fault is named, the nodes are stopped, and the recording is finished: 3, 1.5 and 5
+s
+are guaranteed; the rest is for the processes to end [s]."""
 
 LOSS_TICKS = SECOND_NS // TICK_NS + 50
-"""What a killed recorder may lose: a second, and what the plant was ahead of it."""
+"""Possible loss of a killed recorder: a second, and the plant's lead."""
 
 
 class Moment(Enum):
@@ -55,7 +56,7 @@ class Moment(Enum):
         return SHORT_S if self is Moment.END else LONG_S
 
     def delay_s(self, generator: random.Random) -> float:
-        """Draw how long to wait after the victim, or the first tick, is there [s]."""
+        """Draw the delay after the start of the victim, or the first tick [s]."""
         earliest, latest = {
             Moment.START: (0.0, 1.5),
             Moment.MIDDLE: (0.0, 2.5),
@@ -74,7 +75,7 @@ class NodeSignal:
     number : Signals
     moment : Moment
     delay_s : float
-        From the moment on [s].
+        Delay from the moment [s].
     """
 
     victim: str
@@ -96,25 +97,25 @@ class NodeSignal:
         moment: Moment,
         signals: tuple[Signals, ...],
     ) -> NodeSignal:
-        """Draw one; of seven trials in a row each node is the victim of one."""
+        """Draw one; in seven consecutive trials each node is the victim once."""
         victim = NODES[turn % len(NODES)]
         return cls(victim, generator.choice(signals), moment, moment.delay_s(generator))
 
     @property
     def hangs_at_start(self) -> bool:
-        """Whether only a timeout can tell it from a node that takes long to start."""
+        """Whether only a timeout can distinguish it from a node that starts slowly."""
         return self.moment is Moment.START and self.number == Signals.SIGSTOP
 
     @property
     def bound_s(self) -> float:
-        """Time until everything has ended [s]."""
+        """Time limit until everything has ended [s]."""
         if self.hangs_at_start:
             return STOP_S + (HANG_AT_START_S if self.victim == PLANT else STARTUP_TIMEOUT_S)
         return STOP_S
 
     def carry_out(self, site: Site) -> Verdict:
         """Send it, and judge the end of the run."""
-        # One that has died is to be named long before the default time of 30 s.
+        # A dead node must be named long before the default time of 30 s.
         settings = [f'{PLANT}.startup_timeout={STARTUP_TIMEOUT_S}'] if self.hangs_at_start else []
         run = Run(site, self.moment.duration_s, *settings)
         if self.moment is Moment.START:
@@ -123,7 +124,7 @@ class NodeSignal:
             run.await_ticks()
         victim = run.program.nodes().get(self.victim)
         time.sleep(self.delay_s)
-        # In another life the number of a node that has ended may be another process's.
+        # The process id of a node that has ended may belong to another process.
         if victim and victim in site.alive():
             with suppress(ProcessLookupError):
                 os.kill(victim, self.number)
@@ -135,7 +136,7 @@ class NodeSignal:
     def judge(
         self, run: RunEnd, expected: list[tuple[float, float]], short_sha256: str
     ) -> list[str]:
-        """Return what does not hold.
+        """Return the broken guarantees.
 
         Parameters
         ----------
@@ -143,7 +144,7 @@ class NodeSignal:
         expected : list of tuple
             The duties of an undisturbed run.
         short_sha256 : str
-            Their hash up to the end of a short run.
+            Hash of the duties of a short run.
         """
         complaints = judge_printed(run.text) + judge_end(run.end, self.bound_s)
         if run.end.status is None:
@@ -172,7 +173,7 @@ class CommandSignal:
     ----------
     number : Signals
     moment : Moment
-    delay_s : float
+    Delay from the moment [s].
         From the moment on [s].
     """
 
@@ -187,7 +188,7 @@ class CommandSignal:
     def draw(
         cls, generator: random.Random, turn: int, *, signals: tuple[Signals, ...]
     ) -> CommandSignal:
-        """Draw one; the moments take turns."""
+        """Draw one; the moments alternate."""
         moment = list(Moment)[turn % len(Moment)]
         return cls(generator.choice(signals), moment, moment.delay_s(generator))
 
@@ -208,11 +209,11 @@ class CommandSignal:
     def judge(
         self, run: RunEnd, expected: list[tuple[float, float]], short_sha256: str
     ) -> list[str]:
-        """Return what does not hold; `expected` and `short_sha256` are as for a node's signal."""
+        """Return the broken guarantees; arguments as for a node's signal."""
         killed = self.number == Signals.SIGKILL
         complaints = judge_printed(run.text)
         if killed:
-            # Its nodes notice and end by themselves.
+            # Its nodes end by themselves.
             if run.end.took_s > STOP_S:
                 complaints.append(f'nodes still there {STOP_S:.0f} s after the command was killed')
         else:
@@ -234,5 +235,5 @@ class CommandSignal:
 
 
 def _has_every_tick(run: RunEnd) -> bool:
-    """Whether the plant may have completed the run before the fault, whatever the command says."""
+    """Whether the plant may have completed the run before the fault."""
     return run.remains is not None and len(run.remains.duties) == ticks_of(SHORT_S)

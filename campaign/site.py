@@ -1,4 +1,4 @@
-"""Where a trial takes place: its folder, its ROS domains, its processes and their time."""
+"""The site of a trial: its folder, ROS domains, processes and their time."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from ballbot_ros.parameters import NODES
 from ballbot_ros.simulation.silence_timer import LOOK_S, Threads, available_s
 
 MARK = 'BALLBOT_CAMPAIGN_TRIAL'
-"""Environment variable by which the processes of a trial are known, also those left over."""
+"""Environment variable that identifies the processes of a trial, including leftover ones."""
 
 BALLBOT = ('ballbot_ros.cli.main',)
 DOMAINS_EACH = 3
 
 _POLL_S = 0.05
 START_S = 60.0
-"""What may pass until a process or a first message is there [s]."""
+"""Time limit for the start of a process or a first message [s]."""
 
 
 class CampaignError(Exception):
-    """A trial could not be carried out, so nothing is known of the fault."""
+    """A trial could not be run, so nothing is known about the fault."""
 
 
 class Stopwatch:
-    """Counts the time in which processes could run as far as they wanted to.
+    """Measures the processor time available to processes.
 
-    A busy machine is no fault: a bound on this time holds there, too.
+    A busy machine does not count, so bounds on this time hold there, too.
 
     Attributes
     ----------
     elapsed_s : float
-        The time since the start, up to the last look [s].
+        The time from the start to the last update [s].
     """
 
     def __init__(self) -> None:
@@ -48,12 +48,12 @@ class Stopwatch:
         self._known: dict[int, Threads] = {}
 
     def look(self, processes: Iterable[int]) -> float:
-        """Count the time since the last look by the process that had the least of it.
+        """Add the time since the last update that was available to the most delayed process.
 
         Parameters
         ----------
         processes : iterable of int
-            Those that are alive.
+            The living ones.
 
         Returns
         -------
@@ -81,9 +81,9 @@ class End(NamedTuple):
     status : int or None
         Exit status of the program, or a negative signal number; None if it had to be killed.
     took_s : float
-        Until no process was left, in time that the machine gave [s].
+        Available time until no process was left [s].
     survivors : tuple of str
-        Processes that were still there when the program had ended.
+        Processes that were still running when the program had ended.
     """
 
     status: int | None
@@ -92,16 +92,16 @@ class End(NamedTuple):
 
 
 class Program:
-    """A Python module as a process of a trial; what it prints goes to files.
+    """A Python module as a process of a trial, with its output in files.
 
     Parameters
     ----------
     name : str
-        Of the files.
+        Name of the files.
     words : sequence of str
         The module and its arguments.
     folder : Path
-        For the files.
+        Folder for the files.
     environment : mapping of str to str
     """
 
@@ -127,21 +127,21 @@ class Program:
 
     @property
     def stdout(self) -> str:
-        """What it has printed to standard output."""
+        """Its standard output so far."""
         return self._paths[0].read_text(errors='replace')
 
     @property
     def text(self) -> str:
-        """All that it has printed."""
+        """All its output so far."""
         return ''.join(path.read_text(errors='replace') for path in self._paths)
 
     def send(self, number: signal.Signals) -> None:
-        """Send a signal, if it still runs."""
+        """Send a signal if it is still running."""
         if self.status is None:
             self._process.send_signal(number)
 
     def nodes(self) -> dict[str, int]:
-        """Return the process numbers of the nodes that it has started, by name."""
+        """Return the process ids of the nodes that it has started, by name."""
         found = {}
         for child in children(self.pid):
             with suppress(OSError):
@@ -151,14 +151,14 @@ class Program:
 
 
 class Site:
-    """Where a trial takes place; at the end of the block no process of it is left.
+    """The site of a trial; at the end of the block all its processes have ended.
 
     Parameters
     ----------
     folder : Path
-        Has everything that the trial writes.
+        Contains everything that the trial writes.
     domains : sequence of int
-        ROS domains that are nobody else's meanwhile.
+        ROS domains that nobody else uses meanwhile.
     """
 
     def __init__(self, folder: Path, domains: Sequence[int]) -> None:
@@ -190,14 +190,14 @@ class Site:
         return Program(name, words, self.folder, self.environment(domain))
 
     def start_node(self, node: str, number: int = 0, **parameters: object) -> Program:
-        """Start a node by itself, as ``ros2 run`` does; `number` counts its lives."""
+        """Start a node alone, like ``ros2 run``; `number` counts its restarts."""
         settings = [f'{key}:={value}' for key, value in parameters.items()]
         arguments = [word for setting in settings for word in ('-p', setting)]
         words = ('ballbot_ros.nodes', node, '--ros-args', *arguments)
         return self.start(f'{node}_{number}' if number else node, *words)
 
     def alive(self) -> dict[int, str]:
-        """Return the living processes of the trial and what they are."""
+        """Return the living processes of the trial with their command lines."""
         return processes_of(self.folder)
 
     def await_end(self, program: Program, bound_s: float, beside: Collection[int] = ()) -> End:
@@ -207,9 +207,9 @@ class Site:
         ----------
         program : Program
         bound_s : float
-            Time that they may take [s].
+            Time limit [s].
         beside : collection of int
-            Processes of the trial that go on.
+            Processes of the trial that continue.
         """
         watch = Stopwatch()
         survivors: tuple[str, ...] | None = None
@@ -227,12 +227,12 @@ class Site:
 
 
 def wait_until(condition: Callable[[], bool], what: str) -> None:
-    """Wait for what comes before the fault.
+    """Wait for a condition before the fault.
 
     Raises
     ------
     CampaignError
-        If it does not come.
+        If it is not met in time.
     """
     watch = Stopwatch()
     while not condition():
@@ -242,7 +242,7 @@ def wait_until(condition: Callable[[], bool], what: str) -> None:
 
 
 def processes_of(folder: Path) -> dict[int, str]:
-    """Return the processes of the trial in a folder, but this one, and their command lines."""
+    """Return the other processes of the trial in a folder, with their command lines."""
     mark = f'{MARK}={folder}'.encode()
     found = {}
     for entry in Path('/proc').glob('[0-9]*'):
@@ -255,7 +255,7 @@ def processes_of(folder: Path) -> dict[int, str]:
 
 
 def end_all(folder: Path) -> None:
-    """Kill what is left of the trial in a folder."""
+    """Kill the remaining processes of the trial in a folder."""
     while alive := processes_of(folder):
         for process in alive:
             with suppress(ProcessLookupError):

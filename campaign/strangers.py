@@ -1,4 +1,4 @@
-"""Nodes of somebody else that send nonsense on the graph's topics."""
+"""Foreign nodes that send nonsense on the graph's topics."""
 
 from __future__ import annotations
 
@@ -43,22 +43,22 @@ OPEN_TOPICS = (
     JOY, VIEWER_JOY, CMD_VEL, PUSH, DIAGNOSTICS, OPERATING_STATE, LCD, SOUND, BLUETOOTH_TX,
     Topic('somebody/s_camera', 'std_msgs/msg/UInt8MultiArray', None),
 )  # fmt: skip
-"""What anybody may publish: nothing of it may end a run, and nonsense may not change it."""
+"""Topics open to all: nonsense on them must neither end nor change a run."""
 
 LOOP_TOPICS = tuple(sorted(LOCKSTEP))
-"""On these nobody but the participants may publish."""
+"""Topics reserved for the participants."""
 
 DURATION_S = 3.0
 REFUSED = 2
 """Exit status of a run that does not begin."""
 BOUND_S = 45.0
-"""A publisher without a sample is waited for, for up to 21 s [s]."""
+"""Time for which a publisher without a sample is tolerated [s]."""
 
 PERIODS_S = (0.002, 0.02, 0.2)
 
 
 class Content(Enum):
-    """What can be sent."""
+    """Kinds of messages."""
 
     NOTHING = 'an empty message'
     NAN = 'NaN'
@@ -69,7 +69,7 @@ class Content(Enum):
 
 
 class Nonsense(NamedTuple):
-    """What is sent, how often.
+    """A topic, a kind of message and a period.
 
     Attributes
     ----------
@@ -84,17 +84,17 @@ class Nonsense(NamedTuple):
 
     @classmethod
     def draw(cls, generator: random.Random, topic: Topic) -> Nonsense:
-        """Draw what is sent on a topic."""
-        # Any 48 bytes are a velocity, and are right to drive the robot.
+        """Draw the messages on a topic."""
+        # Any 48 bytes are a velocity, which may drive the robot.
         contents = [each for each in Content if (topic, each) != (CMD_VEL, Content.NOISE)]
         content = generator.choice(contents)
         period_s = generator.choice(PERIODS_S)
-        # More would be a full disk.
+        # More would fill the disk.
         return cls(topic, content, 0.05 if content is Content.AT_LENGTH else period_s)
 
     @property
     def words(self) -> tuple[object, ...]:
-        """It as arguments of ``campaign.sender``."""
+        """Arguments for ``campaign.sender``."""
         return self.topic.name, self.content.value, self.period_s
 
     def __str__(self) -> str:
@@ -109,9 +109,9 @@ class Stranger:
     ----------
     sends : sequence of Nonsense
     delay_s : float
-        From the start of the command on [s].
+        Delay from the start of the command [s].
     in_the_loop : bool
-        Whether it publishes where only participants may.
+        Whether it publishes on topics reserved for participants.
     """
 
     sends: Sequence[Nonsense]
@@ -123,7 +123,7 @@ class Stranger:
 
     @classmethod
     def draw(cls, generator: random.Random, turn: int, *, in_the_loop: bool) -> Stranger:
-        """Draw one; the first topics take turns."""
+        """Draw one; the first topics alternate."""
         topics = LOOP_TOPICS if in_the_loop else OPEN_TOPICS
         chosen = [topics[turn % len(topics)]]
         if not in_the_loop:
@@ -132,13 +132,13 @@ class Stranger:
         return cls(sends, generator.uniform(0.0, 4.0), in_the_loop)
 
     def carry_out(self, site: Site) -> Verdict:
-        """Send it until the run ends, and judge that."""
+        """Send nonsense until the run ends, and judge the run."""
         run = Run(site, DURATION_S)
         time.sleep(self.delay_s)
         words = [word for each in self.sends for word in each.words]
         stranger = site.start(STRANGER, 'campaign.sender', *words)
         end = run.await_end(BOUND_S, beside=[stranger.pid])
-        # It is killed with a run that hangs.
+        # If the run hangs, it is killed with it.
         if end.end.status is not None and stranger.status is not None:
             raise CampaignError(f'the stranger has ended: {stranger.text}')
         sha256 = undisturbed(site, ticks_of(DURATION_S)).duty_sha256
@@ -146,7 +146,7 @@ class Stranger:
         return Verdict(tuple(complaints), end.end.took_s, BOUND_S)
 
     def judge(self, run: RunEnd, expected: list[tuple[float, float]], sha256: str) -> list[str]:
-        """Return what does not hold.
+        """Return the broken guarantees.
 
         Parameters
         ----------
@@ -154,7 +154,7 @@ class Stranger:
         expected : list of tuple
             The duties of an undisturbed run.
         sha256 : str
-            Their hash.
+            Hash of those duties.
         """
         complaints = judge_printed(run.text) + judge_end(run.end, BOUND_S)
         if run.end.status is None:
@@ -162,7 +162,7 @@ class Stranger:
         if run.completed or not self.in_the_loop:
             return complaints + judge_completed(run, sha256)
         if CLOCK in [each.topic for each in self.sends] and run.end.status == REFUSED:
-            # Whose clock is there before the run, is taken for another plant.
+            # A clock that exists before the run counts as another plant's.
             return complaints + judge_failed(run, [CLOCK.name], REFUSED)
         return (
             complaints

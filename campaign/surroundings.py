@@ -1,4 +1,4 @@
-"""What is wrong around a run: a full disk, a busy machine, leftovers of killed processes."""
+"""Faults around a run: a full disk, a busy machine, leftovers of killed processes."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ BUSY_LOOPS = 4
 LOOP = 'while True: pass'
 RUNS_AT_ONCE = 3
 PORTS = 20
-"""Leftovers are spread over the ports of so many participants."""
+"""Number of participants over whose ports leftovers are spread."""
 OLD_S = 3600.0
 
 
 @contextmanager
 def file_system(folder: Path, size_kb: int) -> Iterator[None]:
-    """Have a file system of its own in a folder, of so many KiB."""
+    """Mount a separate file system of this size [KiB] in a folder."""
     folder.mkdir(exist_ok=True)
     options = ['-o', f'size={size_kb}k']
     subprocess.run(['mount', '-t', 'tmpfs', *options, 'tmpfs', folder], check=True)
@@ -56,7 +56,7 @@ def file_system(folder: Path, size_kb: int) -> Iterator[None]:
 
 
 class Disk(Enum):
-    """What is on the disk that becomes full."""
+    """Content of the disk that fills up."""
 
     RECORDING = 'the recording'
     TEMPORARY = 'temporary files'
@@ -64,7 +64,7 @@ class Disk(Enum):
 
 @dataclass(frozen=True)
 class FullDisk:
-    """A disk that becomes full during a run.
+    """A disk that fills up during a run.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class FullDisk:
 
     @classmethod
     def draw(cls, generator: random.Random, turn: int) -> FullDisk:
-        """Draw one that is full at once, or after some seconds; the disks take turns."""
+        """Draw one that is full at once, or after some seconds; the disks alternate."""
         disk = list(Disk)[turn % len(Disk)]
         sizes = (4, 16, 64, 256, 1024) if disk is Disk.RECORDING else (4, 8, 16, 32)
         return cls(disk, generator.choice(sizes) + generator.choice((0, 4)))
@@ -100,25 +100,25 @@ class FullDisk:
             sha256 = undisturbed(site, ticks_of(SHORT_S)).duty_sha256
             complaints += judge_completed(end, sha256)
         elif end.result:
-            # That the picture can't be written either says nothing of what ended the run.
+            # A picture that can't be written either says nothing about the cause.
             named = f'{run.recording.name}: {NO_SPACE}' if is_of_recording else NO_SPACE
             complaints += judge_failed(end, [named])
         elif end.end.status not in (1, 2) or NO_SPACE not in end.text:
-            complaints.append(f'status {end.end.status}, and no word of {NO_SPACE!r}')
+            complaints.append(f'status {end.end.status}, and {NO_SPACE!r} is not mentioned')
         complaints += judge_recording(end, expected, lost_ticks=end.ticks, must_be_finished=False)
         return Verdict(tuple(complaints), end.end.took_s, DISK_BOUND_S)
 
 
 @dataclass(frozen=True)
 class BusyMachine:
-    """Runs at once beside processes that compute without end."""
+    """Simultaneous runs next to processes that compute forever."""
 
     def __str__(self) -> str:
-        return f'{RUNS_AT_ONCE} runs at once beside {BUSY_LOOPS} busy loops'
+        return f'{RUNS_AT_ONCE} simultaneous runs next to {BUSY_LOOPS} busy loops'
 
     @classmethod
     def draw(cls, generator: random.Random, turn: int) -> BusyMachine:
-        """Return it; nothing about it is random."""
+        """Return it; it has no random choices."""
         return cls()
 
     def carry_out(self, site: Site) -> Verdict:
@@ -144,12 +144,12 @@ class BusyMachine:
 
 @dataclass(frozen=True)
 class Leftovers:
-    """What a graph that was killed at once has left in shared memory, and broken ports with it.
+    """Leftovers of a killed graph in shared memory, with broken ports.
 
     Attributes
     ----------
     broken : tuple of int
-        Ports whose making was cut short, counted from a domain's first one for a participant.
+        Unfinished ports, relative to a domain's first port for participants.
     sizes : tuple of int
         Their lengths [byte].
     """
@@ -159,17 +159,17 @@ class Leftovers:
 
     def __str__(self) -> str:
         ports = ', '.join(f'{p} ({s} bytes)' for p, s in zip(self.broken, self.sizes, strict=True))
-        return f'broken ports {ports}, and what a killed graph leaves'
+        return f'broken ports {ports}, and leftovers of a killed graph'
 
     @classmethod
     def draw(cls, generator: random.Random, turn: int) -> Leftovers:
-        """Draw some broken ports; their numbers count from a domain's first participant's."""
+        """Draw some broken ports, relative to those of a domain's first participant."""
         ports = tuple(sorted(generator.sample(range(PORTS), k=generator.randint(1, 6))))
         sizes = (0, 1, SMALLEST_PORT - 1, SMALLEST_PORT, 4 * SMALLEST_PORT)
         return cls(ports, tuple(generator.choice(sizes) for _ in ports))
 
     def carry_out(self, site: Site) -> Verdict:
-        """Run a graph to its sudden end, break ports, and run another one in the same place."""
+        """Kill a running graph, break ports, and run another one in the same place."""
         first = Run(site, LONG_S, name='first')
         first.await_ticks()
         for process in (first.program.pid, *site.alive()):

@@ -1,4 +1,4 @@
-"""One trial, as a process of its own, which prints the verdict as JSON.
+"""One trial as a separate process, which prints the verdict as JSON.
 
 ``python -m campaign.trial FAULT SEED NUMBER FOLDER DOMAIN… [--own-memory]``
 """
@@ -17,15 +17,15 @@ from campaign.faults import BY_NAME
 from campaign.site import START_S, CampaignError, Site, Stopwatch
 
 OWN_MEMORY = '--own-memory'
-"""Says that nobody else has this ``/dev/shm``."""
+"""Option for a private ``/dev/shm``."""
 
 
 SWEPT_S = 5.0
-"""What a killed process may take to let go of its locks [s]."""
+"""Time after which a killed process has released its locks [s]."""
 
 
 def judge_shared_memory() -> tuple[str, ...]:
-    """Judge whether the next run can remove all that is left in shared memory."""
+    """Judge whether the next run can remove all leftovers in shared memory."""
     watch = Stopwatch()
     while True:
         sweep(older_than_s=0.0)
@@ -36,7 +36,7 @@ def judge_shared_memory() -> tuple[str, ...]:
 
 
 def main(words: list[str]) -> int:
-    """Carry out a trial."""
+    """Run a trial."""
     name, seed, number, folder, *domains = [word for word in words if word != OWN_MEMORY]
     attempt = BY_NAME[name].attempt(int(seed), int(number))
     with Site(Path(folder), [int(domain) for domain in domains]) as site:

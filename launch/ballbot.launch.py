@@ -1,4 +1,4 @@
-"""Launches the whole graph and, if wanted, the recorder and RViz."""
+"""Launches the whole graph and, on request, the recorder and RViz."""
 
 import sys
 from difflib import get_close_matches
@@ -29,7 +29,7 @@ from ballbot_ros.share import share_directory
 
 ARGUMENTS = {
     'scenario': ('', 'name or file of a scenario; empty: balance until stopped'),
-    'params_file': ('', 'parameter file whose values come on top'),
+    'params_file': ('', 'parameter file that overrides the scenario'),
     'real_time_factor': ('', '1: real time, 0: as fast as it can; empty: as the files say, or 1'),
     'record': ('false', 'true: record the run'),
     'output': ('', 'recording to write; empty: a new one under runs/'),
@@ -37,35 +37,35 @@ ARGUMENTS = {
     'rviz': ('false', 'true: show the robot in RViz'),
 }
 SWITCHES = ('record', 'rviz')
-OF_ROS = ('launch-prefix', 'launch-prefix-filter')
-"""What the command `ros2 launch` adds of its own."""
+ROS2_LAUNCH_ARGUMENTS = ('launch-prefix', 'launch-prefix-filter')
+"""Arguments that `ros2 launch` adds by itself."""
 
 
 class LaunchError(RuntimeError):
-    """What ends the launch with a status other than 0."""
+    """Error that ends the launch with a nonzero status."""
 
 
 def check_names(context):
-    """Refuse an argument that is misspelt, where this file is the one that was launched.
+    """Refuse misspelt arguments, if this is the launched file.
 
-    What another launch file includes may have arguments of that file about it.
+    When another launch file includes this one, the arguments may belong to that file.
     """
     if Path(__file__).name not in {Path(word).name for word in sys.argv}:
         return
     for word in context.argv:
         name = word.partition(':=')[0]
-        if name not in ARGUMENTS and name not in OF_ROS:
+        if name not in ARGUMENTS and name not in ROS2_LAUNCH_ARGUMENTS:
             close = get_close_matches(name, ARGUMENTS)
             hint = f'did you mean {close[0]}?' if close else f'there are {", ".join(ARGUMENTS)}'
             raise LaunchError(f'no launch argument {name!r}; {hint}')
 
 
 class End:
-    """Ends the launch with the run, and as the run has ended.
+    """Ends the launch when the run ends, with the result of the run.
 
-    The plant ends when the run does. A node that refuses to start ends with status 2; one that
-    fails, with 1, and the plant, which misses it, says more. One that was killed may be started
-    again.
+    The plant ends with the run. A node that refuses to start ends with status 2, and one that
+    fails with 1; the plant then notices that it is missing and gives the details. A killed node
+    may be started again.
     """
 
     def __init__(self, nodes):
@@ -73,7 +73,7 @@ class End:
         self._failure = ''
 
     def __call__(self, event, context):
-        """Return what follows the end of a process, or raise LaunchError."""
+        """Return the actions that follow the end of a process, or raise LaunchError."""
         name, status = self._names.get(event.action), event.returncode
         if name is None:
             return None
@@ -91,7 +91,7 @@ def launch_graph(context):
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     record, show = given['record'] == 'true', given['rviz'] == 'true'
     if show:
-        # If it is missing that ends the launch here, before there are processes to be left behind.
+        # A missing rviz2 ends the launch here, before any process has started.
         FindPackagePrefix('rviz2').perform(context)
     factor = None
     if given['real_time_factor']:
@@ -134,7 +134,7 @@ def rviz(namespace):
         executable='rviz2',
         namespace=namespace,
         arguments=['-d', str(share_directory() / 'config/rviz/ballbot.rviz')],
-        # On sim time its transforms are forgotten when time leaps back.
+        # On sim time RViz discards its transforms when time jumps back.
         parameters=[{'use_sim_time': True}],
         remappings=[
             (f'/{topic.name}', topic.name)

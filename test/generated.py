@@ -35,7 +35,7 @@ def need(target):
 
 def need_command(command, package):
     if shutil.which(command) is None:
-        pytest.skip(f'{command} is not there: install the Debian package {package}')
+        pytest.skip(f'{command} not found: install it with `apt install {package}`')
 
 
 def random_values(seed):

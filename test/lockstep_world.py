@@ -128,7 +128,7 @@ class FakeGraph:
             return self.clocks
         return sum(topic == TOPICS.ack and node.role == RECORDER for node in self._world.in_graph)
 
-    def heard(self, topics):
+    def received(self, topics):
         self.is_listening = self.is_listening or bool(topics)
         heard = [(topic, stamp_ns) for topic, stamp_ns in self.heard_messages if topic in topics]
         self.heard_messages = [each for each in self.heard_messages if each not in heard]
@@ -235,7 +235,7 @@ class LockstepWorld:
                         if node.run != run.name:
                             self._join(node, run)
                         self._announce(node)
-            case do.PublishTruth(truth) | do.AskDrivers(truth):
+            case do.PublishTruth(truth) | do.ResendToDrivers(truth):
                 self._answer(truth)
             case do.WakeIn(delay_s):
                 self.calls_s['on_wake'] = self.now_s + delay_s

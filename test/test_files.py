@@ -90,7 +90,7 @@ def test_no_command_waits_at_a_fifo(fifo, tmp_path, name):
 def test_a_folder_is_no_recording(command, folder):
     done = CliRunner().invoke(ballbot, [command, folder])
     assert done.exit_code == 2
-    assert f'{folder}: a folder, not a recording' in done.output
+    assert f'{folder}: is a folder; name a recording' in done.output
 
 
 def test_without_a_place_for_temporary_files_there_is_one_line(tmp_path, monkeypatch):

@@ -120,9 +120,9 @@ def test_malformed_text_is_refused_with_its_line(read, content, line):
 @pytest.mark.parametrize(
     ('content', 'line', 'told'),
     [
-        ('a: 1\nb: 2\na: 3\n', 3, "'a' is there twice"),
-        ('a:\n  b: 1\n  b: 1\n', 3, "'b' is there twice"),
-        ('1: x\n1: y\n', 2, '1 is there twice'),
+        ('a: 1\nb: 2\na: 3\n', 3, "duplicate key 'a'"),
+        ('a:\n  b: 1\n  b: 1\n', 3, "duplicate key 'b'"),
+        ('1: x\n1: y\n', 2, 'duplicate key 1'),
         ('a: 1\n? [b]\n: 2\n', 2, 'a key must be plain text'),
         ('{a: 1}: 2\n', 1, 'a key must be plain text'),
     ],

@@ -1,4 +1,4 @@
-"""The parameters of each run of a recording, as its participants told them."""
+"""The parameters of each run of a recording, as its participants announced them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ballbot_ros.world.library import is_file_name
 
 
 class AnnouncedParameters:
-    """Collects what a recording tells of the participants of its runs."""
+    """Collects the announcements of the participants in a recording."""
 
     def __init__(self) -> None:
         self._told: dict[str, list[Participant]] = {}
@@ -31,7 +31,7 @@ class AnnouncedParameters:
         self._members: dict[str, Mapping[str, str]] = {}
 
     def add(self, topic: Topic, data: bytes) -> None:
-        """Take a message of ``participants`` or ``plant/run_status``, if it is one."""
+        """Process a message of ``participants`` or ``plant/run_status``; ignore all others."""
         try:
             if topic is RUN_STATUS:
                 status = decode_run_status(data)
@@ -47,7 +47,7 @@ class AnnouncedParameters:
             self._told.setdefault(announcement.run, []).append(participant)
 
     def _of_run(self, run: str) -> dict[str, Mapping[str, object]]:
-        """Return the parameters by role: of whoever took part, not of who came in between."""
+        """Return the parameters of the participants by role, without later joiners."""
         values: dict[str, Mapping[str, object]] = {}
         for each in self._told.get(run, ()):
             if self._took_part(each, run):
@@ -59,16 +59,16 @@ class AnnouncedParameters:
         return participant.parameters_sha256[:12] in member
 
     def controller(self, run: str) -> Participant | None:
-        """Return the controller of a run, by its name; None where the recording tells of none."""
+        """Return the controller of a run, by the run's name; None if it was not announced."""
         controllers = self._controllers.get(run, ())
         return next((each for each in controllers if self._took_part(each, run)), None)
 
     def tells(self, run: str) -> bool:
-        """Tell whether all is known of a run, by its name, that it can be made again by."""
+        """Return whether everything needed to replay a run, by its name, was announced."""
         return self._of_run(run).keys() >= SIMULATED
 
     def is_of_another_scenario(self, run: str) -> bool:
-        """Tell whether a run had another scenario than the first one that told its own."""
+        """Return whether a run had another scenario than the first announced run."""
         scenarios = [self._scenario(each) for each in (*self._told, run)]
         return bool(scenarios[-1] != scenarios[0])
 
@@ -83,24 +83,24 @@ class AnnouncedParameters:
         Parameters
         ----------
         run : str
-            Its name, as ``plant/run`` has it.
+            Its name in ``plant/run``.
         attached : ParameterSet
-            What the recording has attached; what nobody told is as it says.
+            The attached parameters, for values that nobody announced.
         files : mapping of str to AttachedFile
-            The attachments, among which a map is that was a file.
+            The attachments, which include the map if it was a file.
         """
         parameters = ParameterSet()
         parameters.update(attached)
         for role, values in self._of_run(run).items():
             for name, value in values.items():
                 if name in PATHS and name != 'map':
-                    continue  # of no use elsewhere
+                    continue  # useless on another machine
                 if name == 'map' and isinstance(value, str) and is_file_name(value):
                     value = _attached_map(files, values.get(MAP_HASH)) or value
                 try:
                     parameters.set(role, name, value)
                 except ParameterError:
-                    continue  # somebody's own controller has parameters of its own
+                    continue  # a foreign controller has its own parameters
         return parameters
 
 

@@ -1,4 +1,4 @@
-"""What a recorded run comes to: every metric, the expectations, and a verdict."""
+"""Assessment of a recorded run: all metrics, the expectations, and a verdict."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ballbot_ros.world.world import World
 
 @dataclass(frozen=True)
 class Judged:
-    """An expectation with what was measured, and its verdict."""
+    """An expectation, its measured value and its verdict."""
 
     judgement: Judgement
     verdict: ExpectationVerdict
@@ -28,15 +28,14 @@ class Judged:
 
 @dataclass(frozen=True)
 class Assessment:
-    """A recorded run with all that is computed of it.
+    """A recorded run and everything computed from it.
 
     Attributes
     ----------
     run : RunData
     metrics : dict of str to float
         Those of :data:`~ballbot_ros.scenario.metrics.METRICS`, then those of
-        :data:`~ballbot_ros.analysis.run_metrics.RUN_METRICS`; NaN where there is nothing to
-        measure it by.
+        :data:`~ballbot_ros.analysis.run_metrics.RUN_METRICS`; NaN if the data are missing.
     expectations : tuple of Judged
     outcome : Verdict
     reason : str
@@ -50,7 +49,7 @@ class Assessment:
     reason: str
 
     def as_json(self) -> dict[str, object]:
-        """Return metrics, verdicts and what is known of the file; a missing number is None."""
+        """Return metrics, verdicts and facts about the file; missing numbers are None."""
         run = self.run
         return {
             'recording': str(run.path),
@@ -91,7 +90,7 @@ class Assessment:
 
 
 def assess(run: RunData) -> Assessment:
-    """Measure a run and judge it by the scenario that is attached to it."""
+    """Measure a run and judge it by its attached scenario."""
     clearance = _clearance(run)
     metrics = {**measure(run.trajectory, run.plant, clearance), **RUN_METRICS.measure(run)}
     scenario = run.attached.scenario
@@ -102,7 +101,7 @@ def assess(run: RunData) -> Assessment:
 
 
 def _clearance(run: RunData) -> Clearance | None:
-    """Return the distances to the walls of the recorded map; None where it is not one of ours."""
+    """Return the distances to the walls of the recorded map; None for an unsupported map."""
     grid = run.grid
     if grid is None or not np.isclose(grid.resolution, CELL_M):
         return None
@@ -113,7 +112,7 @@ def _clearance(run: RunData) -> Clearance | None:
 
 
 def shown_metrics(assessment: Assessment) -> dict[str, float]:
-    """Return the metrics but the times in states that never were."""
+    """Return the metrics without the times in states that never occurred."""
     return {
         name: value
         for name, value in assessment.metrics.items()
@@ -125,7 +124,7 @@ def _verdict(run: RunData, judgement: Judgement) -> ExpectationVerdict:
     expectation, value = judgement.expectation, judgement.value
     to_the_end = run.complete
     within = run.intact and expectation.end < run.end + HALF_TICK_S
-    # A robot that never settles is a finding; any other number that is not there is none.
+    # "Never settles" is a result; for all other metrics NaN means missing data.
     known = not math.isnan(value) or expectation.metric == 'settling_time_s'
     if not known or not (to_the_end or within):
         return ExpectationVerdict.NOT_JUDGED
@@ -164,7 +163,7 @@ def _lack(run: RunData) -> str:
 
 
 def _failure(run: RunData) -> str:
-    """Return the last error that a node has reported, empty if there is none."""
+    """Return the last error that a node reported, empty if there is none."""
     errors = [
         f'{status.name.partition(":")[0]}: {status.message}'
         for _, status in run.statuses

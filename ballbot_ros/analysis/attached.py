@@ -1,4 +1,4 @@
-"""The files that a recording has with it: scenario, parameters and versions."""
+"""The attachments of a recording: scenario, parameters and versions."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from ballbot_ros.yaml_document import YamlDocument
 
 @dataclass
 class Attached:
-    """What the attachments say.
+    """The content of the attachments.
 
     Attributes
     ----------
     scenario : Scenario or None
     parameters : ParameterSet
-        Every parameter; the defaults where none are attached or told.
+        All parameters, with defaults for those that are neither attached nor announced.
     has_parameters : bool
-        Whether they were attached, or told by the participants.
+        Whether they were attached, or announced by the participants.
     versions : dict of str to str
     floor_map : FloorMap or None
-        None where no map is attached.
+        None if no map is attached.
     notices : list of str
-        What is not there or cannot be read.
+        Attachments that are missing or unreadable.
     files : mapping of str to AttachedFile
-        The attachments themselves.
+        The attached files.
     """
 
     scenario: Scenario | None = None
@@ -50,20 +50,20 @@ class Attached:
     files: Mapping[str, AttachedFile] = field(default_factory=dict)
 
     def in_run(self, run: str, told: AnnouncedParameters) -> Attached:
-        """Return what holds in a run, by the name that ``plant/run`` gives it."""
+        """Return the content that applies to a run, by its name in ``plant/run``."""
         if not told.tells(run):
             return self
         parameters = told.of(run, self.parameters, self.files)
         name = parameters.of(PlantParameters).map
         floor_map = self.floor_map
         if name not in self.files:
-            # The file of another map is nowhere here: the topic map tells the walls.
+            # The file of another map is not attached; the topic map has its walls.
             floor_map = load_map(name) if name in map_names() else None
         notices = [each for each in self.notices if not each.startswith(f'No {PARAMETERS} ')]
         scenario = self.scenario
         if scenario and told.is_of_another_scenario(run):
             scenario = None
-            notices.append(f'{SCENARIO} is not that of this run; {_WITHOUT[SCENARIO]}.')
+            notices.append(f'{SCENARIO} belongs to another run; {_WITHOUT[SCENARIO]}.')
         return replace(
             self,
             scenario=scenario,
@@ -75,10 +75,10 @@ class Attached:
 
 
 def read_attached(recording: RecordingReader) -> Attached:
-    """Read the attachments; one that is not there or not readable is noted, not an error."""
+    """Read the attachments; a missing or unreadable one becomes a notice, not an error."""
     files = recording.attachments()
     attached = Attached(files=files)
-    # Their readers take files, whose names and lines they tell.
+    # Their readers take files, whose names and lines appear in errors.
     with temporary_folder() as folder:
         for name in (SCENARIO, PARAMETERS, VERSIONS, *(name for name in MAPS if name in files)):
             if name not in files:
@@ -96,9 +96,9 @@ def read_attached(recording: RecordingReader) -> Attached:
 
 _WITHOUT = {
     SCENARIO: 'no expectation is judged',
-    PARAMETERS: 'the defaults are taken, and the first position for the start',
-    VERSIONS: 'what made the recording is unknown',
-    **dict.fromkeys(MAPS, 'the walls of the topic map are taken'),
+    PARAMETERS: 'defaults are assumed, and the first position counts as the start',
+    VERSIONS: 'the versions behind the recording are unknown',
+    **dict.fromkeys(MAPS, 'the walls of the topic map are used'),
 }
 
 

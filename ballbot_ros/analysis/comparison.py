@@ -1,4 +1,4 @@
-"""Recorded runs side by side; the first one is the reference."""
+"""Comparison of recorded runs; the first one is the reference."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _DASHES = ('-', '--', '-.', ':')
 
 @dataclass(frozen=True)
 class _Source:
-    """A quantity that is compared, and where it comes from."""
+    """A compared quantity and its source."""
 
     quantity: Quantity
     title: str
@@ -73,7 +73,7 @@ _SOURCES = (
 
 @dataclass(frozen=True)
 class Compared:
-    """What a comparison keeps of a run: not its ticks, so that many runs fit into memory.
+    """The part of a run that a comparison needs: not its ticks, so that many runs fit in memory.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class Compared:
 
 
 def compared(letter: str, assessment: Assessment) -> Compared:
-    """Return what a comparison needs of a run."""
+    """Return the part of a run that a comparison needs."""
     run = assessment.run
     tables = {s.quantity.name: s.table(run) for s in _SOURCES if s.topic in run.series}
     if PLANT_ODOM in run.series:
@@ -126,7 +126,7 @@ def compared(letter: str, assessment: Assessment) -> Compared:
 
 
 def failures(runs: Sequence[Compared], conditions: Iterable[Condition]) -> list[str]:
-    """Return in words which conditions hold, and which runs are too incomplete to judge by."""
+    """Return the conditions that hold, and the runs too incomplete to judge, as text."""
     conditions = list(conditions)
     if not conditions:
         return []
@@ -149,7 +149,7 @@ def failures(runs: Sequence[Compared], conditions: Iterable[Condition]) -> list[
 
 
 def changes(reference: float, value: float) -> tuple[float, float]:
-    """Return the change, and in percent of the reference's magnitude; NaN where there is none."""
+    """Return the change, and the change in percent of the reference's magnitude; NaN if unknown."""
     change = value - reference
     if change == 0.0:
         return 0.0, 0.0
@@ -157,7 +157,7 @@ def changes(reference: float, value: float) -> tuple[float, float]:
 
 
 def as_json(runs: Sequence[Compared], failed: Sequence[str]) -> dict[str, object]:
-    """Return the comparison as one object; a number that is not there is None."""
+    """Return the comparison as one object; missing numbers are None."""
     reference = runs[0]
     metrics: dict[str, object] = {}
     for name in MEANINGS:
@@ -184,7 +184,7 @@ def as_json(runs: Sequence[Compared], failed: Sequence[str]) -> dict[str, object
 
 
 class Change(NamedTuple):
-    """A metric of a later run in words, and how far it is from that of the first run."""
+    """A metric of a later run as text, and its change from the first run."""
 
     value: str
     change: str
@@ -192,14 +192,14 @@ class Change(NamedTuple):
 
 
 class ComparedMetric(NamedTuple):
-    """A metric in words: of the first run, and of each later one."""
+    """A metric as text, for the first run and each later one."""
 
     text: MetricText
     changes: list[Change]
 
 
 def rows(runs: Sequence[Compared]) -> list[ComparedMetric]:
-    """Return the metrics that any run has."""
+    """Return the metrics that at least one run has."""
     content = []
     for name in MEANINGS:
         values = [each.metrics[name] for each in runs]
@@ -261,17 +261,17 @@ def _figures(runs: Sequence[Compared]) -> Iterable[Drawn]:
         yield Drawn(
             'track',
             'Track',
-            'The ways of the ball from above; a dot is where it starts, a square where it ends.',
+            'The tracks of the ball from above; a dot marks the start, a square the end.',
             png_of(_draw_tracks(runs)),
             {},
         )
 
 
 def _lines(runs: Sequence[Compared], name: str) -> Iterator[tuple[Table, Line]]:
-    """Iterate over the tables of a name that the runs have, and how each is drawn."""
+    """Iterate over the runs' tables of this name, with the line style of each."""
     for index, each in enumerate(runs):
         if name in each.tables:
-            # The first line is the widest one, so that those above do not hide it.
+            # The first line is the widest, so that later ones do not hide it.
             yield (
                 each.tables[name],
                 Line(

@@ -17,18 +17,18 @@ _FORM = re.compile(
 
 
 class ConditionError(BallbotError):
-    """A condition that is not of that form, or on a metric that there is not."""
+    """A condition that is malformed or names an unknown metric."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A change that is too large.
+    """A limit on the change of a metric.
 
     Attributes
     ----------
     metric : str
     sign : str
-        ``>``: the metric has risen by more than `amount`; ``<``: it has fallen by more.
+        ``>``: the metric rose by more than `amount`; ``<``: it fell by more.
     amount : float
         Percent of the reference's magnitude, or the metric's own unit; not negative.
     percent : bool
@@ -40,15 +40,14 @@ class Condition:
     percent: bool
 
     def __str__(self) -> str:
-        """Return the condition in the form in which it is given."""
+        """Return the condition in its input form."""
         return f'{self.metric}{self.sign}{self.amount:.12g}{"%" if self.percent else ""}'
 
     def holds(self, reference: float, value: float) -> bool:
-        """Tell whether `value` has changed so from `reference`.
+        """Return whether `value` has changed by more than the limit from `reference`.
 
-        A value that is not there (NaN) though the reference's is has got worse: it holds. Without
-        a reference there is no change: it does not hold. From a reference of 0 any change is more
-        than any percentage.
+        If only `value` is missing (NaN), it has got worse: the condition holds. Without a reference
+        it does not hold. A change from a reference of 0 exceeds any percentage.
         """
         if math.isnan(reference):
             return False
@@ -59,12 +58,12 @@ class Condition:
 
 
 def parse_condition(text: str, metrics: Iterable[str]) -> Condition:
-    """Return the condition that `text` says.
+    """Parse a condition.
 
     Raises
     ------
     ConditionError
-        If it is not of the form ``metric>5%`` or ``metric<0.1``, or none of the `metrics`.
+        If it is not of the form ``metric>5%`` or ``metric<0.1``, or not on one of the `metrics`.
     """
     match = _FORM.fullmatch(text)
     if not match:

@@ -1,4 +1,4 @@
-"""The data log of a recording, as the gamepad node writes it while driving."""
+"""Conversion of the data log in a recording to CSV, in the format of the gamepad node."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ballbot_ros.timing import MILLISECOND_NS
 
 @dataclass(frozen=True)
 class WrittenLog:
-    """The files that were written, one a run, and how many messages were no log packets."""
+    """The written files, one per run, and the number of malformed packets."""
 
     paths: Sequence[Path]
     topic: str
@@ -26,18 +26,18 @@ class WrittenLog:
 
 
 def write_data_log(reader: RecordingReader, output: Path) -> WrittenLog:
-    """Write the log packets of a recording as CSV, a file for each run.
+    """Write the log packets of a recording as CSV, one file per run.
 
     Raises
     ------
     RecordingError
-        If there is no topic of log packets, or a message can't be read; no file is left then.
+        If there is no topic of log packets, or a message can't be read; no file remains then.
     """
     namespace = robot_namespace(reader, [BLUETOOTH_TX])
     if namespace is None:
         names = ', '.join(sorted(reader.topics())) or 'none'
         raise RecordingError(
-            f'{reader.path}: no topic {BLUETOOTH_TX.name!r}, one is needed; there are {names}'
+            f'{reader.path}: topic {BLUETOOTH_TX.name!r} not found; the file has {names}'
         )
     packets, runs = BLUETOOTH_TX.resolved(namespace), RUN.resolved(namespace)
     log = CsvLog(output)
@@ -53,7 +53,7 @@ def write_data_log(reader: RecordingReader, output: Path) -> WrittenLog:
 
 
 def _write(reader: RecordingReader, log: CsvLog, packets: str, runs: str) -> int:
-    """Write the packets; return how many messages were none."""
+    """Write the packets; return the number of malformed ones."""
     malformed = 0
     for topic, _, message in reader.messages({packets, runs} & reader.topics().keys()):
         if topic == runs:

@@ -1,4 +1,4 @@
-"""How far the duties of one controller are from those of another."""
+"""Difference between the duties of two controllers."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ class Divergence:
     Attributes
     ----------
     ticks, differing : int
-        Number of ticks, and of those in which a duty differs.
+        Number of ticks, and of ticks in which a duty differs.
     first_ns : int or None
-        Sim time of the first of them [ns].
+        Sim time of the first difference [ns].
     largest : tuple of int
         Largest absolute difference of planes x and y [%].
     """

@@ -1,7 +1,6 @@
-"""What figures consist of: curves against time, and the track on the floor.
+"""Elements of figures: curves against time, and the track on the floor.
 
-The picture of a run, the report and the comparison draw with these functions, so that the same
-thing looks the same everywhere.
+The picture of a run, the report and the comparison share these functions, so that they look alike.
 """
 
 from __future__ import annotations
@@ -21,28 +20,28 @@ from ballbot_ros.world.floor_map import CELL_M, LINE, WALL, FloorMap
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# In lighter grays than an image of a map has, so that the track stands out.
+# Lighter grays than those of map images, so that the track stands out.
 _WALL_SHADE, _LINE_SHADE = 0.6, 0.8
 
 _LINES = 2.0
-"""The height at which matplotlib draws lines."""
+"""Matplotlib's default z-order of lines."""
 
 _OCCUPIED_PERCENT = 50
-"""From which on a cell of a grid is drawn as wall."""
+"""Occupancy from which a cell of a grid is drawn as wall."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity that has a column for each plane.
+    """A quantity with a column for each plane.
 
     Attributes
     ----------
     name : str
-        What its columns and its figure are called.
+        Name of its columns and its figure.
     suffix : str
-        What the names of its columns end with: its unit.
+        Suffix of its column names: the unit.
     label : str
-        What stands at its axis.
+        Label of its axis.
     """
 
     name: str
@@ -50,11 +49,11 @@ class Quantity:
     label: str
 
     def column(self, plane: str) -> str:
-        """Return the name of the column of plane ``x`` or ``y``."""
+        """Return the column name of plane ``x`` or ``y``."""
         return f'{self.name}_{plane}_{self.suffix}'
 
     def columns(self, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-        """Return the columns of values of both planes, shape (n, 2), by their names."""
+        """Return the columns for values of both planes, shape (n, 2), by name."""
         return plane_columns(self.name, self.suffix, values)
 
 
@@ -65,7 +64,7 @@ DUTY = Quantity('duty', 'percent', 'duty [%]')
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of time [s] with a name."""
+    """A named interval of time [s]."""
 
     start: float
     end: float
@@ -73,7 +72,7 @@ class Span:
 
 
 def draw_planes(axes: Axes, quantity: Quantity, table: Table) -> None:
-    """Draw a quantity of both planes against time, plane x over plane y."""
+    """Draw a quantity of both planes against time, plane x in front of plane y."""
     for plane, line, height in zip('xy', PLANES, (_LINES + 0.1, _LINES), strict=True):
         draw_line(axes, table['time_s'], table[quantity.column(plane)], line, height)
     frame_curves(axes, quantity.label)
@@ -82,7 +81,7 @@ def draw_planes(axes: Axes, quantity: Quantity, table: Table) -> None:
 def draw_line(
     axes: Axes, x: NDArray[Any], y: NDArray[Any], line: Line, height: float = _LINES
 ) -> None:
-    """Draw a line through points, over those before it.
+    """Draw a line through points, in front of earlier ones.
 
     Parameters
     ----------
@@ -90,7 +89,7 @@ def draw_line(
     x, y : ndarray, shape (n,)
     line : Line
     height : float
-        What is higher is drawn over what is lower.
+        Z-order: higher lines cover lower ones.
     """
     axes.plot(
         x, y, color=line.color, linewidth=line.width, linestyle=line.dash,
@@ -99,14 +98,14 @@ def draw_line(
 
 
 def frame_curves(axes: Axes, label: str) -> None:
-    """Make the axes those of curves against time; `label` stands at the vertical one."""
+    """Set up axes for curves against time; `label` is for the vertical axis."""
     axes.margins(x=0.0)
     axes.set_ylabel(label)
     tidy(axes)
 
 
 def label_time(axes: Axes) -> None:
-    """Make the horizontal axis that of time."""
+    """Label the horizontal axis as time."""
     axes.set_xlabel('time [s]')
 
 
@@ -117,13 +116,13 @@ def draw_bounds(axes: Axes, bounds: Iterable[float]) -> None:
 
 
 def shade(axes: Axes, spans: Iterable[Span]) -> None:
-    """Shade stretches of time."""
+    """Shade intervals of time."""
     for span in spans:
         axes.axvspan(span.start, span.end, color=GRAY, alpha=0.12, linewidth=0.0)
 
 
 def name_spans(axes: Axes, spans: Iterable[Span]) -> None:
-    """Write the names of stretches of time above the axes."""
+    """Write the names of intervals above the axes."""
     for span in spans:
         axes.annotate(
             span.name, ((span.start + span.end) / 2.0, 1.0), (0, 3), color=GRAY, fontsize='small',
@@ -132,20 +131,20 @@ def name_spans(axes: Axes, spans: Iterable[Span]) -> None:
 
 
 def widen(axes: Axes, least: float) -> None:
-    """Let the vertical axis span at least so much: what hardly changes is shown as such."""
+    """Let the vertical axis span at least `least`, so that small changes look small."""
     low, high = axes.get_ylim()
     middle, half = (low + high) / 2.0, max(high - low, least) / 2.0
     axes.set_ylim(middle - half, middle + half)
 
 
 def draw_floor(axes: Axes, floor: FloorMap | OccupancyGrid | None) -> None:
-    """Make the axes those of the floor seen from above, forward to the right, as in ``map``.
+    """Draw the floor from above, in the axes of ``map``, with forward on the right.
 
     Parameters
     ----------
     axes : matplotlib Axes
     floor : FloorMap, OccupancyGrid or None
-        Walls, and the lines that a map has and a grid lacks; None for a floor without.
+        Walls and, for a map, lines; None for a floor without either.
     """
     if isinstance(floor, FloorMap):
         _draw_map(axes, floor)
@@ -175,7 +174,7 @@ def _draw_grid(axes: Axes, grid: OccupancyGrid) -> None:
 def _draw_shades(
     axes: Axes, shades: NDArray[np.float64], extent: tuple[float, float, float, float]
 ) -> None:
-    """Draw grays between 0 and 1, nothing where there is NaN; the edges in cm."""
+    """Draw grays between 0 and 1, nothing for NaN; edges in cm."""
     axes.imshow(
         np.ma.masked_invalid(shades), cmap='gray', vmin=0.0, vmax=1.0, interpolation='nearest',
         extent=extent,
@@ -183,10 +182,10 @@ def _draw_shades(
 
 
 def draw_track(axes: Axes, table: Table, line: Line) -> None:
-    """Draw the way of the ball, a dot where it starts and a square where it ends.
+    """Draw the track of the ball, with a dot at its start and a square at its end.
 
-    Where the line has a label, and is one of several, dot and square have its colour; else they
-    are named in the legend.
+    If the line has a label, as one of several, dot and square have its colour; otherwise the legend
+    explains them.
 
     Parameters
     ----------
@@ -207,7 +206,7 @@ def draw_track(axes: Axes, table: Table, line: Line) -> None:
 
 @dataclass(frozen=True)
 class _EndMark:
-    """How an end of a track is marked, which is in a row of its table."""
+    """Marker of one end of a track, at a row of its table."""
 
     row: int
     name: str
@@ -217,21 +216,21 @@ class _EndMark:
     edge: str | None = None
 
 
-# Both can be seen where the ball comes back to its start, also in one colour.
+# Both stay visible if the ball returns to its start, even in one colour.
 _START, _END = _EndMark(0, 'start', 'o', 8.0, GRAY), _EndMark(-1, 'end', 's', 6.5, ORANGE, 'white')
 
 
 def legend_above(axes: Axes, columns: int = 2) -> None:
-    """Put the legend above the axes, at their right, where it hides nothing."""
+    """Put the legend above the axes, on the right."""
     axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=columns, frameon=False)
 
 
 def legend_below(axes: Axes, columns: int = 2) -> None:
-    """Put the legend below the axes, at the right of what is written there."""
+    """Put the legend below the axes, on the right, next to the axis label."""
     axes.legend(loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=columns, frameon=False)
 
 
 def tidy(axes: Axes) -> None:
-    """Draw a faint grid, and no frame where there is no axis."""
+    """Draw a faint grid, and remove the frame where there is no axis."""
     axes.grid(alpha=0.3)
     axes.spines[['top', 'right']].set_visible(False)

@@ -1,7 +1,7 @@
-"""What a report needs of a recording, gathered into columns.
+"""Extraction of the data for a report from a recording, into columns.
 
-The stamped topics are read a chunk of the file at once, and no message of them is ever made an
-object: an hour of ticks is some million messages.
+The stamped topics are read chunk by chunk without creating message objects: an hour of ticks has
+some million messages.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _OTHER_CLOCK_MS = 3.6e6
 
 
 def _pitch(messages: Any) -> NDArray[np.float64]:
-    """Return the pitch angles of many orientations as :func:`pitch_angles` reckons each."""
+    """Return the pitch angles of many orientations, equal to those of :func:`pitch_angles`."""
     q = messages.orientation
     wxyz = (part.tolist() for part in (q.w, q.x, q.y, q.z))
     return np.array(list(map(pitch_angles, *wxyz))).T
@@ -73,8 +73,8 @@ TICKED: Mapping[Topic, tuple[str, int, Callable[[Any], Sequence[Any]]]] = {
     SONAR_RANGE: ('f', 2, lambda m: (m.range, m.field_of_view)),
     BATTERY_STATE: ('f', 1, lambda m: (m.voltage,)),
 }
-"""The stamped topics, with number type and count of their columns, and how these are read from a
-record array of messages.
+"""The stamped topics, with the type code and number of their columns, and the function that reads
+them from a record array of messages.
 
 Pitch and pitch rate of planes x, y [rad, rad/s]; position x, y [m]; motor rate x, y [rad/s] and
 torque x, y [N·m]; duty x, y [%]; the estimates of ``controller/state`` [rad] and its pitch rates
@@ -88,9 +88,9 @@ class Columns:
     Parameters
     ----------
     kind : str
-        Number type, as of the module array.
+        Type code of the module array.
     width : int
-        Numbers of a sample.
+        Numbers per sample.
     """
 
     def __init__(self, kind: str, width: int) -> None:
@@ -98,7 +98,7 @@ class Columns:
         self._epochs: dict[int, tuple[array[int], array[float]]] = {}
 
     def __bool__(self) -> bool:
-        """Tell whether there are samples."""
+        """Return whether there are samples."""
         return bool(self._epochs)
 
     def extend(
@@ -130,10 +130,9 @@ class Columns:
 
 
 class Status(NamedTuple):
-    """What a node reported in ``/diagnostics``.
+    """A node's report in ``/diagnostics``.
 
-    Equal texts are one object: in an hour, some nodes that report each second say thousands of
-    times the same.
+    Equal texts share one object: in an hour, nodes repeat the same text thousands of times.
 
     Attributes
     ----------
@@ -150,13 +149,13 @@ class Status(NamedTuple):
 
     @property
     def values(self) -> Iterator[tuple[str, str]]:
-        """The keys, each with its value."""
+        """Pairs of key and value."""
         return zip(self.keys, self.texts, strict=True)
 
 
 @dataclass
 class Traffic:
-    """How the messages of a topic came.
+    """Arrival statistics of a topic.
 
     Attributes
     ----------
@@ -165,7 +164,7 @@ class Traffic:
     first_ns, last_ns, gap_ns : int
         Oldest and newest log time, and the longest time between two messages.
     age_sum_ms, age_max_ms : float
-        Ages: how far a message's stamp lies behind the newest log time before it in the file.
+        Ages: by how much a stamp is older than the newest log time before it in the file.
     """
 
     topic: str
@@ -185,19 +184,19 @@ class Traffic:
         self.gap_ns = max(self.gap_ns, int(np.diff(newest).max()))
         self.last_ns = int(newest[-1])
         self.count += len(log_ns)
-        # One after the other: the sum of an array would be rounded in the order of its pieces.
+        # Element by element: the sum of an array would depend on how it is split.
         self.age_sum_ms = float(np.cumsum(np.append(self.age_sum_ms, age_ms))[-1])
         self.age_max_ms = max(self.age_max_ms, float(age_ms.max()))
 
     @property
     def rate(self) -> float:
-        """Messages a second [Hz]; NaN of fewer than two."""
+        """Messages per second [Hz]; NaN for fewer than two."""
         span = self.last_ns - self.first_ns
         return (self.count - 1) * 1e9 / span if span else float('nan')
 
     @property
     def age_ms(self) -> tuple[float, float]:
-        """Mean and largest age [ms]; NaN where stamps and log times are of different clocks."""
+        """Mean and largest age [ms]; NaN if stamps and log times come from different clocks."""
         if self.age_max_ms > _OTHER_CLOCK_MS:
             return float('nan'), float('nan')
         return self.age_sum_ms / self.count, self.age_max_ms
@@ -205,7 +204,7 @@ class Traffic:
 
 @dataclass
 class Extraction:
-    """All runs of a recording; of events the epoch, the log time [ns] and the content."""
+    """All runs of a recording; events as epoch, log time [ns] and content."""
 
     runs: tuple[RecordedRun, ...] = ()
     columns: dict[Topic, Columns] = field(
@@ -222,12 +221,12 @@ class Extraction:
 
 
 def extract(recording: RecordingReader, progress: Callable[[int, int], None]) -> Extraction:
-    """Go through a recording once.
+    """Read a recording once.
 
     Raises
     ------
     RecordingError
-        If it has no topic of a ballbot, those of several, or a message that is not as it should be.
+        If it has no topic of a ballbot, topics of several, or a malformed message.
     """
     extraction = Extraction()
     wanted = _wanted(robot_topics(recording), extraction.notices)
@@ -269,9 +268,9 @@ def extract(recording: RecordingReader, progress: Callable[[int, int], None]) ->
 def _samples(
     recording: RecordingReader, topic: Topic, batch: Batch, rows: Rows
 ) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Return the stamps [ns] of messages of a stamped topic, shape (n,), and what is read of them.
+    """Return the stamps [ns] of messages of a stamped topic, shape (n,), and their columns.
 
-    The latter has the shape (n, width).
+    The columns have the shape (n, width).
     """
     kind, width, read = TICKED[topic]
     stamps, values = np.empty(len(rows), np.int64), np.empty((len(rows), width), kind)
@@ -326,25 +325,27 @@ def _status(message: DiagnosticStatus) -> Status:
 
 @lru_cache(128)
 def _same_keys(keys: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the first tuple of these keys that there was."""
+    """Return the first of all equal tuples of keys."""
     return keys
 
 
 def _unlike(recording: RecordingReader, raw: RawMessage, error: Exception) -> RecordingError:
     return RecordingError(
-        f'{recording.path}: {raw.topic} at {raw.stamp_ns} ns is not as a ballbot sends it: {error}'
+        f'{recording.path}: {raw.topic} at {raw.stamp_ns} ns is malformed: {error}'
     )
 
 
 def _wanted(topics: RobotTopics, notices: list[str]) -> dict[str, Topic]:
-    """Return what is read, by the names that it has in the file, and note what is missing."""
+    """Return the topics to read, by their names in the file; note missing ones."""
     wanted = {}
     for topic in (*TICKED, *_EVENTS, RUN):
         name = topic.resolved(topics.namespace)
         if name in topics.mistyped:
-            notices.append(f'{topics.mismatch(name)}; it is left out.')
+            notices.append(f'{topics.mismatch(name)}; ignored.')
         elif name in topics.by_name:
             wanted[name] = topic
         elif topic in TICKED:
-            notices.append(f'There is no topic {name}; what needs it is left out.')
+            notices.append(
+                f'There is no topic {name}; figures and metrics that need it are missing.'
+            )
     return wanted

@@ -1,4 +1,4 @@
-"""The numbers that the figures of a run show."""
+"""The numbers shown in the figures of a run."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def pitch_table(run: RunData) -> Table:
 
 
 def track_table(run: RunData) -> Table:
-    """Return the way of the ball in ``map`` [cm]."""
+    """Return the track of the ball in ``map`` [cm]."""
     series = run.series[PLANT_ODOM]
     return every_nth(series.time, track_columns(series.values))
 
@@ -61,7 +61,7 @@ def duty_table(run: RunData) -> Table:
 
 
 def motion_table(run: RunData) -> Table:
-    """Return position [cm] and body pitch [°] where there are both."""
+    """Return position [cm] and body pitch [°] at ticks that have both."""
     position, pitch = position_table(run), pitch_table(run)
     if not np.array_equal(position['time_s'], pitch['time_s']):
         stamps = np.intersect1d(run.series[PLANT_ODOM].stamps, run.series[PLANT_IMU].stamps)
@@ -78,7 +78,7 @@ def motion_table(run: RunData) -> Table:
 def estimate_table(run: RunData) -> Table:
     """Return true and estimated pitch [°] and position [cm]."""
     body = run.series[PLANT_IMU]
-    # One after the other: of an hour, the ticks of all of them would be 60 MB.
+    # One after the other: the ticks of all of them would take 60 MB for an hour.
     table = dict(_table(body, 'true_pitch', 'deg', np.degrees(body.values[:, :2])))
     table |= _table(body, 'estimated_pitch', 'deg', np.degrees(estimated_pitch(run, body.stamps)))
     table |= _table(body, 'true_position', 'cm', run.series[PLANT_ODOM].at(body.stamps) * 100.0)
@@ -88,7 +88,7 @@ def estimate_table(run: RunData) -> Table:
 
 
 def gyro_table(run: RunData) -> Table:
-    """Return true rate, reading less offset, true and estimated offset [°/s]."""
+    """Return true rate, reading minus offset, true and estimated offset [°/s]."""
     gyro = run.series[GYRO_IMU]
     rates = run.series[PLANT_IMU].at(gyro.stamps)[:, 2:]
     table = dict(_table(gyro, 'true_rate', 'deg_s', np.degrees(rates)))
@@ -100,7 +100,7 @@ def gyro_table(run: RunData) -> Table:
 
 
 def sonar_table(run: RunData) -> Table:
-    """Return the distances that were read [cm]; infinite: no echo."""
+    """Return the measured distances [cm]; infinite for no echo."""
     series = run.series[SONAR_RANGE]
     distance = series.values[:, 0].astype(float) * 100.0
     return every_nth(series.time, {'distance_cm': distance})

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 MANY_CM = 5.0
-"""Motion in plane y from which on the track says more than the two positions against time."""
+"""Motion in plane y from which the track is more informative than the positions against time."""
 
 
 def draw_motion(
@@ -45,7 +45,7 @@ def draw_motion(
 ) -> None:
     """Draw position, body pitch and duty against time, like the document's figures 8-2 and 8-3.
 
-    Where there is a map, or the ball moves in both planes, its track is drawn next to them.
+    With a map, or if the ball moves in both planes, the track is drawn next to them.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def draw_motion(
     segments : iterable of Segment
         Stick segments, shaded and named.
     floor_map : FloorMap or None
-        Walls and lines below the track.
+        Floor below the track.
     """
     position = trajectory.position
     with_track = len(position) > 0 and (
@@ -78,7 +78,7 @@ def draw_motion(
 
 
 def _spans(trajectory: Trajectory, hold_time: float, segments: Iterable[Segment]) -> list[Span]:
-    """Return what is shaded, as far as there are ticks."""
+    """Return the intervals to shade, within the recorded ticks."""
     last = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
     spans = [Span(0.0, hold_time, 'calibration')]
     spans += [Span(segment.start, segment.end, segment.name) for segment in segments]

@@ -1,4 +1,4 @@
-"""Comparing recorded messages with those of a run that is made again."""
+"""Comparison of recorded messages with those of a replay."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _EXTRA, _MISSING = 'recorded, and not replayed', 'replayed, and not recorded'
 
 
 class Difference(NamedTuple):
-    """A recorded message that the replayed one does not equal.
+    """A difference between a recorded and a replayed message.
 
     Attributes
     ----------
@@ -28,9 +28,9 @@ class Difference(NamedTuple):
         Sim time of the tick [ns].
     topic : str
     what : str
-        The first field that differs and both values, or what is missing.
+        The first differing field and both values, or what is missing.
     epoch : int
-        The epoch of the file in which the tick is.
+        The epoch of the tick in the file.
     """
 
     stamp_ns: int
@@ -40,12 +40,12 @@ class Difference(NamedTuple):
 
 
 class Comparison:
-    """Pairs recorded and replayed messages topic by topic, in their order.
+    """Pairs recorded and replayed messages, topic by topic and in order.
 
     Parameters
     ----------
     topics : iterable of Topic
-        What is compared, in the order in which a tick causes it.
+        The compared topics, in the order in which a tick causes their messages.
 
     Attributes
     ----------
@@ -59,13 +59,13 @@ class Comparison:
         self.compared = 0
 
     def recorded(self, topic: Topic, stamp_ns: int, data: bytes, epoch: int = 0) -> None:
-        """Take a recorded message."""
+        """Add a recorded message."""
         if pairs := self._topics.get(topic):
             pairs.recorded.append(_Message(epoch, stamp_ns, data))
             self._compare(topic, pairs)
 
     def replayed(self, topic: Topic, stamp_ns: int, data: bytes, epoch: int = 0) -> None:
-        """Take a message of the run that is made again."""
+        """Add a replayed message."""
         if pairs := self._topics.get(topic):
             pairs.replayed.append(_Message(epoch, stamp_ns, data))
             self._compare(topic, pairs)
@@ -81,18 +81,18 @@ class Comparison:
             is_extra = recorded.moment < replayed.moment
             earlier, text = (recorded, _EXTRA) if is_extra else (replayed, _MISSING)
             self._first[topic] = earlier.difference(topic, text)
-        # The middleware may pad in another way; what counts is the content.
+        # Padding may differ; the content decides.
         elif what := pairs.difference(recorded.data, replayed.data):
             self._first[topic] = replayed.difference(topic, what)
 
     def first_difference(self, *, complete: bool) -> Difference | None:
-        """Return the earliest difference, of one tick the first in the order of cause.
+        """Return the earliest difference; within one tick, the first in causal order.
 
         Parameters
         ----------
         complete : bool
-            Whether the recording claims to have everything, so that a message without a
-            counterpart is a difference.
+            Whether the recording claims to be complete, so that a message without a counterpart is
+            a difference.
         """
         found = dict(self._first)
         if complete:
@@ -110,7 +110,7 @@ class Comparison:
 
 
 class _Message(NamedTuple):
-    """A message, and the epoch and stamp [ns] of its tick."""
+    """A message with the epoch and the stamp [ns] of its tick."""
 
     epoch: int
     stamp_ns: int
@@ -125,7 +125,7 @@ class _Message(NamedTuple):
 
 
 class _Pairs:
-    """The messages of a topic that wait for their counterparts."""
+    """Messages of a topic that wait for their counterparts."""
 
     def __init__(self, topic: Topic) -> None:
         self.recorded: deque[_Message] = deque()
@@ -139,16 +139,16 @@ class _Pairs:
         try:
             message = self._decode(recorded)
         except ValueError as error:
-            return f'recorded is no {self._type}: {error}'
+            return f'the recorded message is not a valid {self._type}: {error}'
         return first_difference(message, self._decode(replayed), not_compared=self._not_compared)
 
 
 def first_difference(
     recorded: Any, replayed: Any, path: str = '', *, not_compared: Set[str] = frozenset()
 ) -> str:
-    """Return name and values of the first field in which two messages differ; '' if in none.
+    """Return name and values of the first field in which two messages differ; '' if they are equal.
 
-    `not_compared` names the fields of the message itself that are left out.
+    `not_compared` names top-level fields to skip.
     """
     if is_dataclass(recorded):
         for each in fields(recorded):
@@ -176,7 +176,7 @@ def first_difference(
 
 
 def _same(one: Any, other: Any) -> bool:
-    """Tell whether two values are the same to the bit, NaN and the sign of zero included."""
+    """Return whether two values are bit-identical, including NaN and the sign of zero."""
     if isinstance(one, float | np.floating):
         return struct.pack('d', one) == struct.pack('d', other)
     return bool(one == other)

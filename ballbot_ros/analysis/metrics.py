@@ -1,4 +1,4 @@
-"""Measuring a run, and judging it by expectations."""
+"""Measurement of a run, and judgement by its expectations."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.timing import TICK_NS
 
 HALF_TICK_S = TICK_NS * 0.5e-9
-"""Stamps are whole nanoseconds, times in seconds are rounded: so near they are the same tick."""
+"""Tolerance for equal ticks: stamps are whole nanoseconds, times in seconds are rounded."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """An expectation and the value that it met."""
+    """An expectation and its measured value."""
 
     expectation: Expectation
     value: float
@@ -31,12 +31,12 @@ class Judgement:
         return self.expectation.holds(self.value)
 
     def __str__(self) -> str:
-        """Return in words that the value is not within the bounds."""
+        """Return a text that says that the value is outside the bounds."""
         window = f' ({self.expectation.window})' if self.expectation.window else ''
         return f'{self.expectation.metric}{window} {self.value:.4g} is not {self.expectation}'
 
     def as_json(self) -> dict[str, object]:
-        """Return metric, window, bounds and value; a number that is not there is None."""
+        """Return metric, window, bounds and value; a missing number is None."""
         return {
             'metric': self.expectation.metric,
             'from': self.expectation.start,
@@ -48,7 +48,7 @@ class Judgement:
 
 
 def number(value: float) -> float | None:
-    """Return a finite number, None for any other, which JSON has not."""
+    """Return a finite number, or None for any other, which JSON lacks."""
     return value if math.isfinite(value) else None
 
 
@@ -76,19 +76,19 @@ def measure(
     start: float = 0.0,
     end: float = math.inf,
 ) -> dict[str, float]:
-    """Return every metric of a run; NaN where there is nothing to measure it by.
+    """Return all metrics of a run; NaN if the data are missing.
 
-    A column of the trajectory that is NaN throughout was not recorded: what depends on it is NaN.
+    A trajectory column of NaN was not recorded; metrics that depend on it are NaN.
 
     Parameters
     ----------
     trajectory : Trajectory
     plant : PlantParameters
-        The parameters of ``plant_sim``: start position, and release by ``hold_time``.
+        The parameters of ``plant_sim``, for the start position and the release (``hold_time``).
     clearance : callable or None
-        Distances to the walls; None where there are none.
+        Returns the distances to the walls; None if there are no walls.
     start, end : float
-        The window that is measured [s], from its start or the release to its end.
+        The measured window [s], within the time from the release to the end.
     """
     first = max(start, plant.hold_time)
     # A slice, not a mask: it copies nothing.

@@ -1,4 +1,4 @@
-"""HTML pages that need nothing but themselves, and the folder they go to."""
+"""Self-contained HTML pages, and their folders."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ReportError(BallbotError):
 
 
 def render(template: str, **content: object) -> str:
-    """Return a page of this package's templates; whatever it shows is escaped."""
+    """Render a template of this package; all content is escaped."""
     environment = Environment(
         loader=PackageLoader('ballbot_ros.analysis'),
         autoescape=True,
@@ -34,7 +34,7 @@ def render(template: str, **content: object) -> str:
 
 
 def number_text(value: float, missing: str = '–') -> str:
-    """Return a number with at most five digits, of a large one all before the point."""
+    """Return a number with at most five digits, large ones without decimals."""
     if math.isnan(value):
         return missing
     if math.isinf(value):
@@ -50,13 +50,13 @@ def number_text(value: float, missing: str = '–') -> str:
 
 
 def check_folder(folder: Path) -> None:
-    """Raise ReportError unless `folder` is empty or not there, for nothing is written over."""
+    """Raise ReportError unless `folder` is empty or does not exist: nothing is overwritten."""
     try:
         taken = folder.exists() and any(folder.iterdir())
     except OSError as error:
         raise ReportError(f'{folder}: {error.strerror}') from None
     if taken:
-        raise ReportError(f'{folder}: exists already and is not empty; choose another --output')
+        raise ReportError(f'{folder}: already exists and is not empty; choose another --output')
 
 
 def write_folder(

@@ -1,4 +1,4 @@
-"""What came from outside in each run of a recording, so that the run can be made again."""
+"""The external inputs of each run in a recording, with which it can be replayed."""
 
 from __future__ import annotations
 
@@ -44,17 +44,17 @@ _DECODED = {RUN, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY, *INPUTS}
 
 @dataclass(frozen=True)
 class RunInputs:
-    """A recorded run, and what it depends on next to its parameters.
+    """A recorded run and its external inputs.
 
     Attributes
     ----------
     run : RecordedRun
     last_ns : int
-        Sim time of its last tick that has a duty [ns]; before its start if none has.
+        Sim time of its last tick with a duty [ns]; before its start if there is none.
     sticks : mapping of int to tuple of int
         The gamepad's sticks by stamp [ns].
     sources : mapping of int to str
-        Who was in command, by stamp [ns].
+        The input in command, by stamp [ns].
     duties : mapping of int to tuple of int
         The duties [%] by stamp [ns].
     pushes : sequence of Push
@@ -70,7 +70,7 @@ class RunInputs:
 
     @property
     def ticks(self) -> int:
-        """Number of ticks that have a duty."""
+        """Number of ticks with a duty."""
         return max(0, (self.last_ns - self.run.start_ns) // TICK_NS + 1)
 
     def sticks_at(self, time: float) -> tuple[int, int]:
@@ -84,7 +84,7 @@ class RunInputs:
 
 @dataclass(frozen=True)
 class RecordedInputs:
-    """What a recording holds of its runs, to make them again.
+    """The data in a recording for replaying its runs.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class RecordedInputs:
     runs : tuple of RunInputs
         In the order of the file.
     told : AnnouncedParameters
-        What was told of their parameters.
+        The announced parameters.
     """
 
     recording: RobotRecording
@@ -100,7 +100,7 @@ class RecordedInputs:
     told: AnnouncedParameters
 
     def has_begun(self, run: RecordedRun) -> bool:
-        """Tell whether the plant has published a tick of a run, if only one not answered."""
+        """Return whether the plant has published a tick of a run, even an unanswered one."""
         clocks = self.recording.messages([CLOCK], run.start_ns)
         stamps = (each.raw.stamp_ns for each in clocks if each.epoch == run.epoch)
         return next(stamps, None) == run.start_ns
@@ -108,12 +108,12 @@ class RecordedInputs:
 
 @contextmanager
 def taken_from(reader: RecordingReader, what: str, stamp_ns: int) -> Iterator[None]:
-    """Say where in a recording the values stand that cannot be used.
+    """Add the place in the recording to errors about unusable values.
 
     Raises
     ------
     RecordingError
-        If a value is not finite, beyond what a device gives, or missing.
+        If a value is not finite, out of the device's range, or missing.
     """
     try:
         yield
@@ -122,12 +122,12 @@ def taken_from(reader: RecordingReader, what: str, stamp_ns: int) -> Iterator[No
 
 
 def read_inputs(reader: RecordingReader) -> RecordedInputs:
-    """Read what is needed to make the runs of a recording again.
+    """Read everything needed to replay the runs of a recording.
 
     Raises
     ------
     RecordingError
-        If it is no recording of this robot, its beginning is missing, or a message cannot be used.
+        If it is not a recording of this robot, lacks its beginning, or has an unusable message.
     """
     topics = robot_topics(reader)
     for name in topics.mistyped:
@@ -155,7 +155,7 @@ def _begins_in_mid_run(reader: RecordingReader) -> RecordingError:
 
 @dataclass
 class _EpochInputs:
-    """What came from outside in an epoch of the file, by stamp [ns]."""
+    """The external inputs in one epoch of the file, by stamp [ns]."""
 
     sticks: dict[int, tuple[int, int]] = field(default_factory=dict)
     sources: dict[int, str] = field(default_factory=dict)
@@ -180,8 +180,8 @@ class _EpochInputs:
     def of_runs(self, reader: RecordingReader, runs: Sequence[RecordedRun]) -> list[RunInputs]:
         """Return the inputs of each run of the epoch.
 
-        Several topics come in no fixed order, so what belongs to which run follows from the
-        stamps.
+        The topics of a file are in no fixed order, so the stamps decide which run a message belongs
+        to.
         """
         starts = [run.start_ns for run in runs]
         if not runs[0].is_announced or min(self.duties, default=starts[0]) < starts[0]:

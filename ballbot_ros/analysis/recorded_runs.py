@@ -1,8 +1,8 @@
 """The runs that a recording holds, in the order of the file.
 
-Time may go back within a file: the runs of each plant begin at 1 s, and a recorder that is left
-over from one plant records the next one's runs into the same file. A stretch of the file in which
-time does not go back is an *epoch*; a stamp tells a tick only within its epoch.
+Time may go back within a file: the runs of each plant begin at 1 s, and a recorder may outlive one
+plant and record the runs of the next into the same file. A part of the file in which time does not
+go back is an *epoch*; a stamp identifies a tick only within its epoch.
 """
 
 from __future__ import annotations
@@ -33,16 +33,15 @@ class RecordedRun:
     Attributes
     ----------
     epoch : int
-        The epoch of the file in which it is, from 0 on.
+        Its epoch in the file, from 0.
     name : str
-        As ``plant/run`` has it; '' where the file does not tell.
+        Its name in ``plant/run``; '' if unknown.
     start_ns : int
         Sim time of its first tick [ns].
     end_ns : int
-        Sim time at which the next run of the epoch begins [ns], :data:`END_OF_TIME_NS` where none
-        does.
+        Sim time at which the next run of the epoch begins [ns], or :data:`END_OF_TIME_NS`.
     is_announced : bool
-        Whether ``plant/run`` tells of it. If not, it begins with the first sample of its epoch.
+        Whether ``plant/run`` announces it. If not, it begins with the first sample of its epoch.
     """
 
     epoch: int
@@ -52,14 +51,14 @@ class RecordedRun:
     is_announced: bool = True
 
     def has(self, epoch: int, stamp_ns: int) -> bool:
-        """Tell whether a stamp of an epoch [ns] is of this run."""
+        """Return whether a stamp of an epoch [ns] belongs to this run."""
         return epoch == self.epoch and self.start_ns <= stamp_ns < self.end_ns
 
 
 def samples_in(batch: Batch, rows: Mapping[Topic, Rows]) -> dict[Topic, Rows]:
-    """Return which rows of each topic are samples.
+    """Return the rows of each topic that are samples.
 
-    Samples are the messages of a periodic topic; a ``motor_duty`` that answers no tick is none.
+    Samples are the messages of a periodic topic, without motor stops.
 
     Parameters
     ----------
@@ -77,14 +76,14 @@ def samples_in(batch: Batch, rows: Mapping[Topic, Rows]) -> dict[Topic, Rows]:
 
 
 class Placement(NamedTuple):
-    """Where the messages of a batch belong.
+    """The epochs of the messages in a batch.
 
     Attributes
     ----------
     epochs : ndarray of int, shape (n,)
         The epoch of each message.
     is_new : ndarray of bool, shape (n,)
-        Of samples, whether they are newer than all of their topic before in their epoch.
+        For samples, whether they are newer than all earlier ones of their topic and epoch.
     """
 
     epochs: NDArray[np.intp]
@@ -92,7 +91,7 @@ class Placement(NamedTuple):
 
 
 class PlacedMessage(NamedTuple):
-    """A recorded message, its topic, and its epoch of the file."""
+    """A recorded message with its topic and epoch."""
 
     epoch: int
     topic: Topic
@@ -101,7 +100,7 @@ class PlacedMessage(NamedTuple):
 
 @dataclass
 class _Epoch:
-    """The runs announced in an epoch, start [ns] and name, and the span of its samples [ns]."""
+    """Start [ns] and name of the runs announced in an epoch, and the span of its samples [ns]."""
 
     names: dict[int, str] = field(default_factory=dict)
     oldest_ns: int = END_OF_TIME_NS
@@ -124,32 +123,32 @@ def _by_row(rows: Mapping[Topic, Rows]) -> dict[int, Topic]:
 
 
 class RunFinder:
-    """Finds the runs of a recording, from its messages in the order of the file.
+    """Finds the runs of a recording from its messages in file order.
 
-    The topics of a file are in no fixed order to each other, so each is followed on its own. The
-    one whose time goes back first begins the next epoch, and the others follow. Other messages are
-    of the epoch in which they stand; what a plant tells after it has announced a run of the next
-    epoch, before its first sample, is of that one.
+    The topics of a file are in no fixed order relative to each other, so each is tracked
+    separately. The first topic whose time goes back begins the next epoch, and the others follow.
+    Messages without a stamp belong to the epoch around them, or to the next one if they follow the
+    announcement of its first run.
 
     Parameters
     ----------
     reader : RecordingReader
-        What decodes ``plant/run``.
+        Decodes ``plant/run``.
     """
 
     def __init__(self, reader: RecordingReader) -> None:
         self._reader = reader
         self._epochs = [_Epoch()]
-        self._next: dict[int, str] = {}  # what is announced of the next epoch
+        self._next: dict[int, str] = {}  # announced runs of the next epoch
         self._newest: dict[Topic, _Newest] = {}
 
     @property
     def epochs(self) -> int:
-        """The number of epochs so far, at least 1."""
+        """Number of epochs so far, at least 1."""
         return len(self._epochs)
 
     def runs(self) -> tuple[RecordedRun, ...]:
-        """Return the runs found so far, in the order of the file."""
+        """Return the runs found so far, in file order."""
         runs = []
         for number, epoch in enumerate(self._epochs):
             starts = sorted(epoch.names)
@@ -168,7 +167,7 @@ class RunFinder:
         samples: Mapping[Topic, Rows],
         stamps: NDArray[np.int64],
     ) -> Placement:
-        """Take the next messages of the file.
+        """Process the next messages of the file.
 
         Parameters
         ----------
@@ -176,7 +175,7 @@ class RunFinder:
         rows : mapping of Topic to ndarray
             The rows of the batch by topic.
         samples : mapping of Topic to ndarray
-            Which of them are samples, as :func:`samples_in` tells.
+            Those that are samples, from :func:`samples_in`.
         stamps : ndarray, shape (n,)
             The stamps of the samples [ns], and the log times of all other messages.
 
@@ -191,7 +190,7 @@ class RunFinder:
         return Placement(np.full(len(batch), self.epochs - 1), are_new)
 
     def _go_on(self, samples: Mapping[Topic, Rows], stamps: NDArray[np.int64]) -> bool:
-        """Tell whether no sample is older than one before it."""
+        """Return whether no sample is older than an earlier one."""
         for topic, rows in samples.items():
             epoch, newest_ns = self._newest.get(topic, (self.epochs - 1, -1))
             if epoch != self.epochs - 1 or (np.diff(stamps[rows], prepend=newest_ns) < 0).any():
@@ -201,7 +200,7 @@ class RunFinder:
     def _take_all(
         self, samples: Mapping[Topic, Rows], stamps: NDArray[np.int64]
     ) -> NDArray[np.bool_]:
-        """Take messages of the epoch that there is; return which are new."""
+        """Process messages of the current epoch together; return which are new."""
         are_new = np.zeros(len(stamps), np.bool_)
         for topic, rows in samples.items():
             newest_ns = self._newest[topic].stamp_ns if topic in self._newest else -1
@@ -218,7 +217,7 @@ class RunFinder:
         samples: Mapping[Topic, Rows],
         stamps: NDArray[np.int64],
     ) -> Placement:
-        """Take messages one by one."""
+        """Process messages one by one."""
         topics, sampled = _by_row(rows), _by_row(samples)
         epochs, are_new = np.empty(len(batch), np.intp), np.zeros(len(batch), np.bool_)
         for row, stamp_ns in enumerate(stamps.tolist()):
@@ -231,7 +230,7 @@ class RunFinder:
                 self._announce(time_ns(message.stamp), message.frame_id)
             epochs[row] = self.epochs - 1
             if self._next and topic and topic.publisher == PLANT:
-                epochs[row] += 1  # of the plant that has announced its run
+                epochs[row] += 1  # it belongs to the plant that has announced its run
         return Placement(epochs, are_new)
 
     def _announce(self, start_ns: int, name: str) -> None:
@@ -243,14 +242,14 @@ class RunFinder:
             self._next[start_ns] = name
 
     def _take_sample(self, topic: Topic, stamp_ns: int) -> tuple[int, bool]:
-        """Return the epoch of a sample, and whether it is newer than those before."""
+        """Return the epoch of a sample, and whether it is newer than earlier ones."""
         epoch, newest_ns = self._newest.get(topic, (self.epochs - 1, -1))
         if epoch == self.epochs - 1:
             if self._begins(topic, stamp_ns, newest_ns):
                 self._epochs.append(_Epoch(self._next))
                 self._next = {}
         elif stamp_ns > max(newest_ns, self._epochs[-1].newest_ns + MOST_AHEAD_NS):
-            # A late one of the epoch before.
+            # It is late, and belongs to the previous epoch.
             self._newest[topic] = _Newest(epoch, stamp_ns)
             return epoch, True
         if epoch != self.epochs - 1:
@@ -258,13 +257,13 @@ class RunFinder:
         if stamp_ns <= newest_ns:
             return epoch, False
         if topic.publisher == PLANT and self._next.items() <= self._epochs[-1].names.items():
-            self._next = {}  # the same run was only announced again
+            self._next = {}  # the same run was announced again
         self._newest[topic] = _Newest(epoch, stamp_ns)
         self._epochs[-1].note(stamp_ns, stamp_ns)
         return epoch, True
 
     def _begins(self, topic: Topic, stamp_ns: int, newest_ns: int) -> bool:
-        """Tell whether a sample begins another epoch, and was not just sent again or late."""
+        """Return whether a sample begins another epoch, rather than being late or a resend."""
         if stamp_ns in self._next:
             return True
         is_far_back = stamp_ns < newest_ns - HISTORY * topic.period_ns
@@ -274,14 +273,14 @@ class RunFinder:
 def placed_messages(
     reader: RecordingReader, topics: RobotTopics, finder: RunFinder, wanted: Collection[Topic]
 ) -> Iterator[PlacedMessage]:
-    """Iterate over the messages of some topics in the order of the file.
+    """Iterate over the messages of some topics in file order.
 
     Parameters
     ----------
     reader : RecordingReader
     topics : RobotTopics
     finder : RunFinder
-        Places them. It is also given the samples and announcements that it needs for that.
+        Finds their epochs. It also receives the samples and announcements that it needs.
     wanted : collection of Topic
     """
     read = [n for n, topic in topics.by_name.items() if topic in (*wanted, RUN) or topic.period_ns]
@@ -300,14 +299,14 @@ def placed_messages(
 
 @dataclass(frozen=True)
 class RobotRecording:
-    """A recording of the robot, whose runs are known.
+    """A recording of the robot and its runs.
 
     Attributes
     ----------
     reader : RecordingReader
     topics : RobotTopics
     epochs : int
-        How many epochs the file has, at least 1.
+        Number of epochs in the file, at least 1.
     """
 
     reader: RecordingReader
@@ -315,13 +314,13 @@ class RobotRecording:
     epochs: int
 
     def messages(self, wanted: Collection[Topic], start_ns: int = 0) -> Iterator[PlacedMessage]:
-        """Iterate over the messages of some topics in the order of the file.
+        """Iterate over the messages of some topics in file order.
 
         Parameters
         ----------
         wanted : collection of Topic
         start_ns : int
-            The log time [ns] from which on they are wanted.
+            First log time [ns].
         """
         if self.epochs == 1:
             names = {name: topic for name, topic in self.topics.by_name.items() if topic in wanted}

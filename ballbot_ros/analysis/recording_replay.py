@@ -1,4 +1,4 @@
-"""A recording whose runs are made again and compared with what it holds."""
+"""Replay of all runs of a recording, and comparison with the recorded messages."""
 
 from __future__ import annotations
 
@@ -43,27 +43,27 @@ from ballbot_ros.timing import SECOND_NS, TICK_NS
 from ballbot_ros.world.library import is_file_name
 
 AROUND_TICKS = 2
-"""Ticks before and after a difference that are shown with it."""
+"""Ticks shown before and after a difference."""
 
 Update = Callable[[float], None]
-"""Takes how much sim time has been made again [s]."""
+"""Receives the replayed sim time so far [s]."""
 
 
 @dataclass(frozen=True)
 class ReplayResult:
-    """What a replay has compared.
+    """Result of a comparison.
 
     Attributes
     ----------
     subject : str
-        ``controller`` or ``robot``: what was run again.
+        ``controller`` or ``robot``: the part that was run again.
     ticks, messages : int
         What was compared.
     difference : Difference or None
         The first one.
     around : sequence of ReplayedTick
-        The ticks around a difference of the robot: recorded inputs, and what the controller makes
-        of them.
+        The ticks around a difference of the robot: recorded inputs, and the controller's outputs
+        for them.
     """
 
     subject: str
@@ -74,7 +74,7 @@ class ReplayResult:
 
 
 class _Job(NamedTuple):
-    """A run, and the parameters it had."""
+    """A run and its parameters."""
 
     inputs: RunInputs
     parameters: ParameterSet
@@ -93,27 +93,27 @@ class _Job(NamedTuple):
 
 
 class RecordingReplay:
-    """Makes the runs of a recording again.
+    """Replays the runs of a recording.
 
     Parameters
     ----------
     reader : RecordingReader
     scratch : Path
-        Folder for what is attached to the recording.
+        Folder for the attachments of the recording.
     controller : str or None
-        Implementation of the controller; None for the one that made the recording.
+        Implementation of the controller; None for the recorded one.
 
     Attributes
     ----------
     controllers : list of ReplayedController
-        Of each run that has a tick with a duty.
+        One for each run that has a tick with a duty.
     duration : float
         Sim time of these runs [s].
 
     Raises
     ------
     RecordingError
-        If there is nothing to replay, or nothing to replay it by.
+        If there is nothing to replay, or its parameters are unknown.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class RecordingReplay:
         ]
         self._jobs = [job for job in self._begun if job.inputs.ticks]
         if not self._jobs:
-            raise RecordingError(f'{reader.path}: no tick in it has a duty: nothing to replay')
+            raise RecordingError(f'{reader.path}: nothing to replay: no tick has a duty')
         if controller:
             require_implementation(controller)
         self.controllers = [self._choose(job, controller) for job in self._jobs]
@@ -140,7 +140,7 @@ class RecordingReplay:
     def _parameters(
         self, run: RecordedRun, attached: ParameterSet | None, scratch: Path
     ) -> ParameterSet:
-        """Return the parameters of a run; its map is in the scratch folder."""
+        """Return the parameters of a run, with its map in the scratch folder."""
         reader = self._recording.reader
         if attached is None and not self._told.tells(run.name):
             raise RecordingError(_nothing_to_replay_by(reader.path))
@@ -156,14 +156,14 @@ class RecordingReplay:
         return parameters
 
     def _choose(self, job: _Job, asked: str | None) -> ReplayedController:
-        """Choose the controller of a run, and enter it among the run's parameters."""
+        """Choose the controller of a run, and set it in the run's parameters."""
         participant = self._told.controller(job.inputs.run.name)
         chosen = choose_controller(participant, job.implementation, asked, missing_for)
         job.parameters.set(CONTROLLER, 'implementation', chosen.replayed)
         return chosen
 
     def replay_controller(self, update: Update) -> ReplayResult:
-        """Run the controller again on the recorded samples; compare what it publishes."""
+        """Run the controller on the recorded samples; compare its messages."""
 
         def ticks(job: _Job, comparison: Comparison) -> Iterator[object]:
             return replay_controller(self._recording, job.inputs, job.program(), comparison)
@@ -171,7 +171,7 @@ class RecordingReplay:
         return self._compare('controller', self._jobs, CONTROLLER_TOPICS, ticks, update)
 
     def replay_robot(self, update: Update) -> ReplayResult:
-        """Run the whole robot again; compare every message."""
+        """Run the whole robot; compare all messages."""
 
         def ticks(job: _Job, comparison: Comparison) -> Iterator[object]:
             return replay_run(self._recording, job.inputs, job.parameters, comparison)
@@ -179,17 +179,17 @@ class RecordingReplay:
         result = self._compare('robot', self._begun, ALL_TOPICS, ticks, update)
         if result.difference is None:
             return result
-        # Of a run that has ended before, the last one that had begun.
+        # For a run that ended before the difference, use the last one that had begun.
         job = next(j for j in reversed(self._begun) if j.has_begun_before(result.difference))
         return replace(result, around=self._around(job, result.difference.stamp_ns))
 
     def ask(self, assignments: Sequence[str], update: Update) -> list[Divergence]:
-        """Compare the duties of another controller with those of each run.
+        """Compare the duties of another controller with the recorded ones, run by run.
 
         Parameters
         ----------
         assignments : sequence of str
-            Its parameters, as ``controller.param=value``; they hold from now on.
+            Its parameters as ``controller.param=value``, which stay in effect.
         update : callable
 
         Raises
@@ -200,7 +200,7 @@ class RecordingReplay:
         for assignment in assignments:
             if not assignment.startswith(f'{CONTROLLER}.'):
                 raise ParameterError(
-                    f'--set {assignment}: of a recorded run only the {CONTROLLER} can be asked'
+                    f'--set {assignment}: a replay can only change parameters of the {CONTROLLER}'
                 )
             for job in self._jobs:
                 assign(job.parameters, assignment)
@@ -242,7 +242,7 @@ class RecordingReplay:
         return ReplayResult(subject, ticks, comparison.compared, difference)
 
     def _around(self, job: _Job, stamp_ns: int) -> list[ReplayedTick]:
-        """Return the recorded inputs around a tick, and what the controller makes of them."""
+        """Return the recorded inputs around a tick, and the controller's outputs for them."""
         reach = AROUND_TICKS * TICK_NS
         found = []
         for tick in replay_controller(self._recording, job.inputs, job.program(), Comparison(())):
@@ -255,8 +255,8 @@ class RecordingReplay:
 
 def _nothing_to_replay_by(path: Path) -> str:
     return (
-        f'{path}: {PARAMETERS} is not attached, and no participant has told its parameters: '
-        'nothing to replay it by'
+        f'{path}: can not replay: {PARAMETERS} is not attached, and no participant has announced '
+        'its parameters'
     )
 
 
@@ -265,7 +265,7 @@ def _tells_participants(reader: RecordingReader) -> bool:
 
 
 def _attached_parameters(reader: RecordingReader, scratch: Path) -> ParameterSet | None:
-    """Return the parameters that are attached, if any are."""
+    """Return the attached parameters, if any."""
     attached = reader.attachments()
     if PARAMETERS not in attached:
         return None

@@ -1,4 +1,4 @@
-"""Making a recorded run again: the controller on its inputs, or the whole robot."""
+"""Replaying a recorded run: the controller with its inputs, or the whole robot."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ ALL_TOPICS = (
 
 
 class ReplayedTick(NamedTuple):
-    """What a controller did with recorded inputs.
+    """A controller's outputs for recorded inputs.
 
     Attributes
     ----------
@@ -66,23 +66,23 @@ class ReplayedTick(NamedTuple):
 
 
 EVENTS = (WALL_HIT, OPERATING_STATE, BLUETOOTH_TX, LCD)
-"""Without a stamp: to which run of a file they belong is known only by their order."""
+"""Topics without stamps: only their order shows which run of a file they belong to."""
 
 
 def replay_controller(
     recording: RobotRecording, inputs: RunInputs, program: Program, comparison: Comparison
 ) -> Iterator[ReplayedTick]:
-    """Give a controller the recorded samples, and compare what it publishes.
+    """Feed recorded samples to a controller, and compare its messages.
 
     Yields
     ------
     ReplayedTick
-        Each tick, once all of its inputs are there.
+        Each tick, as soon as its inputs are complete.
 
     Raises
     ------
     RecordingError
-        If a sample cannot be decoded, or is none of its device.
+        If a sample can't be decoded, or its device can't have sent it.
     """
     reader, run = recording.reader, inputs.run
     samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUTS}
@@ -114,7 +114,7 @@ def replay_run(
     parameters: ParameterSet,
     comparison: Comparison,
 ) -> Iterator[Tick]:
-    """Run the whole robot from its parameters, recorded sticks and pushes, and compare all of it.
+    """Run the whole robot with its parameters, recorded sticks and pushes; compare everything.
 
     Yields
     ------
@@ -125,7 +125,7 @@ def replay_run(
     loop = ClosedLoop(parameters, inputs, run.start_ns)
 
     def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
-        # A push may end after the run, and of a run without a duty there are events only.
+        # A push may end after the run, and a run without a duty has only events.
         if stamp_ns <= inputs.last_ns or topic in EVENTS:
             comparison.replayed(topic, stamp_ns, data, run.epoch)
 
@@ -133,7 +133,7 @@ def replay_run(
     messages.begin(run.start_ns, loop.world, loop.pushes)
     for topic, raw in _messages(recording, inputs):
         comparison.recorded(topic, raw.stamp_ns, raw.data, run.epoch)
-        # No further than the recording: what waits for its counterpart stays little.
+        # Not ahead of the recording, so that few messages wait for their counterparts.
         while topic is CLOCK and loop.plant.time_ns <= raw.stamp_ns:
             tick = loop.tick()
             source = inputs.sources.get(tick.truth.stamp_ns, '')
@@ -144,13 +144,13 @@ def replay_run(
 def compare_events(
     recording: RobotRecording, runs: Iterable[RunInputs], comparison: Comparison
 ) -> None:
-    """Give a comparison the recorded events, in each epoch up to the end of its last run.
+    """Add the recorded events to a comparison, in each epoch up to the end of its last run.
 
     Parameters
     ----------
     recording : RobotRecording
     runs : iterable of RunInputs
-        The runs that are compared, in the order of the file.
+        The compared runs, in file order.
     comparison : Comparison
     """
     ends = {each.run.epoch: max(each.run.start_ns, each.last_ns) for each in runs}

@@ -1,4 +1,4 @@
-"""Which control program a recorded run is replayed with."""
+"""Which control program replays a recorded run."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ OUR_PACKAGE = 'ballbot_ros'
 
 @dataclass(frozen=True)
 class ReplayedController:
-    """The control program that takes the place of a recorded one.
+    """The control program that stands in for a recorded one.
 
     Attributes
     ----------
     recorded : str
-        What made the recording: a value of the parameter `implementation`, or of somebody else's
-        controller what it said that it is.
+        The recorded controller: a value of the parameter `implementation`, or the announced name of
+        a foreign controller.
     replayed : str
         A value of the parameter `implementation`.
     reason : str
-        Why it is not the one that made the recording; empty if it is, or was asked for.
+        Why it differs from the recorded one; empty if it does not, or was requested.
     """
 
     recorded: str
@@ -38,20 +38,20 @@ def choose_controller(
     asked: str | None,
     missing_tool: Callable[[str], str],
 ) -> ReplayedController:
-    """Return what a run is replayed with: what was asked for, else what made the recording.
+    """Return the controller for a replay: the requested one, or else the recorded one.
 
-    Python stands in for what can't run here: the implementations are proven equal to the bit.
+    Python replaces an implementation that can't run here, since they are proven bit-identical.
 
     Parameters
     ----------
     participant : Participant or None
-        The run's controller as it announced itself; None where the recording does not tell.
+        The run's controller as announced; None if unknown.
     attached : str
-        The parameter `implementation` as the recording has it attached.
+        The parameter `implementation` in the attached parameters.
     asked : str or None
-        The implementation that the user wants.
+        The requested implementation.
     missing_tool : callable
-        Tells what an implementation lacks on this machine; '' for nothing.
+        Returns the tool that an implementation lacks on this machine; '' for none.
     """
     told: dict[str, object] = dict(participant.parameters) if participant else {}
     recorded = str(told.get('implementation', attached))
@@ -59,7 +59,7 @@ def choose_controller(
     if participant and participant.implementation.split()[:1] != [OUR_PACKAGE]:
         recorded = participant.implementation
         reason = (
-            f'the controller that made it, {recorded!r}, is not part of {OUR_PACKAGE}, whose own '
+            f'its controller {recorded!r} is not part of {OUR_PACKAGE}, whose own controller '
             'replays it'
         )
     elif recorded not in parameters_of(CONTROLLER)['implementation'].choices:

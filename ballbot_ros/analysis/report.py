@@ -34,7 +34,7 @@ MEANINGS: Mapping[str, str] = {**METRICS.meanings, **RUN_METRICS.meanings}
 
 
 def write_report(assessment: Assessment, folder: Path) -> None:
-    """Write the report of a run into `folder`, which is made if it is not there.
+    """Write the report of a run into `folder`, which is created if necessary.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def report_page(assessment: Assessment, figures: list[Drawn]) -> str:
         assessment=assessment,
         banner=banner(run),
         facts=_facts(run),
-        extent='' if run.complete else f'They are those of the ticks up to {run.end:.3f} s.',
+        extent='' if run.complete else f'Only ticks up to {run.end:.3f} s count.',
         expectations=[_expectation(each) for each in assessment.expectations],
         metrics=[
             (metric_text(name, value), MEANINGS[name])
@@ -77,7 +77,7 @@ def report_page(assessment: Assessment, figures: list[Drawn]) -> str:
             {
                 'name': name,
                 'message': status.message,
-                # Where the file lay on its machine is nobody's business.
+                # The file's folder on its machine stays private.
                 'content': ', '.join(
                     f'{key} {value}' for key, value in status.values if key != 'file'
                 ),
@@ -91,7 +91,7 @@ def report_page(assessment: Assessment, figures: list[Drawn]) -> str:
 
 
 def banner(run: RunData) -> list[str]:
-    """Return what the reader has to know before any number."""
+    """Return the warnings that a reader needs before any number."""
     lines = list(run.notices)
     if run.damage:
         lines.insert(0, f'This recording is damaged: {run.damage}. The report covers what stands '
@@ -105,7 +105,7 @@ def banner(run: RunData) -> list[str]:
 
 
 class MetricText(NamedTuple):
-    """Name, value and unit of a metric in words."""
+    """Name, value and unit of a metric as text."""
 
     label: str
     value: str
@@ -113,7 +113,7 @@ class MetricText(NamedTuple):
 
 
 def metric_text(name: str, value: float) -> MetricText:
-    """Return a metric in words."""
+    """Return a metric as text."""
     words, unit = label(name)
     missing = 'never' if name == 'settling_time_s' else '–'
     return MetricText(words, number_text(value, missing), unit)

@@ -1,4 +1,4 @@
-"""The topics of the robot in a recording, whatever its namespace."""
+"""The robot's topics in a recording, in any namespace."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ROBOT_MARKS = (
     MOTOR_DUTY,
     *(topic for topic in TOPICS if topic.name.startswith(('plant/', 'controller/'))),
 )
-"""The topics by which a robot's namespace is found: only this robot has such names."""
+"""Topics that identify the robot's namespace, since no other robot has them."""
 
 
 @dataclass(frozen=True)
@@ -23,11 +23,11 @@ class RobotTopics:
     Attributes
     ----------
     namespace : str
-        Such as ``/robot``; '' where there is no namespace.
+        Such as ``/robot``; '' for none.
     by_name : mapping of str to Topic
-        Those that the file has, by the names that they have there.
+        The topics in the file, by their full names.
     mistyped : mapping of str to str
-        Which of them are of another type than the robot's, and of which.
+        The types of topics that should have another one.
     """
 
     namespace: str
@@ -36,29 +36,29 @@ class RobotTopics:
 
     @property
     def usable(self) -> dict[str, Topic]:
-        """Those of the robot's types, by name."""
+        """The topics with the correct type, by name."""
         return {n: topic for n, topic in self.by_name.items() if n not in self.mistyped}
 
     def mismatch(self, name: str) -> str:
-        """Say what is wrong with the type of one that is mistyped."""
+        """Return a text about the wrong type of a topic."""
         return f'{name} is {self.mistyped[name]}, not {self.by_name[name].type_name}'
 
 
 def robot_topics(reader: RecordingReader) -> RobotTopics:
-    """Find the robot's topics in a recording, whatever namespace its nodes ran in.
+    """Find the robot's topics in a recording, in any namespace.
 
     Raises
     ------
     RecordingError
-        If it is no recording of this robot, or one of several robots.
+        If it is not a recording of this robot, or of several robots.
     """
-    # Where there are duties, what else is called plant/… may be a stranger's.
+    # If there are duties, other topics named plant/… may come from strangers.
     namespace = robot_namespace(reader, [MOTOR_DUTY])
     if namespace is None:
         namespace = robot_namespace(reader, ROBOT_MARKS)
     if namespace is None:
         raise RecordingError(
-            f'{reader.path}: no recording of a ballbot: it has none of '
+            f'{reader.path}: not a recording of a ballbot: it has none of the topics '
             f'{", ".join(mark.resolved() for mark in ROBOT_MARKS)}'
         )
     ours = {topic.resolved(namespace): topic for topic in TOPICS}
@@ -71,17 +71,17 @@ def robot_topics(reader: RecordingReader) -> RobotTopics:
 
 
 def robot_namespace(reader: RecordingReader, marks: Iterable[Topic]) -> str | None:
-    """Return the namespace in which a recording has one of the topics `marks`.
+    """Return the namespace of the topics `marks` in a recording.
 
     Returns
     -------
     str or None
-        Such as ``/robot``, or '' where there is no namespace; None if it has none of the topics.
+        Such as ``/robot``, or '' for none; None if it has none of the topics.
 
     Raises
     ------
     RecordingError
-        If it has them in several namespaces.
+        If several namespaces have them.
     """
     endings = [f'/{mark.name}' for mark in marks]
     spaces = {
@@ -92,5 +92,5 @@ def robot_namespace(reader: RecordingReader, marks: Iterable[Topic]) -> str | No
     }
     if len(spaces) > 1:
         names = ', '.join(sorted(space or '/' for space in spaces))
-        raise RecordingError(f'{reader.path}: several robots: {names}; take one of them out')
+        raise RecordingError(f'{reader.path}: recording of several robots: {names}')
     return next(iter(spaces), None)

@@ -1,4 +1,4 @@
-"""A run as its recording holds it: the series of each topic as compact columns."""
+"""A recorded run: the series of each topic as compact columns."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ class Series:
     Attributes
     ----------
     stamps : ndarray, shape (n,)
-        Sim time [ns], rising.
+        Sim time [ns], increasing.
     time : ndarray, shape (n,)
         Time since the first tick of the run [s].
     values : ndarray, shape (n, k)
-        The columns that :mod:`ballbot_ros.analysis.extraction` names.
+        The columns listed in :mod:`ballbot_ros.analysis.extraction`.
     """
 
     stamps: Integers
@@ -63,7 +63,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Interval:
-    """An operating state and its time in the run [s]."""
+    """An operating state and its interval in the run [s]."""
 
     state: str
     start: float
@@ -78,33 +78,32 @@ class RunData:
     ----------
     path : Path
     number, count : int
-        Which run of the file it is, from 1 on, and how many there are.
+        Number of the run in the file, from 1, and number of runs.
     trajectory : Trajectory
-        The ticks of which everything is there that the file has topics for; a column without a
-        topic is NaN.
+        The ticks for which all recorded topics have a sample; NaN in the columns of other topics.
     series : mapping of Topic to Series
         The topics of :data:`ballbot_ros.analysis.extraction.TICKED` that have samples.
     states : tuple of Interval
     grid : OccupancyGrid or None
         The recorded map.
     statuses : tuple
-        The diagnostics: time [s] and what a node reported.
+        The diagnostics: time [s] and report.
     pages : tuple of tuple
-        The display: time [s] and its text.
+        The display: time [s] and text.
     tones : tuple of tuple
-        Time [s] and the tone that was sounded.
+        Time [s] and tone.
     traffic : tuple of Traffic
-        Every topic of the file.
+        All topics of the file.
     attached : Attached
         Scenario, parameters and versions.
     damage : str or None
         What the reader found missing in the file.
     missing_ticks : int
-        Ticks between the first and the last that are not there.
+        Number of missing ticks between the first and the last.
     reached_end : bool
-        Whether the run is as long as its parameter `duration` says, or none is known.
+        Whether the run is as long as its parameter `duration`, or the duration is unknown.
     notices : tuple of str
-        What the reader of a report has to know.
+        Notices for the reader of a report.
     """
 
     path: Path
@@ -127,17 +126,17 @@ class RunData:
 
     @property
     def name(self) -> str:
-        """The recording's name, which `ballbot run` makes that of the scenario."""
+        """Name of the recording, which `ballbot run` takes from the scenario."""
         return self.path.stem
 
     @property
     def end(self) -> float:
-        """Time of the last tick [s]; 0 without one."""
+        """Time of the last tick [s]; 0 if there is none."""
         return float(self.trajectory.time[-1]) if len(self.trajectory.time) else 0.0
 
     @property
     def floor(self) -> FloorMap | OccupancyGrid | None:
-        """The attached map, which has lines, too, or the recorded one; None without either."""
+        """The attached map, which includes lines, or else the recorded one; None without either."""
         floor_map = self.attached.floor_map
         return self.grid if floor_map is None else floor_map
 
@@ -150,11 +149,11 @@ class RunData:
 
     @property
     def complete(self) -> bool:
-        """Whether the run is there from the first to the last tick."""
+        """Whether the run is complete from the first to the last tick."""
         return self.intact and self.reached_end and self.damage is None
 
     def balancing(self, time: Floats) -> NDArray[np.bool_]:
-        """Tell at which `time` [s] the controller ran: calibrated, and not out of control."""
+        """Return at which `time` [s] the controller was calibrated and not out of control."""
         calibrated = self.attached.parameters.of(ControllerParameters).time_start * 1e-3
         runs = np.asarray(time >= calibrated)
         for each in self.states:
@@ -168,21 +167,21 @@ def read_run(
     number: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> RunData:
-    """Read a run of a recording; of a damaged file what stands before the damage.
+    """Read a run of a recording; of a damaged file, the part before the damage.
 
     Parameters
     ----------
     path : path-like
         The MCAP file.
     number : int or None
-        Which run of the file, from 1 on; None is the last.
+        Number of the run in the file, from 1; None for the last.
     progress : callable
-        Called now and then with the messages read so far and all that there are.
+        Called from time to time with the number of messages read and their total.
 
     Raises
     ------
     RecordingError
-        If the file cannot be read, is no recording of a ballbot, or has no such run.
+        If the file can't be read, is not a recording of a ballbot, or has no such run.
     """
     with RecordingReader(path) as recording:
         attached = read_attached(recording)
@@ -192,8 +191,8 @@ def read_run(
     if number is None:
         number = len(runs)
     if not 1 <= number <= len(runs):
-        known = '1' if len(runs) == 1 else f'1 … {len(runs)}'
-        raise RecordingError(f'{path}: there is no run {number}, only {known}')
+        known = 'run 1' if len(runs) == 1 else f'runs 1 … {len(runs)}'
+        raise RecordingError(f'{path}: run {number} not found; the file has {known}')
     run = runs[number - 1]
     start = run.start_ns
     attached = attached.in_run(run.name, extraction.told)
@@ -212,8 +211,8 @@ def read_run(
         plant = replace(plant, start_position_x=x, start_position_y=y)
     if not plant.lockstep:
         notices.append(
-            'A free-running run: the duties that acted are not in the file; of each tick the '
-            'newest one is taken.'
+            'A free-running run: the file does not say which duties acted; the newest one of each '
+            'tick is shown.'
         )
     ticks = round(plant.duration * SECOND_NS) // TICK_NS
     reached_end = (len(trajectory.time) and round(last * SECOND_NS) // TICK_NS + 1 >= ticks) > 0
@@ -251,7 +250,7 @@ def read_run(
 
 
 def _series(extraction: Extraction, run: RecordedRun) -> dict[Topic, Series]:
-    """Return what a run has of each topic; those of equal stamps have these arrays in common."""
+    """Return the samples of a run by topic; topics with equal stamps share these arrays."""
     found: dict[Topic, Series] = {}
     for topic in TICKED:
         stamps, values = extraction.columns[topic].epoch(run.epoch)
@@ -264,7 +263,7 @@ def _series(extraction: Extraction, run: RecordedRun) -> dict[Topic, Series]:
                 stamps, time = other.stamps, other.time
                 break
         else:
-            # As the log of a run without recording reckons it, for the same numbers.
+            # Computed like the log of a run without recording, so that the numbers are equal.
             time = seconds(stamps) - run.start_ns * 1e-9
         found[topic] = Series(stamps, time, values[first:last])
     return found
@@ -273,11 +272,11 @@ def _series(extraction: Extraction, run: RecordedRun) -> dict[Topic, Series]:
 def _trajectory(
     series: Mapping[Topic, Series], start: int, lockstep: bool
 ) -> tuple[Trajectory, int]:
-    """Return the ticks that are whole, and how many are missing between first and last."""
+    """Return the complete ticks, and the number of missing ones in between."""
     sources = [topic for topic in (PLANT_IMU, PLANT_ODOM, MOTOR_DUTY) if topic in series]
     duty = series.get(MOTOR_DUTY)
     if not lockstep and len(sources) > 1 and duty is not None:
-        sources.remove(MOTOR_DUTY)  # it has stamps of its own; the newest acts
+        sources.remove(MOTOR_DUTY)  # its stamps differ; the newest one acts
     if not sources:
         nothing = np.full((0, 2), np.nan)
         return Trajectory(np.zeros(0), nothing, nothing, nothing), 0
@@ -310,13 +309,13 @@ def _states(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Inte
     ends = [time for time, _ in changes[1:]] + [float(last) + TICK_NS / SECOND_NS]
     return tuple(
         Interval(state, time, until)
-        for (time, state), until in zip(changes, ends, strict=False)  # one end more than none
+        for (time, state), until in zip(changes, ends, strict=False)  # there is one more end
         if until > time
     )
 
 
 def _grid(extraction: Extraction, run: RecordedRun) -> OccupancyGrid | None:
-    """Return the map that was published last before a run has ended."""
+    """Return the last map published before the end of a run."""
     published = [
         message
         for epoch, stamp, message in extraction.maps

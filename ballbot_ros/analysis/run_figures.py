@@ -1,4 +1,4 @@
-"""The figures of a report: what each shows, of which topics, and how it is drawn."""
+"""The figures of a report: content, required topics and drawing."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ _STATE_COLOURS = (GRAY, BLUE, GREEN, SKY, YELLOW, PURPLE, ORANGE)
 _HATCHES = ('', '', '//', '..', 'xx', '\\\\', '++')
 
 LEAST_SPAN = 1.0
-"""Of the axis of a state that hardly changes [°, cm or °/s]; a count of the gyro is 1 °/s."""
+"""Minimum span of an axis [°, cm or °/s]; one gyro count is 1 °/s."""
 
 
 @dataclass(frozen=True)
@@ -79,15 +79,15 @@ class RunFigure:
     Attributes
     ----------
     name : str
-        The file's name without its ending.
+        File name without extension.
     title, caption : str
-        Heading, and what is to be seen.
+        Heading and caption.
     needs : tuple of Topic
-        Without one of these topics there is no such figure.
+        The topics that the figure requires.
     table : callable
-        The numbers that it shows, of a run.
+        Returns the numbers of the figure for a run.
     draw : callable
-        Draws them: run and table to figure.
+        Draws the figure from run and table.
     """
 
     name: str
@@ -100,7 +100,7 @@ class RunFigure:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure that was drawn, and its numbers."""
+    """A drawn figure and its numbers."""
 
     name: str
     title: str
@@ -110,7 +110,7 @@ class Drawn:
 
 
 def draw_figures(run: RunData) -> list[Drawn]:
-    """Draw every figure for which the recording has what it needs."""
+    """Draw every figure for which the recording has the topics."""
     drawn = []
     for figure in FIGURES:
         if not all(topic in run.series for topic in figure.needs):
@@ -163,16 +163,16 @@ def _draw_duty(run: RunData, table: Table) -> Figure:
 
 @dataclass(frozen=True)
 class _Pair:
-    """A true and another column of a quantity, with {} for the plane.
+    """A true column of a quantity and another one to compare, with {} for the plane.
 
     Attributes
     ----------
     true, other : str
         The columns.
     label : str
-        What stands at the axis.
+        Label of the axis.
     name : str
-        What the other column is.
+        Name of the other column.
     """
 
     true: str
@@ -182,7 +182,7 @@ class _Pair:
 
 
 def _draw_pairs(run: RunData, table: Table, pairs: Sequence[_Pair], *, share_rows: bool) -> Figure:
-    """Draw true and other columns: a row a quantity, a column a plane."""
+    """Draw true and other columns: a row for each quantity, a column for each plane."""
     figure = new_figure(WIDTH, 5.0)
     grid = figure.subplots(2, 2, sharex=True, sharey='row' if share_rows else 'none')
     for line, pair in zip(grid, pairs, strict=True):
@@ -194,7 +194,7 @@ def _draw_pairs(run: RunData, table: Table, pairs: Sequence[_Pair], *, share_row
                 draw_line(axes, table['time_s'], table[column.format(plane)], look)
             frame_curves(axes, '')
             shade(axes, _calibration(run))
-        for axes in line:  # both planes may share an axis, which stays as it is set
+        for axes in line:  # a shared axis keeps its range
             widen(axes, LEAST_SPAN)
         line[0].set_ylabel(pair.label)
         legend_above(line[1])
@@ -218,7 +218,7 @@ def _draw_gyro(run: RunData, table: Table) -> Figure:
         _Pair('true_rate_{}_deg_s', 'read_rate_{}_deg_s', 'pitch rate [°/s]', 'reading − offset'),
         _Pair('true_offset_{}_deg_s', 'estimated_offset_{}_deg_s', 'gyro offset [°/s]'),
     )
-    # Each gyro has an offset of its own.
+    # The gyros have different offsets.
     return _draw_pairs(run, table, pairs, share_rows=False)
 
 
@@ -255,7 +255,7 @@ def _draw_states(run: RunData, table: Table) -> Figure:
     axes = figure.subplots()
     for each in run.states:
         look = known.index(each.state) if each.state in known else 0
-        # A band of its own for each state: its name stands beside it, with or without colour.
+        # One band per state, with its name next to it, so that colour is not needed.
         axes.barh(
             present.index(each.state), each.end - each.start, left=each.start, height=0.7,
             color=_STATE_COLOURS[look], hatch=_HATCHES[look], edgecolor='white', linewidth=0.0,
@@ -273,8 +273,8 @@ FIGURES = (
     RunFigure(
         'motion',
         'Position and body pitch',
-        'Position of the ball and body pitch against time, as figures 8-2, 8-3, 9-2 and 9-3 of the '
-        'document; forward and rightward are positive. The gyro calibration is shaded.',
+        'Position of the ball and body pitch against time, as in figures 8-2, 8-3, 9-2 and 9-3 of '
+        'the document; forward and rightward are positive. The gyro calibration is shaded.',
         (PLANT_ODOM, PLANT_IMU),
         motion_table,
         _draw_motion,
@@ -282,7 +282,7 @@ FIGURES = (
     RunFigure(
         'track',
         'Track',
-        'The way of the ball from above, over the walls of the map where one was recorded.',
+        'The track of the ball from above, over the walls of the recorded map, if any.',
         (PLANT_ODOM,),
         track_table,
         _draw_track,
@@ -298,7 +298,7 @@ FIGURES = (
     RunFigure(
         'duty',
         'Duty',
-        'The duties of both motors against time; at the dotted lines they are saturated.',
+        'The duties of both motors against time; the dotted lines are the saturation limits.',
         (MOTOR_DUTY,),
         duty_table,
         _draw_duty,
@@ -306,8 +306,8 @@ FIGURES = (
     RunFigure(
         'estimate',
         'Estimated and true state',
-        'Body pitch and position as the controller estimates them, beside the truth. It estimates '
-        'from the end of the calibration on.',
+        'Body pitch and position as estimated by the controller, and their true values. The '
+        'estimates start at the end of the calibration.',
         (PLANT_IMU, PLANT_ODOM, CONTROLLER_STATE),
         estimate_table,
         _draw_estimate,
@@ -315,8 +315,8 @@ FIGURES = (
     RunFigure(
         'gyro',
         'Gyro',
-        'Above: the gyro less the offset that the controller estimates, beside the true pitch '
-        'rate. Below: that offset beside the true one, the 1 s mean of reading less true rate.',
+        'Above: gyro reading minus the estimated offset, and the true pitch rate. Below: the '
+        'estimated offset and the true one, which is the 1 s mean of reading minus true rate.',
         (GYRO_IMU, PLANT_IMU, CONTROLLER_STATE),
         gyro_table,
         _draw_gyro,
@@ -324,7 +324,7 @@ FIGURES = (
     RunFigure(
         'sonar',
         'Ultrasonic sensor',
-        'The distance that the sensor reads against time.',
+        'The distance measured by the sensor, against time.',
         (SONAR_RANGE,),
         sonar_table,
         _draw_sonar,
@@ -338,4 +338,4 @@ FIGURES = (
         _draw_battery,
     ),
 )
-"""The figures of a report, in its order."""
+"""The figures of a report, in order."""

@@ -1,4 +1,4 @@
-"""The metrics that need more of a recording than the true motion and the duties."""
+"""Metrics that need more than the true motion and the duties of a recorded run."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ from ballbot_ros.scenario.metric_registry import MetricRegistry
 from ballbot_ros.timing import TICK_NS
 
 RUN_METRICS = MetricRegistry[RunData]()
+"""In addition to the metrics of expectations; NaN if the file lacks the data."""
 
 FORMER_NAMES: Mapping[str, str] = {'truth_sent_again': 'resends'}
-"""The present names of metrics that were renamed; JSON and conditions take both."""
-"""In addition to those of the scenario's expectations; NaN where the file lacks what it needs."""
+"""Current names of renamed metrics by their former names; JSON and conditions accept both."""
 
 _MEAN_S = 1.0
 _MEAN_ROWS = 2**13
-"""How many means are made at once: what is needed on the way takes the memory of so many."""
+"""Number of means computed together, which bounds the memory."""
 
 
 def estimated_position(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
-    """Return where [m] the controller believes to be at `stamps`, shape (n, 2).
+    """Return the position [m] estimated by the controller at `stamps`, shape (n, 2).
 
-    It is NaN where the controller does not run.
+    It is NaN while the controller is not active.
     """
     state = run.series[CONTROLLER_STATE].at(stamps)
     radius = run.attached.parameters.of(ControllerParameters).ball_radius
@@ -49,7 +49,7 @@ def estimated_position(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
 
 
 def estimated_pitch(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
-    """Return the pitch [rad] that the controller believes at `stamps`, as its position."""
+    """Return the pitch [rad] estimated by the controller at `stamps`, like its position."""
     state = run.series[CONTROLLER_STATE].at(stamps)
     return _while_balancing(run, stamps, state[:, [1, 3]].astype(float))
 
@@ -78,9 +78,9 @@ def position_error(run: RunData) -> NDArray[Any]:
 
 
 def estimated_gyro_offset(run: RunData) -> NDArray[Any]:
-    """Return the gyro offset [deg/s] that the controller believes, shape (n, 2).
+    """Return the gyro offset [deg/s] estimated by the controller, shape (n, 2).
 
-    The controller does not publish its offset, but its pitch rate is the reading less the offset.
+    The controller does not publish it, but publishes its pitch rate: the reading minus the offset.
     """
     gyro = run.series[GYRO_IMU]
     believed = gyro.values - run.series[CONTROLLER_STATE].at(gyro.stamps)[:, 4:]
@@ -91,7 +91,7 @@ def estimated_gyro_offset(run: RunData) -> NDArray[Any]:
 def true_gyro_offset(run: RunData) -> NDArray[Any]:
     """Return the true gyro offset [deg/s], shape (n, 2).
 
-    It is the reading less the true rate; the mean of 1 s takes noise and rounding from it.
+    It is the reading minus the true rate, averaged over 1 s against noise and rounding.
     """
     gyro = run.series[GYRO_IMU]
     offset = gyro.values - run.series[PLANT_IMU].at(gyro.stamps)[:, 2:]
@@ -100,7 +100,7 @@ def true_gyro_offset(run: RunData) -> NDArray[Any]:
 
 
 def _smooth(values: NDArray[Any]) -> None:
-    """Make each row the mean over the second around it; at the ends over what there is of it."""
+    """Replace each row by the mean over one second around it, or less at the ends."""
     half = int(_MEAN_S * 1e9 / TICK_NS) // 2
     count = len(values)
     sums = np.zeros((count + 1, values.shape[1]))
@@ -117,11 +117,11 @@ def _start(run: RunData) -> float:
 
 
 @RUN_METRICS.metric(
-    'electrical energy that the motors took from the release on: voltage times '
-    'current, from true torque and rate at every tick; braking gives none back'
+    'electrical energy drawn by the motors from the release on: voltage times current, from '
+    'true torque and rate at every tick; braking returns none'
 )
 def energy_j(run: RunData) -> float:
-    """Return the energy [J]: with torque = Kt i and voltage = Rm i + Kb rate, both as (3.16)."""
+    """Return the energy [J]: torque = Kt i and voltage = Rm i + Kb rate, both as (3.16)."""
     if PLANT_JOINT_STATES not in run.series:
         return math.nan
     motors, plant = run.series[PLANT_JOINT_STATES], run.plant
@@ -141,27 +141,25 @@ def lowest_battery_v(run: RunData) -> float:
     return float(run.series[BATTERY_STATE].values.min())
 
 
-@RUN_METRICS.metric("root mean square of the controller's pitch less the true one")
+@RUN_METRICS.metric('root mean square of the error of the estimated pitch')
 def pitch_error_rms_deg(run: RunData) -> float:
     return _rms(np.degrees(pitch_error(run)))
 
 
-@RUN_METRICS.metric(
-    "root mean square of the controller's ball angle, as a way, less the true way from the start"
-)
+@RUN_METRICS.metric('root mean square of the error of the position estimated by the controller')
 def position_error_rms_m(run: RunData) -> float:
     return _rms(position_error(run))
 
 
 @RUN_METRICS.metric(
-    "root mean square of the controller's gyro offset (reading less "
-    'its pitch rate) less the true one (reading less true rate, mean of 1 s), plane x'
+    'root mean square of the error of the estimated gyro offset (reading minus estimated pitch '
+    'rate, against reading minus true rate, 1 s mean), plane x'
 )
 def gyro_offset_error_x_deg_s(run: RunData) -> float:
     return _offset_error(run, 0)
 
 
-@RUN_METRICS.metric('the same of plane y')
+@RUN_METRICS.metric('the same for plane y')
 def gyro_offset_error_y_deg_s(run: RunData) -> float:
     return _offset_error(run, 1)
 
@@ -184,14 +182,14 @@ for _state in OperatingState:
     )
 
 
-@RUN_METRICS.metric('ticks up to the last that are not in the file')
+@RUN_METRICS.metric('ticks up to the last one that are not in the file')
 def missing_ticks(run: RunData) -> float:
     return run.missing_ticks
 
 
 @RUN_METRICS.metric(
-    'standard deviation of the time from duty to duty, in sim time: 0 in '
-    'lockstep, whatever the wall clock did'
+    'standard deviation of the sim time from duty to duty: 0 in lockstep, whatever the wall '
+    'clock did'
 )
 def tick_jitter_ms(run: RunData) -> float:
     duty = run.series.get(MOTOR_DUTY)
@@ -201,8 +199,8 @@ def tick_jitter_ms(run: RunData) -> float:
 
 
 @RUN_METRICS.metric(
-    'ticks that came late by the wall clock, as the plant counts them in '
-    '/diagnostics; in free running those of the controller too'
+    'ticks that were late by the wall clock, as the plant counts them in /diagnostics; free '
+    'running, also those of the controller'
 )
 def late_ticks(run: RunData) -> float:
     late = _counter(run, PLANT, 'late ticks', 'overruns')
@@ -219,7 +217,7 @@ def resends(run: RunData) -> float:
 
 
 @RUN_METRICS.metric(
-    'ticks a second of the wall clock, median of what the plant reports each second (/diagnostics)'
+    'ticks per second of wall time, median of the values that the plant reports in /diagnostics'
 )
 def tick_rate_hz(run: RunData) -> float:
     reported = (_read(values, 'rate [Hz]') for values in _diagnostics(run, PLANT))
@@ -228,7 +226,7 @@ def tick_rate_hz(run: RunData) -> float:
 
 
 def _counter(run: RunData, role: str, key: str, former_key: str) -> float:
-    """Return a counter of a node at its last report; NaN if it has not reported.
+    """Return a counter in a node's last report; NaN if there is no report.
 
     Recordings of older versions have it under `former_key`.
     """
@@ -239,10 +237,10 @@ def _counter(run: RunData, role: str, key: str, former_key: str) -> float:
 
 
 def _diagnostics(run: RunData, role: str) -> Iterator[Mapping[str, str]]:
-    """Iterate over the values that the node of a role has reported in ``/diagnostics``."""
+    """Iterate over the values reported by the node of a role in ``/diagnostics``."""
     for _, status in run.statuses:
         values = dict(status.values)
-        # Older recordings have the node's name only.
+        # Older recordings only have the node's name.
         if role == (values.get('role') or status.name.partition(':')[0].rpartition('/')[2]):
             yield values
 

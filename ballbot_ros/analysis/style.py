@@ -1,4 +1,4 @@
-"""The house style of figures."""
+"""The common style of all figures."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Okabe and Ito's colours: told apart by the colour-blind, and by their lightness in print.
+# Okabe and Ito's colours, which colour-blind readers and black-and-white prints can tell apart.
 BLUE, ORANGE, GRAY = '#0072B2', '#D55E00', '#666666'
 GREEN, SKY, YELLOW, PURPLE = '#009E73', '#56B4E9', '#F0E442', '#CC79A7'
 
 WIDTH = 8.0
-"""Of a figure on a page [inch]."""
+"""Width of a figure on a page [inch]."""
 
 _TITLE_LETTERS_PER_INCH = 11
 
 
 @dataclass(frozen=True)
 class Line:
-    """How a curve is drawn.
+    """Style of a curve.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Line:
     width : float
         [point]
     dash : str
-        As matplotlib names line styles.
+        A line style of matplotlib.
     label : str
         Its name in the legend; '' for none.
     """
@@ -46,22 +46,23 @@ PLANES = (Line(BLUE, label='plane x'), Line(ORANGE, 1.0, '--', 'plane y'))
 
 
 def new_figure(width: float, height: float, title: str = '') -> Figure:
-    """Return a figure of that size [inch], its title in as many lines as it needs."""
-    # Here, not above: the import takes a second that no run should wait for at its start.
+    """Return a figure of this size [inch], with its title on as many lines as it needs."""
+    # Imported here: it takes a second, for which the start of a run should not wait.
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout='constrained')
     if title:
-        figure.suptitle(textwrap.fill(title, int(width * _TITLE_LETTERS_PER_INCH)))
+        letters = int(width * _TITLE_LETTERS_PER_INCH)
+        figure.suptitle(textwrap.fill(title, letters, break_on_hyphens=False))
     return figure
 
 
 def png_of(figure: Figure) -> bytes:
-    """Return a figure as PNG: a full disk then ends in one error, not in half a picture."""
+    """Return a figure as PNG; on a full disk the caller then fails without half a picture."""
     from matplotlib.text import Text
 
     for text in figure.findobj(Text):
-        # The user's names may have a $, and no figure has a formula.
+        # User-defined names may contain a $, and no figure has a formula.
         text.set_parse_math(False)
     buffer = BytesIO()
     figure.savefig(buffer, dpi=150)

@@ -1,4 +1,4 @@
-"""What a figure shows, as a table: the same numbers go to the picture and to the CSV file."""
+"""The numbers of a figure as a table, which both the picture and the CSV file use."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 MANY = 20_000
-"""Rows (80 s of ticks) up to which a figure shows every one."""
+"""Maximum number of rows (80 s of ticks) that a figure shows one by one."""
 
 _INTERVALS = 5_000
 
 Table = Mapping[str, NDArray[Any]]
-"""Columns of equal length by name; the first is the time [s]."""
+"""Columns of equal length by name; the first one is the time [s]."""
 
 
 def plane_columns(name: str, unit: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Return the columns of values of both planes, shape (n, 2), by their names."""
+    """Return the columns for values of both planes, shape (n, 2), by name."""
     return {f'{name}_x_{unit}': values[:, 0], f'{name}_y_{unit}': values[:, 1]}
 
 
 def track_columns(position: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Return the columns of a track in ``map`` [cm], of positions in the planes [m], (n, 2)."""
+    """Return the track in ``map`` [cm] for positions in the planes [m], (n, 2)."""
     x, y = position.T * 100.0
     return {'map_x_cm': x, 'map_y_cm': -y}
 
 
 def envelope(time: NDArray[Any], columns: Mapping[str, NDArray[Any]]) -> Table:
-    """Return a table of the columns, of many rows the least and the largest of each interval.
+    """Return a table of the columns; many rows are reduced to the extremes of each interval.
 
-    Every interval then has two rows: the first has the least value of each column in it, the
-    second the largest. A line through them fills what a line through all would fill.
+    Each interval then has two rows, with the minimum and the maximum of each column. A line through
+    them covers the same area as a line through all rows.
     """
     if len(time) <= MANY:
         return {'time_s': time, **columns}
@@ -49,14 +49,14 @@ def envelope(time: NDArray[Any], columns: Mapping[str, NDArray[Any]]) -> Table:
 
 
 def every_nth(time: NDArray[Any], columns: Mapping[str, NDArray[Any]]) -> Table:
-    """Return a table of the columns, of many rows every nth and the last, for a way."""
+    """Return a table of the columns; many rows are reduced to every nth and the last."""
     stride = -(-len(time) // MANY)
     rows = np.unique(np.append(np.arange(0, len(time), stride), len(time) - 1))
     return {'time_s': time[rows], **{name: values[rows] for name, values in columns.items()}}
 
 
 def csv_of(table: Table) -> bytes:
-    """Return a table as CSV; a number that is not there is an empty field."""
+    """Return a table as CSV; a missing number is an empty field."""
     rows = zip(*(values.tolist() for values in table.values()), strict=True)
     return csv_text(list(table), ([_text(value) for value in row] for row in rows))
 

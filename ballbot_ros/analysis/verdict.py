@@ -6,22 +6,22 @@ from ballbot_ros.text_enum import TextEnum
 
 
 class Verdict(TextEnum):
-    """What came of a run, in the words of reports, tables and JSON."""
+    """Verdict on a run, as shown in reports, tables and JSON."""
 
     PASSED = 'passed'
     NOT_MET = 'expectations not met'
     FAILED = 'failed'
     STOPPED = 'stopped'
     INCOMPLETE = 'incomplete'
-    """Of a recording: it lacks a part of the run."""
+    """The recording lacks a part of the run."""
     NOT_JUDGED = 'not judged'
-    """Of a recording: it lacks what the expectations are about."""
+    """The recording lacks the data that the expectations need."""
 
 
 class ExpectationVerdict(TextEnum):
-    """What came of an expectation in a recorded run."""
+    """Verdict on an expectation in a recorded run."""
 
     MET = 'met'
     NOT_MET = 'not met'
     NOT_JUDGED = 'not judged'
-    """The recording lacks what it is about."""
+    """The recording lacks the data that it needs."""

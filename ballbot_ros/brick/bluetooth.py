@@ -9,14 +9,14 @@ from ballbot_ros.errors import BallbotError
 
 PACKET_SIZE = 32
 STREAM_HEADER = struct.pack('<H', PACKET_SIZE)
-"""Two bytes in front of each packet on the serial line."""
+"""Length prefix of each packet on the serial line."""
 
 _STICKS = struct.Struct('<bb30x')
 _LOG = struct.Struct('<IbbHiiihhhhi')
 
 
 class PacketError(BallbotError):
-    """Bytes that are no packet, or values that no packet can hold."""
+    """Bytes that are not a packet, or values that do not fit in one."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def _pack(layout: struct.Struct, *values: int) -> bytes:
     try:
         return layout.pack(*values)
     except struct.error as error:
-        raise PacketError(f'no packet holds {values}: {error}') from None
+        raise PacketError(f'{values} do not fit in a packet: {error}') from None
 
 
 def _checked(data: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""The brick as the control program sees it: ports to read, actuators to set (section 7.2)."""
+"""The brick from the control program's view: ports to read, actuators to set (section 7.2)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ UINT32 = 0xFFFFFFFF
 
 
 class DeviceInputs(NamedTuple):
-    """What the devices give at one tick; None where a device has no new sample.
+    """The device samples at one tick; None if a device has no new sample.
 
     Attributes
     ----------
@@ -47,12 +47,12 @@ class Tone(NamedTuple):
 
 @dataclass
 class DeviceOutputs:
-    """What a tick sends to the devices.
+    """The outputs of a tick.
 
     Attributes
     ----------
     duty : tuple of int
-        Motors B (plane x) and C (plane y) [%]; they keep it until it is set again.
+        Motors B (plane x) and C (plane y) [%], which hold the value until the next one.
     log : list of LogPacket
     tones : list of Tone
     pages : list of str
@@ -73,15 +73,15 @@ class Brick:
     gyro, revolutions : tuple of int
         As in :class:`DeviceInputs`.
     sonar_cm : int
-        What the program last read from the sonar; -1 before its first request.
+        The program's last reading of the sonar; -1 before its first request.
     sonar_reply : int
-        What its next request will read: the distance at the request before, 0 before the first.
+        The next reading: the distance at the previous request, 0 before the first.
     battery_mv : int
         The newest sample.
     systick_ms : int
         uint32 system time.
     duty : tuple of int
-        What the motors are set to.
+        The current motor duty.
     """
 
     def __init__(self) -> None:
@@ -122,10 +122,10 @@ class Brick:
         return latest if waiting is None else waiting
 
     def read_sonar(self) -> int:
-        """Return the distance [cm] at the request before, and request the next one.
+        """Return the distance [cm] at the previous request, and request the next one.
 
-        nxtOSEK fetches the sensor's register over I2C after the call, so a value is one period of
-        the calling task old when the program sees it.
+        nxtOSEK fetches the sensor's register over I2C after the call, so the program sees a value
+        one period of the calling task later.
         """
         self.sonar_cm, self.sonar_reply = self.sonar_reply, self._sonar_register
         return self.sonar_cm

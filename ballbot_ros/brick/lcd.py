@@ -33,7 +33,7 @@ def status_page(
     bluetooth_connected : bool
         Shown as 1 or 0 before the sonar's distance [cm].
     sonar_cm : int
-        What the program last read from the ultrasonic sensor; -1 before its first request.
+        The program's last reading of the ultrasonic sensor; -1 before its first request.
     """
     lines = (
         name,

@@ -1,6 +1,6 @@
-"""Random numbers that depend on seed, device and sample time alone.
+"""Random numbers that depend only on seed, device and sample time.
 
-A device that is restarted in mid-run, or asked twice for one sample, gives the same noise.
+A device that restarts in mid-run, or samples twice at one time, has the same noise.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ _WORD = 0xFFFFFFFF
 
 
 class DeviceNoise:
-    """Two random numbers for each sample, made in blocks.
+    """Two random numbers for each sample, generated in blocks.
 
-    The key of the generator is the seed, its counter the number of the sample and the device.
+    The key of the generator is the seed, its counter the sample number and the device.
 
     Parameters
     ----------
     seed : int
         The run's seed, 0 ... 2^64 - 1.
     device : str
-        Name of the device: its stream.
+        Name of the device, which selects its stream.
     draw : callable
-        What makes a number of 53 random bits: ``uniform`` or ``normal``.
+        Converts 53 random bits to a number: ``uniform`` or ``normal``.
     """
 
     def __init__(self, seed: int, device: str, draw: Callable[[int], float]) -> None:

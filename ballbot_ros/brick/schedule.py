@@ -14,9 +14,9 @@ class TaskTiming(NamedTuple):
     name : str
         Name in the OIL file, and of the function.
     priority : int
-        Larger runs first.
+        Higher values run first.
     period_ms : int
-        Cycle of its alarm; 0 for a task that runs once at the start.
+        Period of its alarm; 0 for a task that runs once at the start.
     """
 
     name: str
@@ -25,9 +25,9 @@ class TaskTiming(NamedTuple):
 
 
 class Schedule:
-    """Which tasks are due when, most urgent first; all alarms start in phase.
+    """Which tasks are due at a time, highest priority first; all alarms start in phase.
 
-    A tick is far longer than the tasks take, so each runs to its end before the next one.
+    A tick is much longer than its tasks, so each runs to its end before the next.
 
     Parameters
     ----------
@@ -36,14 +36,14 @@ class Schedule:
     Attributes
     ----------
     tasks : list of TaskTiming
-        Most urgent first.
+        Highest priority first.
     """
 
     def __init__(self, tasks: Iterable[TaskTiming]) -> None:
         self.tasks = sorted(tasks, key=lambda task: -task.priority)
 
     def due(self, elapsed_ms: int) -> list[str]:
-        """Return the names of the tasks due `elapsed_ms` after the start, most urgent first."""
+        """Return the names of the tasks due `elapsed_ms` after the start, by priority."""
         return [
             name
             for name, _, period_ms in self.tasks

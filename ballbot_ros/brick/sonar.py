@@ -9,7 +9,7 @@ from ballbot_ros.parameters import SonarParameters
 from ballbot_ros.timing import SLOW_PERIOD_NS
 
 NEAR_DROPOUT = 0.5
-"""Share of the echoes of an obstacle nearer than the least range that are missed."""
+"""Share of missed echoes from an obstacle closer than the minimum range."""
 
 
 def sonar_reading(
@@ -28,13 +28,13 @@ def sonar_reading(
     distance_m : float
         Distance to an obstacle [m], +inf if there is none.
     chance, error : float
-        Uniform numbers, 0 ... 1, which decide on a dropout and make the noise.
+        Uniform numbers, 0 ... 1, for the dropout and for the noise.
     noise_cm : float
         Bound of the noise [cm].
     dropout : float
-        Share of the echoes that are missed.
+        Share of missed echoes.
     min_range_cm, max_range_cm : float
-        Least and largest range [cm].
+        Minimum and maximum range [cm].
     """
     distance = distance_m * 100.0
     if distance >= max_range_cm:

@@ -1,6 +1,6 @@
-"""The one place where SI meets the brick's integers; exact both ways.
+"""Conversions between SI and the brick's integers, exact in both directions.
 
-An integer that is sent as rad or m comes back as the same integer.
+An integer sent as rad or m comes back as the same integer.
 """
 
 from __future__ import annotations

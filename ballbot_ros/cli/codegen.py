@@ -1,4 +1,4 @@
-"""`ballbot codegen`: write the C for the brick, or prove a folder equal to the simulation."""
+"""`ballbot codegen`: generate C for the brick, or prove it equal to the simulation."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ def generate(folder: Path, parameter_file: Path | None, mode: str | None) -> Non
 
 
 def _read(path: Path) -> ParameterSet:
-    """Read a parameter file, or what the last run of a recording had."""
+    """Read a parameter file, or the parameters of the last run of a recording."""
     if path.suffix != '.mcap':
         return read_parameter_file(path)
-    # Only here: it takes half a second to import.
+    # Imported only here: it takes half a second.
     from ballbot_ros.analysis.run_data import read_run
 
     attached = read_run(path).attached
     if not attached.has_parameters:
-        raise RecordingError(f'{path}: tells no parameters')
+        raise RecordingError(f'{path}: has no parameters')
     return attached.parameters
 
 
@@ -62,7 +62,7 @@ def check(folder: Path) -> int:
     Raises
     ------
     CodegenError
-        If the folder is not complete, or a tool is missing, once all that is possible is done.
+        If the folder is incomplete, or if a tool is missing, after all possible checks.
     """
     sequences = check_sequences(read_folder_parameters(folder))
     console = Console(highlight=False, markup=False, soft_wrap=True)
@@ -107,7 +107,7 @@ def _print_cost(console: Console, cost: ProgramCost) -> None:
     table.add_row('all periodic', *_time(periodic), '')
     console.print(table)
     console.print(
-        f'Most instructions that a call took, counted by qemu; {CYCLES_PER_INSTRUCTION:g} '
+        f'Most instructions of a call, counted by qemu; {CYCLES_PER_INSTRUCTION:g} '
         f'cycles each from SRAM, at most {FLASH_FACTOR:g} times that from flash.'
     )
     memory = cost.memory
@@ -134,8 +134,8 @@ def _time(instructions: int) -> tuple[str, str, str]:
 @click.option(
     '--params',
     type=PATH,
-    help='Parameter file, or recording of runs whose last one had the controller values, with '
-    "--output.  [default: the table's]",
+    help='Parameter file, or recording whose last run had the controller values, with '
+    "--output.  [default: the parameters' defaults]",
 )
 @click.option(
     '--mode',
@@ -152,15 +152,15 @@ def _time(instructions: int) -> tuple[str, str, str]:
 def command(
     output: Path | None, params: Path | None, mode: str | None, checked: Path | None
 ) -> int:
-    """Write the controller as C, an nxtOSEK application; or check such a folder.
+    """Generate the controller as C, an nxtOSEK application; or check such a folder.
 
-    Exit status: 0 if it was written, or is equal; 1 if it differs; 2 for a mistake in the
-    arguments, or if a tool that a check needs is missing.
+    Exit status: 0 if it was written, or is equal; 1 if it differs; 2 for invalid arguments, or
+    if a tool that a check needs is missing.
     """
     if (output is None) == (checked is None):
         raise click.UsageError('give either --output DIR or --check DIR')
     if checked and (params or mode):
-        raise click.UsageError('--params and --mode go with --output; a folder has its own')
+        raise click.UsageError('--params and --mode require --output; a folder has its own')
     if checked:
         return check(checked)
     assert output

@@ -12,23 +12,23 @@ COMMANDS = {
     'run': ('run', 'Run a scenario and judge it by its expectations.'),
     'drive': ('drive', 'Drive the robot by hand.'),
     'scenarios': ('scenarios', 'List the shipped scenarios.'),
-    'report': ('report', 'Make a page with figures and metrics of a recorded run.'),
-    'compare': ('compare', 'Set the metrics of recorded runs side by side.'),
+    'report': ('report', 'Write a page with figures and metrics of a recorded run.'),
+    'compare': ('compare', 'Compare the metrics of recorded runs.'),
     'view': ('view', 'Show recorded runs in a browser.'),
-    'render': ('render', 'Make a picture or a film of a recorded run.'),
-    'replay': ('replay', 'Make a recorded run again and say where it differs.'),
-    'info': ('info', 'Tell what a recording holds.'),
+    'render': ('render', 'Render a picture or a film of a recorded run.'),
+    'replay': ('replay', 'Run a recorded run again and report differences.'),
+    'info': ('info', 'Describe a recording.'),
     'play': ('play', 'Publish a recording into the graph.'),
     'export': ('export', 'Write a recording as tables.'),
     'repair': ('repair', 'Recover a damaged recording.'),
     'log2csv': ('log2csv', 'Write the data log of a recording as CSV.'),
-    'map': ('map', 'Check a map image; write it for other programs.'),
+    'map': ('map', 'Check a map image; export it for other programs.'),
     'design': ('design', 'Print the model, its poles and the servo gains.'),
-    'codegen': ('codegen', 'Write the controller as C for the brick, or check it.'),
+    'codegen': ('codegen', 'Generate the controller as C for the brick, or check it.'),
     'doctor': ('doctor', 'Check that this machine is ready.'),
 }
-"""The module in this package that declares each command, as `command`, and its line in the help of
-`ballbot`."""
+"""For each command, the module in this package that declares it as `command`, and its line in the
+help of `ballbot`."""
 
 
 def load_command(name: str) -> click.Command:
@@ -40,8 +40,8 @@ def load_command(name: str) -> click.Command:
 class _LazyGroup(click.Group):
     """Commands whose modules are imported only when they are called.
 
-    Until then each is a name and its line of help, all that `ballbot --help` and completion need.
-    A word that is no command is a scenario: `ballbot stationary` is `ballbot run stationary`.
+    `ballbot --help` and completion only need names and help lines. A word that is not a command is
+    a scenario: `ballbot stationary` means `ballbot run stationary`.
     """
 
     def resolve_command(

@@ -1,4 +1,4 @@
-"""`ballbot compare`: recorded runs side by side, and a gate against regressions."""
+"""`ballbot compare`: comparison of recorded runs, and a gate against regressions."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ WIDEST = 2000
     multiple=True,
     metavar="'METRIC>X%'",
     help='Exit with 1 if METRIC of any later run is larger than that of the first by more than X '
-    'percent, or without % by more than X of its unit; < for smaller.  May be given again.',
+    'percent, or without % by more than X of its unit; < for smaller.  Can be repeated.',
 )
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def command(
@@ -42,10 +42,10 @@ def command(
 ) -> int:
     """Compare recorded runs with the first one, A.
 
-    Exit status: 0; 1 if a --fail-if condition holds; 2 for a mistake in the arguments or a file
-    that is no recording of a ballbot.
+    Exit status: 0; 1 if a --fail-if condition holds; 2 for invalid arguments or a file that is not
+    a recording of a ballbot.
     """
-    # Only here: what reads and measures a run takes half a second to import.
+    # Imported only here: it takes half a second.
     from ballbot_ros.analysis import comparison
     from ballbot_ros.analysis.conditions import parse_condition
     from ballbot_ros.analysis.page import ReportError, check_folder
@@ -92,7 +92,7 @@ def _print_table(runs: Sequence[Compared], rows: Iterable[ComparedMetric]) -> No
     for row in rows:
         text = row.text
         table.add_row(text.label, text.unit, text.value, *chain.from_iterable(row.changes))
-    # A number that is cut short is worse than a line that the terminal breaks.
+    # Let the terminal wrap lines rather than truncate numbers.
     whole = console.measure(table, options=console.options.update(max_width=WIDEST)).maximum
     console.width = max(console.width, whole)
     console.print(table)

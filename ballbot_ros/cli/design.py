@@ -25,11 +25,11 @@ GAIN_NAMES = ('θ', 'ψ', 'θ̇', 'ψ̇', '∫θ')
     '--params',
     'parameter_file',
     type=PATH,
-    help='Parameter file whose physical values are used.',
+    help='Parameter file with physical values.',
 )
 def command(parameter_file: Path | None) -> None:
     """Print the model, its poles, and the servo gains next to the published ones."""
-    # Only here: what it imports takes two seconds.
+    # Imported only here: it takes two seconds.
     from ballbot_ros.design.servo import PUBLISHED_GAIN, design_servo
 
     parameters = read_parameter_file(parameter_file) if parameter_file else ParameterSet()
@@ -68,7 +68,7 @@ def _print_matrix(console: Console, name: str, matrix: Matrix) -> None:
 
 
 def _poles(poles: Iterable[complex]) -> str:
-    """Return poles in order of their speed, a conjugate pair as one."""
+    """Return poles from fast to slow as text, a conjugate pair as one."""
     words = []
     for pole in sorted(poles, key=lambda p: (abs(p), p.imag)):
         if abs(pole.imag) < 1e-9:

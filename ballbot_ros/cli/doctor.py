@@ -1,4 +1,4 @@
-"""`ballbot doctor`: is this machine ready? Each check says OK, or what to do."""
+"""`ballbot doctor`: checks of this machine; each reports OK, or what to do."""
 
 from __future__ import annotations
 
@@ -34,5 +34,5 @@ def examine(*, fix: bool = False) -> int:
 @click.command('doctor')
 @click.option('--fix', is_flag=True, help='Remove what killed processes left in shared memory.')
 def command(fix: bool) -> int:
-    """Check Python, rclpy, discovery, disk and ports; say what to do where one is not OK."""
+    """Check Python, rclpy, discovery, disk and ports; say what to do if a check fails."""
     return examine(fix=fix)

@@ -18,9 +18,9 @@ from ballbot_ros.teleop.terminal import why_no_keyboard
 @click.option(
     '--start', nargs=2, type=float, metavar='X Y', help='Start position in the frame map [m].'
 )
-@click.option('--profile', help='Profile of the devices, such as hardware.  [default: ideal]')
+@click.option('--profile', help='Device profile, such as hardware.  [default: ideal]')
 @click.option('--device', help='Gamepad, by its number or part of its name.  [default: any]')
-@click.option('--no-keyboard', is_flag=True, help='Leave the keys of the terminal alone.')
+@click.option('--no-keyboard', is_flag=True, help='Do not use the keys of the terminal.')
 @click.option(
     '--output',
     type=PATH,
@@ -46,7 +46,7 @@ def command(
 ) -> int:
     """Drive the robot by hand: gamepad, keyboard, or the topics joy and cmd_vel.
 
-    It runs in real time until q, Ctrl-C or SIGTERM.
+    Runs in real time until q, Ctrl-C or SIGTERM.
     """
     if list_devices:
         from ballbot_ros.teleop import device_list

@@ -44,7 +44,7 @@ _MEANINGS = {
         names={'vector_x': 'tone_Hz', 'vector_y': 'duration_ms', 'vector_z': 'volume_percent'}
     ),
 }
-"""What docs/frames.md says of these topics beyond their types."""
+"""Knowledge from docs/frames.md about these topics beyond their types."""
 
 
 @click.command('export')
@@ -56,19 +56,19 @@ _MEANINGS = {
     '--output', type=PATH, help='Folder for the tables.  [default: FILE_csv or FILE_parquet]'
 )
 @click.option(
-    '--joined', is_flag=True, help='One table with a row each tick (4 ms) instead of one a topic.'
+    '--joined', is_flag=True, help='One table with a row per tick (4 ms) instead of one per topic.'
 )
 @click.option(
     '--topics',
     multiple=True,
     callback=split_at_commas,
     metavar='TOPIC[,TOPIC…]',
-    help='The topics to take; may be given again.  [default: all]',
+    help='The topics to export; can be repeated.  [default: all]',
 )
 def command(
     file: Path, file_format: str, output: Path | None, joined: bool, topics: list[str]
 ) -> None:
-    """Write the recording FILE as tables with SI units in the names of the columns."""
+    """Write the recording FILE as tables with SI units in the column names."""
     if file_format == 'parquet':
         load_pyarrow()
     console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
@@ -99,12 +99,13 @@ def _chosen(reader: RecordingReader, topics: Sequence[str], console: Console) ->
     for topic in topics:
         if topic not in known:
             raise RecordingError(
-                f'{reader.path}: no topic {topic!r}, only {", ".join(sorted(known)) or "none"}'
+                f'{reader.path}: topic {topic!r} not found, only '
+                f'{", ".join(sorted(known)) or "none"}'
             )
     unreadable = reader.unreadable()
     for topic in unreadable:
         if topic in topics:
             raise RecordingError(f'{reader.path}: {topic}: {unreadable[topic]}')
         if not topics:
-            console.print(f'{reader.path}: {topic} is left out: {unreadable[topic]}')
+            console.print(f'{reader.path}: {topic} skipped: {unreadable[topic]}')
     return list(topics) or sorted(known.keys() - unreadable.keys())

@@ -1,4 +1,4 @@
-"""The progress bar of work on a file."""
+"""Progress bar for work on a file."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ UPDATE_S = 0.2
 
 @contextmanager
 def file_progress(name: str) -> Iterator[Callable[[int, int], None]]:
-    """Show on a terminal how far a work has got; nothing on a pipe or file.
+    """Show the progress on a terminal, but not on a pipe or file.
 
     Yields
     ------
     callable
-        Takes how much of how much is done; cheap enough to be called at every message.
+        Accepts the amount done and the total; cheap enough to be called at every message.
     """
     console = Console(stderr=True, highlight=False)
     with Progress(

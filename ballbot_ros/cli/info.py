@@ -1,4 +1,4 @@
-"""`ballbot info`: what a recording holds, and whether it is whole."""
+"""`ballbot info`: the content of a recording, and whether it is complete."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from ballbot_ros.recording.overview import Overview, TopicOverview, look_at
 @click.argument('file', type=RECORDING)
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def command(file: Path, as_json: bool) -> None:
-    """Tell what the recording FILE holds, what made it, and whether it is whole.
+    """Describe the recording FILE: content, origin, and whether it is complete.
 
-    It may be of any ROS 2 tool, and damaged.
+    It may come from any ROS 2 tool, and may be damaged.
     """
     with file_progress(f'reading {file.name}') as progress:
         overview = look_at(file, RUN.resolved(), progress)
@@ -122,9 +122,9 @@ def _lines(overview: Overview) -> list[tuple[str, str]]:
 
 def _state(overview: Overview) -> str:
     if overview.being_written:
-        return 'being recorded; this is what is in it so far'
+        return 'being recorded; this is its content so far'
     if overview.broken:
-        return f'{overview.damage}; `ballbot repair` recovers what is left'
+        return f'{overview.damage}; `ballbot repair` recovers the rest'
     return overview.damage or 'complete'
 
 
@@ -136,7 +136,7 @@ def _timing(topic: TopicOverview) -> tuple[str, str, str]:
 
 
 def _made_by(overview: Overview) -> dict[str, object]:
-    """Return what the attachments of `ballbot run` tell of scenario, seed and versions."""
+    """Return scenario, seed and versions from the attachments of `ballbot run`."""
     scenario = _attached(overview, SCENARIO)
     parameters = _attached(overview, PARAMETERS)
     told = {

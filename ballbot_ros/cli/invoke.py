@@ -13,7 +13,7 @@ from ballbot_ros.standard_streams import open_standard_streams
 
 
 def invoke(command: click.Command, name: str, failed: int = 2) -> int:
-    """Run a command with the words of the command line; return its exit status.
+    """Run a command with the arguments of the command line; return its exit status.
 
     Parameters
     ----------
@@ -21,12 +21,12 @@ def invoke(command: click.Command, name: str, failed: int = 2) -> int:
     name : str
         The program's name in the help text.
     failed : int
-        Status after an error of ours, which is told in one line; after a mistake in the words it
+        Exit status after an error of ours, which is printed on one line; for invalid arguments it
         is 2.
     """
     open_standard_streams()
     if isinstance(sys.stdout, TextIOWrapper):
-        # What a terminal or a file can't show, such as θ in ASCII, it is given as \u03b8.
+        # Characters that a terminal or file can't encode, such as θ in ASCII, become \u03b8.
         sys.stdout.reconfigure(errors='backslashreplace')
     try:
         status = command(prog_name=name, standalone_mode=False)
@@ -41,11 +41,11 @@ def invoke(command: click.Command, name: str, failed: int = 2) -> int:
         click.echo(f'error: {error}', err=True)
         return failed
     except OSError as error:
-        # What could not be printed is not to be tried again at the end of Python.
+        # Python must not try to print the rest again when it ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         if isinstance(error, BrokenPipeError):
-            return 1  # as click ends where it meets it
-        # Whoever opens a file names it; what is left is what the command prints.
+            return 1  # like click
+        # Code that opens a file names it in errors; the rest is the command's output.
         click.echo(f'error: {error.filename or "standard output"}: {error.strerror}', err=True)
         return failed
     except (click.Abort, KeyboardInterrupt):

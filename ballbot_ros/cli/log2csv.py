@@ -19,11 +19,11 @@ from ballbot_ros.recording.reader import RecordingReader
     help='File to write.  [default: RECORDING with the suffix .csv]',
 )
 def command(recording: Path, output: Path | None) -> None:
-    """Write the data log that the brick sent in RECORDING as CSV, a file for each run in it."""
+    """Write the brick's data log in RECORDING as CSV, with a file for each run."""
     with RecordingReader(recording) as reader:
         written = write_data_log(reader, output or recording.with_suffix('.csv'))
         if written.malformed:
-            told = f'{written.topic}: {written.malformed} messages are no log packets: left out'
+            told = f'{written.topic}: skipped {written.malformed} malformed log packets'
             click.echo(told, err=True)
         if reader.damage:
             click.echo(f'{recording}: {reader.damage}', err=True)

@@ -7,14 +7,14 @@ import sys
 
 from ballbot_ros.stop_request import defer_sigint
 
-# Matrices of four rows need no threads of their own, which would spin beside the nodes.
+# Matrices of four rows need no threads, which would compete with the nodes.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 
 def main() -> None:
     """Run the command, and end with its exit status."""
     try:
-        # Ctrl-C ends the command as quietly while the modules load as it does later.
+        # While modules load, Ctrl-C ends the command as quietly as later.
         with defer_sigint():
             from ballbot_ros.cli.command import ballbot
             from ballbot_ros.cli.invoke import invoke

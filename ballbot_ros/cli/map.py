@@ -1,4 +1,4 @@
-"""`ballbot map`: whether an image is a map, what is on it, and the map for other programs."""
+"""`ballbot map`: check a map image, print its content, and export it."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from ballbot_ros.world.library import load_map
     '--yaml',
     'nav2',
     type=NEW_FILE,
-    help="File for nav2's map server to write; its .pgm goes beside it.",
+    help="File for nav2's map server to write; its .pgm is put next to it.",
 )
 @click.option('--check', is_flag=True, help='Only say whether the image is a map.')
 def command(image: str, wrl: Path | None, nav2: Path | None, check: bool) -> None:
-    """Check IMAGE, a PNG or BMP file or a shipped map's name, and print what is on it."""
+    """Check IMAGE, a PNG or BMP file or the name of a shipped map, and print its content."""
     if check and (wrl or nav2):
-        raise click.UsageError('--check writes nothing: leave out --wrl and --yaml')
+        raise click.UsageError('--check writes nothing: omit --wrl and --yaml')
     floor_map = load_map(image)
     console = Console(highlight=False, markup=False, soft_wrap=True)
-    # A cell is a centimetre.
+    # One cell is one centimetre.
     size = f'{floor_map.columns} × {floor_map.rows}'
     if check:
         console.print(f'{image}: OK, {size} cm')

@@ -1,4 +1,4 @@
-"""Options that several commands have."""
+"""Options shared by several commands."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ set_option = click.option(
     'assignments',
     multiple=True,
     metavar='NODE.PARAM=VALUE',
-    help='Set a parameter, such as controller.k_thetadot=300; may be given again.',
+    help='Set a parameter, such as controller.k_thetadot=300; can be repeated.',
 )
 """Sets parameters of a run."""
 
@@ -17,5 +17,5 @@ set_option = click.option(
 def split_at_commas(
     context: click.Context, parameter: click.Parameter, values: tuple[str, ...]
 ) -> list[str]:
-    """Let an option be given again, or once with commas."""
+    """Let an option be repeated, or given once with commas."""
     return [name for value in values for name in value.split(',') if name]

@@ -1,4 +1,4 @@
-"""The paths that commands are given."""
+"""Types of path arguments."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import click
 
 
 class _File(click.Path):
-    """A file, where a command can tell from the words alone that a folder is meant.
+    """A file path; rejects an argument that can only mean a folder.
 
     Parameters
     ----------
     is_folder : callable
-        Tells it of what was given.
+        Returns whether the argument means a folder.
     wanted : str
-        What is to be given instead.
+        Description of a valid argument.
     """
 
     def __init__(self, is_folder: Callable[[str], bool], wanted: str) -> None:
@@ -31,7 +31,7 @@ class _File(click.Path):
         ctx: click.Context | None,
     ) -> str | bytes | os.PathLike[str]:
         if self._is_folder(str(value)):
-            self.fail(f'{value}: a folder, not {self._wanted}', param, ctx)
+            self.fail(f'{value}: is a folder; name {self._wanted}', param, ctx)
         return super().convert(value, param, ctx)
 
 
@@ -39,7 +39,7 @@ PATH = click.Path(path_type=Path)
 """A file to read, or a folder."""
 
 RECORDING = _File(lambda value: not Path(value).name, 'a recording')
-"""A recording to read. What a command writes is called after it, so it has a name."""
+"""A recording to read. Output files are named after it, so it must have a name."""
 
 NEW_FILE = _File(lambda value: value.endswith('/'), 'a file to write')
-"""A file to write. ``x/`` names a folder, and a path would forget the slash."""
+"""A file to write. ``x/`` means a folder, but a Path would drop the slash."""

@@ -51,7 +51,7 @@ def play_file(parameters: PlayerParameters) -> int:
                 case '+' | '-':
                     rate = player.parameters.rate * (FASTER if key == '+' else 1.0 / FASTER)
                     player.set_parameters([Parameter('rate', value=rate)])
-                case '\x1b[C' | '\x1b[D':  # the arrows to the right and to the left
+                case '\x1b[C' | '\x1b[D':  # right and left arrow
                     step = SKIP_S if key.endswith('C') else -SKIP_S
                     playback.seek(playback.position(now) + step, now)
                 case 'q':
@@ -76,12 +76,12 @@ def play_file(parameters: PlayerParameters) -> int:
 
 
 def keys_in(text: str) -> list[str]:
-    """Tell keys apart that a terminal sends at once; an arrow is three characters."""
+    """Split the keys that a terminal sends together; an arrow has three characters."""
     return _KEY.findall(text)
 
 
 class _Terminal:
-    """Keys as they are pressed, and a line that is written again and again."""
+    """Keys as they are pressed, and a status line."""
 
     def __enter__(self) -> _Terminal:
         self._restore: Callable[[], None] = lambda: None
@@ -104,7 +104,7 @@ class _Terminal:
         return keys_in(os.read(sys.stdin.fileno(), 64).decode(errors='replace'))
 
     def show(self, text: str) -> None:
-        """Write the status line again."""
+        """Overwrite the status line."""
         if sys.stderr.isatty():
             sys.stderr.write(f'\r{text}\x1b[K')
             sys.stderr.flush()
@@ -112,23 +112,23 @@ class _Terminal:
 
 @click.command('play')
 @click.argument('file', type=RECORDING)
-@click.option('--rate', default=1.0, show_default=True, help='Speed in times real time.')
+@click.option('--rate', default=1.0, show_default=True, help='Speed in multiples of real time.')
 @click.option(
-    '--start', default=0.0, show_default=True, help='Where to begin, after the first message [s].'
+    '--start', default=0.0, show_default=True, help='Start, counted from the first message [s].'
 )
-@click.option('--loop', is_flag=True, help='Begin again at the end.')
+@click.option('--loop', is_flag=True, help='Restart at the end.')
 @click.option(
     '--topics',
     multiple=True,
     callback=split_at_commas,
     metavar='TOPIC[,TOPIC…]',
-    help='The topics to publish; may be given again.  [default: all]',
+    help='The topics to publish; can be repeated.  [default: all]',
 )
 def command(file: Path, rate: float, start: float, loop: bool, topics: list[str]) -> int:
     """Publish the recording FILE with its /clock, on the recorded topics.
 
-    Keys: space pauses, → and ← skip 5 s, + and - change the speed, q ends. The player refuses to
-    publish /clock and plant topics where a plant is at work.
+    Keys: space pauses, → and ← skip 5 s, + and - change the speed, q ends. The player does not
+    publish /clock and plant topics in a domain with a running plant.
     """
     parameters = ParameterSet()
     parameters.set(PLAYER, 'file', str(file))

@@ -1,4 +1,4 @@
-"""The progress bar: sim time and real-time factor."""
+"""Progress bar with sim time and real-time factor."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from ballbot_ros.run.observer import UPDATE_S
 
 
 class Progress:
-    """A bar on the terminal; on a pipe or file nothing but the notices.
+    """A bar on a terminal; on a pipe or file, only the notices.
 
     Parameters
     ----------
     name : str
-        What runs.
+        Name of the run.
     duration : float
-        Its length in sim time [s]; 0 has no end.
+        Its length in sim time [s]; 0 for an endless run.
     bar : bool
-        Whether there is a bar; the terminal may be somebody else's.
+        Whether to show a bar; the terminal may be in use by the gamepad node.
     """
 
     def __init__(self, name: str, duration: float, *, bar: bool = True) -> None:

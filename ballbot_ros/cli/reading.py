@@ -1,4 +1,4 @@
-"""Reading a recorded run for a command, to be measured or shown."""
+"""Reading a recorded run in a command, with progress."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ballbot_ros.viewer.shown_run import ShownRun
 
 
 def read_and_assess(path: Path, number: int | None = None) -> Assessment:
-    """Read a run and measure it; on a terminal show how far it has got."""
+    """Read and measure a run, with a progress bar on a terminal."""
     with file_progress(path.name) as progress:
         run = read_run(path, number, progress)
     with file_progress(f'{path.name}: measuring'):
@@ -21,7 +21,7 @@ def read_and_assess(path: Path, number: int | None = None) -> Assessment:
 
 
 def read_shown_run(path: Path) -> ShownRun:
-    """Read a run to be shown; say so if its file is damaged."""
+    """Read a run for display, with a warning if its file is damaged."""
     with file_progress(path.name) as progress:
         run = ShownRun(path, progress)
     if run.damage:

@@ -35,28 +35,28 @@ SUFFIXES = ('.png', '.gif', '.mp4')
     help='Time of a picture from the start of the run [s].  [default: the end]',
 )
 def command(recording: Path, view: str, output: Path, moment: float | None) -> None:
-    """Write a picture or a film of the last run of RECORDING, without a window."""
+    """Render a picture or a film of the last run of RECORDING."""
     if output.suffix not in SUFFIXES:
-        raise ViewerError(f'--output {output}: ends in none of {", ".join(SUFFIXES)}')
+        raise ViewerError(f'--output {output}: must end in one of {", ".join(SUFFIXES)}')
     if output.is_dir():
-        raise ViewerError(f'--output {output}: a folder, not a file to write')
+        raise ViewerError(f'--output {output}: is a folder; name a file')
     if moment is not None and output.suffix != '.png':
-        raise ViewerError(f'--time goes with a .png; {output.name} shows the whole run')
+        raise ViewerError(f'--time requires a .png; {output.name} shows the whole run')
     require_viser()
     browser_program()
-    # Only here: what reads a run takes half a second to import.
+    # Imported only here: it takes half a second.
     from ballbot_ros.cli.reading import read_shown_run
 
     run = read_shown_run(recording)
-    if moment is not None and not moment <= run.end:  # nor is it NaN
+    if moment is not None and not moment <= run.end:  # also refuses NaN
         raise ViewerError(f'--time {moment:g}: the run ends at {run.end:g} s')
-    # Only here: what viser brings with it takes a second to import.
+    # Imported only here: viser takes a second.
     try:
         with defer_sigint():
             from ballbot_ros.viewer.render import render
     except ImportError as error:
         raise ViewerError(
-            f'pictures lack a package ({error}): pip install "ballbot_ros[viewer]"'
+            f'package not found ({error}): install it with `pip install "ballbot_ros[viewer]"`'
         ) from None
     with file_progress(output.name) as progress:
         render(run, view, output, run.end if moment is None else moment, progress)

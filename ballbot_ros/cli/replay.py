@@ -1,4 +1,4 @@
-"""`ballbot replay`: makes a recorded run again and says where it differs."""
+"""`ballbot replay`: runs a recorded run again and reports differences."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def replay_recording(
 ) -> int:
     """Replay every run of a recording, print the result, return the exit status.
 
-    The control program is the one named by `controller`; without it, what made the recording.
-    With `assignments` another controller is asked what it would have done with the same inputs.
+    The control program is `controller`, or else the recorded one. With `assignments`, another
+    controller runs on the same inputs, and only its duties are compared.
     """
     with RecordingReader(path) as reader, temporary_folder() as scratch:
         replay = RecordingReplay(reader, Path(scratch), controller)
@@ -48,7 +48,7 @@ def replay_recording(
         (_print_json if as_json else print_results)(results, replay.controllers)
         if reader.damage:
             print(
-                f'note: {path}: {reader.damage}: only what is whole was compared', file=sys.stderr
+                f'note: {path}: {reader.damage}: only the intact part was compared', file=sys.stderr
             )
         return 0 if all(result.difference is None for result in results) else 1
 
@@ -56,7 +56,7 @@ def replay_recording(
 def print_results(
     results: Sequence[ReplayResult], controllers: Sequence[ReplayedController]
 ) -> None:
-    """Print what was identical, and the first difference of what was not."""
+    """Print what was identical, and the first difference of everything else."""
     console = Console(highlight=False, markup=False)
     runs = len(controllers)
     _print_controllers(console, controllers)
@@ -83,7 +83,7 @@ def _print_controllers(console: Console, controllers: Sequence[ReplayedControlle
 
 
 def _table(ticks: Sequence[ReplayedTick], stamp_ns: int) -> Table:
-    table = Table(title='recorded inputs, and the duties that follow', title_justify='left')
+    table = Table(title='recorded inputs and resulting duties', title_justify='left')
     for heading in ('sim time', 'gyro', 'motors', 'sonar', 'battery', 'sticks', 'duty'):
         table.add_column(heading, justify='right')
     for tick in ticks:
@@ -172,24 +172,24 @@ def _print_divergences_json(
 @click.option(
     '--controller',
     type=click.Choice(['python', 'c', 'arm']),
-    help='The control program in Python, or its generated C on this machine or an emulated ARM.  '
-    '[default: what made the recording, or Python where that can not run]',
+    help='Implementation of the controller: Python, or its generated C on this machine or an '
+    'emulated ARM.  [default: the recorded one, or Python if that can not run]',
 )
 @click.option(
     '--set',
     'assignments',
     multiple=True,
     metavar='NODE.PARAM=VALUE',
-    help='Ask what the controller would have done with another parameter; may be given again.',
+    help='Change a parameter of the controller; can be repeated.',
 )
 @click.option('--json', 'as_json', is_flag=True, help='Print JSON.')
 def command(
     recording: Path, controller: str | None, assignments: tuple[str, ...], as_json: bool
 ) -> int:
-    """Make the runs of RECORDING again, from what the file itself holds.
+    """Run the runs of RECORDING again, from the data in the file alone.
 
-    The controller first, on the recorded samples of the devices; then the whole robot, on its
-    parameters and seed, the recorded sticks and pushes. Every message is compared.
+    First the controller with the recorded samples of the devices, then the whole robot with its
+    parameters, seed, sticks and pushes. Every message is compared.
 
     Exit status: 0 if all are identical, 1 if one differs, 2 if there is nothing to replay. With
     --set only the controller's duties are compared, and the status is 0.

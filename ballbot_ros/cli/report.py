@@ -1,4 +1,4 @@
-"""`ballbot report`: what a recorded run came to, as a page, figures and tables."""
+"""`ballbot report`: assessment of a recorded run as a page, figures and tables."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from ballbot_ros.cli.path_types import PATH, RECORDING
     '--run',
     'number',
     type=click.IntRange(1),
-    help='Which run of a file that holds several, from 1 on.  [default: the last]',
+    help='Number of the run in a file with several, from 1.  [default: the last]',
 )
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def command(recording: Path, output: Path | None, number: int | None, as_json: bool) -> int:
-    """Write a report of RECORDING: index.html with everything in it, its PNGs and CSVs.
+    """Write a report of RECORDING: a self-contained index.html, its PNGs and CSVs.
 
-    Exit status: 0 if the report was written, whatever its verdict; 2 for a mistake in the
-    arguments or a file that is no recording of a ballbot.
+    Exit status: 0 if the report was written, whatever its verdict; 2 for invalid arguments or a
+    file that is not a recording of a ballbot.
     """
-    # Only here: what reads and measures a run takes half a second to import.
+    # Imported only here: it takes half a second.
     from ballbot_ros.analysis.page import check_folder
     from ballbot_ros.analysis.report import banner, write_report
     from ballbot_ros.cli.reading import read_and_assess

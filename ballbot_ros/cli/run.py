@@ -34,9 +34,9 @@ def run_and_print(
         Name or file of the scenario.
     options : RunOptions
     as_json : bool
-        Whether the result is printed as JSON.
+        Whether to print the result as JSON.
     is_replaced : callable or None
-        Whether another run is to take the place of this one.
+        Returns whether another run replaces this one.
     """
     spec = RunSpec.of_scenario(reference, options)
     with Progress(spec.name, spec.plant.duration) as progress, _stdout_to_stderr():
@@ -47,7 +47,7 @@ def run_and_print(
 
 @contextmanager
 def _stdout_to_stderr() -> Iterator[None]:
-    """Keep standard output for the result: the middleware prints its errors there."""
+    """Keep standard output for the result, since the middleware prints errors there."""
     sys.stdout.flush()
     kept = os.dup(1)
     os.dup2(2, 1)
@@ -65,13 +65,12 @@ def _stdout_to_stderr() -> Iterator[None]:
     type=click.Choice([each.value for each in Processes]),
     default=Processes.SEPARATE.value,
     show_default=True,
-    help='Every node a process of its own; all nodes in one process; or no nodes at all, the same '
-    'loop without ROS.',
+    help='One process per node; all nodes in one process; or no nodes, the same loop without ROS.',
 )
 @click.option(
     '--real-time-factor',
     type=click.FloatRange(0.0, 1000.0),
-    help='Pace against the wall clock: 1 real time, 0.1 slow motion, 0 as fast as it can.  '
+    help='Pace against the wall clock: 1 real time, 0.1 slow motion, 0 as fast as possible.  '
     '[default: 0, unless the scenario sets it]',
 )
 @click.option(
@@ -79,14 +78,12 @@ def _stdout_to_stderr() -> Iterator[None]:
     type=PATH,
     help='Folder for recording and picture.  [default: runs/<date>_<scenario>]',
 )
-@click.option(
-    '--profile', help='Profile of the devices, such as hardware.  [default: that of the scenario]'
-)
+@click.option('--profile', help="Device profile, such as hardware.  [default: the scenario's]")
 @click.option(
     '--params',
     'parameter_file',
     type=PATH,
-    help='Parameter file whose values override those of the scenario.',
+    help='Parameter file that overrides the scenario.',
 )
 @click.option('--seed', type=click.IntRange(0), help='Seed of the device noise.')
 @click.option('--no-record', is_flag=True, help='Write no recording.')
@@ -94,14 +91,14 @@ def _stdout_to_stderr() -> Iterator[None]:
 @click.option(
     '--controller',
     type=click.Choice(['python', 'c', 'arm']),
-    help='What computes: the Python program, the C generated from it, or that on an emulated ARM '
-    'processor.  [default: python, unless the scenario sets it]',
+    help='Implementation of the controller: Python, the generated C, or the generated C on an '
+    'emulated ARM processor.  [default: python, unless the scenario sets it]',
 )
 @click.option(
     '--viewer',
     is_flag=True,
     help='Show the run in a browser, at factor 1 unless another is given; prints the address. The '
-    'page stays after the run, for others to be chosen there.',
+    'page stays after the run and can start others.',
 )
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def command(
@@ -128,7 +125,7 @@ def command(
         profile=profile,
         parameter_file=parameter_file,
         real_time_factor=real_time_factor,
-        # Somebody looks at it.
+        # Somebody watches it.
         default_real_time_factor=1.0 if viewer else 0.0,
         seed=seed,
         assignments=assignments,
@@ -138,7 +135,7 @@ def command(
     )
     if not viewer:
         return run_and_print(scenario, options, as_json=as_json)
-    require_rclpy(', or leave out --viewer')
+    require_rclpy(', or omit --viewer')
     from ballbot_ros.cli.viewer_session import run_with_viewer
 
     return run_with_viewer(scenario, options, as_json=as_json)

@@ -19,8 +19,8 @@ from ballbot_ros.viewer.address import check_address, require_viser, warning_of
     '--host',
     default='127.0.0.1',
     show_default=True,
-    help='Address on which the page is served. Everybody who reaches it can look; whoever has the '
-    'printed address with its token can steer.',
+    help='Address that serves the page. Everybody who reaches it can watch; everybody who has '
+    'the printed address with its token can steer.',
 )
 @click.option(
     '--port',
@@ -32,15 +32,15 @@ from ballbot_ros.viewer.address import check_address, require_viser, warning_of
 def command(recording: Path, other: Path | None, host: str, port: int) -> int:
     """Show the last run of RECORDING in a browser, and that of OTHER as its ghost.
 
-    It serves the page until Ctrl-C or SIGTERM.
+    Serves the page until Ctrl-C or SIGTERM.
     """
-    # Only here: what reads a run takes half a second to import.
+    # Imported only here: it takes half a second.
     from ballbot_ros.cli.reading import read_shown_run
 
     require_viser()
     check_address(host, port)
     runs = [read_shown_run(path) for path in (recording, other) if path]
-    # Only here: what viser brings with it takes a second to import.
+    # Imported only here: viser takes a second.
     with defer_sigint():
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.recording_page import RecordingPage

@@ -1,4 +1,4 @@
-"""`ballbot run --viewer`: a page that stays from one run to the next."""
+"""`ballbot run --viewer`: a page that outlasts the run and can start others."""
 
 from __future__ import annotations
 
@@ -26,15 +26,14 @@ POLL_S = 0.05
 
 
 def run_with_viewer(reference: str, options: RunOptions, *, as_json: bool) -> int:
-    """Run a scenario, then whichever the page asks for; return the exit status of the last.
+    """Run a scenario, then those requested by the page; return the exit status of the last.
 
-    With a folder for the recording, the later runs have folders 2, 3 ... in it.
+    If there is a folder for the recording, later runs use the folders 2, 3 ... in it.
 
     Raises
     ------
     BallbotError
-        If the first can't be run as the command line says. What is wrong with a later one is
-        printed, and the page stays.
+        If the first run can't start. Errors of later runs are printed, and the page stays.
     """
     parameters = RunSpec.of_scenario(reference, options).parameters
     require_viewer(parameters, options.processes)
@@ -48,7 +47,7 @@ def run_with_viewer(reference: str, options: RunOptions, *, as_json: bool) -> in
 
         status = run(reference, options)
         number = 1
-        # A status beyond 128 tells of a signal: whoever sent it wants all to end.
+        # A status above 128 means a signal, which is meant to end everything.
         while status < 128 and not stop.signal and (chosen := session.wait_for_choice(stop)):
             number += 1
             folder = options.output and options.output / str(number)
@@ -61,16 +60,16 @@ def run_with_viewer(reference: str, options: RunOptions, *, as_json: bool) -> in
 
 
 class ViewerSession:
-    """The viewer's process, and the node that takes the page's wishes.
+    """The viewer's process, and the node that receives the page's requests.
 
     Parameters
     ----------
     parameters : ParameterSet
-        Those of the first run, which say where the page is served.
+        Parameters of the first run, with the address of the page.
     reference : str
         Its scenario.
     console : Console
-        Where the viewer's lines are printed.
+        Prints the viewer's lines.
     """
 
     def __init__(self, parameters: ParameterSet, reference: str, console: Console) -> None:
@@ -99,13 +98,13 @@ class ViewerSession:
         self._console.print(line)
 
     def is_asked_for_another(self) -> bool:
-        """Whether the page asks for another run."""
+        """Whether the page requests another run."""
         return bool(self._supervisor.requested_scenario)
 
     def wait_for_choice(self, stop: StopRequest) -> str:
-        """Wait while the page is there; return the scenario that it asks for, else nothing."""
+        """Wait while the page exists; return the scenario that it requests, or ''."""
         if not self._supervisor.requested_scenario and self._viewer.running:
-            self._print('the page stays: choose a scenario there, or end with Ctrl-C')
+            self._print('the page stays open: choose a scenario there, or end with Ctrl-C')
         while self._viewer.running and not stop.signal:
             if requested := self._supervisor.requested_scenario:
                 self._supervisor.requested_scenario = ''
@@ -117,7 +116,7 @@ class ViewerSession:
 
 
 def _address(parameters: ParameterSet) -> ParameterSet:
-    """Return where the page is served; what is shown, the viewer learns from each run's plant."""
+    """Return the parameters with the page's address; the run's plant announces the rest."""
     address = ParameterSet()
     viewer = parameters.of(ViewerParameters)
     address.set(VIEWER, 'host', viewer.host)

@@ -1,1 +1,1 @@
-"""The controller as C for the brick: written, compiled, run in place of the Python one. No ROS."""
+"""The controller as C for the brick: generation, compilation, and running it. No ROS."""

@@ -1,4 +1,4 @@
-"""The compiled program against the Python one, on the same inputs, bit for bit."""
+"""Bit-for-bit comparison of the compiled program with the Python one, on the same inputs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ballbot_ros.parameters import ControllerParameters
 
 
 class Difference(NamedTuple):
-    """The first thing that is not equal."""
+    """The first difference."""
 
     elapsed_ms: int
     what: str
@@ -32,7 +32,7 @@ class Difference(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """How many ticks were compared, and the first difference, with which it ended."""
+    """The number of compared ticks, and the difference that ended the comparison, if any."""
 
     ticks: int
     difference: Difference | None
@@ -43,15 +43,15 @@ def compare(
 ) -> Comparison:
     """Run both programs on the same inputs until they differ.
 
-    Duties, log packets, tones, display pages, and every bit of the shared data are compared
-    after each tick.
+    Duties, log packets, tones, display pages and every bit of the shared data are compared after
+    each tick.
 
     Parameters
     ----------
     parameters : ControllerParameters
         The parameters of the node ``controller``, for the Python program.
     compiled : CompiledProgram
-        Freshly made.
+        Newly created.
     steps : iterable of Step
 
     Raises
@@ -61,7 +61,7 @@ def compare(
     """
     python = ControlProgram(parameters)
     ticks = 0
-    # A battery far below its range makes voltages of zero: infinities are part of the test.
+    # A battery far below its range gives zero voltages: infinities are part of the test.
     with np.errstate(all='ignore'):
         for step in steps:
             expected = python.tick(*step)
@@ -80,9 +80,9 @@ def _difference(
     state: bytes,
     compiled: CompiledProgram,
 ) -> Difference:
-    """Return the first difference in the order in which the program computes: data, outputs."""
+    """Return the first difference in the order of computation: data, then outputs."""
     wanted = {**named_values(state), **asdict(expected)}
     got = {**named_values(compiled.state), **asdict(outputs)}
-    # Zeros of either sign are equal as numbers: then the text of the value tells.
+    # Zeros of different sign are equal as numbers, but not as text.
     name = next(name for name in wanted if repr(wanted[name]) != repr(got[name]))
     return Difference(step.elapsed_ms, name, wanted[name], got[name])

@@ -1,6 +1,6 @@
-"""The compiled program as a process: one request and one answer a tick, over pipes.
+"""The compiled program as a process: one request and one answer per tick, through pipes.
 
-Both records are those of ``target/brick.c``.
+``target/brick.c`` defines both records.
 """
 
 from __future__ import annotations
@@ -38,22 +38,22 @@ class Log(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """What the program did in a tick.
+    """The program's outputs in a tick.
 
     Attributes
     ----------
     duty : tuple of int
         Motors B and C [%].
     faults : int
-        Calls that no program for this robot makes; see ``target/brick.c``.
+        Calls that no valid program makes; see ``target/brick.c``.
     log : Log or None
     tones : list of Tone
     page : str or None
-        Name given to the status display.
+        Name passed to the status display.
     read_sonar : bool
-        Whether it asked for the distance.
+        Whether it read the distance.
     stack_bytes : tuple of int
-        Deepest use of each task's stack so far; zeros where it is not measured.
+        Maximum stack usage of each task so far; zeros if not measured.
     state : bytes
         The C structure ``ballbot``.
     """
@@ -78,21 +78,21 @@ def encode_request(
     sticks: tuple[int, int] | None,
     due: Sequence[int],
 ) -> bytes:
-    """Return a tick's request.
+    """Return the request for a tick.
 
     Parameters
     ----------
     systick_ms, revolutions, sonar_reply_cm, gyro, battery_mv : int or tuple of int
-        What the devices answer.
+        Readings of the devices.
     sticks : tuple of int or None
-        A packet that arrives.
+        A packet that has arrived.
     due : sequence of int
-        Numbers of the tasks to run, in this order.
+        Numbers of the tasks to run, in order.
 
     Raises
     ------
     CodegenError
-        If a value does not fit the device's type.
+        If a value does not fit in the device's type.
     """
     try:
         return _REQUEST.pack(
@@ -100,16 +100,16 @@ def encode_request(
             sticks is not None, *(sticks or (0, 0)), len(due), bytes(due),
         )  # fmt: skip
     except struct.error as error:
-        raise CodegenError(f'no device of the brick gives this: {error}') from None
+        raise CodegenError(f'a reading that no device of the brick can give: {error}') from None
 
 
 class BrickProcess:
-    """The compiled program, running.
+    """A running process of the compiled program.
 
     Parameters
     ----------
     command : sequence of str
-        What :func:`ballbot_ros.codegen.toolchain.build` returned.
+        Result of :func:`ballbot_ros.codegen.toolchain.build`.
 
     Raises
     ------
@@ -118,7 +118,7 @@ class BrickProcess:
     """
 
     def __init__(self, command: Sequence[str]) -> None:
-        # In memory, so that no full disk is in its way; closed with the process.
+        # In memory, independent of free disk space; closed with the process.
         errors = os.fdopen(os.memfd_create('errors'), 'w+b')
         try:
             self._process = subprocess.Popen(
@@ -126,7 +126,7 @@ class BrickProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,
-                # A Ctrl-C is for the run, which then ends the program by closing its input.
+                # Ctrl-C is for the run, which then ends the program by closing its input.
                 start_new_session=True,
             )
         except OSError as error:
@@ -170,7 +170,7 @@ class BrickProcess:
 
 
 def decode_answer(data: bytes) -> Answer:
-    """Read an answer's bytes."""
+    """Decode an answer."""
     vertical, horizontal, faults, logs, tones, pages, sonar_reads, *rest = _HEAD.unpack_from(data)
     stack, rest = rest[:MAX_DUE], rest[MAX_DUE:]
     log, rest = rest[:6], rest[6:]

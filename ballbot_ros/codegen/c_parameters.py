@@ -1,4 +1,4 @@
-"""The control program's parameters as C constants, in the types that the Python one computes in."""
+"""The control program's parameters as C constants, in the types of the Python program."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _INTEGERS = {
     'S32': (-(2**31), 2**31 - 1),
 }
 _NAMES = {'sound_freq': 'sound_frq'}
-"""Where the platform has a function of a parameter's name: the source document's name for it."""
+"""The source document's names of parameters whose names the platform uses for functions."""
 _OF_THE_OIL_FILE = ('ts2_period', 'ts3_period')
 
 
@@ -44,7 +44,7 @@ class CParameter:
 
     @property
     def text(self) -> str:
-        """The value without C's punctuation."""
+        """The value without C syntax."""
         return self.c_value.strip('{}').replace('f', '').removesuffix('U')
 
     @property
@@ -75,14 +75,14 @@ def c_parameters(parameters: ControllerParameters) -> list[CParameter]:
 
 
 def parameter_hash(parameters: ControllerParameters) -> str:
-    """Return a hash over every constant and task of the generated program."""
+    """Return a hash of all constants and tasks of the generated program."""
     lines = [f'{each.declarator}={each.c_value}' for each in c_parameters(parameters)]
     text = '\n'.join([*lines, *map(str, ProgramConstants.of(parameters).tasks)])
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def c_float(value: Single) -> str:
-    """Return the shortest constant that is exactly `value` once it is rounded to single."""
+    """Return the shortest constant that rounds to exactly `value` in single precision."""
     text = str(value)
     return f'{text}f' if any(mark in text for mark in '.e') else f'{text}.0f'
 
@@ -110,7 +110,7 @@ def _constant(row: Parameter, value: Single | int | tuple[Single, ...]) -> CPara
 
 
 def _integer_type(row: Parameter) -> str:
-    """Return the smallest type that holds whatever the parameter may be."""
+    """Return the smallest type for all values of the parameter."""
     assert row.bounds is not None
     low, high = row.bounds
     return next(name for name, (least, most) in _INTEGERS.items() if least <= low and high <= most)

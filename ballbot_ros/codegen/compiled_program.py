@@ -1,4 +1,4 @@
-"""The compiled control program in place of the Python one."""
+"""The compiled control program, as a replacement for the Python one."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ballbot_ros.controller.program import operating_state
 
 
 class Machine(Protocol):
-    """Whatever runs the compiled program: a process on this machine or on an emulated one."""
+    """A process that runs the compiled program, on this machine or emulated."""
 
     def exchange(self, request: bytes) -> Answer:
         """Run a tick."""
 
 
 class Plane:
-    """What the compiled program knows of a plane, under the Python program's names."""
+    """A plane's data in the compiled program, with the names of the Python program."""
 
     def __init__(self) -> None:
         self.theta = self.psi = self.theta_dot = self.psi_dot = 0.0
@@ -32,14 +32,14 @@ class Plane:
 class CompiledProgram:
     """The generated C, with the interface of the Python ``ControlProgram``.
 
-    The brick around it is the same :class:`Brick`: what firmware does (the log packet's other
-    fields, the display's text) is not the program's.
+    It uses the same :class:`Brick`, which stands for the firmware: the other fields of the log
+    packet and the text of the display are not the program's.
 
     Parameters
     ----------
     machine : Machine
     tasks : sequence of TaskTiming
-        The tasks of the OIL file, in its order.
+        The tasks of the OIL file, in file order.
     autonomous : bool
         The drive mode.
 
@@ -52,7 +52,7 @@ class CompiledProgram:
     state : bytes
         The C structure ``ballbot`` after the last tick.
     stack_bytes : tuple of int
-        Deepest use of each task's stack so far.
+        Maximum stack usage of each task so far.
     """
 
     def __init__(self, machine: Machine, tasks: Sequence[TaskTiming], autonomous: bool) -> None:
@@ -77,7 +77,7 @@ class CompiledProgram:
         Raises
         ------
         CodegenError
-            If the program has ended, or makes a call that does not fit the robot.
+            If the program has ended, or makes an invalid call.
         """
         return self.brick.tick(systick_ms, inputs, lambda: self._run_tasks(tasks, inputs))
 

@@ -1,7 +1,7 @@
-"""What can go wrong in this package."""
+"""The error of this package."""
 
 from ballbot_ros.errors import BallbotError
 
 
 class CodegenError(BallbotError):
-    """A folder that can't be written or read, a missing tool, or C that does not build or run."""
+    """A folder can't be written or read, a tool is missing, or the C does not build or run."""

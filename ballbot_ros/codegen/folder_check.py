@@ -1,4 +1,4 @@
-"""A generated folder, built for a target, compared with the Python program and measured."""
+"""Checks of a generated folder: comparison with the Python program, and measurements."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ballbot_ros.parameters.files import read_parameter_file
 
 @dataclass(frozen=True)
 class FolderComparison:
-    """How many ticks were compared, and the first difference in words; '' if there is none."""
+    """The number of compared ticks, and the first difference as text; '' if there is none."""
 
     ticks: int
     difference: str = ''
@@ -36,9 +36,9 @@ class TaskCost:
     name : str
     is_periodic : bool
     instructions : int
-        The most that a call took.
+        Maximum of a call.
     stack_bytes : int
-        The most that it used.
+        Maximum usage.
     """
 
     name: str
@@ -55,7 +55,7 @@ class ProgramCost(NamedTuple):
 
 
 class _Tape:
-    """A machine whose requests are kept."""
+    """A machine that records its requests."""
 
     def __init__(self, machine: BrickProcess) -> None:
         self._machine = machine
@@ -68,7 +68,7 @@ class _Tape:
 
 
 def read_folder_parameters(folder: Path) -> ParameterSet:
-    """Return the parameters that a folder was generated from.
+    """Return the parameters of a generated folder.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def read_folder_parameters(folder: Path) -> ParameterSet:
     """
     file = folder / PARAMETER_FILE
     if not file.is_file():
-        raise CodegenError(f'{file}: no such file; not a folder of ballbot codegen')
+        raise CodegenError(f'{file}: not found; not a folder of ballbot codegen')
     return read_parameter_file(file)
 
 
@@ -89,12 +89,12 @@ class BuiltFolder:
     folder : Path
     target : Target
     scratch : Path
-        Folder for what the compiler writes.
+        Folder for the compiler's output.
 
     Raises
     ------
     CodegenError
-        If the folder is not complete, or can't be built.
+        If the folder is incomplete, or can't be built.
     """
 
     def __init__(self, folder: Path, target: Target, scratch: Path) -> None:
@@ -120,7 +120,7 @@ class BuiltFolder:
         return FolderComparison(ticks)
 
     def cost(self, sequences: Sequence[InputSequence]) -> ProgramCost:
-        """Measure the program: instructions by running it, stack by what was compared before."""
+        """Measure instructions in a run of the program, and stack usage in earlier comparisons."""
         worst = dict.fromkeys((task.name for task in self._tasks), 0)
         for sequence in sequences:
             tape = _Tape(BrickProcess(self._command))

@@ -1,4 +1,4 @@
-"""Which control program computes: the Python one, or its generated C on some machine."""
+"""Selection of the control program: the Python one, or its generated C on some machine."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ballbot_ros.parameters import ControllerParameters
 
 
 def missing_for(name: str) -> str:
-    """Return what is to be installed first for an implementation; empty if all is there."""
+    """Return which tool to install first for an implementation; '' if none is missing."""
     if name == 'python':
         return ''
     from ballbot_ros.codegen.toolchain import TARGETS, missing_tool
@@ -21,21 +21,21 @@ def missing_for(name: str) -> str:
 
 
 def require_implementation(name: str) -> None:
-    """Find out whether what computes can be built.
+    """Check that an implementation can be built.
 
     Raises
     ------
     CodegenError
-        If a tool is missing; the text names its Debian package.
+        If a tool is missing; the message names its Debian package.
     """
     if reason := missing_for(name):
         raise CodegenError(reason)
 
 
 def program_maker(parameters: ControllerParameters) -> Callable[[], Program]:
-    """Return what makes a fresh control program, as the parameter `implementation` says.
+    """Return a function that creates control programs of the parameter `implementation`.
 
-    C is generated and compiled once, here; each program made is then a process of its own.
+    C is generated and compiled once, here; each program is then a separate process.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def program_maker(parameters: ControllerParameters) -> Callable[[], Program]:
     tasks = read_tasks(folder)
 
     def make() -> Program:
-        # Naming it here keeps the folder as long as a program may still be made.
+        # This reference keeps the folder as long as programs may be created.
         assert scratch
         return CompiledProgram(BrickProcess(command), tasks, parameters.mode == 'autonomous')
 

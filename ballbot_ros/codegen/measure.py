@@ -1,4 +1,4 @@
-"""What the program costs on the brick: instructions of each task, memory."""
+"""The cost of the program on the brick: instructions of each task, memory."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from ballbot_ros.codegen.toolchain import ARM, object_file, run_tool
 CLOCK_HZ = 48e6
 SRAM_BYTES, FLASH_BYTES = 64 * 1024, 224 * 1024
 CYCLES_PER_INSTRUCTION = 2.0
-"""ARM gives 1.9 as the ARM7TDMI's average, for memory without wait states as the brick's SRAM."""
+"""ARM's average for the ARM7TDMI is 1.9, without wait states, as in the brick's SRAM."""
 
 FLASH_FACTOR = 2.0
-"""The flash has one wait state at 48 MHz, so no fetch takes more than twice as long."""
+"""The flash has one wait state at 48 MHz, so a fetch takes at most twice as long."""
 
 _SECTIONS = ('.text', '.rodata', '.data', '.bss')
 _LIBRARY_OF_THE_BRICK = ('memcpy', 'memset', 'strcpy', 'strlen')
@@ -26,7 +26,7 @@ _SYMBOL = re.compile(r'^([0-9a-f]+) (?:([0-9a-f]+) )?[tTwW] (\S+)$', re.MULTILIN
 
 
 class Memory(NamedTuple):
-    """Bytes of the program with the arithmetic that it links, without the platform.
+    """Size of the program with the arithmetic routines that it links, without the platform.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Memory(NamedTuple):
 
     @property
     def rxe_sram(self) -> int:
-        """SRAM of an RXE or RAM image, which lies there whole."""
+        """SRAM of an RXE or RAM image, which is loaded there completely."""
         return sum(self)
 
     @property
@@ -59,9 +59,9 @@ class Memory(NamedTuple):
 
 
 def measure_memory(scratch: Path, task_count: int) -> Memory:
-    """Return the memory of what :func:`ballbot_ros.codegen.toolchain.build` built for ARM."""
+    """Return the memory of the program built for ARM by :mod:`ballbot_ros.codegen.toolchain`."""
     objects = [object_file(name) for name in C_SOURCES]
-    # The platform's functions stay open; the soft-float routines come in.
+    # Link the soft-float routines, but not the platform's functions.
     run_tool(
         [ARM.compiler, *ARM.link_flags[:3], '-nostartfiles', '-Wl,--unresolved-symbols=ignore-all',
          '-Wl,--entry=0', *objects, '-lm', '-o', 'application'],
@@ -76,18 +76,18 @@ def measure_memory(scratch: Path, task_count: int) -> Memory:
 def count_instructions(
     command: Sequence[str], requests: Sequence[bytes], tasks: Sequence[str]
 ) -> dict[str, int]:
-    """Return the most instructions that a call of each task took.
+    """Return the maximum number of instructions of a call of each task.
 
-    The emulator logs each block of instructions as it translates it, and each block that it runs;
-    a count is the sum of the blocks' lengths. What the brick's stand-in runs is left out: on the
-    brick the platform's device functions take its place.
+    The emulator logs each block of instructions at its translation and at each execution; a count
+    is the sum of the lengths of the executed blocks. Instructions of the brick's stand-in don't
+    count, as the brick has the platform's device functions instead.
 
     Parameters
     ----------
     command : sequence of str
         Runs the program built for ARM.
     requests : sequence of bytes
-        One a tick.
+        One per tick.
     tasks : sequence of str
         Names of the tasks.
 
@@ -133,7 +133,7 @@ def count_instructions(
 
 
 def _symbols(path: Path) -> dict[str, tuple[int, int]]:
-    """Return address and size of every function of an object or executable."""
+    """Return address and size of every function in an object file or executable."""
     listing = run_tool(['arm-none-eabi-nm', '-S', str(path)])
     return {
         name: (int(address, 16) & ~1, int(size or '0', 16))
@@ -142,6 +142,6 @@ def _symbols(path: Path) -> dict[str, tuple[int, int]]:
 
 
 def _addresses(symbols: Mapping[str, tuple[int, int]], names: Iterable[str]) -> set[int]:
-    """Return every address of the brick's stand-in and of what only it calls."""
+    """Return every address of the brick's stand-in and of the functions that only it calls."""
     ranges = [symbols[name] for name in (*names, *_LIBRARY_OF_THE_BRICK) if name in symbols]
     return {address for start, size in ranges for address in range(start, start + size, 2)}

@@ -1,4 +1,4 @@
-"""The generated program's shared data: one table for its C types, its dictionary and its test."""
+"""The generated program's shared data: one table for C types, data dictionary and comparison."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Signal:
     length : int
         Number of elements.
     initial : str
-        The C expression that task_init gives it, or each of its elements; zero by default.
+        The C expression that task_init assigns to it, or to each element; zero by default.
     """
 
     name: str
@@ -63,7 +63,7 @@ PLANE_SIGNALS = _floats(
     ('sum_theta_diff', 'deg', 'sum whose product with the period is the integral', '7.4'),
     ('theta_smooth', 'deg', 'low-passed ball angle, whose difference is the rate', '7.4'),
 )
-"""One plane's data; `ballbot.x` and `ballbot.y` in C, `program.x` and `program.y` in Python."""
+"""Data of one plane; `ballbot.x` and `ballbot.y` in C, `program.x` and `program.y` in Python."""
 
 PROGRAM_SIGNALS = (
     Signal('battery', 'float', 'mV', '1', 'averaged battery voltage', '7.6'),
@@ -94,11 +94,11 @@ def _format(signals: Sequence[Signal]) -> str:
 _PLANE = struct.Struct('<' + _format(PLANE_SIGNALS))
 _MEMBERS = struct.Struct('<' + 2 * _format(PLANE_SIGNALS) + _format(PROGRAM_SIGNALS))
 STATE_SIZE = (_MEMBERS.size + 3) // 4 * 4
-"""Bytes of the C structure: its members and the padding behind them."""
+"""Size of the C structure, including padding at the end."""
 
 
 def state_bytes(program: ControlProgram) -> bytes:
-    """Return the Python program's data as the C structure would hold them, without padding."""
+    """Return the Python program's data in the layout of the C structure, without padding."""
     planes = [
         getattr(plane, signal.name) for plane in (program.x, program.y) for signal in PLANE_SIGNALS
     ]

@@ -1,4 +1,4 @@
-"""Device inputs for the test of the compiled program, made up at random."""
+"""Random device inputs for testing the compiled program."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _STEEPEST = 2**31 - 1
 
 
 class Step(NamedTuple):
-    """What a control program gets at one tick."""
+    """Inputs of a control program at one tick."""
 
     elapsed_ms: int
     systick_ms: int
@@ -31,17 +31,17 @@ class InputSequence(NamedTuple):
 
 
 def random_steps(seed: int, ticks: int, *, wild: bool) -> Iterator[Step]:
-    """Yield a sequence of made-up inputs, a function of `seed` alone.
+    """Yield random inputs that depend on `seed` alone.
 
-    The devices deliver at their own rates, now and then also between or not at all. The system
-    time starts anywhere, often shortly before its wrap.
+    The devices deliver at their own rates, sometimes in between or not at all. The system time
+    starts anywhere, often shortly before it wraps around.
 
     Parameters
     ----------
     seed, ticks : int
     wild : bool
-        Whether readings jump over the whole ranges of their types, beyond what any device gives;
-        they stay near balance otherwise.
+        Whether readings jump over the whole ranges of their types, beyond those of the devices;
+        otherwise they stay near balance.
     """
     draw = random.Random(seed)
     start = draw.choice((1000, draw.randrange(2**32), 2**32 - draw.randrange(4 * ticks + 4)))

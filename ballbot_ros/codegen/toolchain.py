@@ -1,4 +1,4 @@
-"""Compilers and the emulator: what is there, and building a folder for a target."""
+"""Compilers and emulator: finding them, and building a folder for a target."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ WARNINGS = (
     '-Wall', '-Wextra', '-Wpedantic', '-Wshadow', '-Wconversion', '-Wdouble-promotion',
     '-Wfloat-conversion', '-Werror',
 )  # fmt: skip
-"""A double that slips in, or an operation rounded elsewhere than written, does not compile."""
+"""Flags that reject accidental doubles, and operations rounded differently from the source."""
 
 ONE_ROUNDING = ('-ffp-contract=off', '-fsigned-char')
 
 
 @dataclass(frozen=True)
 class Tool:
-    """A command, and the Debian package it comes in.
+    """A command and its Debian package.
 
     Attributes
     ----------
     file : str
-        A file that the command, a compiler, must find besides; empty for none.
+        Another file that the command, a compiler, requires; '' for none.
     """
 
     command: str
@@ -40,27 +40,27 @@ class Tool:
 
     @property
     def missing(self) -> bool:
-        """Whether it is not installed."""
+        """Whether it is missing."""
         if shutil.which(self.command) is None:
             return True
         if not self.file:
             return False
-        # Where a compiler does not find a file it answers with the bare name.
+        # For a file that it can't find, a compiler prints the bare name.
         found = run_tool([self.command, f'-print-file-name={self.file}']).strip()
         return not Path(found).is_absolute()
 
 
 @dataclass(frozen=True)
 class Target:
-    """A machine that the generated program is built for.
+    """A machine to build the generated program for.
 
     Attributes
     ----------
     title : str
-        The machine in words.
+        Description of the machine.
     compiler : str
     flags : tuple of str
-        For compiling; and linking.
+        For compiling and linking.
     link_flags : tuple of str
     runner : tuple of str
         Command that runs the executable.
@@ -86,7 +86,7 @@ HOST = Target(
 ARM = Target(
     title='ARM7TDMI, emulated',
     compiler='arm-none-eabi-gcc',
-    # As nxtOSEK compiles for the brick.
+    # The flags of nxtOSEK for the brick.
     flags=(
         '-std=gnu99', '-Os', '-ffreestanding', '-mcpu=arm7tdmi', '-mthumb', '-mthumb-interwork',
         '-ffunction-sections', '-fdata-sections', *ONE_ROUNDING,
@@ -104,21 +104,21 @@ TARGETS = {'c': HOST, 'arm': ARM}
 
 
 def missing_tool(target: Target) -> str:
-    """Return what is to be installed first for a target, in words; empty if all is there."""
+    """Return which tool to install first for a target; '' if none is missing."""
     for tool in target.tools:
         if tool.missing:
             what = f'{tool.file} of {tool.command}' if tool.file else tool.command
-            return f'{what} is not there: install the Debian package {tool.package}'
+            return f'{what} not found: install it with `apt install {tool.package}`'
     return ''
 
 
 def require_tools(target: Target) -> None:
-    """Make sure that a target's tools are there.
+    """Check that a target's tools are installed.
 
     Raises
     ------
     CodegenError
-        If one is missing; the text names its package.
+        If one is missing; the message names its package.
     """
     if reason := missing_tool(target):
         raise CodegenError(reason)
@@ -135,9 +135,9 @@ def build(
         The generated application.
     target : Target
     scratch : Path
-        Where objects and executable go; made if it is not there.
+        Folder for objects and executable, created if necessary.
     extra_flags : sequence of str
-        Added for the generated files and for linking.
+        Additional flags for the generated files and for linking.
 
     Returns
     -------
@@ -147,11 +147,11 @@ def build(
     Raises
     ------
     CodegenError
-        If a tool or a file is missing, or the compiler complains.
+        If a tool or file is missing, or the compilation fails.
     """
     require_tools(target)
     tasks = [task.name for task in read_tasks(folder)]
-    # On the platform this file is made from the OIL file too.
+    # On the platform, this file is generated from the OIL file, too.
     kernel_id = (
         ''.join(f'DeclareTask({name});\n' for name in tasks)
         + f'#define TASK_COUNT {len(tasks)}\n'
@@ -164,7 +164,7 @@ def build(
             source = read_bytes(folder / name)
         except OSError as error:
             raise CodegenError(f'{folder / name}: {error.strerror}') from None
-        # Beside the original may lie the kernel_id.h of a build with the platform.
+        # The folder may contain the kernel_id.h of a build with the platform.
         write_temporary(scratch / name, source)
         run_tool(
             [target.compiler, *target.flags, *WARNINGS, *extra_flags, *includes, '-c', name,
@@ -187,12 +187,12 @@ def object_file(source: str) -> str:
 
 
 def run_tool(command: Sequence[str], folder: Path | None = None) -> str:
-    """Run a tool; return what it prints.
+    """Run a tool; return its output.
 
     Raises
     ------
     CodegenError
-        If it fails; the text is the first error that it reports.
+        If it fails, with the first error that it reports.
     """
     done = subprocess.run(
         command, cwd=folder, capture_output=True, text=True, errors='replace', check=False,

@@ -1,8 +1,8 @@
 """The balance and drive controller of one plane (section 7.4), in single precision.
 
 Functions on numbers: state in, state out. Every operation is one IEEE single-precision operation,
-in the order of the generated code: addition is not associative, and the duties must come out the
-same to the bit.
+in the order of the generated code, since addition is not associative and the duties must be
+bit-identical.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ ZERO, ONE, HUNDRED, THOUSAND = Single(0), Single(1), Single(100), Single(1000)
 TS1 = Single(TS1_MS)
 
 State = tuple[Single, Single, Single, Single, Single, Single]
-"""What one period hands on to the next, as :class:`Axis` describes it.
+"""The state carried from one period to the next, see :class:`Axis`.
 
 gyro_offset, theta_ref_dot, sum_theta_ref_dot, sum_psi_dot, sum_theta_diff, theta_smooth.
 """
 
 Estimates = tuple[Single, Single, Single, Single, Single, Single, Single]
-"""theta, psi, theta_dot, psi_dot, theta_ref, theta_diff, psi_diff, as :class:`Axis` has them."""
+"""theta, psi, theta_dot, psi_dot, theta_ref, theta_diff, psi_diff; see :class:`Axis`."""
 
 Gains = tuple[Single, Single, Single, Single]
 Constants = tuple[
@@ -29,7 +29,7 @@ Constants = tuple[
 ]  # fmt: skip
 """Constants of :func:`control`, made by :func:`constants_of`.
 
-Plain tuples, as Python makes and unpacks them several times as fast as named ones.
+Plain tuples, which Python creates and unpacks several times faster than named ones.
 """
 
 
@@ -60,9 +60,9 @@ def control(
     Parameters
     ----------
     constants : tuple
-        What :func:`constants_of` returns.
+        Result of :func:`constants_of`.
     state : tuple of Single
-        What the period before returned; zeros, and a gyro reading as offset, at the start.
+        Result of the previous period; initially zeros, and a gyro reading as offset.
     gyro, revolution : int
         Gyro reading [deg/s + offset] and motor angle [deg].
     stick : int
@@ -111,12 +111,12 @@ def control(
 
 
 def in_control(theta_diff: Single, psi_diff: Single, theta_thr: Single, psi_thr: Single) -> bool:
-    """Tell whether both errors [deg] are below the out-of-control thresholds."""
+    """Return whether both errors [deg] are below the out-of-control thresholds."""
     return bool(abs(theta_diff) < theta_thr and abs(psi_diff) < psi_thr)
 
 
 class Axis:
-    """The controller of one plane: its state, and the law that moves it; both planes are alike.
+    """The controller of one plane, with its state; both planes are alike.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class Axis:
     theta_ref, theta_ref_dot : Single
         Reference of the ball angle.
     theta_diff, psi_diff : Single
-        Reference less estimate [deg].
+        Reference minus estimate [deg].
     sum_theta_ref_dot, sum_psi_dot, sum_theta_diff : Single
         Sums behind the forward Euler integrals.
     theta_smooth : Single
@@ -172,6 +172,6 @@ class Axis:
         return int(duty)
 
     def in_control(self) -> bool:
-        """Tell whether both errors are below the out-of-control thresholds."""
+        """Return whether both errors are below the out-of-control thresholds."""
         p = self._p
         return in_control(self.theta_diff, self.psi_diff, p.theta_diff_thr, p.psi_diff_thr)

@@ -16,7 +16,7 @@ Single = np.float32
 
 @dataclass(frozen=True)
 class ProgramConstants:
-    """Constants of Appendix C under the document's names; ``Single`` where C has float."""
+    """Constants of Appendix C with the document's names; ``Single`` where C has float."""
 
     k_f: tuple[Single, Single, Single, Single]
     k_i: Single
@@ -50,7 +50,7 @@ class ProgramConstants:
 
     @classmethod
     def of(cls, parameters: ControllerParameters) -> ProgramConstants:
-        """Take the parameters of the node ``controller``."""
+        """Return the constants for the parameters of the node ``controller``."""
         typed: dict[str, Any] = {'autonomous': parameters.mode == 'autonomous'}
         for name, annotation in cls.__annotations__.items():
             if annotation == 'Single':

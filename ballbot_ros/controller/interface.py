@@ -1,4 +1,4 @@
-"""A control program as the nodes and the closed loop see it, whatever computes it."""
+"""The interface of control programs to nodes and the closed loop."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ballbot_ros.text_enum import TextEnum
 
 
 class ControlMode(IntEnum):
-    """The state of the control program (section 7.6), as its memory has it."""
+    """Mode of the control program (section 7.6), with the values in its memory."""
 
     STOP = 0
     CALIBRATION = 1
@@ -48,7 +48,7 @@ class Estimates(Protocol):
 
 
 class Program(Protocol):
-    """A control program as a node or the closed loop runs it."""
+    """A control program that a node or the closed loop can run."""
 
     @property
     def x(self) -> Estimates:

@@ -54,15 +54,16 @@ class ControlProgram:
     battery : Single
         Averaged battery voltage [mV].
     distance_cm : int
-        Distance to an obstacle [cm], 255 for none: the sonar's, or its echo of a moment ago.
+        Distance to an obstacle [cm], 255 for none: from the sonar, or the last echo while it is
+        held.
     flag_avoid, flag_auto : bool
-        An obstacle is near; the time of autonomous drive has come.
+        Whether an obstacle is near; whether the time of autonomous drive has come.
     start_time, echo_time : int
         System time [ms] of task_init and of the last echo.
     timer_stop : int
         Time since task_init [ms] at which the errors were last below their thresholds.
     calibrated : bool
-        ``time_start`` had passed at the last task_ts3.
+        Whether ``time_start`` had passed at the last task_ts3.
     log_counter : int
         Ticks since the last log packet.
     sticks : tuple of int
@@ -111,10 +112,10 @@ class ControlProgram:
         )
 
     def task_init(self) -> None:
-        """Set the initial values (section 7.3) of everything.
+        """Set the initial values (section 7.3) of all variables.
 
-        STOP and RUN start the program again without loading it: nothing may be left of the run
-        before.
+        STOP and RUN restart the program without loading it, so nothing may remain from the previous
+        run.
         """
         self._reset()
         self.battery = Single(self.brick.battery_mv)
@@ -141,7 +142,7 @@ class ControlProgram:
         brick.duty = (0, 0)
 
     def task_ts2(self) -> None:
-        """Look for an obstacle (section 7.5); a missed echo is bridged by the one before."""
+        """Check for an obstacle (section 7.5); the last echo bridges missed ones."""
         brick = self.brick
         sonar_cm = brick.read_sonar()
         if sonar_cm != NO_ECHO_CM:
@@ -171,7 +172,7 @@ class ControlProgram:
             self._sound_distance()
 
     def _sound_distance(self) -> None:
-        """Sound a tone in proportion to the distance of an obstacle (section 10)."""
+        """Sound a tone proportional to the distance of an obstacle (section 10)."""
         p = self._p
         if p.tone_gain > 0 and 0 <= self.distance_cm < NO_ECHO_CM:
             frequency = max(LOWEST_TONE_HZ, p.tone_gain * self.distance_cm)
@@ -184,15 +185,15 @@ class ControlProgram:
     def _command(self) -> tuple[int, int]:
         """Return the speed command of planes x and y (section 7.5, figure 7-1).
 
-        The listing of Appendix C exchanges the planes in autonomous drive; section 7.5 and
-        figure 7-1 have the robot run forward, and rightward at an obstacle.
+        The listing of Appendix C exchanges the planes in autonomous drive; according to section 7.5
+        and figure 7-1 the robot drives forward, and rightward at an obstacle.
         """
         p = self._p
         if not p.autonomous:
             vertical, horizontal = self.sticks
             if self.flag_avoid:
                 vertical = p.gp_max
-            # An int8 negation: -128 stays itself.
+            # An int8 negation leaves -128 unchanged.
             return (-vertical if vertical != -128 else -128), horizontal
         if not self.flag_auto:
             return 0, 0

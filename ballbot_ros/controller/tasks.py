@@ -1,4 +1,4 @@
-"""The tasks of the control program, as the OIL file has them."""
+"""The tasks of the control program, for the schedule and the OIL file."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ LCD_MS = 500
 
 
 def task_timings(ts2_ms: int, ts3_ms: int) -> tuple[TaskTiming, ...]:
-    """Return the tasks, whose periods are parameters but for those of task_ts1 and the display.
+    """Return the tasks; the periods of ts2 and ts3 are parameters.
 
-    The Python program's schedule and the generated OIL file are both made from this.
+    Both the Python program's schedule and the generated OIL file are derived from them.
     """
     return (
         TaskTiming('task_init', 5, 0),

@@ -21,7 +21,7 @@ PUBLISHED_GAIN = (-0.015, -1.5698, -0.027, -0.2325, -0.0071)
 
 @dataclass(frozen=True)
 class ServoDesign:
-    """A servo controller and what it gives.
+    """A servo controller and its properties.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class ServoDesign:
     gain_margins : tuple of float
         Factors on the loop gain between which the loop stays stable.
     phase_margin_deg, delay_margin_s : float
-        What a phase lag or a dead time at the motor may add.
+        Additional phase lag and dead time at the motor that the loop tolerates.
     """
 
     a: Matrix

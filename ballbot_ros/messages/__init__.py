@@ -1,1 +1,1 @@
-"""The messages of the graph: topics, and their content from plain values; no rclpy needed."""
+"""The messages of the graph: topics and conversions from and to plain values. No rclpy."""

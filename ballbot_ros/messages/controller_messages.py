@@ -1,4 +1,4 @@
-"""What the controller publishes, in the graph and in the recording of a run without one."""
+"""The controller's messages, for the graph and for recordings without one."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class ControllerMessages:
     Parameters
     ----------
     make : callable
-        Makes the output of a topic.
+        Creates the output of a topic.
 
     Attributes
     ----------
     operating_state : str
-        The one that was sent last; '' before the first tick.
+        The last state sent; '' before the first tick.
     """
 
     def __init__(self, make: MakeOutput) -> None:
@@ -46,8 +46,8 @@ class ControllerMessages:
         self._lcd = make(LCD)
 
     def tick(self, now: int, outputs: DeviceOutputs, program: Program) -> None:
-        """Send what a tick at `now` [ns] has made."""
-        # What has no stamp goes first: no reader then sees it after the next tick.
+        """Send the results of a tick at `now` [ns]."""
+        # Messages without a stamp go first, so that no reader sees them after the next tick.
         if program.operating_state != self.operating_state:
             self.operating_state = program.operating_state.value
             self._operating_state.message.data = program.operating_state.value
@@ -67,14 +67,14 @@ class ControllerMessages:
         self._state.send(now)
 
     def begin(self) -> None:
-        """Begin a run: its first operating state is a change."""
+        """Begin a run: its first operating state counts as a change."""
         self.operating_state = ''
 
     def repeat(self, stamp_ns: int) -> None:
-        """Send what each tick has, of the one before, at `stamp_ns`, once more."""
+        """Send the periodic messages of the previous tick again, with `stamp_ns`."""
         self._duty.send(stamp_ns)
         self._state.send(stamp_ns)
 
     def stop_motors(self, last_ns: int) -> None:
-        """Tell that the motors are off from the tick on that follows the last one."""
+        """Publish that the motors are off from the tick after the last one."""
         send_stop(self._duty, last_ns)

@@ -1,9 +1,8 @@
-"""Messages from plain values, and plain values from messages: pure and exact.
+"""Exact conversions between messages and plain values.
 
-A ``fill_…`` function writes into a message object of any message library that has the ROS field
-names, so the nodes and the recording of a run without ROS share it. The signs are those of
-docs/frames.md: plane x is a rotation about +y and a motion along +x of ``map``, plane y is a
-rotation about +x and a motion along -y.
+A ``fill_…`` function writes into a message object of any library that uses the ROS field names, so
+the nodes and the recording without ROS share it. Signs follow docs/frames.md: plane x is a rotation
+about +y and a motion along +x of ``map``; plane y is a rotation about +x and a motion along -y.
 """
 
 from __future__ import annotations
@@ -174,7 +173,7 @@ def fill_map(message: OccupancyGridMessage, stamp_ns: int, grid: OccupancyGrid) 
 
 def map_grid(message: OccupancyGridMessage) -> OccupancyGrid:
     """Return the occupancy grid of ``map``."""
-    # Here, so that the nodes that read no map start sooner.
+    # Imported here, so that nodes without a map start faster.
     from ballbot_ros.world.exports import OccupancyGrid
 
     info = message.info
@@ -203,7 +202,7 @@ def planar_velocity(twist: Twist) -> Pair:
 
 
 def log_packet(message: Bytes) -> LogPacket:
-    """Return the packet of ``bluetooth/tx``; PacketError if it is none."""
+    """Return the packet in ``bluetooth/tx``; PacketError if it is malformed."""
     return LogPacket.decode(bytes(message.data))
 
 

@@ -1,6 +1,6 @@
-"""The messages of the devices: what each answers, and its samples.
+"""The messages of the devices: the truth that each one samples, and its samples.
 
-The functions that fill and read messages are as those in :mod:`ballbot_ros.messages.conversions`.
+The functions that fill and read messages follow :mod:`ballbot_ros.messages.conversions`.
 """
 
 from __future__ import annotations
@@ -50,24 +50,23 @@ ULTRASOUND = 0
 
 @dataclass(frozen=True)
 class DeviceMessages(Generic[P, Measured, Reading]):
-    """What the driver of a device hears and says.
+    """The input and output messages of a device's driver.
 
     Attributes
     ----------
     device : Device
     truth : Topic
-        What of the plant it answers.
+        The plant's topic that the driver answers.
     measured : callable
-        Returns what the device measures from a message of `truth`.
+        Returns the measured quantity from a message of `truth`.
     sample : Topic
-        Where its samples go.
+        The topic of its samples.
     fill : callable
-        Writes a sample: into the message, its stamp [ns] and the reading.
+        Writes the stamp [ns] and the reading of a sample into a message.
     reading : callable
-        Returns the reading from a sample. Raises ValueError for one that the device can't give.
+        Returns the reading from a sample. Raises ValueError if no such device can give it.
     describe : callable
-        Writes the properties of the device, which are the same in every sample, into a message
-        that `fill` writes to later.
+        Writes the constant properties of the device into a message that `fill` completes.
     """
 
     device: Device[P, Measured, Reading]
@@ -103,7 +102,7 @@ def fill_encoders(message: JointState, stamp_ns: int, counts: tuple[int, int]) -
 def encoder_counts(message: JointState) -> tuple[int, int]:
     """Return the counts [deg] of motors B and C from ``joint_states``.
 
-    ValueError if it tells of other joints.
+    ValueError if the message has other joints.
     """
     if message.name != MOTOR_NAMES:
         raise ValueError(f'joints {message.name}, not {MOTOR_NAMES}')
@@ -111,7 +110,7 @@ def encoder_counts(message: JointState) -> tuple[int, int]:
 
 
 def describe_sonar(message: Range, parameters: SonarParameters) -> None:
-    """Write the properties of the sensor to ``sonar``; a single ray has no field of view."""
+    """Write the sensor's properties to ``sonar``; a single ray has no field of view."""
     message.radiation_type = ULTRASOUND
     message.field_of_view = parameters.cone_angle
     message.min_range = 0.0
@@ -127,16 +126,16 @@ def fill_sonar(message: Range, stamp_ns: int, sonar_cm: int) -> None:
 def sonar_reading(message: Range) -> int:
     """Return the reading [cm] from ``sonar``.
 
-    ValueError if no register of the sensor holds it.
+    ValueError if the sensor's register can't hold it.
     """
     reading = centimetres_of(message.range)
     if not NO_DATA_CM <= reading <= NO_ECHO_CM:
-        raise ValueError(f'a distance of {reading} cm, not 0 … {NO_ECHO_CM}')
+        raise ValueError(f'{reading} cm is not within 0 … {NO_ECHO_CM}')
     return reading
 
 
 AnyDeviceMessages: TypeAlias = DeviceMessages[Any, Any, Any]
-"""The messages of a device of any kind."""
+"""The messages of any device."""
 
 DEVICE_MESSAGES: tuple[AnyDeviceMessages, ...] = (
     DeviceMessages(GYRO_DEVICE, PLANT_IMU, body_rates, GYRO_IMU, fill_gyro, gyro_counts),

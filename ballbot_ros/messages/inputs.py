@@ -1,4 +1,4 @@
-"""The controller's inputs: which topics they are, and what the brick reads from each."""
+"""The controller's inputs: their topics, and what the brick reads from each."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ballbot_ros.messages.topics import BATTERY_STATE, GAMEPAD_JOY, Topic
 
 @dataclass(frozen=True)
 class _Input:
-    """A topic, the field of the device inputs that it fills, and what reads its messages."""
+    """A topic, the device input that it fills, and the function that reads its messages."""
 
     topic: Topic
     field: str
@@ -31,9 +31,9 @@ _TOPIC_OF = {each.field: each.topic for each in _INPUTS}
 _TOPICS = tuple(_TOPIC_OF[field] for field in DeviceInputs._fields)
 
 INPUTS: dict[Topic, Callable[[Any], Any]] = {each.topic: each.read for each in _INPUTS}
-"""What reads each of the topics."""
+"""The function that reads each topic."""
 
 
 def device_inputs(sample: Callable[[Topic], Any]) -> DeviceInputs:
-    """Return the inputs of a tick from the `sample` of each topic, None where there is none."""
+    """Return the inputs of a tick from the `sample` of each topic, None if it has none."""
     return DeviceInputs._make([sample(topic) for topic in _TOPICS])

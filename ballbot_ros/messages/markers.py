@@ -1,4 +1,4 @@
-"""Markers and transforms for other tools from plain values; see conversions.py for how."""
+"""Markers and transforms for other tools, from plain values, as in conversions.py."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ ADD, DELETE, DELETE_ALL = 0, 2, 3
 """The actions of ``visualization_msgs/Marker``."""
 
 SHAPES = {'box': 1, 'sphere': 2, 'cylinder': 3, 'line': 4, 'text': 9, 'triangles': 11}
-"""Its types: CUBE, SPHERE, CYLINDER, LINE_STRIP, TEXT_VIEW_FACING, TRIANGLE_LIST."""
+"""Marker types: CUBE, SPHERE, CYLINDER, LINE_STRIP, TEXT_VIEW_FACING, TRIANGLE_LIST."""
 
 
 def fill_marker(
@@ -23,14 +23,14 @@ def fill_marker(
     colour: Sequence[float],
     opacity: float = 1.0,
 ) -> None:
-    """Write a ``visualization_msgs/Marker`` but for its place.
+    """Write a ``visualization_msgs/Marker`` except for its pose.
 
     Parameters
     ----------
     message : object
     namespace : str
     number : int
-        Tells it from the others of the namespace.
+        Identifies it within the namespace.
     shape : str
         A key of :data:`SHAPES`.
     size : sequence of float
@@ -65,7 +65,7 @@ def place_marker(
     position: Sequence[float],
     turn: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
 ) -> None:
-    """Write where a marker is in ``map`` at `stamp_ns`; `turn` is w, x, y, z."""
+    """Write the pose of a marker in ``map`` at `stamp_ns`; `turn` is w, x, y, z."""
     fill_header(message.header, stamp_ns, 'map')
     _fill_place(message.pose.position, message.pose.orientation, position, turn)
 
@@ -84,7 +84,7 @@ def fill_transform(
     position: Sequence[float],
     turn: Sequence[float],
 ) -> None:
-    """Write a ``geometry_msgs/TransformStamped``: where `child` is in `parent`."""
+    """Write a ``geometry_msgs/TransformStamped``: the pose of `child` in `parent`."""
     fill_header(message.header, stamp_ns, parent)
     message.child_frame_id = child
     _fill_place(message.transform.translation, message.transform.rotation, position, turn)

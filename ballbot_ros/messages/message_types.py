@@ -1,6 +1,6 @@
-"""The fields of the messages that are filled and read here, as types.
+"""Protocols with the fields of the messages that are filled and read here.
 
-The classes of rclpy and those of rosbags have these fields, but neither library tells their types.
+The classes of rclpy and of rosbags have these fields, but neither library declares their types.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The end of the motors' work: a ``motor_duty`` of zero that answers no tick.
+"""The motor stop: a ``motor_duty`` of zero that answers no tick.
 
-A run that does not complete ends with one, from the plant and from the controller, whichever of
-them is still there. Its frame_id tells it from the answers, whose frame_id is empty.
+A run that does not complete ends with one, from the plant and from the controller if they are still
+alive. Its frame_id distinguishes it from the answers, whose frame_id is empty.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ballbot_ros.timing import TICK_NS
 
 FRAME_ID = 'stop'
 
-# In CDR, after the four bytes that tell the encoding and a stamp of eight.
+# In CDR it follows four bytes of encoding and a stamp of eight bytes.
 _BEGIN = 12
 _ENCODED = struct.pack(f'<I{len(FRAME_ID) + 1}s', len(FRAME_ID) + 1, FRAME_ID.encode())
 
@@ -31,17 +31,17 @@ def fill_stop(message: Vector3Stamped, stamp_ns: int) -> None:
 
 
 def send_stop(output: Output, last_ns: int) -> None:
-    """Tell that the motors are off from the tick on that follows the last one."""
+    """Publish that the motors are off from the tick after the last one."""
     stamp_ns = last_ns + TICK_NS
     fill_stop(output.message, stamp_ns)
     output.send(stamp_ns)
 
 
 def is_stop(data: bytes) -> bool:
-    """Tell whether a serialised ``motor_duty`` answers no tick."""
+    """Return whether a serialised ``motor_duty`` is a motor stop."""
     return data[_BEGIN : _BEGIN + len(_ENCODED)] == _ENCODED
 
 
 def are_stops(batch: Batch, rows: Rows) -> NDArray[np.bool_]:
-    """Tell which of some recorded ``motor_duty`` answer no tick."""
+    """Return which of some recorded ``motor_duty`` are motor stops."""
     return batch.contain(rows, _BEGIN, _ENCODED)

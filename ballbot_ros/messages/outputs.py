@@ -1,4 +1,4 @@
-"""Where messages go: to a publisher of the graph, or into the recording of a run without one."""
+"""Destinations of messages: publishers of the graph, or a recording without a graph."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from ballbot_ros.recording.encoding import encoder, new_message
 
 
 class Output(Protocol):
-    """A topic's one message, which is filled and sent again and again."""
+    """The message of a topic, which is filled and sent repeatedly."""
 
     message: Any
 
     def send(self, stamp_ns: int) -> None:
-        """Send the message as it is now; `stamp_ns` is the sim time [ns] that it belongs to."""
+        """Send the message with its current content; `stamp_ns` is its sim time [ns]."""
         ...
 
 
 MakeOutput = Callable[[Topic], Output]
 
 Sink = Callable[[Topic, int, bytes], None]
-"""Takes a message: its topic, its stamp [ns], and itself as CDR."""
+"""Receives a message: its topic, its stamp [ns], and the message as CDR."""
 
 
 class EncodedOutput:
-    """An output without a graph, which encodes the message.
+    """An output that encodes the message, without a graph.
 
     Parameters
     ----------
     topic : Topic
     sink : callable
-        What takes the encoded messages.
+        Receives the encoded messages.
     """
 
     def __init__(self, topic: Topic, sink: Sink) -> None:
@@ -42,5 +42,5 @@ class EncodedOutput:
         self._sink = sink
 
     def send(self, stamp_ns: int) -> None:
-        """Encode the message and hand it on."""
+        """Encode the message and pass it to the sink."""
         self._sink(self._topic, stamp_ns, self._encode(self.message))

@@ -1,6 +1,6 @@
-"""Announcements of participants, and the plant's account of a run, as serialised messages.
+"""Announcements of participants and the plant's status of a run, as serialised messages.
 
-Both are ``diagnostic_msgs/DiagnosticStatus``, whose keys and values any tool shows.
+Both are ``diagnostic_msgs/DiagnosticStatus``, whose keys and values any tool can show.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ _decode = decoder(PARTICIPANTS.type_name)
 
 @dataclass(frozen=True)
 class RunStatus:
-    """The plant's account of a run: from its first tick on, and once more when it has ended.
+    """The plant's status of a run, published at its first tick and at its end.
 
     Attributes
     ----------
     run : str
-        Its name, as ``plant/run`` has it.
+        Its name in ``plant/run``.
     is_lockstep : bool
-        Whether it waits for its participants.
+        Whether the plant waits for its participants.
     periodic_topics : tuple of str
-        Topics of which the run has a message at each multiple of their period.
+        Topics with a message at each multiple of their period.
     participants : mapping of str to str
-        Who takes part, in words, by role.
+        A description of each participant, by role.
     result : mapping of str to str
-        The :data:`OUTCOME_KEYS` of a run that has ended, otherwise nothing.
+        The :data:`OUTCOME_KEYS` of a run that has ended; otherwise empty.
     """
 
     run: str
@@ -80,12 +80,12 @@ def encode_announcement(announcement: Announcement) -> bytes:
 
 
 def decode_announcement(data: bytes) -> Announcement:
-    """Return what a message of ``participants`` says.
+    """Decode a message of ``participants``.
 
     Raises
     ------
     ValueError
-        If a key is missing, a number is none, or a parameter's value is no JSON.
+        If a key is missing, a number is malformed, or the value of a parameter is not JSON.
     """
     message = _decode(data)
     values = _values(message)
@@ -112,11 +112,11 @@ def decode_announcement(data: bytes) -> Announcement:
             objection = Objection(message.message, topic, stamp_ns)
         return Announcement(participant, values['run'], int(values['answered [ns]']), objection)
     except KeyError as error:
-        raise ValueError(f'{PARTICIPANTS.name}: {message.name} tells no {error}') from None
+        raise ValueError(f'{PARTICIPANTS.name}: {message.name} has no {error}') from None
 
 
 def encode_run_status(status: RunStatus) -> bytes:
-    """Return the account of a run as a serialised message of ``plant/run_status``."""
+    """Return the status of a run as a serialised message of ``plant/run_status``."""
     values = {
         'run': status.run,
         'lockstep': str(status.is_lockstep).lower(),
@@ -130,7 +130,7 @@ def encode_run_status(status: RunStatus) -> bytes:
 
 
 def decode_run_status(data: bytes) -> RunStatus:
-    """Return what a message of ``plant/run_status`` says.
+    """Decode a message of ``plant/run_status``.
 
     Raises
     ------
@@ -152,11 +152,11 @@ def decode_run_status(data: bytes) -> RunStatus:
             {key: values[key] for key in OUTCOME_KEYS} if 'outcome' in values else {},
         )
     except KeyError as error:
-        raise ValueError(f'{RUN_STATUS.name}: tells no {error}') from None
+        raise ValueError(f'{RUN_STATUS.name}: has no {error}') from None
 
 
 def membership_json(member: Membership, start_ns: int) -> dict[str, object]:
-    """Return what the verdict tells of a participant of a run that began at `start_ns` [ns]."""
+    """Return a participant of a run that began at `start_ns` [ns], for the result's JSON."""
     participant = member.participant
     namespace, _, _ = participant.node.rpartition('/')
     return {
@@ -173,7 +173,7 @@ def membership_json(member: Membership, start_ns: int) -> dict[str, object]:
 
 
 def membership_text(member: Membership, start_ns: int) -> str:
-    """Return the same in one line."""
+    """Return the same information on one line."""
     row = membership_json(member, start_ns)
     since = f', since {row["since_s"]:.3f} s' if member.is_successor else ''
     return (

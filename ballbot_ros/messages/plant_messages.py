@@ -1,4 +1,4 @@
-"""What the plant publishes, in the graph and in the recording of a run without one."""
+"""The plant's messages, for the graph and for recordings without one."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class PlantMessages:
     Parameters
     ----------
     make : callable
-        Makes the output of a topic.
+        Creates the output of a topic.
 
     Attributes
     ----------
@@ -60,12 +60,12 @@ class PlantMessages:
         self._duty = make(MOTOR_DUTY)
 
     def announce(self, start_ns: int, name: str) -> None:
-        """Announce a run, for its participants to join it."""
+        """Announce a run, so that its participants join it."""
         fill_header(self._run.message, start_ns, name)
         self._run.send(start_ns)
 
     def begin(self, start_ns: int, world: World | None) -> None:
-        """Tell what a run begins with."""
+        """Publish the initial state of a run."""
         if world:
             fill_map(self._map.message, start_ns, occupancy_grid(world.map))
             self._map.send(start_ns)
@@ -73,7 +73,7 @@ class PlantMessages:
         self._wall_hit.send(start_ns)
 
     def push(self, push: Push, number: int) -> None:
-        """Tell when a push begins and ends to act, for the run to be made again."""
+        """Publish the start and the end of a push, so that the run can be replayed."""
         for stamp, acts in ((push.start_ns, True), (push.end_ns, False)):
             fill_accepted_push(self._accepted_push.message, stamp, push, number, acts=acts)
             self._accepted_push.send(stamp)
@@ -81,13 +81,13 @@ class PlantMessages:
     def truth(self, truth: GroundTruth, *, wall_hit: bool, again: bool = False) -> bool:
         """Send the truth of a tick; return whether `wall_hit` has changed.
 
-        Where it is sent `again`, so is the newest battery sample: a controller that has just come
-        waits for it.
+        When a tick is sent `again`, so is the newest battery sample, because a controller that has
+        just joined waits for it.
         """
         now = truth.stamp_ns
         fill_clock(self._clock.message, now)
         self._clock.send(now)
-        # Before what the drivers answer: with it a run begins for the controller.
+        # Before the drivers' inputs: for the controller, the run begins with it.
         if now % BATTERY_PERIOD_NS == 0:
             fill_battery(self._battery.message, truth)
         if again or now % BATTERY_PERIOD_NS == 0:
@@ -101,7 +101,7 @@ class PlantMessages:
         return True
 
     def ask(self, truth: GroundTruth) -> None:
-        """Send what the drivers answer."""
+        """Send the topics that the drivers answer."""
         now = truth.stamp_ns
         fill_body(self._body.message, truth)
         self._body.send(now)
@@ -111,5 +111,5 @@ class PlantMessages:
         self._odometry.send(now)
 
     def stop_motors(self, last_ns: int) -> None:
-        """Tell that the motors are off from the tick on that follows the last one."""
+        """Publish that the motors are off from the tick after the last one."""
         send_stop(self._duty, last_ns)

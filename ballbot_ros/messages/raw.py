@@ -1,7 +1,7 @@
-"""Messages as they come off the wire: their stamps, and decoding them.
+"""Serialised messages: their stamps, and decoding them.
 
-Decoding with rosbags takes a third of the time that rclpy's own conversion takes, and most
-messages of a loop are read by several nodes.
+Decoding with rosbags takes a third of the time of rclpy's own conversion, and several nodes read
+most messages of the loop.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ballbot_ros.recording.encoding import encoder
 from ballbot_ros.recording.schemas import typestore
 from ballbot_ros.timing import SECOND_NS
 
-# After the four bytes that tell the encoding, CDR has the first field: here a time.
+# After four bytes of encoding, CDR has the first field: here a time.
 _STAMP = struct.Struct('<4xiI')
 _STAMPS = ('std_msgs/msg/Header', 'builtin_interfaces/msg/Time')
 
@@ -25,7 +25,7 @@ _STAMPS = ('std_msgs/msg/Header', 'builtin_interfaces/msg/Time')
 def stamp_of(data: bytes) -> int:
     """Return the stamp [ns] of a serialised message that begins with a header or a time.
 
-    ValueError for bytes that are too few to have one.
+    ValueError if the message is too short.
     """
     try:
         seconds, nanoseconds = _STAMP.unpack_from(data)
@@ -35,15 +35,15 @@ def stamp_of(data: bytes) -> int:
 
 
 def has_stamp(type_name: str) -> bool:
-    """Tell whether messages of that type begin with a header or a time."""
+    """Return whether messages of this type begin with a header or a time."""
     kind, detail = typestore().fielddefs[type_name][1][0][1]
     return kind == Nodetype.NAME and detail in _STAMPS
 
 
 def same_content(type_name: str) -> Callable[[bytes, bytes], bool]:
-    """Return a function that tells whether two serialised messages of that type say the same.
+    """Return a function that compares the content of two serialised messages of a type.
 
-    Their bytes may differ all the same: nobody clears the gaps that align a number.
+    Equal messages may differ in their bytes, because padding is not cleared.
     """
     decode, encode = decoder(type_name), encoder(type_name)
 
@@ -54,9 +54,9 @@ def same_content(type_name: str) -> Callable[[bytes, bytes], bool]:
 
 
 def decoder(type_name: str) -> Callable[[bytes], Any]:
-    """Return a function that decodes a serialised message of that type.
+    """Return a function that decodes serialised messages of a type.
 
-    It raises ValueError for bytes that are none, such as text that is not UTF-8.
+    It raises ValueError for malformed bytes, such as text that is not UTF-8.
     """
     deserialize = typestore().deserialize_cdr
 

@@ -21,16 +21,16 @@ from ballbot_ros.teleop.arbiter import SCENARIO
 from ballbot_ros.world.world import World
 
 RUN_NAME = '1'
-"""Without a graph there is one run, and no token that tells plants apart."""
+"""Name of the run: without a graph there is one run, and no other plant."""
 
 
 class RunMessages:
-    """Makes the messages that the nodes would publish, in the order of cause.
+    """Creates the messages that the nodes would publish, in causal order.
 
     Parameters
     ----------
     sink : callable
-        What takes them.
+        Receives them.
     parameters : ParameterSet
     """
 
@@ -47,22 +47,22 @@ class RunMessages:
         self._controller = ControllerMessages(make)
 
     def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
-        """Make what a run begins with."""
+        """Create the messages at the start of a run."""
         self._plant.announce(start_ns, RUN_NAME)
         self._plant.begin(start_ns, world)
         for number, push in enumerate(pushes, 1):
             self._plant.push(push, number)
 
     def truth(self, truth: GroundTruth, *, wall_hit: bool) -> None:
-        """Make what the plant publishes at a tick."""
+        """Create the plant's messages at a tick."""
         self._plant.truth(truth, wall_hit=wall_hit)
 
     def stop_motors(self, last_ns: int) -> None:
-        """Make what the plant publishes when a run ends that has not completed."""
+        """Create the plant's message at the end of a run that did not complete."""
         self._plant.stop_motors(last_ns)
 
     def tick(self, tick: Tick, program: Program, source: str = SCENARIO) -> None:
-        """Make the messages of a tick; `source` has the gamepad's command."""
+        """Create the messages of a tick; `source` names the input in command."""
         now = tick.truth.stamp_ns
         self.truth(tick.truth, wall_hit=tick.wall_hit)
         self._drivers(now, tick.inputs, source)

@@ -1,4 +1,4 @@
-"""The summary of a run as JSON, in diagnostics, and in the account that the plant publishes."""
+"""The summary of a run as JSON, in diagnostics, and in the status that the plant publishes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ballbot_ros.simulation.run_actions import PublishStatus, RunSummary
 
 
 def summary_json(summary: RunSummary) -> dict[str, object]:
-    """Return a summary under the keys that the command's JSON has."""
+    """Return a summary with the keys of the command's JSON."""
     return {
         'outcome': summary.outcome.value,
         'reason': summary.reason,
@@ -29,7 +29,7 @@ def summary_json(summary: RunSummary) -> dict[str, object]:
 
 
 def summary_words(summary: RunSummary) -> dict[str, object]:
-    """Return what the plant's diagnostics have of a summary."""
+    """Return the part of a summary that the plant's diagnostics contain."""
     words = summary_json(summary)
     del words['ticks'], words['participants'], words['round_trip_ms']
     if trips_ms := _in_milliseconds(summary.round_trips_s):
@@ -39,7 +39,7 @@ def summary_words(summary: RunSummary) -> dict[str, object]:
 
 
 def run_status(action: PublishStatus) -> RunStatus:
-    """Return the account of a run that is to be published."""
+    """Return the status of a run, ready to publish."""
     summary = action.summary
     return RunStatus(
         run=action.run.name,

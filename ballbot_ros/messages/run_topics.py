@@ -1,4 +1,4 @@
-"""The graph's topics as the master of a run has to know them."""
+"""The graph's topics in the form that the master of a run needs."""
 
 from ballbot_ros.messages.raw import has_stamp, same_content
 from ballbot_ros.messages.topics import (

@@ -50,7 +50,7 @@ class SimulatedRecording:
         self._writer.write(recorded, stamp_ns, data, recorded.count + 1)
 
     def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
-        """Write what a run begins with."""
+        """Write the messages at the start of a run."""
         self._messages.begin(start_ns, world, pushes)
         self._flushed_ns = start_ns
 
@@ -63,14 +63,14 @@ class SimulatedRecording:
             self._flushed_ns = now
 
     def add_truth(self, truth: GroundTruth, *, wall_hit: bool) -> None:
-        """Write the last truth of a run that has ended before its time."""
+        """Write the last truth of a run that ended early."""
         self._messages.truth(truth, wall_hit=wall_hit)
 
     def stop_motors(self, last_ns: int) -> None:
-        """Write that the motors are off once the run has ended, which has not completed."""
+        """Write that the motors are off after a run that did not complete."""
         self._messages.stop_motors(last_ns)
 
     def close(self, summary: RunSummary) -> None:
-        """Say how the run ended, and finish the file."""
+        """Write how the run ended, and finish the file."""
         self._writer.add_outcome({key: str(getattr(summary, key)) for key in OUTCOME_KEYS})
         self._writer.close()

@@ -1,4 +1,4 @@
-"""The graph's topics: name, type, period and publisher of each, in one table."""
+"""The table of the graph's topics: name, type, period and publisher."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.timing import BATTERY_PERIOD_NS, TICK_NS
 
 HISTORY = 128
-"""Messages that a publisher keeps: the plant runs at most
+"""Depth of a publisher's history: the plant is at most
 :data:`~ballbot_ros.timing.MAX_LEAD_TICKS` ahead of the recorder."""
 
 
@@ -30,19 +30,19 @@ class Topic(NamedTuple):
     Attributes
     ----------
     name : str
-        Relative, but for ``/clock`` and ``/diagnostics``.
+        Relative, except for ``/clock`` and ``/diagnostics``.
     type_name : str
         ``package/msg/Type``.
     publisher : str or None
-        The one node that publishes it; None where several may.
+        The only node that publishes it; None if several may.
     period_ns : int
-        In lockstep one message comes at each multiple of it [ns]; 0 for a topic of events.
+        In lockstep, period of its messages [ns]; 0 for a topic of events.
     keeps : int
-        How many messages a publisher keeps for who comes late: the newest of a state, which holds
-        until the next one; none of a stream or of events.
+        Number of messages that a publisher keeps for late subscribers: the newest of a state, which
+        holds until the next one; none of a stream or of events.
     has_history : bool
-        Whether the messages come on :attr:`history` as well. The recorder takes them from there:
-        the newest alone is not enough for it, and an event can be asked for no second time.
+        Whether the messages are also published on :attr:`history`, from which the recorder reads
+        them: it needs more than the newest state, and events are never sent again.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Topic(NamedTuple):
 
     @property
     def history(self) -> Topic:
-        """The hidden topic that keeps the newest :data:`HISTORY` messages for who comes late."""
+        """The hidden topic that keeps the newest :data:`HISTORY` messages for late subscribers."""
         return self._replace(name=f'{self.name}/_history', keeps=HISTORY, has_history=False)
 
     @property
@@ -68,7 +68,7 @@ class Topic(NamedTuple):
 
 
 def _samples_of(driver: type[DriverParameters], name: str, type_name: str) -> Topic:
-    """Return the topic that a driver's samples go to."""
+    """Return the topic of a driver's samples."""
     return Topic(name, type_name, driver.node, driver.period_ns)
 
 
@@ -131,8 +131,8 @@ TOPICS = (
     MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD,
     RECORDER_ACK, PARTICIPANTS, DIAGNOSTICS,
 )  # fmt: skip
-"""What the graph itself publishes. What others offer for driving is found by discovery, as the
-quality of service, and of ``cmd_vel`` even the type, is theirs to choose."""
+"""The topics that the graph itself publishes. The inputs for driving are found by discovery, since
+their publishers choose the quality of service, and for ``cmd_vel`` even the type."""
 
 _PUBLISHERS = {
     topic: (topic.publisher,)
@@ -142,11 +142,11 @@ _PUBLISHERS = {
 LOCKSTEP = _PUBLISHERS | {
     topic.history: roles for topic, roles in _PUBLISHERS.items() if topic.has_history
 }
-"""Topics on which nobody but the participants of a run may publish, and the roles that do."""
+"""Topics reserved for the participants of a run, and the roles that publish on each."""
 
 
 def periodic_topics(role: str) -> tuple[Topic, ...]:
-    """Return the topics of which a role publishes a message at each multiple of their period."""
+    """Return the topics on which a role publishes a message at each multiple of their period."""
     return tuple(topic for topic in TOPICS if topic.publisher == role and topic.period_ns)
 
 

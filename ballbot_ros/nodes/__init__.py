@@ -1,1 +1,1 @@
-"""Thin rclpy nodes, one file each, and what they share."""
+"""Thin rclpy nodes, one file each, and the code that they share."""

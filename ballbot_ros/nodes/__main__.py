@@ -1,4 +1,4 @@
-"""``python -m ballbot_ros.nodes NODE`` is like ``ros2 run ballbot_ros NODE``."""
+"""``python -m ballbot_ros.nodes NODE`` works like ``ros2 run ballbot_ros NODE``."""
 
 from ballbot_ros.nodes.executables import main
 

@@ -1,4 +1,4 @@
-"""What every node shares: its publishers and subscriptions, diagnostics, the main loop."""
+"""The base of every node: publishers, subscriptions, diagnostics, and the main loop."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ from ballbot_ros.stop_request import StopRequest
 DIAGNOSTICS_PERIOD_S = 1.0
 SPIN_S = 0.05
 PORTS_PERIOD_S = 0.5
-"""Shorter than Fast DDS takes to detect a dead reader (1 s or more): its recovery may deadlock."""
+"""Shorter than Fast DDS needs to detect a dead reader (1 s or more): its recovery may deadlock."""
 
 FLUSH_S = 0.1
 NO_SAMPLE = (ValueError, IndexError, OverflowError)
-"""What reading a message raises that no node of ours has sent."""
+"""Errors raised while reading a message that none of our nodes has sent."""
 
 
 def reliable_qos(depth: int, *, latched: bool) -> QoSProfile:
-    """Return reliable delivery, where `latched` also of what was sent before."""
+    """Return reliable QoS; if `latched`, late subscribers receive earlier messages, too."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
@@ -50,17 +50,17 @@ def reliable_qos(depth: int, *, latched: bool) -> QoSProfile:
 
 
 def offered_qos(topic: Topic) -> QoSProfile:
-    """Return what publishers offer; what they keep for the readers they have is deep."""
+    """Return the QoS that publishers offer, with a deep history for their existing readers."""
     return reliable_qos(topic.keeps or HISTORY, latched=topic.keeps > 0)
 
 
 def requested_qos(topic: Topic, depth: int) -> QoSProfile:
-    """Return what subscriptions ask for: what is kept, but not of what any tool may publish."""
+    """Return the QoS that subscriptions request; topics open to any tool are never latched."""
     return reliable_qos(depth, latched=topic.keeps > 0 and topic.publisher is not None)
 
 
 class Output:
-    """A topic's publishers, with the message that :class:`ballbot_ros.messages.outputs.Output` has.
+    """A topic's publishers and its reusable :class:`ballbot_ros.messages.outputs.Output` message.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Output:
 
     def _make(self) -> None:
         kind, topic = self._topic.message_class, self._topic
-        # The history first: who hears of the topic has heard of it by then.
+        # The history first: a subscriber that discovers the topic has then discovered it already.
         self._publishers = []
         if topic.has_history:
             qos = reliable_qos(HISTORY, latched=True)
@@ -84,27 +84,27 @@ class Output:
         self._publishers.append(self._node.create_publisher(kind, topic.name, qos))
 
     def renew(self) -> None:
-        """Publish from new publishers, which keep nothing of before."""
+        """Publish from new publishers, which keep no earlier messages."""
         for publisher in self._publishers:
             self._node.destroy_publisher(publisher)
         self._make()
 
     def send(self, stamp_ns: int) -> None:
-        """Publish the message as it is now."""
+        """Publish the message with its current content."""
         self.publish(self.message)
 
     def publish(self, message: object) -> None:
-        """Publish a message, or one that is serialised."""
+        """Publish a message, serialised or not."""
         for publisher in self._publishers:
             publisher.publish(message)
 
     @property
     def is_watched(self) -> bool:
-        """Whether anybody subscribes to the topic."""
+        """Whether the topic has a subscriber."""
         return bool(self._publishers[-1].get_subscription_count())
 
     def flush(self) -> None:
-        """Let the last messages reach their readers."""
+        """Wait until the last messages have reached their readers."""
         for publisher in self._publishers:
             publisher.wait_for_all_acked(Duration(seconds=FLUSH_S))
 
@@ -115,24 +115,23 @@ class BallbotNode(ParameterNode[P]):
     Parameters
     ----------
     cls : type
-        The parameters of its role; the role is the node's name too, unless ROS gives it another
-        one.
+        The parameters of its role; the role is also the node's name unless ROS remaps it.
     parameters : NodeParameters or None
-        Values to begin with, for a node made in a program; the command line's and parameter
-        files' otherwise.
+        Initial values, for a node created in a program; otherwise those of the command line and
+        of parameter files.
     use_sim_time : bool
         Whether the node's clock is ``/clock``.
 
     Attributes
     ----------
     done : rclpy.Future
-        Done when the node has finished its work; its process may then end.
+        Completed when the node has finished its work, so that its process may end.
     exit_status : int
-        The status with which it then ends.
+        The exit status of that process.
     failure : str
-        Why it has failed; '' if it has not.
+        Why the node failed; '' if it did not.
     awaits : str
-        What has to come before it does anything; '' for nothing.
+        What the node waits for at its start; '' for nothing.
     """
 
     def __init__(
@@ -156,7 +155,7 @@ class BallbotNode(ParameterNode[P]):
 
     @property
     def program(self) -> str:
-        """Name of the program that the node tells of itself."""
+        """Name of the program that the node reports."""
         return type(self).__name__
 
     @property
@@ -165,43 +164,42 @@ class BallbotNode(ParameterNode[P]):
         return bool(self.done.done())
 
     def finish(self) -> None:
-        """Tell that the node has finished its work."""
+        """Report that the node has finished its work."""
         if not self.finished:
             self.done.set_result(None)
 
     def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
-        """Call back on the wall clock."""
+        """Call `callback` periodically on the wall clock."""
         return self.create_timer(period_s, callback, clock=self._steady)
 
     def output(self, topic: Topic) -> Output:
-        """Return what publishes on `topic`, with the message that it sends again and again."""
+        """Return the publisher of `topic` with its reusable message."""
         output = self._own_outputs[topic] = Output(self, topic)
         return output
 
     def renew_outputs(self, but: Topic) -> None:
-        """Keep nothing of an earlier run for who comes late, `but` on one topic."""
+        """Keep no messages of an earlier run for late subscribers, except on the topic `but`."""
         for topic, output in self._own_outputs.items():
             if topic is not but and (topic.keeps or topic.has_history):
                 output.renew()
 
     def forget(self, topic: Topic) -> None:
-        """Keep nothing of a topic for who comes late."""
+        """Keep no messages of a topic for late subscribers."""
         self._own_outputs[topic].renew()
 
     def flush(self, *topics: Topic) -> None:
-        """Let the last messages of `topics` reach their readers."""
+        """Wait until the last messages on `topics` have reached their readers."""
         for topic in topics:
             self._own_outputs[topic].flush()
 
     def listen(
         self, topic: Topic, callback: Callable[..., None], *, depth: int = 1, raw: bool = False
     ) -> Subscription:
-        """Subscribe to `topic`; with `raw` the callback gets the bytes.
+        """Subscribe to `topic`; with `raw` the callback receives the serialised message.
 
-        In lockstep nothing newer than an unanswered sample comes, so a depth of one loses
-        nothing in the loop. Of a periodic topic the node gets what is sent from now on: the plant
-        asks again for what it has missed, and of what was answered before it came it is not to
-        answer anything.
+        In lockstep nothing newer than an unanswered sample arrives, so a depth of one loses nothing
+        in the loop. A periodic topic starts with the next message: the plant sends again what the
+        node has missed, and the node must not answer older ticks.
         """
         if raw:
             receive = callback
@@ -222,9 +220,9 @@ class BallbotNode(ParameterNode[P]):
         return self.create_subscription(topic.message_class, topic.name, receive, qos, raw=True)
 
     def ignore(self, topic: Topic, error: Exception) -> None:
-        """Warn of a message that is none, as only a stranger sends it."""
+        """Warn of a malformed message, which only a stranger can have sent."""
         self.get_logger().warning(
-            f'{topic.name}: a message is ignored: {one_line(error)}', throttle_duration_sec=1.0
+            f'{topic.name}: message ignored: {one_line(error)}', throttle_duration_sec=1.0
         )
 
     def count_sample(self, now_ns: int) -> None:
@@ -234,13 +232,13 @@ class BallbotNode(ParameterNode[P]):
         self._last_sample_at = time.monotonic()
 
     def diagnose(self) -> Mapping[str, object]:
-        """Return what the node adds to its diagnostics."""
+        """Return the node's own entries in its diagnostics."""
         return {}
 
     def warn(self, problem: str) -> None:
-        """Log a problem once and show it in the diagnostics until :meth:`clear_warning`.
+        """Log a warning once and show it in the diagnostics until :meth:`clear_warning`.
 
-        An error stays in the diagnostics.
+        It does not replace an error in the diagnostics.
         """
         if problem != self._problem:
             self.get_logger().warning(problem)
@@ -248,23 +246,23 @@ class BallbotNode(ParameterNode[P]):
             self._level, self._problem = DiagnosticStatus.WARN, problem
 
     def alarm(self, problem: str) -> None:
-        """Log an error and show it in the diagnostics, at once, until :meth:`clear_error`."""
+        """Log an error and show it in the diagnostics at once, until :meth:`clear_error`."""
         self.get_logger().error(problem)
         self._level, self._problem = DiagnosticStatus.ERROR, problem
         self.report()
 
     def fail(self, problem: str) -> None:
-        """Log an error and report it at once; the node's exit status is then 1."""
+        """Log an error and report it at once; the node's exit status becomes 1."""
         self.alarm(problem)
         self.failure, self.exit_status = problem, 1
 
     def clear_warning(self) -> None:
-        """Take back a warning."""
+        """Clear the warning."""
         if self._level == DiagnosticStatus.WARN:
             self._level, self._problem = DiagnosticStatus.OK, ''
 
     def clear_error(self) -> None:
-        """Take back an error that has passed."""
+        """Clear the error."""
         if self._level == DiagnosticStatus.ERROR:
             self._level, self._problem = DiagnosticStatus.OK, ''
 
@@ -292,7 +290,7 @@ class BallbotNode(ParameterNode[P]):
         self._diagnostics.publish(message)
 
     def close(self) -> None:
-        """Finish what the node has open; called once, after the last callback."""
+        """Release the node's resources; called once, after the last callback."""
 
 
 AnyNode: TypeAlias = BallbotNode[Any]
@@ -300,7 +298,7 @@ AnyNode: TypeAlias = BallbotNode[Any]
 
 
 def run_node(make: Callable[[], AnyNode]) -> int:
-    """Run a node in this process until it has finished or is told to stop.
+    """Run a node in this process until it has finished or is asked to stop.
 
     Returns
     -------
@@ -310,7 +308,7 @@ def run_node(make: Callable[[], AnyNode]) -> int:
     if not end_with_parent():
         return 0
     node: AnyNode | None = None
-    # A second signal must not interrupt the closing, hence no handlers of rclpy's own.
+    # A second signal must not interrupt the closing, so rclpy's own handlers are not installed.
     with StopRequest() as stop:
         try:
             prepare_middleware()
@@ -327,7 +325,7 @@ def run_node(make: Callable[[], AnyNode]) -> int:
             name = f'{node.get_name()}: ' if node else ''
             print(f'error: {name}{error}', file=sys.stderr)
             return 2 if node is None else 1
-        except (RuntimeError, UnicodeError) as error:  # what rclpy raises on bad --ros-args
+        except (RuntimeError, UnicodeError) as error:  # raised by rclpy for bad --ros-args
             if node is not None:
                 raise
             print(f'error: {start_failure(error)}', file=sys.stderr)
@@ -339,10 +337,10 @@ def run_node(make: Callable[[], AnyNode]) -> int:
 
 
 def spin(nodes: Sequence[AnyNode], done: rclpy.Future, stop: StopRequest | None = None) -> None:
-    """Run the nodes' callbacks until `done`, or until told to stop.
+    """Run the callbacks of the nodes until `done`, or until a stop is requested.
 
-    Unlike ``spin_once`` this stays in C++ from one callback to the next. Where there are no
-    callbacks it comes back now and then, so that a signal is noticed.
+    Unlike ``spin_once``, this stays in C++ between callbacks. Without callbacks it returns now and
+    then, so that signals are noticed.
     """
     steady = Clock(clock_type=ClockType.STEADY_TIME)
     for check in (mark_dead_readers, OwnPorts().repair):

@@ -37,17 +37,17 @@ from ballbot_ros.timing import MILLISECOND_NS, SECOND_NS, TICK_NS
 class Controller(BallbotNode[ControllerParameters]):
     """Answers the inputs of every tick with one ``motor_duty`` of the same stamp.
 
-    Each periodic task has a timer that releases it. In lockstep the timers go by ``/clock``, and a
-    tick runs when its inputs are in and the tasks due have been released. Free running, they go
-    by the wall clock, and a tick runs on the newest samples when the timer of task_ts1 calls back.
-    What a sample or a callback leads to is decided in ``simulation/``; the node carries it out.
+    Each periodic task has a timer that releases it. In lockstep the timers run on ``/clock``, and a
+    tick runs when its inputs have arrived and the due tasks are released. Free running, they run on
+    the wall clock, and each callback of task_ts1's timer runs a tick on the newest samples.
+    ``simulation/`` decides what a sample or a callback leads to; the node carries it out.
     """
 
     def __init__(self, parameters: ControllerParameters | None = None) -> None:
         super().__init__(ControllerParameters, parameters, use_sim_time=True)
         self._lockstep = self.parameters.lockstep
         if self._lockstep:
-            self.require_sim_time('in lockstep its timers go by /clock')
+            self.require_sim_time('in lockstep its timers run on /clock')
         self._lockstep_ticks = LockstepTicks(
             {topic.name: topic.period_ns for topic in INPUTS},
             first=BATTERY_STATE.name,
@@ -70,18 +70,18 @@ class Controller(BallbotNode[ControllerParameters]):
         self._timers_of_tasks: dict[str, Timer] = {}
         self._set_timers()
         self._participation = Participation(self, self._on_run)
-        # Deep enough to see each of several samples of one tick.
+        # Deep enough to receive each of several samples of one tick.
         depth = DEPTH if self._lockstep else 1
         for topic, reader in INPUTS.items():
             self.listen(topic, self._input_callback(topic, reader), depth=depth, raw=True)
 
     def check(self, parameters: ControllerParameters) -> None:
-        """Find out whether there is all that the control program needs."""
-        # To build takes seconds, in which the run would wait: it is done at the next one's start.
+        """Check that everything the control program needs is available."""
+        # Not built here: that takes seconds, and a run would wait. The next run builds it.
         require_implementation(parameters.implementation)
 
     def take_values(self) -> None:
-        """Let everything act that was asked for: a run begins."""
+        """Apply the new parameter values at the start of a run."""
         before = self.parameters
         super().take_values()
         if self.parameters != before:
@@ -89,7 +89,7 @@ class Controller(BallbotNode[ControllerParameters]):
             self._set_timers()
 
     def _set_timers(self) -> None:
-        """Have a timer for each periodic task, which starts with the first tick."""
+        """Create a timer for each periodic task; they start with the first tick."""
         for timer in self._timers_of_tasks.values():
             self.destroy_timer(timer)
         self._tasks = task_timings(self.parameters.ts2_period, self.parameters.ts3_period)
@@ -106,11 +106,11 @@ class Controller(BallbotNode[ControllerParameters]):
         }
 
     def _makes_ticks(self, task: str) -> bool:
-        """Tell whether ticks begin with a task's timer: it runs before the first one, too."""
+        """Return whether a task's timer drives the ticks, and so runs before the first one."""
         return not self._lockstep and task == TS1
 
     def _release_callback(self, task: str) -> Callable[[], None]:
-        """Return what a task's timer calls."""
+        """Return the callback of a task's timer."""
 
         def release() -> None:
             if self._lockstep:
@@ -132,8 +132,8 @@ class Controller(BallbotNode[ControllerParameters]):
             try:
                 stamp, reading = stamp_of(data), reader(decode(data))
             except NO_SAMPLE:
-                # As of another robot's joint states in the same domain.
-                self.warn(f'{name}: what no device of the brick gives is ignored')
+                # For example, the joint states of another robot in the same domain.
+                self.warn(f'{name}: ignored a message that no device of the brick can send')
                 return
             if self._lockstep:
                 self._take(name, stamp, data, reading)
@@ -147,7 +147,7 @@ class Controller(BallbotNode[ControllerParameters]):
         self._messages.begin()
         ticks = self._lockstep_ticks if self._lockstep else self._free_ticks
         ticks.begin(run.start_ns, self._tasks)
-        # Their phase is of another run, or of none.
+        # Their phase belongs to another run, or to none.
         for name, timer in self._timers_of_tasks.items():
             if not self._makes_ticks(name):
                 timer.cancel()
@@ -169,25 +169,25 @@ class Controller(BallbotNode[ControllerParameters]):
             self._start_late(stamp)
 
     def _start_late(self, stamp: int) -> None:
-        """Begin in mid-run, but only where `rejoin` allows it."""
+        """Start in mid-run, which only `rejoin` allows."""
         step = self._lockstep_ticks.start_late(
             stamp, now_ns=self.get_clock().now().nanoseconds, rejoin=self.parameters.rejoin
         )
         at = f'in mid-run, at {stamp / SECOND_NS:.3f} s'
         if step is Step.BEGIN_AFRESH:
-            self.get_logger().warning(f'begins afresh {at}')
+            self.get_logger().warning(f'restarts {at}')
         elif step is Step.GIVE_UP:
             problem = (
-                f'{CONTROLLER} started {at}, without the state of the ticks before (rejoin: true '
-                'begins afresh)'
+                f'{CONTROLLER} started {at}, without the state of earlier ticks (rejoin: true '
+                'allows a restart)'
             )
             self._participation.object(Objection(problem))
             self.finish()
             self.fail(problem)
 
     def _run(self, tick: DueTick) -> None:
-        """Run the tasks of a tick, and publish what they give."""
-        # Before the answer: with it the clock may move on.
+        """Run the tasks of a tick, and publish the results."""
+        # Before the answer, which may let the clock advance.
         if tick.untimed:
             self._start_timers(tick)
         inputs = device_inputs(lambda topic: self._gate.newest(topic.name))
@@ -196,22 +196,23 @@ class Controller(BallbotNode[ControllerParameters]):
         self.count_sample(tick.time_ns)
 
     def _callback_waits(self) -> bool:
-        """Tell whether a timer has fired whose callback waits in the executor's queue.
+        """Return whether a timer has fired whose callback is still queued in the executor.
 
-        To set a timer while one waits makes rclpy's EventsExecutor call that one twice.
+        Resetting a timer in this state makes rclpy's EventsExecutor call it twice.
         """
         return any(timer.is_ready() for timer in self._timers_of_tasks.values())
 
     def _start_timers(self, tick: DueTick) -> None:
-        """Let the timers that have not released their tasks fire a period after this tick."""
+        """Restart the timers that have not released their tasks, one period from this tick."""
         if self._lockstep and self.get_clock().now().nanoseconds != tick.time_ns:
-            # /clock has not reached it, and timers count from there: set when it is missed.
+            # Timers count from /clock, which has not reached the tick: restart when they are
+            # missed.
             return
         for name in tick.untimed:
             self._timers_of_tasks[name].reset()
 
     def diagnose(self) -> Mapping[str, object]:
-        """Return the counts of timers, late ticks and repeated answers."""
+        """Return the operating state and the counts of callbacks, late ticks and resends."""
         fired = (self._lockstep_ticks.releases if self._lockstep else self._free_ticks).fired
         periods = {name: period_ms for name, _, period_ms in self._tasks if period_ms}
         return {
@@ -227,7 +228,7 @@ class Controller(BallbotNode[ControllerParameters]):
         }
 
     def close(self) -> None:
-        """Switch off the motors, and let an objection reach the plant."""
+        """Switch off the motors, and wait until an objection has reached the plant."""
         if self.now_ns:
             self._messages.stop_motors(self.now_ns)
         self.flush(MOTOR_DUTY, PARTICIPANTS)

@@ -1,4 +1,4 @@
-"""The driver of a device: the truth that it measures in, its readings out."""
+"""The driver of a device: reads the plant's truth and publishes samples."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ballbot_ros.simulation.lockstep import Run
 
 
 class DeviceDriver(BallbotNode[P]):
-    """Answers each truth that is due with one sample of the same stamp.
+    """Answers each truth at a sampling time with one sample of the same stamp.
 
     Parameters
     ----------
     cls : type
-        The parameters of the driver, which tell what device it is.
+        The class of the driver's parameters, which identifies the device.
     parameters : DriverParameters or None
         As for any node.
     """
@@ -43,7 +43,7 @@ class DeviceDriver(BallbotNode[P]):
         return ''.join(word.capitalize() for word in self.role.split('_'))
 
     def check(self, parameters: P) -> None:
-        """Find out whether the device can be made with such parameters."""
+        """Check that the device can be created with these parameters."""
         self._device.make(parameters)
 
     def _on_run(self, run: Run) -> None:
@@ -65,10 +65,10 @@ class DeviceDriver(BallbotNode[P]):
 
 
 def messages_of(cls: type[DriverParameters]) -> AnyDeviceMessages:
-    """Return the messages of the device whose driver has such parameters."""
+    """Return the messages of the device whose driver has these parameters."""
     return next(each for each in DEVICE_MESSAGES if each.device.parameters is cls)
 
 
 def main(cls: type[DriverParameters]) -> None:
-    """Run the driver of a device, which the class of its parameters tells."""
+    """Run the driver of the device that the class of its parameters identifies."""
     sys.exit(run_node(partial(DeviceDriver, cls)))

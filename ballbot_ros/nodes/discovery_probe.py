@@ -1,4 +1,4 @@
-"""Sends a message from one participant to another: `ballbot doctor` runs it as a process."""
+"""Sends a message from one participant to another; `ballbot doctor` runs it as a process."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ballbot_ros.nodes.processes import end_with_parent
 
 DISCOVERY_S = 5.0
 LIMIT_S = 20
-"""Whole seconds after which the system ends the process, whatever the middleware does."""
+"""Seconds after which the system ends the process, whatever the middleware does."""
 
 
 def main() -> int:
-    """Print how long a message took, or why none came.
+    """Print how long a message took, or why none arrived.
 
     Returns
     -------
     int
-        0 if one came, else 1.
+        0 if one arrived, else 1.
     """
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if not end_with_parent():
@@ -70,7 +70,7 @@ def main() -> int:
             '(firewall, container network)'
         )
         return 1
-    print(f'a message went from one participant to another after {heard[0] - begun:.2f} s')
+    print(f'message received from another participant after {heard[0] - begun:.2f} s')
     return 0
 
 

@@ -1,4 +1,4 @@
-"""One plant, or player in its place, a ROS domain: it owns the domain's /clock."""
+"""The lock on a ROS domain: one plant, or a player in its place, owns the domain's /clock."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import socket
 from ballbot_ros.errors import BallbotError
 
 LOCK_FD_ENV = 'BALLBOT_DOMAIN_LOCK'
-"""Environment variable: the file descriptor of a lock that the starting process handed on."""
+"""Environment variable: file descriptor of a lock inherited from the starting process."""
 
 
 class DomainLock:
-    """Held by a plant as long as it lives; the system releases it however the plant ends.
+    """Lock held for the lifetime of a plant; the system releases it however the plant ends.
 
-    It tells of plants on this machine at once, whichever user's they are. One on another machine
-    is found by discovery, which takes its time. A process that starts a plant takes the lock
-    first and hands it on, so that no other plant can come between.
+    It detects plants of any user on this machine at once; plants on other machines are found by
+    discovery, which takes time. A process that starts a plant takes the lock first and passes it
+    on, so that no other plant can start in between.
 
-    It is a Unix socket with an abstract name. That has no place in the file system, where its
-    folder would follow from a terminal's environment and somebody else could lay another file in
-    its way; and it holds where the middleware's ports do, within a network namespace.
+    It is a Unix socket with an abstract name. Such a name has no place in the file system, so it
+    does not depend on environment variables and no file can be in its way. Its scope is the network
+    namespace, which is also that of the middleware's ports.
 
     Parameters
     ----------
@@ -50,11 +50,11 @@ class DomainLock:
                 if error.errno != errno.EADDRINUSE:
                     raise
                 raise BallbotError(
-                    f'another plant or player is at work in ROS domain {domain}: wait for its end, '
+                    f'another plant or player is running in ROS domain {domain}: wait for its end, '
                     'or set ROS_DOMAIN_ID to another number'
                 ) from None
             self.file = name.detach()
 
     def release(self) -> None:
-        """Let another plant have the domain."""
+        """Release the domain for another plant."""
         os.close(self.file)

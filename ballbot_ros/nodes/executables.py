@@ -1,4 +1,4 @@
-"""The nodes as programs, which a signal ends quietly from their first import on.
+"""Entry points of the nodes, which a signal ends quietly even during their imports.
 
 Each node of :mod:`ballbot_ros.nodes.registry` is a function of this module.
 """
@@ -14,12 +14,12 @@ from ballbot_ros.stop_request import StopRequest
 
 
 def start(node: str | None) -> None:
-    """Import a node and run it; a signal that comes meanwhile ends the program after it.
+    """Import a node and run it; a signal during the import ends the program afterwards.
 
     Parameters
     ----------
     node : str or None
-        Its name; None where none was given.
+        Its name; None if none was given.
     """
     open_standard_streams()
     with StopRequest() as stop:
@@ -27,7 +27,7 @@ def start(node: str | None) -> None:
 
         if node not in REGISTRY:
             given = 'nothing' if node is None else repr(node)
-            print(f'error: {given} is no node; there are {", ".join(REGISTRY)}', file=sys.stderr)
+            print(f'error: {given} is not a node; known: {", ".join(REGISTRY)}', file=sys.stderr)
             sys.exit(2)
         main = REGISTRY[node].main
         if not stop.signal:
@@ -35,13 +35,13 @@ def start(node: str | None) -> None:
 
 
 def __getattr__(name: str) -> Callable[[], None]:
-    # The names are checked at the start: to know them takes an import, which a signal is to end
-    # quietly, too.
+    # Names are checked only at the start, because the check needs an import, which a signal
+    # must be able to end quietly, too.
     if name.startswith('_'):
         raise AttributeError(name)
     return partial(start, name)
 
 
 def main() -> None:
-    """Run the node that the first argument names."""
+    """Run the node named by the first argument."""
     start(sys.argv.pop(1) if len(sys.argv) > 1 else None)

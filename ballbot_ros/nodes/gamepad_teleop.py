@@ -1,4 +1,4 @@
-"""The gamepad: the sticks of whoever is in command, live inputs before a scenario's signals."""
+"""The gamepad: the sticks of the input in command, live inputs before the scenario's signals."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from ballbot_ros.timing import MAX_LEAD_TICKS, MILLISECOND_NS, SLOW_PERIOD_NS, T
 LIST_DEVICES = '--list-devices'
 FLUSH_S = 0.5
 MOST_ANSWERS = MAX_LEAD_TICKS * TICK_NS // SLOW_PERIOD_NS + 1
-"""Answers that are kept: the plant may ask again for any tick that the recorder lacks."""
+"""Number of answers kept: the plant may ask again for any tick that the recorder lacks."""
 
 
 class GamepadTeleop(BallbotNode[GamepadParameters]):
@@ -67,11 +67,11 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         self.listen(PLANT_JOINT_STATES, self._on_truth, raw=True)
 
     def check(self, parameters: GamepadParameters) -> None:
-        """Find out whether scenario, terminal and gamepad are there, and the log's file is not."""
+        """Check that scenario, terminal and gamepad are available, and that the log file is new."""
         scenario_of(parameters.scenario)
         path = parameters.log_csv
         if path and path != self.parameters.log_csv and Path(path).exists():
-            raise TeleopError(f'{path}: exists already; choose another file')
+            raise TeleopError(f'{path}: already exists; choose another file')
         is_new = parameters.keyboard and not self.parameters.keyboard
         if is_new and (obstacle := why_no_keyboard()):
             raise TeleopError(f'keyboard: {obstacle}')
@@ -79,7 +79,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             SdlBackend()
 
     def take_values(self) -> None:
-        """Let everything act that was asked for: a run begins."""
+        """Apply the new parameter values at the start of a run."""
         before = self.parameters
         super().take_values()
         if self.parameters == before:
@@ -122,7 +122,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             self._answer(now)
 
     def _answer(self, now_ns: int) -> None:
-        # Asked again, it gives the same answer again, whatever the live inputs say by now.
+        # A repeated request gets the same answer, whatever the live inputs are now.
         answer = self._answers.get(now_ns)
         if answer is None:
             self._decide((now_ns - self._start_ns) * 1e-9)
@@ -150,7 +150,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             self._log.write(log_packet(message))
             self._input_errors.clear(BLUETOOTH_TX.name)
         except PacketError as error:
-            self._inputs.complain(BLUETOOTH_TX.name, f'{error}; it is left out')
+            self._inputs.complain(BLUETOOTH_TX.name, f'{error}; packet skipped')
         except TeleopError as error:
             self._give_up_log(error)
 
@@ -166,7 +166,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         self.fail(f'log_csv: {error}')
 
     def report(self) -> None:
-        """Publish the diagnostics; what has healed is no warning in the next ones."""
+        """Publish the diagnostics; cleared input errors are left out of the next ones."""
         super().report()
         self._input_errors.reported()
         if str(self._input_errors):
@@ -175,7 +175,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             self.clear_warning()
 
     def diagnose(self) -> Mapping[str, object]:
-        """Return who is in command."""
+        """Return the input in command."""
         vertical, horizontal = self._command.sticks
         return {
             'in command': self._driver(),
@@ -184,7 +184,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         }
 
     def close(self) -> None:
-        """Give back the terminal and the gamepad, and finish the log."""
+        """Restore the terminal, close the gamepad, and finish the log."""
         if self.terminal:
             self.terminal.close()
         self._inputs.close()

@@ -1,4 +1,4 @@
-"""Who publishes on the topics of the lockstep, and whether strangers there are heard."""
+"""The publishers on the lockstep topics, and messages from strangers on them."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
 from ballbot_ros.simulation.participants import Publisher
 
 _PREFIX = 24
-"""Hexadecimal digits that the identifiers of one DDS participant have in common."""
+"""Number of hexadecimal digits shared by all identifiers of one DDS participant."""
 
 _LOOK_S = 1.0
 
 UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
-"""What the middleware calls a publisher's node of which it has not heard yet."""
+"""The middleware's name for the node of a publisher that it has not discovered yet."""
 
 
 class GraphObserver:
-    """The publishers of some topics, and whether a message comes on them.
+    """The publishers of some topics, and the messages that arrive on them.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        In whose namespace the topics are.
+        A node in the namespace of the topics.
     topics : collection of Topic
     """
 
@@ -47,7 +47,7 @@ class GraphObserver:
     def publishers(self) -> dict[str, list[Publisher]]:
         """Return the publishers of each topic by its name.
 
-        To count them costs a fifth. Where their numbers stay the same, they are looked at once a
+        Counting them is five times cheaper. While the counts stay the same, they are listed once a
         second.
         """
         now = time.monotonic()
@@ -69,10 +69,10 @@ class GraphObserver:
         """Return the number of publishers on a topic."""
         return int(self._node.count_publishers(topic))
 
-    def heard(self, names: Collection[str]) -> list[tuple[str, int]]:
-        """Return what has come on these topics since the last look: topic and stamp [ns].
+    def received(self, names: Collection[str]) -> list[tuple[str, int]]:
+        """Return the messages on these topics since the last call, as topic and stamp [ns].
 
-        The first look at a topic begins to listen.
+        The first call for a topic subscribes to it.
         """
         found = []
         for name in names:
@@ -88,7 +88,7 @@ class GraphObserver:
         return raw_subscription(self._inbox, self._topics[name], qos)
 
     def stop_listening(self) -> None:
-        """Listen no longer."""
+        """Remove all subscriptions."""
         if self._inbox is not None:
             self._inbox.destroy_node()
             self._inbox = None
@@ -96,11 +96,10 @@ class GraphObserver:
 
 
 def guid_prefix(node: Node, word: str) -> str:
-    """Return what the identifiers of a node's publishers begin with, as hexadecimal text.
+    """Return the common prefix of the identifiers of a node's publishers, as hexadecimal text.
 
-    Nodes of one process have it in common. For want of another way it is that of two publishers
-    on a topic of their own, which has the unique `word` as its name; '' if they
-    have none in common.
+    All nodes of a process share it. The only way to find it is to compare two publishers on a topic
+    of their own, named by the unique `word`; '' if they have no common prefix.
     """
     topic = f'_{word}'
     publishers = [node.create_publisher(Header, topic, 1) for _ in range(2)]
@@ -112,7 +111,7 @@ def guid_prefix(node: Node, word: str) -> str:
 
 
 def _full_name(offer: TopicEndpointInfo) -> str:
-    """Return the fully qualified name of a publisher's node, '' while it is not known."""
+    """Return the fully qualified name of a publisher's node, '' while it is unknown."""
     if offer.node_name == UNKNOWN_NODE:
         return ''
     return f'{offer.node_namespace.rstrip("/")}/{offer.node_name}'

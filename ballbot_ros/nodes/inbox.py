@@ -1,4 +1,4 @@
-"""Taking messages past the executor: whoever looks now and then pays no callback for each."""
+"""Reading messages without the executor: a poll costs less than a callback for each message."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ballbot_ros.messages.topics import Topic
 
 
 def hidden_node(name: str, owner: Node | None = None) -> Node:
-    """Return a node that no executor is to spin: its subscriptions are its owner's to empty.
+    """Return a node for subscriptions that its owner drains; no executor spins it.
 
-    It is in the namespace of the node that owns it, if one does, and has its name before its own.
+    It is in the owner's namespace, if there is an owner, and its name starts with the owner's name.
     """
     if owner is not None:
         name = f'{owner.get_name()}_{name}'
@@ -30,14 +30,14 @@ def hidden_node(name: str, owner: Node | None = None) -> Node:
 
 
 def raw_subscription(node: Node, topic: Topic, qos: QoSProfile) -> Subscription:
-    """Subscribe a hidden node to a topic; the messages are read as they come off the wire."""
+    """Subscribe a hidden node to the serialised messages of a topic."""
     return node.create_subscription(
         topic.message_class, topic.name, lambda data: None, qos, raw=True
     )
 
 
 def drain(subscription: Subscription) -> Iterator[tuple[Any, Mapping[str, Any]]]:
-    """Take the messages that wait, oldest first, each with what the middleware says of it."""
+    """Read the waiting messages, oldest first, each with its metadata from the middleware."""
     handle, kind, raw = subscription.handle, subscription.msg_type, subscription.raw
     with handle:
         while (message := handle.take_message(kind, raw)) is not None:

@@ -1,4 +1,4 @@
-"""The newest messages of the graph, for nodes that show it now and then."""
+"""The newest messages of the graph, for nodes that show it from time to time."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from ballbot_ros.viewer.snapshot import Snapshot
 
 
 class LatestMessages:
-    """The newest message of each topic, decoded only when it is looked for.
+    """The newest message of each topic, decoded only on access.
 
-    The messages are read past the executor, as the recorder does it: a callback for each of
-    them, of which most are never shown, would cost many times as much.
+    The messages are read without the executor, as in the recorder: a callback for each one, most of
+    which are never shown, would cost many times as much.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        In whose namespace the topics are.
+        A node in the namespace of the topics.
     topics : collection of Topic
     """
 
@@ -49,15 +49,15 @@ class LatestMessages:
         self._changed: set[Topic] = set()
 
     def take(self) -> tuple[Snapshot | None, set[Topic]]:
-        """Take what has come.
+        """Read the messages that have arrived.
 
         Returns
         -------
         snapshot : Snapshot or None
-            What the newest messages tell; None before the first of the robot's pose.
+            State of the robot; None before its first pose.
         changed : set of Topic
-            The topics that have had a message since the last snapshot, so that of a run which was
-            announced before there was a pose nothing is missed.
+            The topics with a message since the last snapshot. It includes what a run announced
+            before the first pose.
         """
         for topic, subscription in self._subscriptions.items():
             come = [data for data, _ in drain(subscription)]
@@ -71,16 +71,16 @@ class LatestMessages:
         return snapshot, changed
 
     def __getitem__(self, topic: Topic) -> Any:
-        """Return the newest message; None if there is none."""
+        """Return the newest message of a topic; None before the first."""
         return self._messages.get(topic)
 
     def close(self) -> None:
-        """Take leave of the topics."""
+        """Remove the subscriptions."""
         self._inbox.destroy_node()
 
 
 def snapshot_of(newest: LatestMessages) -> Snapshot | None:
-    """Return what the newest messages tell; None before the first of the robot's pose."""
+    """Return the state of the robot in the newest messages; None before its first pose."""
     body, ball = newest[PLANT_IMU], newest[PLANT_ODOM]
     if body is None or ball is None:
         return None

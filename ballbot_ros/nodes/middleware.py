@@ -1,4 +1,4 @@
-"""What the middleware is told before ROS begins in a process."""
+"""Settings of the middleware that are made before ROS starts in a process."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ballbot_ros.nodes.shared_memory import clear_shared_memory
 from ballbot_ros.share import share_directory
 
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
-"""Environment variable: Fast DDS's profiles. Other middleware does not look at it."""
+"""Environment variable: Fast DDS's profiles. Other middleware ignores it."""
 
 DISCOVERY_RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 DEFAULT_RMW = 'rmw_fastrtps_cpp'
 DOMAIN = 'ROS_DOMAIN_ID'
 LARGEST_DOMAIN = 232
-"""Beyond it there are no ports, and the middleware ends the process."""
+"""Above it there are no ports, and the middleware ends the process."""
 
 
 def ros_domain() -> int:
@@ -28,7 +28,7 @@ def ros_domain() -> int:
     Raises
     ------
     BallbotError
-        If the environment variable :data:`DOMAIN` is no number of a domain.
+        If the environment variable :data:`DOMAIN` is not a valid domain number.
     """
     text = os.environ.get(DOMAIN) or '0'
     if not re.fullmatch('0|[1-9][0-9]{0,2}', text) or int(text) > LARGEST_DOMAIN:
@@ -37,12 +37,12 @@ def ros_domain() -> int:
 
 
 def require_middleware() -> None:
-    """Find out whether what ``RMW_IMPLEMENTATION`` names loads; else rcl ends this process.
+    """Check that the middleware in ``RMW_IMPLEMENTATION`` loads; if not, rcl ends the process.
 
     Raises
     ------
     BallbotError
-        If it does not.
+        If it does not load.
     """
     name = os.environ.get('RMW_IMPLEMENTATION', DEFAULT_RMW)
     if name in ('', DEFAULT_RMW):
@@ -55,7 +55,7 @@ def require_middleware() -> None:
 
 
 def require_discovery() -> None:
-    """Find out whether the environment lets nodes find each other.
+    """Check that the environment lets nodes discover each other.
 
     Raises
     ------
@@ -63,18 +63,18 @@ def require_discovery() -> None:
         If it does not.
     """
     if os.environ.get(DISCOVERY_RANGE) == 'OFF':
-        raise BallbotError(f'{DISCOVERY_RANGE}=OFF: no node finds another; unset it')
+        raise BallbotError(f'{DISCOVERY_RANGE}=OFF: nodes can not discover each other; unset it')
 
 
 def prepare_middleware() -> None:
-    """Clear what killed processes left, and have participants find each other soon.
+    """Remove what killed processes left, and speed up discovery.
 
-    A command clears for the nodes that it starts.
+    A command does this for the nodes that it starts.
 
     Raises
     ------
     BallbotError
-        If there is no such ROS domain, or something that can't be cleared would hold up the node.
+        If there is no such ROS domain, or a leftover that can't be removed would hold up the node.
     """
     ros_domain()
     if END_WITH_PARENT not in os.environ:
@@ -83,11 +83,11 @@ def prepare_middleware() -> None:
 
 
 def use_profiles() -> None:
-    """Have participants find each other soon, unless the user has profiles of their own."""
+    """Speed up discovery, unless the user has profiles of their own."""
     os.environ.setdefault(PROFILES, str(share_directory() / 'config' / 'fastdds.xml'))
 
 
 def start_failure(error: RuntimeError | UnicodeError) -> str:
-    """Return what `rclpy.init` has raised, with what to do if there is no folder for logs."""
+    """Return the error of `rclpy.init`, with advice if the log folder is not writable."""
     hint = '; set ROS_LOG_DIR to a folder that can be written to' if 'log' in str(error) else ''
     return one_line(error) + hint

@@ -1,4 +1,4 @@
-"""A node's ROS parameters: declared from the table, checked, and taken over at a run's start."""
+"""A node's ROS parameters: declared from the table, checked, and applied at the start of a run."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from ballbot_ros.parameters import (
 
 SIM_TIME = 'use_sim_time'
 _ROS_PARAMETERS = {SIM_TIME, 'start_type_description_service'}
-"""What every node of ROS has."""
+"""The parameters of every ROS node."""
 
-NEXT_RUN = 'acts from the next run on (plant_sim/reset begins one)'
-UNCHANGED = 'it is read-only, and has this value'
+NEXT_RUN = 'takes effect in the next run (plant_sim/reset starts one)'
+UNCHANGED = 'read-only; it already has this value'
 
 
 P = TypeVar('P', bound=NodeParameters)
@@ -44,24 +44,23 @@ class ParameterNode(Node, Generic[P]):
     Parameters
     ----------
     cls : type
-        The parameters of its role; the role is the node's name too, unless ROS gives it another
-        one.
+        The parameters of its role; the role is also the node's name unless ROS remaps it.
     parameters : NodeParameters or None
-        Values to begin with, for a node made in a program; the command line's and parameter
-        files' otherwise.
+        Initial values, for a node created in a program; otherwise those of the command line and
+        of parameter files.
     use_sim_time : bool
-        Whether the node's clock is ``/clock``, unless it is told otherwise.
+        Whether the node's clock is ``/clock`` by default.
 
     Attributes
     ----------
     role : str
     parameters : NodeParameters
-        The values that act now.
+        The values in effect.
 
     Raises
     ------
     ParameterError
-        If a value is not allowed, or a parameter is known to no node.
+        If a value is not allowed, or no node has a parameter of this name.
     """
 
     def __init__(
@@ -87,12 +86,12 @@ class ParameterNode(Node, Generic[P]):
             super().set_parameters_atomically([RosParameter(SIM_TIME, value=True)])
 
     def require_sim_time(self, reason: str) -> None:
-        """Refuse another clock than ``/clock``, now and later.
+        """Require ``/clock`` as the node's clock, now and later.
 
         Raises
         ------
         ParameterError
-            If the node has another one.
+            If the node has another clock.
         """
         self._sim_time_reason = reason
         self._check_sim_time(self.get_parameter(SIM_TIME).value)
@@ -125,7 +124,7 @@ class ParameterNode(Node, Generic[P]):
         return value
 
     def _refuse_unknown(self) -> None:
-        """Raise ParameterError for a parameter that no node has: a typo."""
+        """Raise ParameterError for a parameter that no node has, such as a typo."""
         known = {row.name for row in TABLE} | _ROS_PARAMETERS
         for name in self._parameter_overrides:
             if name not in known and not name.startswith('qos_overrides.'):
@@ -134,12 +133,12 @@ class ParameterNode(Node, Generic[P]):
                 )
 
     def _in_own_type(self, parameter: RosParameter) -> RosParameter:
-        """Return a parameter with a whole number as the float that is meant, say."""
+        """Return a parameter in its declared type, such as a whole number as a float."""
         row = self._rows.get(parameter.name)
         try:
             value = row.check(_read(row, parameter), '') if row else parameter.value
         except ParameterError:
-            return parameter  # to be refused where there is an answer to give
+            return parameter  # refused later, where the caller gets an answer
         return _ros_parameter(parameter.name, value) if row else parameter
 
     def set_parameters(self, parameter_list: list[RosParameter]) -> list[SetParametersResult]:
@@ -147,9 +146,10 @@ class ParameterNode(Node, Generic[P]):
         return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
 
     def set_parameters_atomically(self, parameter_list: list[RosParameter]) -> SetParametersResult:
-        """Set parameters, all or none; the answer says from when on they act.
+        """Set parameters, all or none; the answer says when they take effect.
 
-        What may not be set is no error where it is set to what it is, as by loading a dump.
+        Setting a read-only parameter to its current value is not an error, so that a dump can be
+        loaded.
         """
         changes = [each for each in parameter_list if not self._is_kept(each)]
         if not changes:
@@ -173,14 +173,14 @@ class ParameterNode(Node, Generic[P]):
         return result
 
     def _is_kept(self, parameter: RosParameter) -> bool:
-        """Tell whether a parameter may not be set, but has the value that is asked for."""
+        """Return whether a read-only parameter is set to the value that it has."""
         name = parameter.name
         if not self.has_parameter(name) or not self.describe_parameter(name).read_only:
             return False
         return bool(self._in_own_type(parameter).value == self.get_parameter(name).value)
 
     def _take_live(self, names: Iterable[str]) -> str:
-        """Let those act that may act at once; return what is to be said of the others."""
+        """Apply the live parameters among these; return what to report about the others."""
         waiting: list[str] = []
         live: list[str] = []
         for name in names:
@@ -195,20 +195,20 @@ class ParameterNode(Node, Generic[P]):
         return NEXT_RUN if waiting else ''
 
     def take_values(self) -> None:
-        """Let everything act that was asked for: a run begins."""
+        """Apply the new parameter values at the start of a run."""
         self.parameters = self._requested
 
     def check(self, parameters: P) -> None:
-        """Find out whether values can act together, before they are taken.
+        """Check that values are compatible, before they are applied.
 
         Raises
         ------
         BallbotError
-            If they can't.
+            If they are not.
         """
 
     def on_live_values(self) -> None:
-        """Take note that values act which may change at any time."""
+        """React to live parameters that have taken effect."""
 
 
 def _ros_parameter(name: str, value: object) -> RosParameter:
@@ -216,12 +216,12 @@ def _ros_parameter(name: str, value: object) -> RosParameter:
 
 
 def _read(row: Parameter, parameter: RosParameter) -> Any:
-    """Return the value that is meant."""
+    """Return the parameter's value in its declared type."""
     value = parameter.value
     if hasattr(value, 'tolist'):
         return value.tolist()
     if isinstance(row.default, float) and isinstance(value, str):
-        # YAML takes 1e-05 for text, as `ros2 param load` hands it on.
+        # YAML reads 1e-05 as text, which `ros2 param load` passes on.
         try:
             return float(value)
         except ValueError:

@@ -1,4 +1,4 @@
-"""A timer that calls back once, so that no callback sleeps."""
+"""A timer that fires once, so that no callback has to sleep."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ class OneShot:
 
     @property
     def is_running(self) -> bool:
-        """Whether it is going to call back."""
+        """Whether a call is pending."""
         return not self._timer.is_canceled()
 
     def start(self, delay_s: float) -> None:
-        """Call back in `delay_s` [s], and not when it was to before."""
+        """Call back in `delay_s` [s]; this replaces a pending call."""
         self._timer.timer_period_ns = max(1, round(delay_s * 1e9))
         self._timer.reset()
 
     def cancel(self) -> None:
-        """Call back no more."""
+        """Cancel the pending call."""
         self._timer.cancel()
 
     def _fire(self) -> None:

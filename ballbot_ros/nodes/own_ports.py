@@ -1,9 +1,9 @@
 """The shared memory ports that this process reads, and their repair.
 
-Fast DDS (2.14) removes the port of a process that it takes for dead. It may be wrong: several
-processes that test at once whether a lock file is locked can remove that of a living reader, and on
-a machine that keeps a process waiting for seconds two of them may open a port at the same time. The
-reader then reads on from a removed file, deaf to everybody who opens the port later.
+Fast DDS (2.14) removes the port of a process that it considers dead, sometimes wrongly: several
+processes that test a lock file at once can remove that of a living reader, and on a machine that
+stalls a process for seconds, two of them may open a port at the same time. The reader then keeps
+reading a deleted file, and never hears anybody who opens the port later.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _REMOVED_PORT = re.compile(
     rf'([0-9a-f]+)-([0-9a-f]+) rw-s .* {SHARED_MEMORY}/(fastrtps_port\d+) \(deleted\)'
 )
 _FLAGS_TO_READERS, _NUMBER_TO_FLAGS = 20588, 24
-"""Distances in the state of a port [bytes]; the layout is that of x86-64."""
+"""Offsets in the state of a port [bytes], for the layout on x86-64."""
 
 _IS_OK = 1
 
@@ -32,14 +32,14 @@ class OwnPorts:
         self._intact: dict[str, int] = {}
 
     def repair(self) -> None:
-        """Have Fast DDS reopen the ports of this process that others have removed."""
+        """Make Fast DDS reopen the ports of this process that others have removed."""
         numbers = _own_ports()
         inodes = {name: _inode(name) for name in numbers}
         if inodes == self._intact:
             return
         removed = _find_removed_ports(numbers)
         if removed:
-            # An address where nothing is mapped any more is an error here, not a crash.
+            # A read from an address that is no longer mapped is an error here, not a crash.
             with Path('/proc/self/mem').open('r+b', buffering=0) as memory:
                 for name, start, size in removed:
                     with suppress(OSError):
@@ -48,17 +48,17 @@ class OwnPorts:
 
 
 def _own_ports() -> dict[str, int]:
-    """Return the ports whose lock this process holds, by their names with their numbers."""
+    """Return the ports whose lock this process holds: numbers by name."""
     found = {}
     for link in Path('/proc/self/fd').iterdir():
-        with suppress(OSError):  # closed by now
+        with suppress(OSError):  # closed in the meantime
             if match := _OWN_LOCK.fullmatch(str(link.readlink())):
                 found[match[1]] = int(match[2])
     return found
 
 
 def _inode(name: str) -> int:
-    """Return the inode of a port's present file; 0 if there is none."""
+    """Return the inode of a port's current file; 0 if there is none."""
     try:
         return (SHARED_MEMORY / name).stat().st_ino
     except OSError:
@@ -66,7 +66,7 @@ def _inode(name: str) -> int:
 
 
 def _find_removed_ports(numbers: dict[str, int]) -> list[tuple[str, int, int]]:
-    """Return name, address and size of those mapped ports whose file was removed."""
+    """Return name, address and size of the mapped ports whose file has been removed."""
     matches = _REMOVED_PORT.finditer(Path('/proc/self/maps').read_text())
     mapped = [(match[3], int(match[1], 16), int(match[2], 16)) for match in matches]
     return [(name, start, end - start) for name, start, end in mapped if name in numbers]

@@ -1,10 +1,10 @@
-"""Keeps a new participant off the ports of one that was killed.
+"""Keeps a new participant off the ports of a killed one.
 
-Each participant of a domain has a number, and ports by it (RTPS 2.5, 9.6.2.3). Fast DDS (2.14)
-takes the lowest number that is free, in shared memory, too. A process that writes to a killed
-participant's port keeps it open, and finds out only after seconds that nobody reads there; if the
-participant was killed just while it read, never, as only waiting readers are watched. A participant
-that takes the number meanwhile hears nothing from this process.
+Each participant of a domain has a number, which determines its ports (RTPS 2.5, 9.6.2.3). Fast DDS
+(2.14) takes the lowest free number, in shared memory, too. A process that writes to the port of a
+killed participant keeps it open and notices only after seconds that nobody reads it; if the
+participant was killed while reading, it never notices, since only waiting readers are monitored. A
+new participant with that number receives nothing from this process.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, find_stale_ports
 
 PORT_BASE, PORTS_PER_DOMAIN, PORTS_PER_PARTICIPANT = 7400, 250, 2
 DISCOVERY_PORT, USER_PORT = 10, 11
-"""Offsets of a participant's own ports, from that of its domain."""
+"""Offsets of a participant's own ports from the base port of its domain."""
 
 MOST_AVOIDED = 16
-"""Half of the numbers at which participants on one machine look for each other."""
+"""Half of the numbers that participants on one machine probe for each other."""
 
 
 def stale_participants(domain: int, folder: Path = SHARED_MEMORY) -> list[int]:
-    """Return the numbers of a domain's participants that have died and left their port."""
+    """Return the numbers of a domain's dead participants that have left their ports."""
     first = PORT_BASE + PORTS_PER_DOMAIN * domain + USER_PORT
     ports = range(first, first - USER_PORT + PORTS_PER_DOMAIN, PORTS_PER_PARTICIPANT)
     return sorted(ports.index(port) for port in find_stale_ports(folder) if port in ports)
@@ -34,9 +34,9 @@ def stale_participants(domain: int, folder: Path = SHARED_MEMORY) -> list[int]:
 
 @contextmanager
 def avoid_stale_ports(domain: int, folder: Path = SHARED_MEMORY) -> Iterator[None]:
-    """Have a participant that begins within the block take another number.
+    """Make a participant that starts within the block take another number.
 
-    Their ports for discovery are held meanwhile: Fast DDS then tries the next number.
+    Its discovery ports are occupied meanwhile, so that Fast DDS tries the next number.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ def avoid_stale_ports(domain: int, folder: Path = SHARED_MEMORY) -> Iterator[Non
     with ExitStack() as held:
         for number in islice(stale_participants(domain, folder), MOST_AVOIDED):
             holder = held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            # Processes that start at the same time hold it together; Fast DDS does not share it.
+            # Processes that start together share it; Fast DDS does not.
             holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            with suppress(OSError):  # in use already
+            with suppress(OSError):  # already in use
                 holder.bind(('', first + PORTS_PER_PARTICIPANT * number))
         yield

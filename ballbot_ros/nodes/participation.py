@@ -1,4 +1,4 @@
-"""A node's part in the runs of the plant: it joins them, says so, and says what can't be theirs."""
+"""A node's part in the runs of the plant: joining them, announcing itself, and objecting."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from ballbot_ros.world.library import read_map_file
 
 
 def participant_of(node: AnyNode) -> Participant:
-    """Return what a node of this package says of itself, but for its parameters."""
+    """Return a node of this package as a participant, without its parameters."""
     instance = uuid4().hex
     return Participant(
         role=node.role,
@@ -46,9 +46,9 @@ def participant_of(node: AnyNode) -> Participant:
 
 
 def with_parameters(participant: Participant, parameters: NodeParameters) -> Participant:
-    """Return a participant with the parameters that act in a run.
+    """Return a participant with the parameters of a run.
 
-    Where files lie on this machine is nobody's business: of their paths only the names are told.
+    Paths on this machine stay private: only file names are announced.
     """
     values = asdict(parameters)
     text = json.dumps(values, sort_keys=True, default=list)
@@ -69,9 +69,9 @@ class Participation:
     ----------
     node : BallbotNode
     on_run : callable, optional
-        Called with each new run, before the node takes part in it.
+        Called with each new run before the node joins it.
     on_call : callable, optional
-        Called at each roll call, once it is answered.
+        Called after each answered roll call.
 
     Attributes
     ----------
@@ -95,11 +95,11 @@ class Participation:
         node.listen(ROLL_CALL, self._on_roll_call)
 
     def includes(self, stamp_ns: int) -> bool:
-        """Tell whether a sample can be of the run that the node takes part in."""
+        """Return whether a sample can belong to the run that the node has joined."""
         return self.run is not None and stamp_ns >= self.run.start_ns
 
     def object(self, objection: Objection) -> None:
-        """Tell the plant what has come that can't be of its run."""
+        """Report to the plant a sample that can't belong to its run."""
         if objection != self._objection:
             self._objection = objection
             self._announce()

@@ -1,4 +1,4 @@
-"""Carries out what the master of a run decides: publishes, logs, shows problems, sets the timer."""
+"""Carries out the decisions of the master of a run: publishes, logs, reports, sets the timer."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 
 class PlantActions:
-    """The hands of the plant's node.
+    """Executes the master's actions in the plant's node.
 
     Parameters
     ----------
     node : PlantSim
     wake : OneShot
-        The timer that calls the master.
+        Timer that wakes the master.
     """
 
     def __init__(self, node: PlantSim, wake: OneShot) -> None:
@@ -51,7 +51,7 @@ class PlantActions:
         self._node.count_sample(truth.stamp_ns)
 
     @_carry_out.register
-    def _(self, action: do.AskDrivers) -> None:
+    def _(self, action: do.ResendToDrivers) -> None:
         self._messages.ask(action.truth)
 
     @_carry_out.register
@@ -78,7 +78,7 @@ class PlantActions:
         self._status.publish(encode_run_status(run_status(action)))
 
     @_carry_out.register
-    def _(self, action: do.ForgetMap) -> None:
+    def _(self, action: do.ClearMap) -> None:
         self._node.forget(MAP)
 
     @_carry_out.register

@@ -1,4 +1,4 @@
-"""Tells the master of a run what the plant's node receives: messages and requests."""
+"""Passes the messages and requests that the plant's node receives to the master of a run."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 
 
 class PlantEvents:
-    """The ears of the plant's node.
+    """Subscriptions and services of the plant's node.
 
-    Its services are ``plant_sim/reset``, ``plant_sim/pause`` and ``plant_sim/step``. These names
-    are the role's: they stay where the node is given another name.
+    The services are ``plant_sim/reset``, ``plant_sim/pause`` and ``plant_sim/step``. They are named
+    after the role, so they keep their names if the node is renamed.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class PlantEvents:
     def __init__(self, node: PlantSim) -> None:
         self._node, self._master = node, node.master
         self._decode_duty = decoder(MOTOR_DUTY.type_name)
-        # Deep enough to see each of several duties of one tick.
+        # Deep enough to receive each of several duties of one tick.
         depth = DEPTH if self._master.is_lockstep else 1
         node.listen(MOTOR_DUTY, self._on_duty, depth=depth, raw=True)
         node.listen(RECORDER_ACK, self._on_ack)
@@ -75,7 +75,7 @@ class PlantEvents:
         try:
             announcement = decode_announcement(data)
         except ValueError as error:
-            self._node.get_logger().warning(f'{error}; it is ignored')
+            self._node.get_logger().warning(f'{error}; ignored')
             self._node.tell(self._master.on_unreadable_announcement)
             return
         self._node.tell(self._master.on_announcement, announcement)

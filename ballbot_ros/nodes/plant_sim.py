@@ -1,4 +1,4 @@
-"""The plant: owns time, moves the robot, and waits for the duty of each tick."""
+"""The plant: owns sim time, moves the robot, and waits for the duty of each tick."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ WATCH_S = 0.1
 
 
 class PlantSim(BallbotNode[PlantParameters]):
-    """Hands the master of the run its events, and carries out what that decides.
+    """Passes events to the master of the run, and carries out its decisions.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class PlantSim(BallbotNode[PlantParameters]):
     """
 
     def __init__(self, parameters: PlantParameters | None = None) -> None:
-        # Before the node is one of the domain's participants.
+        # Before the node becomes a participant of the domain.
         self._lock = DomainLock(rclpy.get_default_context().get_domain_id())
         super().__init__(PlantParameters, parameters)
         self._scenario = scenario_of(self.parameters.scenario)
@@ -79,7 +79,7 @@ class PlantSim(BallbotNode[PlantParameters]):
             self._free_timer = self.every(self._tick_s, lambda: self.tell(on_tick))
 
     def tell(self, event: Callable[..., Actions], *what: object, **details: object) -> None:
-        """Tell the master of an event of now, and carry out what follows."""
+        """Pass an event to the master with the current time, and carry out the actions."""
         self._actions.carry_out(event(time.monotonic(), *what, **details))
 
     def _on_time(self) -> None:
@@ -94,7 +94,7 @@ class PlantSim(BallbotNode[PlantParameters]):
         World.of(parameters)
 
     def on_live_values(self) -> None:
-        """Go on at another pace."""
+        """Change the pace."""
         if self._free_timer is not None:
             self._free_timer.timer_period_ns = round(self._tick_s * SECOND_NS)
         self.tell(self.master.on_settings, RunSettings.from_parameters(self.parameters))
@@ -105,7 +105,7 @@ class PlantSim(BallbotNode[PlantParameters]):
         return TICK_NS / SECOND_NS / (self.parameters.real_time_factor or 1.0)
 
     def _set_up(self, start_ns: int) -> RunSetup:
-        """Take the parameters that a new run has, and make its plant."""
+        """Apply the parameters of a new run, and create its plant."""
         before = self.parameters
         self.take_values()
         if self.parameters != before:
@@ -122,12 +122,12 @@ class PlantSim(BallbotNode[PlantParameters]):
 
     @property
     def log(self) -> TrajectoryLog:
-        """What the present run has done so far."""
+        """The trajectory of the current run so far."""
         return self.master.log
 
     @property
     def summary(self) -> Mapping[str, object]:
-        """The outcome of the run as JSON, once it has ended."""
+        """The outcome of the run as JSON, after its end."""
         return summary_json(self.master.summary) if self.master.summary else {}
 
     def diagnose(self) -> Mapping[str, object]:
@@ -147,11 +147,11 @@ class PlantSim(BallbotNode[PlantParameters]):
         }
 
     def stop(self) -> None:
-        """End the run because the node is told to stop."""
+        """End the run because the node is asked to stop."""
         self.tell(self.master.stop)
 
     def close(self) -> None:
-        """Save the trajectory, and let the last messages reach their readers."""
+        """Save the trajectory, and wait until the last messages have reached their readers."""
         self.stop()
         if path := self.parameters.trajectory_file:
             try:

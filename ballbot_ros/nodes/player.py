@@ -1,4 +1,4 @@
-"""Publishes a recording as its nodes published it, with its /clock."""
+"""Publishes the messages of a recording, with its /clock."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from ballbot_ros.recording.reader import RecordingReader
 
 POLL_S = 2e-3
 SETTLE_S = 1.0
-"""Time to discover a plant elsewhere, and for readers to discover the player."""
+"""Time to discover a plant on another machine, and to be discovered by readers."""
 
 WATCH_S = 0.5
 
@@ -57,7 +57,7 @@ class Player(BallbotNode[PlayerParameters]):
         recorded = self._recording.topics()
         topics = {name: recorded[name].type_name for name in chosen or recorded}
         self._lock = None
-        # Who plays everything plays the clock, even if the recording has none.
+        # A player of all topics plays the clock, too, even if the recording has none.
         if not chosen or any(map(_is_truth, topics)):
             self._lock = DomainLock(self.context.get_domain_id())
         self._outputs = {
@@ -70,7 +70,7 @@ class Player(BallbotNode[PlayerParameters]):
             self._made_clock = self.output(CLOCK)
         self._owned_clocks = int(CLOCK.name in self._outputs or self._made_clock is not None)
         if self._recording.damage:
-            self.warn(f'{self._recording.path}: {self._recording.damage}: it is played up to there')
+            self.warn(f'{self._recording.path}: {self._recording.damage}: played up to there')
         self._begins_at = time.monotonic() + SETTLE_S
         self.playback.begin(self.parameters.start, self._begins_at)
         name = self.get_name()
@@ -84,12 +84,14 @@ class Player(BallbotNode[PlayerParameters]):
         try:
             kind = message_class(type_name)
         except (ImportError, AttributeError, ValueError):
-            self.get_logger().warning(f'{name}: no type {type_name or "known"} here: not played')
+            self.get_logger().warning(
+                f'{name}: type {type_name or "unknown"} not found: not played'
+            )
             return None
         return self.create_publisher(kind, name, _qos(self._recording.offered_qos()[name]))
 
     def _play(self) -> None:
-        """Publish what is due."""
+        """Publish the messages that are due."""
         now = time.monotonic()
         if self.finished or now < self._begins_at:
             return
@@ -108,7 +110,7 @@ class Player(BallbotNode[PlayerParameters]):
             self.finish()
 
     def _watch(self) -> None:
-        """End where a plant, or another player, comes into the domain."""
+        """End if a plant or another player appears in the domain."""
         if self.count_publishers(CLOCK.name) > self._owned_clocks and not self.finished:
             self.finish()
             self.fail('a plant publishes /clock in this ROS domain: set ROS_DOMAIN_ID to another')
@@ -122,12 +124,12 @@ class Player(BallbotNode[PlayerParameters]):
 
     def _seek(self, message: Any) -> None:
         if math.isnan(message.data):
-            self.warn(f'{self.get_name()}/seek: nan is no position')
+            self.warn(f'{self.get_name()}/seek: nan is not a position')
             return
         self.playback.seek(message.data, time.monotonic())
 
     def diagnose(self) -> Mapping[str, object]:
-        """Return how far it has got."""
+        """Return the playback position."""
         position = self.playback.position(time.monotonic())
         return {
             'file': self._recording.path,
@@ -137,7 +139,7 @@ class Player(BallbotNode[PlayerParameters]):
         }
 
     def close(self) -> None:
-        """Let the last messages reach their readers."""
+        """Wait until the last messages have reached their readers."""
         for publisher in self._outputs.values():
             publisher.wait_for_all_acked(Duration(seconds=FLUSH_S))
         self._recording.close()
@@ -146,20 +148,20 @@ class Player(BallbotNode[PlayerParameters]):
 
 
 def _is_truth(name: str) -> bool:
-    """Tell whether only a plant, or a player in its place, may publish that topic."""
+    """Return whether only a plant, or a player in its place, may publish this topic."""
     own = {f'/{topic.name.lstrip("/")}' for topic in TOPICS if topic.publisher == PLANT}
     return name in own or '/plant/' in name
 
 
 def _qos(offers: Sequence[QosProfile]) -> QoSProfile:
-    """Return the strongest of the recorded offers, which suits whom the others suit."""
+    """Return the strongest of the recorded offers, which is compatible with all their readers."""
     if not offers:
         return reliable_qos(HISTORY, latched=True)
     offer = min(
         offers,
         key=lambda each: (each.reliability != 'reliable', each.durability != 'transient_local'),
     )
-    # Discovery does not tell history and depth, so most recordings do not know them.
+    # Discovery does not report history and depth, so most recordings lack them.
     return QoSProfile(
         history=HistoryPolicy.KEEP_ALL if offer.history == 'keep_all' else HistoryPolicy.KEEP_LAST,
         depth=offer.depth or HISTORY,

@@ -1,4 +1,4 @@
-"""What the system tells of the processes of this machine."""
+"""Information from the system about the processes on this machine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from ballbot_ros.simulation.silence_timer import Observation, Threads, ThreadTime
 
 END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
-"""Environment variable: the process with which a node ends, the command that started it."""
+"""Environment variable: the parent process, a command, whose end also ends the node."""
 
 _PR_SET_PDEATHSIG = 1
 _PROC = Path('/proc')
@@ -21,12 +21,12 @@ _RUNNABLE, _WAITING, _ZOMBIE = 'R', 'SD', 'Z'
 
 
 def end_with_parent() -> bool:
-    """Have the system end this process with the one that :data:`END_WITH_PARENT` names, if any.
+    """Make the system end this process together with the one in :data:`END_WITH_PARENT`, if any.
 
     Returns
     -------
     bool
-        False if that has ended already.
+        False if that process has already ended.
     """
     parent = os.environ.get(END_WITH_PARENT)
     if parent is None:
@@ -36,17 +36,17 @@ def end_with_parent() -> bool:
 
 
 def threads_of(process: int) -> Threads:
-    """Return what the machine has given to the threads of a process.
+    """Return the processor time of the threads of a process.
 
     Returns
     -------
     mapping of int to ThreadTime
-        Empty if the process is gone, or the kernel keeps no account of threads.
+        Empty if the process is gone, or the kernel does not account for threads.
     """
     found = {}
     with suppress(OSError):
         for thread in (_PROC / str(process) / 'task').iterdir():
-            # It may just have ended, or there is no account.
+            # It may just have ended, or there are no accounts.
             with suppress(OSError):
                 cpu_ns, queued_ns, _ = map(int, (thread / 'schedstat').read_text().split())
                 state = (thread / 'stat').read_text().rpartition(')')[2].split()[0]
@@ -66,13 +66,13 @@ def is_waiting(process: int) -> bool:
 
 
 def threads_by_process(processes: Iterable[int]) -> dict[int, Threads]:
-    """Return what the machine has given to those of the processes that it tells of."""
+    """Return the processor time of the threads of each process for which it is known."""
     found = {process: threads_of(process) for process in processes}
     return {process: threads for process, threads in found.items() if threads}
 
 
 def children(parent: int) -> list[int]:
-    """Return the processes that a process has started and not yet waited for."""
+    """Return the child processes that have not been waited for."""
     found = []
     for entry in _PROC.iterdir():
         if not entry.name.isdigit():
@@ -87,12 +87,12 @@ def children(parent: int) -> list[int]:
 
 
 class LocalMachine:
-    """The processes of this machine, as a liveness monitor asks for them."""
+    """The processes of this machine, for a liveness monitor."""
 
     def observe(self, processes: Iterable[int]) -> Observation:
-        """Return what some processes have been given so far."""
+        """Return the processor time that some processes have received so far."""
         return Observation(time.monotonic(), threads_by_process(processes))
 
     def siblings(self) -> list[int]:
-        """Return the processes that the command which started this node has started."""
+        """Return the other processes started by the command that started this node."""
         return children(os.getppid()) if END_WITH_PARENT in os.environ else []

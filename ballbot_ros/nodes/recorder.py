@@ -1,4 +1,4 @@
-"""Records every topic of the graph, and tells the plant how far it has got."""
+"""Records every topic of the graph, and acknowledges complete ticks to the plant."""
 
 from __future__ import annotations
 
@@ -52,15 +52,15 @@ POLL_S = 5e-3
 FLUSH_S = 0.5
 DISCOVERY_S = 1.0
 END_S = 1.0
-"""For how long the end of a run is awaited that is stopped together with the recorder."""
+"""How long to wait for the end of a run that is stopped together with the recorder."""
 
 
 class Recorder(BallbotNode[RecorderParameters]):
-    """Writes what it receives as it came, and acknowledges the ticks that are complete.
+    """Writes messages as they arrive, and acknowledges complete ticks.
 
-    It takes the messages in batches, past the executor: that costs a fifth of a callback each,
-    and tells the publisher's sequence number, by which a lost message is noticed. The histories
-    of the publishers and the plant's bounded lead keep everything until it is read.
+    It reads the messages in batches without the executor. That costs a fifth of callbacks, and
+    gives access to the publishers' sequence numbers, which reveal lost messages. The publishers'
+    histories and the plant's bounded lead keep everything until it is read.
     """
 
     def __init__(self, parameters: RecorderParameters | None = None) -> None:
@@ -78,7 +78,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._channels: dict[str, _Channel] = {}
         self._histories: set[str] = set()
         for topic in TOPICS:
-            # What has a history is kept there; a node of somebody's own need not keep it.
+            # A topic with a history keeps its messages there; foreign nodes need not have one.
             latched = topic.keeps > 0 and not topic.has_history
             self._subscribe(topic, reliable_qos(HISTORY, latched=latched))
         self._gate = RecordingGate(self)
@@ -111,7 +111,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._channels[subscription.topic_name] = channel
 
     def _poll(self) -> None:
-        """Write what has come until now, in the order in which it came, and acknowledge it."""
+        """Write the messages that have arrived, in order of arrival, and acknowledge them."""
         self._write_until(time.time_ns())
 
     def _write_until(self, received_ns: float) -> None:
@@ -142,14 +142,14 @@ class Recorder(BallbotNode[RecorderParameters]):
         elif channel.topic is RUN_STATUS:
             self._note_status(data)
         elif channel.topic is MOTOR_DUTY and is_stop(data):
-            # A controller that leaves in mid-run says so, too: what counts is how the run ends.
+            # A controller that leaves in mid-run sends it, too: the end of the run decides.
             self._stop = self._stop or (channel.stream, data, sequence)
             return
         stamp = stamp_of(data) if channel.is_stamped else 0
         self._gate.take(channel.stream, stamp, data, sequence)
 
     def _repeat_ack(self) -> None:
-        """Tell the plant again, which may have found this node only now."""
+        """Send the acknowledgement again: the plant may only now have discovered this node."""
         if self._ticks.acked_ns:
             self._ack.send(self._ticks.acked_ns)
 
@@ -180,25 +180,25 @@ class Recorder(BallbotNode[RecorderParameters]):
             self.count_sample(self._gate.now_ns)
 
     def object(self, stream: Stream, stamp_ns: int) -> None:
-        """Tell the plant of a sample that can't be of its run."""
+        """Object to a sample that can't belong to the plant's run."""
         topic = self._channels[stream.name].topic
         self._participation.object(Objection.to_sample(topic.name, stamp_ns))
 
-    def lose(self, stream: Stream, sequence: int) -> None:
-        """Count lost messages, and say so."""
+    def report_loss(self, stream: Stream, sequence: int) -> None:
+        """Count and report lost messages."""
         self._lost += 1
         self.warn(f'{stream.name}: messages before number {sequence} were lost')
 
     def has_several_publishers(self, stream: Stream) -> bool:
-        """Tell whether a topic has more than one publisher."""
+        """Return whether a topic has more than one publisher."""
         return bool(self.count_publishers(stream.name) > 1)
 
     def _note_status(self, data: bytes) -> None:
-        """Take from the plant's account what the run requires, and how it has ended."""
+        """Note from the plant's status what the run requires, and how it ended."""
         try:
             status = decode_run_status(data)
         except ValueError as error:
-            self.get_logger().warning(f'{error}; it is ignored')
+            self.get_logger().warning(f'{error}; ignored')
             return
         self._status = status
         self._take_status()
@@ -216,7 +216,7 @@ class Recorder(BallbotNode[RecorderParameters]):
             self._outcome, self._members = status.result, status.participants
 
     def _announce(self, channel: _Channel) -> Any:
-        """Add a topic to the file, with what its publishers offer."""
+        """Add a topic to the file, with the QoS of its publishers."""
         name = channel.subscription.topic_name
         offers = self.get_publishers_info_by_topic(name)
         qos = [QosProfile.from_rclpy(offer.qos_profile) for offer in offers]
@@ -231,39 +231,39 @@ class Recorder(BallbotNode[RecorderParameters]):
             self._fail(error)
 
     def _fail(self, error: RecordingError) -> None:
-        """End, and tell the plant why: it may require a recorder."""
+        """End, and report the reason to the plant, which may require a recorder."""
         self._participation.object(Objection(str(error)))
         self.finish()
         self.fail(str(error))
 
     def _discover(self) -> None:
-        """Subscribe to topics that the graph has beside its own."""
+        """Subscribe to topics in the graph other than its own."""
         drawing = self._publishers_of(MARKERS) & self._publishers_of(ROBOT_DESCRIPTION)
         for name, _ in self.get_topic_names_and_types():
             if name in self._channels or name in self._refused or name in self._histories:
                 continue
             offers = self.get_publishers_info_by_topic(name)
-            # Discovery may tell of a publisher before it tells of its node: look once more.
+            # Discovery may find a publisher before its node: check once more.
             if name not in self._sighted and any(o.node_name == UNKNOWN_NODE for o in offers):
                 self._sighted.add(name)
                 continue
-            # What is drawn for other tools follows from what is recorded.
+            # What is drawn for other tools can be derived from the recording.
             offers = [offer for offer in offers if _node_of(offer) not in drawing]
             if not offers:
                 continue
-            # Not the graph's types, which are also those that somebody would like to read.
+            # Types unknown here are left out, although somebody might like to read them.
             topic = Topic(name, offers[0].topic_type, None)
             try:
                 message_class(topic.type_name)
             except (ImportError, AttributeError):
                 self._refused.add(name)
-                self.get_logger().warning(f'{name}: no type {topic.type_name} here: not recorded')
+                self.get_logger().warning(f'{name}: type {topic.type_name} not found: not recorded')
                 continue
             self._subscribe(
                 topic,
                 QoSProfile(
                     depth=HISTORY,
-                    # The weakest that any publisher offers, so that all of them match.
+                    # The weakest QoS on offer, which matches all publishers.
                     reliability=max(offer.qos_profile.reliability for offer in offers),
                     durability=max(offer.qos_profile.durability for offer in offers),
                 ),
@@ -273,7 +273,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         return {_node_of(offer) for offer in self.get_publishers_info_by_topic(topic.name)}
 
     def _await_end(self) -> None:
-        """Take what comes until the run has ended, which is told to stop when the recorder is."""
+        """Keep recording until the run, which is stopped at the same time, has ended."""
         deadline = time.monotonic() + END_S
         self._write_until(math.inf)
         is_under_way = self._gate.takes_part and self._gate.now_ns > 0 and not self.exit_status
@@ -288,7 +288,7 @@ class Recorder(BallbotNode[RecorderParameters]):
             self.keep(stream, stamp_of(data), data, sequence)
 
     def diagnose(self) -> Mapping[str, Any]:
-        """Return what was recorded."""
+        """Return the counts of the recording."""
         return {
             'file': self._writer.path,
             'acknowledged [s]': f'{self._ticks.acked_ns * 1e-9:.3f}',
@@ -296,7 +296,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         }
 
     def close(self) -> None:
-        """Take what has still come, and finish the file."""
+        """Record the remaining messages, and finish the file."""
         self._await_end()
         try:
             if self.exit_status == 0:
@@ -306,13 +306,13 @@ class Recorder(BallbotNode[RecorderParameters]):
         except RecordingError as error:
             self._fail(error)
         if self.exit_status == 0:
-            self.get_logger().info(f'{self._writer.path} is finished')
-        # Last: the middleware may be held up by a node that hangs, and the file is not to be.
+            self.get_logger().info(f'finished {self._writer.path}')
+        # Last, because a hanging node can block the middleware, but must not block the file.
         self.flush(PARTICIPANTS)
         self._inbox.destroy_node()
 
     def _write_account(self) -> None:
-        """Write who took part, how the run ended, and whether messages are missing."""
+        """Write the participants, the outcome, and whether messages are missing."""
         if self._members:
             self._writer.add_metadata(RUN_PARTICIPANTS, self._members)
         if self._outcome:
@@ -331,7 +331,7 @@ class _Channel:
         self.history: Any = None
         self.has_history = False
         self.recorded: Any = None
-        # Other publishers stamp with clocks of their own.
+        # Other publishers use their own clocks in stamps.
         self.is_stamped = topic.publisher is not None and has_stamp(topic.type_name)
         self.stream = Stream(
             subscription.topic_name,
@@ -343,10 +343,10 @@ class _Channel:
         )
 
     def take(self) -> Iterator[Arrival[_Item]]:
-        """Take all messages that wait, from the topic's history if it has one.
+        """Read all waiting messages, from the topic's history if it has one.
 
-        A topic's history is found before the topic, so there are no messages whose history is not
-        known yet. Its publisher may have left before the last message is read.
+        The history is discovered before the topic itself, so no message arrives before its history
+        is known. Its publisher may have left before the last message is read.
         """
         come = list(drain(self.subscription))
         if self.history:
@@ -360,11 +360,11 @@ class _Channel:
 
 
 _Item = tuple[_Channel, bytes, int]
-"""On which channel a message came, the message, and its publisher's number."""
+"""The channel of a message, the message, and its sequence number."""
 
 
 def _node_of(offer: TopicEndpointInfo) -> tuple[str, str]:
-    """Return namespace and name of the node that a publisher belongs to."""
+    """Return namespace and name of the node that owns a publisher."""
     return offer.node_namespace, offer.node_name
 
 

@@ -1,4 +1,4 @@
-"""The class and the module of each node, imported when they are needed."""
+"""The registry of the nodes: class and module of each, imported on demand."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class NodeEntry:
-    """A node that is a program.
+    """A node that can be started as a program.
 
     Attributes
     ----------
     parameters : type
-        Its parameters, whose class has its name.
+        Class of its parameters, which holds its name.
     module : str
-        The module in :mod:`ballbot_ros.nodes` that has its ``main``.
+        The module in :mod:`ballbot_ros.nodes` with its ``main``.
     class_name : str
-        Its class there.
+        Name of its class there.
     serves_several : bool
-        Whether class and ``main`` serve several nodes, and are told by the class of the
-        parameters which one they are to be.
+        Whether class and ``main`` serve several nodes, and take the class of the parameters to
+        identify the node.
     """
 
     parameters: type[NodeParameters]
@@ -48,13 +48,13 @@ class NodeEntry:
 
     @property
     def maker(self) -> Callable[[NodeParameters | None], AnyNode]:
-        """What makes the node, with the values of its parameters or those that ROS has for it."""
+        """Function that creates the node, with given parameter values or those from ROS."""
         make: Callable[[NodeParameters | None], AnyNode] = self._load(self.class_name)
         return make
 
     @property
     def main(self) -> Callable[[], None]:
-        """What runs the node as a program."""
+        """Function that runs the node as a program."""
         main: Callable[[], None] = self._load('main')
         return main
 
@@ -79,5 +79,5 @@ REGISTRY = {each.parameters.node: each for each in _ENTRIES}
 
 
 def make_node(parameters: NodeParameters) -> AnyNode:
-    """Return a node with these values of its parameters, whose class tells which one it is."""
+    """Return a node with these parameter values, whose class identifies the node."""
     return REGISTRY[parameters.node].maker(parameters)

@@ -1,4 +1,4 @@
-"""Draws the robot for RViz, Foxglove and the like: no participant of the lockstep."""
+"""Draws the robot for RViz, Foxglove and similar tools; takes no part in the lockstep."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ from ballbot_ros.world.floor_map import FloorMap
 _DRAWN = (PLANT_IMU, PLANT_ODOM, SONAR_RANGE, OPERATING_STATE, LCD, MAP, RUN)
 
 WHOLE_S = 1.0
-"""What has not changed is told again so often, for whoever has come since."""
+"""Interval at which unchanged content is published again, for late subscribers."""
 
 
 class RobotVisualizer(BallbotNode[VisualizerParameters]):
-    """Publishes the robot's description once, and markers and transforms while anybody listens."""
+    """Publishes the robot's description once, and markers and transforms for their readers."""
 
     def __init__(self, parameters: VisualizerParameters | None = None) -> None:
         super().__init__(VisualizerParameters, parameters)
@@ -60,7 +60,7 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
         self.every(1.0 / self.parameters.rate, self._update)
 
     def _describe(self) -> None:
-        """Publish what the robot looks like, and draw it like that from now on."""
+        """Publish the description of the robot, and draw this shape from now on."""
         dimensions = Dimensions.from_parameters(self.parameters)
         self._frames = Frames(dimensions)
         self._markers = RobotMarkers(dimensions, message_class('visualization_msgs/msg/Marker'))
@@ -69,7 +69,7 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
         self._description.publish(self._description.message)
 
     def take_values(self) -> None:
-        """Let everything act that was asked for: a run begins."""
+        """Apply the new parameter values at the start of a run."""
         before = self.parameters
         super().take_values()
         if self.parameters != before:
@@ -83,7 +83,7 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
             return
         if RUN in changed:
             self.take_values()
-            self._floor = None  # that of an earlier run
+            self._floor = None  # it belongs to an earlier run
         if MAP in changed:
             self._floor = floor_map_of(map_grid(self._newest[MAP]))
         if RUN in changed or MAP in changed or now.time < self._time:
@@ -104,23 +104,23 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
             self._markers_output.publish(message)
 
     def close(self) -> None:
-        """Take leave of the topics."""
+        """Remove the subscriptions."""
         self._newest.close()
 
 
 class Transforms:
-    """The frames on ``/tf`` and, for the one that does not move, ``/tf_static``.
+    """The frames on ``/tf``, and the fixed one on ``/tf_static``.
 
     Parameters
     ----------
     node : BallbotNode
     frames : dict of Transform
-        The frames in their parents, wherever the robot is.
+        The frames in their parents, at any pose of the robot.
 
     Raises
     ------
     ImportError
-        If tf2_msgs is not installed: it is not among the packages of common_interfaces.
+        If tf2_msgs is not installed: it is not part of common_interfaces.
     """
 
     def __init__(self, node: AnyNode, frames: dict[str, Transform]) -> None:
@@ -132,12 +132,12 @@ class Transforms:
         self.fix(frames)
 
     def fix(self, frames: dict[str, Transform]) -> None:
-        """Publish the frame that does not move."""
+        """Publish the fixed frame."""
         _fill((SONAR,), self._fixed.message, 0, frames)
         self._fixed.send(0)
 
     def publish(self, stamp_ns: int, frames: dict[str, Transform]) -> None:
-        """Publish the frames that move."""
+        """Publish the moving frames."""
         _fill(MOVING, self._moving.message, stamp_ns, frames)
         self._moving.send(stamp_ns)
 

@@ -1,18 +1,18 @@
-"""What killed processes leave of Fast DDS in shared memory, and its removal.
+"""Detection and removal of shared memory that killed processes leave behind.
 
-Fast DDS (2.14) has two kinds of resources there. A *segment* has the messages of one participant:
+Fast DDS (2.14) uses two kinds of resources. A *segment* holds the messages of one participant:
 ``fastrtps_<16 hexadecimal digits>``; its owner holds a lock (``flock``) on ``…_el``. A *port* is
 the queue that a participant reads: ``fastrtps_port<number>``; its reader holds a lock on ``…_el``,
-or on ``…_sl`` if there may be several. A port that is only written to has no lock, but is mapped.
-Ports are opened, made and removed under the semaphore ``sem.fastrtps_port<number>_mutex``.
+or on ``…_sl`` if several readers are allowed. A port that is only written to has no lock, but is
+mapped. Ports are opened, created and removed under ``sem.fastrtps_port<number>_mutex``.
 
-A process killed while it makes a port leaves one whose first word is not :data:`INITIALISED`. Fast
-DDS waits for that word without a time limit, deaf to signals.
+A process killed while it creates a port leaves one whose first word is not :data:`INITIALISED`.
+Fast DDS waits for that word without a time limit, deaf to signals.
 
 A writer checks now and then that the readers of its ports are alive. It detects a reader that was
 killed while waiting for a message, and removes its port. It never detects one that was killed
-between two messages. If one was killed while it took a message, the writer may deadlock in the
-recovery, on a lock that it already holds (Fast DDS issue 6485).
+between two messages. If the reader was killed while taking a message, the writer may deadlock in
+the recovery, on a lock that it already holds (Fast DDS issue 6485).
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from ballbot_ros.errors import BallbotError
 
 SHARED_MEMORY = Path('/dev/shm')
 SETTLED_S = 5.0
-"""Age from which nothing is still being made: that takes milliseconds."""
+"""Age after which a resource can't still be under construction, which takes milliseconds."""
 
 POLL_S = 0.05
 INITIALISED, CORRUPTED = (2).to_bytes(4, 'little'), (3).to_bytes(4, 'little')
 SMALLEST_PORT = 1024 * 20
-"""Bytes: a port has the state of 1024 readers. Opening a smaller one crashes."""
+"""Minimum size of a port with the state of 1024 readers. Opening a smaller one crashes."""
 
 PORT_HEAD = 1024 * 64
-"""Bytes of a port that include the states of its readers."""
+"""Size of the part of a port that includes the states of its readers."""
 
 READERS, READER_SIZE = 1024, 20
 AFTER_READERS = b'fastrtps\0'
-"""What a port has behind the states of its readers."""
+"""Content of a port after the states of its readers."""
 
 WAITS = b'\3'
 """First byte of the state of a reader that waits for a message."""
@@ -74,7 +74,7 @@ def find_leftovers(
     ----------
     folder : Path
     older_than_s : float
-        Younger resources are left alone.
+        Younger resources are ignored.
     """
     with _dead_resources(folder, older_than_s) as dead:
         return [leftover for resource in dead for leftover in resource.leftovers]
@@ -84,13 +84,13 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
     """Remove this user's files that no living process holds, and return them.
 
     A port that has been broken for :data:`SETTLED_S` is removed even if processes hold it: they
-    wait for it in vain, as would all others. They are told, and make another.
+    wait for it in vain, and so would others. They are woken, and create another.
 
     Parameters
     ----------
     folder : Path
     older_than_s : float
-        Younger resources are left alone.
+        Younger resources are ignored.
     """
     mark_dead_readers(folder)
     with _dead_resources(folder, older_than_s) as dead:
@@ -123,11 +123,10 @@ def find_broken_ports(folder: Path = SHARED_MEMORY) -> list[Path]:
 
 
 def find_stale_ports(folder: Path = SHARED_MEMORY) -> list[int]:
-    """Return the numbers of the ports that nobody reads.
+    """Return the numbers of the ports without a reader.
 
-    Another process may still write to them. A reader that was killed may still be registered, and
-    what it no longer takes fills the port. If the lock file is missing, Fast DDS takes such a port
-    for a good one.
+    Other processes may still write to them. A killed reader may still be registered, and its unread
+    messages fill the port. If the lock file is missing, Fast DDS considers such a port healthy.
     """
     left = [resource for resource in _resources(folder) if resource.path in resource.files]
     names = [resource.path.name.removeprefix('fastrtps_port') for resource in _unlocked(left)]
@@ -135,12 +134,12 @@ def find_stale_ports(folder: Path = SHARED_MEMORY) -> list[int]:
 
 
 def clear_shared_memory(folder: Path = SHARED_MEMORY) -> list[Leftover]:
-    """Sweep, and wait until no port is broken: a young one may be being made.
+    """Sweep, and wait until no port is broken: a young one may be under construction.
 
     Returns
     -------
     list of Leftover
-        What was removed.
+        The removed files.
 
     Raises
     ------
@@ -148,13 +147,13 @@ def clear_shared_memory(folder: Path = SHARED_MEMORY) -> list[Leftover]:
         If a broken port can't be removed.
     """
     removed = sweep(folder)
-    # One that was broken a moment ago is old enough within half of this.
+    # A port that broke a moment ago is old enough within half of this time.
     deadline = time.monotonic() + 2.0 * SETTLED_S
     while broken := find_broken_ports(folder):
         if time.monotonic() > deadline:
             raise BallbotError(
-                f'{broken[0]}, left by a killed process, would hold up every node and can not be '
-                f'removed: as its owner or root, `rm {broken[0]}`'
+                f'{broken[0]}, left by a killed process, would block every node and can not be '
+                f'removed: run `rm {broken[0]}` as its owner or as root'
             )
         time.sleep(POLL_S)
         removed += sweep(folder)
@@ -163,7 +162,7 @@ def clear_shared_memory(folder: Path = SHARED_MEMORY) -> list[Leftover]:
 
 @dataclass(frozen=True, eq=False)
 class _Resource:
-    """A port or segment with the files that belong to it."""
+    """A port or segment and the files that belong to it."""
 
     path: Path
     files: dict[Path, os.stat_result]
@@ -175,7 +174,7 @@ class _Resource:
 
     @property
     def identities(self) -> Iterator[tuple[bytes, ...]]:
-        """Device and inode of each file as ``/proc`` has them."""
+        """Device and inode of each file, in the format of ``/proc``."""
         for status in self.files.values():
             device = f'{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}'
             yield device.encode(), str(status.st_ino).encode()
@@ -186,7 +185,7 @@ class _Resource:
 
     @property
     def is_broken(self) -> bool:
-        """Whether it is a port that holds up or crashes a process that opens it."""
+        """Whether it is a port that blocks or crashes a process that opens it."""
         status = self.files.get(self.path)
         if status is None or not self.path.name.startswith('fastrtps_port'):
             return False
@@ -200,7 +199,7 @@ class _Resource:
 
     @property
     def blocks(self) -> bool:
-        """Whether it is broken for good, whatever processes that wait for it do with the locks."""
+        """Whether it is permanently broken, whatever waiting processes do with the locks."""
         return self.is_broken and _age_s(self.files[self.path]) >= SETTLED_S
 
     @property
@@ -209,7 +208,7 @@ class _Resource:
 
     @property
     def port_only(self) -> _Resource:
-        """The port without lock files: a reader of its predecessor may still hold those."""
+        """The port without lock files, which a reader of its predecessor may still hold."""
         kept = (self.path, self.mutex)
         return _Resource(self.path, {path: self.files[path] for path in kept if path in self.files})
 
@@ -218,9 +217,9 @@ class _Resource:
         return [Leftover(path, status.st_size) for path, status in self.files.items()]
 
     def claim(self, claims: ExitStack, *, with_semaphore: bool = False) -> bool:
-        """Take the locks, which keeps processes from opening a port, if no process holds any.
+        """Take the locks if no process holds any; this keeps others from opening the port.
 
-        Without the semaphore a process may be about to open the port, or have died with it.
+        If the semaphore is not free, a process may be opening the port, or may have died doing so.
         """
         with ExitStack() as locks:
             try:
@@ -231,15 +230,15 @@ class _Resource:
                         lock = locks.enter_context(path.open('rb'))
                         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 if any(path.lstat().st_ino != old.st_ino for path, old in self.files.items()):
-                    return False  # made again meanwhile
-            except OSError:  # locked, or gone by now
+                    return False  # created again in the meantime
+            except OSError:  # locked, or already removed
                 return False
             claims.enter_context(locks.pop_all())
             return True
 
     @property
     def _is_being_opened(self) -> bool:
-        """Whether a process has the semaphore that would fail on a lock file that is locked."""
+        """Whether a process holds the semaphore, and would fail on a locked lock file."""
         return self.mutex in self.files and not _unmapped([self])
 
     def _take_semaphore(self, locks: ExitStack) -> bool:
@@ -247,12 +246,12 @@ class _Resource:
             return False
         mutex = locks.enter_context(self.mutex.open('r+b', buffering=0))
         if not _semaphore('sem_trywait', mutex):
-            return False  # taken, by a process that has it mapped or by one that died
+            return False  # held by a process that has it mapped, or that died
         locks.callback(_release, mutex)
         return True
 
     def remove(self) -> list[Leftover]:
-        """Remove the files; return those that this process removed."""
+        """Remove the files; return those removed by this process."""
         removed = []
         for leftover in self.leftovers:
             with suppress(OSError):
@@ -261,10 +260,10 @@ class _Resource:
         return removed
 
     def give_up(self) -> list[Leftover]:
-        """Remove a broken port, and let those go on who have opened it and wait for it."""
+        """Remove a broken port, and wake the processes that wait for it."""
         try:
             port = self.path.open('r+b', buffering=0)
-        except OSError:  # gone, or another user's
+        except OSError:  # removed, or another user's
             return self.port_only.remove()
         with port:
             removed = self.port_only.remove()
@@ -274,17 +273,17 @@ class _Resource:
 
 
 def find_reader_states(port: bytes) -> int | None:
-    """Return where a port has the states of its readers; None if it is laid out otherwise."""
+    """Return the offset of the readers' states in a port; None if its layout is unknown."""
     end = port.find(AFTER_READERS, READERS * READER_SIZE)
     return None if end < 0 else end - READERS * READER_SIZE
 
 
 def _find_idle_readers(path: Path) -> list[int]:
-    """Return where a port has the states of readers that do not wait for a message."""
+    """Return the offsets of the states of readers that do not wait for a message."""
     try:
         with path.open('rb', buffering=0) as file:
             port = file.read(PORT_HEAD)
-    except OSError:  # gone, or another user's
+    except OSError:  # removed, or another user's
         return []
     first = find_reader_states(port)
     if first is None:
@@ -301,7 +300,7 @@ def _mark_as_waiting(path: Path) -> None:
 
 
 def _resources(folder: Path) -> list[_Resource]:
-    """Return the resources in `folder`; the lock files come after what they lock."""
+    """Return the resources in `folder`, lock files after the files that they lock."""
     found: dict[str, dict[Path, os.stat_result]] = {}
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
         if match := _FILE.fullmatch(path.name):
@@ -314,19 +313,19 @@ def _resources(folder: Path) -> list[_Resource]:
 
 @contextmanager
 def _dead_resources(folder: Path, older_than_s: float) -> Iterator[list[_Resource]]:
-    """Give the resources that no living process holds; none can be opened meanwhile."""
+    """Yield the resources that no living process holds, locked so that none can be opened."""
     old = [r for r in _resources(folder) if r.is_own and r.age_s >= older_than_s]
-    # A look first: what a live graph has is not to be kept from being opened.
+    # Look first, without locks: resources of a live graph must stay open to others.
     candidates = _unmapped(_unlocked(old))
     with ExitStack() as claims:
         if candidates and not claims.enter_context(_only_sweep(folder)):
-            candidates = []  # another sweep is about to remove them
+            candidates = []  # another sweep is removing them
         yield _unmapped([resource for resource in candidates if resource.claim(claims)])
 
 
 @contextmanager
 def _only_sweep(folder: Path) -> Iterator[bool]:
-    """Give whether this is the only sweep: two could take each other's claims for the dead's."""
+    """Yield whether this is the only sweep; two could mistake each other's locks for leftovers."""
     directory = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(directory, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -345,25 +344,25 @@ def _age_s(status: os.stat_result) -> float:
 
 
 def _unlocked(resources: Iterable[_Resource]) -> list[_Resource]:
-    """Return the resources of which no process has locked a file, as far as this user may see."""
+    """Return the resources without a locked file, as far as this user can see."""
     locked = set(_LOCKED_FILE.findall(Path('/proc/locks').read_bytes()))
     return [r for r in resources if locked.isdisjoint(r.identities)]
 
 
 def _unmapped(resources: Iterable[_Resource]) -> list[_Resource]:
-    """Return the resources of which no process has mapped a file, as far as this user may see."""
+    """Return the resources without a mapped file, as far as this user can see."""
     unmapped = list(resources)
     for maps in Path('/proc').glob('[0-9]*/maps'):
         if not unmapped:
             break
-        with suppress(OSError):  # the process has ended, or is another user's
+        with suppress(OSError):  # the process has ended, or belongs to another user
             mapped = _mapped_files(maps.read_bytes())
             unmapped = [r for r in unmapped if mapped.isdisjoint(r.identities)]
     return unmapped
 
 
 def _mapped_files(maps: bytes) -> set[tuple[bytes, ...]]:
-    """Return device and inode of Fast DDS's files in a process's maps."""
+    """Return device and inode of Fast DDS's files in the maps of a process."""
     return {
         tuple(line.split(maxsplit=5)[3:5])
         for line in maps.splitlines()
@@ -372,19 +371,19 @@ def _mapped_files(maps: bytes) -> set[tuple[bytes, ...]]:
 
 
 def _semaphore(operation: str, file: BinaryIO) -> bool:
-    """Carry out an operation on the semaphore in `file`; return whether it succeeded."""
+    """Apply an operation to the semaphore in `file`; return whether it succeeded."""
     try:
         with mmap.mmap(file.fileno(), 0) as memory:
             semaphore = ctypes.c_char.from_buffer(memory)
             failed: int = getattr(_LIBC, operation)(ctypes.byref(semaphore))
-            del semaphore  # the mapping can't be closed before
+            del semaphore  # otherwise the mapping can't be closed
     except ValueError:  # an empty file
         return False
     return not failed
 
 
 def _release(mutex: BinaryIO) -> None:
-    # A process that waits for one that is removed meanwhile makes its own after half a second.
-    # Let in here, it could open the port together with another one that has a new semaphore.
+    # A process that waits for a semaphore that is removed creates its own after half a second.
+    # If it were let in here, it could open the port together with a process that has a new one.
     if os.fstat(mutex.fileno()).st_nlink:
         _semaphore('sem_post', mutex)

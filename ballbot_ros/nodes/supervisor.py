@@ -1,4 +1,4 @@
-"""Lets whoever looks at a run choose the scenario of the next."""
+"""Lets the page of a run choose the scenario of the next one."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from ballbot_ros.scenario.library import load_scenario
 
 
 class Supervisor(BallbotNode[SupervisorParameters]):
-    """Takes wishes; the command that runs the graph grants them.
+    """Requests a scenario; the command that runs the graph starts it.
 
     Parameters
     ----------
     scenario : str
-        Name or file of the scenario that runs.
+        Name or file of the running scenario.
 
     Attributes
     ----------
     requested_scenario : str
-        Name or file of the scenario that is to run; empty for none.
+        Name or file of the requested scenario; '' for none.
     """
 
     def __init__(self, scenario: str) -> None:

@@ -1,4 +1,4 @@
-"""The live inputs of the gamepad node: topics and a gamepad, each handed to the arbiter."""
+"""The live inputs of the gamepad node, topics and a gamepad, which it passes to the arbiter."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from ballbot_ros.teleop.sticks import Sticks
 from ballbot_ros.teleop.velocity import VelocityMapping
 
 LOOK_S = 0.2
-"""How often the type of ``cmd_vel`` is looked up."""
+"""Interval for looking up the type of ``cmd_vel``."""
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Fits whatever a publisher offers; of samples that wait only the newest matters."""
+"""Matches every publisher; of several waiting samples only the newest matters."""
 
 
 class TeleopInputs:
-    """Listens to ``joy``, ``viewer/joy`` and ``cmd_vel``, and reads a gamepad.
+    """Subscribes to ``joy``, ``viewer/joy`` and ``cmd_vel``, and reads a gamepad.
 
     Parameters
     ----------
     node : BallbotNode
     sources : Arbiter
-        Gets each input's sticks.
+        Receives the sticks of each input.
     input_errors : InputErrors
-        Gets what is wrong with an input, under the name of its topic.
+        Receives the errors of each input, by the name of its topic.
     """
 
     def __init__(
@@ -59,11 +59,11 @@ class TeleopInputs:
 
     @property
     def gamepad(self) -> str:
-        """Name of the gamepad that is read directly, or nothing."""
+        """Name of the gamepad that is read directly; '' for none."""
         return self._gamepad.name if self._gamepad else ''
 
     def take_values(self) -> None:
-        """Go by the parameters of a run that begins."""
+        """Apply the parameters of a run that begins."""
         self._set_mappings()
         if self._node.parameters.device != self._device:
             self.close()
@@ -82,7 +82,7 @@ class TeleopInputs:
             self._gamepad.close()
 
     def _take(self, source: str, name: str, sticks: Callable[[], Sticks | None]) -> None:
-        """Hand on what an input says, or release it where that is of no use."""
+        """Pass the sticks of an input to the arbiter, or release the input if they are unusable."""
         try:
             values = sticks()
         except TeleopError as error:
@@ -96,7 +96,7 @@ class TeleopInputs:
             self._sources.report(source, values, time.monotonic())
 
     def complain(self, name: str, text: str) -> None:
-        """Log what is wrong with an input, and show it in the diagnostics."""
+        """Log an error of an input, and show it in the diagnostics."""
         if self._input_errors.add(name, text):
             self._node.warn(str(self._input_errors))
 
@@ -109,7 +109,7 @@ class TeleopInputs:
             try:
                 message = decode(data)
             except ValueError as error:
-                raise TeleopError(f'no {topic.type_name}: {one_line(error)}') from None
+                raise TeleopError(f'not a valid {topic.type_name}: {one_line(error)}') from None
             return read(message)
 
         def take(data: bytes) -> None:
@@ -125,7 +125,7 @@ class TeleopInputs:
         )
 
     def _look_for_cmd_vel(self) -> None:
-        """Subscribe to ``cmd_vel`` as it is published: the middleware allows one type only."""
+        """Subscribe to ``cmd_vel`` with its published type: the middleware allows one type only."""
         offers = self._node.get_publishers_info_by_topic(CMD_VEL.name)
         types = {offer.topic_type for offer in offers}
         if not types or (self._cmd_vel and types == {self._cmd_vel.type_name}):
@@ -141,7 +141,7 @@ class TeleopInputs:
         if self._cmd_vel in known or not known:
             return
         if self._cmd_vel_subscription is not None:
-            # The middleware has let go of the old type by the next look.
+            # The middleware releases the old type before the next look.
             self._node.destroy_subscription(self._cmd_vel_subscription)
             self._cmd_vel = self._cmd_vel_subscription = None
             self._sources.release(arbiter.CMD_VEL)
@@ -169,7 +169,7 @@ class TeleopInputs:
         except TeleopError as error:
             if wanted != ANY:
                 raise
-            self._node.get_logger().info(f'no gamepad is read: {error}')
+            self._node.get_logger().info(f'no gamepad: {error}')
             return None
 
         def take(state: PadState) -> None:

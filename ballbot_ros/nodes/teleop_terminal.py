@@ -1,4 +1,4 @@
-"""The keyboard of the gamepad node: the terminal, what it shows, and the reset key."""
+"""The keyboard of the gamepad node: terminal, status display and reset key."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class TeleopTerminal:
     ----------
     node : BallbotNode
     sources : Arbiter
-        Gets the keyboard's sticks.
+        Receives the keyboard's sticks.
     command : callable
-        Returns who is in command and with which sticks.
+        Returns the input in command and its sticks.
 
     Attributes
     ----------
     gone : bool
-        Whether the terminal has vanished.
+        Whether the terminal has disappeared.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class TeleopTerminal:
         self.gone = False
         self._subscription = node.listen(OPERATING_STATE, self._on_state)
         self._reset = node.create_client(Trigger, f'{PLANT}/reset')
-        # A terminal that vanishes is an input that is gone, not the end of the node.
+        # A terminal that disappears is a lost input, not the end of the node.
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
         self._keys = KeyboardSticks(node.parameters.gp_max)
         self._terminal = Terminal(
@@ -56,11 +56,11 @@ class TeleopTerminal:
         )
 
     def take_values(self) -> None:
-        """Go by the parameters of a run that begins."""
+        """Apply the parameters of a run that begins."""
         self._keys.full = self._node.parameters.gp_max
 
     def close(self) -> None:
-        """Give the terminal back."""
+        """Restore the terminal."""
         self._terminal.close()
         self._node.destroy_subscription(self._subscription)
         self._node.destroy_client(self._reset)
@@ -75,7 +75,7 @@ class TeleopTerminal:
     def _status(self) -> Mapping[str, str]:
         command = self._command()
         vertical, horizontal = command.sticks
-        fallen = '   press r to start anew' if self._state == OperatingState.OUT_OF_CONTROL else ''
+        fallen = '   press r to restart' if self._state == OperatingState.OUT_OF_CONTROL else ''
         return {
             'sim time': f'{self._node.now_ns * 1e-9:.1f} s',
             'state': self._state + fallen,

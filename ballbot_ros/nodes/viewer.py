@@ -1,4 +1,4 @@
-"""Shows the graph in a browser, and takes its controls: no participant of the lockstep."""
+"""Shows the graph in a browser, with controls; takes no part in the lockstep."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _SHOWN = (
     MAP, RUN,
 )  # fmt: skip
 _ASKED = ('scenario', 'map', *(field.name for field in fields(Dimensions)))
-"""Parameters of the plant that tell what is to be seen."""
+"""Parameters of the plant that determine what to show."""
 
 _STICK_PERIOD_S = 0.05
 _FACTOR_SPAN_S = 1.0
@@ -47,12 +47,12 @@ _LATE_TONE_NS = SECOND_NS // 2
 
 
 class Viewer(BallbotNode[ViewerParameters]):
-    """Serves the page; reads the newest of each topic, at most 60 times a second."""
+    """Serves the page; reads the newest message of each topic, at most 60 times a second."""
 
     def __init__(self, parameters: ViewerParameters | None = None) -> None:
         super().__init__(ViewerParameters, parameters)
         require_viser()
-        # Only here: what viser brings with it takes a second to import.
+        # Imported only here: viser takes a second.
         from ballbot_ros.viewer.live_controls import LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.panel import PERIOD, Panel
@@ -102,10 +102,10 @@ class Viewer(BallbotNode[ViewerParameters]):
             self._controls.offer_scenarios(offer=self._requests.can_start)
 
     def _begin(self, now: Snapshot, published: OccupancyGridMessage | None) -> None:
-        """Show the floor of a run that begins, and forget the run before it.
+        """Show the floor of a new run, and discard the previous run.
 
-        `published` is the map that comes with the run, if any. It lacks the lines; the plant tells
-        the map that has them.
+        `published` is the map published with the run, if any. It has no lines; the plant's
+        parameters name the map that has them.
         """
         self._history.clear()
         before = Dimensions.from_parameters(self.parameters)
@@ -120,7 +120,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._requests.plant_parameters(_ASKED, self._take_parameters)
 
     def check(self, parameters: ViewerParameters) -> None:
-        """Find out whether there is such a map."""
+        """Check that the map exists."""
         if parameters.map:
             load_map(parameters.map)
 
@@ -129,7 +129,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         return load_map(name) if name else None
 
     def _take_parameters(self, parameters: PlantParameters) -> None:
-        """Show what the plant says that it simulates."""
+        """Show the robot and the map that the plant simulates."""
         self._controls.show_scenario(parameters.scenario)
         dimensions = Dimensions.from_parameters(parameters)
         if dimensions != self._page.dimensions:
@@ -139,21 +139,21 @@ class Viewer(BallbotNode[ViewerParameters]):
             return
         try:
             floor = load_map(parameters.map) if parameters.map else None
-        except WorldError:  # it is on another machine
+        except WorldError:  # the file is on another machine
             return
         self._page.show_floor(floor, _start(now))
 
     def _sound(self) -> None:
-        """Play a tone of the run that is shown, not a late one."""
+        """Play a tone of the current run if it is not too old."""
         message = self._newest[SOUND]
         if self.now_ns - stamp_ns(message) < _LATE_TONE_NS:
             self._panel.play(tone_of(message))
 
     def _factor(self, sim_time: float) -> float:
-        """Return the speed over the last second, in times real time."""
+        """Return the real-time factor over the last second."""
         now = time.monotonic()
         if self._ticks and sim_time < self._ticks[-1][1]:
-            self._ticks.clear()  # another run, or a player that has leapt back
+            self._ticks.clear()  # another run, or a player that has jumped back
         self._ticks.append((now, sim_time))
         while now - self._ticks[0][0] > _FACTOR_SPAN_S:
             self._ticks.pop(0)
@@ -161,7 +161,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         return (sim_time - sim) / (now - wall) if now > wall else 0.0
 
     def _drive(self) -> None:
-        """Publish the on-screen sticks while they are held, and once that they are let go."""
+        """Publish the on-screen sticks while they are held, and once after their release."""
         sticks = self._controls.drive(time.monotonic())
         if sticks is not None or self._is_driving:
             fill_joy(self._joy.message, self.now_ns, sticks or (0.0, 0.0))

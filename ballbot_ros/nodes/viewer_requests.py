@@ -1,4 +1,4 @@
-"""What the page asks of the graph, through its services and topics."""
+"""Requests of the page to the graph, through services and topics."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ PARAMETERS_OF_PLANT = f'parameters of {PLANT}'
 
 
 class _Question(NamedTuple):
-    """Parameters of the plant that are asked for, and what takes their values."""
+    """A query for parameters of the plant, and the function that receives their values."""
 
     names: Sequence[str]
     then: Callable[[PlantParameters], None]
 
 
 class ViewerRequests:
-    """The page calls from its own threads; the node's makes the requests.
+    """Queues requests from the page's threads; the node's thread makes them.
 
     Parameters
     ----------
     node : BallbotNode
     tell : callable
-        Takes what is to be told to those who look.
+        Shows a message to the viewers.
     """
 
     def __init__(self, node: AnyNode, tell: Callable[[str], None]) -> None:
@@ -64,18 +64,18 @@ class ViewerRequests:
 
     @property
     def lost_plant(self) -> bool:
-        """Whether there was a plant, and now there is none."""
+        """Whether the plant has disappeared."""
         has_plant = self._clients[f'{PLANT}/pause'].service_is_ready()
         self._had_plant |= has_plant
         return self._had_plant and not has_plant
 
     @property
     def can_start(self) -> bool:
-        """Whether somebody runs the graph who can start another scenario."""
+        """Whether the graph can start another scenario."""
         return bool(self._clients[f'{SUPERVISOR}/start'].service_is_ready())
 
     def make(self) -> None:
-        """Make the requests that wait."""
+        """Make the queued requests."""
         while not self._waiting.empty():
             self._waiting.get()()
         self._ask()
@@ -89,14 +89,14 @@ class ViewerRequests:
         if client is not None and client.service_is_ready():
             client.call_async(request).add_done_callback(lambda future: then(future.result()))
         else:
-            self._tell(f'{name}: no such service at present')
+            self._tell(f'{name}: service not available')
 
     def pause(self, pause: bool) -> None:
-        """Hold the plant, or let it go on."""
+        """Pause the plant, or resume."""
         self._waiting.put(lambda: self._call(f'{PLANT}/pause', SetBool.Request(data=pause)))
 
     def step(self) -> None:
-        """Let a paused plant go on by one tick."""
+        """Run one tick of a paused plant."""
         self._waiting.put(lambda: self._call(f'{PLANT}/step', Trigger.Request()))
 
     def reset(self) -> None:
@@ -104,7 +104,7 @@ class ViewerRequests:
         self._waiting.put(lambda: self._call(f'{PLANT}/reset', Trigger.Request()))
 
     def pace(self, factor: float) -> None:
-        """Set the real-time factor; 0 is as fast as it can."""
+        """Set the real-time factor; 0 is as fast as possible."""
         request = _setting('real_time_factor', factor)
 
         def send() -> None:
@@ -119,7 +119,7 @@ class ViewerRequests:
                 self._tell(f'{PARAMETERS_OF_PLANT}: {result.reason}')
 
     def push(self, force: Pair) -> None:
-        """Push the body [N], in plane signs."""
+        """Push the body with a force [N] in plane signs."""
 
         def publish() -> None:
             fill_push(self._push.message, self._node.now_ns, force)
@@ -128,7 +128,7 @@ class ViewerRequests:
         self._waiting.put(publish)
 
     def start(self, scenario: str) -> None:
-        """End the run, and begin one of another scenario."""
+        """End the run, and start one of another scenario."""
 
         def begin(_: Any) -> None:
             self._call(f'{SUPERVISOR}/start', Trigger.Request(), tell)
@@ -142,14 +142,14 @@ class ViewerRequests:
     def plant_parameters(
         self, names: Sequence[str], then: Callable[[PlantParameters], None]
     ) -> None:
-        """Ask the plant for parameters until it answers; hand them to `then`.
+        """Query parameters of the plant until it answers, and pass them to `then`.
 
-        What was not asked for has its default.
+        The others have their defaults.
         """
         self._question, self._asked_at = _Question(names, then), -math.inf
 
     def _ask(self) -> None:
-        """Ask what is not answered: a plant's topics may be there before its services."""
+        """Repeat unanswered queries: a plant's topics may appear before its services."""
         question, now = self._question, time.monotonic()
         if question is None or now - self._asked_at < ASK_AGAIN_S:
             return
@@ -162,7 +162,7 @@ class ViewerRequests:
             if question is not self._question:
                 return
             self._question = None
-            # A player announces runs, too, but has no parameters of a plant.
+            # A player announces runs, too, but has none of the plant's parameters.
             if len(response.values) == len(question.names):
                 values = map(parameter_value_to_python, response.values)
                 told = dict(zip(question.names, values, strict=True))
@@ -173,7 +173,7 @@ class ViewerRequests:
 
 
 class _ParameterClients:
-    """Clients of the plant's parameters, whose services have its node's name, whatever that is."""
+    """Clients of the plant's parameter services, which carry its node's name, whatever it is."""
 
     def __init__(self, node: AnyNode) -> None:
         self._node = node
@@ -181,7 +181,7 @@ class _ParameterClients:
         self._clients: dict[Any, Any] = {}
 
     def find(self, kind: Any) -> Any:
-        """Return the client of a service, or None while the plant's name is not known."""
+        """Return the client of a service, or None while the plant's name is unknown."""
         offers = self._node.get_publishers_info_by_topic(RUN.name)
         names = [
             f'{offer.node_namespace.rstrip("/")}/{offer.node_name}'

@@ -1,4 +1,4 @@
-"""The exact step of a linear system whose inputs are held."""
+"""Exact discretisation of a linear system with held inputs."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from numpy.typing import NDArray
 Matrix = NDArray[np.float64]
 
 _TERMS = 18
-"""Of Taylor's series: at a norm of 1/2, the next one is below 10^-21."""
+"""Terms of Taylor's series: at a norm of 1/2, the next one is below 10^-21."""
 
 _MOST_DOUBLINGS = 1100
-"""Enough for any finite norm."""
+"""Number of squarings sufficient for any finite norm."""
 
 
 def zero_order_hold(a: Matrix, b: Matrix, dt: float) -> tuple[Matrix, Matrix]:
     """Return the discrete matrices of x' = A x + B u with u held for `dt` seconds.
 
-    Scaling and squaring, applied to exp(M) - I, so that motions far slower than `dt` keep all
-    their digits. Element by element in a fixed order: the matrix products of numpy and the
-    ``expm`` of scipy round differently on different processors.
+    Scaling and squaring, applied to exp(M) - I, so that motions much slower than `dt` keep all
+    their digits. Computed element by element in a fixed order, because the matrix products of numpy
+    and the ``expm`` of scipy round differently on different processors.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def zero_order_hold(a: Matrix, b: Matrix, dt: float) -> tuple[Matrix, Matrix]:
     ndarray, shape (n, n)
         The transition matrix.
     ndarray, shape (n, m)
-        What the inputs add.
+        The effect of the inputs.
     """
     n, m = b.shape
     # The upper rows of [[A, B], [0, 0]] dt; the lower ones are zero in all that follows.

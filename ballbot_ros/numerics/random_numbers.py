@@ -18,7 +18,7 @@ _BITS = np.uint64(32)
 
 
 class Words(NamedTuple):
-    """The four words of 32 bits that Philox makes of a counter."""
+    """The four 32-bit words that Philox computes from a counter."""
 
     w0: Any
     w1: Any
@@ -29,7 +29,7 @@ class Words(NamedTuple):
 def philox4x32(c0: Any, c1: Any, c2: Any, c3: Any, k0: Any, k1: Any) -> Words:
     """Return Philox4x32-10 of the counter c0 ... c3 with the key k0, k1.
 
-    Integer operations alone, so numbers and arrays give the same.
+    Only integer operations, so numbers and arrays give the same results.
 
     Parameters
     ----------

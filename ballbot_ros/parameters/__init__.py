@@ -1,4 +1,4 @@
-"""The parameters of each node, their checks, and the files and pages made from them."""
+"""The parameters of each node, their checks, and the files and pages generated from them."""
 
 from ballbot_ros.parameters.controller import ControllerParameters, Implementation
 from ballbot_ros.parameters.devices import (

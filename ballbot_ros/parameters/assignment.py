@@ -1,4 +1,4 @@
-"""Parameters set by a text: ``node.param=value``."""
+"""Assignments of parameters: ``node.param=value``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def assign(parameters: ParameterSet, assignment: str) -> None:
     Raises
     ------
     ParameterError
-        If the text has another form, or node, name or value are not allowed.
+        If the text is malformed, or node, name or value are not allowed.
     """
     target, equals, text = assignment.partition('=')
     node, dot, name = target.partition('.')

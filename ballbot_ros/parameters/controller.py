@@ -1,4 +1,4 @@
-"""Parameters of the control program, under the names of Appendix C where it has them."""
+"""Parameters of the control program, with the names of Appendix C where they exist."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ballbot_ros.parameters.shared import LockstepChoice, Radii, StickScale
 
 Gains = tuple[float, float, float, float]
 Period = Literal[4, 20, 100]
-"""Whole ticks [ms], of which the 100 ms on whose multiples runs begin are a multiple."""
+"""Whole ticks [ms] that divide 100 ms, the grid on which runs begin."""
 
 Implementation = Literal['python', 'c', 'arm']
 
@@ -27,7 +27,7 @@ class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
 
     implementation: Implementation = setting(
         'python',
-        'what computes: the Python program, the C generated from it, or that on an emulated ARM',
+        'what computes: the Python program, the generated C, or that on an emulated ARM',
         'project',
     )
     mode: Literal['remote', 'autonomous'] = setting('remote', 'drive mode (task_init)', '7.3')
@@ -48,7 +48,7 @@ class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
     pwm_offset: float = quantity(0.0, '%', (0.0, 100.0), 'friction compensator offset', '7.7')
     dst_thr: int = quantity(30, 'cm', (-1, 255), 'obstacle avoidance threshold', '7.7')
     sonar_hold: int = quantity(
-        0, 'ms', (0, 60000), 'how long the last echo counts when none returns', 'project'
+        0, 'ms', (0, 60000), 'how long the last echo counts if none returns', 'project'
     )
     time_start: int = quantity(1000, 'ms', UINT32, 'gyro calibration time', '7.4')
     time_auto: int = quantity(5000, 'ms', UINT32, 'start of autonomous drive', '7.6')
@@ -63,9 +63,9 @@ class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
     sound_dur: int = quantity(500, 'ms', (0, 65535), 'length of that tone', '7.6')
     sound_volume: int = quantity(70, '%', (0, 100), 'volume of that tone', '7.6')
     tone_gain: int = quantity(
-        0, 'Hz/cm', (0, 55), 'tone in proportion to the distance; 0: none', '10'
+        0, 'Hz/cm', (0, 55), 'tone proportional to the distance; 0: none', '10'
     )
-    log_count: int = quantity(25, 'ticks', (1, 255), 'ticks from one log packet to the next', '7.4')
+    log_count: int = quantity(25, 'ticks', (1, 255), 'ticks between log packets', '7.4')
     ts2_period: Period = quantity(20, 'ms', (4, 100), 'period of task_ts2: obstacles', '7.5')
     ts3_period: Period = quantity(
         100, 'ms', (4, 100), 'period of task_ts3: operating state, battery, sound', '7.6'
@@ -75,6 +75,6 @@ class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
     )
     rejoin: bool = setting(
         False,
-        'true: a controller started in mid-run begins afresh; false: it fails the run at once',
+        'true: a controller started in mid-run restarts the program; false: it fails the run',
         'project',
     )

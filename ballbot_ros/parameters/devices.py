@@ -48,12 +48,12 @@ class SonarParameters(DeviceSeed, MapChoice, BodyDepth, DriverParameters):
     node: ClassVar[str] = 'sonar_driver'
     period_ns: ClassVar[int] = SLOW_PERIOD_NS
 
-    noise_cm: float = quantity(0.0, 'cm', (0.0, 50.0), 'largest error of an echo', 'facts')
+    noise_cm: float = quantity(0.0, 'cm', (0.0, 50.0), 'largest error of a distance', 'facts')
     dropout_probability: float = quantity(
-        0.0, '1', (0.0, 1.0), 'share of echoes that are missed (255)', 'facts'
+        0.0, '1', (0.0, 1.0), 'share of missed echoes (255)', 'facts'
     )
     max_range_cm: float = quantity(
-        255.0, 'cm', (1.0, 255.0), 'distance from which no echo returns', 'facts'
+        255.0, 'cm', (1.0, 255.0), 'distance beyond which no echo returns', 'facts'
     )
     min_range_cm: float = quantity(
         0.0, 'cm', (0.0, 255.0), 'distance below which half of the echoes are missed', 'facts'
@@ -70,4 +70,4 @@ class SonarParameters(DeviceSeed, MapChoice, BodyDepth, DriverParameters):
 
 
 DEVICES: tuple[type[DriverParameters], ...] = (GyroParameters, EncoderParameters, SonarParameters)
-"""The devices; each has a driver."""
+"""The devices, each of which has a driver."""

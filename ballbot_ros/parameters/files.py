@@ -1,4 +1,4 @@
-"""Parameter files in ROS form, for nodes and for runs without ROS alike."""
+"""Parameter files in ROS format, for nodes and for runs without ROS."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def read_parameter_file(path: str | Path) -> ParameterSet:
     Raises
     ------
     YamlError, ParameterError
-        One line with file and line: not YAML, not in that form, or an unknown or unallowed value.
+        With one line that names file and line: not YAML, malformed, or an unknown or invalid value.
     """
     document = YamlDocument(path)
     parameters = ParameterSet()
@@ -29,7 +29,7 @@ def read_parameter_file(path: str | Path) -> ParameterSet:
         unknown = set(names) - {'ros__parameters'}
         if unknown or not names:
             raise ParameterError(
-                f'{document.where(node)}: below {node!r} stands ros__parameters, nothing else'
+                f'{document.where(node)}: {node!r} may only contain ros__parameters'
             )
         values = _mapping(document, names['ros__parameters'], node, 'ros__parameters')
         for name, value in values.items():
@@ -49,7 +49,7 @@ def _mapping(document: YamlDocument, data: object, *keys: Hashable) -> dict[Hash
 def write_parameter_file(
     path: str | Path, parameters: ParameterSet, nodes: Iterable[str] = NODES
 ) -> None:
-    """Write every parameter of `nodes`, in the form that :func:`read_parameter_file` reads.
+    """Write all parameters of `nodes`, in the format of :func:`read_parameter_file`.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def write_parameter_file(
 
 
 def format_parameters(parameters: ParameterSet, nodes: Iterable[str] = NODES) -> str:
-    """Return the text of a parameter file with every parameter of `nodes`."""
+    """Return the text of a parameter file with all parameters of `nodes`."""
     content = {
         f'/**/{node}': {
             'ros__parameters': {

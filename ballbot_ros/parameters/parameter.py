@@ -24,7 +24,7 @@ class ParameterError(BallbotError):
 
 
 class Acts(Enum):
-    """From when on a value acts that a running node is given."""
+    """When a new value takes effect in a running node."""
 
     AT_ONCE = 'at once'
     NEXT_RUN = 'next run'
@@ -38,22 +38,22 @@ class Parameter:
     Attributes
     ----------
     nodes : tuple of str
-        The nodes that declare it; most have one.
+        The nodes that declare it; usually one.
     name : str
     default : bool, int, float, str or tuple of float
-        The default of the ``ideal`` profile; its type is the parameter's type.
+        Default of the ``ideal`` profile; its type is the parameter's type.
     unit : str
         ``'1'`` for a pure number, empty for text and switches.
     bounds : tuple of float or None
         Inclusive lower and upper bound of a number, or of each element of an array.
     or_zero : bool
-        Whether 0, which lies out of bounds, is allowed and means something else.
+        Whether 0 is allowed outside the bounds, with a special meaning.
     is_path : bool
-        Whether it names, or may name, a file or folder.
+        Whether it is, or may be, the path of a file or folder.
     choices : tuple
-        The words a text, or the numbers a whole number may be; empty for any.
+        Allowed words for a text, or values for an integer; empty for any.
     acts : Acts
-        From when on a new value acts in a running node; never, where it is read-only.
+        When a new value takes effect in a running node; never for a read-only parameter.
     """
 
     nodes: tuple[str, ...]
@@ -74,7 +74,7 @@ class Parameter:
         Raises
         ------
         ParameterError
-            If the type is wrong or the value lies outside the bounds.
+            If the type is wrong or the value is out of bounds.
         """
         name = f'{where}{self.name}'
         if isinstance(self.default, tuple):
@@ -110,12 +110,12 @@ class Parameter:
 
     @property
     def choices_text(self) -> str:
-        """The choices in words."""
+        """The choices as text."""
         return ', '.join(map(str, self.choices))
 
     @property
     def bounds_text(self) -> str:
-        """The bounds in words, without the unit."""
+        """The bounds as text, without the unit."""
         if not self.bounds:
             return ''
         low, high = self.bounds
@@ -137,7 +137,7 @@ class Parameter:
 
 
 def _is_utf8(text: str) -> bool:
-    """Tell whether ROS can carry a text: no bytes of a name that are no UTF-8, and no NUL."""
+    """Return whether ROS can carry a text: valid UTF-8 without NUL."""
     return not any(each == '\0' or '\ud800' <= each <= '\udfff' for each in text)
 
 
@@ -161,11 +161,11 @@ _Subset = TypeVar('_Subset', bound='Subset')
 
 
 class Subset:
-    """A dataclass some of whose parameters a node has."""
+    """A dataclass with a subset of a node's parameters."""
 
     @classmethod
     def from_parameters(cls: type[_Subset], parameters: NodeParameters) -> _Subset:
-        """Return those of a node's parameters that the fields of this class name."""
+        """Return the parameters of a node that the fields of this class name."""
         return cls(**{each.name: getattr(parameters, each.name) for each in fields(cls)})  # type: ignore[arg-type]
 
 
@@ -179,7 +179,7 @@ def quantity(
     or_zero: bool = False,
     acts: Acts = Acts.NEXT_RUN,
 ) -> _Value:
-    """Declare a number, or several of a kind; the arguments are those of :class:`Parameter`."""
+    """Declare a number, or several of a kind; for the arguments see :class:`Parameter`."""
     return _declared(
         default, unit=unit, bounds=bounds, or_zero=or_zero,
         description=description, source=source, acts=acts,
@@ -189,7 +189,7 @@ def quantity(
 def setting(
     default: _Value, description: str, source: str, *, acts: Acts = Acts.NEXT_RUN
 ) -> _Value:
-    """Declare a switch or a text; one of a few words where the field's type is their Literal."""
+    """Declare a switch or a text; the choices of a text are the Literal of the field's type."""
     return _declared(default, description=description, source=source, acts=acts)
 
 
@@ -217,7 +217,7 @@ def _declared(
 
 
 def table(classes: tuple[type[NodeParameters], ...]) -> tuple[Parameter, ...]:
-    """Return the parameters of all nodes; one that several inherit is one row."""
+    """Return the parameters of all nodes, with one row for a shared parameter."""
     rows = {}
     for cls in classes:
         types = get_type_hints(cls)

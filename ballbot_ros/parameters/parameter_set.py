@@ -1,4 +1,4 @@
-"""Values for the parameters of every node, checked as they are set."""
+"""Parameter values of all nodes, checked when they are set."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ _Node = TypeVar('_Node', bound=NodeParameters)
 
 
 class ParameterSet:
-    """A value for every parameter of every node; unset ones have the table's default."""
+    """A value for every parameter of every node; unset ones have their defaults."""
 
     def __init__(self) -> None:
         self._values: dict[tuple[str, str], Value] = {}
 
     def __iter__(self) -> Iterator[tuple[str, str, Value]]:
-        """Yield node, name and value of everything that was set."""
+        """Yield node, name and value of all parameters that were set."""
         for (node, name), value in self._values.items():
             yield node, name, value
 
     def set(self, node: str, name: str, value: object, where: str = '') -> None:
-        """Set `name` of `node`, or of every node that has it where `node` is ``'/**'``.
+        """Set `name` of `node`, or for ``'/**'`` of every node that has it.
 
         Raises
         ------
         ParameterError
-            If the node or the parameter is unknown, or the value is not allowed; `where` (a
-            file and line) begins the message.
+            If the node or the parameter is unknown, or the value is not allowed; the message begins
+            with `where`, a file and line.
         """
         prefix = f'{where}: ' if where else ''
         if node == '/**':
@@ -47,23 +47,23 @@ class ParameterSet:
                     f'{prefix}{each} has no parameter {name!r}; {nearest(name, each)}'
                 )
             checked = row.check(value, f'{prefix}{each}.')
-            # A shared parameter is one value: its nodes must never disagree.
+            # A shared parameter has one value, on which its nodes must agree.
             for sharer in row.nodes:
                 self._values[sharer, name] = checked
 
     def is_set(self, node: str, name: str) -> bool:
-        """Tell whether a parameter was set, rather than left at its default."""
+        """Return whether a parameter was set, rather than left at its default."""
         return (node, name) in self._values
 
     def update(self, other: ParameterSet) -> None:
-        """Take over everything that was set in `other`."""
+        """Apply everything that was set in `other`."""
         self._values.update(other._values)
 
     def of(self, cls: type[_Node]) -> _Node:
-        """Return the parameters of the node that `cls` describes."""
+        """Return the parameters of the node whose class is `cls`."""
         given = {name: value for (node, name), value in self._values.items() if node == cls.node}
         return cls(**given)
 
     def of_node(self, node: str) -> NodeParameters:
-        """Return the parameters of the node with a name."""
+        """Return the parameters of a node by its name."""
         return self.of(CLASSES[node])

@@ -53,25 +53,25 @@ class PlantParameters(
         0.0, 'm', (-1000.0, 1000.0), 'ball position at the start, plane y', '3.2'
     )
     hold_time: float = quantity(
-        1.0, 's', (0.0, 1e6), 'the robot is held still so long from the start', '6.3'
+        1.0, 's', (0.0, 1e6), 'time from the start for which the robot is held still', '6.3'
     )
     fall_angle: float = quantity(
         math.pi / 3,
         'rad',
         (0.1, 1.5),
-        'body pitch beyond which the robot lies on the floor',
+        'body pitch beyond which the robot has fallen',
         'project',
     )
     on_wall_hit: Literal['stop', 'report'] = setting(
-        'stop', 'what follows a wall hit: the run has failed, or it is reported and goes on', 'B.3'
+        'stop', 'reaction to a wall hit: end the run as failed, or report it and continue', 'B.3'
     )
-    dead_zone: float = quantity(0.0, '%', (0.0, 50.0), 'duty that friction swallows', '6.2')
-    backlash: float = quantity(0.0, 'rad', (0.0, 0.5), 'motor gear play, from stop to stop', '2.2')
+    dead_zone: float = quantity(0.0, '%', (0.0, 50.0), 'duty lost to friction', '6.2')
+    backlash: float = quantity(0.0, 'rad', (0.0, 0.5), 'motor gear play, end to end', '2.2')
     voltage_slope: float = quantity(
         0.001089, 'V/mV', (0.0, 1.0), 'motor voltage per battery voltage', '(6.1)'
     )
     voltage_offset: float = quantity(
-        -0.625, 'V', (-10.0, 10.0), 'motor voltage at no battery voltage', '(6.1)'
+        -0.625, 'V', (-10.0, 10.0), 'motor voltage at zero battery voltage', '(6.1)'
     )
     battery_model: Literal['constant', 'draining'] = setting(
         'constant',
@@ -88,20 +88,20 @@ class PlantParameters(
         7200.0,
         'C',
         (1.0, 1e6),
-        'charge that takes a fresh battery (9.5 V) to a low one (7 V), draining model',
+        'charge from a fresh battery (9.5 V) to a low one (7 V), draining model',
         'project',
     )
     idle_current: float = quantity(
         0.1, 'A', (0.0, 10.0), 'current of the brick, draining model', 'project'
     )
     push_duration: float = quantity(
-        0.1, 's', (1e-3, 10.0), 'how long a plant/push acts', 'project', acts=Acts.AT_ONCE
+        0.1, 's', (1e-3, 10.0), 'duration of a plant/push', 'project', acts=Acts.AT_ONCE
     )
     real_time_factor: float = quantity(
         1.0,
         '1',
         (0.01, 1000.0),
-        'pace against the wall clock; 0: as fast as it can',
+        'pace against the wall clock; 0: as fast as possible',
         'project',
         or_zero=True,
         acts=Acts.AT_ONCE,
@@ -110,17 +110,17 @@ class PlantParameters(
         0.0, 's', (0.0, 1e6), 'length of the run; 0: until stopped', 'project'
     )
     timeout: float = quantity(
-        2.0, 's', (0.2, 3600.0), 'silence after which the run has failed', 'project'
+        2.0, 's', (0.2, 3600.0), 'silence after which the run fails', 'project'
     )
     startup_timeout: float = quantity(
         30.0, 's', (0.2, 3600.0), 'the same before the first tick', 'project'
     )
     on_timeout: Literal['end', 'wait'] = setting(
-        'end', 'what follows a silence: end with an error, or wait for the participant', 'project'
+        'end', 'reaction to a silence: end with an error, or wait for the participant', 'project'
     )
     require_recorder: bool = setting(
-        False, 'true: the first tick waits for a recorder, so that nothing is missing', 'project'
+        False, 'true: the first tick waits for a recorder, so that it misses nothing', 'project'
     )
     trajectory_file: str = path(
-        'where to write the true trajectory (.npz) at the end; empty: nowhere', 'project'
+        'file for the true trajectory (.npz), written at the end; empty: none', 'project'
     )

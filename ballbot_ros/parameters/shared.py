@@ -1,4 +1,4 @@
-"""Parameters that several nodes have: one value each, in whichever of them it is set."""
+"""Parameters shared by several nodes: one value each, whichever node it is set in."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ballbot_ros.parameters.parameter import Acts, Subset, path, quantity, setti
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceSeed:
-    """The seed of devices with noise."""
+    """The seed of the devices' noise."""
 
     seed: int = quantity(1, '1', (0, 2**63 - 1), 'seed of all device noise of the run', 'project')
 
@@ -18,16 +18,14 @@ class DeviceSeed:
 class MapChoice:
     """The map that the robot drives on."""
 
-    map: str = path('map (shipped name or image file); empty: a free floor without end', 'B.2')
+    map: str = path('map (shipped name or image file); empty: unlimited floor', 'B.2')
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScenarioChoice:
-    """The scenario that a node acts in."""
+    """The scenario that a node takes part in."""
 
-    scenario: str = path(
-        'scenario (name or file) whose stick signals and pushes act; empty: none', '5.1'
-    )
+    scenario: str = path('scenario (name or file) for stick signals and pushes; empty: none', '5.1')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +42,7 @@ class LockstepChoice:
 
 @dataclass(frozen=True, kw_only=True)
 class StickScale:
-    """What a full stick means."""
+    """The meaning of a full stick."""
 
     k_thetadot: float = quantity(
         380.0, 'deg/s', (0.0, 1e4), 'speed reference gain (0.17 m/s)', '7.7'
@@ -61,7 +59,7 @@ class BallRadius:
 
 @dataclass(frozen=True, kw_only=True)
 class Radii(BallRadius):
-    """The sizes of what rolls."""
+    """The sizes of the rolling parts."""
 
     wheel_radius: float = quantity(
         0.021, 'm', (1e-3, 1.0), 'motor wheel (rubber tire) radius Rw', '3.1'
@@ -70,14 +68,14 @@ class Radii(BallRadius):
 
 @dataclass(frozen=True, kw_only=True)
 class BodyDepth:
-    """How far the body reaches forward."""
+    """The extent of the body in x."""
 
     body_depth: float = quantity(0.135, 'm', (0.0, 10.0), 'body depth D, along x', '3.1')
 
 
 @dataclass(frozen=True, kw_only=True)
 class Dimensions(Radii, BodyDepth, Subset):
-    """All lengths that the robot's shape follows from."""
+    """All lengths that determine the robot's shape."""
 
     wheel_width: float = quantity(
         0.022, 'm', (0.0, 1.0), 'motor wheel height (width of the tire) Lw', '3.1'

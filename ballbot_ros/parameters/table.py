@@ -1,7 +1,7 @@
 """The nodes, and the parameters of each.
 
 The ROS declarations, the validation of parameter files, ``config/ballbot.yaml`` and
-``docs/parameters.md`` are all made from :data:`TABLE`.
+``docs/parameters.md`` are all derived from :data:`TABLE`.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ TOOLS: tuple[type[NodeParameters], ...] = (
     SupervisorParameters,
 )
 CLASSES = {cls.node: cls for cls in PARTICIPANTS + TOOLS}
-"""The parameters of each node, by its name."""
+"""The class of each node's parameters, by node name."""
 
 PLANT = PlantParameters.node
 GYRO = GyroParameters.node
@@ -70,7 +70,7 @@ DRIVERS = tuple(DRIVER_PERIODS_NS)
 
 _SIMULATED: tuple[type[NodeParameters], ...] = (PlantParameters, *DEVICES, ControllerParameters)
 SIMULATED = frozenset(cls.node for cls in _SIMULATED if fields(cls))
-"""Nodes without whose parameters a run can't be made again."""
+"""Nodes whose parameters are needed to replay a run."""
 
 PLAYER = PlayerParameters.node
 VIEWER = ViewerParameters.node
@@ -78,24 +78,24 @@ VISUALIZER = VisualizerParameters.node
 SUPERVISOR = SupervisorParameters.node
 
 OPTIONAL_NODES = tuple(cls.node for cls in TOOLS)
-"""Nodes that a run does without."""
+"""Nodes that a run does not need."""
 
 ALL_NODES = NODES + OPTIONAL_NODES
 
 EXECUTABLES = tuple(node for node in ALL_NODES if node != SUPERVISOR)
-"""Nodes that are programs; the supervisor is a part of ``ballbot run --viewer``."""
+"""Nodes that are programs; the supervisor is part of ``ballbot run --viewer``."""
 
 TABLE = table(PARTICIPANTS + TOOLS)
-"""Every parameter of every node; what several share is one row."""
+"""Every parameter of every node, with one row for a shared parameter."""
 
 PATHS = frozenset(row.name for row in TABLE if row.is_path)
-"""Parameters that name, or may name, a file or folder."""
+"""Parameters that are, or may be, paths of files or folders."""
 
 AGREED = tuple(
     row.name for row in TABLE if len(set(row.nodes) & set(NODES)) > 1 and row.name != 'scenario'
 )
-"""Parameters that the participants of a run have to agree on. A scenario may be given to the plant
-for its pushes, or to the gamepad for its sticks, alone."""
+"""Parameters on which the participants of a run must agree. A scenario is not among them: it may be
+given only to the plant, for its pushes, or only to the gamepad, for its sticks."""
 
 _BY_NODE: dict[str, dict[str, Parameter]] = {
     node: {row.name: row for row in TABLE if node in row.nodes} for node in ALL_NODES
@@ -103,12 +103,12 @@ _BY_NODE: dict[str, dict[str, Parameter]] = {
 
 
 def parameters_of(node: str) -> Mapping[str, Parameter]:
-    """Return the rows that `node` declares, by name."""
+    """Return the parameters of `node`, by name."""
     return _BY_NODE[node]
 
 
 def nearest(name: str, node: str) -> str:
-    """Return a hint at what `name` may have meant, or what `node` has."""
+    """Return a hint about a misspelt `name`, or the parameters of `node`."""
     known = sorted(_BY_NODE[node])
     close = get_close_matches(name, known)
     if close:

@@ -26,19 +26,19 @@ class GamepadParameters(BallRadius, StickScale, ScenarioChoice, LockstepChoice, 
     )
     keyboard: bool = setting(False, 'true: the arrow keys of the terminal drive', 'project')
     log_csv: str = path(
-        'file for the data log as CSV, a further one for each reset; empty: none', 'facts'
+        'file for the data log as CSV, another one for each reset; empty: none', 'facts'
     )
     require_enable_button: bool = setting(
         False,
-        'joy and gamepad: true: the sticks count while the enable button is pressed',
+        'joy and gamepad: true: the sticks only work while the enable button is pressed',
         'project',
     )
     enable_button: int = quantity(9, '1', (0, 63), 'that button; 9 is the left shoulder', 'project')
     enable_turbo_button: int = quantity(
-        -1, '1', (-1, 63), 'button for the turbo scales, which enables, too; -1: none', 'project'
+        -1, '1', (-1, 63), 'button for the turbo scales, which also enables; -1: none', 'project'
     )
     deadzone: float = quantity(
-        0.05, '1', (0.0, 0.95), 'share of an axis around its middle that is neutral', 'project'
+        0.05, '1', (0.0, 0.95), 'neutral share of an axis around its centre', 'project'
     )
     axis_forward: int = quantity(1, '1', (-1, 63), 'axis that drives forward; -1: none', 'project')
     axis_rightward: int = quantity(
@@ -56,7 +56,5 @@ class GamepadParameters(BallRadius, StickScale, ScenarioChoice, LockstepChoice, 
     scale_rightward_turbo: float = quantity(
         1.0, '1', SHARE, 'the same with the turbo button', 'project'
     )
-    invert_forward: bool = setting(False, 'true: the other end of the axis is forward', 'project')
-    invert_rightward: bool = setting(
-        False, 'true: the other end of the axis is rightward', 'project'
-    )
+    invert_forward: bool = setting(False, 'true: the axis is reversed', 'project')
+    invert_rightward: bool = setting(False, 'true: the axis is reversed', 'project')

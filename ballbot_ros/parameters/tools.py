@@ -29,14 +29,14 @@ class PlayerParameters(NodeParameters):
 
     file: str = path('recording to play', 'project', acts=Acts.NEVER)
     rate: float = quantity(
-        1.0, '1', (0.01, 100.0), 'speed in times real time', 'project', acts=Acts.AT_ONCE
+        1.0, '1', (0.01, 100.0), 'speed in multiples of real time', 'project', acts=Acts.AT_ONCE
     )
     start: float = quantity(
-        0.0, 's', (0.0, 1e9), 'where to begin, after the first message', 'project', acts=Acts.NEVER
+        0.0, 's', (0.0, 1e9), 'start, counted from the first message', 'project', acts=Acts.NEVER
     )
-    loop: bool = setting(False, 'true: begins again at the end', 'project', acts=Acts.NEVER)
+    loop: bool = setting(False, 'true: restarts at the end', 'project', acts=Acts.NEVER)
     topics: str = setting(
-        '', 'topics to play, with commas between; empty: all', 'project', acts=Acts.NEVER
+        '', 'topics to play, separated by commas; empty: all', 'project', acts=Acts.NEVER
     )
 
 
@@ -48,12 +48,12 @@ class ViewerParameters(Dimensions, MapChoice, NodeParameters):
 
     host: str = setting(
         '127.0.0.1',
-        'address that serves the page: all who reach it can look, those with the token can steer',
+        'address that serves the page: all who reach it can watch, those with the token can steer',
         'project',
         acts=Acts.NEVER,
     )
     port: int = quantity(
-        8080, '1', (0, 65535), 'its port; 0: a free one', 'project', acts=Acts.NEVER
+        8080, '1', (0, 65535), 'port of the page; 0: a free one', 'project', acts=Acts.NEVER
     )
 
 
@@ -67,7 +67,7 @@ class VisualizerParameters(Dimensions, Masses, NodeParameters):
         30.0,
         'Hz',
         (1.0, 250.0),
-        'markers and transforms a second, at most',
+        'maximum rate of markers and transforms',
         'project',
         acts=Acts.NEVER,
     )

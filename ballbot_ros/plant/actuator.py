@@ -14,7 +14,7 @@ class Actuator(Subset):
     Attributes
     ----------
     dead_zone : float
-        Duty [%] that friction swallows on either side of zero.
+        Duty [%] lost to friction on either side of zero.
     voltage_slope, voltage_offset : float
         ``v_max = slope * battery [mV] + offset`` [V].
     """
@@ -53,7 +53,7 @@ def max_voltage(battery_v: float, slope: float, offset: float) -> float:
 
 
 def effective_duty(duty: int, dead_zone: float) -> float:
-    """Return the duty [%] that is left behind the dead zone."""
+    """Return the duty [%] that remains after the dead zone."""
     if duty > dead_zone:
         return duty - dead_zone
     if duty < -dead_zone:

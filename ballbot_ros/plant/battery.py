@@ -56,9 +56,9 @@ def terminal_voltage(
     Parameters
     ----------
     charge, current : float
-        What has been drawn [A·s] and is being drawn [A].
+        The charge drawn so far [A·s], and the current [A].
     full : float
-        Open-circuit voltage at no charge drawn [V].
+        Open-circuit voltage before any charge is drawn [V].
     slope : float
         Fall of the open-circuit voltage with the charge [V/(A·s)].
     resistance : float

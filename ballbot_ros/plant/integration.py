@@ -1,7 +1,7 @@
 """One physics step of a plane: exact for the linear model, Runge-Kutta for the nonlinear one.
 
-`advance_linear` and `advance_nonlinear` are functions on plain floats, in a fixed order of
-operations: several times as fast as arrays of four elements, and the same on every machine.
+`advance_linear` and `advance_nonlinear` are functions on plain floats with a fixed order of
+operations: several times faster than arrays of four elements, and the same on every machine.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ Free = tuple[
     float, float, float, float, float, float, float, float,
     float, float, float, float, float, float, float, float,
 ]  # fmt: skip
-"""What psi, theta_dot, psi_dot and the voltage add to each element of the next state."""
+"""Coefficients of psi, theta_dot, psi_dot and the voltage for each element of the next state."""
 
 Forced = tuple[float, float, float, float, float, float, float, float]
-"""What the forces on theta and psi add to each element of the next state."""
+"""Coefficients of the forces on theta and psi for each element of the next state."""
 
 Equations = tuple[float, float, float, float, float, float, float, float, float, float]
 """The seven numbers of the mass matrix, then Mb L g [N·m], beta and fs [N·m·s/rad].
 
-A plain tuple, as Python unpacks it several times as fast as a named one.
+A plain tuple, which Python unpacks several times faster than a named one.
 """
 
 
@@ -77,7 +77,7 @@ def advance_linear(
     Parameters
     ----------
     free, forced : tuple of float
-        What :func:`discrete_matrices` returns.
+        Result of :func:`discrete_matrices`.
     state : tuple of float
         theta, psi [rad], theta_dot, psi_dot [rad/s].
     voltage : float
@@ -121,7 +121,7 @@ def advance_nonlinear(
     Parameters
     ----------
     equations : tuple of float
-        What :func:`equations_of` returns.
+        Result of :func:`equations_of`.
     alpha : float
         Torque of the motor per voltage [N·m/V] (3.19).
     dt : float

@@ -48,7 +48,7 @@ class Bodies(Subset):
 
 @dataclass(frozen=True)
 class PhysicalParameters(Bodies):
-    """The bodies, what drives them and what slows them: all of section 3.1."""
+    """The bodies, their drive and their friction: all of section 3.1."""
 
     gravity: float
     motor_inertia: float
@@ -70,7 +70,7 @@ class PhysicalParameters(Bodies):
 
     @property
     def alpha(self) -> float:
-        """Kt/Rm [N·m/V] (3.19). The document has no k here; its gains need it so."""
+        """Kt/Rm [N·m/V] (3.19). The document has no factor k here, and its gains depend on that."""
         return self.torque_constant / self.motor_resistance
 
     @property

@@ -18,17 +18,17 @@ _FLOAT32 = struct.Struct('<f')
 
 
 def fallen_state(state: State, fall_angle: float) -> State:
-    """Return the state of a plane that lies still, at a pitch of at most `fall_angle` [rad]."""
+    """Return the state of a fallen plane at rest, at a pitch of at most `fall_angle` [rad]."""
     return state[0], max(-fall_angle, min(fall_angle, state[1])), 0.0, 0.0
 
 
 def shaft_angle(shaft: float, wheel: float, half_play: float) -> float:
-    """Return the angle of the motor shaft, which the wheel drags along behind the gear play.
+    """Return the angle of the motor shaft, which the wheel drags along within the gear play.
 
     Parameters
     ----------
     shaft, wheel : float
-        Angle of the shaft before and angle of the wheel now [rad].
+        Previous angle of the shaft, and current angle of the wheel [rad].
     half_play : float
         Half of the gear play [rad].
     """
@@ -44,12 +44,12 @@ def pushed_forces(
     ball_radius: float,
     body_height: float,
 ) -> Pair:
-    """Return the generalised forces [N·m] on theta and psi with those of a push added.
+    """Return the generalised forces [N·m] on theta and psi, with those of a push added.
 
     Parameters
     ----------
     on_theta, on_psi : float
-        The forces without it [N·m].
+        The other forces [N·m].
     force, torque : float
         Horizontal force at the body's centre [N] and torque [N·m] of the push.
     psi : float
@@ -65,7 +65,7 @@ def pushed_forces(
 
 
 class Plant:
-    """Both planes of the ballbot from one reset to the next.
+    """Both planes of the ballbot, from one reset to the next.
 
     Parameters
     ----------
@@ -74,16 +74,16 @@ class Plant:
     start_ns : int
         Sim time [ns] of the first tick.
     floor : Floor or None
-        Where walls are; None for a free floor without end.
+        The walls; None for an unlimited floor.
 
     Attributes
     ----------
     time_ns : int
         Sim time [ns].
     fallen : bool
-        The body lies on the floor.
+        Whether the body has fallen.
     stopped : bool
-        A wall hit has ended the run (``on_wall_hit: stop``); the motors are off.
+        Whether a wall hit has ended the run (``on_wall_hit: stop``); the motors are then off.
     """
 
     def __init__(
@@ -116,12 +116,12 @@ class Plant:
         self.fallen = False
 
     def push(self, push: Push) -> None:
-        """Add a disturbance; one that has ended does nothing."""
+        """Add a disturbance; one that has ended has no effect."""
         self._pushes.append(push)
 
     @property
     def pushes(self) -> int:
-        """Number of pushes that act or are still to come."""
+        """Number of active and pending pushes."""
         return len(self._pushes)
 
     def tick(self, duty_x: int, duty_y: int) -> None:
@@ -144,12 +144,12 @@ class Plant:
 
     @property
     def wall_hit(self) -> bool:
-        """Whether a wall was hit in the 20 ms up to the newest multiple of 20 ms."""
+        """Whether there was a wall hit in the 20 ms up to the last multiple of 20 ms."""
         return self._contact is not None and self._contact.in_contact
 
     @property
     def newest_hit(self) -> WallHit | None:
-        """Where the newest wall hit began; None before the first."""
+        """The most recent wall hit; None before the first."""
         return self._contact.newest if self._contact else None
 
     def _apply(self, duties: tuple[int, int]) -> None:
@@ -211,7 +211,7 @@ class Plant:
         return duties[0] / 100.0 * self._current(0) + duties[1] / 100.0 * self._current(1)
 
     def truth(self) -> GroundTruth:
-        """Return the state of the robot now."""
+        """Return the current state of the robot."""
         p = self._physical
         ratio, radius = self._ratio, p.ball_radius
         (theta_x, psi_x, omega_x, rho_x), (theta_y, psi_y, omega_y, rho_y) = self._planes

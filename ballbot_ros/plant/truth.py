@@ -1,4 +1,4 @@
-"""What the plant shows of itself and takes from outside: plain values, quick to import."""
+"""Inputs and outputs of the plant: plain values, quick to import."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ FORCE_LIMIT = 1000.0
 """Largest component of a push [N], [N·m]."""
 
 LATEST_NS = 3600 * 10**9
-"""How far ahead a push may be ordered [ns]."""
+"""How far in the future a push may start [ns]."""
 
 Pair = tuple[float, float]
 """A value of plane x and one of plane y, in plane signs (docs/frames.md)."""
 
 
 class GroundTruth(NamedTuple):
-    """What is true of the robot at one instant; every pair is (plane x, plane y).
+    """The true state of the robot at one instant; every pair is (plane x, plane y).
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class GroundTruth(NamedTuple):
     position, velocity : tuple of float
         Ball centre [m] and [m/s]: Rs theta from the start position.
     battery_voltage : float
-        Terminal voltage [V], a single-precision number, as its message carries it.
+        Terminal voltage [V] in single precision, as in its message.
     """
 
     stamp_ns: int
@@ -63,7 +63,7 @@ class Push:
     torque: Pair = (0.0, 0.0)
 
     def __str__(self) -> str:
-        """Return what acts when, for people; sim time."""
+        """Return a description for the log, in sim time."""
         acts = [
             f'{name} ({x + 0.0:g}, {y + 0.0:g}) {unit}'
             for name, (x, y), unit in (('force', self.force, 'N'), ('torque', self.torque, 'N·m'))
@@ -73,8 +73,8 @@ class Push:
         return f'push from {span}: {", ".join(acts) or "nothing"}'
 
     def problem(self, now_ns: int) -> str:
-        """Return what is wrong with a push that comes from outside at `now_ns` [ns], or nothing."""
-        # Written so that NaN is not within.
+        """Return the problem with an external push at `now_ns` [ns]; '' if there is none."""
+        # Written so that NaN is out of bounds.
         if not all(abs(value) <= FORCE_LIMIT for value in (*self.force, *self.torque)):
             return f'not within ±{FORCE_LIMIT:g} N and N·m'
         if self.start_ns > now_ns + LATEST_NS:

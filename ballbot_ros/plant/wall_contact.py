@@ -1,4 +1,4 @@
-"""What a wall does to the robot, and what is known of a hit."""
+"""Contact of the robot with walls."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ Planes = tuple[State, State]
 
 
 class Floor(Protocol):
-    """Where the robot can be; positions of the ball's centre [m] in plane signs."""
+    """The floor's free space; positions of the ball's centre [m] in plane signs."""
 
     def blocked(self, position: Pair) -> bool:
-        """Tell whether the body can't be there."""
+        """Return whether the body can't be at a position."""
         ...
 
     def touching(self, position: Pair) -> tuple[str, ...]:
-        """Name the parts of the body that are in a wall there."""
+        """Return the parts of the body that would be in a wall."""
         ...
 
 
 class WallHit(NamedTuple):
-    """The beginning of a contact with a wall.
+    """The start of a contact with a wall.
 
     Attributes
     ----------
     time_ns : int
         Sim time [ns].
     position : tuple of float
-        The ball's centre [m], in plane signs, at which it was stopped.
+        Position of the ball's centre [m] in plane signs, where it was stopped.
     parts : tuple of str
         The parts of the body that would have been in the wall.
     """
@@ -51,16 +51,16 @@ class WallHit(NamedTuple):
 
 
 def stopped_state(before: State, after: State, mass: MassMatrix, linear: bool) -> State:
-    """Return the plane held at its place by an inelastic impulse at the ball's centre.
+    """Return the state of a plane stopped by an inelastic impulse at the ball's centre.
 
-    The impulse acts on theta alone, so that of M Δ(theta', psi') = (impulse, 0) the second row
-    ties the leap of psi' to that of theta'. A wall can't pull: a plane that has turned round
-    within the step keeps its velocity.
+    The impulse acts on theta alone, so the second row of M Δ(theta', psi') = (impulse, 0) couples
+    the jump of psi' to that of theta'. A wall can't pull: a plane that has reversed within the step
+    keeps its velocity.
 
     Parameters
     ----------
     before, after : tuple of float
-        The plane before the step and as it would be after it.
+        The plane before and, without the wall, after the step.
     mass : MassMatrix
     linear : bool
         Whether the plane follows the linear model.
@@ -87,9 +87,9 @@ class WallContact:
     Attributes
     ----------
     in_contact : bool
-        Whether there was a contact in the 20 ms up to the newest multiple of 20 ms.
+        Whether there was a contact in the 20 ms up to the last multiple of 20 ms.
     newest : WallHit or None
-        The newest hit; one that lasts is one hit.
+        The most recent hit; a lasting contact is one hit.
     """
 
     def __init__(
@@ -105,14 +105,14 @@ class WallContact:
         self.newest: WallHit | None = None
 
     def stop(self, before: Planes, after: Planes, time_ns: int) -> Planes:
-        """Return the planes after a step, stopped where the body would be in a wall.
+        """Return the planes after a step, stopped if the body would be in a wall.
 
         Parameters
         ----------
         before, after : tuple of State
-            The planes before the step and as they would be after it.
+            The planes before and, without walls, after the step.
         time_ns : int
-            Sim time of the end of the step [ns].
+            Sim time at the end of the step [ns].
         """
         attempted = self._position(after)
         if not self._floor.blocked(attempted):
@@ -134,7 +134,7 @@ class WallContact:
         return planes
 
     def sample(self, time_ns: int) -> None:
-        """At multiples of 20 ms, notice whether there was a contact since the last one."""
+        """At multiples of 20 ms, note whether there was a contact since the last one."""
         if time_ns % SLOW_PERIOD_NS == 0:
             self.in_contact, self._since_sample = self._since_sample, False
 

@@ -1,1 +1,1 @@
-"""MCAP recordings: writing, reading, and messages without a graph. Nothing here needs ROS."""
+"""MCAP recordings: writing, reading, and messages without a graph. No ROS needed."""

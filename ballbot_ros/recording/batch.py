@@ -1,6 +1,6 @@
-"""Messages that stand together in an MCAP file, as arrays.
+"""Messages of a chunk of an MCAP file as arrays.
 
-A loop over the messages themselves takes several times as long as reading the file.
+A loop over the messages themselves would take several times as long as reading the file.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Rows = NDArray[np.intp]
 
 _LENGTH = struct.Struct('<Q')
 _RECORD_HEAD_SIZE = 1 + _LENGTH.size
-"""An opcode and the length of what follows [byte]."""
+"""An opcode and the length of the content [byte]."""
 
 _MESSAGE_HEAD = np.dtype(
     [
@@ -36,7 +36,7 @@ _LATEST_NS = 2**63 - 1
 
 
 class RawMessage(NamedTuple):
-    """A message as it was recorded: CDR with its encapsulation header; the stamp in ns."""
+    """A message as recorded: CDR with its encapsulation header, stamp in ns."""
 
     topic: str
     stamp_ns: int
@@ -51,13 +51,13 @@ class Batch:
     Attributes
     ----------
     data : bytes
-        What the file has there.
+        The bytes that contain them.
     heads : ndarray, shape (n,)
-        The structured heads of the messages.
+        The structured headers of the messages.
     starts, ends : ndarray, shape (n,)
-        Where in `data` the messages proper begin and end.
+        Start and end of each message in `data`.
     names : mapping of int to str
-        The topics by the numbers of their channels.
+        The topics by channel number.
     """
 
     data: bytes
@@ -68,12 +68,12 @@ class Batch:
 
     @classmethod
     def of_records(cls, data: bytes, names: Mapping[int, str]) -> Batch:
-        """Return the messages among MCAP records.
+        """Return the messages in MCAP records.
 
         Raises
         ------
         McapError
-            If the records are no whole ones, or a message is of a channel without a name.
+            If a record is incomplete, or the channel of a message is unknown.
         """
         places = []
         place = 0
@@ -89,16 +89,16 @@ class Batch:
         begins, ends = begins[is_message], ends[is_message]
         starts = begins + _MESSAGE_HEAD.itemsize
         if (starts > ends).any():
-            raise McapError('a message is shorter than its head')
+            raise McapError('a message is shorter than its header')
         heads = gather(data, begins, _MESSAGE_HEAD)
         unknown = set(np.unique(heads['channel']).tolist()) - names.keys()
         if unknown:
-            raise McapError(f'no channel {min(unknown)}')
+            raise McapError(f'channel {min(unknown)} not found')
         return cls(data, heads, starts, ends, names)
 
     @classmethod
     def of_messages(cls, messages: Iterable[Message], names: Mapping[int, str]) -> Batch:
-        """Return messages that stand in no chunk."""
+        """Return messages that are outside chunks."""
         parts = []
         for message in messages:
             length = _MESSAGE_HEAD.itemsize - _RECORD_HEAD_SIZE + len(message.data)
@@ -115,7 +115,7 @@ class Batch:
 
     @property
     def log_ns(self) -> NDArray[np.int64]:
-        """The log times [ns]; one of later than the year 2262 as the latest that there is."""
+        """The log times [ns], limited to the largest int64 (year 2262)."""
         return np.asarray(np.minimum(self.heads['log_ns'], _LATEST_NS), np.int64)
 
     @property
@@ -124,11 +124,11 @@ class Batch:
         return self.ends - self.starts
 
     def chosen(self, rows: Rows | NDArray[np.bool_]) -> Batch:
-        """Return some of the messages, by their rows or a truth value each."""
+        """Return some of the messages, by row numbers or a mask."""
         return Batch(self.data, self.heads[rows], self.starts[rows], self.ends[rows], self.names)
 
     def since(self, start_ns: int) -> Batch:
-        """Return the messages from a log time on."""
+        """Return the messages from a log time [ns] on."""
         log_ns = self.heads['log_ns']
         return self if not start_ns else self.chosen(log_ns >= max(start_ns, 0))
 
@@ -139,7 +139,7 @@ class Batch:
         return self.chosen(np.isin(self.heads['channel'], numbers))
 
     def rows(self) -> dict[str, Rows]:
-        """Return the rows of each topic that has messages here."""
+        """Return the rows of each topic that has messages."""
         channels = self.heads['channel']
         found: dict[str, Rows] = {}
         for number in np.flatnonzero(np.bincount(channels)).tolist():
@@ -148,7 +148,7 @@ class Batch:
         return found
 
     def contain(self, rows: Rows, place: int, content: bytes) -> NDArray[np.bool_]:
-        """Tell which messages have `content` at a place [byte]."""
+        """Return which messages have `content` at a position [byte]."""
         begins = self.starts[rows] + place
         fits = begins + len(content) <= self.ends[rows]
         found = gather(self.data, np.where(fits, begins, 0), np.dtype(f'V{len(content)}'))
@@ -168,7 +168,7 @@ class Batch:
 
 
 def gather(data: bytes, places: Rows, kind: np.dtype[Any]) -> NDArray[np.void]:
-    """Return copies of the structures that stand at some places in bytes, wherever these are."""
+    """Return copies of the structures at some positions in bytes, aligned or not."""
     if not len(places):
         return np.empty(0, kind)
     size = kind.itemsize

@@ -1,4 +1,4 @@
-"""Messages as rows of a table: one column a number, with its SI unit in the name."""
+"""Messages as rows of a table: one column per number, with its SI unit in the name."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Get = Callable[[Any], Any]
 Read = Callable[[Any], Value]
 Path = tuple[str, ...]
 Leaf = tuple[Path, str, Read]
-"""Field names on the way to a value, its unit, and how to read it from a message."""
+"""Path of field names to a value, its unit, and the function that reads it from a message."""
 
 UNITS: dict[tuple[str, str], str] = {
     ('geometry_msgs/msg/Pose', 'position'): 'm',
@@ -50,7 +50,7 @@ UNITS: dict[tuple[str, str], str] = {
     ('sensor_msgs/msg/NavSatFix', 'longitude'): 'deg',
     ('sensor_msgs/msg/NavSatFix', 'altitude'): 'm',
 }
-"""The unit that the definition of a type gives to a field, or to all numbers in it."""
+"""Units that the definition of a type gives to a field, or to all numbers in it."""
 
 _JOINT_STATE = 'sensor_msgs/msg/JointState'
 _JOINT_UNITS = {'position': 'rad', 'velocity': 'rad_per_s', 'effort': 'N_m'}
@@ -58,13 +58,13 @@ _JOY = 'sensor_msgs/msg/Joy'
 _TIMES = ('builtin_interfaces/msg/Time', 'builtin_interfaces/msg/Duration')
 
 _CONTAINERS = {'header', 'pose', 'twist', 'accel', 'wrench', 'transform', 'vector', 'quaternion'}
-"""Fields whose name says nothing that the names within do not say."""
+"""Field names that add nothing to the names of their parts."""
 
 _NO_UNIT = {'w', 'covariance', 'frame_id', 'child_frame_id'}
 
 
 class Column(NamedTuple):
-    """A column's name, and how to read its value from a message; ``kind`` is its Python type."""
+    """A column's name, the function that reads its value from a message, and its Python type."""
 
     name: str
     kind: type
@@ -73,14 +73,14 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Meaning:
-    """What is known of a topic beyond its type.
+    """Knowledge about a topic beyond its type.
 
     Attributes
     ----------
     names : mapping of str to str
-        Names of columns by the path of the field, such as ``vector_x``.
+        Column names by field path, such as ``vector_x``.
     more : mapping of str to callable
-        Further columns: name, and the function that reads the value from a message.
+        Additional columns: name, and the function that computes the value from a message.
     """
 
     names: Mapping[str, str] = field(default_factory=dict)
@@ -89,14 +89,14 @@ class Meaning:
 
 @dataclass
 class Columns:
-    """The columns of a topic, fixed by its first message.
+    """The columns of a topic, determined by its first message.
 
     Attributes
     ----------
     first : object
         A message of the topic, as rosbags decodes it.
     meaning : Meaning
-        What is known of the topic beyond its type.
+        Knowledge about the topic beyond its type.
     columns : list of Column
     """
 
@@ -128,10 +128,10 @@ class Columns:
         Raises
         ------
         RecordingError
-            If the message names other joints or has another number of axes than the first one.
+            If its joints or its number of axes differ from the first message.
         """
         if _shape(message) != self._shape:
-            raise RecordingError('the names or number of its elements change')
+            raise RecordingError('the names or the number of its elements change')
         return [column.read(message) for column in self.columns]
 
 
@@ -140,7 +140,7 @@ def _says_something(word: str) -> bool:
 
 
 def _shape(message: Any) -> Any:
-    """Return what must not change from message to message, or columns would change meaning."""
+    """Return everything that must stay the same, or columns would change their meaning."""
     kind = _type_name(message)
     if kind == _JOINT_STATE:
         return list(message.name), *(len(getattr(message, group)) for group in _JOINT_UNITS)
@@ -150,7 +150,7 @@ def _shape(message: Any) -> Any:
 
 
 def _leaves(value: Any, path: Path, unit: str, get: Get) -> list[Leaf]:
-    """Return everything within `value` that becomes a column; `get` finds `value` in a message."""
+    """Return all parts of `value` that become columns; `get` finds `value` in a message."""
     type_name = _type_name(value)
     if type_name in _TIMES:
         return [(path, 's', lambda message: _seconds(get(message)))]
@@ -199,7 +199,7 @@ def _type_name(value: object) -> str:
 
 
 def _fields(value: Any) -> list[str]:
-    # rosbags declares a type's constants as fields too, with a value in the class.
+    # rosbags declares constants of a type as fields, too, with a value in the class.
     return [each.name for each in fields(value) if each.name not in vars(type(value))]
 
 
@@ -213,7 +213,7 @@ def _plain(value: Any) -> Value:
 
 
 def _text(value: Any) -> str:
-    """Write a list as JSON; bytes as two hexadecimal digits each."""
+    """Write a list as JSON, bytes as two hexadecimal digits each."""
     if isinstance(value, np.ndarray) and value.dtype == np.uint8:
         return value.tobytes().hex()
     return json.dumps(_nested(value), ensure_ascii=False)

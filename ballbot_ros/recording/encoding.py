@@ -1,4 +1,4 @@
-"""Messages without a graph: blank ones, and their CDR encoding, both by rosbags."""
+"""Messages without a graph: creation with defaults, and CDR encoding, both by rosbags."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from rosbags.interfaces import Nodetype
 from ballbot_ros.recording.schemas import schema, typestore
 
 _Description = tuple[Nodetype, Any]
-"""A field's kind with: a base type, a message type, or an element and a count."""
+"""Kind and details of a field: a base type, a message type, or an element type and a count."""
 
 _DEFAULTS: dict[tuple[str, str], Any] = {
     ('geometry_msgs/msg/Quaternion', 'w'): 1.0,
     ('sensor_msgs/msg/NavSatStatus', 'status'): -2,
 }
-"""The defaults in Jazzy's .msg files that are not zero; rosbags does not keep them."""
+"""Nonzero defaults in Jazzy's .msg files, which rosbags does not keep."""
 
 
 def new_message(type_name: str) -> Any:
-    """Make a message of `type_name` with the defaults of its definition.
+    """Create a message of `type_name` with the defaults of its definition.
 
     Returns
     -------
     object
-        A rosbags message: its arrays and sequences of numbers are numpy arrays.
+        A rosbags message, with numpy arrays for arrays and sequences of numbers.
 
     Raises
     ------
@@ -46,9 +46,8 @@ def new_message(type_name: str) -> Any:
 def encoder(type_name: str) -> Callable[[Any], bytes]:
     """Return the function that encodes a rosbags message of `type_name` as little-endian CDR.
 
-    Where the message itself has an array of numbers, it may be given as any sequence or as bytes,
-    which the function replaces by the numpy array that rosbags wants. Within nested messages it
-    must be that array.
+    A top-level array of numbers may be any sequence or bytes; the function converts it to the numpy
+    array that rosbags requires. In nested messages it must already be that array.
 
     Raises
     ------
@@ -57,7 +56,7 @@ def encoder(type_name: str) -> Callable[[Any], bytes]:
     """
     schema(type_name)
     store = typestore()
-    fields = store.get_msgdef(type_name).fields  # Makes the serialiser now, not at the first call.
+    fields = store.get_msgdef(type_name).fields  # creates the serialiser before the first call
     blanks = ((name, _blank(description)) for name, description in fields)
     arrays = [(name, blank.dtype) for name, blank in blanks if isinstance(blank, np.ndarray)]
 
@@ -85,7 +84,7 @@ def _blank(description: _Description) -> Any:
 
 
 def _dtype(description: _Description) -> np.dtype[Any] | None:
-    """Return the type of a number, None for everything else."""
+    """Return the dtype of a number, None for everything else."""
     kind, detail = description
     if kind != Nodetype.BASE or detail[0] == 'string':
         return None

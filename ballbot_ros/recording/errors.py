@@ -4,4 +4,4 @@ from ballbot_ros.errors import BallbotError
 
 
 class RecordingError(BallbotError):
-    """A recording that cannot be created, written or read; the text begins with its path."""
+    """A recording can't be created, written or read; the message begins with its path."""

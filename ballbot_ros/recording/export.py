@@ -1,4 +1,4 @@
-"""A recording as tables."""
+"""Export of a recording as tables."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.tables import FORMATS, Table
 
 JOINED = 'joined'
-"""Name of the table of all topics."""
+"""Name of the joined table."""
 
 LATENESS_S = 1
-"""How far behind the newest message another may come and still find its row [s]."""
+"""How far behind the newest message a late one may be and still find its row [s]."""
 
 LONGEST_GAP_S = 3600
-"""A longer silence of all topics is no pause but another clock [s]."""
+"""Silence of all topics that indicates another clock, not a pause [s]."""
 
 _SECOND_NS = 10**9
 _OWN_STAMP = 'stamp_s'
@@ -34,15 +34,15 @@ class Exporter:
     ----------
     reader : RecordingReader
     folder : Path
-        Where the tables go; it is made if need be, no file in it is overwritten.
+        Folder for the tables, created if necessary; no file in it is overwritten.
     file_format : str
         A key of `tables.FORMATS`.
     topics : list of str
-        The topics to take.
+        The topics to export.
     meanings : mapping of (str, str) to Meaning
-        What is known of a topic and type beyond the type.
+        Knowledge about a topic and type beyond the type.
     progress : callable
-        Told how many messages of how many are done.
+        Called with the number of messages done and their total.
     files : list of Path
         The tables written so far.
     """
@@ -56,13 +56,13 @@ class Exporter:
     files: list[Path] = field(default_factory=list)
 
     def write_topics(self) -> None:
-        """Write a table for each topic that has messages: a row a message.
+        """Write a table for each topic with messages, one row per message.
 
         Raises
         ------
         RecordingError
-            If a table exists already or cannot be written, or messages cannot be put in columns;
-            no table is left then.
+            If a table already exists or can't be written, or messages don't fit in columns; no
+            table remains then.
         """
         tables: dict[str, tuple[Columns, Table]] = {}
         with self._writing(), ExitStack() as stack:
@@ -77,15 +77,15 @@ class Exporter:
                 table.add([stamp_ns / _SECOND_NS, *self._row(topic, stamp_ns, columns, message)])
 
     def write_joined(self, period_ns: int, texts: Sequence[str] = ()) -> None:
-        """Write one table of all topics: a row each `period_ns`.
+        """Write one table of all topics, with a row each `period_ns`.
 
-        A row has the newest value of each column at its time; before the first message of a topic
-        there is none. Of text only the columns of the topics `texts` are taken.
+        Each column has the newest value at the time of the row, and none before the first message
+        of its topic. Text columns are included only for the topics in `texts`.
 
         Raises
         ------
         RecordingError
-            As `write_topics`, and if the messages are not in the order of time.
+            As `write_topics`, and if the messages are not ordered in time.
         """
         columns = self._first_columns()
         if not columns:
@@ -115,8 +115,8 @@ class Exporter:
                 tick = -(-stamp_ns // period_ns)
                 if not grid.put(tick, topic, [row[number] for number in taken[topic]], longest):
                     raise RecordingError(
-                        f'{self.reader.path}: {topic} at {stamp_ns / _SECOND_NS:.3f} s does not '
-                        'follow what stands before it: no joined table'
+                        f'{self.reader.path}: {topic} at {stamp_ns / _SECOND_NS:.3f} s is out of '
+                        'order: no joined table'
                     )
                 for ready, values in grid.rows(lateness):
                     table.add([ready * period_ns / _SECOND_NS, *values])
@@ -128,7 +128,7 @@ class Exporter:
         try:
             yield
         except BaseException as error:
-            # Half a table looks like a whole one.
+            # An incomplete table looks like a complete one.
             for file in self.files:
                 file.unlink(missing_ok=True)
             if isinstance(error, OSError):
@@ -145,7 +145,7 @@ class Exporter:
         return Columns(message, self.meanings.get((topic, type_name), Meaning()))
 
     def _first_columns(self) -> dict[str, Columns]:
-        """Return the columns of each topic that has messages."""
+        """Return the columns of each topic with messages."""
         missing = {topic for topic in self.topics if self.reader.topics()[topic].message_count > 0}
         columns: dict[str, Columns] = {}
         while missing:
@@ -177,7 +177,7 @@ class Exporter:
         try:
             table = FORMATS[self.file_format](path, columns)
         except FileExistsError:
-            raise RecordingError(f'{path}: exists already; choose another --output') from None
+            raise RecordingError(f'{path}: already exists; choose another --output') from None
         self.files.append(path)
         return table
 
@@ -187,7 +187,7 @@ def _file_name(topic: str) -> str:
 
 
 class _Grid:
-    """Values of all topics by tick, held until the next one comes."""
+    """Values of all topics by tick, held until the next value."""
 
     def __init__(self, widths: Mapping[str, int]) -> None:
         self._held: dict[str, list[Value | None]] = {
@@ -198,7 +198,7 @@ class _Grid:
         self._next: int | None = None
 
     def put(self, tick: int, topic: str, values: list[Value | None], longest_gap: int) -> bool:
-        """Note the values of `topic` at `tick`; tell whether its row can still be written."""
+        """Store the values of `topic` at `tick`; return whether its row can still be written."""
         if self._newest is None:
             self._newest = tick
         if abs(tick - self._newest) > longest_gap or (self._next is not None and tick < self._next):
@@ -208,7 +208,7 @@ class _Grid:
         return True
 
     def rows(self, lateness: int) -> Iterator[tuple[int, list[Value | None]]]:
-        """Iterate over the rows that are older than the newest by at least `lateness` ticks."""
+        """Iterate over the rows at least `lateness` ticks older than the newest."""
         if self._newest is None:
             return
         if self._next is None:

@@ -1,4 +1,4 @@
-"""Where the numbers of a message stand in its CDR, to read those of many messages at once."""
+"""Positions of the numbers in CDR messages, for reading those of many messages at once."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from ballbot_ros.recording.batch import Batch, Rows, gather
 from ballbot_ros.recording.schemas import recorded_typestore
 
 _HEAD_SIZE = 4
-"""The bytes that tell the encoding; alignment counts from behind them."""
+"""Encapsulation header; alignment counts from its end."""
 
 _NUMPY_NAMES = {'char': 'uint8'}
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The form that all messages of a type share whose texts and sequence lengths are the same.
+    """The form shared by all messages of a type with equal texts and sequence lengths.
 
     Attributes
     ----------
     kind : numpy.dtype
         A structure as long as the message, with a field for each number, array or sequence of
-        numbers and message within it.
+        numbers, and nested message.
     places : ndarray, shape (k,)
-        The bytes that make up the form: encoding, lengths and texts.
+        Positions of the bytes that determine the form: encoding, lengths and texts.
     form : ndarray, shape (k,)
-        What they have to be.
+        Their required values.
     """
 
     kind: np.dtype[Any]
@@ -41,7 +41,7 @@ class Layout:
 
     @classmethod
     def of(cls, data: bytes, definition: Schema) -> Layout:
-        """Return the layout of a message that can be decoded as its recording defines its type."""
+        """Return the layout of a message, which must be valid for its recorded type."""
         walk = _Walk(data, recorded_typestore(definition))
         fields = walk.message(definition.name)
         kind = _structure(fields, 0, len(data))
@@ -49,9 +49,9 @@ class Layout:
         return cls(kind, places, np.frombuffer(data, np.uint8)[places])
 
     def read(self, batch: Batch, rows: Rows) -> tuple[NDArray[np.bool_], NDArray[Any]]:
-        """Tell which messages of a batch have this form, and return these.
+        """Return which messages of a batch have this form, and their numbers.
 
-        They come as a record array, whose fields are named as those of the type.
+        The numbers are a record array with the field names of the type.
         """
         fits = batch.sizes[rows] == self.kind.itemsize
         records = gather(batch.data, batch.starts[rows[fits]], self.kind)
@@ -64,7 +64,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class _Field:
-    """A field: its place in the message [byte], and its type, or the fields of a message."""
+    """A field: its position in the message [byte], and its type or the fields of its message."""
 
     name: str
     place: int
@@ -72,7 +72,7 @@ class _Field:
 
 
 class _Walk:
-    """Goes through a message once and notes what makes up its form."""
+    """Parses a message once and notes everything that determines its form."""
 
     def __init__(self, data: bytes, store: Typestore) -> None:
         self._data, self._store = data, store
@@ -81,7 +81,7 @@ class _Walk:
         self.form = list(range(_HEAD_SIZE))
 
     def message(self, type_name: str) -> list[_Field]:
-        """Return the fields of a message that begins here, but for texts and lists of messages."""
+        """Return the fields of a message that begins here, except texts and lists of messages."""
         _, descriptions = self._store.fielddefs[type_name]
         fields = []
         for name, description in descriptions:
@@ -132,7 +132,7 @@ class _Walk:
 
 
 def _structure(fields: list[_Field], begin: int, end: int) -> np.dtype[Any]:
-    """Return the structure of fields within a message that goes from `begin` to `end`."""
+    """Return the structure of fields in a message from `begin` to `end`."""
     kinds = [
         _structure(each.kind, each.place, end) if isinstance(each.kind, list) else each.kind
         for each in fields

@@ -1,4 +1,4 @@
-"""What a recording holds, at a glance."""
+"""Summary of a recording's content."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ballbot_ros.recording.writer import RUN_OUTCOME
 
 @dataclass
 class TopicOverview:
-    """A topic's messages.
+    """Statistics of a topic's messages.
 
     Attributes
     ----------
@@ -22,8 +22,7 @@ class TopicOverview:
     first_ns, last_ns : int or None
         The oldest and the newest stamp [ns]; None if there are no messages.
     gap_ns, gap_at_ns : int or None
-        The longest time from one message to the next, and where it begins [ns]; None with fewer
-        than two messages.
+        The longest time between two messages, and its start [ns]; None for fewer than two messages.
     """
 
     type_name: str
@@ -34,7 +33,7 @@ class TopicOverview:
     gap_at_ns: int | None = None
 
     def add(self, stamp_ns: int) -> None:
-        """Take a message into account."""
+        """Count a message."""
         self.count += 1
         if self.first_ns is None or self.last_ns is None:
             self.first_ns = self.last_ns = stamp_ns
@@ -47,7 +46,7 @@ class TopicOverview:
 
     @property
     def rate_hz(self) -> float | None:
-        """The mean rate [Hz]; None if the messages have no extent in time."""
+        """The mean rate [Hz]; None for fewer than two different stamps."""
         if self.first_ns is None or self.last_ns is None or self.first_ns == self.last_ns:
             return None
         return (self.count - 1) / ((self.last_ns - self.first_ns) * 1e-9)
@@ -55,7 +54,7 @@ class TopicOverview:
 
 @dataclass
 class Overview:
-    """A recording.
+    """Summary of a recording.
 
     Attributes
     ----------
@@ -63,20 +62,20 @@ class Overview:
     size : int
         [byte]
     library : str
-        What wrote the file.
+        Program that wrote the file.
     being_written : bool
     damage : str or None
-        What is missing; None if nothing is known to be.
+        What is missing; None if nothing is known to be missing.
     broken : str or None
         Where the file is cut off or corrupt.
     topics : dict of str to TopicOverview
     runs_ns : list of int
         First tick of each run that the file announces [ns].
     outcome : dict of str to str
-        How the run ended, where the file tells.
+        How the run ended, if known.
     attachments : dict of str to AttachedFile
     metadata : dict of str to dict
-        Without what other fields say.
+        Without the records that other fields contain.
     """
 
     path: Path
@@ -123,12 +122,12 @@ def look_at(
     run_topic : str
         The topic that announces a run.
     progress : callable, optional
-        Told how many messages of how many are read.
+        Called with the number of messages read and their total.
 
     Raises
     ------
     RecordingError
-        If the file cannot be read or is no recording of ROS 2.
+        If the file can't be read or is not a recording of ROS 2.
     """
     with RecordingReader(path) as reader:
         topics = {name: TopicOverview(topic.type_name) for name, topic in reader.topics().items()}

@@ -1,4 +1,4 @@
-"""Which messages of a recording are due, at what moment."""
+"""Playback of a recording: which messages are due at which time."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from ballbot_ros.recording.reader import RecordingReader
 
 
 class Playback:
-    """Walks through a recording at a pace, which may change on the way.
+    """Plays a recording at a variable rate.
 
-    Time is handed in: `now` is any clock that does not jump [s].
+    The caller provides the time: `now` is any monotonic clock [s].
 
     Parameters
     ----------
@@ -20,21 +20,21 @@ class Playback:
     topics : collection of str or None
         The topics to play; None for all.
     rate : float
-        Speed in times real time.
+        Speed in multiples of real time.
     loop : bool
-        Whether to begin again at the end, at the oldest message.
+        Whether to restart from the oldest message at the end.
 
     Attributes
     ----------
     first_ns, last_ns : int
-        The oldest and the newest stamp of the file, whatever topics are played [ns].
+        The oldest and the newest stamp of the file, including topics that are not played [ns].
     finished : bool
         Whether everything has been played.
 
     Raises
     ------
     RecordingError
-        If there are no messages, or the file has no such topic.
+        If there are no messages, or a topic is not in the file.
     """
 
     def __init__(
@@ -56,16 +56,16 @@ class Playback:
         self.seek(0.0, 0.0)
 
     def begin(self, start: float, now: float) -> None:
-        """Begin to play at `start`, after the oldest message [s].
+        """Start playing at `start`, counted from the oldest message [s].
 
         Raises
         ------
         RecordingError
-            If that is behind the end.
+            If that is after the end.
         """
         if start > self.duration:
             raise RecordingError(
-                f'{self._reader.path}: start {start:g} s is behind the end, {self.duration:g} s'
+                f'{self._reader.path}: start {start:g} s is after the end, {self.duration:g} s'
             )
         self.seek(start, now)
 
@@ -76,31 +76,31 @@ class Playback:
 
     @property
     def rate(self) -> float:
-        """Speed in times real time."""
+        """Speed in multiples of real time."""
         return self._rate
 
     @property
     def paused(self) -> bool:
-        """Whether the playing is interrupted."""
+        """Whether the playback is paused."""
         return self._paused
 
     def position(self, now: float) -> float:
-        """Return where it is, after the oldest message [s]."""
+        """Return the position, counted from the oldest message [s]."""
         passed = 0.0 if self._paused else (now - self._anchor) * self._rate
         return min(max(self._position + passed, 0.0), self.duration)
 
     def set_rate(self, rate: float, now: float) -> None:
-        """Go on at another speed."""
+        """Continue at another speed."""
         self._position, self._anchor = self.position(now), now
         self._rate = rate
 
     def pause(self, paused: bool, now: float) -> None:
-        """Interrupt or go on."""
+        """Pause or resume."""
         self._position, self._anchor = self.position(now), now
         self._paused = paused
 
     def seek(self, position: float, now: float) -> None:
-        """Go to another place, or to the nearest end [s]."""
+        """Jump to another position, or to the nearest end [s]."""
         self._position, self._anchor = min(max(position, 0.0), self.duration), now
         start_ns = self.first_ns + round(self._position * 1e9)
         self._messages = self._reader.raw_messages(self._topics, start_ns)
@@ -108,7 +108,7 @@ class Playback:
         self.finished = False
 
     def due(self, now: float) -> Iterator[RawMessage]:
-        """Iterate over the messages that are due since the last call, in the order of the file."""
+        """Iterate over the messages that have become due since the last call, in file order."""
         if now < self._anchor:
             return
         until_ns = self.first_ns + round(self.position(now) * 1e9)

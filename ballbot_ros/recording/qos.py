@@ -1,4 +1,4 @@
-"""Quality of service as a recording keeps it."""
+"""Quality of service in recordings."""
 
 from __future__ import annotations
 
@@ -6,29 +6,30 @@ from dataclasses import dataclass
 from typing import Any
 
 INFINITE = 2**63 - 1
-"""A duration without end [ns]."""
+"""An infinite duration [ns]."""
 
 
 @dataclass(frozen=True)
 class QosProfile:
-    """What a publisher offers, in the words and the order of rosbag2.
+    """The QoS offered by a publisher, with the names and the order of rosbag2.
 
     Attributes
     ----------
     history : str
-        ``keep_last``, ``keep_all``, ``system_default``, or ``unknown``: discovery does not tell.
+        ``keep_last``, ``keep_all``, ``system_default``, or ``unknown`` if discovery does not report
+        it.
     depth : int
-        Messages kept; 0 when unknown.
+        Number of messages kept; 0 if unknown.
     reliability : str
         ``reliable``, ``best_effort``, ...
     durability : str
         ``transient_local``, ``volatile``, ...
     deadline, lifespan, liveliness_lease_duration : int
-        Durations [ns]; 0 where the publisher left it to the middleware, or `INFINITE`.
+        Durations [ns]; 0 if left to the middleware, or `INFINITE`.
     liveliness : str
         ``automatic``, ``manual_by_topic``, ...
     avoid_ros_namespace_conventions : bool
-        Whether the topic's name goes to the middleware as it is.
+        Whether the topic's name is passed to the middleware unchanged.
     """
 
     history: str
@@ -58,4 +59,4 @@ class QosProfile:
 
 
 RELIABLE_LATCHED = QosProfile('keep_last', 128, 'reliable', 'transient_local')
-"""What every publisher of the graph offers."""
+"""The QoS offered by every publisher of the graph."""

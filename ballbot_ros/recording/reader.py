@@ -1,4 +1,4 @@
-"""Reading MCAP recordings, also those whose recorder was killed."""
+"""Reading MCAP recordings, including those of a killed recorder."""
 
 from __future__ import annotations
 
@@ -40,24 +40,24 @@ from ballbot_ros.recording.schemas import schema_decoder
 from ballbot_ros.recording.writer import INCOMPLETE, is_locked
 
 DAMAGE = (McapError, struct.error, ValueError, OverflowError, RuntimeError, MemoryError, ZstdError)
-"""What mcap, lz4 and zstandard raise on bytes that are not what they should be."""
+"""Errors of mcap, lz4 and zstandard for corrupt bytes."""
 
 _CRC_SIZE = 4
 _FOOTER_SIZE = 25
-"""The part of the footer that its checksum covers [byte]."""
+"""Size of the part of the footer that its checksum covers [byte]."""
 
 _NO_SCHEMA = Schema(id=0, data=b'', encoding='', name='')
 _Item = TypeVar('_Item')
 
 _LOOSE = 4096
-"""How many messages that stand in no chunk are handed out at once."""
+"""Maximum number of messages outside chunks in a batch."""
 
 _LET_GO = 64 * ALLOCATIONGRANULARITY
-"""Bytes read after which their memory is given back, so that a large file does not fill it."""
+"""Number of bytes read after which their memory is released."""
 
 
 class TopicSummary(NamedTuple):
-    """A topic's type, such as ``sensor_msgs/msg/Imu``, and number of messages."""
+    """A topic's type, such as ``sensor_msgs/msg/Imu``, and its number of messages."""
 
     type_name: str
     message_count: int
@@ -71,19 +71,19 @@ class AttachedFile(NamedTuple):
 
 
 def summary_holds(data: mmap, footer: Footer) -> bool:
-    """Tell whether the summary of a whole file has the checksum that its footer names."""
+    """Return whether the summary of a complete file matches the checksum in its footer."""
     if not footer.summary_crc:
         return True
     end = len(data) - len(MCAP0_MAGIC) - _CRC_SIZE
-    # Of a file without summary, the footer itself.
+    # In a file without a summary, the footer itself.
     start = footer.summary_start or end - _FOOTER_SIZE
     return zlib.crc32(data[start:end]) == footer.summary_crc
 
 
 class RecordingReader:
-    """A recording, read message by message in the order of the file.
+    """A recording, read message by message in file order.
 
-    Of a file that is cut off or corrupt, what stands before the damage is read.
+    If the file is cut off or corrupt, the part before the damage is read.
 
     Parameters
     ----------
@@ -94,14 +94,14 @@ class RecordingReader:
     ----------
     path : Path
     library : str
-        What wrote the file, as it says.
+        Program that wrote the file, according to the file.
     times : TimeRange or None
         The oldest and the newest stamp [ns]; None if there are no messages.
 
     Raises
     ------
     RecordingError
-        If the file cannot be read or is not an MCAP file of ROS 2.
+        If the file can't be read or is not an MCAP file of ROS 2.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -140,7 +140,7 @@ class RecordingReader:
 
     @property
     def damage(self) -> str | None:
-        """What is missing: the file's end, or what the recorder has noted as missing."""
+        """What is missing: the end of the file, or what the recorder noted as missing."""
         return '; '.join(filter(None, [*self._gaps, self._broken])) or None
 
     @property
@@ -160,7 +160,7 @@ class RecordingReader:
 
     @property
     def being_written(self) -> bool:
-        """Whether a recorder of this package is at work on the file."""
+        """Whether a recorder of this package is still writing the file."""
         return is_locked(self._file.fileno())
 
     @property
@@ -176,22 +176,22 @@ class RecordingReader:
         }
 
     def offered_qos(self) -> dict[str, list[QosProfile]]:
-        """Return what each topic's publishers offered; empty where the file does not tell."""
+        """Return the QoS offered by each topic's publishers; empty if unknown."""
         return {
             channel.topic: parse_offered_qos(channel.metadata.get('offered_qos_profiles', ''))
             for channel in self._channels.values()
         }
 
     def metadata(self) -> dict[str, dict[str, str]]:
-        """Return the sets of keys and values by name; of equal names the last."""
+        """Return the metadata records by name; the last one with that name."""
         return self._metadata
 
     def attachments(self) -> dict[str, AttachedFile]:
-        """Return the attached files by name; of equal names the last."""
+        """Return the attached files by name; the last one with that name."""
         return self._attachments
 
     def unreadable(self) -> dict[str, str]:
-        """Return the topics whose messages cannot be decoded, and why."""
+        """Return the topics whose messages can't be decoded, and the reasons."""
         reasons: dict[str, str] = {}
         for channel in self._channels.values():
             definition = self._schema(channel)
@@ -205,7 +205,7 @@ class RecordingReader:
         return reasons
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, Any]]:
-        """Iterate over the messages of `topics`, or all, decoded.
+        """Iterate over the messages of `topics`, or of all, decoded.
 
         Yields
         ------
@@ -215,7 +215,8 @@ class RecordingReader:
         Raises
         ------
         RecordingError
-            If there is no such topic, its type is unknown, or a message is not of that type.
+            If a topic is not in the file, its type is unknown, or a message does not match its
+            type.
         """
         for raw in self.raw_messages(topics):
             yield raw.topic, raw.stamp_ns, self.decode(raw)
@@ -226,7 +227,7 @@ class RecordingReader:
         Raises
         ------
         RecordingError
-            If its type is unknown, or it is not of that type.
+            If its type is unknown, or it does not match its type.
         """
         schema = self._types[raw.topic]
         try:
@@ -236,35 +237,36 @@ class RecordingReader:
             return decode(raw.data)
         except (RecordingError, SerdeError) as error:
             raise RecordingError(
-                f'{self.path}: {raw.topic} at {raw.stamp_ns} ns is no {schema.name}: {error}'
+                f'{self.path}: {raw.topic} at {raw.stamp_ns} ns is not a valid '
+                f'{schema.name}: {error}'
             ) from None
 
     def raw_messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0
     ) -> Iterator[RawMessage]:
-        """Iterate over the messages of `topics`, or all, from a stamp on, as they were recorded.
+        """Iterate over the messages of `topics`, or of all, from a stamp on, as recorded.
 
         Raises
         ------
         RecordingError
-            If there is no such topic.
+            If a topic is not in the file.
         """
         for batch in self.batches(topics, start_ns):
             yield from batch.messages()
 
     def batches(self, topics: Collection[str] | None = None, start_ns: int = 0) -> Iterator[Batch]:
-        """Iterate over the same messages, those of a chunk of the file at once.
+        """Iterate over the same messages in batches, one per chunk of the file.
 
         Raises
         ------
         RecordingError
-            If there is no such topic.
+            If a topic is not in the file.
         """
         known = self.topics().keys()
         for topic in topics or ():
             if topic not in known:
                 names = ', '.join(sorted(known)) or 'none'
-                raise RecordingError(f'{self.path}: no topic {topic!r}, only {names}')
+                raise RecordingError(f'{self.path}: topic {topic!r} not found, only {names}')
         channels = {number: channel.topic for number, channel in self._channels.items()}
 
         def parse(stream: IO[bytes]) -> Iterator[Batch]:
@@ -284,13 +286,13 @@ class RecordingReader:
                 yield chosen
 
     def records(self, topic: str, batch: Batch, rows: Rows) -> Iterator[tuple[Rows, Any]]:
-        """Iterate over the messages of a topic in some rows of a batch, those of a form at once.
+        """Iterate over some messages of a topic in a batch, grouped by their form.
 
         Yields
         ------
         tuple
-            Rows, and the messages there as a record array: its fields are named as those of the
-            type; texts, and lists of messages, are left out.
+            Rows, and their messages as a record array with the field names of the type, without
+            texts and lists of messages.
 
         Raises
         ------
@@ -317,7 +319,7 @@ class RecordingReader:
         return self._schemas.get(channel.schema_id, _NO_SCHEMA)
 
     def _scan(self, *, unpack: bool) -> bool:
-        """Note what the file holds; return whether that tells the number of messages."""
+        """Note the content of the file; return whether this includes the number of messages."""
         self._counts: Counter[int] = Counter()
         self._gaps: list[str] = []
         statistics = None
@@ -364,9 +366,9 @@ class RecordingReader:
         return True
 
     def _read(self, parse: Callable[[IO[bytes]], Iterator[_Item]]) -> Iterator[_Item]:
-        """Iterate over what `parse` finds in the file, until its end or damage."""
+        """Iterate over the results of `parse` on the file, until its end or damage."""
         try:
-            # Each map has a position of its own, so that iterators can take turns.
+            # Each map has its own position, so that several iterators can be active.
             stream = mmap(self._file.fileno(), 0, access=ACCESS_READ)
         except ValueError:
             raise RecordingError(f'{self.path}: the recording is closed') from None
@@ -385,7 +387,7 @@ class RecordingReader:
 
 
 def _grouped(records: Iterable[McapRecord]) -> Iterator[Chunk | list[Message]]:
-    """Iterate over the chunks of a file, and over the messages that stand in none, by thousands."""
+    """Iterate over the chunks of a file, and over messages outside chunks in lists."""
     loose: list[Message] = []
     try:
         for record in records:
@@ -397,7 +399,7 @@ def _grouped(records: Iterable[McapRecord]) -> Iterator[Chunk | list[Message]]:
             if isinstance(record, Chunk):
                 yield record
     except DAMAGE:
-        # What stands before the damage is whole.
+        # The part before the damage is intact.
         if loose:
             yield loose
         raise

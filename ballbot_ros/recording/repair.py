@@ -1,4 +1,4 @@
-"""Making a whole recording of a damaged one."""
+"""Recovery of damaged recordings."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from ballbot_ros.recording.salvage import Damage, Salvage
 from ballbot_ros.recording.writer import RecordingWriter
 
 ShowProgress = Callable[[int, int], None]
-"""Told how many bytes of how many are done."""
+"""Called with the number of bytes done and their total."""
 
 MOST_PLACES = 5
-"""Damaged places that are named one by one."""
+"""Maximum number of damaged places listed individually."""
 
 
 @dataclass
 class LostSpan:
-    """A stretch of time from which messages are missing.
+    """An interval of time with missing messages.
 
     Attributes
     ----------
     start_ns : int or None
         Stamp of the newest message before it [ns]; None if there is none.
     end_ns : int or None
-        Stamp of the first message behind it, or of the last one that is known to be missing
-        [ns]; None if nothing tells where it ends.
+        Stamp of the first message after it, or of the last one known to be missing [ns]; None if
+        the end is unknown.
     open : bool
-        Whether the file ends in it, so that more may have followed.
+        Whether the file ends in it, so that more messages may have followed.
     """
 
     start_ns: int | None
@@ -58,15 +58,15 @@ class LostSpan:
 
 @dataclass
 class LostMessages:
-    """How many messages of a topic are missing.
+    """Number of missing messages of a topic.
 
     Attributes
     ----------
     count : int
     counted : bool
-        Whether that is counted, not estimated.
+        Whether it is counted, not estimated.
     open : bool
-        Whether more may have followed behind the file's end.
+        Whether more may have followed after the end of the file.
     """
 
     count: int
@@ -80,20 +80,20 @@ class LostMessages:
 
 @dataclass
 class Repair:
-    """What a repair found.
+    """Result of a repair.
 
     Attributes
     ----------
     output : Path or None
-        The repaired recording; None if there was nothing to repair.
+        The repaired recording; None if no repair was needed.
     message_count : int
-        Messages that are whole.
+        Number of intact messages.
     damage : list of str
-        The damaged places in words.
+        Descriptions of the damaged places.
     spans : list of LostSpan
     lost : dict of str to LostMessages
-        By topic. Counted by the file's statistics or by the publisher's numbers, estimated from
-        the topic's mean rate otherwise.
+        By topic: counted by the file's statistics or the publishers' sequence numbers, or else
+        estimated from the topic's mean rate.
     nothing_lost : bool
         Whether it is certain that no message is missing.
     """
@@ -107,7 +107,7 @@ class Repair:
 
     @property
     def reason(self) -> str:
-        """All of it in one line."""
+        """Summary on one line."""
         parts = list(self.damage)
         if self.spans:
             parts.append(f'messages lost {", ".join(map(str, self.spans))}')
@@ -116,35 +116,35 @@ class Repair:
         elif self.nothing_lost:
             parts.append('no message lost')
         else:
-            parts.append('how many messages are lost is not known')
+            parts.append('number of lost messages unknown')
         return '; '.join(parts)
 
 
 def repair(
     path: Path, output: Path | None = None, progress: ShowProgress = lambda done, total: None
 ) -> Repair:
-    """Copy what is whole in a damaged recording to a new one.
+    """Copy the intact part of a damaged recording to a new one.
 
     Parameters
     ----------
     path : Path
     output : Path, optional
-        The file to create; beside `path` with ``_repaired`` in its name by default.
+        The file to create; by default next to `path` with ``_repaired`` in its name.
     progress : callable, optional
-        Told how many bytes of how many are done.
+        Called with the number of bytes done and their total.
 
     Raises
     ------
     RecordingError
-        If the file is no recording of ROS 2, cannot be read or is still being written, or the
-        new one exists already or cannot be written.
+        If the file is not a recording of ROS 2, can't be read or is still being written, or if the
+        new one already exists or can't be written.
     """
     path = Path(path)
     output = Path(output) if output else path.with_name(f'{path.stem}_repaired{path.suffix}')
     with RecordingReader(path) as reader:
         if reader.being_written:
             raise RecordingError(
-                f'{path}: is being recorded; repair it when its recorder has ended'
+                f'{path}: still being recorded; repair it when its recorder has ended'
             )
         broken = reader.broken
     with Salvage(path) as salvage:
@@ -203,7 +203,7 @@ def _copy(
 
 @dataclass
 class _Seen:
-    """What is known of a channel from its messages."""
+    """Observations about a channel from its messages."""
 
     count: int = 0
     oldest_ns: int = 2**63
@@ -215,7 +215,7 @@ class _Seen:
 
 
 class _Survey:
-    """A first reading: what the file holds, and what it lacks."""
+    """A first pass over the file: what it contains, and what is missing."""
 
     def __init__(self, salvage: Salvage, progress: Callable[[int], None]) -> None:
         self.schemas: dict[int, Schema] = {}
@@ -295,12 +295,12 @@ class _Survey:
         self._spans.append(span)
 
     def describe(self, broken: str | None) -> list[str]:
-        """Say in words where the file is damaged."""
+        """Return descriptions of the damaged places."""
         places = [self._describe(damage) for damage in self.damage[:MOST_PLACES]]
         if len(self.damage) > MOST_PLACES:
             places.append(f'{len(self.damage) - MOST_PLACES} more places')
         if not places:
-            places.append(f'{broken}, in a part that has no checksum of its own')
+            places.append(f'{broken}, in a part without a checksum')
         if self._next_recording is not None:
             places.append(f'another recording begins at byte {self._next_recording}: left out')
         if self._undescribed:

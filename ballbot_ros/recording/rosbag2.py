@@ -1,4 +1,4 @@
-"""What rosbag2 of ROS 2 Jazzy keeps in an MCAP file beside the messages, as YAML."""
+"""The YAML metadata that rosbag2 of ROS 2 Jazzy writes to an MCAP file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _WORDS = {
     'durability': {0: 'system_default', 1: 'transient_local', 2: 'volatile', 3: 'unknown'},
     'liveliness': {0: 'system_default', 1: 'automatic', 3: 'manual_by_topic', 4: 'unknown'},
 }
-"""The numbers of rmw for what Jazzy writes in words."""
+"""The numbers of rmw for the names that Jazzy uses."""
 
 
 @dataclass(slots=True, eq=False)
@@ -32,13 +32,13 @@ class RecordedTopic:
     Attributes
     ----------
     channel : int
-        The MCAP channel's number.
+        Number of the MCAP channel.
     name, type_name : str
-        The topic's full name, and its type, such as ``sensor_msgs/msg/Imu``.
+        Full name of the topic, and its type, such as ``sensor_msgs/msg/Imu``.
     type_hash : str
-        The type's REP 2011 hash; may be empty.
+        REP 2011 hash of the type; may be empty.
     qos : sequence of QosProfile
-        What each of its publishers offers.
+        QoS offered by each of its publishers.
     count : int
         Number of messages.
     """
@@ -59,7 +59,7 @@ class TimeRange(NamedTuple):
 
 
 def offered_qos_profiles(profiles: Iterable[QosProfile]) -> str:
-    """Write `profiles`, one for each publisher, as the channel metadata of that name."""
+    """Write `profiles`, one per publisher, as the channel metadata of that name."""
     return _yaml(_qos(profiles))
 
 
@@ -69,7 +69,7 @@ def parse_offered_qos(text: str) -> list[QosProfile]:
     Returns
     -------
     list of QosProfile
-        Empty where the text is not what rosbag2 writes.
+        Empty if the text is not in the format of rosbag2.
     """
     try:
         return [_parse_profile(profile) for profile in yaml.safe_load(text) or ()]
@@ -79,7 +79,7 @@ def parse_offered_qos(text: str) -> list[QosProfile]:
 
 def _parse_profile(profile: dict[str, Any]) -> QosProfile:
     def word(key: str) -> str:
-        # Releases before Jazzy write the middleware's numbers.
+        # Releases before Jazzy write the numbers of the middleware.
         value = profile[key]
         return _WORDS[key][value] if isinstance(value, int) else str(value)
 
@@ -102,14 +102,14 @@ def _parse_profile(profile: dict[str, Any]) -> QosProfile:
 def serialized_metadata(
     file_name: str, topics: Iterable[RecordedTopic], times: TimeRange | None
 ) -> str:
-    """Write the bag's description as the metadata record's value of that name.
+    """Write the bag's description for the metadata record of that name.
 
     Parameters
     ----------
     file_name : str
-        The recording's name without its directory.
+        Name of the recording without its directory.
     topics : iterable of RecordedTopic
-        Everything recorded, with the number of messages.
+        All recorded topics, with their numbers of messages.
     times : TimeRange or None
         None if there are no messages.
     """

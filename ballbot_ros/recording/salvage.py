@@ -1,4 +1,4 @@
-"""Finding what is whole in a damaged MCAP file."""
+"""Finding the intact parts of a damaged MCAP file."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _INDEX_HEAD = struct.Struct('<HI')
 _FOOTER_SIZE = _HEAD.size + 20
 
 _POSSIBLE_HEAD = re.compile(rb'[\x01-\x0f].{5}\0\0\0', re.DOTALL)
-"""An opcode and a length below a terabyte."""
+"""An opcode and a length below one terabyte."""
 
 _POSSIBLE_CHUNK = re.compile(rb'\x06.{5}\0\0\0', re.DOTALL)
 
@@ -48,20 +48,20 @@ _PARSERS: dict[int, Any] = {
 }
 _KNOWN = {*_PARSERS, Opcode.MESSAGE_INDEX}
 _UNCHECKED = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
-"""What looks like these within the remains of a chunk would escape the chunk's checksum."""
+"""Bytes inside a damaged chunk that look like these records would evade the chunk's checksum."""
 
 
 class Damage(NamedTuple):
-    """A part of the file that is not what it should be.
+    """A damaged part of the file.
 
     Attributes
     ----------
     start, end : int
-        Where it begins, and where what follows is whole again [byte].
+        Where it starts, and where intact data follow [byte].
     newest_ns : int or None
-        The newest stamp in it, if it is a chunk that still tells [ns].
+        The newest stamp in it, if it is a chunk whose header is readable [ns].
     in_summary : bool
-        Whether it lies behind all messages.
+        Whether it is after all messages.
     """
 
     start: int
@@ -71,7 +71,7 @@ class Damage(NamedTuple):
 
 
 class _Chunk(NamedTuple):
-    """A chunk's place; its content is None if it fails its checksum."""
+    """Position of a chunk; its content is None if the checksum fails."""
 
     end: int
     newest_ns: int
@@ -79,10 +79,10 @@ class _Chunk(NamedTuple):
 
 
 class Salvage:
-    """A file that may be cut off or corrupt anywhere behind its first eight bytes.
+    """A file that may be cut off or corrupt anywhere after its first eight bytes.
 
-    Chunks and attachments are taken if their checksums hold. Behind a damaged place the reading
-    goes on with the next record whose parts fit together.
+    Chunks and attachments are accepted if their checksums match. After a damaged place, reading
+    continues at the next consistent record.
     """
 
     def __init__(self, path: Path) -> None:
@@ -101,13 +101,13 @@ class Salvage:
         self._file.close()
 
     def read(self) -> Iterator[tuple[int, records.McapRecord | Damage]]:
-        """Iterate over the records, those in chunks one by one, and the damaged places.
+        """Iterate over the records, including those in chunks, and the damaged places.
 
         Yields
         ------
         tuple
-            The place behind the record or its chunk [byte], and the record or damage. What
-            stands in the summary at the file's end comes only if its checksum holds.
+            Position after the record or its chunk [byte], and the record or damage. The summary at
+            the end of the file is included only if its checksum matches.
         """
         position = len(MCAP0_MAGIC)
         in_summary = False
@@ -137,7 +137,7 @@ class Salvage:
         yield self.size, Damage(position, self.size, None, in_summary)
 
     def _record_at(self, position: int) -> tuple[int, records.McapRecord] | None:
-        """Return the end and content of the record at `position` if its parts fit together."""
+        """Return end and content of the record at `position` if it is consistent."""
         if position + _HEAD.size > self.size:
             return None
         opcode, length = _HEAD.unpack_from(self._map, position)
@@ -145,7 +145,7 @@ class Salvage:
         end = begin + length
         if opcode not in _KNOWN or end > self.size:
             return None
-        if opcode == Opcode.MESSAGE_INDEX:  # long, and of no use here
+        if opcode == Opcode.MESSAGE_INDEX:  # large, and not needed here
             channel, size = _INDEX_HEAD.unpack_from(self._map, begin) if length >= 6 else (0, 0)
             whole = length == _INDEX_HEAD.size + size
             return (end, records.MessageIndex(channel, [])) if whole else None
@@ -166,7 +166,7 @@ class Salvage:
             case records.Metadata():
                 whole = bool(record.name)
             case records.Message():
-                # Its data may be anything: the length is right if a record follows.
+                # Its data can be anything: the length is correct if a record follows.
                 whole = self._may_begin_at(end)
             case records.Footer():
                 whole = self._map[end:] == MCAP0_MAGIC
@@ -182,8 +182,8 @@ class Salvage:
     def _chunk_at(self, position: int) -> _Chunk | None:
         """Return the chunk at `position`.
 
-        It is told by its checksum, or by its two lengths where they agree: its opcode or either
-        of them may be corrupt.
+        It is recognised by its checksum, or by two equal lengths, since its opcode or either length
+        may be corrupt.
         """
         begin = position + _HEAD.size
         if begin + _CHUNK_HEAD.size > self.size:
@@ -223,7 +223,7 @@ class Salvage:
         return int(_CHUNK_HEAD.unpack_from(self._map, begin)[1])
 
     def _next_record(self, position: int) -> int:
-        """Return where the next record begins whose parts fit together, or the file's end."""
+        """Return the position of the next consistent record, or the end of the file."""
         while found := _POSSIBLE_HEAD.search(self._map, position):
             position = found.start()
             opcode = self._map[position]
@@ -236,19 +236,19 @@ class Salvage:
         return self.size
 
     def data_holds(self, data_end: int) -> bool:
-        """Tell whether everything before the record DataEnd has the checksum that it names.
+        """Return whether everything before the DataEnd record matches the checksum in it.
 
         Parameters
         ----------
         data_end : int
-            The place behind that record [byte].
+            Position after that record [byte].
         """
         (expected,) = _CRC.unpack_from(self._map, data_end - _CRC.size)
         with memoryview(self._map) as whole, whole[: data_end - _HEAD.size - _CRC.size] as data:
             return expected in (0, zlib.crc32(data))
 
     def next_recording(self, position: int) -> int | None:
-        """Return where behind `position` another recording follows on the end of this one."""
+        """Return the position after `position` where another recording is appended, if any."""
         joint = self._map.find(MCAP0_MAGIC * 2, position)
         return None if joint < 0 else joint + len(MCAP0_MAGIC)
 

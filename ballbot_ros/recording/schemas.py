@@ -1,4 +1,4 @@
-"""Message definitions of ROS 2 Jazzy, without ROS: text, hash and types from rosbags."""
+"""Message definitions of ROS 2 Jazzy without ROS: text, hash and types from rosbags."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ _CHAR_FIELD = re.compile(r'^char\b', re.MULTILINE)
 
 
 class Schema(NamedTuple):
-    """A message type's definition.
+    """Definition of a message type.
 
     Attributes
     ----------
     text : str
-        The definition in ``ros2msg`` form, followed by those of all types it is made of.
+        The definition in ``ros2msg`` format, followed by those of all nested types.
     type_hash : str
-        The REP 2011 hash, ``RIHS01_...``; empty for a type with a char, which rosbags takes for
-        another type than uint8.
+        REP 2011 hash, ``RIHS01_...``; empty for a type with a char, which rosbags does not treat as
+        uint8.
     """
 
     text: str
@@ -58,14 +58,14 @@ def schema(type_name: str) -> Schema:
 
 
 def schema_decoder(definition: records.Schema) -> Callable[[bytes], Any]:
-    """Return the function that decodes messages of a type as its recording defines it.
+    """Return a function that decodes messages of a type as defined in their recording.
 
-    A type of that name in ROS 2 Jazzy may have other fields than it had where it was recorded.
+    The type of that name in ROS 2 Jazzy may have other fields.
 
     Raises
     ------
     RecordingError
-        If the recording does not define the type, and ROS 2 Jazzy has none of its name.
+        If neither the recording nor ROS 2 Jazzy defines the type.
     """
     name = definition.name
     store = recorded_typestore(definition)
@@ -73,7 +73,7 @@ def schema_decoder(definition: records.Schema) -> Callable[[bytes], Any]:
 
 
 def recorded_typestore(definition: records.Schema) -> Typestore:
-    """Return the message types as a recording defines one of them.
+    """Return the message types, with one of them as defined in a recording.
 
     Raises
     ------
@@ -91,10 +91,10 @@ def recorded_typestore(definition: records.Schema) -> Typestore:
         elif definition.encoding == 'ros2idl':
             types = get_types_from_idl(text)
         else:
-            raise RecordingError(f'{definition.encoding!r} defines no type of ROS 2')
+            raise RecordingError(f'{definition.encoding!r} is not an encoding of ROS 2 types')
         if name not in types:
-            raise RecordingError('its definition is that of another type')
-        # rosbags gives a type without fields a dummy, as the middleware does.
+            raise RecordingError('its definition belongs to another type')
+        # Like the middleware, rosbags adds a dummy field to an empty type.
         others = {
             known: definition
             for known, definition in types.items()
@@ -108,5 +108,5 @@ def recorded_typestore(definition: records.Schema) -> Typestore:
         store.get_msgdef(name)
     except (TypesysError, KeyError) as error:
         reason = ' '.join(str(error).split())
-        raise RecordingError(f'its definition is not valid: {reason}') from None
+        raise RecordingError(f'its definition is invalid: {reason}') from None
     return store

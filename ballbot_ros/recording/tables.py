@@ -1,4 +1,4 @@
-"""Tables on disk: CSV, and Parquet where pyarrow is installed."""
+"""Tables on disk: CSV, and Parquet if pyarrow is installed."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ ROWS_AT_ONCE = 20_000
 
 
 class Table(Protocol):
-    """A table that is being written row by row."""
+    """A table written row by row."""
 
     def add(self, row: Sequence[Value | None]) -> None:
-        """Add a row; None stands for a value that is not there yet."""
+        """Add a row; None means that there is no value yet."""
 
     def close(self) -> None:
         """Finish the file."""
 
 
 class CsvTable:
-    """A CSV file: one line of names, numbers in the shortest form that reads back exactly."""
+    """A CSV file with a header line; numbers have the shortest form that reads back exactly."""
 
     def __init__(self, path: Path, columns: Sequence[tuple[str, type]]) -> None:
         self._file = path.open('x', newline='', encoding='utf-8')
@@ -41,7 +41,7 @@ class CsvTable:
 
 
 class ParquetTable:
-    """A Parquet file, written in groups of rows."""
+    """A Parquet file, written in row groups."""
 
     def __init__(self, path: Path, columns: Sequence[tuple[str, type]]) -> None:
         self._arrow = load_pyarrow()
@@ -76,7 +76,7 @@ class ParquetTable:
                 self._arrow.array(column, type=each.type)
                 for column, each in zip(columns, self._schema, strict=True)
             ]
-        except (OverflowError, ValueError) as error:  # such as an integer beyond 63 bits
+        except (OverflowError, ValueError) as error:  # for example, an integer beyond 63 bits
             raise RecordingError(f'{self._path}: {" ".join(str(error).split())}') from None
         self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema))
         self._rows.clear()
@@ -95,7 +95,8 @@ def load_pyarrow() -> Any:
         import pyarrow.parquet
     except ImportError:
         raise RecordingError(
-            'Parquet needs pyarrow: pip install "ballbot_ros[parquet]", or take --to csv'
+            'pyarrow not found: install it with `pip install "ballbot_ros[parquet]"`, '
+            'or use --to csv'
         ) from None
     return pyarrow
 

@@ -1,4 +1,4 @@
-"""Writing an MCAP recording that rosbag2, Foxglove, PlotJuggler, mcap and rosbags read."""
+"""Writing MCAP recordings that rosbag2, Foxglove, PlotJuggler, mcap and rosbags can read."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from ballbot_ros.recording.rosbag2 import (
 from ballbot_ros.recording.schemas import schema
 
 INCOMPLETE = 'incomplete'
-"""Name of the metadata record that says why a recording lacks something, under ``reason``."""
+"""Name of the metadata record with the ``reason`` why a recording is incomplete."""
 
 RUN_OUTCOME = 'ballbot_run'
-"""Name of the metadata record that tells how the run ended, as its plant gave account of it."""
+"""Name of the metadata record with the outcome of the run, as reported by its plant."""
 
 RUN_PARTICIPANTS = 'ballbot_participants'
-"""Name of the metadata record that tells who took part in the run, in words, by role."""
+"""Name of the metadata record that describes the participants of the run, by role."""
 
-"""What is told of a run that has ended."""
+"""Keys of the outcome of a run."""
 
 
 def is_locked(file: int) -> bool:
-    """Tell whether a :class:`RecordingWriter` is at work on an open file, in any process."""
+    """Return whether a :class:`RecordingWriter` of any process is writing an open file."""
     try:
         fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except OSError as error:
@@ -48,23 +48,22 @@ def is_locked(file: int) -> bool:
 
 
 class RecordingWriter:
-    """A new MCAP file, for one thread.
+    """A new MCAP file, for use by one thread.
 
-    Every method raises `RecordingError` if the recording is closed or cannot be written. Once
-    writing has failed, it is closed: the file is cut off, and is readable up to its last whole
-    chunk.
+    Every method raises `RecordingError` if the recording is closed or can't be written. A failed
+    write closes it; the file is then cut off, and readable up to its last complete chunk.
 
     Parameters
     ----------
     path : path-like
         The file to create.
     chunk_size : int
-        Size at which a chunk of messages is compressed and written [byte].
+        Uncompressed size at which a chunk of messages is written [byte].
 
     Raises
     ------
     RecordingError
-        If the file exists already or cannot be created.
+        If the file already exists or can't be created.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, chunk_size: int = 2**20) -> None:
@@ -75,7 +74,7 @@ class RecordingWriter:
             raise RecordingError(f'{self.path}: already exists') from None
         except OSError as error:
             raise RecordingError(f'{self.path}: {error.strerror}') from None
-        with suppress(OSError):  # some network file systems have no locks
+        with suppress(OSError):  # Some network file systems do not support locks.
             fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._open = True
         self._writer = Writer(self._stream, chunk_size, enable_data_crcs=True)
@@ -102,35 +101,35 @@ class RecordingWriter:
         qos: Sequence[QosProfile] = (RELIABLE_LATCHED,),
         type_hash: str | None = None,
     ) -> RecordedTopic:
-        """Announce a topic.
+        """Add a topic.
 
         Parameters
         ----------
         name : str
-            The topic's full name.
+            Full name of the topic.
         type_name : str
             Its type, such as ``sensor_msgs/msg/Imu``.
         qos : sequence of QosProfile
-            What each of its publishers offers.
+            QoS offered by each of its publishers.
         type_hash : str, optional
-            The type's hash as the graph tells it; it must be that of the recorded definition.
+            Hash of the type in the graph, which must be that of the recorded definition.
 
         Returns
         -------
         RecordedTopic
-            What `write` wants to know of it.
+            The topic to pass to `write`.
 
         Raises
         ------
         RecordingError
-            If the topic is there already, or its type is not the one of ROS 2 Jazzy.
+            If the topic was already added, or its type is not that of ROS 2 Jazzy.
         """
         try:
             definition = schema(type_name)
         except RecordingError as error:
             raise RecordingError(f'{self.path}: topic {name}: {error}') from None
         if any(topic.name == name for topic in self._topics.values()):
-            raise RecordingError(f'{self.path}: topic {name} is recorded already')
+            raise RecordingError(f'{self.path}: topic {name} was already added')
         type_hash = type_hash or definition.type_hash
         if definition.type_hash not in ('', type_hash):
             raise RecordingError(
@@ -156,7 +155,7 @@ class RecordingWriter:
         return topic
 
     def copy_topic(self, channel: Channel, definition: Schema | None) -> RecordedTopic:
-        """Announce a topic of another recording as it stands there, whatever its type.
+        """Add a topic of another recording unchanged, whatever its type.
 
         Parameters
         ----------
@@ -167,7 +166,7 @@ class RecordingWriter:
         Returns
         -------
         RecordedTopic
-            What `write` wants to know of it.
+            The topic to pass to `write`.
         """
         name, encoding, text = (
             (definition.name, definition.encoding, definition.data) if definition else ('', '', b'')
@@ -203,11 +202,11 @@ class RecordingWriter:
         topic : RecordedTopic
             From `add_topic` of this recording.
         stamp_ns : int
-            Sim time, becomes the log time, 0 ... 2**63 - 1 [ns].
+            Sim time for the log time, 0 ... 2**63 - 1 [ns].
         data : bytes
             The message in CDR with its encapsulation header.
         sequence : int
-            The publisher's number of this message, 0 ... 2**32 - 1.
+            Sequence number of the publisher, 0 ... 2**32 - 1.
         publish_ns : int, optional
             Publish time [ns]; the log time by default.
 
@@ -220,8 +219,8 @@ class RecordingWriter:
             raise self._closed()
         if not (0 <= stamp_ns < 2**63 and 0 <= sequence < 2**32):
             raise RecordingError(
-                f'{self.path}: {topic.name}: no message has the stamp {stamp_ns} ns '
-                f'and the number {sequence}'
+                f'{self.path}: {topic.name}: the stamp {stamp_ns} ns or the sequence number '
+                f'{sequence} is out of range'
             )
         try:
             publish_ns = stamp_ns if publish_ns is None else publish_ns
@@ -235,37 +234,37 @@ class RecordingWriter:
             self._newest_ns = stamp_ns
 
     def flush(self) -> None:
-        """Hand all messages to the operating system: killing this process loses none of them."""
+        """Pass all messages to the operating system, so that killing this process loses none."""
         with self._writing():
             self._writer.flush()  # type: ignore[no-untyped-call]
 
     def add_attachment(
         self, name: str, media_type: str, data: bytes, create_ns: int = 0, log_ns: int = 0
     ) -> None:
-        """Attach a file, such as the scenario; its times [ns] are 0 where they say nothing."""
+        """Attach a file, such as the scenario; its times [ns] are 0 if they mean nothing."""
         with self._writing():
             self._writer.add_attachment(create_ns, log_ns, name, media_type, data)
 
     def add_metadata(self, name: str, mapping: Mapping[str, str]) -> None:
-        """Add a named set of keys and values."""
+        """Add a metadata record."""
         with self._writing():
             self._writer.add_metadata(name, dict(mapping))
 
     def add_outcome(self, outcome: Mapping[str, str]) -> None:
-        """Say how the recorded run ended, by the :data:`OUTCOME_KEYS`."""
+        """Record how the run ended, by the :data:`OUTCOME_KEYS`."""
         self.add_metadata(RUN_OUTCOME, {key: outcome[key] for key in OUTCOME_KEYS})
 
     def mark_incomplete(self, reason: str) -> None:
-        """Say in the recording that it lacks something."""
+        """Mark the recording as incomplete, with the reason."""
         self.add_metadata(INCOMPLETE, {'reason': reason})
 
     def close(self) -> None:
-        """Finish the file; once it is closed, or writing has failed, do nothing.
+        """Finish the file; no effect if it is closed or writing has failed.
 
         Raises
         ------
         RecordingError
-            If it can't be finished, or somebody has moved or removed it meanwhile.
+            If it can't be finished, or was moved or removed in the meantime.
         """
         if not self._open:
             return
@@ -280,7 +279,7 @@ class RecordingWriter:
             self._stream.close()
         self._open = False
         if not is_in_place:
-            raise RecordingError(f'{self.path}: moved or removed while it was written')
+            raise RecordingError(f'{self.path}: moved or removed while being written')
 
     def _is_in_place(self) -> bool:
         try:
@@ -304,6 +303,6 @@ class RecordingWriter:
     def _failure(self, error: OSError) -> RecordingError:
         self._open = False
         with suppress(OSError):
-            # Closing the stream itself would write what it still holds behind the gap.
+            # Closing the stream would write its buffer after the gap.
             self._stream.raw.close()
         return RecordingError(f'{self.path}: {error.strerror}')

@@ -1,1 +1,1 @@
-"""A run as an object: its specification, the ways of running it, and its result."""
+"""Runs as objects: specification, execution, and result."""

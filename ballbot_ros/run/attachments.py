@@ -1,4 +1,4 @@
-"""The files that a recording carries so that its run can be made again."""
+"""The attachments of a recording, with which its run can be replayed."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ RECORDED_VERSIONS = ('numpy', 'scipy', 'control', 'mcap', 'ros-rclpy', 'ros-rmw-
 
 
 def attachments_of(spec: RunSpec) -> Mapping[str, bytes]:
-    """Return scenario, parameters, versions and map of a run, by the names of the files.
+    """Return scenario, parameters, versions and map of a run, by file name.
 
     Raises
     ------
     WorldError
         If the map's file can't be read.
     """
-    # Scenario and map are attached; where their files are on this machine is nobody's business.
+    # The content is attached; the paths on this machine stay private.
     parameters = ParameterSet()
     parameters.update(spec.parameters)
     parameters.set(GAMEPAD, 'scenario', '')
@@ -47,7 +47,7 @@ def attachments_of(spec: RunSpec) -> Mapping[str, bytes]:
 
 
 def _versions() -> dict[str, str]:
-    """Return the versions of what decides the result."""
+    """Return the versions that influence the result."""
     versions = {'ballbot_ros': __version__, 'python': platform.python_version()}
     for package in RECORDED_VERSIONS:
         try:

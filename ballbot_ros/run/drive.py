@@ -1,4 +1,4 @@
-"""The graph in real time, driven by hand until told to stop."""
+"""Driving by hand: the graph in real time, until it is stopped."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class DriveOptions:
 
 
 class DriveResult(NamedTuple):
-    """Exit status of a drive, and its recording if there is one."""
+    """Exit status of a drive, and its recording, if any."""
 
     exit_status: int
     recording: Path | None
@@ -83,7 +83,7 @@ def drive_spec(options: DriveOptions) -> RunSpec:
     Raises
     ------
     BallbotError
-        One line on what is not allowed.
+        With one line on what is wrong.
     """
     parameters = ParameterSet()
     if options.profile is not None:
@@ -113,23 +113,23 @@ def drive(
     log: Path | None = None,
     viewer: bool = False,
 ) -> DriveResult:
-    """Run the graph; the gamepad node, which may own the terminal, is in this process.
+    """Run the graph, with the gamepad node, which may use the terminal, in this process.
 
     Parameters
     ----------
     spec : RunSpec
     observer : RunObserver
     no_keyboard : str
-        Why the keys of the terminal do not drive; '' if they do.
+        Why the keyboard does not drive; '' if it does.
     log : Path or None
         File for the data log of the brick.
     viewer : bool
-        Whether the robot is shown in a browser.
+        Whether to show the robot in a browser.
 
     Raises
     ------
     BallbotError
-        If the drive can't begin.
+        If the drive can't start.
     """
     if viewer:
         require_viewer(spec.parameters)
@@ -137,7 +137,7 @@ def drive(
         recording = stack.enter_context(output_files(spec)).recording
         scratch = Path(stack.enter_context(temporary_folder()))
         parameters = graph_parameters(spec, recording, scratch)
-        # Not attached to the recording: neither terminal nor log is needed to run it again.
+        # Not attached to the recording, since a replay needs neither terminal nor log.
         parameters.set(GAMEPAD, 'keyboard', not no_keyboard)
         if log is not None:
             parameters.set(GAMEPAD, 'log_csv', str(log.resolve()), '--log')
@@ -163,10 +163,10 @@ def _run_graph(
         gamepad = GamepadTeleop(parameters.of(GamepadParameters))
         thread = NodeThread(gamepad)
         if no_keyboard:
-            observer.notice(f'no keyboard ({no_keyboard}): a gamepad, joy or cmd_vel drives')
+            observer.notice(f'no keyboard ({no_keyboard}): drive with a gamepad, joy or cmd_vel')
 
         def is_told_to_stop() -> bool:
-            # The user has quit, or the terminal has vanished.
+            # The user has quit, or the terminal has disappeared.
             terminal = gamepad.terminal
             return bool(stop.signal or gamepad.finished or (terminal and terminal.gone))
 
@@ -174,7 +174,7 @@ def _run_graph(
             start_nodes(names, parameter_file, observer.notice, processes)
             failure = watch(processes, monitor, observer, is_told_to_stop)
         finally:
-            # The gamepad answers to the end, so that log and recording have the same packets.
+            # The gamepad answers until the end, so that log and recording have the same packets.
             stop_all(processes.values(), last=RECORDER)
             thread.close()
     if thread.error is not None:

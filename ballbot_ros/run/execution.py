@@ -1,4 +1,4 @@
-"""From the specification of a run to its result."""
+"""Execution of a run, from its specification to its result."""
 
 from __future__ import annotations
 
@@ -30,30 +30,30 @@ def execute(
     ----------
     spec : RunSpec
     observer : RunObserver or None
-        Is told of progress and incidents; None for one that logs the incidents.
+        Receives progress and notices; None for one that logs the notices.
     is_replaced : callable or None
-        Whether another run is to take the place of this one, for nodes in separate processes;
-        None: none will.
+        Returns whether another run replaces this one, for nodes in separate processes; None if none
+        will.
 
     Returns
     -------
     RunResult
-        Also of a run that failed or was interrupted.
+        Also for a run that failed or was interrupted.
 
     Raises
     ------
     BallbotError
-        If the run can't begin: no ROS, another plant in the ROS domain, a folder or file that
+        If the run can't start: no ROS, another plant in the ROS domain, or a folder or file that
         can't be written.
     """
-    # Before the run: the file of a map may be gone, or another one, after it.
+    # Before the run, after which the file of a map may have changed.
     world = World.of(spec.plant)
     with output_files(spec) as files:
         result = _carry_out(spec, files.recording, observer or LogObserver(), is_replaced)
         result = _with_metrics(spec, world, result)
         if files.recording and files.recording.exists():
             result = replace(result, recording=files.recording)
-        # Whoever interrupts a run wants it to end; the recording has everything.
+        # An interrupted run needs no picture; the recording has everything.
         if files.picture and result.outcome is not Outcome.STOPPED:
             result = _with_picture(spec, world, result, files.picture)
     return result
@@ -65,7 +65,7 @@ def _carry_out(
     observer: RunObserver,
     is_replaced: Callable[[], bool] | None,
 ) -> RunResult:
-    # Each way has imports of its own: without ROS there is no rclpy to import.
+    # Each way has its own imports: without ROS there is no rclpy.
     if spec.processes is Processes.NONE:
         from ballbot_ros.run.offline import run_offline
 
@@ -83,7 +83,7 @@ def _carry_out(
 
 
 def _with_metrics(spec: RunSpec, world: World | None, result: RunResult) -> RunResult:
-    """Return the result with metrics, and the expectations judged by them."""
+    """Return the result with metrics and judged expectations."""
     if result.trajectory is None:
         return result
     clearance = world.clearance if world and world.map.walls.any() else None
@@ -95,7 +95,7 @@ def _with_metrics(spec: RunSpec, world: World | None, result: RunResult) -> RunR
 
 
 def _with_picture(spec: RunSpec, world: World | None, result: RunResult, path: Path) -> RunResult:
-    """Draw the picture, if there is anything to be seen."""
+    """Draw the picture, if there is anything to show."""
     if result.trajectory is None or not len(result.trajectory.time):
         return result
     scenario = spec.scenario

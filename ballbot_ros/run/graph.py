@@ -1,4 +1,4 @@
-"""Preparations of a graph: rclpy, parameters, attachments."""
+"""Preparation of a graph: rclpy, parameters, attachments."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ RCLError = rclpy_implementation.RCLError
 
 @contextmanager
 def ros(log_level: str = 'WARN') -> Iterator[None]:
-    """Have rclpy ready for the nodes of this process, on this machine unless told otherwise.
+    """Provide rclpy for the nodes of this process, by default on this machine only.
 
     Parameters
     ----------
     log_level : str
-        Of the nodes; the command itself tells of the run.
+        Log level of the nodes; the command itself reports on the run.
 
     Raises
     ------
     BallbotError
-        If ROS can't start here, such as without a folder for its logs.
+        If ROS can't start here, for example without a folder for its logs.
     """
     os.environ.setdefault(DISCOVERY_RANGE, 'LOCALHOST')
     if rclpy.ok():
@@ -55,14 +55,14 @@ def ros(log_level: str = 'WARN') -> Iterator[None]:
     try:
         with avoid_stale_ports(ros_domain()):
             yield
-    except RCLError as error:  # such as a peer that can't be resolved
+    except RCLError as error:  # for example, a peer that can't be resolved
         raise BallbotError(one_line(error)) from None
     finally:
         rclpy.try_shutdown()
 
 
 def write_attachments(spec: RunSpec, scratch: Path) -> Path:
-    """Write the files that the recorder attaches to the recording; return their folder."""
+    """Write the files that the recorder attaches; return their folder."""
     folder = scratch / 'attachments'
     for name, data in attachments_of(spec).items():
         write_temporary(folder / name, data)
@@ -70,16 +70,16 @@ def write_attachments(spec: RunSpec, scratch: Path) -> Path:
 
 
 def graph_parameters(spec: RunSpec, recording: Path | None, scratch: Path) -> ParameterSet:
-    """Return the parameters of the nodes: those of the run, and what only a graph needs.
+    """Return the parameters of the nodes: those of the run, and those specific to the graph.
 
     Parameters
     ----------
     spec : RunSpec
     recording : Path or None
-        The file that the recorder writes, where the run is recorded; None for a new one under
+        The file that the recorder writes, if the run is recorded; None for a new one under
         ``runs/``.
     scratch : Path
-        Folder for what only the nodes read.
+        Folder for files that only the nodes read.
     """
     parameters = ParameterSet()
     parameters.update(spec.parameters)

@@ -1,4 +1,4 @@
-"""Looks into a running graph now and then, without slowing it."""
+"""Observation of a running graph without slowing it down."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ _REPORTS = 50
 _decode = decoder(DIAGNOSTICS.type_name)
 
 PLANT_SILENCE_S = 2.3
-"""The plant reports at 1 Hz; if it has this much time of the machine and is silent, it hangs."""
+"""The plant reports at 1 Hz; if it stays silent for this much available time, it hangs."""
 
 PLANT_WAIT_S = 6.0
-"""The same if it waits now and then: publishing takes 3 s if a reader of the plant's was killed
-while it held the lock of its port. Fast DDS gives up only then."""
+"""The same if it waits from time to time: publishing blocks for 3 s if a reader was killed while it
+held the lock of its port, until Fast DDS gives up."""
 
 PLANT_BUSY_S = 30.0
-"""The same until it is heard for the first time, as its process has to start, and once its run has
-ended, as it saves what the run has given."""
+"""The same until its first report, since its process has to start, and after the end of its run,
+since it saves the result."""
 
 
 class Liveness:
-    """Tells a plant that hangs from one that the machine keeps waiting.
+    """Distinguishes a plant that hangs from one that is starved of processor time.
 
     Parameters
     ----------
     now_s : float
-        The time, here and below on a clock that only goes forward [s].
+        The time, on a monotonic clock here and below [s].
     """
 
     def __init__(self, now_s: float) -> None:
@@ -47,7 +47,7 @@ class Liveness:
         self._timer, self._busy_timer = SilenceTimer(), SilenceTimer()
 
     def hear(self, now_s: float, *, has_ended: bool = False) -> None:
-        """Note a sign of life, and whether it tells of the end of the run."""
+        """Note a sign of life, and whether it reports the end of the run."""
         self._heard_s = now_s
         self._has_ended = self._has_ended or has_ended
         self._limit_s = PLANT_BUSY_S if self._has_ended else PLANT_SILENCE_S
@@ -55,7 +55,7 @@ class Liveness:
     def hangs(
         self, now_s: float, process: int, threads: Mapping[int, Threads], *, is_waiting: bool
     ) -> bool:
-        """Tell whether the plant, which is this process, has been silent for too long."""
+        """Return whether the plant, in this process, has been silent for too long."""
         if is_waiting:
             self._waited_s = now_s
         self._timer.update(self._heard_s, now_s, threads)
@@ -68,8 +68,7 @@ class Liveness:
 class GraphMonitor:
     """Sim time and the plant's signs of life.
 
-    Its node is spun by no executor: a look costs what it costs when it is taken, not at every
-    tick.
+    No executor spins its node: the cost is per poll, not per tick.
 
     Attributes
     ----------
@@ -92,12 +91,12 @@ class GraphMonitor:
         self._node.destroy_node()
 
     def poll(self) -> None:
-        """Take what has come since the last look."""
+        """Process the messages that have arrived since the last poll."""
         for clock, _ in islice(drain(self._clock), 1):
             self.now_ns = time_ns(clock.clock)
             self._liveness.hear(time.monotonic())
-        # No more than wait at once, and of what can't be the plant's only the bytes: anybody may
-        # publish there, faster than it can be read.
+        # No more than are waiting, and only the bytes of messages that can't be the plant's: others
+        # may publish there faster than they can be read.
         for data, _ in islice(drain(self._diagnostics), _REPORTS):
             if PLANT.encode() not in data:
                 continue
@@ -111,7 +110,7 @@ class GraphMonitor:
                     self._liveness.hear(time.monotonic(), has_ended='outcome' in keys)
 
     def plant_hangs(self, process: int) -> bool:
-        """Tell whether the plant, which is this process, hangs."""
+        """Return whether the plant, in this process, hangs."""
         return self._liveness.hangs(
             time.monotonic(),
             process,

@@ -41,7 +41,7 @@ GOLDEN_SCENARIOS = ('stationary', 'hardware_autonomous')
 
 
 class FailedCheckError(BallbotError):
-    """A check that failed, and what to do."""
+    """A failed check, and what to do about it."""
 
 
 def _python() -> str:
@@ -56,13 +56,13 @@ def _files() -> str:
     try:
         return str(share_directory())
     except BallbotError as error:
-        raise FailedCheckError(f'{error}: install the package again') from None
+        raise FailedCheckError(f'{error}: reinstall the package') from None
 
 
 def _rclpy() -> str:
     found = find_spec('rclpy')
     if found is None or found.origin is None:
-        raise FailedCheckError('no rclpy: source ROS 2 Jazzy, or install "ballbot_ros[ros]"')
+        raise FailedCheckError('rclpy not found: source ROS 2 Jazzy, or install "ballbot_ros[ros]"')
     return str(Path(found.origin).parent)
 
 
@@ -89,7 +89,7 @@ def _domain() -> str:
 def _ports() -> str:
     port = PORT_BASE + PORTS_PER_DOMAIN * ros_domain()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        # Discovery shares its multicast port among participants; another program may not.
+        # Participants share the multicast port of discovery; another program may not.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(('', port))
@@ -102,15 +102,15 @@ def _ports() -> str:
 
 def _leftovers() -> str:
     if broken := find_broken_ports():
-        raise FailedCheckError(f'{broken[0]} holds up every node: run `ballbot doctor --fix`')
+        raise FailedCheckError(f'{broken[0]} blocks every node: run `ballbot doctor --fix`')
     if left := find_leftovers():
-        return f'{_amount(left)}, left by killed processes, which the next run or --fix removes'
+        return f'{_amount(left)} left by killed processes, which the next run or --fix removes'
     return f'killed processes left nothing in {SHARED_MEMORY}'
 
 
 def remove_leftovers() -> str:
-    """Remove what killed processes left in shared memory; return what that was."""
-    return f'{_amount(clear_shared_memory())} removed from {SHARED_MEMORY}'
+    """Remove what killed processes left in shared memory; return a description of it."""
+    return f'removed {_amount(clear_shared_memory())} from {SHARED_MEMORY}'
 
 
 def _amount(files: list[Leftover]) -> str:
@@ -119,23 +119,23 @@ def _amount(files: list[Leftover]) -> str:
 
 
 def _discovery() -> str:
-    """Try discovery in a process of its own, since the middleware can hang, deaf to signals."""
+    """Test discovery in a separate process, since the middleware can hang, deaf to signals."""
     process = subprocess.Popen(
         [sys.executable, '-W', 'ignore', '-m', 'ballbot_ros.nodes.discovery_probe'],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        # An interrupt may come before it is known here.
+        # An interrupt may arrive before the process is known here.
         env={**os.environ, END_WITH_PARENT: str(os.getpid())},
     )  # fmt: skip
     try:
         output, _ = process.communicate()
     finally:
-        # subprocess.run does not await the process that it kills at an interrupt.
+        # subprocess.run does not wait for the process that it kills at an interrupt.
         process.kill()
         process.wait()
     if process.returncode == -signal.SIGALRM:
         raise FailedCheckError(
-            f'the middleware gives no answer in {LIMIT_S} s: run `ballbot doctor --fix`, or look '
-            f'into {SHARED_MEMORY}'
+            f'the middleware does not respond within {LIMIT_S} s: run `ballbot doctor --fix`, or '
+            f'inspect {SHARED_MEMORY}'
         )
     if process.returncode:
         raise FailedCheckError(' '.join(output.split()) or f'ended with {process.returncode}')
@@ -143,7 +143,7 @@ def _discovery() -> str:
 
 
 def _arithmetic() -> str:
-    """Compare the arithmetic itself, and the duties of a linear and of a nonlinear run."""
+    """Compare the arithmetic itself, and the duties of a linear and a nonlinear run."""
     golden = load_golden()
     results = [('the arithmetic', golden.arithmetic, arithmetic_sha256())]
     for name in GOLDEN_SCENARIOS:
@@ -153,16 +153,16 @@ def _arithmetic() -> str:
         if got != wanted:
             raise FailedCheckError(
                 f'{what} has the hash {got[:8]}… here and {wanted[:8]}… elsewhere, so recordings '
-                'of other machines will not replay as identical. Unless config/ was edited, '
+                'from other machines will not replay as identical. Unless config/ was edited, '
                 'report this with the processor and the versions of Python and numpy'
             )
-    return f'{" and ".join(GOLDEN_SCENARIOS)} have the duty_sha256 of every machine'
+    return f'{" and ".join(GOLDEN_SCENARIOS)} have the same duty_sha256 as on every machine'
 
 
 def _disk() -> str:
     folder = Path('runs') if Path('runs').is_dir() else Path()
     if not os.access(folder, os.W_OK):
-        raise FailedCheckError(f'{folder.resolve()} is not writable: go elsewhere or use --output')
+        raise FailedCheckError(f'{folder.resolve()} is not writable: use --output DIR')
     free = shutil.disk_usage(folder).free
     if free < LEAST_FREE_BYTES:
         raise FailedCheckError(f'{free / 1e6:.0f} MB free: a minute of recording takes about 6 MB')
@@ -181,4 +181,4 @@ CHECKS: Mapping[str, Callable[[], str]] = {
     'discovery': _discovery,
     'disk': _disk,
 }
-"""By name. Each returns what it found, or raises BallbotError with what to do."""
+"""Checks by name. Each returns its findings, or raises BallbotError with what to do."""

@@ -1,4 +1,4 @@
-"""A node in a process of its own."""
+"""A node as a separate process."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from ballbot_ros.simulation.silence_timer import SilenceTimer
 
 GRACE_S = 1.5
 LAST_GRACE_S = 5.0
-"""Longer: what is waited for is the recording."""
+"""Longer, since it waits for the recording."""
 
 _LOOK_S = 0.05
 _ERROR = 'error: '
-"""How the last line of a node begins that an error has ended."""
+"""Start of the last line of a node that ended with an error."""
 
 
 class NodeProcess:
-    """One node, started with a parameter file; its log lines are handed on.
+    """A node, started with a parameter file, whose log lines are forwarded.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ class NodeProcess:
         The node.
     parameter_file : Path
     notice : callable
-        Takes each line that the node writes.
+        Receives each line of the node's output.
     lock : DomainLock or None
-        The lock of the domain, for a plant to hold on.
+        The lock of the domain, which a plant keeps.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class NodeProcess:
             ],
             env={
                 **os.environ,
-                # One core each is plenty, and its threads cost start-up time.
+                # One core each is enough, and more threads cost start-up time.
                 'OPENBLAS_NUM_THREADS': '1',
                 'RCUTILS_CONSOLE_OUTPUT_FORMAT': '{name}: {message}',
                 'RCUTILS_COLORIZED_OUTPUT': '0',
@@ -66,7 +66,7 @@ class NodeProcess:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            # A Ctrl-C is for the run as a whole, which then stops its nodes in order.
+            # Ctrl-C is for the run as a whole, which then stops its nodes in order.
             start_new_session=True,
         )  # fmt: skip
         self._reader = threading.Thread(target=self._hand_on, args=(notice,), daemon=True)
@@ -83,12 +83,12 @@ class NodeProcess:
 
     @property
     def pid(self) -> int:
-        """The process's number."""
+        """The process id."""
         return self._process.pid
 
     @property
     def running(self) -> bool:
-        """Whether the process has not ended."""
+        """Whether the process is still running."""
         return self._process.poll() is None
 
     @property
@@ -98,13 +98,13 @@ class NodeProcess:
 
     @property
     def died(self) -> bool:
-        """Whether a signal ended it."""
+        """Whether it was killed by a signal."""
         status = self.exit_status
         return status is not None and status < 0
 
     @property
     def how_it_ended(self) -> str:
-        """The end in words."""
+        """Description of how it ended."""
         status = self.exit_status
         if status is None:
             return 'runs'
@@ -114,33 +114,33 @@ class NodeProcess:
 
     @property
     def failure(self) -> str:
-        """Why a node that has ended with another status than 0 has failed, in its own words."""
+        """Why a node that ended with a nonzero status failed, in its own words."""
         if self.died or not self._last_words:
             return f'{self.name} {self.how_it_ended}'
         return f'{self.name}: {self._last_words}'
 
     def request_stop(self) -> None:
-        """Send SIGTERM, which also ends a node that is still starting without a word."""
+        """Send SIGTERM, which also ends a node quietly that is still starting."""
         if self.running:
             self._process.terminate()
 
     def wait(self, most_s: float) -> None:
-        """Wait for the end, but not for longer than `most_s` [s]."""
+        """Wait for the end, for at most `most_s` [s]."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(most_s)
 
     def hand_on_the_rest(self) -> None:
-        """Hand on the last lines of a process that has ended."""
+        """Forward the last lines of a process that has ended."""
         self._reader.join(0.2)
 
     def kill(self) -> None:
-        """Send SIGKILL, which ends a stopped process too."""
+        """Send SIGKILL, which also ends a stopped process."""
         self._process.kill()
         self._process.wait()
 
 
 def stop_all(processes: Collection[NodeProcess], last: str) -> None:
-    """Stop the processes; the one named `last` after the others, so that it has everything."""
+    """Stop the processes, the one named `last` after the others so that it misses nothing."""
     others = [process for process in processes if process.name != last]
     rest = [process for process in processes if process.name == last]
     for batch, grace_s in ((others, GRACE_S), (rest, LAST_GRACE_S)):
@@ -150,7 +150,7 @@ def stop_all(processes: Collection[NodeProcess], last: str) -> None:
 
 
 def _await_end(processes: Collection[NodeProcess], grace_s: float) -> None:
-    """Wait until all have ended, and kill those that had the time to and did not."""
+    """Wait until all have ended, and kill those that have had enough time."""
     begun, timer = time.monotonic(), SilenceTimer()
     while running := [process for process in processes if process.running]:
         threads = threads_by_process(process.pid for process in running)

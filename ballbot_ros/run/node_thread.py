@@ -1,4 +1,4 @@
-"""A node on a thread of its own, in the process of a command."""
+"""A node on a separate thread in the process of a command."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class NodeThread:
     Attributes
     ----------
     error : BaseException or None
-        What ended it too early.
+        Why it ended early.
     """
 
     def __init__(self, node: AnyNode) -> None:

@@ -1,4 +1,4 @@
-"""Observers of a run: of its progress, and of incidents in it."""
+"""Observers of a run, for its progress and for notices."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import logging
 from typing import Protocol
 
 UPDATE_S = 0.2
-"""How often a progress display changes, in wall time [s]."""
+"""Update interval of a progress display in wall time [s]."""
 
 
 class RunObserver(Protocol):
-    """Takes the progress of a run, and what happens in it."""
+    """Receives the progress of a run, and notices about it."""
 
     def update(self, elapsed_s: float) -> None:
-        """Take the sim time since the start [s]; called at every tick, so it has to be cheap."""
+        """Show the sim time since the start [s]; called at every tick, so it must be cheap."""
         ...
 
     def notice(self, text: str) -> None:
-        """Take one line for the user, such as that a node has ended."""
+        """Show one line to the user, for example that a node has ended."""
         ...
 
 

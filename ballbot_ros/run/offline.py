@@ -1,4 +1,4 @@
-"""Runs a scenario in this process, without ROS."""
+"""Running a scenario in this process, without ROS."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 
 
 def run_offline(spec: RunSpec, recording: Path | None, observer: RunObserver) -> RunResult:
-    """Run the closed loop, recorded as the graph would be."""
+    """Run the closed loop, with the same recording as from the graph."""
     with StopRequest() as stop:
         run = _OfflineRun(spec, recording, stop)
         try:
@@ -40,7 +40,7 @@ def run_offline(spec: RunSpec, recording: Path | None, observer: RunObserver) ->
 
 
 class _OfflineRun:
-    """A closed loop with its log, its recording and its pace."""
+    """A closed loop with log, recording and pacing."""
 
     def __init__(self, spec: RunSpec, recording: Path | None, stop: StopRequest) -> None:
         self._loop = ClosedLoop(spec.parameters, spec.scenario)
@@ -57,11 +57,11 @@ class _OfflineRun:
 
     @property
     def wall_hit(self) -> str:
-        """The wall hit that has ended the run, in words; '' if there is none."""
+        """Description of the wall hit that ended the run; '' if there is none."""
         return str(self._loop.plant.newest_hit) if self._loop.plant.stopped else ''
 
     def tick_to_the_end(self, observer: RunObserver) -> None:
-        """Run the ticks at their pace until the end of the run, a wall hit or a signal."""
+        """Run the ticks, paced, until the end of the run, a wall hit or a signal."""
         ticks = round(self._plant_parameters.duration * SECOND_NS) // TICK_NS
         plant = self._loop.plant
         while self.log.ticks < ticks and not plant.stopped and not self._stop.signal:

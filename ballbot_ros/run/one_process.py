@@ -1,4 +1,4 @@
-"""Runs a scenario with every node in this process, on one executor."""
+"""Running a scenario with all nodes in this process, on one executor."""
 
 from __future__ import annotations
 

@@ -13,12 +13,12 @@ from ballbot_ros.run.spec import RunSpec
 
 
 class OutputFiles(NamedTuple):
-    """Where the results of a run go.
+    """The output files of a run.
 
     Attributes
     ----------
     recording, picture : Path or None
-        The file to write; None for none.
+        The file to write, or None.
     """
 
     recording: Path | None = None
@@ -27,12 +27,12 @@ class OutputFiles(NamedTuple):
 
 @contextmanager
 def output_files(spec: RunSpec) -> Iterator[OutputFiles]:
-    """Make the folder of a run; one that is still empty at the end is removed.
+    """Create the folder of a run; remove it in the end if it is still empty.
 
     Raises
     ------
     BallbotError
-        If the folder can't be written to, or has a recording of that name already.
+        If the folder is not writable, or already contains this recording.
     """
     if spec.output is None and not spec.record:
         yield OutputFiles()
@@ -43,7 +43,7 @@ def output_files(spec: RunSpec) -> Iterator[OutputFiles]:
     try:
         recording = folder / f'{spec.name}.mcap' if spec.record else None
         if recording and recording.exists():
-            raise BallbotError(f'{recording}: exists already; choose another --output')
+            raise BallbotError(f'{recording}: already exists; choose another --output')
         yield OutputFiles(recording, folder / f'{spec.name}.png')
     finally:
         _remove_if_empty(folder)
@@ -75,4 +75,4 @@ def _new_folder(name: str) -> Path:
         except OSError as error:
             raise BallbotError(f'{folder}: {error.strerror}') from None
         return folder
-    raise BallbotError(f'runs/{stem}: exists already')
+    raise BallbotError(f'runs/{stem}: already exists')

@@ -1,4 +1,4 @@
-"""Checks, before anything starts, that everything is installed that a run needs."""
+"""Checks that everything a run needs is installed, before it starts."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from ballbot_ros.run.spec import Processes
 
 
 def require_rclpy(otherwise: str = '') -> None:
-    """Find out whether there is ROS.
+    """Check that ROS is installed.
 
     Parameters
     ----------
     otherwise : str
-        What to do without it, as the end of the error's line.
+        Alternative without ROS, appended to the error message.
 
     Raises
     ------
     BallbotError
-        If rclpy can't be imported, or the middleware that is wanted does not load.
+        If rclpy can't be imported, or the selected middleware does not load.
     """
     require_middleware()
     try:
@@ -31,19 +31,19 @@ def require_rclpy(otherwise: str = '') -> None:
 
 
 def require_viewer(parameters: ParameterSet, processes: Processes = Processes.SEPARATE) -> None:
-    """Find out whether the page can be served next to a run.
+    """Check that the page can be served during a run.
 
     Raises
     ------
     ViewerError
-        If viser is missing, the port is taken, or the nodes are not processes of their own.
+        If viser is missing, the port is in use, or the nodes are not separate processes.
     """
-    # Here, so that commands without a viewer start sooner.
+    # Imported here, so that commands without a viewer start faster.
     from ballbot_ros.viewer.address import check_address, require_viser
     from ballbot_ros.viewer.errors import ViewerError
 
     if processes is not Processes.SEPARATE:
-        raise ViewerError(f'--viewer goes with --processes separate, not {processes}')
+        raise ViewerError(f'--viewer requires --processes separate, not {processes}')
     require_viser()
     viewer = parameters.of(ViewerParameters)
     check_address(viewer.host, viewer.port)

@@ -14,7 +14,7 @@ from ballbot_ros.simulation.trajectory import Trajectory
 
 
 class RoundTrip(NamedTuple):
-    """Time from asking for the duties of a tick to having them [ms], over all ticks."""
+    """Time from publishing the truth of a tick to receiving its duty [ms], over all ticks."""
 
     p50: float
     p99: float
@@ -28,34 +28,34 @@ class RunResult:
     Attributes
     ----------
     outcome : Outcome
-        How the run itself ended, whatever came of its expectations.
+        How the run ended, regardless of its expectations.
     failure : str
-        Why it has failed; otherwise ''.
+        Why it failed; otherwise ''.
     failure_status : int
-        Exit status of a run that has not completed: 1, 2 for a mistake of the user, 128 plus the
-        number of a signal, 0 for a run that made way for another one.
+        Exit status of an incomplete run: 1, 2 for a mistake of the user, 128 plus a signal number,
+        0 for a run replaced by another one.
     ticks : int
     duty_sha256 : str or None
-        Hash of all duties; like all further measurements None if the plant did not live to tell.
+        Hash of all duties; like the following measurements, None if the plant did not survive.
     real_time_factor : float or None
         Sim time per wall time.
     late_ticks : int or None
         Ticks that came more than a period late.
     resends : int or None
-        How often the plant asked again for a tick.
+        Number of ticks sent again.
     round_trip : RoundTrip or None
         None if it was not measured.
     participants : sequence of mapping
-        Everybody who has taken part, as in the JSON of the command.
+        The participants, as in the command's JSON.
     trajectory : Trajectory or None
     metrics : mapping of str to float
-        By name; NaN where there is nothing to measure.
+        By name; NaN if there are no data.
     judgements : sequence of Judgement
-        The scenario's expectations with what was measured.
+        The scenario's expectations with the measured values.
     recording, picture : Path or None
-        The files, where there are any.
+        The files, if written.
     picture_failure : str
-        Why the picture could not be written; otherwise ''.
+        Why the picture was not written; otherwise ''.
     """
 
     outcome: Outcome
@@ -77,7 +77,7 @@ class RunResult:
 
     @classmethod
     def from_summary(cls, summary: Mapping[str, Any], trajectory: Trajectory) -> RunResult:
-        """Return the result in a summary as JSON, of a plant or of a run without a graph."""
+        """Return the result for a summary as JSON, from a plant or from a run without a graph."""
         trip = summary['round_trip_ms']
         return cls(
             outcome=Outcome(summary['outcome']),
@@ -93,17 +93,17 @@ class RunResult:
         )
 
     def failed(self, reason: str) -> RunResult:
-        """Return the result of a run that failed for a reason that the plant does not know."""
+        """Return the result of a run that failed for a reason unknown to the plant."""
         return replace(self, outcome=Outcome.FAILED, failure=reason)
 
     @property
     def is_complete(self) -> bool:
-        """Whether the run came to its end, so that its expectations hold or do not."""
+        """Whether the run reached its end, so that its expectations can be judged."""
         return self.outcome is Outcome.COMPLETED
 
     @property
     def passed(self) -> bool:
-        """Whether the run came to its end and all expectations hold."""
+        """Whether the run reached its end and all expectations hold."""
         return self.verdict is Verdict.PASSED
 
     @property
@@ -117,7 +117,7 @@ class RunResult:
 
     @property
     def reason(self) -> str:
-        """Why the run did not pass, in one line; '' if it did."""
+        """Why the run did not pass, on one line; '' if it did."""
         reason = ', '.join(map(str, self._missed)) if self.is_complete else self.failure
         return '; '.join(filter(None, (reason, self.picture_failure)))
 

@@ -1,4 +1,4 @@
-"""Runs a scenario with every node a process of its own, and watches over them."""
+"""Running a scenario with one process per node, and monitoring the processes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def run_in_separate_processes(
     observer: RunObserver,
     is_replaced: Callable[[], bool] | None,
 ) -> RunResult:
-    """Run the graph as processes; all of them have ended when this returns.
+    """Run the graph as processes, all of which have ended on return.
 
     Parameters
     ----------
@@ -41,10 +41,10 @@ def run_in_separate_processes(
     recording : Path or None
         The file that the recorder writes.
     scratch : Path
-        Folder for what only the nodes read.
+        Folder for files that only the nodes read.
     observer : RunObserver
     is_replaced : callable or None
-        Whether another run is to take the place of this one; None: none will.
+        Returns whether another run replaces this one; None if none will.
     """
     is_replaced = is_replaced or (lambda: False)
     parameters = graph_parameters(spec, recording, scratch)
@@ -78,13 +78,13 @@ def start_nodes(
     notice: Callable[[str], None],
     processes: dict[str, NodeProcess],
 ) -> None:
-    """Start nodes as processes, which are added to `processes` one by one.
+    """Start nodes as processes, and add them to `processes` one by one.
 
     Raises
     ------
     BallbotError
-        If another plant has the domain: nodes started into its graph would answer its samples.
-        If nodes can't find each other.
+        If another plant owns the domain, whose samples the nodes would answer, or if nodes can't
+        discover each other.
     """
     require_discovery()
     lock = DomainLock(ros_domain())
@@ -102,14 +102,14 @@ def watch(
     observer: RunObserver,
     is_told_to_stop: Callable[[], bool],
 ) -> str:
-    """Wait until the plant has ended; return what went wrong where it can't tell itself."""
+    """Wait until the plant has ended; return a failure that it can't report itself."""
     reported: set[str] = set()
     plant = processes[PLANT]
     swept_at = time.monotonic()
     while not is_told_to_stop():
         monitor.poll()
         if monitor.now_ns <= FIRST_TICK_NS and time.monotonic() - swept_at > SETTLED_S:
-            # A node may wait for a port that somebody else has left half made since the start.
+            # A node may be waiting for a port that another process left incomplete after the start.
             sweep()
             swept_at = time.monotonic()
         if monitor.now_ns:
@@ -121,14 +121,14 @@ def watch(
             if name == PLANT and not process.died:
                 return ''
             observer.notice(f'{name} {process.how_it_ended}')
-            # A node that refuses its parameters never comes. In mid-run another may be restarted by
-            # hand, and the plant tells when it has waited long enough.
+            # A node that refuses its parameters never joins. In mid-run somebody may restart a node
+            # by hand, and the plant reports when it has waited long enough.
             is_too_early = name in NODES and monitor.now_ns <= FIRST_TICK_NS
             if name == PLANT or process.exit_status == 2 or is_too_early:
                 process.hand_on_the_rest()
                 return process.failure
         if monitor.plant_hangs(plant.pid):
-            # The middleware may never come back to it from a node that was killed.
+            # A killed node may have blocked the middleware of the plant for good.
             died = [p.failure for p in processes.values() if p.died]
             end = ', '.join([f'{PLANT} does not answer', *died])
             observer.notice(end)
@@ -146,21 +146,22 @@ def with_failures_of(
     *,
     is_replaced: bool,
 ) -> RunResult:
-    """Return the result of a run with what the plant can't know.
+    """Return the result of a run, including failures that the plant can't know.
 
-    A run that the plant has completed is completed, whatever becomes of the processes then.
+    A run that the plant has completed stays completed, whatever happens to the processes
+    afterwards.
 
     Parameters
     ----------
     processes : mapping of str to NodeProcess
         All of them have ended.
     plant_result : RunResult
-        By the account of the plant.
+        The result according to the plant.
     failure : str
         Reported by :func:`watch`.
     stop : StopRequest
     is_replaced : bool
-        Whether another run takes the place of this one.
+        Whether another run replaces this one.
     """
     failed = {p.name: p.failure for p in processes.values() if p.exit_status in (1, 2)}
     is_complete = plant_result.is_complete
@@ -173,12 +174,12 @@ def with_failures_of(
     if failure and not is_complete:
         result = result.failed(failure)
     elif result.outcome is Outcome.STOPPED:
-        result = result.failed(f'{PLANT} was told to stop')
+        result = result.failed(f'{PLANT} was stopped')
     elif is_complete and RECORDER in failed:
         result = result.failed(failed[RECORDER])
     if result.outcome is Outcome.FAILED:
         if not result.failure:
-            # A plant that could not leave its account says why.
+            # A plant that could not save its summary has logged the reason.
             result = result.failed([*failed.values(), processes[PLANT].failure][0])
         if any(p.exit_status == 2 for p in processes.values()):
             result = replace(result, failure_status=2)

@@ -1,4 +1,4 @@
-"""The specification of a run: what is simulated, how, and where it is recorded."""
+"""The specification of a run: what to simulate, how, and where to record it."""
 
 from __future__ import annotations
 
@@ -39,33 +39,33 @@ class Processes(TextEnum):
     SEPARATE = 'separate'
     ONE = 'one'
     NONE = 'none'
-    """No nodes at all: the closed loop without ROS."""
+    """No nodes: the closed loop without ROS."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """Settings of a run that apply whatever its scenario.
+    """Settings of a run that apply to any scenario.
 
-    Later ones override earlier ones: profile, scenario, parameter file, the attributes below it,
+    In order of increasing precedence: profile, scenario, parameter file, the attributes after it,
     assignments, controller.
 
     Attributes
     ----------
     processes : Processes
     profile : str or None
-        Profile of the devices; None for that of the scenario.
+        Device profile; None for the scenario's.
     parameter_file : Path or None
-        File whose values override those of the scenario.
+        Parameter file that overrides the scenario.
     real_time_factor : float or None
         Pace against the wall clock; None for that of scenario and file.
     default_real_time_factor : float or None
-        Pace where neither sets one; None for the default of the parameter.
+        Pace if neither sets one; None for the parameter's default.
     seed : int or None
         Seed of the device noise; None for that of scenario and file.
     assignments : sequence of str
-        Values of parameters, as ``node.param=value``.
+        Parameter values as ``node.param=value``.
     controller : str or None
-        Implementation of the controller; None for that of the parameters.
+        Implementation of the controller; None for that in the parameters.
     output : Path or None
         Folder for recording and picture; None for a new one under ``runs/``.
     record : bool
@@ -85,17 +85,17 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class RunSpec:
-    """A run that can be carried out, made by :meth:`of_scenario`, which has checked it.
+    """A run that has been checked and can be executed; create it with :meth:`of_scenario`.
 
     Attributes
     ----------
     scenario : Scenario
     parameters : ParameterSet
-        Of all nodes; a map that is a file is an absolute path.
+        Parameters of all nodes; a map file has an absolute path.
     processes : Processes
     output : Path or None
-        Folder for recording and picture. With None there is a new one under ``runs/`` if the run
-        is recorded, and none otherwise.
+        Folder for recording and picture. None means a new one under ``runs/`` if the run is
+        recorded, and no folder otherwise.
     record : bool
     """
 
@@ -107,7 +107,7 @@ class RunSpec:
 
     @property
     def name(self) -> str:
-        """Name of the scenario, which recording and picture have too."""
+        """Name of the scenario, which recording and picture share."""
         return self.scenario.name
 
     @property
@@ -117,7 +117,7 @@ class RunSpec:
 
     @classmethod
     def of_scenario(cls, reference: str, options: RunOptions | None = None) -> RunSpec:
-        """Return the run of a scenario, to be executed.
+        """Return the run of a scenario, ready to execute.
 
         Parameters
         ----------
@@ -128,33 +128,33 @@ class RunSpec:
         Raises
         ------
         BallbotError
-            As :meth:`compose`; or if the run has no end, or its files are to go elsewhere.
+            As :meth:`compose`; or if the run has no end, or its output files are set elsewhere.
         """
         options = options or RunOptions()
         spec = cls.compose(reference, options)
         if spec.plant.duration == 0.0:
             raise ParameterError(
-                f'{_origin(options, PLANT, "duration")}{PLANT}.duration is 0: a run of a scenario '
-                'lasts longer than 0 s'
+                f'{_origin(options, PLANT, "duration")}{PLANT}.duration is 0: a scenario must last '
+                'longer than 0 s'
             )
         refuse_own_files(spec.parameters, lambda node, name: _origin(options, node, name))
         return spec
 
     @classmethod
     def compose(cls, reference: str | None, options: RunOptions) -> RunSpec:
-        """Return a run that is checked but for its end and where it is recorded.
+        """Return a run, without checks of its end and its output files.
 
         Parameters
         ----------
         reference : str or None
-            Name of a shipped scenario, or a file; None for a robot that balances until it is told
-            to stop.
+            Name of a shipped scenario, or a file; None for a robot that balances until it is
+            stopped.
         options : RunOptions
 
         Raises
         ------
         BallbotError
-            One line on what is not allowed: in scenario, profile or parameter file, an option, an
+            With one line on what is wrong: in scenario, profile or parameter file, an option, an
             assignment, the map, the start position, or a controller that can't run here.
         """
         if reference is None:
@@ -173,7 +173,7 @@ class RunSpec:
 
 
 def _apply(options: RunOptions, parameters: ParameterSet) -> None:
-    """Set what the options say."""
+    """Apply the options."""
     if options.parameter_file is not None:
         parameters.update(read_parameter_file(options.parameter_file))
     factor = options.real_time_factor
@@ -190,7 +190,7 @@ def _apply(options: RunOptions, parameters: ParameterSet) -> None:
 
 
 def _origin(options: RunOptions, node: str, name: str) -> str:
-    """Return what has set a parameter, as the beginning of an error's line."""
+    """Return the origin of a parameter's value, as the start of an error message."""
     for assignment in reversed(options.assignments):
         if assignment.partition('=')[0] == f'{node}.{name}':
             return f'--set {assignment}: '
@@ -198,7 +198,7 @@ def _origin(options: RunOptions, node: str, name: str) -> str:
 
 
 def _follow_scenario(reference: str, options: RunOptions, parameters: ParameterSet) -> None:
-    """Let the nodes load the scenario, and nothing else disturb it."""
+    """Make the nodes load the scenario, undisturbed by other inputs."""
     for node, named in (
         (GAMEPAD, parameters.of(GamepadParameters).scenario),
         (SUPERVISOR, parameters.of(SupervisorParameters).scenario),
@@ -212,20 +212,20 @@ def _follow_scenario(reference: str, options: RunOptions, parameters: ParameterS
         reference = str(Path(reference).resolve())
     parameters.set(GAMEPAD, 'scenario', reference)
     if not parameters.is_set(GAMEPAD, 'device'):
-        # Whatever is plugged in must not disturb a scenario.
+        # A gamepad that is plugged in must not disturb a scenario.
         parameters.set(GAMEPAD, 'device', '')
 
 
 def refuse_own_files(
     parameters: ParameterSet, origin: Callable[[str, str], str] = lambda node, name: ''
 ) -> None:
-    """Refuse parameters that name files which the run names itself.
+    """Refuse parameters for files that the run itself chooses.
 
     Parameters
     ----------
     parameters : ParameterSet
     origin : callable
-        Returns what has set a parameter, as the beginning of an error's line.
+        Returns the origin of a parameter's value, as the start of an error message.
 
     Raises
     ------
@@ -251,8 +251,8 @@ def resolve_map(parameters: ParameterSet) -> None:
     Raises
     ------
     WorldError
-        If there is no such map, the robot can't start where it is to, or the sonar can't look at
-        the map.
+        If the map does not exist, the start position is blocked, or the sonar's parameters don't
+        fit the map.
     """
     World.of(parameters.of(PlantParameters))
     for device in DEVICES:

@@ -1,4 +1,4 @@
-"""What scenario files do wrong."""
+"""Errors in scenario files."""
 
 from ballbot_ros.errors import BallbotError
 

@@ -1,4 +1,4 @@
-"""The shipped scenarios and profiles, and files of one's own."""
+"""The shipped scenarios and profiles, and scenarios from the user's files."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ def scenario_names() -> list[str]:
 
 
 def load_scenario(name_or_file: str, profile: str | None = None) -> Scenario:
-    """Read a shipped scenario by its name, or a file by its path.
+    """Load a shipped scenario by its name, or a file by its path.
 
     Parameters
     ----------
     name_or_file : str
     profile : str or None
-        Profile of the devices in place of the one that the scenario names.
+        Device profile instead of the scenario's.
 
     Raises
     ------
     ScenarioError, YamlError, ParameterError
-        One line that names the file and line, the key, and what is allowed.
+        With one line that names file and line, the key, and what is allowed.
     """
     shipped = share_directory() / 'config/scenarios' / f'{name_or_file}.yaml'
     if name_or_file in scenario_names():
@@ -40,13 +40,13 @@ def load_scenario(name_or_file: str, profile: str | None = None) -> Scenario:
     else:
         raise ScenarioError(
             f'unknown scenario {name_or_file!r}; shipped: {", ".join(scenario_names())} '
-            '(a file of your own: give its path, ending in .yaml)'
+            '(for your own scenario, give the path of its file, ending in .yaml)'
         )
     return ScenarioReader(YamlDocument(path), load_profile).scenario(profile)
 
 
 def scenario_of(name_or_file: str) -> Scenario:
-    """Read a scenario, or return one in which nothing happens for ''.
+    """Load a scenario, or for '' return one without any events.
 
     Raises
     ------
@@ -57,12 +57,12 @@ def scenario_of(name_or_file: str) -> Scenario:
 
 
 def load_profile(name: str) -> ParameterSet:
-    """Return what the profile `name` sets: nothing for ``ideal``, which the defaults are.
+    """Return the values set by the profile `name`: none for ``ideal``, which is the defaults.
 
     Raises
     ------
     ScenarioError
-        If there is no such profile.
+        If the profile does not exist.
     """
     if name == IDEAL:
         return ParameterSet()

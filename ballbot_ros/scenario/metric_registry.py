@@ -1,4 +1,4 @@
-"""Metrics as functions: a decorator gives each its meaning, and its place in the order."""
+"""Registry of metrics: a decorator registers a function with its meaning."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Function = Callable[[Measured], float]
 
 @dataclass(frozen=True)
 class Metric(Generic[Measured]):
-    """What a metric is, and the function that computes it; NaN where there is nothing to measure.
+    """A metric: its meaning, and the function that computes it, with NaN for missing data.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class Metric(Generic[Measured]):
 
 
 class MetricRegistry(dict[str, Metric[Measured]]):
-    """Metrics by name, in the order in which they are defined."""
+    """Metrics by name, in order of definition."""
 
     def metric(
         self, meaning: str, name: str = ''
@@ -36,7 +36,7 @@ class MetricRegistry(dict[str, Metric[Measured]]):
         ----------
         meaning : str
         name : str, optional
-            The metric's name, ending in its unit; that of the function if it is not given.
+            Name of the metric, ending in its unit; by default that of the function.
         """
 
         def register(compute: Function[Measured]) -> Function[Measured]:
@@ -46,12 +46,12 @@ class MetricRegistry(dict[str, Metric[Measured]]):
         return register
 
     def measure(self, measured: Measured) -> dict[str, float]:
-        """Return the value of every metric."""
+        """Return the values of all metrics."""
         return {name: float(metric.compute(measured)) for name, metric in self.items()}
 
     @property
     def meanings(self) -> Mapping[str, str]:
-        """What each metric is, by its name."""
+        """Meaning of each metric, by name."""
         return {name: metric.meaning for name, metric in self.items()}
 
 
@@ -67,11 +67,11 @@ UNITS: Mapping[str, str] = {
     'v': 'V',
     'hz': 'Hz',
 }
-"""The units with which the names of metrics end, the longer endings first."""
+"""Units by the endings of metric names, longer endings first."""
 
 
 def label(name: str) -> tuple[str, str]:
-    """Return a metric's name in words, and its unit; the unit of a pure number is empty."""
+    """Return a metric's name as text, and its unit; a pure number has no unit."""
     for ending, unit in UNITS.items():
         if name.endswith(f'_{ending}'):
             return name.removesuffix(f'_{ending}').replace('_', ' '), unit

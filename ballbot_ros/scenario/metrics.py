@@ -1,4 +1,4 @@
-"""The metrics of a run's motion, on which expectations are set."""
+"""Metrics of a run's motion, for expectations."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _CLEARANCE_STRIDE = 5
 
 @dataclass(frozen=True)
 class Motion:
-    """The part of a run that is measured, of one tick at least; column 0 is plane x, 1 plane y.
+    """The measured part of a run, at least one tick; column 0 is plane x, 1 plane y.
 
-    What was not recorded is NaN throughout, and so is every metric that depends on it.
+    A column that was not recorded is all NaN, and so is every metric that depends on it.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Motion:
     start : ndarray, shape (2,)
         Ball centre at the start of the run [m].
     clearance : callable or None
-        Distances to the walls; None where there are none.
+        Returns the distances to the walls; None if there are no walls.
     """
 
     time: Floats
@@ -48,7 +48,7 @@ class Motion:
     start: Floats
     clearance: Clearance | None
 
-    # Made again each time: of a run of hours they take more memory than time.
+    # Computed on every access: in a run of hours they cost more memory than time.
     @property
     def pitch(self) -> Floats:
         """Body pitch [°], shape (n, 2)."""
@@ -56,7 +56,7 @@ class Motion:
 
     @property
     def second_half(self) -> slice:
-        """The ticks of the second half, when the transient has died away."""
+        """The ticks of the second half, after the transient."""
         return slice(np.searchsorted(self.time, (self.time[0] + self.time[-1]) / 2.0), None)
 
     @property
@@ -66,23 +66,23 @@ class Motion:
 
     @property
     def steps(self) -> Floats:
-        """Way of the ball from tick to tick [m], shape (n - 1,)."""
+        """Distance of the ball from tick to tick [m], shape (n - 1,)."""
         return _length(np.diff(self.position, axis=0))
 
     @property
     def distance_from_mean(self) -> Floats:
-        """Distance of the ball from its mean place in the second half [m], shape (m,)."""
+        """Distance of the ball from its mean position in the second half [m], shape (m,)."""
         position = self.position[self.second_half]
         return _length(position - position.mean(axis=0))
 
 
 METRICS = MetricRegistry[Motion]()
-"""All are of the motion from the release, the end of `hold_time`, on."""
+"""All metrics cover the motion from the release on, the end of `hold_time`."""
 
 
 @METRICS.metric(f'time until both pitches stay within ±{SETTLED_DEG:g}°')
 def settling_time_s(motion: Motion) -> float:
-    """Return the time from the first tick to the first after which no pitch leaves the band."""
+    """Return the time from the first tick until the pitches stay within the band."""
     pitch = motion.pitch
     if np.isnan(pitch).any():
         return math.nan
@@ -117,9 +117,10 @@ def peak_position_m(motion: Motion) -> float:
 
 @METRICS.metric('how far the ball passes its final place, coming from the farthest from it')
 def overshoot_m(motion: Motion) -> float:
-    """Return how far [m] the way goes beyond its end, seen from where it was farthest from it.
+    """Return how far [m] the ball overshoots its final position, from its farthest point.
 
-    Driving to a place and staying, that is the start; swinging back to the start, the turn.
+    On a drive to a new position the farthest point is the start; on a swing back to the start, the
+    turning point.
     """
     beyond = motion.position - motion.position[-1]
     distance = _length(beyond)

@@ -1,4 +1,4 @@
-"""From a scenario file to a scenario; every complaint names file and line."""
+"""Reading scenario files; every error message names file and line."""
 
 from __future__ import annotations
 
@@ -62,13 +62,13 @@ _Part = TypeVar('_Part')
 
 
 class ScenarioReader:
-    """Checks one document.
+    """Reads and checks one document.
 
     Parameters
     ----------
     document : YamlDocument
     load_profile : callable
-        Returns the parameters of the profile of a name.
+        Returns the parameters of a profile, by name.
     """
 
     def __init__(self, document: YamlDocument, load_profile: Callable[[str], ParameterSet]) -> None:
@@ -76,17 +76,17 @@ class ScenarioReader:
         self._load_profile = load_profile
 
     def scenario(self, profile: str | None = None) -> Scenario:
-        """Return the scenario that the document describes.
+        """Return the scenario in the document.
 
         Parameters
         ----------
         profile : str or None
-            Profile of the devices in place of the document's own.
+            Device profile instead of the document's.
 
         Raises
         ------
         ScenarioError, ParameterError
-            One line with file and line.
+            With one line that names file and line.
         """
         data = self._mapping(self._document.data, (), SCENARIO_KEYS)
         for required in ('purpose', 'duration'):
@@ -114,7 +114,7 @@ class ScenarioReader:
         )
 
     def _text(self, data: Mapping[str, object], profile: str | None) -> str:
-        """Return the file's text, or one with another profile."""
+        """Return the file's text, with the other profile if one is given."""
         if profile is None:
             return read_text(self._document.path)
         return yaml.safe_dump({**data, 'profile': profile}, sort_keys=False, allow_unicode=True)
@@ -130,7 +130,7 @@ class ScenarioReader:
             if key in data:
                 self._set(parameters, node, name, data[key], (key,))
         if parameters.of(PlantParameters).duration == 0.0:
-            raise self._error(('duration',), 'a scenario lasts longer than 0 s')
+            raise self._error(('duration',), 'a scenario must last longer than 0 s')
         if 'map' in data:
             self._set(parameters, PLANT, 'map', self._map(data['map']), ('map',))
         for key, value in self._mapping(data.get('start', {}), ('start',), _START).items():
@@ -149,7 +149,7 @@ class ScenarioReader:
         return parameters
 
     def _radians(self, degrees: float, name: str, keys: Keys) -> float:
-        """Convert the value of one of the plant's angles; refuse it in degrees, as it is given."""
+        """Convert an angle of the plant to radians; an error shows it in degrees, as given."""
         low, high = map(math.degrees, parameters_of(PLANT)[name].bounds or (-math.inf, math.inf))
         if not low <= degrees <= high:
             raise self._error(
@@ -158,7 +158,7 @@ class ScenarioReader:
         return math.radians(degrees)
 
     def _check_world(self, parameters: ParameterSet) -> None:
-        """Refuse a map that can't be read and a start that it has no room for."""
+        """Refuse a map that can't be read, and a start position that is blocked."""
         plant = parameters.of(PlantParameters)
         if not plant.map:
             return
@@ -173,7 +173,7 @@ class ScenarioReader:
             raise self._error(('start',), str(error)) from None
 
     def _map(self, value: object) -> object:
-        """Return a map's name as it is, and a file's path as seen from the scenario's folder."""
+        """Return a shipped map's name, or a file's path relative to the scenario's folder."""
         if isinstance(value, str) and ('/' in value or '.' in value):
             return str((self._document.path.parent / value).resolve())
         return value
@@ -213,11 +213,11 @@ class ScenarioReader:
                         (*keys, 'points', index), f'time goes back to {points[index][0]:g} s'
                     )
             if points[-1][0] <= points[0][0]:
-                raise self._error((*keys, 'points'), f'{name!r} lasts no time')
+                raise self._error((*keys, 'points'), f'{name!r} has no duration')
             return Segment(name, tuple(points))
         for required in ('from', 'value'):
             if required not in values:
-                raise self._error(keys, f'{name!r} has no {required!r} and no points')
+                raise self._error(keys, f'{name!r} has neither {required!r} nor points')
         start = self._time(values['from'], (*keys, 'from'))
         end = self._time(values['to'], (*keys, 'to')) if 'to' in values else math.inf
         if end <= start:
@@ -275,7 +275,7 @@ class ScenarioReader:
                 words = ', '.join(_DIRECTIONS)
                 raise self._error(keys, f'{value!r} is not one of {words}, or degrees')
             return _DIRECTIONS[value]
-        # Counterclockwise from forward, as REP 103 has it; plane y is positive to the right.
+        # Counterclockwise from forward (REP 103); plane y is positive to the right.
         sine, cosine = sine_cosine(math.radians(self._number(value, keys)))
         return cosine, -sine
 
@@ -316,7 +316,7 @@ class ScenarioReader:
         duration = plant.duration
         if not 0.0 <= start < min(end, duration) or duration < end < math.inf:
             raise self._error(
-                keys, f'{metric}: {start:g} … {end:g} s is no window of a run of {duration:g} s'
+                keys, f'{metric}: {start:g} … {end:g} s is not a window in a run of {duration:g} s'
             )
         if end < plant.hold_time:
             raise self._error(
@@ -333,7 +333,7 @@ class ScenarioReader:
             if allowed is not None and key not in allowed:
                 words = ', '.join(sorted(allowed))
                 raise self._error((*keys, key), f'unknown key {key!r}; known: {words}')
-        # A key that is no text names nothing, and is refused as unknown.
+        # A key that is not text is refused as unknown.
         return cast('Mapping[str, object]', data)
 
     def _each(self, data: object, keys: Keys, read: Callable[[object, Keys], _Part]) -> list[_Part]:
@@ -362,7 +362,7 @@ def _own_profile(data: Mapping[str, object]) -> str:
 
 
 def _label(keys: Keys) -> str:
-    """Return the name of a part of the file: its key, and its number in a list."""
+    """Return the name of a part of the file: its key, and its index in a list."""
     names = [key for key in keys if isinstance(key, str)]
     if not names:
         return 'the scenario'

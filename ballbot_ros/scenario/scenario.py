@@ -1,4 +1,4 @@
-"""A scenario: what a run starts from, what happens in it, and what is expected of it."""
+"""A scenario: start state, events and expectations of a run."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from ballbot_ros.scenario.signal import Signal
 
 @dataclass(frozen=True)
 class Expectation:
-    """A bound on a metric of the run, or of a part of it.
+    """Bounds on a metric of a run or of a part of it.
 
     Attributes
     ----------
     metric : str
         Name of the metric, with its unit (``settling_time_s``).
     minimum, maximum : float or None
-        Inclusive bounds; None where there is none.
+        Inclusive bounds; None for no bound.
     start, end : float
-        The window in which it is measured [s] from the start of the run.
+        The measured window [s], counted from the start of the run.
     """
 
     metric: str
@@ -31,25 +31,25 @@ class Expectation:
     end: float = math.inf
 
     def holds(self, value: float) -> bool:
-        """Tell whether `value` is within the bounds; NaN never is."""
+        """Return whether `value` is within the bounds; NaN never is."""
         low = self.minimum is None or value >= self.minimum
         high = self.maximum is None or value <= self.maximum
         return low and high and value == value
 
     @property
     def is_of_the_whole_run(self) -> bool:
-        """Whether it is measured without a window."""
+        """Whether it covers the whole run."""
         return self.start == 0.0 and self.end == math.inf
 
     @property
     def window(self) -> str:
-        """The window in words, empty for the whole run."""
+        """The window as text, empty for the whole run."""
         if self.is_of_the_whole_run:
             return ''
         return f'{self.start:g} s to ' + ('the end' if self.end == math.inf else f'{self.end:g} s')
 
     def __str__(self) -> str:
-        """Return the bounds in words."""
+        """Return the bounds as text."""
         parts = []
         if self.minimum is not None:
             parts.append(f'≥ {self.minimum:g}')
@@ -60,7 +60,7 @@ class Expectation:
 
 @dataclass(frozen=True)
 class ScheduledPush:
-    """A push of a scenario: times [s] from the start of the run, forces [N] in plane signs."""
+    """A push in a scenario: times [s] from the start of the run, forces [N] in plane signs."""
 
     time: float
     duration: float
@@ -75,17 +75,17 @@ class Scenario:
     Attributes
     ----------
     name, purpose : str
-        Name (of the file) and one line on what it shows.
+        Name of the file, and one line on the purpose.
     profile : str
         ``ideal`` or ``hardware``.
     parameters : ParameterSet
-        What it sets, its duration and start state included.
+        The values that it sets, including duration and start state.
     vertical, horizontal : Signal
-        The sticks, as the packet has them: -100 is up, forward; +100 is right.
+        The sticks in packet units: -100 is up, forward; +100 is right.
     pushes : tuple of ScheduledPush
     expectations : tuple of Expectation
     text : str
-        The file's text, for the recording.
+        Text of the file, for the recording.
     """
 
     name: str = ''

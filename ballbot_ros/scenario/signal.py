@@ -16,10 +16,10 @@ class Segment:
     Attributes
     ----------
     name : str
-        What it is for; pictures show it.
+        Its purpose, shown in pictures.
     points : sequence of (float, float)
-        Two or more times [s], never decreasing, and values, joined by straight lines; two points
-        at one time are a step.
+        Two or more times [s], never decreasing, and values, joined by straight lines; two points at
+        one time are a step.
     """
 
     name: str
@@ -32,25 +32,25 @@ class Segment:
 
     @property
     def end(self) -> float:
-        """Time of the last point [s]; infinite for a segment without end."""
+        """Time of the last point [s]; infinite for an open segment."""
         return self.points[-1][0]
 
     def at(self, time: float) -> int:
         """Return the value at `time` [s] in [start, end), rounded to a whole number."""
         index = bisect_right(self.points, time, key=lambda point: point[0])
         (t0, v0), (t1, v1) = self.points[index - 1], self.points[index]
-        # Of equal values no fraction is taken, as the end may be infinite.
+        # Equal values need no interpolation, since the end may be infinite.
         return quantise(v0 if v0 == v1 else v0 + (v1 - v0) * (time - t0) / (t1 - t0))
 
 
 @dataclass(frozen=True)
 class Signal:
-    """A stick's signal: its segments, and neutral between them.
+    """A stick's signal: its segments, and neutral in between.
 
     Attributes
     ----------
     segments : sequence of Segment
-        In order of time; none begins before the end of the one before.
+        In order of time, without overlap.
     """
 
     segments: Sequence[Segment] = ()

@@ -1,1 +1,1 @@
-"""The closed loop in one process, and what the node graph shares with it. No ROS."""
+"""The closed loop in one process, and the logic that the node graph shares with it. No ROS."""

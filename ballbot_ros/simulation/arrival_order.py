@@ -1,4 +1,4 @@
-"""In which order messages of several topics came."""
+"""The order in which messages of several topics arrived."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ from typing import Generic, TypeVar
 
 Message = TypeVar('Message')
 Arrival = tuple[int, Message]
-"""When a message came, by the system clock [ns], and the message."""
+"""Arrival time of a message by the system clock [ns], and the message."""
 
 
 class ArrivalOrder(Generic[Message]):
-    """Merges what is taken from one topic after the other, by the time at which it came.
+    """Merges messages that are read topic by topic into the order of their arrival.
 
-    What comes while the topics are looked at one by one waits for the next time: of an earlier
-    topic there may be something older. The system clock may be set meanwhile: within a topic the
-    order of taking holds all the same, and nothing waits until a clock that was set back is there
-    again.
+    A message that arrives during a pass over the topics waits for the next pass, because an older
+    message of a topic already read may still be unread. The system clock may be set back in the
+    meantime: messages of one topic keep their order, and none is held until the clock catches up.
     """
 
     def __init__(self) -> None:
@@ -29,21 +28,22 @@ class ArrivalOrder(Generic[Message]):
     def merge(
         self, taken: Mapping[str, Iterable[Arrival[Message]]], looked_ns: float
     ) -> list[Message]:
-        """Return what had come when the first topic was looked at, in order.
+        """Return the messages that had arrived when the pass began, in order of arrival.
 
         Parameters
         ----------
         taken : mapping
-            By name of the topic what was taken of it since the last time, oldest first.
+            For each topic name, the messages read in this pass, oldest first.
         looked_ns : float
-            When that began, by the system clock [ns]; infinite if nothing is to wait.
+            Start of the pass by the system clock [ns]; infinite to hold nothing back.
         """
         before: list[Arrival[Message]] = []
         waiting, self._late = self._late, {}
         is_set_back = looked_ns < self._looked_ns
         self._looked_ns = looked_ns
         if is_set_back:
-            # Times from before and after can't be compared, and all that waits is from before.
+            # The clock was set: old and new times can't be compared, and all waiting messages are
+            # old.
             before, waiting = sorted(chain(*waiting.values()), key=itemgetter(0)), {}
             looked_ns = math.inf
         come: list[Arrival[Message]] = []

@@ -1,7 +1,7 @@
 """Plant, devices and control program in one process, without messages.
 
-It runs the very objects that the nodes run, in the order in which the lockstep makes the graph
-run them, so its duties equal the graph's to the bit.
+It runs the same objects as the nodes, in the order that the lockstep imposes on the graph. Its
+duties are therefore bit-identical to the graph's.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _BATTERY, _STICKS = (DeviceInputs._fields.index(name) for name in ('battery_mv',
 
 
 class Tick(NamedTuple):
-    """One tick of the loop: the truth, what the devices made of it, and the answer."""
+    """One tick of the loop: the truth, the device readings and the resulting outputs."""
 
     truth: GroundTruth
     wall_hit: bool
@@ -44,7 +44,7 @@ class Tick(NamedTuple):
 
 
 class Inputs(Protocol):
-    """What comes from outside: a scenario, or what a recording has of it."""
+    """External inputs of a run, from a scenario or a recording."""
 
     def sticks_at(self, time: float) -> tuple[int, int]:
         """Return the sticks at `time` [s] from the start of the run."""
@@ -56,7 +56,7 @@ class Inputs(Protocol):
 
 
 class _Sampled(NamedTuple):
-    """A device, unpacked for the loop: its period [ns] and its place in the inputs of a tick."""
+    """A device, unpacked for the loop: its period [ns] and its index in the inputs of a tick."""
 
     period_ns: int
     place: int
@@ -71,12 +71,12 @@ class _Sampled(NamedTuple):
 
 
 class ClosedLoop:
-    """The whole robot.
+    """The whole robot: plant, devices and control program.
 
     Parameters
     ----------
     parameters : ParameterSet
-    scenario : Scenario or the like, or None
+    scenario : Scenario or Inputs, or None
         Stick signals and pushes; None for a neutral stick and no push.
     start_ns : int
         Sim time of the first tick [ns].
@@ -85,16 +85,16 @@ class ClosedLoop:
     ----------
     plant : Plant
     program : Program
-        What the controller's parameter `implementation` names.
+        The implementation that the controller's parameter `implementation` selects.
     world : World or None
-        None for a free floor without end.
+        None for an unlimited floor without walls.
     pushes : sequence of Push
-        What disturbs it.
+        The pushes that act in this run.
 
     Raises
     ------
     WorldError
-        If the map can't be read, or the robot can't start where it is to.
+        If the map can't be read, or the start position is blocked.
     """
 
     def __init__(
@@ -115,14 +115,14 @@ class ClosedLoop:
             self.plant.push(push)
 
     def ticks(self, duration: float) -> Iterator[Tick]:
-        """Run for `duration` [s], or up to the wall hit that ends the run; yield each tick."""
+        """Run for `duration` [s], or until a wall hit ends the run; yield each tick."""
         for _ in range(round(duration * SECOND_NS) // TICK_NS):
             if self.plant.stopped:
                 return
             yield self.tick()
 
     def tick(self) -> Tick:
-        """Run one tick: sample the devices, run the tasks due, move the plant by 4 ms."""
+        """Run one tick: sample the devices, run the due tasks, advance the plant by 4 ms."""
         truth, wall_hit = self.plant.truth(), self.plant.wall_hit
         now = truth.stamp_ns
         elapsed = now - self._start_ns

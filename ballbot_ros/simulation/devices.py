@@ -1,4 +1,4 @@
-"""The devices: what each measures, and where the brick reads it."""
+"""The table of devices: what each one measures, and which field of the brick holds it."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from ballbot_ros.plant.truth import GroundTruth, Pair
 from ballbot_ros.world.sonar_beam import SonarBeam
 
 P = TypeVar('P', bound=DriverParameters)
-"""The parameters of a device's driver."""
+"""Parameters of a device's driver."""
 
 Measured = TypeVar('Measured')
-"""What a device measures, in SI."""
+"""The measured quantity, in SI."""
 
 Reading = TypeVar('Reading')
-"""What it gives, in the brick's integers."""
+"""The reading, in the brick's integers."""
 
 Read: TypeAlias = Callable[[Measured, int], Reading]
-"""Returns the reading of what is measured at a stamp [ns]."""
+"""Returns the reading of a quantity at a stamp [ns]."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,13 @@ class Device(Generic[P, Measured, Reading]):
     parameters : type
         The parameters of its driver.
     field : str
-        Field of :class:`~ballbot_ros.brick.brick.DeviceInputs` that has its readings.
+        Field of :class:`~ballbot_ros.brick.brick.DeviceInputs` that holds its readings.
     measured : callable
-        Returns what it measures of a :class:`~ballbot_ros.plant.truth.GroundTruth`.
+        Returns the measured quantity from a :class:`~ballbot_ros.plant.truth.GroundTruth`.
     make : callable
-        Makes one from its parameters, and returns what reads it. A reading is a function of what
-        is measured and of the stamp, whatever was read before. Raises BallbotError if the
-        parameters can't act together.
+        Creates a device from its parameters and returns its read function. A reading depends only
+        on the measured quantity and the stamp, never on earlier readings. Raises BallbotError if
+        the parameters contradict each other.
     """
 
     parameters: type[P]
@@ -56,7 +56,7 @@ class Device(Generic[P, Measured, Reading]):
 
     @property
     def period_ns(self) -> int:
-        """The sim time from one sample to the next [ns]."""
+        """Sampling period in sim time [ns]."""
         return self.parameters.period_ns
 
 

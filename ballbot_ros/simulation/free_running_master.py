@@ -1,4 +1,4 @@
-"""The master of a run on the wall clock, as on hardware: the plant waits for nobody."""
+"""The master of a free-running run: the plant follows the wall clock and waits for nobody."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ TICK_S = TICK_NS / SECOND_NS
 
 
 class FreeRunningMaster(RunMaster):
-    """Conducts runs in which each tick takes the newest duty."""
+    """Conducts runs in which each tick uses the newest duty."""
 
     is_lockstep = False
     _duty_s: float | None
@@ -18,7 +18,7 @@ class FreeRunningMaster(RunMaster):
 
     @event
     def on_tick(self) -> None:
-        """Move on by a tick with the newest duty, or with none after a silence."""
+        """Advance by one tick with the newest duty, or with zero duty after a silence."""
         if self._phase is not Phase.TICKING:
             return
         if self.log.ticks == 0 and self._awaits_first_duty():
@@ -40,7 +40,7 @@ class FreeRunningMaster(RunMaster):
         self._duty, self._duty_s = duty, self._now_s
 
     def _take_ack(self, stamp_ns: int) -> None:
-        pass  # nobody waits for the recorder
+        pass  # The recorder does not hold up a free-running plant.
 
     # Conduct of a run
 
@@ -55,7 +55,7 @@ class FreeRunningMaster(RunMaster):
         self._open()
 
     def _awaits_first_duty(self) -> bool:
-        """Return whether the plant waits, so that the controller can calibrate from the start."""
+        """Return whether the plant waits, so that the controller calibrates from the first tick."""
         limit_s = self._settings.startup_timeout_s
         return self._duty_s is None and self._now_s - self._begun_s < limit_s
 
@@ -64,10 +64,10 @@ class FreeRunningMaster(RunMaster):
             self._repeat_truth()
 
     def _advance(self) -> None:
-        pass  # the wall clock calls for ticks
+        pass  # The wall clock triggers the ticks.
 
-    def _go_on(self) -> None:
-        # Nobody was silent in the pause.
+    def _continue(self) -> None:
+        # Silence during the pause does not count.
         self._sent_s = self._now_s
         if self._duty_s is not None:
             self._duty_s = self._now_s
@@ -76,7 +76,7 @@ class FreeRunningMaster(RunMaster):
         return True
 
     @property
-    def _may_be_held(self) -> bool:
+    def _can_be_held(self) -> bool:
         return self._phase is Phase.DRAINING
 
     def _resume(self) -> None:

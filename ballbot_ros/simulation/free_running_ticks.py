@@ -1,4 +1,4 @@
-"""The controller's ticks where nothing waits for anything: timers on the wall clock start tasks."""
+"""The controller's ticks in free-running mode: wall-clock timers start the tasks."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ _SILENCE_NS = round(FREE_RUNNING_SILENCE_S * SECOND_NS)
 
 
 class FreeRunningTicks:
-    """Starts tasks on the newest samples as their timers call back.
+    """Starts tasks on the newest samples when their timers fire.
 
-    The first callback of the tick's timer with every sample that a program needs is the first
-    tick; everything runs there. From then on each callback of that timer is a tick, at which those
-    of the other tasks run whose timers have called back since the one before.
+    The first tick is the first callback of the tick timer for which all needed samples have
+    arrived; all tasks run there. After that, each callback of the tick timer is a tick, and runs
+    those tasks whose timers have fired since the previous one.
 
     Parameters
     ----------
     every_tick : str
-        The task whose timer makes the ticks.
+        The task whose timer drives the ticks.
     clock : str
-        The input whose newest stamp is the sim time of a tick.
+        The input whose newest stamp is the sim time of the tick.
     needed : collection of str
-        The inputs without which no tick runs, `clock` among them.
+        The inputs that a tick requires, including `clock`.
     sticks : str
-        The input that is neutral after a silence.
+        The input that becomes neutral after a silence.
     tick_ns : int
         Period of the ticks [ns].
 
@@ -68,7 +68,7 @@ class FreeRunningTicks:
         self._ticked_at_ns = None
 
     def take(self, name: str, stamp_ns: int, value: Any, at_ns: int) -> None:
-        """Keep a sample of stamp `stamp_ns` [ns] that came at wall time `at_ns` [ns]."""
+        """Store a sample with stamp `stamp_ns` [ns] that arrived at wall time `at_ns` [ns]."""
         if self._start_ns is None or stamp_ns < self._start_ns:
             return
         if name == self._sticks:
@@ -76,9 +76,9 @@ class FreeRunningTicks:
         self.gate.put(name, stamp_ns, value)
 
     def on_timer(self, task: str, at_ns: int) -> DueTick | None:
-        """Release a task whose timer calls back at wall time `at_ns` [ns]; return the tick if due.
+        """Release a task whose timer fired at wall time `at_ns` [ns]; return a tick that is due.
 
-        At the first tick the timers of all other tasks are to be set, so that they go on from it.
+        At the first tick, restart the timers of all other tasks so that they are in phase with it.
         """
         self.fired[task] += 1
         now = self.gate.stamp(self._clock)

@@ -1,4 +1,4 @@
-"""Golden results: what every machine must compute to the bit."""
+"""Golden results, which every machine must reproduce to the bit."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class Golden:
     Attributes
     ----------
     arithmetic : str
-        What :func:`arithmetic_sha256` must return.
+        Expected result of :func:`arithmetic_sha256`.
     scenarios : dict
-        The ``duty_sha256`` of each shipped scenario by its name.
+        The ``duty_sha256`` of each shipped scenario, by name.
     """
 
     arithmetic: str
@@ -66,8 +66,8 @@ def duty_sha256(scenario: Scenario) -> str:
 def arithmetic_sha256() -> str:
     """Return a hash of every bit that ``ballbot_ros.numerics`` computes from random inputs.
 
-    The control loop damps a difference in the last bit, and duties are whole numbers: a scenario's
-    hash can miss one.
+    The control loop damps differences in the last bit, and duties are whole numbers, so the hash
+    of a scenario can miss such a difference.
     """
     counters, zero = np.arange(_DRAWS, dtype=np.uint64), np.uint64(0)
     words = philox4x32(counters, zero, zero, zero, zero, zero)
@@ -77,7 +77,7 @@ def arithmetic_sha256() -> str:
         values = (
             number,
             normal(bits),
-            # Most quantiles need no logarithm: those of few bits do.
+            # Most quantiles need no logarithm; those of the extreme words do.
             normal(bits >> (bits % 50)),
             *sine_cosine(4.0 * number - 2.0),
             *sine_cosine(2000.0 * number - 1000.0),

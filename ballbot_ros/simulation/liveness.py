@@ -14,22 +14,22 @@ class Machine(Protocol):
     """The processes of this machine."""
 
     def observe(self, processes: Iterable[int]) -> Observation:
-        """Return what some processes have been given so far."""
+        """Return the processor time that some processes have received so far."""
 
     def siblings(self) -> Collection[int]:
-        """Return the processes that were started together with this one, if that is known."""
+        """Return the processes that were started together with this one, if known."""
 
 
 class LivenessMonitor:
-    """Measures for how long each participant has not answered the plant.
+    """Measures how long each participant has left the plant without an answer.
 
     Parameters
     ----------
     roster : Roster
-        Who takes part, and who has answered which roll call.
+        The participants, and the roll calls that each has answered.
     machine : Machine
     host : str
-        The name of this machine.
+        Name of this machine.
     """
 
     def __init__(self, roster: Roster, machine: Machine, host: str) -> None:
@@ -40,17 +40,18 @@ class LivenessMonitor:
         self._called_s = 0.0
 
     def begin(self) -> None:
-        """Start over with a run whose participants are being gathered."""
-        # A command starts the nodes together; of other nodes nothing is known until they are heard.
+        """Start over with a run whose participants are still joining."""
+        # A command starts its nodes together; other nodes are unknown until they announce
+        # themselves.
         self._siblings = self._machine.siblings()
         self.reset()
 
     def reset(self) -> None:
-        """End the present silence: what was awaited has come."""
+        """End the current silence: the awaited message has arrived."""
         self._since_call = None
 
     def call(self) -> None:
-        """Note a roll call that is about to be made because of a silence."""
+        """Note that a roll call is about to be made because of a silence."""
         if self._since_call is None:
             seen = self._machine.observe(self._participants())
             self._since_call, self._called_s = self._roster.calls, seen.now_s
@@ -59,25 +60,25 @@ class LivenessMonitor:
     def silences_s(
         self, since_s: float, tick_ns: int, *, awaits_recorder: bool
     ) -> dict[str, float]:
-        """Return who has not answered the roll calls of a silence, or has not answered the tick.
+        """Return the participants that have answered neither the roll calls nor the tick.
 
-        A silence counts from the first of its roll calls on. Before that nobody is silent.
+        A silence counts from its first roll call on; until then no participant is silent.
 
         Parameters
         ----------
         since_s : float
             When the silence began [s].
         tick_ns : int
-            The tick that is not answered [ns].
+            The unanswered tick [ns].
         awaits_recorder : bool
-            Whether the plant waits for the recorder, not for the controller. The one it waits for
-            is to blame if all others have answered.
+            Whether the plant waits for the recorder instead of the controller. If everybody else
+            has answered, the one it waits for is to blame.
 
         Returns
         -------
         dict of str to float
             The roles, and how much of the silence counts for each [s]. If processes on this machine
-            are gone, only their roles, since the others may be waiting for them.
+            have died, only their roles, since the others may be waiting for them.
         """
         if self._since_call is None:
             return {}
@@ -95,7 +96,7 @@ class LivenessMonitor:
         return found or {awaited: self._silence_s(self._roster.members.get(awaited))}
 
     def waited_s(self, since_s: float) -> float:
-        """Return for how long the plant has waited for those who are to join its run [s]."""
+        """Return how long the plant has waited for participants to join its run [s]."""
         joined = set(self._participants())
         starting = [process for process in self._siblings if process not in joined]
         self._poll(since_s, starting)
@@ -108,12 +109,12 @@ class LivenessMonitor:
         return seen.threads.keys()
 
     def _participants(self) -> list[int]:
-        """Return the processes of this machine that take part."""
+        """Return the participating processes on this machine."""
         processes = map(self._process, self._roster.members.values())
         return [process for process in processes if process is not None]
 
     def _process(self, participant: Participant | None) -> int | None:
-        """Return the process of a participant on this machine."""
+        """Return the process of a participant if it is on this machine."""
         is_here = participant is not None and participant.host == self._host
         return participant.process if participant and is_here else None
 

@@ -1,6 +1,6 @@
 """The controller's side of the lockstep.
 
-A tick runs when every input due at its time is in and every task due has been released.
+A tick runs when every input due at its time has arrived and every due task has been released.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from ballbot_ros.simulation.task_releases import DueTick, TaskReleases
 
 
 class InputGate:
-    """Holds the newest sample of each input until all that are due at one time are there.
+    """Holds the newest sample of each input until all that are due at one time have arrived.
 
-    A sample is known by its stamp, so one that comes twice changes nothing.
+    Samples are identified by their stamps, so a repeated sample changes nothing.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class InputGate:
         self._samples: dict[str, tuple[int, Any]] = {}
 
     def put(self, name: str, stamp_ns: int, value: Any) -> bool:
-        """Keep a sample; return whether it is newer than the one that was there."""
+        """Store a sample; return whether it is newer than the stored one."""
         known = self._samples.get(name)
         if known is not None and stamp_ns <= known[0]:
             return False
@@ -53,7 +53,7 @@ class InputGate:
         self._samples.clear()
 
     def missing(self, stamp_ns: int) -> list[str]:
-        """Return the inputs due at `stamp_ns` whose sample of that stamp is not there."""
+        """Return the inputs due at `stamp_ns` whose sample has not arrived."""
         return [
             name
             for name, period in self._periods.items()
@@ -61,18 +61,18 @@ class InputGate:
         ]
 
     def ready(self, stamp_ns: int) -> bool:
-        """Tell whether every input due at `stamp_ns` is there."""
+        """Return whether every input due at `stamp_ns` has arrived."""
         return not self.missing(stamp_ns)
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run as its plant announces it.
+    """A run as announced by its plant.
 
     Attributes
     ----------
     name : str
-        Number of the run, and a token that tells its plant from all others.
+        Number of the run and a token that identifies the plant.
     start_ns : int
         Stamp of its first tick [ns].
     """
@@ -82,17 +82,17 @@ class Run:
 
     @property
     def number(self) -> str:
-        """Its number, from 1 on."""
+        """Number of the run, starting at 1."""
         return self.name.partition(' ')[0]
 
     @property
     def plant(self) -> str:
-        """The token of its plant."""
+        """Token that identifies the plant."""
         return self.name.partition(' ')[2]
 
 
 class Step(Enum):
-    """What the controller does with a sample that leads to no tick."""
+    """The controller's reaction to a sample that starts no tick."""
 
     IGNORE = auto()
     KEEP = auto()
@@ -105,23 +105,23 @@ class Step(Enum):
 
 
 class LockstepTicks:
-    """Decides in lockstep what each sample and each callback of a timer leads to.
+    """Decides, in lockstep, what each sample and each timer callback leads to.
 
-    Samples count from the first one of the plant itself on: it comes when every participant has
-    joined the run, so none of an earlier run can follow it. A second sample or callback of one
-    time changes nothing; one that is missing holds the tick back. If the plant then asks again,
-    missing inputs come again, and missing releases are forced.
+    Samples count from the plant's own first one on. The plant sends it when every participant has
+    joined the run, so no sample of an earlier run can follow. A repeated sample or callback changes
+    nothing; a missing one holds up the tick. When the plant asks again, the drivers resend missing
+    inputs, and missing releases are forced.
 
     Parameters
     ----------
     periods_ns : mapping of str to int
         The inputs and the period of each [ns].
     first : str
-        The input that the plant itself publishes.
+        The input published by the plant itself.
     every_tick : str
-        The input whose first sample is the controller's first tick.
+        The input whose first sample defines the controller's first tick.
     is_same : mapping of str to callable
-        For each input, whether two serialised messages say the same.
+        For each input, a function that compares the content of two serialised messages.
     tick_ns : int
         Period of the ticks [ns].
 
@@ -149,7 +149,7 @@ class LockstepTicks:
         self._is_open = False
 
     def begin(self, start_ns: int, tasks: Iterable[TaskTiming]) -> None:
-        """Wait for the first tick of a run, at `start_ns` [ns]; nothing of another one counts."""
+        """Wait for the first tick of a run, at `start_ns` [ns]; ignore all other runs."""
         self.gate.clear()
         for history in self._histories.values():
             history.clear()
@@ -166,14 +166,14 @@ class LockstepTicks:
         stamp_ns : int
             Stamp of the sample [ns].
         data : bytes
-            The sample as it came.
+            The serialised sample.
         value : object
-            What the brick reads from it.
+            The value that the brick reads from it.
 
         Returns
         -------
         Step or DueTick
-            A tick if this sample was all that it waited for.
+            A tick if this sample completed its inputs.
         """
         if self._start_ns is None or stamp_ns < self._start_ns:
             return Step.IGNORE
@@ -197,7 +197,7 @@ class LockstepTicks:
         return self._due_tick() or Step.KEEP
 
     def _answer_repeated(self, stamp_ns: int) -> Step:
-        """Decide what a sample leads to that comes again: the plant has not got the answer."""
+        """Decide about a repeated sample: the plant has not received the answer."""
         if self._next_ns == stamp_ns + self._tick_ns:
             return Step.ANSWER_AGAIN
         if self._next_ns == stamp_ns and self.gate.ready(stamp_ns):
@@ -205,12 +205,12 @@ class LockstepTicks:
         return Step.IGNORE
 
     def force(self, *, callback_waits: bool) -> DueTick | None:
-        """Make good what the timers have left out of a tick that lacks nothing else.
+        """Force the releases that a tick is still missing after all its inputs have arrived.
 
         Parameters
         ----------
         callback_waits : bool
-            Whether a timer is about to call back: then nothing is forced yet.
+            Whether a timer callback is pending; if so, nothing is forced yet.
         """
         if self._next_ns is None or callback_waits:
             return None
@@ -218,7 +218,7 @@ class LockstepTicks:
         return self._due_tick()
 
     def on_timer(self, task: str, now_ns: int) -> DueTick | None:
-        """Release a task whose timer calls back; return the tick that waited only for that.
+        """Release a task whose timer fired; return the tick if it waited only for this release.
 
         Parameters
         ----------
@@ -230,17 +230,17 @@ class LockstepTicks:
         return self._due_tick()
 
     def start_late(self, stamp_ns: int, *, now_ns: int, rejoin: bool) -> Step:
-        """Decide what follows from a missed start.
+        """Decide what follows from a missed start of the run.
 
         Parameters
         ----------
         stamp_ns : int
-            Stamp of the sample that showed it [ns].
+            Stamp of the sample that revealed it [ns].
         now_ns : int
-            Sim time [ns]. The tick of now is the one for which the plant asks; an earlier one has
-            been answered by another controller.
+            Sim time [ns]. The plant waits for the tick of this time; another controller has
+            answered the earlier ones.
         rejoin : bool
-            Whether the controller may begin afresh in mid-run.
+            Whether the controller may start from its initial state in mid-run.
         """
         if stamp_ns != now_ns:
             return Step.IGNORE
@@ -250,7 +250,7 @@ class LockstepTicks:
         return Step.BEGIN_AFRESH
 
     def _due_tick(self) -> DueTick | None:
-        """Return the next tick and go on to the one after it, if nothing is missing."""
+        """Return the next tick and advance to the following one, if nothing is missing."""
         now = self._next_ns
         if now is None or not self.gate.ready(now) or self.releases.missing(now):
             return None

@@ -1,6 +1,6 @@
-"""The master of a run in lockstep: the plant moves on with the duty of its own time, never without.
+"""The master of a run in lockstep: the plant advances only with the duty of its own tick.
 
-It asks again for a tick that is not answered, and finds out who is silent.
+It asks again for an unanswered tick, and finds out which participant is silent.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from ballbot_ros.plant.truth import GroundTruth
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recorder_flow import RecorderFlow
-from ballbot_ros.simulation.run_actions import AskDrivers, Log, Report, Severity, WakeIn
+from ballbot_ros.simulation.run_actions import Log, Report, ResendToDrivers, Severity, WakeIn
 from ballbot_ros.simulation.run_master import (
     STARTUP_WARN_S,
     Phase,
@@ -37,7 +37,7 @@ class LockstepMaster(RunMaster):
         self, stamp_ns: int, duty: tuple[int, int], data: bytes, *, is_stop: bool
     ) -> None:
         if is_stop:
-            # The controller leaves; another may come.
+            # The controller is leaving; another one may take its place.
             return
         now_ns = self._plant.time_ns
         is_ahead = stamp_ns > now_ns
@@ -102,8 +102,8 @@ class LockstepMaster(RunMaster):
         duty, self._duty = self._duty, None
         self._tick(duty)
 
-    def _go_on(self) -> None:
-        # Nobody was silent in the pause.
+    def _continue(self) -> None:
+        # Silence during the pause does not count.
         self._answered_s = self._sent_s = self._now_s
         self._participants.liveness.reset()
         self._pacer.restart()
@@ -132,15 +132,15 @@ class LockstepMaster(RunMaster):
         if silent:
             self._give_up(silent)
         elif self._now_s - since_s > WARN_S:
-            # Keep reporting, so that a waiting plant is not taken for a silent one.
+            # Keep reporting, so that a waiting plant is not counted as silent itself.
             self._act(Report())
 
     def _awaits_recorder(self) -> bool:
-        """Return whether the plant waits for the recorder, not for the controller."""
+        """Return whether the plant waits for the recorder instead of the controller."""
         return self._phase is Phase.DRAINING or self._duty is not None or self._is_behind()
 
     def _find_silent(self, since_s: float, *, awaits_recorder: bool) -> list[str]:
-        """Return who has been silent for too long; call the roll early enough to find out."""
+        """Return the roles that have been silent for too long; call the roll early enough."""
         limit_s = self._limit_s
         if self._now_s - since_s <= min(WARN_S if self.log.ticks else STARTUP_WARN_S, limit_s):
             return []
@@ -150,7 +150,7 @@ class LockstepMaster(RunMaster):
         silent = [role for role, silence_s in silences_s.items() if silence_s > limit_s]
         self._participants.call_roll()
         if awaits_recorder:
-            # A recorder acknowledges only the topics of which it has been told.
+            # A recorder acknowledges only topics that a roll call has announced to it.
             self._participants.publish_status()
         if not silent:
             what = RECORDER if awaits_recorder else 'the duty'
@@ -167,7 +167,7 @@ class LockstepMaster(RunMaster):
 
     @property
     def _limit_s(self) -> float:
-        """The longest silence that is allowed [s]."""
+        """The longest permitted silence [s]."""
         settings = self._settings
         return settings.timeout_s if self.log.ticks else settings.startup_timeout_s
 
@@ -178,26 +178,26 @@ class LockstepMaster(RunMaster):
     # Resends
 
     def _ask_again(self) -> None:
-        """Ask again for the first tick of which something is missing; the silence goes on.
+        """Ask again for the first incomplete tick; the silence continues.
 
-        The controller may have all that a driver sent before it was killed, and the recorder not:
-        the middleware throws away what a reader has not taken yet from a dead process.
+        The recorder may lack samples that the controller has received from a driver that was then
+        killed: the middleware discards unread samples of a dead process.
         """
         sent_s = self._sent_s
         self.resends += 1
-        self._recorder.asked_again(self._plant.time_ns)
+        self._recorder.require_ack(self._plant.time_ns)
         missing = self._first_missing()
         if missing.stamp_ns < self._plant.time_ns:
-            self._act(AskDrivers(missing))
+            self._act(ResendToDrivers(missing))
             self._asked_for, self._asked_s = missing, self._now_s
         else:
             self._publish_truth(is_resend=True)
         self._sent_s = sent_s
 
     def _first_missing(self) -> GroundTruth:
-        """Return the first tick that the recorder lacks, or the newest.
+        """Return the first tick that the recorder lacks, or else the newest tick.
 
-        Ticks of a controller that is gone are not among them: no other can answer for it.
+        Ticks that a previous controller answered are left out: no other controller can repeat them.
         """
         next_ns = self._recorder.next_ns
         if next_ns is None:
@@ -206,18 +206,18 @@ class LockstepMaster(RunMaster):
         return next((truth for truth in self._recent if truth.stamp_ns >= first_ns), self._truth)
 
     def _is_behind(self) -> bool:
-        """Return whether an earlier tick than the newest is asked for."""
+        """Return whether a tick earlier than the newest is requested."""
         has_recorder = self._recorder.recorder is not None
         return has_recorder and self._asked_for.stamp_ns < self._truth.stamp_ns
 
     # Participants
 
     @property
-    def _may_be_held(self) -> bool:
+    def _can_be_held(self) -> bool:
         return self._is_open
 
     def _release(self) -> None:
-        if self._phase is not Phase.DRAINING and self._recorder.meet(
+        if self._phase is not Phase.DRAINING and self._recorder.join(
             self._participants.member(RECORDER), self._plant.time_ns
         ):
             self._answered_s = self._now_s
@@ -232,11 +232,11 @@ class LockstepMaster(RunMaster):
             self._advance()
 
     def _recorder_left(self) -> bool:
-        """Go on without a recorder that has left in order; return whether it has."""
+        """Continue without a recorder that left in an orderly way; return whether it did."""
         if self._settings.requires_recorder or self._graph.count_publishers(self._topics.ack):
             return False
         self._recorder.leave()
-        reason = self._participants.last_words(RECORDER)
+        reason = self._participants.reported_failure(RECORDER)
         text = f'the recorder has left the run{reason and ": "}{reason}'
         self._act(Log(text, Severity.WARNING))
         self._advance()

@@ -1,4 +1,4 @@
-"""Keeps a run in step with the wall clock."""
+"""Pacing of a run against the wall clock."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from ballbot_ros.timing import SECOND_NS, TICK_NS
 
 
 class Pacer:
-    """Tells when each tick is due on the wall clock.
+    """Computes when each tick is due on the wall clock.
 
-    Times are readings of one clock that only goes forward [s].
+    Times are readings of one monotonic clock [s].
 
     Attributes
     ----------
     late_ticks : int
-        Ticks that came more than a period late; pacing then starts over instead of hurrying.
+        Ticks that came more than a period late; pacing then restarts instead of catching up.
     """
 
     def __init__(self) -> None:
@@ -21,13 +21,13 @@ class Pacer:
         self.restart()
 
     def restart(self) -> None:
-        """Start over with the next tick."""
+        """Restart the pacing with the next tick."""
         self._due_s: float | None = None
 
     def delay_s(self, factor: float, now_s: float) -> float:
-        """Return how long the next tick has to wait at `factor` times real time [s].
+        """Return how long to wait before the next tick at `factor` times real time [s].
 
-        It is 0 if the tick is due, and always at a factor of 0.
+        The result is 0 if the tick is due, and always for a factor of 0.
         """
         if factor == 0.0 or self._due_s is None:
             return 0.0

@@ -1,7 +1,7 @@
-"""Who takes part in a run of the lockstep, and who does not belong to it.
+"""Who takes part in a run in lockstep, and who must not.
 
-Nothing here knows of ROS: the plant's node hands in announcements, the publishers that the graph
-has and the roll calls it has made, and does what the :class:`Standing` says.
+Free of ROS: the plant's node passes in announcements, roll calls and the publishers in the graph,
+and acts on the :class:`Readiness` that results.
 """
 
 from __future__ import annotations
@@ -14,25 +14,27 @@ from typing import NamedTuple
 from ballbot_ros.timing import SECOND_NS
 
 ANSWER_CALLS = 5
-"""Roll calls that a living participant answers; who answers none of them is gone."""
+"""Roll calls after which a participant that has answered none of them counts as gone."""
 
 GONE_S = 2.0
-"""Time for which a publisher that has left may still be to blame for what is objected to."""
+"""Time for which a departed publisher can still explain an objection."""
 
 LOOK_S = 0.5
-"""The most that counts between two looks: who could not look does not know who has left."""
+"""Upper limit of the time counted between two looks at the graph. While nobody looks, nobody
+notices who leaves."""
 
 NAME_S = 5.0
-"""Time within which the middleware tells the name of a publisher's node, if it ever does."""
+"""Time within which the middleware reports the node name of a publisher, if at all."""
 
 LEASE_S = 21.0
-"""A process that was killed stays in the graph for 20 s, the middleware's lease of a participant.
-A publisher that is there for longer was alive while the run waited for it to leave."""
+"""The middleware's lease keeps a killed process in the graph for 20 s. A publisher that stays
+longer
+was alive while the run waited for it to leave."""
 
 
 MAP_HASH = 'map_sha256'
-"""Among a participant's parameters, what stands for a map beside its name: the same file may have
-another path elsewhere."""
+"""Parameter that identifies the map by its content: the same file may have another path
+elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -42,25 +44,25 @@ class Participant:
     Attributes
     ----------
     role : str
-        What it does in the graph: the node of the parameter table whose place it takes.
+        Its function in the graph: the node of the parameter table that it stands for.
     node : str
         Fully qualified name, such as ``/gyro_driver``.
     host : str
     process : int
         Process id on that host.
     instance : str
-        Tells two nodes apart that have all else in common.
+        Distinguishes nodes that are otherwise equal.
     implementation : str
         Program and version.
     parameters_sha256 : str
         Hash of its parameters' values.
     guid_prefix : str
-        What the identifiers of its publishers begin with, as hexadecimal text; '' if it does not
-        know: its publishers are then told by the name of their node.
+        Prefix of the identifiers of its publishers, as hexadecimal text; '' if unknown, in which
+        case its publishers are identified by the name of their node.
     topics : tuple of str
-        The periodic topics that it publishes, a message at each multiple of their period.
+        The periodic topics that it publishes, with a message at each multiple of the period.
     parameters : mapping of str to object
-        Its parameters' values in this run, as far as it tells them.
+        The values of its parameters in this run, as far as it announces them.
     """
 
     role: str
@@ -80,13 +82,13 @@ class Participant:
 
 @dataclass(frozen=True)
 class Objection:
-    """A participant has seen what can't be of this run.
+    """A participant has seen a sample that can't belong to this run, or can't continue.
 
     Attributes
     ----------
     text : str
     topic : str
-        Where it came; '' if it is the participant itself that can't go on.
+        Where the sample arrived; '' if the participant itself can't continue.
     stamp_ns : int
         Stamp of the sample [ns].
     """
@@ -107,13 +109,13 @@ class Objection:
 
 @dataclass(frozen=True)
 class Announcement:
-    """What a participant says of itself when it joins a run, and at each roll call.
+    """A participant's description of itself, sent when it joins a run and at each roll call.
 
     Attributes
     ----------
     participant : Participant
     run : str
-        The run that it takes part in, by the name that ``plant/run`` gives it.
+        The run in which it takes part, by its name in ``plant/run``.
     answered_ns : int
         Stamp of its newest sample in this run [ns], 0 before the first.
     objection : Objection or None
@@ -126,14 +128,14 @@ class Announcement:
 
 
 class Publisher(NamedTuple):
-    """A publisher of a topic as the graph tells it; `node` is '' while its name is not known."""
+    """A publisher in the graph; `node` is '' until its name is known."""
 
     gid: bytes
     node: str
 
 
 class State(Enum):
-    """Whether the run may go on."""
+    """Whether the run may continue."""
 
     COMPLETE = auto()
     WAITING = auto()
@@ -141,26 +143,26 @@ class State(Enum):
 
 
 @dataclass(frozen=True)
-class Standing:
-    """What the roster says of a run, and why it waits or is refused."""
+class Readiness:
+    """Whether a run may continue, and if not, the reason."""
 
     state: State
     reason: str = ''
 
 
-_COMPLETE = Standing(State.COMPLETE)
+_COMPLETE = Readiness(State.COMPLETE)
 
 
 class Membership(NamedTuple):
-    """A participant of a run.
+    """A participant of a run and its time of joining.
 
     Attributes
     ----------
     participant : Participant
     since_ns : int
-        Sim time from which on it took part [ns].
+        Sim time at which it joined [ns].
     is_successor : bool
-        Whether it took the place of one that was gone.
+        Whether it replaced a participant that had gone.
     """
 
     participant: Participant
@@ -170,7 +172,7 @@ class Membership(NamedTuple):
 
 @dataclass
 class _Heard:
-    """An announcement, and how many roll calls had been made when it came."""
+    """An announcement, and the number of roll calls made before it."""
 
     announcement: Announcement
     calls: int
@@ -178,7 +180,7 @@ class _Heard:
 
 @dataclass
 class _Suspect:
-    """A publisher on a topic of the lockstep that belongs to no participant."""
+    """A publisher on a lockstep topic that belongs to no participant."""
 
     topic: str
     node: str
@@ -187,14 +189,14 @@ class _Suspect:
     heard_at_call: int | None = None
 
     @property
-    def offence(self) -> str:
+    def problem(self) -> str:
         name = self.node or 'an unnamed node'
         return f'{name} publishes on {self.topic!r}, but takes no part in the run'
 
 
 @dataclass
 class _Run:
-    """What is known of one run."""
+    """What is known about one run."""
 
     name: str
     heard: dict[str, _Heard] = field(default_factory=dict)
@@ -205,27 +207,27 @@ class _Run:
     strangers: dict[bytes, _Suspect] = field(default_factory=dict)
     objections: list[tuple[int, Objection]] = field(default_factory=list)
     waits_only_for_suspects_since_s: float | None = None
-    offence: str = ''
+    problem: str = ''
     has_begun: bool = False
 
 
 class Roster:
-    """Decides whether those who belong to a run, and nobody else, take part in it.
+    """Decides whether exactly the participants of a run take part in it.
 
-    A role has one participant. If a second one announces itself, roll calls tell which of the two
-    live: both, and the run is refused; only the second, and it is the successor. A publisher on
-    a topic of the lockstep whose node has not announced itself is a stranger as soon as a sample
-    of it is heard, or when it is still there after the lease of a dead process.
+    Each role has one participant. If a second one announces itself, roll calls show which of the
+    two are alive. If both are, the run is refused; if only the second is, it is the successor. A
+    publisher on a lockstep topic whose node has not announced itself is a stranger as soon as one
+    of its samples arrives, or if it outlasts the lease of a dead process.
 
     Parameters
     ----------
     shared : collection of str
-        The parameters of which all that have them are to have the same value.
+        Parameters that must have the same value in all participants that have them.
     stateless : collection of str
-        The roles whose participant may be replaced in mid-run by one that is equal to it; any
-        other one begins afresh.
+        Roles whose participant may be replaced in mid-run by an equal one; in all others a
+        successor starts from its initial state.
     owners : mapping of str to collection of str
-        The topics of the lockstep, and the roles that publish on each.
+        The lockstep topics, and the roles that publish on each.
     """
 
     def __init__(
@@ -248,33 +250,33 @@ class Roster:
         self._run = _Run('')
 
     def gather(self, run: str, plant: Participant, required: Collection[str]) -> None:
-        """Begin to gather the participants of a run.
+        """Start collecting the participants of a run.
 
         Parameters
         ----------
         run : str
             Its name.
         plant : Participant
-            The plant, whose run it is.
+            The plant that announces the run.
         required : collection of str
-            The roles without which it does not begin.
+            The roles that the run needs before it begins.
         """
         self._plant, self._required = plant, tuple(required)
         self._run = _Run(run)
         self._run.heard[plant.instance] = _Heard(Announcement(plant, run), self._calls)
 
-    def fix(self) -> None:
-        """Let the run begin with those who are there; from now on each of them has to stay."""
+    def confirm(self) -> None:
+        """Begin the run with the participants that have joined; from now on all must stay."""
         self._run.has_begun = True
 
-    def called(self) -> None:
-        """Note a roll call, which the plant answers, too."""
+    def note_roll_call(self) -> None:
+        """Count a roll call, which the plant itself answers, too."""
         self._calls += 1
         if self._plant:
             self._run.heard[self._plant.instance].calls = self._calls
 
-    def announced(self, announcement: Announcement) -> None:
-        """Take an announcement; one for another run changes nothing."""
+    def on_announcement(self, announcement: Announcement) -> None:
+        """Process an announcement; one for another run changes nothing."""
         run = self._run
         participant = announcement.participant
         if announcement.run != run.name or participant == self._plant:
@@ -283,30 +285,32 @@ class Roster:
             return
         known = run.heard.get(participant.instance)
         if known and known.announcement.participant != participant:
-            run.offence = f'{participant} gives itself out as {known.announcement.participant}'
+            run.problem = f'{participant} claims to be {known.announcement.participant}'
             return
         run.heard[participant.instance] = _Heard(announcement, self._calls)
         objection = announcement.objection
-        # The run goes on without a participant that it does not require.
+        # The run continues without a participant that it does not require.
         if objection and (objection.topic or participant.role in self._required):
             self.object(objection)
         if len(self._claimants(participant.role)) > 1:
             run.contests.setdefault(participant.role, self._calls)
 
     def object(self, objection: Objection) -> None:
-        """Take what a participant, or the plant itself, objects to."""
+        """Record an objection of a participant or of the plant itself."""
         if all(objection != known for _, known in self._run.objections):
             self._run.objections.append((self._calls, objection))
 
-    def looked(self, publishers: Mapping[str, Sequence[Publisher]], now_s: float) -> None:
-        """Take the publishers that the graph has on the topics of the lockstep.
+    def update_publishers(
+        self, publishers: Mapping[str, Sequence[Publisher]], now_s: float
+    ) -> None:
+        """Update the publishers on the lockstep topics.
 
         Parameters
         ----------
         publishers : mapping of str to sequence of Publisher
             By topic.
         now_s : float
-            Time of this look on a clock that only goes forward [s].
+            Time of this look at the graph, on a monotonic clock [s].
         """
         run = self._run
         if self._looked_at_s is not None:
@@ -331,9 +335,9 @@ class Roster:
         run.suspects = {gid: each for gid, each in run.strangers.items() if gid in there}
 
     def _owner(self, topic: str, publisher: Publisher, gids: Collection[bytes]) -> str | None:
-        """Return the instance whose publisher it is.
+        """Return the instance that owns a publisher.
 
-        Each instance has one publisher a topic, so a second one belongs to another.
+        Each instance has one publisher per topic, so a second one belongs to another instance.
         """
         taken = {self._publishers[gid] for gid in gids if gid in self._publishers}
         for instance, heard in self._run.heard.items():
@@ -349,40 +353,45 @@ class Roster:
 
     @property
     def suspected_topics(self) -> set[str]:
-        """Topics that have a publisher of nobody in the run."""
+        """Topics with a publisher that belongs to no participant."""
         return {suspect.topic for suspect in self._run.suspects.values()}
 
-    def overheard(self, topic: str) -> None:
-        """Take note that a message came on a suspected topic that no participant can have sent."""
+    def note_foreign_message(self, topic: str) -> None:
+        """Note a message on a suspected topic that no participant can have sent."""
         for suspect in self._run.suspects.values():
             if suspect.topic == topic and suspect.heard_at_call is None:
                 suspect.heard_at_call = self._calls
 
-    def standing(self, now_ns: int) -> Standing:
-        """Tell whether the run may go on.
+    def readiness(self, now_ns: int) -> Readiness:
+        """Return whether the run may continue.
 
         Parameters
         ----------
         now_ns : int
-            Sim time [ns]: a successor takes part from there on.
+            Sim time [ns], from which a successor takes part.
         """
         run = self._run
-        problem = run.offence or self._sentence() or self._settle_contests() or self._admit(now_ns)
+        problem = (
+            run.problem
+            or self._stranger_problem()
+            or self._resolve_contests()
+            or self._admit(now_ns)
+        )
         if not (problem or run.contests):
             problem = self._judge_objections() or self._disagreement()
         if problem:
-            return Standing(State.REFUSED, problem)
-        waits = [*self.missing(), *(f'one answer as {role}' for role in run.contests)]
-        waits += [f'a roll call because of {objection.text}' for _, objection in run.objections]
+            return Readiness(State.REFUSED, problem)
+        waits = [*self.missing(), *(f'a single {role}' for role in run.contests)]
+        waits += [f'a roll call because {objection.text}' for _, objection in run.objections]
         self._time_suspects(are_alone=not waits)
         waits += [
             f'{each.node or "a new node"} on {each.topic!r} to take part or to leave'
             for each in run.suspects.values()
         ]
-        return Standing(State.WAITING, f'waiting for {", ".join(waits)}') if waits else _COMPLETE
+        return Readiness(State.WAITING, f'waiting for {", ".join(waits)}') if waits else _COMPLETE
 
     def _time_suspects(self, *, are_alone: bool) -> None:
-        """Accuse a suspect that stays for longer than a dead process while all else is well."""
+        """Accuse a suspect that outlasts a dead process's lease while nothing else is wrong."""
         run = self._run
         if not (are_alone and run.suspects):
             run.waits_only_for_suspects_since_s = None
@@ -392,10 +401,10 @@ class Roster:
         for suspect in run.suspects.values():
             since_s = max(suspect.since_s, run.waits_only_for_suspects_since_s)
             if self._now_s - since_s > LEASE_S:
-                self.overheard(suspect.topic)
+                self.note_foreign_message(suspect.topic)
 
-    def _sentence(self) -> str:
-        """Return what a stranger has done that was heard, once it can be told from a newcomer."""
+    def _stranger_problem(self) -> str:
+        """Return what an active stranger has done, once it can't be a newcomer that is joining."""
         heard = [
             suspect
             for suspect in self._run.strangers.values()
@@ -403,10 +412,10 @@ class Roster:
             and self._calls - suspect.heard_at_call >= ANSWER_CALLS
             and self._can_be_named(suspect)
         ]
-        return self._likeliest(heard).offence if heard else ''
+        return self._likeliest(heard).problem if heard else ''
 
     def _likeliest(self, suspects: Sequence[_Suspect]) -> _Suspect:
-        """Return the one to name of several suspects: not a participant's namesake if possible."""
+        """Return the most likely of several suspects: if possible, no participant's namesake."""
         names = {participant.node for participant in self._run.members.values()}
         return min(suspects, key=lambda suspect: (not suspect.node, suspect.node in names))
 
@@ -417,8 +426,8 @@ class Roster:
         heard = self._run.heard.values()
         return [each for each in heard if each.announcement.participant.role == role]
 
-    def _settle_contests(self) -> str:
-        """Find out who of several claimants of a role live; return what is wrong, or nothing."""
+    def _resolve_contests(self) -> str:
+        """Find out which claimants of a role are alive; return the problem, or ''."""
         run = self._run
         doubled: dict[str, list[Participant]] = {}
         for role, since in tuple(run.contests.items()):
@@ -427,7 +436,7 @@ class Roster:
             if len(living) > 1:
                 doubled[role] = living
             elif self._calls - since >= ANSWER_CALLS:
-                # If none is left, the silence that follows is the last participant's.
+                # If none is alive, the silence that follows is attributed to the last participant.
                 for each in claimants:
                     if each.announcement.participant not in living:
                         del run.heard[each.announcement.participant.instance]
@@ -441,7 +450,7 @@ class Roster:
         return f'two nodes publish on {topic!r} as {role}: {both}{likewise}'
 
     def _admit(self, now_ns: int) -> str:
-        """Give each role its participant; return what is wrong with a successor, or nothing."""
+        """Assign a participant to each role; return the problem with a successor, or ''."""
         run = self._run
         for instance, heard in run.heard.items():
             participant = heard.announcement.participant
@@ -451,17 +460,14 @@ class Roster:
             if known and not run.has_begun:
                 run.history = [each for each in run.history if each.participant != known]
             elif known and role in self._stateless and not _are_equal(known, participant):
-                return (
-                    f'{participant} takes the place of {known} with another program or other '
-                    'parameters'
-                )
+                return f'{participant} replaces {known} with another program or other parameters'
             is_successor = known is not None and run.has_begun
             run.members[role] = participant
             run.history.append(Membership(participant, now_ns, is_successor))
         return ''
 
     def _judge_objections(self) -> str:
-        """Return what the oldest objection comes to once the roll has been called upon it."""
+        """Return the oldest objection as a problem, once roll calls have shown who is alive."""
         run = self._run
         run.objections = [each for each in run.objections if not self._is_of_a_handover(each[1])]
         for calls, objection in run.objections:
@@ -477,11 +483,11 @@ class Roster:
                 return self._unexplained(objection)
             suspect = self._likeliest(on_this_topic or strangers)
             if self._can_be_named(suspect):
-                return suspect.offence
+                return suspect.problem
         return ''
 
     def _disagreement(self) -> str:
-        """Return which two participants have different values of one parameter, or nothing."""
+        """Return the parameter on which two participants disagree, or ''."""
         for name in self._shared:
             tellers = [each for each in self._run.members.values() if name in each.parameters]
             tellers.sort(key=lambda each: each.node)
@@ -502,9 +508,9 @@ class Roster:
         return objection.text + sent_by
 
     def _is_of_a_handover(self, objection: Objection) -> bool:
-        """Tell whether two participants of one role answered a tick before it changed hands.
+        """Return whether two participants of a role answered the same tick before a handover.
 
-        What a gamepad says depends on when it is asked; its first answer counts.
+        A gamepad's answer depends on when it is asked; the first one counts.
         """
         roles = self._owners.get(objection.topic, ())
         return any(
@@ -514,8 +520,8 @@ class Roster:
             for each in self._run.history
         )
 
-    def last_words(self, role: str) -> str:
-        """Return why the participant of a role can't go on, or nothing."""
+    def reported_failure(self, role: str) -> str:
+        """Return why the participant of a role can't continue, or ''."""
         member = self._run.members.get(role)
         heard = self._run.heard.get(member.instance) if member else None
         objection = heard.announcement.objection if heard else None
@@ -531,23 +537,24 @@ class Roster:
         due_ns: Mapping[str, int],
         silence_s: Callable[[Participant | None], float],
     ) -> dict[str, float]:
-        """Return the roles whose participant does not answer, and for how long that is so [s].
+        """Return the roles whose participant does not answer, and for how long [s].
 
         Parameters
         ----------
         since_call : int
             Number of the last roll call before the silence.
         due_ns : mapping of str to int
-            The roles whose answer is waited for, in the order in which one depends on the other,
-            and the stamp that is due [ns].
+            The roles whose answer is awaited, each before those that depend on it, and the stamp
+            that is due [ns].
         silence_s : callable
-            How much of the silence counts for a participant.
+            Returns how much of the silence counts for a participant.
 
         Returns
         -------
         dict of str to float
-            Those that answered no roll call since, each for itself; if all did, those whose
-            newest sample is older than what is due, since one of them may wait for another.
+            The participants that have answered no roll call since, each with its own silence. If
+            all have answered, those whose newest sample is older than due: one may wait for
+            another.
         """
         run = self._run
         found = {}
@@ -572,17 +579,17 @@ class Roster:
 
     @property
     def members(self) -> Mapping[str, Participant]:
-        """Who has which role at present."""
+        """The participant of each role."""
         return self._run.members
 
     @property
     def history(self) -> tuple[Membership, ...]:
-        """Everybody who has taken part in this run, in the order of joining it."""
+        """All participants of this run, in the order of joining."""
         return tuple(self._run.history)
 
     @property
     def periodic_topics(self) -> tuple[str, ...]:
-        """Topics of which this run has a message at each multiple of their period."""
+        """Topics with a message at each multiple of their period in this run."""
         return tuple(
             topic for participant in self._run.members.values() for topic in participant.topics
         )

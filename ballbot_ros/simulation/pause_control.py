@@ -4,12 +4,12 @@ from __future__ import annotations
 
 
 class PauseControl:
-    """Pauses the plant, and lets it take single steps.
+    """Pauses the plant and allows single steps.
 
     Attributes
     ----------
     is_paused : bool
-        The plant keeps the duty of its tick and does not move on.
+        Whether the plant keeps the duty of its tick and does not advance.
     """
 
     def __init__(self) -> None:
@@ -17,18 +17,18 @@ class PauseControl:
         self._steps = 0
 
     def set(self, *, is_paused: bool) -> None:
-        """Pause, or go on."""
+        """Pause or resume."""
         self.is_paused = is_paused
         if not is_paused:
             self._steps = 0
 
     def step(self) -> bool:
-        """Allow one more tick; return whether the plant is paused, as it has to be."""
+        """Allow one more tick; return whether the plant is paused, which a step requires."""
         self._steps += self.is_paused
         return self.is_paused
 
     def take_step(self) -> bool:
-        """Return whether the plant may move on by a tick, and use up a step."""
+        """Return whether the plant may advance by a tick, and consume a step."""
         if self.is_paused and self._steps == 0:
             return False
         self._steps -= self.is_paused

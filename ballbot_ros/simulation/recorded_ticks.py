@@ -1,4 +1,4 @@
-"""Which ticks of a run the recorder has completely."""
+"""Which ticks of a run the recorder has received completely."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from ballbot_ros.simulation.recording_gate import Stream
 
 
 class RecordedTicks:
-    """Follows the streams that a run requires, and tells when another tick is complete.
+    """Tracks the streams that a run requires, and detects complete ticks.
 
     Attributes
     ----------
     acked_ns : int
-        The newest tick that was told to be complete [ns]; 0 before the first.
+        The newest tick reported as complete [ns]; 0 before the first.
     """
 
     def __init__(self) -> None:
         self.begin()
 
     def begin(self) -> None:
-        """Begin with another plant, whose run requires nothing yet."""
+        """Start over with another plant, whose run requires nothing yet."""
         self.acked_ns = 0
         self._required: tuple[Stream, ...] = ()
 
     def require(self, streams: Iterable[Stream]) -> None:
-        """Take what the run requires: a tick is complete when it is in each of these streams."""
+        """Set the streams of a run: a tick is complete when each of them has its sample."""
         self._required = tuple(streams)
 
     def advance(self) -> bool:
-        """Return whether a newer tick has become complete; it is then :attr:`acked_ns`."""
+        """Return whether a newer tick is complete; if so, :attr:`acked_ns` is that tick."""
         complete_ns = min((stream.complete_ns for stream in self._required), default=0)
         if complete_ns <= self.acked_ns:
             return False

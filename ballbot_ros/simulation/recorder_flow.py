@@ -1,4 +1,4 @@
-"""How far the recorder has got, and how far the plant may be ahead of it."""
+"""Flow control between plant and recorder: how far the plant may run ahead."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from ballbot_ros.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS
 class RecorderFlow:
     """Holds the plant back until the recorder has caught up.
 
-    The topics keep nothing for a late subscriber. Hence the plant waits until the recorder has all
-    of a tick from which on nothing may be missing: the first one, and each that was asked for
-    again.
+    The topics keep nothing for late subscribers. Therefore the plant waits until the recorder has
+    received all of two kinds of ticks: the first one, and each that was sent again.
 
     Parameters
     ----------
@@ -21,7 +20,7 @@ class RecorderFlow:
     Attributes
     ----------
     recorder : Participant or None
-        Who records the run at present.
+        The current recorder of the run.
     ack_ns : int or None
         The newest tick that it has acknowledged [ns].
     """
@@ -36,10 +35,10 @@ class RecorderFlow:
         """Begin the run with the recorder that has joined it, if any."""
         self.recorder = self._newest = recorder
 
-    def meet(self, recorder: Participant | None, now_ns: int) -> bool:
-        """Begin to record with a recorder that has come in mid-run; return whether one has.
+    def join(self, recorder: Participant | None, now_ns: int) -> bool:
+        """Accept a recorder that joins in mid-run; return whether one has.
 
-        Its first tick is one at which every driver sends something.
+        It starts at a tick at which every driver sends a sample.
         """
         if recorder == self._newest:
             return False
@@ -49,17 +48,17 @@ class RecorderFlow:
         return True
 
     def leave(self) -> None:
-        """Go on without a recorder."""
+        """Continue without a recorder."""
         self.recorder = self.ack_ns = None
 
-    def asked_again(self, now_ns: int) -> None:
-        """Note that a tick was asked for again at sim time `now_ns` [ns]."""
-        # The recorder may not have found a participant yet that answers only now.
+    def require_ack(self, now_ns: int) -> None:
+        """Note that a tick was sent again at sim time `now_ns` [ns]."""
+        # The recorder may not have discovered a participant that has only just answered.
         if self.ack_ns is not None:
             self._sync_ns = now_ns
 
     def lags(self, now_ns: int) -> bool:
-        """Return whether the recorder has to catch up before the tick at `now_ns` [ns] ends."""
+        """Return whether the recorder must catch up before the tick at `now_ns` [ns] ends."""
         if self.recorder is None:
             return False
         if self.ack_ns is None or self.ack_ns < self._sync_ns:
@@ -67,7 +66,7 @@ class RecorderFlow:
         return now_ns - self.ack_ns > MAX_LEAD_TICKS * TICK_NS
 
     def has_all(self, last_ns: int) -> bool:
-        """Return whether everything up to the last tick is recorded that is to be [ns]."""
+        """Return whether the recorder has everything up to the last tick [ns]."""
         if self.recorder is None:
             return True
         if self.ack_ns is None:
@@ -76,7 +75,7 @@ class RecorderFlow:
 
     @property
     def next_ns(self) -> int | None:
-        """The first tick that the recorder lacks [ns]; None if it has acknowledged none."""
+        """The first tick that the recorder lacks [ns]; None before its first acknowledgement."""
         if self.recorder is None or self.ack_ns is None:
             return None
         return self.ack_ns + TICK_NS

@@ -1,4 +1,4 @@
-"""Which messages of a graph belong into the recording of its runs, and in which order."""
+"""Which messages belong in the recording of a run, and in which order."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from ballbot_ros.simulation.sample_history import Sample, SampleHistory
 from ballbot_ros.timing import SECOND_NS, TICK_NS
 
 MOST_AHEAD_NS = SECOND_NS
-"""A sample's stamp further ahead of the clock was made by another clock."""
+"""A sample stamped further ahead of sim time than this comes from another clock."""
 
 LATEST_NS = 2 * 3600 * SECOND_NS
-"""The same for an event, which may be told of well before it happens, as a push is."""
+"""The same limit for an event, which may be announced long before it happens, like a push."""
 
 MOST_PUBLISHERS = 8
-"""Publishers of a topic, those before a restart included, whose numbers are kept apart."""
+"""Number of publishers of a topic, including replaced ones, whose sequence numbers are tracked."""
 
 
 class _Numbers:
-    """The newest number of each publisher of a topic; no message tells from whom it is."""
+    """Newest sequence number of each publisher of a topic; messages do not name their sender."""
 
     def __init__(self) -> None:
         self._newest: list[int] = []
@@ -29,15 +29,15 @@ class _Numbers:
         self._newest.clear()
 
     def follows(self, number: int) -> bool:
-        """Tell whether a number is the next one of a publisher."""
+        """Return whether a number is the next one of a publisher."""
         return number - 1 in self._newest
 
-    def leaps(self, number: int) -> bool:
-        """Tell whether a number can only be a known publisher's that has left some out."""
+    def has_gap(self, number: int) -> bool:
+        """Return whether a number can only mean that a known publisher skipped some."""
         return not self.follows(number) and any(newest < number for newest in self._newest)
 
     def note(self, number: int) -> None:
-        """Take a number for that of the publisher whose newest is next below, or of another."""
+        """Assign a number to the publisher with the next lower one, or to a new publisher."""
         below = [newest for newest in self._newest if newest < number]
         if below:
             self._newest.remove(max(below))
@@ -52,21 +52,21 @@ class Stream:
     ----------
     name : str
     period_ns : int
-        In lockstep a message comes at each multiple of it [ns]; 0 for a topic of events.
+        In lockstep, period of its messages [ns]; 0 for a topic of events.
     is_clock : bool
-        Whether it tells the time.
+        Whether it carries sim time.
     is_live : bool
-        Whether nothing of it is left of earlier runs: its publisher begins with its first run,
-        or belongs to none.
+        Whether it can't hold messages of earlier runs, because its publisher starts with its first
+        run or belongs to none.
     is_shared : bool
-        Whether several nodes publish it by right, so that gaps in the numbers tell nothing.
+        Whether several nodes publish on it legitimately, so that number gaps mean nothing.
     is_same : callable or None
-        Whether two messages of one stamp say the same; None for a topic of events.
+        Compares the content of two messages with one stamp; None for a topic of events.
 
     Attributes
     ----------
     newest_ns : int
-        Stamp of the newest sample of this plant [ns], 0 before the first.
+        Stamp of the newest sample from this plant [ns], 0 before the first.
     """
 
     def __init__(
@@ -86,54 +86,54 @@ class Stream:
         self.newest_ns = 0
 
     def begin(self) -> None:
-        """Begin with another plant."""
+        """Start over with another plant."""
         self.newest_ns = 0
         self._numbers.clear()
         if self._history:
             self._history.clear()
 
     def judge(self, stamp_ns: int, data: bytes, sequence: int) -> Sample:
-        """Tell what a message is to those before."""
+        """Return how a message relates to the earlier ones."""
         if self._history is None:
             return Sample.NEW
         sample = self._history.judge(stamp_ns, data)
         if sample is Sample.NEW:
             self.newest_ns = stamp_ns
-        # A stranger's copies have numbers of their own.
-        elif sample is Sample.REPEATED and not self._numbers.leaps(sequence):
+        # A stranger's copies have sequence numbers of their own.
+        elif sample is Sample.REPEATED and not self._numbers.has_gap(sequence):
             self._numbers.note(sequence)
         return sample
 
     def follows(self, sequence: int) -> bool:
-        """Tell whether a number is the next one of a publisher."""
+        """Return whether a number is the next one of a publisher."""
         return self._numbers.follows(sequence)
 
     def has_lost_before(self, sequence: int) -> bool:
-        """Note a publisher's number; tell whether some before it are missing."""
-        leaps = self._numbers.leaps(sequence)
+        """Note a sequence number; return whether some before it are missing."""
+        leaps = self._numbers.has_gap(sequence)
         self._numbers.note(sequence)
         return leaps and not self._is_shared
 
     @property
     def complete_ns(self) -> int:
-        """The newest tick [ns] at which nothing of this topic is still to come."""
+        """The newest tick [ns] for which nothing on this topic is outstanding."""
         return self.newest_ns + self.period_ns - TICK_NS if self.newest_ns else 0
 
 
 class Writer(Protocol):
-    """What carries out the decisions."""
+    """Carries out the decisions of the gate."""
 
     def keep(self, stream: Stream, log_ns: int, data: bytes, sequence: int) -> None:
         """Write a message with a log time [ns]."""
 
     def object(self, stream: Stream, stamp_ns: int) -> None:
-        """Object to a sample that can't be of the run."""
+        """Object to a sample that can't belong to the run."""
 
-    def lose(self, stream: Stream, sequence: int) -> None:
-        """Tell that messages before a number were lost."""
+    def report_loss(self, stream: Stream, sequence: int) -> None:
+        """Report that messages before a sequence number were lost."""
 
     def has_several_publishers(self, stream: Stream) -> bool:
-        """Tell whether strangers may publish on a topic."""
+        """Return whether strangers may publish on a topic."""
 
 
 class _Message(NamedTuple):
@@ -144,11 +144,11 @@ class _Message(NamedTuple):
 
 
 class RecordingGate:
-    """Lets every message of the runs pass, once, and none of another one.
+    """Passes each message of the runs exactly once, and no other message.
 
-    A sample passes when the clock has come to its stamp: until then nobody of the run can have
-    sent it. If one of another content follows it, that one passes, too, so that the run's own is
-    in the recording whichever came first, and is objected to.
+    A sample passes when the clock has reached its stamp; before that, no participant can have sent
+    it. If a sample with the same stamp and other content follows, it passes, too, and is objected
+    to: the recording then has the genuine one, whichever came first.
 
     Parameters
     ----------
@@ -159,12 +159,11 @@ class RecordingGate:
     now_ns : int
         The newest sim time of this plant [ns], 0 before the first.
     is_lockstep : bool
-        Whether each stamp has one sample. Free running, the last one of a stamp is left out.
+        Whether each stamp has one sample. Free running, the last sample of a stamp is left out.
     takes_part : bool
-        Whether the recorder takes part in the runs: no stamp of theirs is then left out. A player
-        may leap.
+        Whether the recorder takes part in the runs, so that no stamp is skipped. A player may jump.
     awaits_run : bool
-        Whether there is a plant whose run is not known yet; until it is, nothing passes.
+        Whether the run of a plant is not known yet; until then nothing passes.
     """
 
     def __init__(self, writer: Writer) -> None:
@@ -178,10 +177,10 @@ class RecordingGate:
         self.now_ns = 0
 
     def begin(self, run: Run, streams: Iterable[Stream]) -> bool:
-        """Begin another run of some streams; return whether it is another plant's.
+        """Begin another run with some streams; return whether it belongs to another plant.
 
-        Of the same plant it goes on where the one before has ended, and the last messages of that
-        may still come. Another plant sends no sample before everybody has joined its run.
+        A new run of the same plant continues the old one, whose last messages may still arrive.
+        Another plant sends no sample before all participants have joined its run.
         """
         is_first = self._run is None
         is_another_plants = self._run is None or run.plant != self._run.plant
@@ -196,16 +195,16 @@ class RecordingGate:
         return is_another_plants
 
     def take(self, stream: Stream, stamp_ns: int, data: bytes, sequence: int) -> None:
-        """Take a message in the order in which it was received.
+        """Process a message in the order of arrival.
 
         Parameters
         ----------
         stream : Stream
         stamp_ns : int
-            Its stamp [ns]; 0 if it has none of the run's time.
+            Its stamp [ns]; 0 if it has no stamp in sim time.
         data : bytes
         sequence : int
-            Its publisher's number.
+            The publisher's sequence number.
         """
         message = _Message(stream, stamp_ns, data, sequence)
         if stream.period_ns and stamp_ns < self._first_ns:
@@ -223,14 +222,14 @@ class RecordingGate:
 
     def _take_time(self, message: _Message) -> None:
         is_ahead = self.now_ns and message.stamp_ns > self.now_ns + MOST_AHEAD_NS
-        # A player leaps; a clock beside the plant's is another simulation's.
+        # Jumps come from a player; a clock next to the plant's belongs to another simulation.
         if is_ahead and self._run and self._writer.has_several_publishers(message.stream):
             self._writer.object(message.stream, message.stamp_ns)
             return
         begins = self.now_ns == 0
         self.now_ns = max(self.now_ns, message.stamp_ns)
         if begins and self._run and self.now_ns == self._first_ns:
-            # All have joined the run by now: what they sent before is left of another one.
+            # All have joined the run by now: anything they sent earlier belongs to another run.
             self._held = [
                 each for each in self._held if each.stream.is_live or each.stamp_ns == self.now_ns
             ]
@@ -259,21 +258,21 @@ class RecordingGate:
         else:
             has_gap = stream.has_lost_before(sequence)
             if is_expected:
-                # A missing number between two stamps without a gap was a repetition's.
+                # The number missing between two consecutive stamps was a repeated sample.
                 has_gap = is_missed
             elif not stream.period_ns:
-                # The numbers of a stranger's events are between those of the run.
+                # A stranger's events have numbers between those of the run.
                 has_gap = has_gap and not self._writer.has_several_publishers(stream)
             if has_gap:
-                self._writer.lose(stream, sequence)
+                self._writer.report_loss(stream, sequence)
         is_of_run = self._first_ns <= stamp_ns <= self.now_ns + LATEST_NS and stamp_ns > 0
         self._writer.keep(stream, stamp_ns if is_of_run else self.now_ns, data, sequence)
 
     def _is_missed_before(self, message: _Message) -> bool:
-        """Tell whether a stream leaps over a stamp of this run where another sender begins.
+        """Return whether a stream skips a stamp of this run at a change of sender.
 
-        One and the same has left the stamp out, if its numbers do not leap: nobody has waited for
-        that sample.
+        If the sender is the same and its numbers have no gap, it skipped the stamp itself, and
+        nobody waited for that sample.
         """
         stream = message.stream
         if not (self._run and stream.newest_ns) or stream.follows(message.sequence):

@@ -1,7 +1,7 @@
-"""What the master of a run tells its node to do.
+"""The actions that the master of a run requests from its node.
 
-A master is handed events with their time and answers each with a list of these actions; the node
-carries them out in that order.
+A master receives timed events and answers each with a list of these actions, which the node carries
+out in that order.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ballbot_ros.world.world import World
 
 
 class Severity(Enum):
-    """How a log message is shown."""
+    """Log level of a message."""
 
     INFO = auto()
     WARNING = auto()
@@ -25,14 +25,14 @@ class Severity(Enum):
 
 @dataclass(frozen=True)
 class AnnounceRun:
-    """Announce a run, for its participants to join it."""
+    """Announce a run, so that its participants join it."""
 
     run: Run
 
 
 @dataclass(frozen=True)
 class CallRoll:
-    """Ask every participant of a run to announce itself; the plant does so, too."""
+    """Ask every participant of a run, including the plant, to announce itself."""
 
     run: Run
     plant: Participant
@@ -40,18 +40,18 @@ class CallRoll:
 
 @dataclass(frozen=True)
 class PublishStatus:
-    """Publish the account of a run.
+    """Publish the status of a run.
 
     Attributes
     ----------
     run : Run
     is_lockstep : bool
     topics : tuple of str
-        What the participants publish periodically.
+        The topics that the participants publish periodically.
     members : tuple of Membership
-        Everybody who has taken part.
+        All participants of the run so far.
     summary : RunSummary or None
-        None while the run goes on.
+        None while the run is in progress.
     """
 
     run: Run
@@ -63,7 +63,7 @@ class PublishStatus:
 
 @dataclass(frozen=True)
 class BeginRun:
-    """Publish what a run begins with: its map, if it has one, and that no wall is hit.
+    """Publish the initial state of a run: its map, if any, and that no wall is hit.
 
     Attributes
     ----------
@@ -80,13 +80,13 @@ class BeginRun:
 
 
 @dataclass(frozen=True)
-class ForgetMap:
+class ClearMap:
     """Stop offering the map of an earlier run to late subscribers."""
 
 
 @dataclass(frozen=True)
 class PublishPush:
-    """Publish when the push of this number begins and ends."""
+    """Publish the start and the end of the push with this number."""
 
     push: Push
     number: int
@@ -94,14 +94,14 @@ class PublishPush:
 
 @dataclass(frozen=True)
 class PublishTruth:
-    """Publish the truth of a tick, and the time with it.
+    """Publish the truth of a tick together with its time.
 
     Attributes
     ----------
     truth : GroundTruth
     wall_hit : bool
     is_resend : bool
-        Whether it was published before.
+        Whether it has been published before.
     """
 
     truth: GroundTruth
@@ -110,15 +110,15 @@ class PublishTruth:
 
 
 @dataclass(frozen=True)
-class AskDrivers:
-    """Publish again what the drivers answer at an earlier tick; the time stays what it is."""
+class ResendToDrivers:
+    """Publish the truth of an earlier tick again for the drivers, without its time."""
 
     truth: GroundTruth
 
 
 @dataclass(frozen=True)
 class StopMotors:
-    """Publish that the motors are off from the tick after `last_ns` on [ns]."""
+    """Publish that the motors are off from the tick after `last_ns` [ns]."""
 
     last_ns: int
 
@@ -132,7 +132,7 @@ class Log:
     text : str
     severity : Severity
     is_throttled : bool
-        Whether at most one such line a second is written.
+        Whether to write at most one such line a second.
     """
 
     text: str
@@ -149,7 +149,7 @@ class Warn:
 
 @dataclass(frozen=True)
 class ClearWarning:
-    """Take back the warning."""
+    """Clear the warning."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ class RaiseError:
 
 @dataclass(frozen=True)
 class ClearError:
-    """Take back the error."""
+    """Clear the error."""
 
 
 @dataclass(frozen=True)
@@ -171,14 +171,14 @@ class Report:
 
 @dataclass(frozen=True)
 class WakeIn:
-    """Call ``on_wake`` once, after `delay_s` [s]; an earlier request is replaced."""
+    """Call ``on_wake`` once, after `delay_s` [s]; this replaces an earlier request."""
 
     delay_s: float
 
 
 @dataclass(frozen=True)
 class CancelWake:
-    """Do not call ``on_wake``."""
+    """Cancel the call of ``on_wake``."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class EndRun:
     ----------
     summary : RunSummary
     exit_status : int
-        0, 1 if the run has failed, 2 for a mistake of the user.
+        0, 1 if the run failed, 2 for a mistake of the user.
     """
 
     summary: RunSummary
@@ -204,7 +204,7 @@ class RunSummary:
     ----------
     outcome : Outcome
     reason : str
-        Why it has failed; otherwise ''.
+        Why it failed; otherwise ''.
     ticks : int
     duty_sha256 : str
         Hash of all duties.
@@ -213,13 +213,13 @@ class RunSummary:
     late_ticks : int
         Ticks that came more than a period late.
     resends : int
-        How often the plant asked again for a tick.
+        Number of ticks sent again.
     round_trips_s : tuple of float
-        Times from asking for duties to having them [s]; empty if they were not measured.
+        Times from publishing a truth to receiving its duties [s]; empty if not measured.
     start_ns : int
         Stamp of the first tick [ns].
     members : tuple of Membership
-        Everybody who has taken part.
+        All participants of the run.
     """
 
     outcome: Outcome
@@ -239,10 +239,10 @@ Action = (
     | CallRoll
     | PublishStatus
     | BeginRun
-    | ForgetMap
+    | ClearMap
     | PublishPush
     | PublishTruth
-    | AskDrivers
+    | ResendToDrivers
     | StopMotors
     | Log
     | Warn

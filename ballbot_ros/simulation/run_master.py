@@ -1,7 +1,7 @@
 """The master of a run: gathers its participants, moves the plant, and ends the run.
 
-Nothing here knows of ROS or of a clock. The node of the plant hands in events with their time and
-carries out the actions that each is answered with.
+Free of ROS and of clocks: the plant's node passes in timed events and carries out the actions that
+each of them returns.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ballbot_ros.simulation.liveness import Machine
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.pacer import Pacer
-from ballbot_ros.simulation.participants import Announcement, Membership, Standing, State
+from ballbot_ros.simulation.participants import Announcement, Membership, Readiness, State
 from ballbot_ros.simulation.pause_control import PauseControl
 from ballbot_ros.simulation.run_actions import (
     Action,
@@ -27,9 +27,9 @@ from ballbot_ros.simulation.run_actions import (
     BeginRun,
     CancelWake,
     ClearError,
+    ClearMap,
     ClearWarning,
     EndRun,
-    ForgetMap,
     Log,
     PublishPush,
     PublishTruth,
@@ -50,22 +50,22 @@ SETTLE_S = 0.4
 
 STARTUP_WARN_S = 5.0
 STILL_S = 1.0
-"""While the plant stands still it repeats where at this interval, for late subscribers."""
+"""Interval at which a halted plant repeats its truth, for late subscribers."""
 
 MAX_PUSHES = 100
-"""Pushes from outside that act or are still to come: each costs time in every step."""
+"""Limit on external pushes that are active or pending: each costs time in every step."""
 
 
 class Phase(Enum):
-    """What a run is at."""
+    """Phase of a run."""
 
     SETTLING = auto()
     """No run has been announced yet."""
     GATHERING = auto()
-    """It waits for its participants."""
+    """The run waits for its participants."""
     TICKING = auto()
     DRAINING = auto()
-    """All ticks are done; the recorder is still to acknowledge the last one."""
+    """All ticks are done, but the recorder has not acknowledged the last one."""
     ENDED = auto()
 
 
@@ -76,9 +76,9 @@ M = TypeVar('M', bound='RunMaster')
 def event(
     method: Callable[Concatenate[M, P], None],
 ) -> Callable[Concatenate[M, float, P], Actions]:
-    """Make an event of a master's method.
+    """Turn a method of a master into an event handler.
 
-    Its first argument is then the time, on a clock that only goes forward [s]; it returns the
+    The handler takes the time on a monotonic clock [s] as its first argument, and returns the
     actions that the event leads to.
     """
 
@@ -101,19 +101,19 @@ class RunMaster(ABC):
     machine : Machine
     topics : RunTopics
     set_up : callable
-        Returns the :class:`RunSetup` of a run whose first tick has a given stamp [ns].
+        Returns the :class:`RunSetup` of a run for the stamp of its first tick [ns].
     token : str
-        Tells this plant from all others.
+        Identifies this plant.
     now_s : float
         The time [s].
 
     Attributes
     ----------
     log : TrajectoryLog
-        What the present run has done so far.
+        What the current run has done so far.
     pause : PauseControl
     resends : int
-        How often the plant asked again, in all runs.
+        Number of ticks sent again, in all runs.
     summary : RunSummary or None
         The outcome, once the run has ended.
     """
@@ -155,7 +155,7 @@ class RunMaster(ABC):
 
     @event
     def on_time(self) -> None:
-        """Look after the run; to be called every 100 ms."""
+        """Supervise the run; call every 100 ms."""
         if self._phase is Phase.ENDED:
             return
         if self.log.ticks == 0 and self._graph.count_publishers(self._topics.clock) > 1:
@@ -163,29 +163,29 @@ class RunMaster(ABC):
         elif self._phase is Phase.SETTLING:
             if self._now_s - self._created_s > SETTLE_S:
                 self._begin()
-        elif self._may_go_on(calls_roll=True) and not self._is_ended:
+        elif self._check_participants(calls_roll=True) and not self._is_ended:
             self._watch()
 
     @event
     def on_wake(self) -> None:
-        """Go on: the next tick is due."""
+        """Continue: the next tick is due."""
         self._waits_for_pace = False
         self._advance()
 
     @event
     def on_announcement(self, announcement: Announcement) -> None:
-        """Take what a participant says of itself."""
+        """Process a participant's announcement."""
         self._participants.on_announcement(announcement)
         self._on_news()
 
     @event
     def on_unreadable_announcement(self) -> None:
-        """Take note of an announcement that no participant can have sent."""
+        """Note an announcement that no participant can have sent."""
         self._participants.on_unreadable_announcement()
 
     @event
     def on_run(self, name: str, topic: str) -> None:
-        """Take note of a run that is announced on a topic; it may be another plant's."""
+        """Note a run announced on a topic; it may belong to another plant."""
         self._participants.on_run(name, topic)
         self._on_news()
 
@@ -193,18 +193,18 @@ class RunMaster(ABC):
     def on_duty(
         self, stamp_ns: int, duty: tuple[int, int] | None, data: bytes, *, is_stop: bool = False
     ) -> None:
-        """Take a duty.
+        """Process a duty.
 
         Parameters
         ----------
         stamp_ns : int
             Its stamp [ns].
         duty : tuple of int or None
-            Motors B and C [%]; None if the message holds something else.
+            Motors B and C [%]; None if the message has no valid duty.
         data : bytes
             The message.
         is_stop : bool
-            Whether it answers no tick, but says that the motors are off.
+            Whether the message answers no tick, but says that the motors are off.
         """
         if not self._is_open or stamp_ns < self._run.start_ns:
             return
@@ -216,7 +216,7 @@ class RunMaster(ABC):
 
     @event
     def on_ack(self, stamp_ns: int) -> None:
-        """Take the newest tick that the recorder has [ns]."""
+        """Note the newest tick that the recorder has completely [ns]."""
         if self._is_open and stamp_ns >= self._run.start_ns:
             self._take_ack(stamp_ns)
 
@@ -238,16 +238,16 @@ class RunMaster(ABC):
         push = Push(start_ns, start_ns + self._settings.push_ns, force, torque)
         problem = push.problem(now_ns)
         if not problem and self._plant.pushes >= MAX_PUSHES:
-            problem = f'there are {MAX_PUSHES} already'
+            problem = f'there are already {MAX_PUSHES}'
         if problem:
-            text = f'{self._topics.push}: a push is ignored: {problem}'
+            text = f'{self._topics.push}: push ignored: {problem}'
             self._act(Log(text, Severity.WARNING, is_throttled=True))
         else:
             self._push(push)
 
     @event
     def on_settings(self, settings: RunSettings) -> None:
-        """Go on with other settings, as at another pace."""
+        """Apply new settings, such as another pace."""
         self._settings = settings
         self._pacer.restart()
         if self._waits_for_pace:
@@ -259,34 +259,34 @@ class RunMaster(ABC):
         """Begin a new run at the next multiple of 100 ms."""
         if self._is_ended:
             return
-        self._act(Log(f'reset: run {self._number} ends {self._how_far()}'))
+        self._act(Log(f'reset: run {self._number} ends {self._progress()}'))
         self._prepare(next_start_ns(self._plant.time_ns))
         self._begin()
 
     @event
     def set_paused(self, *, is_paused: bool) -> None:
-        """Pause the plant at its present tick, or go on."""
+        """Pause the plant at its current tick, or resume."""
         if is_paused != self.pause.is_paused:
-            self._act(Log('paused' if is_paused else 'goes on'))
+            self._act(Log('paused' if is_paused else 'resumed'))
         self.pause.set(is_paused=is_paused)
         if not is_paused:
-            self._go_on()
+            self._continue()
 
     @event
     def step(self) -> None:
-        """Make one tick of a paused plant."""
+        """Run one tick of a paused plant."""
         if self.pause.step():
             self._advance()
 
     @event
     def stop(self) -> None:
-        """End the run because the plant is told to stop."""
+        """End the run because the plant is asked to stop."""
         self._end(Outcome.STOPPED, '', 0)
 
-    # Conduct of a run
+    # Progress of a run
 
     def _prepare(self, start_ns: int) -> None:
-        """Put everything at the start of a run whose first tick is at `start_ns`."""
+        """Reset everything to the start of a run whose first tick is at `start_ns`."""
         self._setup = self._set_up(start_ns)
         self._settings, self._plant = self._setup.settings, self._setup.plant
         self._run = Run('', start_ns)
@@ -313,14 +313,14 @@ class RunMaster(ABC):
             requires_recorder=self._settings.requires_recorder,
         )
         if self._setup.world is None:
-            self._act(ForgetMap())
+            self._act(ClearMap())
         self._act(AnnounceRun(self._run))
         self._act(ClearError())
 
     def _open(self) -> None:
-        """Begin the run with those who have joined it: publish its first truth."""
+        """Begin the run with its participants: publish the first truth."""
         self._phase = Phase.TICKING
-        self._participants.fix()
+        self._participants.confirm()
         start_s = self._run.start_ns / SECOND_NS
         self._act(Log(f'run {self._number} begins at sim time {start_s:.3f} s'))
         self._act(BeginRun(self._run.start_ns, self._setup.world, self._setup.ball_radius))
@@ -329,7 +329,7 @@ class RunMaster(ABC):
         self._publish_truth()
 
     def _push(self, push: Push) -> None:
-        """Let a push act, and tell what acts when, so that the run can be repeated."""
+        """Apply a push, and publish its start and end, so that the run can be replayed."""
         self._plant.push(push)
         self._pushes += 1
         self._act(PublishPush(push, self._pushes))
@@ -341,18 +341,18 @@ class RunMaster(ABC):
         self._act(PublishTruth(self._truth, is_hit, is_resend))
         if is_hit != self._is_hit:
             self._is_hit = is_hit
-            self._show_hit()
+            self._report_wall_hit()
         self._asked_s = self._sent_s = self._now_s
 
-    def _show_hit(self) -> None:
-        """Show or take back the error of a wall hit; one that ends the run is its reason."""
+    def _report_wall_hit(self) -> None:
+        """Raise or clear the error of a wall hit; a hit that ends the run becomes its reason."""
         if not self._is_hit:
             self._act(ClearError())
         elif not self._plant.stopped:
             self._act(RaiseError(str(self._plant.newest_hit)))
 
     def _tick(self, duty: tuple[int, int]) -> None:
-        """Move the plant by a tick."""
+        """Advance the plant by a tick."""
         if self.log.ticks == 0:
             self._first_tick_s = self._now_s
         self.log.add(self._truth, *duty)
@@ -371,8 +371,8 @@ class RunMaster(ABC):
             self._publish_truth()
 
     def _finish(self) -> None:
-        """End the run if everything is recorded, after a last look at who has taken part."""
-        if not (self._is_recorded() and self._may_go_on()) or self._is_ended:
+        """End the run once everything is recorded, after a last check of the participants."""
+        if not (self._is_recorded() and self._check_participants()) or self._is_ended:
             return
         problem = self._participants.restarted_controller()
         if problem:
@@ -399,33 +399,33 @@ class RunMaster(ABC):
             real_time_factor=self.log.ticks * TICK_NS / SECOND_NS / wall_s if wall_s else 0.0,
             late_ticks=self.late_ticks,
             resends=self.resends,
-            # The first one includes what every node does at the start of a run.
+            # The first one includes the start-up of every node in the run.
             round_trips_s=tuple(self._round_trips_s[1:]),
             start_ns=self._run.start_ns,
             members=self._participants.members,
         )
         self._participants.publish_status(self.summary)
         if self._number:
-            self._act(Log(f'run {self._number} {outcome} {self._how_far()}'))
+            self._act(Log(f'run {self._number} {outcome} {self._progress()}'))
         self._act(EndRun(self.summary, exit_status))
 
     # Participants
 
     def _on_news(self) -> None:
-        """Look at once if the run waits for this very news."""
+        """Check at once if the run waits for this news."""
         if self._phase is Phase.GATHERING:
-            self._may_go_on()
+            self._check_participants()
 
-    def _may_go_on(self, *, calls_roll: bool = False) -> bool:
-        """Return whether the run has its participants and nobody else; hold or end it if not.
+    def _check_participants(self, *, calls_roll: bool = False) -> bool:
+        """Return whether exactly the participants take part; hold or end the run if not.
 
-        With `calls_roll` the roll is called while that is not clear.
+        With `calls_roll`, call the roll while this is undecided.
         """
-        standing = self._participants.standing(self._plant.time_ns, self._now_s)
+        standing = self._participants.readiness(self._plant.time_ns, self._now_s)
         if standing.state is State.REFUSED:
             self._end(Outcome.FAILED, standing.reason, 1)
         elif standing.state is State.WAITING:
-            self._is_held = self._may_be_held
+            self._is_held = self._can_be_held
             if calls_roll:
                 self._wait(standing)
         elif self._phase is Phase.GATHERING:
@@ -435,7 +435,7 @@ class RunMaster(ABC):
         return standing.state is State.COMPLETE
 
     def _release(self) -> None:
-        """Go on if the run was held."""
+        """Continue if the run was held."""
         if self._is_held:
             self._is_held = False
             self._sent_s = self._now_s
@@ -443,15 +443,15 @@ class RunMaster(ABC):
             self._participants.liveness.reset()
             self._resume()
 
-    def _wait(self, standing: Standing) -> None:
-        """Call the roll until it is clear who takes part, within bounds before the first tick."""
+    def _wait(self, standing: Readiness) -> None:
+        """Call the roll until the participants are clear; before the first tick, within limits."""
         self._participants.call_roll()
         waited_s = self._participants.liveness.waited_s(self._sent_s)
         missing = self._participants.missing()
         if missing and missing != self._missing:
             self._missing = missing
             self._act(Log(f'run {self._number} waits for {", ".join(missing)}'))
-        # Keep reporting, so that a waiting plant is not taken for a silent one on a busy machine.
+        # Keep reporting, so that a waiting plant on a busy machine is not counted as silent.
         self._act(Report())
         settings = self._settings
         if self._is_held:
@@ -464,44 +464,44 @@ class RunMaster(ABC):
         elif self._now_s - self._sent_s > STARTUP_WARN_S:
             self._warn(standing.reason)
 
-    # What the two ways of running differ in
+    # Differences between lockstep and free running
 
     @abstractmethod
     def _take_duty(
         self, stamp_ns: int, duty: tuple[int, int], data: bytes, *, is_stop: bool
     ) -> None:
-        """Take a duty of this run."""
+        """Process a duty of this run."""
 
     @abstractmethod
     def _take_ack(self, stamp_ns: int) -> None:
-        """Take the newest tick that the recorder has [ns]."""
+        """Note the newest tick that the recorder has completely [ns]."""
 
     @abstractmethod
     def _watch(self) -> None:
-        """Look after a run whose participants are there."""
+        """Supervise a run that has its participants."""
 
     @abstractmethod
     def _advance(self) -> None:
-        """Move on if the run waits for nothing."""
+        """Advance if the run waits for nothing."""
 
     @abstractmethod
-    def _go_on(self) -> None:
-        """Go on after a pause."""
+    def _continue(self) -> None:
+        """Continue after a pause."""
 
     @abstractmethod
     def _is_recorded(self) -> bool:
-        """Return whether the recorder has all that it is to have."""
+        """Return whether the recorder has everything it needs."""
 
     @property
     @abstractmethod
-    def _may_be_held(self) -> bool:
-        """Whether the run stands still while it is not clear who takes part."""
+    def _can_be_held(self) -> bool:
+        """Whether the run halts while its participants are unclear."""
 
     @abstractmethod
     def _resume(self) -> None:
-        """Go on with a run that was held."""
+        """Resume a run that was held."""
 
-    # Shared by both
+    # Common to both
 
     @property
     def late_ticks(self) -> int:
@@ -510,12 +510,12 @@ class RunMaster(ABC):
 
     @property
     def members(self) -> tuple[Membership, ...]:
-        """Everybody who has taken part in the present run."""
+        """All participants of the current run."""
         return self._participants.members
 
     @property
     def number(self) -> int:
-        """Number of the present run, 0 before the first."""
+        """Number of the current run, 0 before the first."""
         return self._number
 
     @property
@@ -525,7 +525,7 @@ class RunMaster(ABC):
 
     @property
     def is_fallen(self) -> bool:
-        """Whether the robot lies on the floor."""
+        """Whether the robot has fallen."""
         return self._plant.fallen
 
     @property
@@ -551,12 +551,12 @@ class RunMaster(ABC):
             self._is_warned = False
             self._act(ClearWarning())
 
-    def _how_far(self) -> str:
+    def _progress(self) -> str:
         if self.log.ticks == 0:
             return 'before its first tick'
         return f'after {self.log.ticks} ticks, duties {self.log.duty_sha256[:12]}'
 
     def _repeat_truth(self) -> None:
-        """Repeat where the robot stands still, for late subscribers."""
+        """Repeat the truth of the halted plant, for late subscribers."""
         if self._now_s - self._asked_s > STILL_S:
             self._publish_truth(is_resend=True)

@@ -1,4 +1,4 @@
-"""The participants of a run as its plant sees them."""
+"""The participants of a run from the plant's point of view."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from ballbot_ros.simulation.participants import (
     Objection,
     Participant,
     Publisher,
+    Readiness,
     Roster,
-    Standing,
     State,
 )
 from ballbot_ros.simulation.run_actions import Action, CallRoll, PublishStatus, RunSummary
@@ -25,18 +25,18 @@ from ballbot_ros.timing import SECOND_NS
 
 
 class Graph(Protocol):
-    """What the plant can find out about the ROS graph."""
+    """The plant's view of the ROS graph."""
 
     def publishers(self) -> Mapping[str, Sequence[Publisher]]:
-        """Return the publishers on each topic of the lockstep."""
+        """Return the publishers on each lockstep topic."""
 
     def count_publishers(self, topic: str) -> int:
         """Return the number of publishers on a topic."""
 
-    def heard(self, topics: Collection[str]) -> Sequence[tuple[str, int]]:
-        """Return the messages on these topics since the last call: topic and stamp [ns].
+    def received(self, topics: Collection[str]) -> Sequence[tuple[str, int]]:
+        """Return the messages on these topics since the last call, as topic and stamp [ns].
 
-        The first call for a topic starts to listen.
+        The first call for a topic subscribes to it.
         """
 
     def stop_listening(self) -> None:
@@ -45,19 +45,19 @@ class Graph(Protocol):
 
 @dataclass(frozen=True)
 class RunTopics:
-    """The names of the topics that the master of a run decides about.
+    """The topics that the master of a run decides about.
 
     Attributes
     ----------
     clock, duty, push, ack, participants : str
     owners : mapping of str to collection of str
-        The topics of the lockstep, and the roles that publish on each.
+        The lockstep topics, and the roles that publish on each.
     stamped : frozenset of str
-        Those of which each message has a stamp.
+        The topics whose messages have a stamp.
     periodic : frozenset of str
-        Those with a message at each multiple of a period.
+        The topics with a message at each multiple of a period.
     is_same_duty : callable
-        Returns whether two serialised duties of one stamp say the same.
+        Compares the content of two serialised duties with one stamp.
     """
 
     clock: str
@@ -72,7 +72,7 @@ class RunTopics:
 
 
 class RunParticipants:
-    """Calls the roll, takes the answers, and decides whether the run may go on.
+    """Calls the roll, evaluates the answers, and decides whether the run may continue.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class RunParticipants:
     topics : RunTopics
     is_lockstep : bool
     act : callable
-        Takes the actions that follow.
+        Called with the resulting actions.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class RunParticipants:
         self._plant: Participant | None = None
 
     def gather(self, run: Run, plant: Participant, *, requires_recorder: bool) -> None:
-        """Begin to gather the participants of a run."""
+        """Start collecting the participants of a run."""
         self._run, self._plant = run, plant
         required = [*DRIVERS, CONTROLLER] if self._is_lockstep else []
         if self._is_lockstep and requires_recorder:
@@ -120,71 +120,71 @@ class RunParticipants:
         self.liveness.begin()
 
     def on_announcement(self, announcement: Announcement) -> None:
-        """Take what a participant says of itself."""
+        """Process a participant's announcement."""
         if not self._is_lockstep:
-            # Two ticks may well have answered one sample.
+            # A sample may have served to answer two ticks.
             announcement = replace(announcement, objection=None)
-        self._roster.announced(announcement)
+        self._roster.on_announcement(announcement)
 
     def on_unreadable_announcement(self) -> None:
-        """Take note of an announcement that no participant can have sent."""
-        self._roster.overheard(self._topics.participants)
+        """Note an announcement that no participant can have sent."""
+        self._roster.note_foreign_message(self._topics.participants)
 
     def on_run(self, name: str, topic: str) -> None:
-        """Object to a run that another plant announces; ignore our own, of which one may be late.
+        """Object to the run of another plant; ignore our own runs, whose announcement may be late.
 
         Parameters
         ----------
         name : str
             Its name.
         topic : str
-            Where it is announced.
+            The topic of the announcement.
         """
         if self._run and Run(name, 0).plant != self._run.plant:
             self.object(Objection(f'another run, {name!r}, is announced on {topic!r}', topic))
 
     def object(self, objection: Objection) -> None:
-        """Take an objection of the plant itself."""
+        """Record an objection of the plant itself."""
         self._roster.object(objection)
 
-    def standing(self, now_ns: int, now_s: float) -> Standing:
-        """Look at the graph; return whether the run may go on.
+    def readiness(self, now_ns: int, now_s: float) -> Readiness:
+        """Check the graph; return whether the run may continue.
 
         Parameters
         ----------
         now_ns : int
             Sim time [ns].
         now_s : float
-            Time on a clock that only goes forward [s].
+            Time on a monotonic clock [s].
         """
-        self._roster.looked(self._graph.publishers(), now_s)
+        self._roster.update_publishers(self._graph.publishers(), now_s)
         if self._is_lockstep:
             suspected = self._roster.suspected_topics & self._topics.stamped
             start_ns = self._run.start_ns if self._run else 0
-            for topic, stamp_ns in self._graph.heard(suspected):
-                # An answer to the plant has a stamp of its run.
+            for topic, stamp_ns in self._graph.received(suspected):
+                # A message that answers the plant has a stamp of its run.
                 if not start_ns <= stamp_ns <= now_ns:
-                    self._roster.overheard(topic)
-        standing = self._roster.standing(now_ns)
+                    self._roster.note_foreign_message(topic)
+        standing = self._roster.readiness(now_ns)
         if standing.state is State.COMPLETE:
             self._graph.stop_listening()
         return standing
 
     def call_roll(self) -> None:
-        """Have every participant announce itself again, because of a silence or a doubt."""
+        """Ask all participants to announce themselves again, because of a silence or a doubt."""
         assert self._run is not None
         assert self._plant is not None
         self._act(CallRoll(self._run, self._plant))
         self.liveness.call()
-        self._roster.called()
+        self._roster.note_roll_call()
 
-    def fix(self) -> None:
-        """Let the run begin with those who have joined it, and publish who they are."""
-        self._roster.fix()
+    def confirm(self) -> None:
+        """Begin the run with the participants that have joined it, and publish them."""
+        self._roster.confirm()
         self.publish_status()
 
     def publish_status(self, summary: RunSummary | None = None) -> None:
-        """Publish the account of the run; `summary` is None while it goes on."""
+        """Publish the status of the run; `summary` is None while it is in progress."""
         run = self._run or Run('', 0)
         topics = tuple(
             name for name in self._roster.periodic_topics if name in self._topics.periodic
@@ -193,31 +193,31 @@ class RunParticipants:
 
     @property
     def members(self) -> tuple[Membership, ...]:
-        """Everybody who has taken part in the run, in the order of joining it."""
+        """All participants of the run, in the order of joining."""
         return self._roster.history
 
     def member(self, role: str) -> Participant | None:
-        """Return who has a role in this run."""
+        """Return the participant with a role in this run."""
         return self._roster.members.get(role)
 
     def missing(self) -> list[str]:
-        """Return the roles that nobody has taken yet."""
+        """Return the required roles without a participant."""
         return self._roster.missing()
 
-    def last_words(self, role: str) -> str:
-        """Return why the participant of a role can't go on, or ''."""
-        return self._roster.last_words(role)
+    def reported_failure(self, role: str) -> str:
+        """Return why the participant of a role can't continue, or ''."""
+        return self._roster.reported_failure(role)
 
     def restarted_controller(self) -> str:
-        """Return since when a controller has driven that began afresh in mid-run, or ''."""
+        """Return when a controller restarted in mid-run, as text, or ''."""
         start_ns = self._run.start_ns if self._run else 0
         for member in self.members:
             if member.is_successor and member.participant.role == CONTROLLER:
                 since_s = (member.since_ns - start_ns) / SECOND_NS
-                return f'{member.participant} began afresh at {since_s:.3f} s of the run'
+                return f'{member.participant} restarted at {since_s:.3f} s of the run'
         return ''
 
     def controller_since_ns(self) -> int:
-        """Return since when the present controller has driven [ns]; 0 if there is none."""
+        """Return when the current controller joined [ns]; 0 if there is none."""
         since = (each.since_ns for each in self.members if each.participant.role == CONTROLLER)
         return max(since, default=0)

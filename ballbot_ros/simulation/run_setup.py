@@ -1,4 +1,4 @@
-"""What a run is made of, and how it is conducted."""
+"""What a run consists of, and how it is conducted."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ class RunSettings:
     Attributes
     ----------
     duration_ns : int or None
-        Length of the run [ns]; None for a run without end.
+        Length of the run [ns]; None for an endless run.
     real_time_factor : float
         Pace against the wall clock; 0 for as fast as possible.
     push_ns : int
-        How long a push from outside acts [ns].
+        Duration of an external push [ns].
     timeout_s, startup_timeout_s : float
-        Silence after which the run has failed, once it ticks and before [s].
+        Silence after which the run fails, while it ticks and before its first tick [s].
     waits_for_silent : bool
         Whether the run waits for a silent participant instead of failing.
     requires_recorder : bool
-        Whether the run does not begin without a recorder.
+        Whether the run requires a recorder to begin.
     """
 
     duration_ns: int | None
@@ -42,7 +42,7 @@ class RunSettings:
 
     @classmethod
     def from_parameters(cls, parameters: PlantParameters) -> RunSettings:
-        """Return the settings that the parameters of ``plant_sim`` name."""
+        """Return the settings in the parameters of ``plant_sim``."""
         return cls(
             duration_ns=round(parameters.duration * SECOND_NS) or None,
             real_time_factor=parameters.real_time_factor,
@@ -56,7 +56,7 @@ class RunSettings:
 
 @dataclass(frozen=True)
 class RunSetup:
-    """What a run is made of.
+    """What a run consists of.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class RunSetup:
     plant : Plant
         At the start of the run.
     world : World or None
-        The floor; None if it is free and endless.
+        The floor; None if it is unlimited and without walls.
     scenario : Scenario
     participant : Participant
         The plant as a participant of its run.

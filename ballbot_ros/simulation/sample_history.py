@@ -1,4 +1,4 @@
-"""Tells a sample that comes again from one that contradicts what was there."""
+"""Distinguishes repeated samples from contradictory ones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ DEPTH = 16
 
 
 class Sample(Enum):
-    """What a sample is to those that came before on its topic."""
+    """How a sample relates to earlier ones on its topic."""
 
     NEW = auto()
     REPEATED = auto()
@@ -19,12 +19,12 @@ class Sample(Enum):
 
 
 class SampleHistory:
-    """The last samples of a topic, of which each stamp has one.
+    """The latest samples of a topic that has one sample per stamp.
 
     Parameters
     ----------
     is_same : callable
-        Whether two serialised messages of one stamp say the same.
+        Compares the content of two serialised messages with one stamp.
     """
 
     def __init__(self, is_same: Callable[[bytes, bytes], bool]) -> None:
@@ -36,13 +36,13 @@ class SampleHistory:
         self._samples.clear()
 
     def judge(self, stamp_ns: int, data: bytes) -> Sample:
-        """Tell what a sample is, and keep one that is new.
+        """Classify a sample, and store a new one.
 
         Returns
         -------
         Sample
-            NEW if it is newer than all others; OLD if it is older and of a stamp that is not
-            known, or no longer; otherwise whether it says what the known one says.
+            NEW if it is newer than all others; OLD if it is older and its stamp is not stored;
+            otherwise, whether it equals the stored sample with its stamp.
         """
         samples = self._samples
         if not samples or stamp_ns > samples[-1][0]:

@@ -1,4 +1,4 @@
-"""Device inputs for feeding another control program: those of scenarios, and random ones."""
+"""Device inputs to test another control program with: scenarios and random sequences."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ballbot_ros.timing import FIRST_TICK_NS, MILLISECOND_NS
 
 RANDOM_SEQUENCES = 50
 RANDOM_TICKS = 150
-"""Length of a random sequence after the calibration."""
+"""Length of a random sequence after calibration."""
 
 
 def scenario_steps(parameters: ParameterSet, scenario: Scenario) -> Iterator[Step]:
@@ -26,7 +26,7 @@ def scenario_steps(parameters: ParameterSet, scenario: Scenario) -> Iterator[Ste
 
 
 def check_sequences(parameters: ParameterSet) -> list[InputSequence]:
-    """Return the inputs of every shipped scenario with these parameters, and random ones."""
+    """Return the inputs of every shipped scenario with these parameters, and random sequences."""
     sequences = []
     for name in scenario_names():
         scenario = load_scenario(name)

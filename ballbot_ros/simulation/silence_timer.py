@@ -7,21 +7,22 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 LOOK_S = 0.2
-"""The most that counts between two looks: a process that could not look has heard nothing."""
+"""Upper limit of the time counted between two looks: a process that could not look has received
+nothing."""
 
 
 @dataclass(frozen=True)
 class ThreadTime:
-    """What the machine has given to a thread so far.
+    """The processor time of a thread so far.
 
     Attributes
     ----------
     cpu_s : float
         Processor time [s].
     queued_s : float
-        Time for which it waited for a processor [s].
+        Time spent waiting for a processor [s].
     is_runnable : bool
-        Whether it has a processor, or waits for one, at present.
+        Whether it is currently running or waiting for a processor.
     """
 
     cpu_s: float
@@ -29,26 +30,26 @@ class ThreadTime:
     is_runnable: bool
 
     def held_up_s(self, before: ThreadTime, span_s: float) -> float:
-        """Return for how much of the last `span_s` it waited for a processor [s].
+        """Return how much of the last `span_s` it spent waiting for a processor [s].
 
         Parameters
         ----------
         before : ThreadTime
-            That of the same thread at the beginning of this time.
+            State of the same thread at the start of this time.
         span_s : float
-            Its length [s].
+            Length of this time [s].
         """
         if self.is_runnable and (self.cpu_s, self.queued_s) == (before.cpu_s, before.queued_s):
-            return span_s  # the system counts a time in the queue when it ends
+            return span_s  # The system adds the time in a queue only when it ends.
         return self.queued_s - before.queued_s
 
 
 Threads = Mapping[int, ThreadTime]
-"""The threads of a process, by their id."""
+"""The threads of a process, by id."""
 
 
 class Observation(NamedTuple):
-    """What the processes of this machine had been given at one moment.
+    """The processor time of the processes on this machine at one moment.
 
     Attributes
     ----------
@@ -63,14 +64,14 @@ class Observation(NamedTuple):
 
 
 def available_s(threads: Threads, before: Threads, span_s: float) -> float:
-    """Return for how much of the last `span_s` a process could run as far as it wanted to [s].
+    """Return for how much of the last `span_s` a process could run as it wanted [s].
 
     Parameters
     ----------
     threads, before : mapping of int to ThreadTime
-        Its threads now, and at the beginning of this time.
+        Its threads now, and at the start of this time.
     span_s : float
-        The length of this time [s].
+        Length of this time [s].
     """
     known = threads.keys() & before.keys()
     held_up = (threads[each].held_up_s(before[each], span_s) for each in known)
@@ -79,10 +80,10 @@ def available_s(threads: Threads, before: Threads, span_s: float) -> float:
 
 
 class SilenceTimer:
-    """Counts a silence by the time that the machine gave to each process that could end it.
+    """Measures a silence by the time that the machine gave to each process that could end it.
 
-    A process that is stopped or gone, one that waits for a message or a disk, and one that computes
-    without end have had the time; one that waits for a processor has not.
+    A process has had the time if it is stopped, gone, waiting for a message or a disk, or busy. It
+    has not had the time while it waits for a processor.
     """
 
     def __init__(self) -> None:
@@ -91,17 +92,16 @@ class SilenceTimer:
         self._silences_s: dict[int, float] = {}
 
     def update(self, since_s: float, now_s: float, processes: Mapping[int, Threads]) -> None:
-        """Look at a silence.
+        """Update the measurement of a silence.
 
         Parameters
         ----------
         since_s : float
-            When it began, on a clock that only goes forward [s]. Another time than at the look
-            before is another silence.
+            Start of the silence on a monotonic clock [s]. A new value means another silence.
         now_s : float
-            The time on the same clock [s].
+            Current time on the same clock [s].
         processes : mapping of int to mapping
-            Those that could end it, as far as they are on this machine, by process id.
+            The local processes that could end the silence, by process id.
         """
         if since_s != self._since_s:
             self._since_s = self._looked_at_s = since_s
@@ -118,7 +118,7 @@ class SilenceTimer:
         self._known = dict(processes)
 
     def silence_s(self, process: int | None = None) -> float:
-        """Return how much of it counts for a process [s]; None stands for one that is elsewhere."""
+        """Return how much of it counts for a process [s]; None means one on another machine."""
         if process is None:
             return self._elapsed_s
         return self._silences_s.get(process, self._elapsed_s)

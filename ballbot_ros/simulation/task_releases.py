@@ -1,4 +1,4 @@
-"""Which tasks of the control program have been released for which tick."""
+"""Which tasks of the control program have been released, and for which tick."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ballbot_ros.timing import MILLISECOND_NS
 
 
 class DueTick(NamedTuple):
-    """A tick that is to run now.
+    """A tick that is due.
 
     Attributes
     ----------
     time_ns : int
         Its sim time [ns].
     tasks : tuple of str
-        What runs, most urgent first.
+        The tasks to run, highest priority first.
     untimed : tuple of str
-        Those of them that have a timer which has not released them: it is to be set anew.
+        Those of them whose timer has not released them and must be restarted.
     """
 
     time_ns: int
@@ -29,10 +29,10 @@ class DueTick(NamedTuple):
 
 
 class TaskReleases:
-    """The tasks' releases, by their timers and by the start of a run.
+    """The releases of the tasks by their timers and by the start of a run.
 
-    A timer releases its task for the time at which it fires. At the first tick of a run the start
-    releases what is due: after a leap of the clock no timer fires there. A release off the
+    A timer releases its task for the time at which it fires. The start of a run releases all tasks
+    due at the first tick, because no timer fires there after a jump of the clock. A release off the
     schedule, or a second one for the same time, changes nothing.
 
     Attributes
@@ -40,7 +40,7 @@ class TaskReleases:
     fired : Counter of str
         Callbacks of each task's timer so far.
     forced : int
-        Releases that no timer has given so far.
+        Number of releases made without a timer.
     """
 
     def __init__(self) -> None:
@@ -64,7 +64,7 @@ class TaskReleases:
         self._start_ns, self._forced_ns = start_ns, None
 
     def release(self, task: str, now_ns: int) -> None:
-        """Release a task whose timer has fired at sim time `now_ns` [ns]."""
+        """Release a task whose timer fired at sim time `now_ns` [ns]."""
         self.fired[task] += 1
         period_ns = self._periods_ns.get(task)
         if period_ns is None or now_ns < self._released_ns.get(task, self._start_ns):
@@ -79,12 +79,12 @@ class TaskReleases:
         return self._untimed(self._due(tick_ns), tick_ns)
 
     def force(self, tick_ns: int) -> None:
-        """Release, and count, what is missing at `tick_ns` [ns]."""
+        """Release, and count, the tasks missing at `tick_ns` [ns]."""
         self.forced += len(self.missing(tick_ns))
         self._forced_ns = tick_ns
 
     def take(self, tick_ns: int) -> DueTick:
-        """Return what runs at `tick_ns` [ns], of which nothing is missing."""
+        """Return the tick at `tick_ns` [ns], which is complete, and consume its releases."""
         due = self._due(tick_ns)
         return DueTick(tick_ns, due, self._untimed(due, tick_ns))
 

@@ -1,4 +1,4 @@
-"""What a run did: true motion and duties by tick, and their hash."""
+"""True motion and duties of a run, tick by tick, and their hash."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class TrajectoryLog:
     Parameters
     ----------
     keep : bool
-        False: only count and hash, for a run without end.
+        False to only count and hash, for an endless run.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class TrajectoryLog:
         return self._hash.hexdigest()
 
     def trajectory(self) -> Trajectory:
-        """Return what was collected."""
+        """Return the trajectory so far."""
         table = np.array(self._numbers).reshape(-1, 5)
         start = table[0, 0] if len(table) else 0.0
         return Trajectory(
@@ -90,7 +90,7 @@ class TrajectoryLog:
 def save_trajectory(path: Path, trajectory: Trajectory, summary: Mapping[str, object]) -> None:
     """Write a trajectory and a summary of the run to an .npz file.
 
-    The file is there once it is whole.
+    The file appears only when it is complete.
     """
     partial = path.with_name(f'{path.name}.part')
     with partial.open('wb') as file:
@@ -99,7 +99,7 @@ def save_trajectory(path: Path, trajectory: Trajectory, summary: Mapping[str, ob
 
 
 def load_trajectory(path: Path) -> tuple[Trajectory, dict[str, Any]]:
-    """Read what :func:`save_trajectory` wrote."""
+    """Read the file that :func:`save_trajectory` wrote."""
     with np.load(path) as file:
         names = ('time', 'position', 'psi', 'duty')
         return Trajectory(**{name: file[name] for name in names}), json.loads(str(file['summary']))

@@ -1,1 +1,1 @@
-"""Driving by hand: who is in command, and what each input makes of the sticks. No ROS."""
+"""Driving by hand: the input in command, and the mapping of inputs to sticks. No ROS."""

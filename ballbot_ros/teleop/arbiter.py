@@ -1,4 +1,4 @@
-"""Who is in command: of several inputs, the one whose sticks go to the robot."""
+"""The arbiter, which selects the input that drives the robot."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ LIVE_SOURCES = DEVICE, JOY, VIEWER, KEYBOARD, CMD_VEL = (
     'keyboard',
     'cmd_vel',
 )
-"""The live inputs, the one with the highest priority first."""
+"""The live inputs in order of priority."""
 
 SCENARIO = 'scenario'
-"""What acts while no live input is in command."""
+"""The source that acts while no live input is in command."""
 
 NOBODY = 'nobody'
-"""Who is in command, to the eye, without live input and without a scenario."""
+"""Displayed source without live input and without a scenario."""
 
 SILENCE_S = 0.5
-"""A source that has said nothing for longer than this counts as neutral."""
+"""Silence after which a source counts as neutral."""
 
 PAUSE_S = 0.5
-"""The sticks are neutral for so long before a source of lower priority takes over."""
+"""Time for which the sticks are neutral before a source of lower priority takes over."""
 
 _RANK = {source: rank for rank, source in enumerate((*LIVE_SOURCES, SCENARIO))}
 
@@ -38,17 +38,17 @@ class Command(NamedTuple):
     sticks: Sticks
 
     def driver(self, scenario: str) -> str:
-        """Return the name to show of who is in command; `scenario` is '' where there is none."""
+        """Return the displayed name of the source in command; `scenario` is '' if there is none."""
         return self.source if self.source != SCENARIO or scenario else NOBODY
 
 
 class Arbiter:
-    """Keeps the newest sticks of each source and decides between them.
+    """Stores the newest sticks of each source and selects one of them.
 
-    Of the live sources the one of highest priority whose sticks are not neutral is in command. When
-    it goes neutral, is released or falls silent, the sticks are neutral at once; it, or a source of
-    higher priority, may go on at any moment, one of lower priority after :data:`PAUSE_S`. Sources
-    may report from any thread. All times are of one clock that never goes back [s].
+    In command is the live source of the highest priority whose sticks are not neutral. When it
+    becomes neutral, is released or falls silent, the sticks are neutral at once. It, or a source of
+    higher priority, may resume at any time, one of lower priority after :data:`PAUSE_S`. Sources
+    may report from any thread. All times are from one monotonic clock [s].
     """
 
     def __init__(self) -> None:
@@ -58,17 +58,17 @@ class Arbiter:
         self._neutral_since: float | None = None
 
     def report(self, source: str, sticks: Sticks, now: float) -> None:
-        """Take a live source's sticks."""
+        """Store the sticks of a live source."""
         with self._lock:
             self._reports[source] = (sticks, now)
 
     def release(self, source: str) -> None:
-        """Forget a live source: it is disconnected, or what it says is of no use."""
+        """Remove a live source that is disconnected or unusable."""
         with self._lock:
             self._reports.pop(source, None)
 
     def decide(self, now: float, scenario: Sticks) -> Command:
-        """Return who is in command at `now`, given the scenario's sticks."""
+        """Return the command at `now`, given the scenario's sticks."""
         with self._lock:
             wanted = next((s for s in LIVE_SOURCES if self._sticks(s, now) != NEUTRAL), SCENARIO)
             if _RANK[wanted] > _RANK[self._in_command]:

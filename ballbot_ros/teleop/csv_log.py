@@ -1,4 +1,4 @@
-"""The brick's data log as CSV, in the form of the PC tool."""
+"""The brick's data log as CSV, in the format of the PC tool."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _UINT32 = 2**32
 
 
 class CsvLog:
-    """Writes log packets, each run to a file of its own.
+    """Writes log packets, with a separate file for each run.
 
-    The first file is made at once. A further run gets ``…_2.csv`` and so on when its first packet
-    comes: the announcement of a run can overtake the last packets of the run before, which are told
-    by their time. No file is ever overwritten.
+    The first file is created at once. The files of further runs, ``…_2.csv`` and so on, are created
+    with their first packet: the announcement of a run can overtake the last packets of the previous
+    run, which are recognised by their time. Files are never overwritten.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class CsvLog:
     Raises
     ------
     TeleopError
-        If a file exists already or cannot be written; the text begins with its path.
+        If a file already exists or can't be written; the message begins with its path.
     """
 
     def __init__(self, path: Path) -> None:
@@ -46,12 +46,12 @@ class CsvLog:
         try:
             self._file = _create(path)
         except FileExistsError:
-            raise TeleopError(f'{path}: exists already; choose another file') from None
+            raise TeleopError(f'{path}: already exists; choose another file') from None
         except OSError as error:
             raise TeleopError(f'{path}: {error.strerror}') from None
 
     def begin_run(self, start_ms: int) -> None:
-        """Take the announcement of a run by the sim time of its first tick [ms]."""
+        """Note the announcement of a run by the sim time of its first tick [ms]."""
         if self._run_start_ms is None:
             self._run_start_ms = start_ms
         else:
@@ -69,7 +69,7 @@ class CsvLog:
             raise TeleopError(f'{self.paths[-1]}: {error.strerror}') from None
 
     def flush(self) -> None:
-        """Hand everything to the operating system."""
+        """Pass everything to the operating system."""
         try:
             self._file.flush()
         except OSError as error:
@@ -97,7 +97,7 @@ class CsvLog:
 def _create(path: Path) -> TextIO:
     file = path.open('x', encoding='ascii', newline='')
     file.write(HEADER + '\n')
-    # A disk that is full, or a limit that is reached, is to show at once.
+    # Line buffered, so that a full disk or an exceeded limit shows at once.
     file.flush()
     return file
 

@@ -1,4 +1,4 @@
-"""Lists the gamepads, and shows what they send."""
+"""Lists the gamepads, and shows their input."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from ballbot_ros.teleop.gamepad import NO_MAPPING, Backend, Device, Pad
 from ballbot_ros.teleop.sdl import SdlBackend
 
 LOOK_S = 0.3
-"""Time in which SDL finds what is plugged in."""
+"""Time for SDL to find all devices."""
 
 REFRESH_S = 0.05
 
 
 def list_devices() -> None:
-    """Print the gamepads, one a line; on a terminal show their input until Ctrl-C."""
+    """Print the gamepads, one per line; on a terminal, show their input until Ctrl-C."""
     backend = SdlBackend()
     backend.start()
     try:
@@ -31,7 +31,7 @@ def list_devices() -> None:
 
 
 def found_devices(backend: Backend) -> list[Device]:
-    """Return what is plugged in, after time enough to find it."""
+    """Return the connected devices, after enough time to find them."""
     deadline = time.monotonic() + LOOK_S
     while not backend.devices() and time.monotonic() < deadline:
         backend.pump()
@@ -50,7 +50,7 @@ def describe(devices: list[Device]) -> list[str]:
 
 
 def input_line(device: Device, pad: Pad) -> str:
-    """Return the present input of a gamepad on one line."""
+    """Return the current input of a gamepad on one line."""
     if not pad.attached():
         return f'{device.number}  unplugged'
     state = pad.read()

@@ -4,4 +4,4 @@ from ballbot_ros.errors import BallbotError
 
 
 class TeleopError(BallbotError):
-    """An input that cannot be opened or understood, or a data log that cannot be written."""
+    """An input can't be opened or understood, or a data log can't be written."""

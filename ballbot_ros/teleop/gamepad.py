@@ -1,4 +1,4 @@
-"""A gamepad read directly: found by its name, opened when it is plugged in, polled."""
+"""A gamepad that is read directly: found by its name, opened when connected, polled."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NO_MAPPING = 'SDL has no mapping for it: set SDL_GAMECONTROLLERCONFIG'
 
 
 class Device(NamedTuple):
-    """A device that is plugged in: its number, its name, and whether its layout is known."""
+    """A connected device: number, name, and whether its layout is known."""
 
     number: int
     name: str
@@ -33,23 +33,23 @@ class Pad(Protocol):
     """An open gamepad."""
 
     def attached(self) -> bool:
-        """Tell whether it is still plugged in."""
+        """Return whether it is still connected."""
 
     def read(self) -> PadState:
-        """Return its present state."""
+        """Return its current state."""
 
 
 class Backend(Protocol):
     """The library that reads gamepads; used from one thread only."""
 
     def start(self) -> None:
-        """Begin to look for devices."""
+        """Start looking for devices."""
 
     def pump(self) -> None:
-        """Take what has happened since the last call."""
+        """Process the events since the last call."""
 
     def devices(self) -> list[Device]:
-        """Return what is plugged in."""
+        """Return the connected devices."""
 
     def open(self, device: Device) -> Pad:
         """Open a device that has a mapping; TeleopError if that fails."""
@@ -59,7 +59,7 @@ class Backend(Protocol):
 
 
 class Gamepad:
-    """Polls one gamepad on a thread of its own.
+    """Polls one gamepad on its own thread.
 
     Parameters
     ----------
@@ -67,11 +67,11 @@ class Gamepad:
         ``any``, the number of a device, or part of its name.
     backend : Backend
     on_state : callable
-        Takes the state at every poll.
+        Receives the state at every poll.
     on_gone : callable
-        Called when the gamepad is unplugged, and at the end.
+        Called when the gamepad is disconnected, and at the end.
     on_problem : callable
-        Takes one line on a device that cannot be used.
+        Receives one line about a device that can't be used.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""From the axes and buttons of a gamepad to the two sticks."""
+"""Mapping of a gamepad's axes and buttons to the two sticks."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from ballbot_ros.teleop.errors import TeleopError
 from ballbot_ros.teleop.sticks import Sticks, sticks_of
 
 NOT_USED = -1
-"""Number of an axis or button that the mapping leaves out."""
+"""Number that leaves out an axis or button."""
 
 _ROUNDING = 1e-6
-"""Drivers compute in single precision: so much beyond ±1 is still a full stick."""
+"""Tolerance beyond ±1 for a full stick, since drivers compute in single precision."""
 
 
 @dataclass(frozen=True)
 class JoyMapping(Subset):
-    """Which axes and buttons drive, and how.
+    """The axes and buttons that drive, and their scales.
 
-    Axes and buttons are numbered as ``game_controller_node`` of the package joy does it: axes 0, 1
-    left stick, 2, 3 right stick, each left and up positive; buttons 9 and 10 the shoulders. The
-    other fields are named and act as in ``teleop_twist_joy``. The turbo button enables, too.
+    Axes and buttons are numbered as in ``game_controller_node`` of the package joy: axes 0, 1 left
+    stick, 2, 3 right stick, each left and up positive; buttons 9 and 10 the shoulders. The other
+    fields have the names and meanings of ``teleop_twist_joy``. The turbo button also enables.
 
     Attributes
     ----------
     gp_max : int
-        Value of a stick that is pushed to its end.
+        Value of a fully deflected stick.
     require_enable_button : bool
-        Whether the sticks count only while a button is pressed.
+        Whether the sticks only work while a button is pressed.
     enable_button, enable_turbo_button : int
-        Buttons that enable the sticks, with the plain and with the turbo scales.
+        Buttons that enable the sticks, with normal and with turbo scales.
     deadzone : float
-        Share of an axis around its middle that is neutral; what remains counts from zero to full.
+        Neutral share of an axis around its centre; the rest is scaled to the full range.
     axis_forward, axis_rightward : int
     scale_forward, scale_rightward, scale_forward_turbo, scale_rightward_turbo : float
         Share of the full stick at a full axis, 0 ... 1.
@@ -55,19 +55,19 @@ class JoyMapping(Subset):
     invert_rightward: bool = False
 
     def sticks(self, axes: Sequence[float], buttons: Sequence[int]) -> Sticks | None:
-        """Return the sticks, or None while the enable button they need is not pressed.
+        """Return the sticks, or None while a required enable button is not pressed.
 
         Parameters
         ----------
         axes : sequence of float, shape (n,)
             -1 ... 1, left and up positive.
         buttons : sequence of int, shape (m,)
-            1 where pressed.
+            1 if pressed.
 
         Raises
         ------
         TeleopError
-            If an axis or button that is used is not there, or an axis is not within ±1.
+            If an axis or button in use does not exist, or an axis is not within ±1.
         """
         forward = self._axis(axes, self.axis_forward)
         rightward = -self._axis(axes, self.axis_rightward)
@@ -86,7 +86,7 @@ class JoyMapping(Subset):
         if number == NOT_USED:
             return 0.0
         if number >= len(axes):
-            raise TeleopError(f'no axis {number}, only {len(axes)} axes')
+            raise TeleopError(f'axis {number} not found, only {len(axes)} axes')
         value = float(axes[number])
         if not abs(value) <= 1.0 + _ROUNDING:
             raise TeleopError(f'axis {number} is {value:g}, not within -1 … 1')
@@ -97,5 +97,5 @@ class JoyMapping(Subset):
         if number == NOT_USED:
             return False
         if number >= len(buttons):
-            raise TeleopError(f'no button {number}, only {len(buttons)} buttons')
+            raise TeleopError(f'button {number} not found, only {len(buttons)} buttons')
         return bool(buttons[number])

@@ -1,4 +1,4 @@
-"""Gamepads by SDL: its database knows the layout of most of them."""
+"""Gamepads through SDL, whose database knows the layout of most."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 from ballbot_ros.teleop.errors import TeleopError
 from ballbot_ros.teleop.gamepad import Device, PadState
 
-INSTALL_HINT = 'pygame is not installed: pip install "ballbot_ros[drive]"'
+INSTALL_HINT = 'pygame not found: install it with `pip install "ballbot_ros[drive]"`'
 
 _SETTINGS = {
     'SDL_VIDEODRIVER': 'dummy',
     'SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS': '1',
-    # The signals are for the node.
+    # The node handles the signals.
     'SDL_NO_SIGNAL_HANDLERS': '1',
     'PYGAME_HIDE_SUPPORT_PROMPT': '1',
 }
@@ -43,7 +43,7 @@ class SdlBackend:
         self._devices: list[Device] = []
 
     def start(self) -> None:
-        """Begin to look for devices; everything else happens on the same thread."""
+        """Start looking for devices; everything else must happen on the same thread."""
         try:
             self._pygame.display.init()
             self._pygame.joystick.init()
@@ -53,7 +53,7 @@ class SdlBackend:
         self._scan()
 
     def pump(self) -> None:
-        """Let SDL read the devices, and notice which came and went."""
+        """Let SDL read the devices, and detect new and removed ones."""
         events = self._pygame.event.get()
         changes = (self._pygame.JOYDEVICEADDED, self._pygame.JOYDEVICEREMOVED)
         if any(event.type in changes for event in events):
@@ -65,12 +65,12 @@ class SdlBackend:
             try:
                 name = self._pygame.joystick.Joystick(index).get_name()
             except self._pygame.error:
-                continue  # It has gone again, or is not ours to read.
+                continue  # It is gone again, or we may not read it.
             devices.append(Device(index, name, self._controller.is_controller(index)))
         self._devices = devices
 
     def devices(self) -> list[Device]:
-        """Return what is plugged in."""
+        """Return the connected devices."""
         return self._devices
 
     def open(self, device: Device) -> _SdlPad:

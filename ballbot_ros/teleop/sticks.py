@@ -1,4 +1,4 @@
-"""The two sticks as the gamepad packet has them."""
+"""The two sticks in the units of the gamepad packet."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ NEUTRAL: Sticks = (0, 0)
 
 
 def sticks_of(forward: float, rightward: float, full: int) -> Sticks:
-    """Return the sticks that ask for shares of the full speed.
+    """Return the sticks for shares of the full speed.
 
     Parameters
     ----------
     forward, rightward : float
         Shares, -1 ... 1.
     full : int
-        Value of a stick that is pushed to its end (``gp_max``).
+        Value of a fully deflected stick (``gp_max``).
     """
     return -quantise(forward * full), quantise(rightward * full)

@@ -1,4 +1,4 @@
-"""Driving from the keyboard of a terminal: keys in, a small panel out."""
+"""Driving from the keyboard of a terminal: reads keys and shows a small panel."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ballbot_ros.teleop.sticks import Sticks
 if TYPE_CHECKING:
     from prompt_toolkit.application import Application
 
-INSTALL_HINT = 'prompt_toolkit is not installed: pip install "ballbot_ros[drive]"'
+INSTALL_HINT = 'prompt_toolkit not found: install it with `pip install "ballbot_ros[drive]"`'
 
 HELP = 'arrows drive   space stop   h hold   + - key speed   r reset   q quit'
 
@@ -28,9 +28,9 @@ REDRAW_S = 0.1
 
 
 def why_no_keyboard() -> str:
-    """Return why the keyboard cannot drive here; empty if it can."""
+    """Return why the keyboard can't drive here; empty if it can."""
     if not (os.isatty(0) and os.isatty(1)):
-        return 'standard input and output are no terminal'
+        return 'standard input and output are not a terminal'
     try:
         import prompt_toolkit  # noqa: F401
     except ImportError:
@@ -39,22 +39,22 @@ def why_no_keyboard() -> str:
 
 
 class Terminal:
-    """Reads the keys on a thread of its own.
+    """Reads the keys on its own thread.
 
-    While it runs, what the process writes to the terminal otherwise appears above the panel. At
-    the end the terminal is as it was.
+    While it runs, other output of the process to the terminal appears above the panel. At the end
+    the terminal is restored.
 
     Parameters
     ----------
     keys : KeyboardSticks
     status : callable
-        Returns what the panel shows, as names and texts.
+        Returns the content of the panel, as names and texts.
     on_sticks : callable
-        Takes the sticks, 50 times a second.
+        Receives the sticks, 50 times a second.
     on_reset, on_quit : callable
         Called for these keys.
     on_gone : callable
-        Called when the keyboard is no more: after quitting, or as the terminal has vanished.
+        Called when the keyboard is gone: after quitting, or because the terminal has disappeared.
 
     Raises
     ------
@@ -82,7 +82,7 @@ class Terminal:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and give the terminal back."""
+        """End the thread and restore the terminal."""
         app = self._app
         if app is not None and app.loop is not None and app.is_running:
             app.loop.call_soon_threadsafe(_exit, app)
@@ -100,7 +100,7 @@ class Terminal:
 
                 self._app.run(pre_run=begin, handle_sigint=False, set_exception_handler=False)
         except (EOFError, OSError, termios.error):
-            pass  # The terminal has vanished.
+            pass  # The terminal has disappeared.
         finally:
             self._on_gone()
 
@@ -112,13 +112,14 @@ class Terminal:
 
         class Output(Vt100_Output):
             def flush(self) -> None:
-                # The end of the input tells that the terminal has vanished. Told here, in the midst
-                # of a line above the panel, the application would wait for the line for ever.
+                # The end of the input shows that the terminal has disappeared. An error here, in
+                # the middle of a line above the panel, would make the application wait for the line
+                # forever.
                 with suppress(OSError):
                     super().flush()
 
         output = Output.from_pty(terminal)
-        output.enable_cpr = False  # The panel needs no cursor position, and asking shows.
+        output.enable_cpr = False  # The panel needs no cursor position, and the query is visible.
         return Application(
             layout=Layout(
                 Window(FormattedTextControl(self._panel), dont_extend_height=True, wrap_lines=True)
@@ -176,7 +177,7 @@ def _exit(app: Application[None]) -> None:
 
 
 async def _show_above(others: _Redirected) -> None:
-    """Show what others write to the terminal above the panel."""
+    """Show other output to the terminal above the panel."""
     from prompt_toolkit.application import run_in_terminal
 
     reader = asyncio.StreamReader()
@@ -187,14 +188,14 @@ async def _show_above(others: _Redirected) -> None:
 
 
 class _Redirected:
-    """Catches what the process writes to the terminal, but for the panel.
+    """Captures the process's output to the terminal, except the panel.
 
     Attributes
     ----------
     terminal : file
         The terminal.
     pipe : file
-        What others write.
+        The captured output.
     """
 
     def __enter__(self) -> _Redirected:
@@ -214,7 +215,7 @@ class _Redirected:
             os.dup2(kept, fd)
             os.close(kept)
         os.set_blocking(self._left, False)
-        with suppress(OSError):  # Nothing is left, or the terminal has vanished.
+        with suppress(OSError):  # Nothing is left, or the terminal has disappeared.
             self.show(os.read(self._left, 2**16))
         os.close(self._left)
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""From a velocity to the two sticks."""
+"""Mapping of a velocity to the two sticks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ballbot_ros.teleop.sticks import NEUTRAL, Sticks, sticks_of
 
 @dataclass(frozen=True)
 class VelocityMapping(Subset):
-    """What the controller makes of a full stick, turned round.
+    """The inverse of the controller's mapping from sticks to speed.
 
     Attributes
     ----------
@@ -36,8 +36,7 @@ class VelocityMapping(Subset):
     def sticks(self, forward: float, left: float) -> Sticks:
         """Return the sticks for a velocity in the axes of REP 103.
 
-        A velocity that a stick cannot ask for is scaled down in both planes, so that its direction
-        stays.
+        A velocity beyond the full stick is scaled down in both planes, which keeps its direction.
 
         Parameters
         ----------

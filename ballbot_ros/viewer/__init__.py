@@ -1,1 +1,1 @@
-"""The 3D viewer: robot, floor and page, live or from a file. Needs no ROS."""
+"""The 3D viewer of runs, live or recorded: robot, floor and page. No ROS."""

@@ -1,4 +1,4 @@
-"""Who is let in to the page, and who may steer."""
+"""Which requests the page answers, and which pages may steer."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from ballbot_ros.viewer.address import LOOPBACK, is_any_address, location
 
 @dataclass(frozen=True)
 class AccessPolicy:
-    """Decides on each request by what its browser tells, and by the token in its address.
+    """Decides on requests by their headers and by the token in their address.
 
-    Every web page that is open in a browser of this machine can send requests here. No page can
-    forge two headers: ``Origin`` names the page that sends, ``Host`` the address that it calls.
-    The name of a foreign page may point to this machine, too (DNS rebinding), so only the names
-    are let in that this machine is known by.
+    Any web page open in a browser on this machine can send requests here. It can't forge two
+    headers: ``Origin`` names the requesting page, ``Host`` the requested address. Since the name of
+    a foreign page may point to this machine, too (DNS rebinding), only this machine's own names are
+    accepted.
 
     Attributes
     ----------
     host : str
-        Where the page is served.
+        The address that serves the page.
     machine : str
-        This machine's host name.
+        Host name of this machine.
     token : str
-        Of letters, digits, ``-`` and ``_``; whoever has it may steer.
+        Letters, digits, ``-`` and ``_``; a page with the token may steer.
     """
 
     host: str
@@ -33,19 +33,19 @@ class AccessPolicy:
     token: str
 
     def address(self, port: int) -> str:
-        """Return the page's address for those who may steer."""
+        """Return the page's address with the token."""
         name = self.machine if is_any_address(self.host) else self.host
         return f'http://{location(name, port)}/?token={self.token}'
 
     def allows(self, hosts: Sequence[str], origins: Sequence[str], at: tuple[str, int]) -> bool:
-        """Tell whether a request may come in.
+        """Return whether to answer a request.
 
         Parameters
         ----------
         hosts, origins : sequence of str
-            Values of its headers ``Host`` and ``Origin``; only browsers send the second.
+            Values of its headers ``Host`` and ``Origin``; only browsers send the latter.
         at : tuple
-            Address and port of this machine that it has come to.
+            Local address and port that received it.
         """
         if len(hosts) != 1:
             return False
@@ -53,27 +53,27 @@ class AccessPolicy:
         names = {*LOOPBACK, self.host, address}
         if is_any_address(self.host):
             names.add(self.machine)
-        # Browsers leave out the port 80.
+        # Browsers omit port 80.
         served = {location(name.lower(), port).removesuffix(':80') for name in names}
         if hosts[0].lower().removesuffix(':80') not in served:
             return False
         return all(origin == f'http://{hosts[0]}' for origin in origins)
 
     def may_steer(self, target: str) -> bool:
-        """Tell whether a request for `target`, a path with its query, ends in the token."""
+        """Return whether a request for `target`, a path with its query, carries the token."""
         token = target.rpartition('token=')[2]
         return hmac.compare_digest(token.encode(errors='replace'), self.token.encode())
 
     def page(self, host: str, target: str) -> str:
-        """Return the target that a browser is to ask for in place of `target`, which has a query.
+        """Return the target to redirect a browser to, instead of `target` with a query.
 
-        viser's page connects to where the query says, so nobody else may write it: the page would
-        show, and run, what comes from there.
+        viser's page connects to the address in the query. A query from elsewhere could make it show
+        and run foreign content.
 
         Parameters
         ----------
         host : str
-            Address and port under which the browser calls this machine.
+            Address and port that the browser uses for this machine.
         target : str
         """
         return f'/?websocket=ws://{host}/?token={self.token}' if self.may_steer(target) else '/'

@@ -1,4 +1,4 @@
-"""Where the page is served; and whether it can be."""
+"""The page's address, and checks that the page can be served there."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ LOOPBACK = ('127.0.0.1', 'localhost', '::1')
 
 
 def require_viser() -> None:
-    """Find out whether the page can be made at all.
+    """Check that viser is installed.
 
     Raises
     ------
     ViewerError
-        If viser is not installed.
+        If it is not.
     """
     try:
         import viser  # noqa: F401
     except ImportError as error:
         raise ViewerError(
-            f'the viewer lacks a package ({error}): pip install "ballbot_ros[viewer]"'
+            f'package not found ({error}): install it with `pip install "ballbot_ros[viewer]"`'
         ) from None
 
 
 def check_address(host: str, port: int) -> None:
-    """Find out whether a page can be served there; port 0 stands for a free one.
+    """Check that a page can be served at an address; port 0 means any free port.
 
     Raises
     ------
     ViewerError
-        If the port is taken, or the host is not one of this machine.
+        If the port is in use, or the host is not an address of this machine.
     """
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as probe:
-            # As the server does it: connections of an earlier one that still close don't count.
+            # As in the server: closing connections of an earlier one don't count.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(address)
     except OSError as error:
@@ -48,12 +48,12 @@ def check_address(host: str, port: int) -> None:
 
 
 def location(host: str, port: int) -> str:
-    """Return host and port as a URL has them."""
+    """Return host and port in URL notation."""
     return f'[{host}]:{port}' if ':' in host else f'{host}:{port}'
 
 
 def is_any_address(host: str) -> bool:
-    """Tell whether `host` stands for all addresses of this machine."""
+    """Return whether `host` means all addresses of this machine."""
     try:
         return ipaddress.ip_address(host).is_unspecified
     except ValueError:  # a name
@@ -61,10 +61,10 @@ def is_any_address(host: str) -> bool:
 
 
 def warning_of(host: str) -> str:
-    """Return a warning where others in the network reach the page, else nothing."""
+    """Return a warning if the page is reachable over the network, else ''."""
     if host in LOOPBACK:
         return ''
     return (
-        'the viewer is open to the network: everybody who reaches it can look, '
-        'and whoever has the address with the token can steer'
+        'the viewer is open to the network: everybody who reaches it can watch, '
+        'and everybody who has the address with the token can steer'
     )

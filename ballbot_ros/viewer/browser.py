@@ -1,4 +1,4 @@
-"""A browser without a window, for pictures and tests."""
+"""A headless browser, for pictures and tests."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ if TYPE_CHECKING:
 
 PROGRAMS = ('chromium', 'chromium-browser', 'google-chrome')
 
-# WebGL by software: there may be no graphics card.
+# Software WebGL, because there may be no graphics card.
 _FLAGS = (
     '--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
 )  # fmt: skip
 
 
 def browser_program() -> str:
-    """Return the path of a Chromium.
+    """Return the path of Chromium.
 
     Raises
     ------
     ViewerError
-        If there is none.
+        If it is not installed.
     """
     for name in PROGRAMS:
         if path := shutil.which(name):
             return path
-    raise ViewerError('no browser to make pictures with: sudo apt install chromium')
+    raise ViewerError('Chromium not found: install it with `sudo apt install chromium`')
 
 
 @contextmanager
 def browser_page(width: int, height: int) -> Iterator[Page]:
-    """Open a page of that size [px].
+    """Open a page of this size [px].
 
     Raises
     ------
     ViewerError
-        If there is no Chromium, or Playwright, which steers it, is missing.
+        If Chromium, or Playwright to control it, is not installed.
     """
     program = browser_program()
     try:
         from playwright.sync_api import sync_playwright
     except ImportError as error:
         raise ViewerError(
-            f'pictures lack a package ({error}): pip install "ballbot_ros[viewer]"'
+            f'package not found ({error}): install it with `pip install "ballbot_ros[viewer]"`'
         ) from None
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=list(_FLAGS))

@@ -1,4 +1,4 @@
-"""The colours of the robot and of what is around it."""
+"""The colours of the robot and its surroundings."""
 
 from __future__ import annotations
 

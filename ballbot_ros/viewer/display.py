@@ -17,7 +17,7 @@ _MARGIN = 8
 
 @cache
 def _font() -> ImageFont.FreeTypeFont:
-    # matplotlib brings a font of equal widths with it, Pillow none.
+    # matplotlib ships a monospaced font, Pillow does not.
     from matplotlib.font_manager import findfont
 
     return ImageFont.truetype(findfont('DejaVu Sans Mono'), 24)

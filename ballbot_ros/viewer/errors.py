@@ -4,4 +4,4 @@ from ballbot_ros.errors import BallbotError
 
 
 class ViewerError(BallbotError):
-    """A page that can't be served, or a picture that can't be made."""
+    """A page can't be served, or a picture can't be rendered."""

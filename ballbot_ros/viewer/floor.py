@@ -1,4 +1,4 @@
-"""The floor as rectangles: its walls, its black lines, and how far it reaches."""
+"""The floor as rectangles: walls, black lines and extent."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ballbot_ros.world.floor_map import CELL_M, LINE, FloorMap
 
 FREE_HALF_SIDE = 1.0
-"""What is shown of a floor without end: so far to each side of the start [m]."""
+"""Half the side of the square shown of an unlimited floor [m]."""
 
 Rectangle = tuple[float, float, float, float]
 """Lowest x and y, highest x and y in ``map`` [m]."""
@@ -19,7 +19,7 @@ Rectangle = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Area:
-    """The part of the floor that the fixed views show: its middle and half of its sides [m]."""
+    """Centre and half sides of the part of the floor in the fixed views [m]."""
 
     middle: tuple[float, float]
     half_x: float
@@ -27,7 +27,7 @@ class Area:
 
     @classmethod
     def of(cls, floor_map: FloorMap | None, start: tuple[float, float] = (0.0, 0.0)) -> Area:
-        """Return the map, or a square about `start` (x, y in ``map``) on a floor without end."""
+        """Return the map, or a square around `start` (x, y in ``map``) on an unlimited floor."""
         if floor_map is None:
             return cls(start, FREE_HALF_SIDE, FREE_HALF_SIDE)
         return cls((0.0, 0.0), floor_map.columns * CELL_M / 2, floor_map.rows * CELL_M / 2)
@@ -44,7 +44,7 @@ def lines(floor_map: FloorMap) -> list[Rectangle]:
 
 
 def _rectangles(floor_map: FloorMap, mask: NDArray[np.bool_]) -> Iterator[Rectangle]:
-    """Yield rectangles of equal runs of cells in rows that follow one another."""
+    """Yield rectangles made of equal runs of cells in consecutive rows."""
     open_runs: dict[tuple[int, int], int] = {}
     blank = np.zeros((1, mask.shape[1]), bool)
     for row, cells in enumerate(np.vstack([mask, blank])):

@@ -1,4 +1,4 @@
-"""viser's server with a check of who is answered, and who may steer."""
+"""viser's server with access control."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from ballbot_ros.viewer.access_policy import AccessPolicy
 from ballbot_ros.viewer.errors import ViewerError
 
 _log = logging.getLogger('ballbot_ros.viewer')
-_REFUSAL = 'The viewer answers only at the address that it has printed.\n'
+_REFUSAL = 'The viewer only answers at the address that it has printed.\n'
 
 Answer = Callable[[ServerConnection, Request], Awaitable[Response | None] | Response | None]
 
 
 class _OneLine(logging.Filter):
-    """Has an error told in one line: what a browser sends is no fault of the program."""
+    """Shortens errors to one line: invalid input from a browser is not a fault of the program."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         if record.exc_info and record.exc_info[1]:
@@ -40,14 +40,14 @@ _log.addFilter(_OneLine())
 
 
 class _LoopEvent(asyncio.Event):
-    """An event that is set by its event loop alone.
+    """An event that is only set in its event loop.
 
-    viser also sets it from the thread that queues a message, before it has its loop set it. That
-    wakes waiters from outside their loop, and raises an error when one leaves at that moment.
+    viser also sets it directly in the thread that queues a message. That wakes waiters from outside
+    their loop, and raises an error if one is removed at that moment.
     """
 
     def set(self) -> None:
-        """Wake what waits, if this is called in the loop."""
+        """Wake the waiters, if called in the loop."""
         try:
             asyncio.get_running_loop()
         except RuntimeError:
@@ -56,7 +56,7 @@ class _LoopEvent(asyncio.Event):
 
 
 class _MessageBuffer(AsyncMessageBuffer):
-    """viser's queue of messages to browsers, fit for several threads."""
+    """viser's queue of messages to browsers, made safe for several threads."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -67,12 +67,12 @@ _infra.AsyncMessageBuffer = _MessageBuffer  # type: ignore[attr-defined]
 
 
 class GuardedServer(viser.ViserServer):
-    """Answers the requests that a policy allows, and lets those steer that have its token.
+    """Answers the requests that a policy allows, and lets pages with its token steer.
 
-    viser has no hook for either, so this uses its internals: its call of ``serve`` is given
-    another answer to requests, and its handling of messages about what all browsers share passes
-    a check. Messages about what is a browser's own, such as its camera, take another way. Its
-    queues of messages are replaced by ones that several threads may use.
+    viser has no hooks for this, so internals are replaced: its call of ``serve`` gets another
+    request handler, and messages about shared elements pass a check. Messages about a browser's own
+    state, such as its camera, are not affected. The message queues are replaced by thread-safe
+    ones.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class GuardedServer(viser.ViserServer):
     Raises
     ------
     ViewerError
-        If viser no longer starts its server in the way that is guarded here.
+        If another version of viser starts its server differently.
     """
 
     def __init__(self, policy: AccessPolicy, port: int, title: str) -> None:
@@ -94,10 +94,10 @@ class GuardedServer(viser.ViserServer):
         buffer = self._websock_server._broadcast_buffer
         if not (self._is_guarded and isinstance(buffer, _MessageBuffer)):
             self.stop()
-            raise ViewerError(f'viser {viser.__version__} cannot be guarded; viser 1.1 can')
+            raise ViewerError(f'viser {viser.__version__} can not be guarded; install viser 1.1')
 
     def may_steer(self, client_id: int) -> bool:
-        """Tell whether a browser has the token."""
+        """Return whether a browser has the token."""
         connection = self._websock_server._live_connections.get(client_id)
         if connection is None or connection.request is None:
             return False
@@ -106,7 +106,7 @@ class GuardedServer(viser.ViserServer):
     def _serve(
         self, *arguments: Any, process_request: Answer | None = None, **options: Any
     ) -> serve:
-        """Serve as viser asks for it, but for requests that are not allowed."""
+        """Serve as viser requests, but refuse requests that are not allowed."""
         dispatch = self._websock_server._handle_incoming_message
 
         async def dispatch_steering(client_id: ClientId, message: Message) -> None:
@@ -127,7 +127,7 @@ class GuardedServer(viser.ViserServer):
         return serve(*arguments, process_request=answer, logger=_log, **options)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Return the answer to a request that is not for viser, else None."""
+        """Return the answer to a request that viser must not handle, else None."""
         hosts = request.headers.get_all('Host')
         origins = request.headers.get_all('Origin')
         address, port = connection.local_address[:2]

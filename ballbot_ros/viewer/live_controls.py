@@ -23,36 +23,36 @@ DIRECTIONS: dict[str, Pair] = {
 
 _HOLD_HZ = 20.0
 _RELEASE_S = 0.3
-"""A stick of which the page has not told for so long has been let go."""
+"""A stick counts as released when the page has been silent for this long."""
 
 
 class Actions(Protocol):
-    """What the controls do; called from threads of the page."""
+    """The actions of the controls; called from the page's threads."""
 
     def pause(self, pause: bool) -> None:
-        """Hold the plant, or let it go on."""
+        """Pause the plant, or resume."""
 
     def step(self) -> None:
-        """Let a paused plant go on by one tick."""
+        """Run one tick of a paused plant."""
 
     def reset(self) -> None:
         """Begin a new run."""
 
     def pace(self, factor: float) -> None:
-        """Set the real-time factor; 0 is as fast as it can."""
+        """Set the real-time factor; 0 is as fast as possible."""
 
     def push(self, force: Pair) -> None:
-        """Push the body [N], in plane signs."""
+        """Push the body with a force [N] in plane signs."""
 
     def start(self, scenario: str) -> None:
-        """End the run, and begin one of another scenario."""
+        """End the run, and start one of another scenario."""
 
 
 class Sticks:
-    """The on-screen sticks: held as long as the page tells so, again and again.
+    """The on-screen sticks, held as long as the page keeps reporting them.
 
-    Once does not count. A page that its user does not see is held back by the browser to tell
-    once a second; it must not drive.
+    A single report does not count: a browser slows a hidden page down to one report a second, and a
+    hidden page must not drive.
     """
 
     def __init__(self) -> None:
@@ -64,7 +64,7 @@ class Sticks:
         self._told[direction] = last, now
 
     def value(self, now: float) -> Pair | None:
-        """Return forward and rightward, each −1 ... 1; None while nothing is held."""
+        """Return forward and rightward, each −1 ... 1; None while no stick is held."""
         held = [
             DIRECTIONS[direction]
             for direction, (before, last) in self._told.copy().items()
@@ -77,14 +77,14 @@ class Sticks:
 
 
 class LiveControls:
-    """The controls.
+    """The controls of a live page.
 
     Parameters
     ----------
     gui : viser.GuiApi
     actions : Actions
     scenarios : sequence of str
-        Names of those that may be started.
+        The scenarios to choose from.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class LiveControls:
             self._chooser.visible = offer
 
     def show_scenario(self, name: str) -> None:
-        """Show which scenario runs, if it is one of those to choose from."""
+        """Show the running scenario, if it is one of the choices."""
         if name in self._next.options:
             self._next.value = name
 
@@ -143,7 +143,7 @@ class LiveControls:
             self.sticks.hold(direction, time.monotonic())
 
     def drive(self, now: float) -> Pair | None:
-        """Return the sticks forward and rightward, each −1 ... 1; None while nothing is held."""
+        """Return the sticks forward and rightward, each −1 ... 1; None while no stick is held."""
         value = self.sticks.value(now)
         if value is None:
             return None

@@ -1,4 +1,4 @@
-"""The robot, its trail and the walls as markers, in ``map``, for tools that know no transforms."""
+"""The robot, its trail and the walls as markers in ``map``, for tools without transforms."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from ballbot_ros.world.exports import WALL_HEIGHT_CM
 from ballbot_ros.world.floor_map import FloorMap
 
 TRAIL_POINTS = 500
-"""The trail is that long at most: 5 m."""
+"""Maximum length of the trail: 5 m."""
 
 _TRAIL_WIDTH, _TRAIL_HEIGHT = 0.006, 0.002
 _LETTER_HEIGHT = 0.022
@@ -45,7 +45,7 @@ _BEAM_SIDES = 12
 
 
 class RobotMarkers:
-    """Makes the markers of what is new; each has a namespace and a number of its own for good.
+    """Creates the markers that have changed; each keeps its namespace and number.
 
     The namespaces are the links, ``sonar``, ``trail``, ``text`` and ``walls``.
 
@@ -53,7 +53,7 @@ class RobotMarkers:
     ----------
     dimensions : Dimensions
     new_marker : callable
-        Makes an empty ``visualization_msgs/Marker``.
+        Creates an empty ``visualization_msgs/Marker``.
     """
 
     def __init__(self, dimensions: Dimensions, new_marker: Callable[[], Any]) -> None:
@@ -94,7 +94,7 @@ class RobotMarkers:
         return marker
 
     def begin(self, floor: FloorMap | None) -> None:
-        """Forget everything: a new run begins, on a floor with walls or without."""
+        """Start over with a new run, on a floor with or without walls."""
         self._way.clear()
         self._walls = []
         height = WALL_HEIGHT_CM / 100.0
@@ -106,14 +106,14 @@ class RobotMarkers:
         self._is_new = self._is_longer = True
 
     def follow(self, now: Snapshot) -> None:
-        """Let the trail go on."""
+        """Extend the trail."""
         point = (now.position[0], -now.position[1], _TRAIL_HEIGHT)
         if not self._way or math.dist(point, self._way[-1]) >= TRAIL_STEP:
             self._way.append(point)
             self._is_longer = True
 
     def at(self, now: Snapshot, places: dict[str, Transform], *, whole: bool) -> list[Any]:
-        """Return the markers that change, or all of them.
+        """Return the changed markers, or all of them.
 
         Parameters
         ----------
@@ -121,12 +121,13 @@ class RobotMarkers:
         places : dict of Transform
             Each frame in ``map``.
         whole : bool
-            Whether those are wanted, too, that are as before.
+            Whether to include unchanged markers.
 
         Returns
         -------
         list
-            The same objects each time, filled anew; first one that deletes all if a run begins.
+            The same objects each time, updated; at the start of a run, first a marker that deletes
+            all.
         """
         stamp_ns = round(now.time * SECOND_NS)
         markers = [self._erase] if self._is_new else []
@@ -167,7 +168,7 @@ class RobotMarkers:
         place_marker(self._text, stamp_ns, (x, y, z + self._text_height))
 
     def _show_trail(self, stamp_ns: int) -> None:
-        """Show the way that the ball has gone; a line needs two points."""
+        """Show the trail of the ball; a line needs two points."""
         self._trail.action = ADD if len(self._way) > 1 else DELETE
         fill_points(self._trail, self._way)
         place_marker(self._trail, stamp_ns, (0.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""The page: a web server, the scene, and the camera of each who looks."""
+"""The page: web server, scene, and a camera for each browser."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from ballbot_ros.viewer.views import TITLES, TRACKING, VIEWS, VISTA, camera
 from ballbot_ros.world.floor_map import FloorMap
 
 UPDATE_S = 1.0 / 60.0
-"""Time between two updates of what all see; browsers that are slower leave some out."""
+"""Interval of updates for all browsers; slower browsers skip some."""
 
 PANEL_WIDTH = 340
 _ORBIT = 'orbit'
 _NOTICE_S = 5.0
 _TOKEN_BYTES = 16
 
-# On a narrow screen viser lays the panel over the scene: so it stands below it.
+# On a narrow screen viser puts the panel over the scene; this puts it below.
 _SHEET = '.mantine-Paper-root[style*="bottom: 0px"]'
 _STYLE = f"""<style>
 div:has(> {_SHEET}) {{ flex-direction: column !important }}
@@ -39,21 +39,21 @@ div:has(> {_SHEET}) {{ flex-direction: column !important }}
 {_SHEET} .mantine-ScrollArea-content > div {{ width: 100% !important }}
 </style>"""
 
-# The server ignores the controls of who may not steer; here they are only put out of sight.
+# The server ignores the controls of a page without the token; this only hides them.
 _ONLY_SHOWS = """<style>
 .mantine-Paper-root[data-with-border]:has(.mantine-Button-root, .mantine-Slider-root) {
   display: none
 }
 </style>
-<div style="font-size:13px;margin:4px 1em">This page only shows. To steer, open the address that the
-viewer has printed, with its token.</div>"""
+<div style="font-size:13px;margin:4px 1em">This page can only watch. To steer, open the address that
+the viewer has printed, with its token.</div>"""
 
 
 class Page:
-    """What browsers show, all the same but for the camera.
+    """The content of all browsers, who differ only in their cameras.
 
-    viser keeps of everything the newest value only, and sends it from a thread of its own as
-    fast as each browser takes it: one that is slow or stands still gets less, and holds up nobody.
+    viser keeps only the newest value of everything and sends it from its own thread as fast as each
+    browser accepts it. A slow or stalled browser receives less and delays nobody.
 
     Parameters
     ----------
@@ -66,21 +66,21 @@ class Page:
     Raises
     ------
     ViewerError
-        If a page can't be served there.
+        If a page can't be served at this address.
     """
 
     def __init__(self, dimensions: Dimensions, title: str, host: str, port: int) -> None:
         check_address(host, port)
         self._policy = AccessPolicy(host, socket.gethostname(), secrets.token_urlsafe(_TOKEN_BYTES))
         logging.getLogger('websockets').setLevel(logging.ERROR)
-        with contextlib.redirect_stdout(io.StringIO()):  # it greets at length
+        with contextlib.redirect_stdout(io.StringIO()):  # suppress viser's greeting
             self.server = GuardedServer(self._policy, port, title)
         self._title = title
         self._dimensions = dimensions
         self._area = Area.of(None)
         self._now: Snapshot | None = None
         self._views: dict[int, str] = {}
-        self._aspects: dict[int, float] = {}  # for which cameras that stand have been pointed
+        self._aspects: dict[int, float] = {}  # for which fixed cameras have been pointed
         self._lock = threading.Lock()
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(238, 122, 40))
@@ -93,38 +93,38 @@ class Page:
 
     @property
     def address(self) -> str:
-        """Where the page is, with the token that lets its user steer."""
+        """The page's address with the token that lets it steer."""
         return self._policy.address(self.server.get_port())
 
     @property
     def dimensions(self) -> Dimensions:
-        """What the robot's shape follows from."""
+        """The dimensions of the robot shown."""
         return self._dimensions
 
     @property
     def is_watched(self) -> bool:
-        """Whether anybody looks."""
+        """Whether a browser is connected."""
         return bool(self._views)
 
     def show_robot(self, dimensions: Dimensions) -> Robot:
-        """Show the robot, or another in its place."""
+        """Show the robot, replacing another one."""
         self._dimensions = dimensions
         return self.scene.add_robot('robot', dimensions)
 
     def notify(self, text: str) -> None:
-        """Tell all who look something that passes."""
+        """Show a temporary message in all browsers."""
         for client in self.server.get_clients().values():
             client.add_notification(self._title, text, auto_close_seconds=_NOTICE_S)
 
     def show_floor(self, floor_map: FloorMap | None, start: tuple[float, float]) -> None:
-        """Show a map, or a floor without end around `start` (x, y in ``map``) [m]."""
+        """Show a map, or an unlimited floor around `start` (x, y in ``map``) [m]."""
         self.scene.show_floor(floor_map)
         with self._lock:
             self._area = Area.of(floor_map, start)
             self._aspects.clear()
 
     def _welcome(self, client: viser.ClientHandle) -> None:
-        """Give a new browser its views; without the token it has no controls."""
+        """Set up the views of a new browser; hide the controls if it has no token."""
         if not self.server.may_steer(client.client_id):
             client.gui.add_html(_ONLY_SHOWS, order=-1.5)
         names = [*VIEWS, _ORBIT]
@@ -148,7 +148,7 @@ class Page:
         self.choose(client.client_id, VISTA)
 
     def choose(self, client_id: int, view: str) -> None:
-        """Give a browser a view."""
+        """Select the view of a browser."""
         with self._lock:
             self._views[client_id] = view
             self._aspects.pop(client_id, None)
@@ -159,15 +159,15 @@ class Page:
             self._aspects.pop(client.client_id, None)
 
     def look(self, now: Snapshot) -> None:
-        """Point the cameras: those that track always, the others when something is new to them.
+        """Point the cameras: tracking ones always, others only if something relevant has changed.
 
-        New are the view, the floor, and the shape of the window.
+        That is the view, the floor, or the aspect ratio of the window.
         """
         for client in self.server.get_clients().values():
             try:
                 self._point(client, now)
             except (ArithmeticError, AssertionError, TypeError, ValueError):
-                self._forget(client)  # what it tells of its camera is no camera
+                self._forget(client)  # it sent an invalid camera
 
     def _point(self, client: viser.ClientHandle, now: Snapshot) -> None:
         number, aspect = client.client_id, client.camera.aspect

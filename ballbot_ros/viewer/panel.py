@@ -1,4 +1,4 @@
-"""What stands beside the scene: state, display and plots."""
+"""The panel next to the scene: state, display and plots."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ballbot_ros.viewer.snapshot import WINDOW_S, Snapshot
 from ballbot_ros.viewer.sound import tone_html
 
 PERIOD = 12
-"""Updates of the scene between two of the panel."""
+"""Updates of the scene per update of the panel."""
 
 _X_COLOUR, _Y_COLOUR = '#0072b2', '#d55e00'
 _HEIGHT = 104
 _TONE_DELAY_S = 3.0
-"""A browser begins a tone at most so long after it was sent."""
+"""Maximum time after which a browser still starts a tone."""
 
-# Title, columns of the trace, their factor, the least height, and the labels.
+# Title, columns of the trace, scale factor, minimum span, and labels.
 _PLOTS: tuple[tuple[str, tuple[int, ...], float, float, tuple[str, ...]], ...] = (
     ('pitch [°]', (1, 2), 180.0 / math.pi, 2.0, ('ψx', 'ψy')),
     ('position [cm]', (3, 4), 100.0, 10.0, ('x', 'y')),
@@ -59,10 +59,10 @@ class Panel:
         trace : ndarray, shape (n, 8)
             Columns as of :meth:`ballbot_ros.viewer.snapshot.History.trace`.
         factor : float or None
-            Speed in times real time; None is left out.
+            Speed in multiples of real time; None to omit.
         """
         if time.monotonic() > self._tone_end:
-            self._sound.content = ''  # who comes later is not to hear it
+            self._sound.content = ''  # not for browsers that connect later
         rows = [('state', now.state or '–'), ('sim time', f'{now.time:.2f} s')]
         if factor is not None:
             rows.append(('real-time factor', f'{factor:.2f}'))
@@ -72,7 +72,7 @@ class Panel:
             return
         times = trace[:, 0]
         for plot, (_, columns, scale, least, _) in zip(self._plots, _PLOTS, strict=True):
-            # A plot has no place for an infinite distance: no echo is a gap.
+            # A plot can't show an infinite distance: no echo becomes a gap.
             values = np.where(np.isfinite(trace), trace * scale, np.nan)
             plot.data = (times, *(values[:, column] for column in columns))
             plot.scales = _scales(now.time, _range(values[:, columns], least))
@@ -85,7 +85,7 @@ class Panel:
 
 
 def _range(values: NDArray[np.float64], least: float) -> tuple[float, float]:
-    """Return from where to where a plot reaches, at least `least`: noise is not to look big."""
+    """Return the range of a plot, at least `least` wide so that noise does not look large."""
     finite = values[np.isfinite(values)]
     low, high = (finite.min(), finite.max()) if finite.size else (0.0, 0.0)
     margin = max(0.1 * (high - low), 0.5 * (least - (high - low)))

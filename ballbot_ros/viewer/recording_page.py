@@ -1,4 +1,4 @@
-"""The page of recorded runs: a clock, its controls, and a second run for comparison."""
+"""The page of recorded runs: playback controls, and a second run as a ghost."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ _RATES_WITH_TONES = (0.5, 1.0, 2.0)
 
 
 class PlaybackClock:
-    """The time of a run that is played.
+    """Playback time of a run.
 
     Parameters
     ----------
     end : float
-        Where it stops [s].
+        End of the playback [s].
 
     Attributes
     ----------
     time : float
         Time in the run [s].
     rate : float
-        Seconds of the run a second.
+        Seconds of the run per second.
     is_playing : bool
     """
 
@@ -37,7 +37,7 @@ class PlaybackClock:
         self.is_playing = True
 
     def advance(self, seconds: float) -> tuple[float, float]:
-        """Let `seconds` of wall time pass; return from when to when it has played [s]."""
+        """Let `seconds` of wall time pass; return the played interval [s]."""
         start = self.time
         if not self.is_playing:
             return start, start
@@ -46,14 +46,14 @@ class PlaybackClock:
         return start, end
 
     def toggle(self) -> None:
-        """Play or pause; from the end, play again."""
+        """Play or pause; at the end, restart."""
         if not self.is_playing and self.time >= self.end:
             self.time = 0.0
         self.is_playing = not self.is_playing
 
 
 class RecordingPage:
-    """Shows runs on a page; the first is the run, the second its ghost.
+    """Shows recorded runs on a page: a run, and optionally a second one as its ghost.
 
     Parameters
     ----------
@@ -84,14 +84,14 @@ class RecordingPage:
         self._updates = 0
 
     def _seek(self, event: Any) -> None:
-        if event.client is not None:  # not the clock's own doing
+        if event.client is not None:  # not moved by the clock
             self.clock.time = float(self._slider.value)
 
     def _set_rate(self, name: str) -> None:
         self.clock.rate = RATES[name]
 
     def update(self, seconds: float) -> None:
-        """Show what there is to see `seconds` of wall time later."""
+        """Show the state after another `seconds` of wall time."""
         start, end = self.clock.advance(seconds)
         if self.clock.rate in _RATES_WITH_TONES and (tone := self._runs[0].tone(start, end)):
             self._panel.play(tone)
@@ -99,7 +99,7 @@ class RecordingPage:
         self._updates += 1
 
     def show(self, time: float, *, panel: bool) -> None:
-        """Show the robots at `time` [s]; with `panel` also what stands beside them."""
+        """Show the robots at `time` [s]; with `panel`, also update the panel."""
         now = self._runs[0].snapshot(time)
         for robot, run in zip(self._robots, self._runs, strict=True):
             robot.show(run.snapshot(time))

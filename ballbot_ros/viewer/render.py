@@ -1,4 +1,4 @@
-"""Pictures and films of a recorded run, made by a browser without a window."""
+"""Pictures and films of a recorded run, rendered in a headless browser."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ballbot_ros.viewer.recording_page import RecordingPage
 from ballbot_ros.viewer.shown_run import ShownRun
 
 WIDTH, HEIGHT = 960, 528
-"""Size of a picture [px]; films want multiples of 16."""
+"""Size of a picture [px]; film codecs need multiples of 16."""
 
 FRAMES_PER_SECOND = {'.mp4': 20, '.gif': 10}
 
@@ -38,7 +38,7 @@ def pictures(run: ShownRun, shots: Sequence[tuple[str, float]]) -> Iterator[Pict
     Raises
     ------
     ViewerError
-        If there is no browser, or it does not make pictures.
+        If there is no browser, or it fails to render.
     """
     with browser_page(WIDTH, HEIGHT) as browser:
         page = Page(run.dimensions, run.name, '127.0.0.1', 0)
@@ -47,7 +47,7 @@ def pictures(run: ShownRun, shots: Sequence[tuple[str, float]]) -> Iterator[Pict
             browser.goto(page.address)
             client = _client(page)
             player.show(shots[0][1], panel=True)
-            _picture(client)  # until then the browser loads the meshes
+            _picture(client)  # makes the browser load the meshes first
             time.sleep(_SETTLE_S)
             for view, moment in shots:
                 page.choose(client.client_id, view)
@@ -63,14 +63,14 @@ def _client(page: Page) -> viser.ClientHandle:
         for client in page.server.get_clients().values():
             return client
         time.sleep(0.05)
-    raise ViewerError(f'the browser does not show the page within {_CONNECT_S:g} s')
+    raise ViewerError(f'the browser did not show the page within {_CONNECT_S:g} s')
 
 
 def _picture(client: viser.ClientHandle) -> Picture:
     try:
         image = client.get_render(HEIGHT, WIDTH, timeout=_FRAME_S)
     except (RuntimeError, TimeoutError) as error:
-        raise ViewerError(f'the browser makes no picture: {error}') from None
+        raise ViewerError(f'the browser failed to render: {error}') from None
     return np.asarray(image[..., :3], np.uint8)
 
 
@@ -81,14 +81,14 @@ def render(
     moment: float,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
-    """Write a picture (.png) of the run at `moment` [s], or a film (.mp4, .gif) of all of it.
+    """Render a picture (.png) of the run at `moment` [s], or a film (.mp4, .gif) of the whole run.
 
-    The file is there when it is whole; until then one of that name stays as it is.
+    The file appears only when it is complete; an existing one stays unchanged until then.
 
     Raises
     ------
     ViewerError
-        If a picture can't be made, or the file not be written.
+        If rendering fails, or the file can't be written.
     """
     rate = FRAMES_PER_SECOND.get(output.suffix)
     times = [moment] if rate is None else np.arange(0.0, run.end, 1.0 / rate).tolist()

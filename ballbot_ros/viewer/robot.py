@@ -1,8 +1,8 @@
-"""The robot's shape from its physical parameters, and where its parts are.
+"""The robot's shape, derived from its physical parameters.
 
-The parts are boxes, cylinders and spheres, so that the scene and the URDF are made from the same
-table. Lengths are metres; axes are those of the link (REP 103, docs/frames.md). Where the wheels
-touch the ball is schematic, as in the drawing there.
+The parts are boxes, cylinders and spheres in one table, from which both the scene and the URDF are
+built. Lengths are in metres, in the axes of the link (REP 103, docs/frames.md). The contact of
+wheels and ball is schematic, as in the figure there.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ SONAR_HEIGHT = 0.085
 """Height of the sonar above the ball's centre [m]: below the top of the walls."""
 
 DECK_ABOVE_WHEEL = 0.014
-"""Height of the deck's middle above the wheels [m]."""
+"""Height of the deck's centre above the wheels [m]."""
 
 LCD_SIZE = (0.058, 0.046)
 """Width and height of the brick's display [m]."""
 
 TRAIL_STEP = 0.01
-"""Shortest step of the trail that is drawn behind the ball [m]."""
+"""Minimum step between points of the ball's trail [m]."""
 
 MIN_CONE_ANGLE = math.radians(1.0)
-"""Smallest opening with which the sonar's cone is drawn: that of a single ray [rad]."""
+"""Smallest opening with which the sonar's cone is drawn, also for a single ray [rad]."""
 
 
 class Part(NamedTuple):
@@ -51,13 +51,13 @@ class Part(NamedTuple):
     Attributes
     ----------
     link : str
-        The link that it moves with.
+        Link that it belongs to.
     shape : str
         'box', 'cylinder' (along z) or 'sphere'.
     size : tuple of float
         Sides of a box; radius and length of a cylinder; radius of a sphere.
     position : tuple of float
-        Of its centre in the link.
+        Position of its centre in the link.
     turn : tuple of float
         Roll, pitch and yaw in the link, as in URDF [rad].
     colour : tuple of int
@@ -72,18 +72,18 @@ class Part(NamedTuple):
 
 
 def wheel_centres(dimensions: Dimensions) -> tuple[Vector, Vector]:
-    """Return where wheels x (behind the ball) and y (on its right) turn, in ``base_link``."""
+    """Return the centres of wheels x (behind the ball) and y (on its right) in ``base_link``."""
     reach = dimensions.ball_radius + dimensions.wheel_radius
     return (-reach, 0.0, 0.0), (0.0, -reach, 0.0)
 
 
 def sonar_position(dimensions: Dimensions) -> Vector:
-    """Return the frame ``sonar`` in ``base_link``: at the front face."""
+    """Return the position of the frame ``sonar`` in ``base_link``: at the front face."""
     return dimensions.body_depth / 2.0, 0.0, SONAR_HEIGHT
 
 
 def lcd_position(dimensions: Dimensions) -> Vector:
-    """Return the middle of the display in ``base_link``; it looks forward."""
+    """Return the centre of the display in ``base_link``; it faces forward."""
     return _brick_centre(dimensions)[0] + 0.0252, 0.0, _brick_centre(dimensions)[2] + 0.022
 
 
@@ -92,7 +92,7 @@ def _brick_centre(dimensions: Dimensions) -> Vector:
 
 
 def parts(dimensions: Dimensions) -> Iterator[Part]:
-    """Yield every part of the robot that its dimensions leave room for.
+    """Yield all parts of the robot for which its dimensions leave room.
 
     Yields
     ------
@@ -107,7 +107,7 @@ def _parts(dimensions: Dimensions) -> Iterator[Part]:
     for link, axis in ((WHEEL_X, Y_AXIS), (WHEEL_Y, X_AXIS)):
         yield Part(link, 'cylinder', (radius, width), (0.0, 0.0, 0.0), axis, BLACK)
         yield Part(link, 'cylinder', (0.62 * radius, 1.08 * width), (0.0, 0.0, 0.0), axis, LIGHT)
-        for quarter in range(4):  # spokes, by which the turning is seen
+        for quarter in range(4):  # spokes make the rotation visible
             angle = quarter * math.pi / 2.0
             side, up = 0.38 * radius * math.cos(angle), 0.38 * radius * math.sin(angle)
             at = (side, 0.0, up) if link == WHEEL_X else (0.0, side, up)
@@ -127,21 +127,21 @@ def _body(dimensions: Dimensions) -> Iterator[Part]:
 
     deck = radius + DECK_ABOVE_WHEEL
     ceiling = _brick_centre(dimensions)[2] - 0.07
-    # The idler holds the ball against both driven wheels.
+    # The idler presses the ball against both driven wheels.
     idler = (dimensions.ball_radius + 0.5 * radius) / math.sqrt(2.0)
     yield Part(
         BODY, 'cylinder', (0.5 * radius, 0.7 * width), (idler, idler, 0.0),
         (math.pi / 2.0, 0.0, -math.pi / 4.0), DARK,
     )  # fmt: skip
     yield box((0.012, 0.012, deck), (idler + 0.014, idler + 0.014, deck / 2.0), LIGHT)
-    # Two motors lie beside their wheels, orange at the shaft.
+    # Two motors next to their wheels, orange at the shaft.
     (wheel_x, _, _), (_, wheel_y, _) = wheel_centres(dimensions)
     side = width / 2.0 + 0.006
     yield rod((0.012, 0.010), (wheel_x, side, 0.0), Y_AXIS, ORANGE)
     yield box((0.026, 0.020, 0.044), (wheel_x, side + 0.014, 0.012), LIGHT)
     yield rod((0.012, 0.010), (side, wheel_y, 0.0), X_AXIS, ORANGE)
     yield box((0.020, 0.026, 0.044), (side + 0.014, wheel_y, 0.012), LIGHT)
-    # Deck, corner posts and the plate under the brick.
+    # Deck, corner posts, and the plate under the brick.
     yield box((depth, breadth, 0.008), (0.0, 0.0, deck), DARK)
     for x in (-1.0, 1.0):
         for y in (-1.0, 1.0):
@@ -183,7 +183,7 @@ def _brick(dimensions: Dimensions) -> Iterator[Part]:
 
 
 def rotate(turn: ArrayLike, vector: ArrayLike) -> NDArray[np.float64]:
-    """Return a vector, or each of many, turned by a unit quaternion, shape (3,) or (n, 3)."""
+    """Rotate one vector or many by a unit quaternion, shape (3,) or (n, 3)."""
     w, x, y, z = np.asarray(turn).tolist()
     matrix = np.array(
         [
@@ -196,10 +196,10 @@ def rotate(turn: ArrayLike, vector: ArrayLike) -> NDArray[np.float64]:
 
 
 class RollingOrientation:
-    """Orientations of ball and wheels from the way that the ball has rolled.
+    """Orientations of ball and wheels, integrated from the path of the ball.
 
-    There is no slip, so position and pitch tell both: a wheel turns by k (θ − ψ), and the ball
-    rolls along its path. A path that is not known, as after a leap in time, counts as straight.
+    Without slip, position and pitch determine both: a wheel turns by k (θ − ψ), and the ball rolls
+    along its path. An unknown path, as after a jump in time, counts as straight.
     """
 
     def __init__(self, dimensions: Dimensions) -> None:
@@ -224,7 +224,7 @@ class RollingOrientation:
     def wheels(self, position: Pair, psi: Pair) -> tuple[Quaternion, Quaternion]:
         """Return the orientations of wheels x and y in ``base_link``.
 
-        They touch the ball at its equator, so each turns against the ball.
+        The wheels touch the ball at its equator, so they turn against it.
         """
         ratio = self._dimensions.ball_radius / self._dimensions.wheel_radius
         x, y = (
@@ -235,7 +235,7 @@ class RollingOrientation:
 
 
 def product(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
-    """Return the product of a quaternion and another, or each of many: first `b`, then `a`.
+    """Return the product a·b of a quaternion and one or many others: `b` is applied first.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def product(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
     Returns
     -------
     ndarray
-        Of the shape of `b`.
+        Same shape as `b`.
     """
     w, x, y, z = np.asarray(a).tolist()
     matrix = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])

@@ -1,4 +1,4 @@
-"""The scene: floor, walls, lines, robots and the way they have gone."""
+"""The scene: floor, walls, lines, robots and their trails."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ SKY_RADIUS = 40.0
 GHOST_OPACITY = 0.35
 
 _LIFT = 1e-3
-"""What lies on the floor lies so far above it [m], not to flicker."""
+"""Height of lines above the floor [m], against flicker."""
 
-# Images lie in the x-y plane with y down: this turn stands them up, seen from +x.
+# Images lie in the x-y plane with y down: this rotation makes them face +x, upright.
 _FACES_FORWARD = (0.5, -0.5, -0.5, 0.5)
 
 
 class Scene:
-    """What there is to see, but for the camera.
+    """Everything visible except the camera.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Scene:
         self._api = api
         api.set_up_direction('+z')
         api.configure_default_lights(enabled=False)
-        api.configure_environment_map(hdri=None)  # it would wash out the shadows
+        api.configure_environment_map(hdri=None)  # it would weaken the shadows
         api.add_light_ambient('/lights/ambient', intensity=0.6)
         api.add_light_hemisphere(
             '/lights/sky', sky_color=(255, 255, 255), ground_color=(190, 180, 170), intensity=1.3
@@ -61,7 +61,7 @@ class Scene:
             '/lights/sun', color=(255, 248, 236), intensity=2.2, position=(-1.2, -1.8, 3.0),
             cast_shadow=True,
         )  # fmt: skip
-        # Seen from inside, and lit by the sky's light, it grows paler towards the ground.
+        # Seen from inside and lit from above, it gets paler towards the ground.
         api.add_icosphere(
             '/sky', SKY_RADIUS, color=colours.SKY, side='back', cast_shadow=False,
             receive_shadow=False,
@@ -69,7 +69,7 @@ class Scene:
         self.show_floor(None)
 
     def show_floor(self, floor_map: FloorMap | None) -> None:
-        """Show a map, or a floor without end."""
+        """Show a map, or an unlimited floor."""
         self._api.remove_by_name('/floor')
         self._api.add_frame('/floor', show_axes=False)
         if floor_map is None:
@@ -95,7 +95,7 @@ class Scene:
         )  # fmt: skip
 
     def add_robot(self, name: str, dimensions: Dimensions, *, ghost: bool = False) -> Robot:
-        """Add a robot, in place of one of that name; a ghost is see-through."""
+        """Add a robot, replacing one of that name; a ghost is transparent."""
         self._api.remove_by_name(f'/{name}')
         return Robot(self._api, name, dimensions, ghost=ghost)
 
@@ -110,7 +110,7 @@ class Robot:
         Its name in the scene.
     dimensions : Dimensions
     ghost : bool
-        Whether it is see-through, without sonar cone and display.
+        Whether it is transparent, without sonar cone and display.
     """
 
     def __init__(self, api: SceneApi, name: str, dimensions: Dimensions, *, ghost: bool) -> None:
@@ -162,7 +162,7 @@ class Robot:
             )  # fmt: skip
 
     def show(self, now: Snapshot) -> None:
-        """Move the robot to where it is."""
+        """Update the pose of the robot."""
         self._root.visible = True
         ball = now.position[0], -now.position[1], self._dimensions.ball_radius
         self._links[BALL].position = self._links[BODY].position = ball
@@ -181,7 +181,7 @@ class Robot:
             self._display.image = picture(now.lcd)
 
     def trace(self, way: list[tuple[float, float]]) -> None:
-        """Show `way`, x and y in ``map`` [m], as the trail; it is sent as a whole."""
+        """Show `way`, x and y in ``map`` [m], as the trail; all points are sent again."""
         if way == self._way:
             return
         self._way = way

@@ -22,7 +22,7 @@ _SIDES = 32
 
 
 def link_meshes(parts: Iterable[Part]) -> dict[tuple[str, Colour], Mesh]:
-    """Return one mesh for each link and colour: the fewer meshes, the faster the picture."""
+    """Return one mesh per link and colour: fewer meshes render faster."""
     pieces: dict[tuple[str, Colour], list[Any]] = defaultdict(list)
     for part in parts:
         mesh = _primitive(part)
@@ -47,7 +47,7 @@ def _turn(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
 
 
 def ball_sectors(radius: float) -> tuple[Mesh, Mesh]:
-    """Return a ball in eight sectors, by turns in two meshes: so its rolling is seen."""
+    """Return a ball as eight sectors in two alternating meshes, which make its rolling visible."""
     mesh = trimesh.creation.icosphere(4, radius)
     middles = mesh.triangles_center
     octant = (middles > 0.0).sum(axis=1) % 2 == 0
@@ -68,7 +68,7 @@ def prisms(rectangles: Sequence[Rectangle], low: float, high: float) -> Mesh:
 def unit_cone() -> Mesh:
     """Return a cone of length and radius 1 m along +x with its tip in the origin."""
     mesh = trimesh.creation.cone(1.0, 1.0, sections=_SIDES)
-    # It stands on its base: tip to the origin, axis to +x.
+    # trimesh puts it on its base: move the tip to the origin, and turn the axis to +x.
     mesh.apply_translation((0.0, 0.0, -1.0))
     mesh.apply_transform(_turn(0.0, -np.pi / 2.0, 0.0))
     return _mesh(mesh)

@@ -1,4 +1,4 @@
-"""A recorded run, at any time of it."""
+"""A recorded run, accessible at any time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ballbot_ros.world.exports import OccupancyGrid, floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
 
 _SAMPLES = 600
-"""The most points of a curve or of the trail."""
+"""Maximum number of points of a curve or of the trail."""
 
 
 class ShownRun:
@@ -30,7 +30,7 @@ class ShownRun:
     ----------
     path : Path
     progress : callable
-        Called now and then with the messages read so far and all that there are.
+        Called from time to time with the number of messages read and their total.
 
     Attributes
     ----------
@@ -47,9 +47,9 @@ class ShownRun:
     Raises
     ------
     RecordingError
-        If the file can't be read or is no recording of this robot.
+        If the file can't be read or is not a recording of this robot.
     ViewerError
-        If the file does not tell where the robot was.
+        If the file has no poses of the robot.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class ShownRun:
     ) -> None:
         run = self._run = read_run(path, progress=progress)
         if not {PLANT_IMU, PLANT_ODOM} <= run.series.keys() or not len(run.trajectory.time):
-            raise ViewerError(f'{path}: the pose is not in it: nothing to show')
+            raise ViewerError(f'{path}: nothing to show: it has no poses of the robot')
         self.name = run.name
         self.end = run.end
         self.damage = run.damage
@@ -70,7 +70,7 @@ class ShownRun:
         self._tone_times = [time for time, _ in run.tones]
 
     def snapshot(self, time: float) -> Snapshot:
-        """Return the robot at `time` [s]; or at the nearer end of the run."""
+        """Return the robot at `time` [s], or at the nearer end of the run."""
         motion = self._run.trajectory
         tick = self._tick(time)
         state = bisect_right(self._state_times, time) - 1
@@ -100,11 +100,11 @@ class ShownRun:
         return distance, float(series.values[0, 1])
 
     def _tick(self, time: float) -> int:
-        # Ticks are stamped to the nanosecond, times of a slider are not.
+        # Ticks have nanosecond stamps, times of a slider do not.
         return max(0, int(np.searchsorted(self._run.trajectory.time, time + 1e-6, 'right')) - 1)
 
     def tone(self, start: float, end: float) -> Tone | None:
-        """Return the last tone from `start` until before `end` [s]."""
+        """Return the last tone from `start` to before `end` [s]."""
         number = bisect_left(self._tone_times, end) - 1
         if number < 0 or self._tone_times[number] < start:
             return None
@@ -134,7 +134,7 @@ class ShownRun:
 
 
 def _held(series: Series | None, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the newest sample at each time; NaN where there is none."""
+    """Return the newest sample at each time; NaN if there is none."""
     if series is None:
         return np.full(len(times), np.nan)
     places = np.searchsorted(series.time, times + 1e-6, 'right') - 1
@@ -143,5 +143,5 @@ def _held(series: Series | None, times: NDArray[np.float64]) -> NDArray[np.float
 
 
 def _floor_map(run: RunData) -> FloorMap | None:
-    """Return the attached map, or the walls that were published."""
+    """Return the attached map, or else the published walls."""
     return floor_map_of(run.floor) if isinstance(run.floor, OccupancyGrid) else run.floor

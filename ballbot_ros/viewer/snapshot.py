@@ -1,4 +1,4 @@
-"""What the page shows: the robot at one instant, and its last seconds."""
+"""The state of the robot at one instant, and its recent history."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ballbot_ros.plant.truth import Pair
 from ballbot_ros.viewer.robot import TRAIL_STEP
 
 WINDOW_S = 10.0
-"""How much of the past the plots show."""
+"""Length of the plots in time."""
 
 TRACE_COLUMNS = 8
 
 TRAIL_POINTS = 2000
-"""The most points of the trail."""
+"""Maximum number of points of the trail."""
 
 
 class Snapshot(NamedTuple):
@@ -37,9 +37,9 @@ class Snapshot(NamedTuple):
     cone_angle : float
         Opening of the sonar's cone [rad].
     battery : float
-        Voltage [V]; NaN where it is unknown.
+        Voltage [V]; NaN if unknown.
     state : str
-        Operating state; empty where it is unknown.
+        Operating state; empty if unknown.
     lcd : str
         The display's lines.
     """
@@ -56,21 +56,21 @@ class Snapshot(NamedTuple):
 
 
 class History:
-    """The samples of the last :data:`WINDOW_S` of sim time, and the way that the ball has gone."""
+    """The samples of the last :data:`WINDOW_S` of sim time, and the trail of the ball."""
 
     def __init__(self) -> None:
         self._rows: deque[tuple[float, ...]] = deque()
         self._way: deque[tuple[float, float]] = deque(maxlen=TRAIL_POINTS)
 
     def clear(self) -> None:
-        """Forget everything: a new run begins."""
+        """Start over with a new run."""
         self._rows.clear()
         self._way.clear()
 
     def add(self, now: Snapshot) -> None:
-        """Add a sample, unless there is one of that time already.
+        """Add a sample, unless there is one with the same time.
 
-        One of an earlier time begins anew: a player has leapt back.
+        A sample with an earlier time restarts the history: a player has jumped back.
         """
         if self._rows and now.time == self._rows[-1][0]:
             return

@@ -23,7 +23,7 @@ def tone_html(tone: Tone, number: int) -> str:
     ----------
     tone : Tone
     number : int
-        Of the tone: one that comes again is to be heard again.
+        Number of the tone, so that a repeated tone plays again.
     """
     time = np.arange(round(min(tone.duration_ms * 1e-3, _LONGEST_S) * _RATE)) / _RATE
     loudness = min(max(tone.volume, 0), 100) / 100.0

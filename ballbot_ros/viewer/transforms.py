@@ -1,4 +1,4 @@
-"""The tree of frames, and where each of them is: the same for URDF, transforms and markers."""
+"""The frame tree and all poses in it, shared by URDF, transforms and markers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ballbot_ros.viewer.robot import (
 MAP, SONAR = 'map', 'sonar'
 
 PARENTS = {BODY: MAP, BALL: BODY, WHEEL_X: BODY, WHEEL_Y: BODY, SONAR: BODY}
-"""The frame in which each is given."""
+"""The parent of each frame."""
 
 MOVING = (BODY, BALL, WHEEL_X, WHEEL_Y)
 """The frames that move in their parents; the others are fixed."""
@@ -35,7 +35,7 @@ _NO_TURN = (1.0, 0.0, 0.0, 0.0)
 
 
 class Transform(NamedTuple):
-    """Where a frame is in another one, or where many things are.
+    """The pose of a frame in another one, or the poses of many objects.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Transform(NamedTuple):
     turn: NDArray[np.float64]
 
     def place(self, inner: Transform) -> Transform:
-        """Return where that is which lies at `inner` in this frame."""
+        """Return the pose in the outer frame of an object at `inner` in this frame."""
         return Transform(
             self.position + rotate(self.turn, inner.position), product(self.turn, inner.turn)
         )
@@ -66,10 +66,10 @@ def turn_of(angles: Vector) -> NDArray[np.float64]:
 
 
 class Frames:
-    """Where the frames are in their parents.
+    """Poses of the frames in their parents.
 
-    ``base_link`` has its origin in the ball's centre, as ``ball`` has. The axes of ``ball`` stay
-    those of ``map`` (docs/frames.md), so in ``base_link`` it turns against the pitch.
+    ``base_link`` and ``ball`` have their origin in the ball's centre. The axes of ``ball`` stay
+    parallel to those of ``map`` (docs/frames.md), so in ``base_link`` it turns against the pitch.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class Frames:
         }
 
     def at(self, position: Pair, psi: Pair) -> dict[str, Transform]:
-        """Return every frame in its parent, with the ball at `position` [m] and pitch `psi` [rad].
+        """Return the pose of every frame in its parent for the ball's position [m] and pitch [rad].
 
         Both are in plane signs.
         """

@@ -1,4 +1,4 @@
-"""The robot as a URDF document: links, joints and masses, from the table of its parts."""
+"""The robot as a URDF document: links, joints and masses, from the table of parts."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ _ORIGIN: Vector = (0.0, 0.0, 0.0)
 def robot_description(dimensions: Dimensions, bodies: Bodies) -> str:
     """Return the URDF document.
 
-    ``base_link`` is the root. The ball hangs in it by a floating joint, as it neither pitches nor
-    rolls as a frame. A motor's position is positive in plane signs, so its axis is the negative y
-    or x axis: a wheel turns against the ball.
+    ``base_link`` is the root. A floating joint attaches the ball, whose frame neither pitches nor
+    rolls. Motor positions are positive in plane signs, so the axes are the negative y and x axes: a
+    wheel turns against the ball.
 
     Parameters
     ----------
     dimensions : Dimensions
     bodies : Bodies
-        Masses, and the moments of inertia of the model where it has them.
+        Masses, and the moments of inertia that the model has.
 
     Returns
     -------
     str
-        XML, the same text for the same parameters.
+        XML; equal parameters give equal text.
     """
     robot = Element('robot', name='ballbot')
     for colour, name in NAMES.items():
@@ -73,11 +73,11 @@ def robot_description(dimensions: Dimensions, bodies: Bodies) -> str:
 
 
 def _add_inertials(links: dict[str, Element], dimensions: Dimensions, bodies: Bodies) -> None:
-    """Add masses and inertias: those of the model, and what it does not need from the shape."""
+    """Add masses and inertias: those of the model, and the rest from the shape."""
     ball, body, axle = bodies.ball_inertia, bodies.body_inertia, bodies.wheel_inertia
-    # The model has no yaw: a box of the body's outline.
+    # The model has no yaw inertia: use a box with the body's outline.
     yaw = bodies.body_mass * (dimensions.body_depth**2 + dimensions.body_width**2) / 12.0
-    # It turns no wheel but about its axle: a cylinder.
+    # The model turns a wheel only about its axle: use a cylinder.
     across = bodies.wheel_mass * (3.0 * bodies.wheel_radius**2 + bodies.wheel_width**2) / 12.0
     middle = (0.0, 0.0, bodies.body_height)
     for link, mass, centre, moments in (
@@ -94,7 +94,7 @@ def _add_inertials(links: dict[str, Element], dimensions: Dimensions, bodies: Bo
 
 
 def _add_collisions(links: dict[str, Element], dimensions: Dimensions) -> None:
-    """Add the ball, the tires and, from the deck up, a box of the body's outline."""
+    """Add the ball, the tires and, above the deck, a box with the body's outline."""
     tire = (dimensions.wheel_radius, dimensions.wheel_width)
     deck = dimensions.wheel_radius + DECK_ABOVE_WHEEL
     height = 2.0 * dimensions.body_height - deck
@@ -134,5 +134,5 @@ def _add_joint(
 
 
 def _text(numbers: Sequence[float]) -> str:
-    """Return numbers as URDF has them, without what rounding has left of a zero."""
+    """Format numbers for URDF, without the rounding errors of zeros."""
     return ' '.join(f'{number if abs(number) > _ZERO else 0.0:.9g}' for number in numbers)

@@ -1,4 +1,4 @@
-"""The five views of the document (8.3), and where the camera of each stands."""
+"""The five views of the document (8.3) and their cameras."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TITLES = {
     ROBOT: 'Robot (sonar)',
 }
 TRACKING = (CHASER_1, CHASER_2, ROBOT)
-"""Views whose camera moves with the robot; from the others one may orbit."""
+"""Views whose camera follows the robot; the others allow orbiting."""
 
 _NARROW, _WIDE = math.radians(40.0), math.radians(70.0)
 _UP = (0.0, 0.0, 1.0)
@@ -33,7 +33,7 @@ _CHASERS = {CHASER_1: (-0.16, 0.68, 0.24), CHASER_2: (0.70, 0.14, 0.24)}
 
 
 class Camera(NamedTuple):
-    """A camera in ``map`` [m]; `fov` is the vertical opening [rad]."""
+    """A camera in ``map`` [m]; `fov` is the vertical field of view [rad]."""
 
     position: tuple[float, float, float]
     look_at: tuple[float, float, float]
@@ -42,10 +42,10 @@ class Camera(NamedTuple):
 
 
 def camera(view: str, now: Snapshot, dimensions: Dimensions, area: Area, aspect: float) -> Camera:
-    """Return the camera of a view, for a picture that is `aspect` times as wide as high."""
+    """Return the camera of a view for a picture with the aspect ratio `aspect` (width/height)."""
     x, y = area.middle
     if view == TOP:
-        # A hair to the south, so that the picture has +x on its right, as the map image has.
+        # Slightly from the south, so that +x is on the right, as in the map image.
         height = 1.08 * max(area.half_y, area.half_x / aspect) / math.tan(_NARROW / 2.0)
         return Camera((x, y - 1e-3 * height, height), (x, y, 0.0), _UP, _NARROW)
     if view == VISTA:

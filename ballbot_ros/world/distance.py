@@ -1,9 +1,9 @@
-"""Distance along a ray to the next wall: the document's steps, and exactly.
+"""Distance along a ray to the nearest wall, by the document's steps or exactly.
 
 Origins are points (u, v) of the map in cells, directions are angles [rad] from +u towards +v, and
-distances are in cells, that is in centimetres. Where the ray leaves the map or goes further than
-the reach without a wall, the distance is inf; a ray that begins in a wall has distance 0, and one
-that begins off the map sees nothing.
+distances are in cells, that is in centimetres. The distance is inf if the ray leaves the map or
+exceeds its reach without meeting a wall, or begins off the map; it is 0 if the ray begins in a
+wall.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ballbot_ros.plant.truth import Pair
 from ballbot_ros.world.floor_map import FloorMap
 
 REACH = 255
-"""Where the document's steps end [cells]: an unsigned byte of centimetres."""
+"""Length of the document's search [cells]: an unsigned byte of centimetres."""
 
 Ray = Callable[[Pair, float], float]
 """(origin, direction) -> distance."""
@@ -31,9 +31,9 @@ def wall_distance(floor_map: FloorMap) -> NDArray[np.int32]:
     Returns
     -------
     ndarray, shape (rows, columns)
-        0 in a wall; without any wall, more than from side to side.
+        0 in a wall; without walls, more than the size of the map.
     """
-    # Here, so that the nodes of a run without a map start sooner.
+    # Imported here, so that nodes without a map start faster.
     from scipy.ndimage import distance_transform_cdt
 
     free = ~floor_map.walls
@@ -45,7 +45,7 @@ def wall_distance(floor_map: FloorMap) -> NDArray[np.int32]:
 def stepped_ray(floor_map: FloorMap) -> Ray:
     """Return the document's search (Appendix B.3): steps of 1 cm until a point is in a wall.
 
-    A step can jump over the corner of a wall. The distance is a whole number.
+    A step can skip the corner of a wall. The distance is a whole number.
     """
     walls = floor_map.walls.data
     columns, rows = floor_map.columns, floor_map.rows
@@ -65,12 +65,12 @@ def stepped_ray(floor_map: FloorMap) -> Ray:
 
 
 def exact_ray(floor_map: FloorMap) -> Ray:
-    """Return a search from cell to cell that leaps over squares in which there is no wall.
+    """Return a search from cell to cell that skips squares without walls.
 
-    The chessboard distance from each cell to the nearest wall tells the largest such square about
-    it. Next to a wall the square is the cell itself, and the leap a step of the cell traversal
-    of Amanatides and Woo (1987). All points are reckoned from the origin, so errors do not add
-    up.
+    The chessboard distance from each cell to the nearest wall gives the largest such square around
+    it. Next to a wall the square is the cell itself, and the search is the cell traversal of
+    Amanatides and Woo (1987). All points are computed from the origin, so that errors do not
+    accumulate.
     """
     columns, rows = floor_map.columns, floor_map.rows
     sides = wall_distance(floor_map).data
@@ -88,7 +88,7 @@ def exact_ray(floor_map: FloorMap) -> Ray:
             edge_v = row + side if dv > 0.0 else row - side + 1
             to_u = (edge_u - u) / du if du else math.inf
             to_v = (edge_v - v) / dv if dv else math.inf
-            # The other coordinate stays within the square, whatever the rounding says.
+            # Clamp the other coordinate to the square, against rounding.
             if to_u <= to_v:
                 travelled = to_u
                 last = row

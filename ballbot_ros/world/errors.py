@@ -4,4 +4,4 @@ from ballbot_ros.errors import BallbotError
 
 
 class WorldError(BallbotError):
-    """A map that can't be read or written, or a start pose that it does not allow."""
+    """A map can't be read or written, or the start pose is not possible on it."""

@@ -1,4 +1,4 @@
-"""The map for other programs: VRML 2.0, nav2's map server, an occupancy grid (and back from it)."""
+"""The map for other programs: VRML 2.0, nav2's map server, and occupancy grids."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _COLOURS = {FLOOR: '1 1 1', LINE: '0 0 0', WALL: '.502 .502 .502'}
 
 
 class OccupancyGrid(NamedTuple):
-    """What nav_msgs/OccupancyGrid says of a map.
+    """The content of nav_msgs/OccupancyGrid.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ def occupancy_grid(floor_map: FloorMap) -> OccupancyGrid:
 
 
 def floor_map_of(grid: OccupancyGrid) -> FloorMap:
-    """Return the map that a grid was made from, without its black lines, which a grid lacks."""
+    """Return the map from which a grid was made, without black lines, which a grid lacks."""
     return FloorMap(np.where(grid.cells[::-1] == OCCUPIED, WALL, FLOOR).astype(np.uint8))
 
 
@@ -63,27 +63,27 @@ def _lower_left_corner(floor_map: FloorMap) -> tuple[float, float]:
 
 
 def write_files(floor_map: FloorMap, *, wrl: Path | None, nav2: Path | None) -> list[Path]:
-    """Write a map as VRML, as nav2's yaml with its image beside it, or as both.
+    """Write a map as VRML, as nav2's YAML with its image, or as both.
 
     Parameters
     ----------
     floor_map : FloorMap
     wrl, nav2 : Path or None
-        The .wrl and the .yaml file to create; the .pgm has the name of the .yaml.
+        The .wrl and the .yaml file to create; the .pgm is named after the .yaml.
 
     Returns
     -------
     list of Path
-        What was written.
+        The written files.
 
     Raises
     ------
     WorldError
-        If a file is there already or can't be written; none is then left of this call.
+        If a file already exists or can't be written; this call then leaves no files.
     """
     for path in filter(None, (wrl, nav2)):
         if path.is_dir() or not path.name:
-            raise WorldError(f'{path}: a folder, not a file to write')
+            raise WorldError(f'{path}: is a folder; name a file')
     contents: dict[Path, Callable[[BinaryIO], None]] = {}
     if wrl is not None:
         contents[wrl] = lambda stream: _write_vrml(floor_map, stream)
@@ -91,7 +91,7 @@ def write_files(floor_map: FloorMap, *, wrl: Path | None, nav2: Path | None) -> 
         image = nav2.with_suffix('.pgm')
         if image in (nav2, wrl) or nav2 == wrl:
             raise WorldError(
-                f'{nav2}: the map server needs a .yaml file, and a .pgm file beside it'
+                f'{nav2}: the map server needs a .yaml file, with its .pgm file next to it'
             )
         contents[nav2] = lambda stream: _write_nav2(floor_map, image.name, stream)
         contents[image] = lambda stream: _write_pgm(floor_map, stream)
@@ -111,18 +111,18 @@ def _create(contents: Mapping[Path, Callable[[BinaryIO], None]]) -> None:
             with suppress(OSError):
                 each.unlink()
         there = isinstance(error, FileExistsError)
-        reason = 'exists already; choose another name' if there else error.strerror
+        reason = 'already exists; choose another name' if there else error.strerror
         raise WorldError(f'{path}: {reason}') from None
 
 
 def _write_vrml(floor_map: FloorMap, stream: BinaryIO) -> None:
-    """Write an elevation grid (Appendix B.2): a vertex a pixel, x the column, z the row [cm]."""
+    """Write an elevation grid (Appendix B.2): a vertex per pixel, x the column, z the row [cm]."""
 
     def write(text: str) -> None:
         stream.write(text.encode())
 
     def write_cells(words: Mapping[int, str]) -> None:
-        # A word a gray value; rows one by one, as the text is ten times the size of the map.
+        # One word per gray value; row by row, since the text is ten times as large as the map.
         table = [words.get(value, '') for value in range(FLOOR + 1)]
         for row in floor_map.cells.tolist():
             write(','.join([table[value] for value in row]) + ',\n')

@@ -1,4 +1,4 @@
-"""A map of the floor: square cells of 1 cm, and where they lie in the world."""
+"""A map of the floor in square cells of 1 cm, and their positions in the world."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ CELLS_PER_METRE = 100.0
 
 @dataclass(frozen=True)
 class FloorMap:
-    """What each square centimetre of the floor is.
+    """The type of each square centimetre of the floor.
 
-    Points are counted in cells from the top left corner of the image: u to the right, v
-    downwards. The middle of the image is the origin of ``map``, right is forward (+x) and down
-    is rightward (-y), so that u and v grow with the positions of planes x and y.
+    Points are in cells from the top left corner of the image: u to the right, v downwards. The
+    centre of the image is the origin of ``map``, right is forward (+x) and down is rightward (-y),
+    so that u and v increase with the positions of planes x and y.
 
     Attributes
     ----------
@@ -60,11 +60,11 @@ class FloorMap:
         return positions * CELLS_PER_METRE + np.array([self.columns, self.rows]) / 2.0
 
     def holds(self, point: Pair) -> bool:
-        """Tell whether a point (u, v) [cells] lies on the map."""
+        """Return whether a point (u, v) [cells] is on the map."""
         return 0.0 <= point[0] < self.columns and 0.0 <= point[1] < self.rows
 
     def is_wall(self, point: Pair) -> bool:
-        """Tell whether a point (u, v) [cells] lies in a wall; off the map there is none."""
+        """Return whether a point (u, v) [cells] is in a wall; there are no walls off the map."""
         return self.holds(point) and bool(
             self.cells[math.floor(point[1]), math.floor(point[0])] == WALL
         )

@@ -1,4 +1,4 @@
-"""Map images: PNG and BMP, a pixel a square centimetre (Appendix B.2)."""
+"""Map images: PNG or BMP, one pixel per square centimetre (Appendix B.2)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import FLOOR, LINE, WALL, FloorMap
 
 LARGEST_SIDE = 4000
-"""A map may be 40 m wide and long."""
+"""Maximum width and length: 40 m."""
 
 ALLOWED = (
     f'allowed are white ({FLOOR}) for floor, gray ({WALL}) for wall and black ({LINE}) for a '
@@ -26,7 +26,7 @@ ALLOWED = (
 )
 _OPAQUE = 255
 _PNG_BIT_DEPTH = 24
-"""Where the PNG header has the number of bits of a sample."""
+"""Position of the bit depth in the PNG header."""
 
 
 def read_map(path: str | Path) -> FloorMap:
@@ -35,9 +35,9 @@ def read_map(path: str | Path) -> FloorMap:
     Raises
     ------
     WorldError
-        If the file can't be read, is not a whole PNG or BMP image of one frame and of at most
-        :data:`LARGEST_SIDE` pixels a side, or has a pixel of another colour; one line that names
-        the file and, of the pixels, the first.
+        If the file can't be read, is not an intact PNG or BMP image of one frame with at most
+        :data:`LARGEST_SIDE` pixels a side, or has a pixel of another colour; the message names the
+        file and the first such pixel.
     """
     path = Path(path)
     try:
@@ -72,30 +72,30 @@ def _pixels(stream: BinaryIO, path: Path) -> NDArray[np.uint8]:
         if max(image.size) > LARGEST_SIDE:
             raise _too_large(path, f'{image.width} × {image.height} pixels')
         if image.format == 'PNG' and header[_PNG_BIT_DEPTH] > 8:
-            raise WorldError(f'{path}: 16 bits a colour; a map has 8 at most')
+            raise WorldError(f'{path}: 16 bits per colour; a map has at most 8')
         frames = getattr(image, 'n_frames', 1)
         if frames > 1:
-            raise WorldError(f'{path}: {frames} frames; a map is a single picture')
+            raise WorldError(f'{path}: {frames} frames; a map has a single frame')
         return np.asarray(image.convert('RGBA'))
 
 
 @contextmanager
 def _refusals(path: Path) -> Iterator[None]:
-    """Turn whatever Pillow raises on a file into one line."""
+    """Turn any error of Pillow into one line."""
     try:
         with warnings.catch_warnings():
-            # Pillow warns of some sizes and refuses others, all beyond what a map may have.
+            # Pillow warns of some sizes and refuses others; all exceed the limit of a map.
             warnings.simplefilter('error', Image.DecompressionBombWarning)
             yield
     except WorldError:
         raise
     except UnidentifiedImageError:
         raise WorldError(
-            f'{path}: not a PNG or BMP image; a map is one of them (JPEG loses colours)'
+            f'{path}: not a PNG or BMP image, which a map must be (JPEG alters colours)'
         ) from None
     except (Image.DecompressionBombWarning, Image.DecompressionBombError):
         raise _too_large(path, 'far too many pixels') from None
-    except Exception as error:  # Damaged files bring forth errors of many types.
+    except Exception as error:  # Damaged files cause errors of many types.
         reason = ' '.join(str(error).split()) or type(error).__name__
         raise WorldError(f'{path}: the image is damaged: {reason}') from None
 

@@ -1,4 +1,4 @@
-"""The shipped maps, and maps of the user's own."""
+"""The shipped maps, and maps from the user's files."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def map_names() -> list[str]:
 
 
 def is_file_name(name_or_file: str) -> bool:
-    """Tell whether a map is given by the path of its image rather than by its name."""
+    """Return whether a map is given by the path of its image instead of its name."""
     return '/' in name_or_file or name_or_file.lower().endswith(SUFFIXES)
 
 
 def map_path(name_or_file: str) -> Path:
-    """Return the image of a shipped map, given by its name, or the path that was given.
+    """Return the image of a shipped map, given by its name, or the given path.
 
     Raises
     ------
@@ -36,17 +36,17 @@ def map_path(name_or_file: str) -> Path:
         return _folder() / f'{name_or_file}.png'
     raise WorldError(
         f'unknown map {name_or_file!r}; shipped: {", ".join(map_names())} '
-        '(a file of your own: give its path, ending in .png or .bmp)'
+        '(for your own map, give the path of its file, ending in .png or .bmp)'
     )
 
 
 def read_map_file(name_or_file: str) -> bytes:
-    """Read the image of a map as it stands in its file.
+    """Read the image file of a map unchanged.
 
     Raises
     ------
     WorldError
-        If there is no such file.
+        If the file does not exist.
     """
     path = map_path(name_or_file)
     try:
@@ -56,21 +56,21 @@ def read_map_file(name_or_file: str) -> bytes:
 
 
 def load_map(name_or_file: str) -> FloorMap:
-    """Read a shipped map by its name, or an image by its path.
+    """Load a shipped map by its name, or an image by its path.
 
     Raises
     ------
     WorldError
-        If there is no such map, or the image is not one of a map.
+        If there is no such map, or the image is not a map.
     """
-    # Here, so that the nodes of a run without a map start sooner.
+    # Imported here, so that nodes without a map start faster.
     from ballbot_ros.world.image import read_map
 
     return read_map(map_path(name_or_file))
 
 
 def image_suffix(data: bytes) -> str:
-    """Return the ending of a file name that fits a map image, whatever its own name is."""
+    """Return the correct file name ending for a map image, whatever its actual name."""
     return '.png' if data.startswith(b'\x89PNG') else '.bmp'
 
 

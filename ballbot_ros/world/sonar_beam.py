@@ -1,4 +1,4 @@
-"""What the ultrasonic sensor at the front face looks at."""
+"""The field of view of the ultrasonic sensor on the front face."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from ballbot_ros.world.library import load_map
 
 
 class SonarBeam:
-    """A single ray along +x of ``map``, or a fan of rays of which the nearest echo counts.
+    """A single ray along +x of ``map``, or a fan of rays, of which the nearest echo counts.
 
-    The sensor is in the middle of the front face of the upright body: the robot has no yaw, and
-    its lean is neglected.
+    The sensor is in the centre of the upright body's front face: the robot has no yaw, and its
+    pitch is neglected.
 
     Parameters
     ----------
     parameters : SonarParameters
-        The parameters of ``sonar_driver``. Without a ``map`` there is no wall anywhere.
+        The parameters of ``sonar_driver``. Without a ``map`` there are no walls.
 
     Raises
     ------
@@ -36,7 +36,7 @@ class SonarBeam:
         if parameters.cone_rays % 2 == 0:
             raise WorldError(
                 f'sonar_driver.cone_rays: {parameters.cone_rays} is even; '
-                'the middle one of an odd number of rays looks straight ahead'
+                'only an odd number has a ray that points straight ahead'
             )
         middle = count // 2
         self._directions = [

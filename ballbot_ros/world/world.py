@@ -1,4 +1,4 @@
-"""The world as the plant meets it: a map, and the robot's body on it."""
+"""The world of the plant: a map, and the robot's body on it."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from ballbot_ros.world.library import load_map
 
 
 class World:
-    """A floor with walls, and the outline of the upright body: a rectangle about the ball.
+    """A floor with walls, and the outline of the upright body: a rectangle around the ball.
 
-    Only walls are in the way: off the map the floor is free. Positions are those of the ball's
-    centre [m], in plane signs (docs/frames.md).
+    Only walls block the robot; the floor off the map is free. Positions are those of the ball's
+    centre [m] in plane signs (docs/frames.md).
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class World:
         sums = np.zeros((floor_map.rows + 1, floor_map.columns + 1), dtype=np.int32)
         np.cumsum(np.cumsum(floor_map.walls, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
         self._walls_before = sums.data
-        # About the ball in such a cell there is no wall as far as the body reaches.
+        # With the ball in such a cell, the body can't reach a wall.
         reach = max(self._half_u, self._half_v) + 1.0
         self._is_clear = (wall_distance(floor_map) > reach).data
         self._points = {
@@ -50,12 +50,12 @@ class World:
 
     @classmethod
     def of(cls, parameters: PlantParameters) -> World | None:
-        """Make the world that the parameters of ``plant_sim`` name; None without a ``map``.
+        """Create the world in the parameters of ``plant_sim``; None without a ``map``.
 
         Raises
         ------
         WorldError
-            If the map can't be read, or the robot can't start where it is to.
+            If the map can't be read, or the start position is blocked.
         """
         if not parameters.map:
             return None
@@ -64,7 +64,7 @@ class World:
         return world
 
     def check_start(self, position: Pair) -> None:
-        """Refuse a start position that is off the map or has the body in a wall.
+        """Refuse a start position that is off the map or puts the body in a wall.
 
         Raises
         ------
@@ -77,14 +77,14 @@ class World:
             raise WorldError(f'{where} is off the map, x ±{x_end:g} m, y ±{y_end:g} m')
         if self.blocked(position):
             raise WorldError(
-                f'{where} has the body in a wall: {", ".join(self.touching(position))}'
+                f'{where} puts the body in a wall: {", ".join(self.touching(position))}'
             )
 
     def blocked(self, position: Pair) -> bool:
-        """Tell whether any part of the body is in a wall.
+        """Return whether any part of the body is in a wall.
 
-        The number of wall cells in a rectangle follows from four sums, so that nothing, however
-        narrow, slips between the points of the outline.
+        Four prefix sums give the number of wall cells in a rectangle, so that no wall, however
+        narrow, can slip between the points of the outline.
         """
         u, v = self.map.point(position)
         columns, rows = self.map.columns, self.map.rows
@@ -99,13 +99,13 @@ class World:
         return inside > 0
 
     def touching(self, position: Pair) -> tuple[str, ...]:
-        """Name those of the document's six points of the outline that are in a wall (B.3).
+        """Return which of the document's six points of the outline are in a wall (B.3).
 
         Returns
         -------
         tuple of str
-            Such as 'front left'; 'between two points of the outline' where the wall is only there;
-            empty if the body is in no wall.
+            Such as 'front left'; 'between two points of the outline' if none of the points is in
+            the wall; empty if the body is not in a wall.
         """
         if not self.blocked(position):
             return ()
@@ -127,33 +127,33 @@ class World:
         Returns
         -------
         ndarray, shape (n,)
-            0 where the body is in a wall, inf where the map has none. Where the outline reaches
-            beyond the map, a lower bound.
+            0 if the body is in a wall, inf if the map has none. A lower bound if the outline
+            extends beyond the map.
         """
-        # Here, so that the nodes of a run without a map start sooner.
+        # Imported here, so that nodes without a map start faster.
         from scipy.ndimage import distance_transform_edt
 
         free = ~self.map.walls
         nearest = np.full(len(positions), np.inf)
         if free.all():
             return nearest
-        # From the middle of a cell to the middle of the nearest wall cell, which begins half a
-        # cell before that.
+        # From the centre of a cell to the centre of the nearest wall cell, whose edge is half a
+        # cell nearer.
         field = np.maximum(distance_transform_edt(free) - 0.5, 0.0)
         size = np.array([self.map.columns, self.map.rows])
         centres = self.map.points(positions)
         for corner in self._outline():
             points = centres + corner
             column, row = np.clip(np.floor(points), 0, size - 1).astype(int).T
-            # The map is convex: seen from off it, no wall is nearer than Pythagoras tells.
+            # The map is convex: from outside, no wall is nearer than the Pythagorean distance.
             off = np.maximum(np.maximum(-points, points - size), 0.0)
             np.minimum(nearest, np.hypot(field[row, column], np.hypot(*off.T)), out=nearest)
-        # A wall that is all below the body is near to no point of its outline.
+        # A wall entirely below the body is not near any point of its outline.
         nearest[[self.blocked((x, y)) for x, y in positions.tolist()]] = 0.0
         return nearest * CELL_M
 
     def _outline(self) -> list[Pair]:
-        """Return points around the outline [cells], not more than a cell apart."""
+        """Return points along the outline [cells], at most one cell apart."""
         us, vs = (
             np.linspace(-half, half, math.ceil(2.0 * half) + 2).tolist()
             for half in (self._half_u, self._half_v)

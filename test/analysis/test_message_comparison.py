@@ -113,7 +113,9 @@ def test_a_message_that_cannot_be_decoded_differs():
     comparison.recorded(MOTOR_DUTY, TICK, bytes(broken))
     difference = comparison.first_difference(complete=True)
     assert difference.stamp_ns == TICK
-    assert difference.what.startswith(f'recorded is no {MOTOR_DUTY.type_name}: Invalid string')
+    assert difference.what.startswith(
+        f'the recorded message is not a valid {MOTOR_DUTY.type_name}: Invalid string'
+    )
 
 
 def test_elements_of_arrays_are_told_as_plain_numbers():

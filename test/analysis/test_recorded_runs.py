@@ -68,9 +68,9 @@ def test_a_namespace_is_found_by_any_of_the_topics(reader_of, namespace):
 
 def test_several_robots_are_refused_in_one_line(reader_of):
     reader = reader_of('/motor_duty', '/b/motor_duty', '/a/plant/imu')
-    with pytest.raises(RecordingError, match=r'several robots: /, /a, /b; take one of them out$'):
+    with pytest.raises(RecordingError, match=r'several robots: /, /a, /b$'):
         robot_namespace(reader, [MOTOR_DUTY, PLANT_IMU])
-    with pytest.raises(RecordingError, match=r'several robots: /, /b; take one of them out$'):
+    with pytest.raises(RecordingError, match=r'several robots: /, /b$'):
         robot_topics(reader)
 
 

@@ -7,7 +7,7 @@ from ballbot_ros.analysis.replayed_controller import ReplayedController, choose_
 from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.simulation.participants import Participant
 
-NO_GCC = 'gcc is not there: install the Debian package gcc'
+NO_GCC = 'gcc not found: install it with `apt install gcc`'
 
 
 def announced(program=f'ballbot_ros {__version__} Controller', **parameters):

@@ -219,7 +219,10 @@ def test_a_mistake_is_one_line_and_status_2(command, short, tmp_path):
         ([tmp_path / 'empty.mcap'], 'empty file'),
         ([tmp_path], 'directory'),
         ([short[0], '--output', other], 'other.mcap'),
-        ([short[0], '--run', '2', '--output', tmp_path / 'x'], 'no run 2, only 1'),
+        (
+            [short[0], '--run', '2', '--output', tmp_path / 'x'],
+            'run 2 not found; the file has run 1\n',
+        ),
         ([short[0], '--run', '0'], '--run'),
         ([], 'RECORDING'),
     ):

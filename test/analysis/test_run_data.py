@@ -214,7 +214,7 @@ def test_of_two_runs_the_last_is_reported_and_both_can_be(short, driven, driven_
     assert [each.state for each in last.states] == ['calibration', 'remote']
     first = read_run(path, 1)
     assert np.array_equal(first.trajectory.psi, driven_whole.run.trajectory.psi)
-    with pytest.raises(RecordingError, match='no run 3, only 1 … 2'):
+    with pytest.raises(RecordingError, match='run 3 not found; the file has runs 1 … 2'):
         read_run(path, 3)
 
 
@@ -233,14 +233,16 @@ def test_a_topic_of_another_type_is_left_out(short, copy):
 
 def test_a_message_that_is_none_is_one_line(short, copy):
     path = copy(short[0], edit=lambda raw: raw.data[:9] if raw.topic == '/gyro' else raw.data)
-    with pytest.raises(RecordingError, match=r'/gyro at .* is no sensor_msgs/msg/Imu') as refused:
+    with pytest.raises(
+        RecordingError, match=r'/gyro at .* is not a valid sensor_msgs/msg/Imu'
+    ) as refused:
         read_run(path)
     assert '\n' not in str(refused.value)
 
 
 @pytest.mark.parametrize(
     ('kept', 'words'),
-    [(['/clock'], 'no recording of a ballbot'), ([], 'no recording of a ballbot')],
+    [(['/clock'], 'not a recording of a ballbot'), ([], 'not a recording of a ballbot')],
 )
 def test_a_foreign_file_is_one_line(short, copy, kept, words):
     with pytest.raises(RecordingError, match=words) as refused:

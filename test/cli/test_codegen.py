@@ -133,10 +133,10 @@ def test_a_program_that_misuses_the_brick_is_refused(tmp_path, parameters, few_s
     [
         ((), ['either --output DIR or --check DIR']),
         (('--output', 'a', '--check', 'b'), ['either --output DIR or --check DIR']),
-        (('--check', 'b', '--mode', 'remote'), ['--mode go with --output']),
+        (('--check', 'b', '--mode', 'remote'), ['--mode require --output']),
         (('--output', 'a', '--mode', 'flying'), ['flying', 'autonomous']),
         (('--output', 'a', '--params', 'none.yaml'), ['none.yaml']),
-        (('--check', 'nowhere'), ['nowhere', 'no such file']),
+        (('--check', 'nowhere'), ['nowhere', 'not found']),
         (('--output', '/dev/null/c'), ['/dev/null/c', 'Not a directory']),
     ],
 )
@@ -168,7 +168,7 @@ def test_without_compiler_a_run_names_the_package(tools, tmp_path):
     done = ballbot('run', 'stationary', '--processes=none', '--controller=c', '--output',
                    tmp_path / 'run', PATH=tools())  # fmt: skip
     assert done.returncode == 2
-    assert done.stderr == 'error: gcc is not there: install the Debian package gcc\n'
+    assert done.stderr == 'error: gcc not found: install it with `apt install gcc`\n'
     assert not (tmp_path / 'run').exists()
 
 
@@ -182,7 +182,7 @@ def test_without_arm_tools_a_run_names_the_package(tools, there, package):
     done = ballbot('run', 'stationary', '--processes=none', '--controller=arm', '--no-record',
                    PATH=tools(*there))  # fmt: skip
     assert done.returncode == 2
-    assert done.stderr.endswith(f'install the Debian package {package}\n')
+    assert done.stderr.endswith(f'install it with `apt install {package}`\n')
 
 
 def test_a_check_that_could_not_be_made_does_not_look_passed(
@@ -196,7 +196,7 @@ def test_a_check_that_could_not_be_made_does_not_look_passed(
     text = capsys.readouterr().out
     assert 'equal' in text
     assert 'skipped' in text
-    assert 'install the Debian package gcc-arm-none-eabi' in text
+    assert 'install it with `apt install gcc-arm-none-eabi`' in text
 
 
 def result_of(run):
@@ -251,7 +251,7 @@ def test_a_node_takes_its_implementation_from_a_parameter_and_names_a_missing_to
     monkeypatch.setenv('PATH', tools())
     node = start_node('controller', implementation='c')
     assert node.finish() == 2
-    assert node.output == 'error: gcc is not there: install the Debian package gcc\n'
+    assert node.output == 'error: gcc not found: install it with `apt install gcc`\n'
 
 
 @pytest.mark.graph

@@ -23,7 +23,8 @@ def only_arithmetic(monkeypatch):
 def test_a_machine_with_the_golden_hashes_passes(only_arithmetic, capsys):
     assert doctor.examine() == 0
     assert capsys.readouterr().out == (
-        'OK   arithmetic stationary and hardware_autonomous have the duty_sha256 of every machine\n'
+        'OK   arithmetic stationary and hardware_autonomous have the same duty_sha256 '
+        'as on every machine\n'
     )
 
 
@@ -80,12 +81,12 @@ def only_leftovers(monkeypatch):
 
 def test_leftovers_are_counted(only_leftovers, capsys):
     assert doctor.examine() == 0
-    assert capsys.readouterr().out.startswith('OK   leftovers  2 files (1.5 MB), left by killed')
+    assert capsys.readouterr().out.startswith('OK   leftovers  2 files (1.5 MB) left by killed')
 
 
 def test_fix_tells_what_it_removed(only_leftovers, capsys):
     assert doctor.examine(fix=True) == 0
-    assert capsys.readouterr().out == 'OK   leftovers  2 files (1.5 MB) removed from /dev/shm\n'
+    assert capsys.readouterr().out == 'OK   leftovers  removed 2 files (1.5 MB) from /dev/shm\n'
 
 
 def test_fix_tells_what_it_can_not_remove(only_leftovers, monkeypatch, capsys):
@@ -117,8 +118,8 @@ def test_a_broken_port_is_found_and_mended_and_never_hangs_the_command(domain):
         capture_output=True, text=True, env=environment(domain), check=False,
     )  # fmt: skip
     found, mended = done.stdout.split('ended with 1\n')
-    assert 'FAIL leftovers  /dev/shm/fastrtps_port7000 holds up every node: ' in found
-    assert 'FAIL discovery  the middleware gives no answer in ' in found
+    assert 'FAIL leftovers  /dev/shm/fastrtps_port7000 blocks every node: ' in found
+    assert 'FAIL discovery  the middleware does not respond within ' in found
     assert 'FAIL' not in mended, mended
     assert done.returncode == 0
 

@@ -192,7 +192,10 @@ def test_without_a_terminal_it_says_how_to_drive(domain, tmp_path):
     assert process.returncode == 0
     # Whether the run has begun by now, of which the node tells, is left to chance.
     assert [line for line in err.splitlines() if not line.startswith('[INFO] ')] == [
-        'no keyboard (standard input and output are no terminal): a gamepad, joy or cmd_vel drives'
+        (
+            'no keyboard (standard input and output are not a terminal): '
+            'drive with a gamepad, joy or cmd_vel'
+        )
     ]
     assert out == f'recording  {tmp_path / "drive.mcap"}\n'
 

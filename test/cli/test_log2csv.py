@@ -58,7 +58,7 @@ def test_messages_that_are_no_packets_are_left_out_and_counted(tmp_path):
     write_recording(recording, [1, packet(1100), b'short', packet(1200)])
     done = log2csv(recording, '--output', tmp_path / 'log.csv')
     assert done.returncode == 0
-    assert done.stderr == '/bluetooth/tx: 1 messages are no log packets: left out\n'
+    assert done.stderr == '/bluetooth/tx: skipped 1 malformed log packets\n'
     assert (tmp_path / 'log.csv').read_text() == f'{HEADER}\n{row(1100)}\n{row(1200)}\n'
 
 
@@ -69,7 +69,7 @@ def test_nothing_is_overwritten(tmp_path):
     done = log2csv(recording)
     assert done.returncode == 2
     assert done.stderr == (
-        f'error: {tmp_path / "drive.csv"}: exists already; choose another file\n'
+        f'error: {tmp_path / "drive.csv"}: already exists; choose another file\n'
     )
     assert (tmp_path / 'drive.csv').read_text() == 'precious'
 
@@ -90,6 +90,6 @@ def test_what_is_no_recording_or_has_no_log_is_named(tmp_path):
     done = log2csv(other)
     assert done.returncode == 2
     assert done.stderr == (
-        f"error: {other}: no topic 'bluetooth/tx', one is needed; there are /plant/run\n"
+        f"error: {other}: topic 'bluetooth/tx' not found; the file has /plant/run\n"
     )
     assert sorted(p.name for p in tmp_path.iterdir()) == ['other.mcap', 'text.mcap']

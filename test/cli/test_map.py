@@ -98,7 +98,7 @@ BAD = {
     'empty': (lambda tmp_path: raw_file(tmp_path, b''), 'empty'),
     'text': (lambda tmp_path: raw_file(tmp_path, b'hello'), 'not a PNG or BMP'),
     'jpeg': (lambda tmp_path: image_file(tmp_path, 'map.jpg', format='JPEG').rename(
-        tmp_path / 'map.png'), 'JPEG loses colours'),
+        tmp_path / 'map.png'), 'JPEG alters colours'),
     'truncated': (half, 'damaged'),
     'too wide': (wide, '4001 × 1'),
     '16 bits': (sixteen_bits, '16 bits'),
@@ -124,7 +124,7 @@ def test_check_and_writing_exclude_each_other(tmp_path):
 
 def test_an_existing_file_is_left_alone(tmp_path):
     (tmp_path / 'a.wrl').write_text('mine')
-    assert_one_line(ballbot_map('track', '--wrl', tmp_path / 'a.wrl'), 'a.wrl: exists already')
+    assert_one_line(ballbot_map('track', '--wrl', tmp_path / 'a.wrl'), 'a.wrl: already exists')
     assert (tmp_path / 'a.wrl').read_text() == 'mine'
 
 
@@ -135,7 +135,7 @@ def test_a_file_that_can_not_be_written_is_one_line(tmp_path):
 @pytest.mark.parametrize('option', ['--wrl', '--yaml'])
 def test_a_folder_is_no_file_to_write(tmp_path, option):
     done = ballbot_map('track', option, f'{tmp_path}/x/')
-    assert_one_line(done, option, f'{tmp_path}/x/: a folder, not a file to write')
+    assert_one_line(done, option, f'{tmp_path}/x/: is a folder; name a file')
     assert list(tmp_path.iterdir()) == []
 
 

@@ -151,9 +151,9 @@ def test_a_device_that_lied_is_told_apart_from_a_controller_that_erred(push, tmp
     ('name', 'byte', 'bit', 'told'),
     [
         ('/motor_duty', 27, 6, 'infinity'),  # of ±1 the exponent
-        ('/gamepad', 28, 1, 'no sensor_msgs/msg/Joy'),  # two axes become none
+        ('/gamepad', 28, 1, 'not a valid sensor_msgs/msg/Joy'),  # two axes become none
         ('/gyro', 15, 6, 'Invalid string length'),
-        ('/sonar', 38, 7, 'not 0 … 255'),  # no echo becomes 1.7e38 m
+        ('/sonar', 38, 7, 'not within 0 … 255'),  # no echo becomes 1.7e38 m
     ],
 )
 def test_an_input_that_cannot_be_is_told_in_one_line(push, tmp_path, name, byte, bit, told):
@@ -197,7 +197,7 @@ def push_by(push, tmp_path):
     return change
 
 
-@pytest.mark.parametrize('missing', ['', 'gcc is not there: install the Debian package gcc'])
+@pytest.mark.parametrize('missing', ['', 'gcc not found: install it with `apt install gcc`'])
 def test_what_made_the_recording_replays_it_or_is_told(push_by, monkeypatch, capsys, missing):
     path = push_by('c')
     monkeypatch.setattr('ballbot_ros.analysis.recording_replay.missing_for', lambda name: missing)

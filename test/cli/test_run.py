@@ -39,7 +39,7 @@ def test_the_table_names_metrics_verdict_and_files(start_run, tmp_path):
     run = start_run('stationary', '--processes=none', '--output', tmp_path)
     assert run.finish() == 0
     for words in ('settling time', 'peak pitch', 'position rms', 'duty rms', 'real-time factor',
-                  'missed ticks', 'passed', 'stationary.mcap', 'stationary.png'):  # fmt: skip
+                  'late ticks', 'passed', 'stationary.mcap', 'stationary.png'):  # fmt: skip
         assert words in run.stdout
     assert run.stderr == ''
 
@@ -88,7 +88,7 @@ MISTAKES = {
     ),
     'start in a wall': (
         lambda tmp_path: ['stationary', *AT_TRACK, '--set=plant_sim.start_position_x=0.9'],
-        'x 0.9 m, y 0 m (map) has the body in a wall: front left, front middle, front right',
+        'x 0.9 m, y 0 m (map) puts the body in a wall: front left, front middle, front right',
     ),
     'start off the map': (
         lambda tmp_path: ['stationary', *AT_TRACK, '--set=plant_sim.start_position_y=3'],

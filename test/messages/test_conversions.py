@@ -88,7 +88,7 @@ def test_joints_of_another_robot_are_no_encoder_counts(through):
 def test_a_distance_that_no_register_holds_is_refused(range_m):
     message, _ = through_rosbags(SONAR_RANGE, devices.fill_sonar, STAMP, 0)
     message.range = range_m
-    with pytest.raises(ValueError, match='not 0 … 255'):
+    with pytest.raises(ValueError, match='not within 0 … 255'):
         devices.sonar_reading(message)
 
 

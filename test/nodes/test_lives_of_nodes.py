@@ -55,7 +55,7 @@ def test_nodes_tell_what_happens_in_their_lives(start_node, client, tmp_path):
     told = [line for line in lines_of(plant.output) if ' waits for ' not in line]
     pattern = [
         r'run 1 begins at sim time 1\.000 s', r'paused',
-        r'push from \d\.\d{3} s to \d\.\d{3} s: force \(0\.5, 0\) N', r'goes on',
+        r'push from \d\.\d{3} s to \d\.\d{3} s: force \(0\.5, 0\) N', r'resumed',
         r'reset: run 1 ends after N ticks', r'run 2 begins at sim time \d+\.\d00 s',
         r'run 2 stopped after N ticks',
     ]  # fmt: skip
@@ -68,7 +68,7 @@ def test_nodes_tell_what_happens_in_their_lives(start_node, client, tmp_path):
         ]  # fmt: skip
     assert recorder.interrupt() == 0
     assert [line for line in lines_of(recorder.output) if str(path) in line] == [
-        f'records to {path}', f'{path} is finished',
+        f'records to {path}', f'finished {path}',
     ]  # fmt: skip
 
 
@@ -96,7 +96,7 @@ def test_two_robots_in_two_namespaces_of_one_domain_are_refused(start_node, clie
     second = start_node('plant_sim', remap='__ns:=/b')
     assert second.finish() == 2
     (line,) = second.output.splitlines()
-    assert 'another plant or player is at work in ROS domain' in line
+    assert 'another plant or player is running in ROS domain' in line
     assert 'set ROS_DOMAIN_ID to another number' in line
     assert first.process.poll() is None
     assert first.interrupt() == 0
@@ -109,7 +109,7 @@ def test_what_is_no_node_is_a_mistake(arguments, told):
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 2
-    assert done.stderr.startswith(f'error: {told} is no node; there are plant_sim, gyro_driver, ')
+    assert done.stderr.startswith(f'error: {told} is not a node; known: plant_sim, gyro_driver, ')
     assert len(done.stderr.splitlines()) == 1
 
 

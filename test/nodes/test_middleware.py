@@ -89,5 +89,7 @@ def test_the_middleware_of_jazzy_is_taken_to_be_there(monkeypatch, name):
 
 def test_without_discovery_no_node_is_started(monkeypatch):
     monkeypatch.setenv(DISCOVERY_RANGE, 'OFF')
-    with pytest.raises(BallbotError, match=f'^{DISCOVERY_RANGE}=OFF: no node finds another'):
+    with pytest.raises(
+        BallbotError, match=f'^{DISCOVERY_RANGE}=OFF: nodes can not discover each other'
+    ):
         require_discovery()

@@ -89,7 +89,7 @@ def test_every_parameter_acts_when_the_table_says(make, role):
         assert result.successful, (name, result.reason)
         at_once = row.acts is Acts.AT_ONCE
         assert getattr(node.parameters, name) == (row.check(value, '') if at_once else before)
-        assert ('from the next run on' in result.reason) == (not at_once)
+        assert ('takes effect in the next run' in result.reason) == (not at_once)
         assert set_one(node, name, list(before) if isinstance(before, tuple) else before).successful
 
 
@@ -147,10 +147,10 @@ def test_none_of_several_is_taken_if_one_is_refused(make):
         (SONAR, 'map', 'nowhere', 'unknown map'),
         (GAMEPAD, 'scenario', 'nothing', 'unknown scenario'),
         (GAMEPAD, 'keyboard', True, 'keyboard'),
-        (GAMEPAD, 'log_csv', '/dev/null', 'exists already'),
+        (GAMEPAD, 'log_csv', '/dev/null', 'already exists'),
         (CONTROLLER, 'k_f', [1.0, 2.0], 'not a list of 4 numbers'),
         (CONTROLLER, 'ts2_period', 5, 'not one of 4, 20, 100'),
-        (CONTROLLER, 'use_sim_time', False, 'timers go by /clock'),
+        (CONTROLLER, 'use_sim_time', False, 'timers run on /clock'),
         (RECORDER, 'output', 'other.mcap', 'read-only'),
     ],
     ids=str,

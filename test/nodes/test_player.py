@@ -166,7 +166,7 @@ def test_a_live_plant_is_left_alone(recording, domain, start_node, listen):
     for options in ((), ('--topics', '/plant/odom'), ('--topics', '/clock')):
         result = play(*options)
         assert result.returncode == 2, options
-        assert result.stderr.startswith('error: another plant or player is at work')
+        assert result.stderr.startswith('error: another plant or player is running')
         assert result.stderr.count('\n') == 1
     # What no plant publishes may be played beside one.
     assert play('--topics', '/lcd', '--rate', '10').returncode == 0

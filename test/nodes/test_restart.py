@@ -175,7 +175,7 @@ def test_a_controller_may_be_told_to_begin_afresh(start_graph, start_node, clien
     controller.interrupt()
     # It came to its end, but not with the duties of one controller.
     assert status == 1
-    assert 'began afresh' in nodes['plant_sim'].output, controller.output
+    assert 'restarted at' in nodes['plant_sim'].output, controller.output
 
 
 def test_a_controller_is_not_sent_what_was_answered_before_it_came(client, start_node):

@@ -342,7 +342,9 @@ def test_a_broken_port_that_can_not_be_removed_is_one_line(tmp_path, monkeypatch
 
     monkeypatch.setattr(Path, 'unlink', refuse)
     monkeypatch.setattr(shared_memory, 'SETTLED_S', 0.0)
-    with pytest.raises(BallbotError, match=rf'^{port}, left .* every node .* `rm {port}`$'):
+    with pytest.raises(
+        BallbotError, match=rf'^{port}, left .* every node .* `rm {port}` as its owner or as root$'
+    ):
         clear_shared_memory(tmp_path)
 
 

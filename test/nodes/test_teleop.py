@@ -208,13 +208,13 @@ def test_an_input_of_no_use_is_released_at_once():
         message.axes = np.array(axes, np.float32)
         callbacks[JOY.name](encode(message))
         assert sources.decide(began, (0, 0)).sticks == sticks
-    assert reported == ['joy: no axis 1, only 1 axes']
+    assert reported == ['joy: axis 1 not found, only 1 axes']
 
 
 def test_joy_of_no_use_is_reported(driver):
     with driver.sending('viewer/joy', Joy(axes=[0.0])):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.WARN)
-        assert driver.status().message == 'viewer/joy: no axis 1, only 1 axes'
+        assert driver.status().message == 'viewer/joy: axis 1 not found, only 1 axes'
     with driver.sending('viewer/joy', joy()):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.OK)
 
@@ -224,7 +224,9 @@ def test_bytes_that_are_no_message_are_reported(driver, topic, kind):
     with driver.sending(topic, b'\0\1\0\0' + bytes(5), kind=kind):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.WARN)
         told = driver.status().message
-        assert told.startswith(f'{topic}: no {kind.__module__.split(".")[0]}/msg/{kind.__name__}: ')
+        assert told.startswith(
+            f'{topic}: not a valid {kind.__module__.split(".")[0]}/msg/{kind.__name__}: '
+        )
     with driver.sending(topic, kind() if kind is Twist else joy()):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.OK)
 
@@ -314,12 +316,12 @@ def test_the_recorded_sticks_give_the_same_duties_again(domain, start_run, tmp_p
 def test_a_keyboard_without_a_terminal_and_a_log_that_is_there_are_mistakes(start_node, tmp_path):
     node = start_node(GAMEPAD, keyboard='true')
     assert node.finish() == 2
-    assert node.output == 'error: keyboard: standard input and output are no terminal\n'
+    assert node.output == 'error: keyboard: standard input and output are not a terminal\n'
     path = tmp_path / 'log.csv'
     path.touch()
     node = start_node(GAMEPAD, log_csv=path)
     assert node.finish() == 2
-    assert node.output == f'error: {path}: exists already; choose another file\n'
+    assert node.output == f'error: {path}: already exists; choose another file\n'
 
 
 def test_list_devices_tells_that_there_is_none():

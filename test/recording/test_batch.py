@@ -119,7 +119,9 @@ def test_a_message_that_is_none_is_found_among_others(tmp_path):
     contents = [joints('a'), joints('a')[:-3], joints('a')]
     with (
         RecordingReader(write(tmp_path / 'none.mcap', JOINTS, contents)) as reader,
-        pytest.raises(RecordingError, match=r'/topic at 1 ns is no sensor_msgs/msg/JointState'),
+        pytest.raises(
+            RecordingError, match=r'/topic at 1 ns is not a valid sensor_msgs/msg/JointState'
+        ),
     ):
         list(all_records(reader, '/topic'))
 

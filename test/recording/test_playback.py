@@ -72,9 +72,9 @@ def test_a_loop_begins_again(reader):
 
 def test_mistakes_are_one_line(reader, tmp_path):
     playback = Playback(reader, None, rate=1.0, loop=False)
-    with pytest.raises(RecordingError, match=r'run\.mcap: start 2 s is behind the end, 1 s$'):
+    with pytest.raises(RecordingError, match=r'run\.mcap: start 2 s is after the end, 1 s$'):
         playback.begin(2.0, 0.0)
-    with pytest.raises(RecordingError, match="no topic '/x'"):
+    with pytest.raises(RecordingError, match="topic '/x' not found"):
         Playback(reader, ['/x'], rate=1.0, loop=False)
     RecordingWriter(tmp_path / 'empty.mcap').close()
     with (

@@ -213,7 +213,9 @@ def test_another_profile_is_an_error(tmp_path):
 def test_an_unknown_topic_is_an_error(recording):
     with RecordingReader(recording) as reader:
         for read in (reader.messages, reader.raw_messages):
-            with pytest.raises(RecordingError, match=r"no topic '/gyro', only /battery.*, /wrench"):
+            with pytest.raises(
+                RecordingError, match=r"topic '/gyro' not found, only /battery.*, /wrench"
+            ):
                 next(read(['/gyro']))
 
 
@@ -222,13 +224,13 @@ def test_an_unknown_topic_is_an_error(recording):
     [
         (
             {'type_name': 'a/msg/B', 'definition': b''},
-            "is no a/msg/B: 'a/msg/B' is not a message type of ROS 2 Jazzy",
+            "is not a valid a/msg/B: 'a/msg/B' is not a message type of ROS 2 Jazzy",
         ),
         (
             {'type_name': 'a/msg/B', 'definition': b'a/Unknown data'},
-            'is no a/msg/B: its definition is not valid: ',
+            'is not a valid a/msg/B: its definition is invalid: ',
         ),
-        ({'encoding': 'json', 'data': b'{}'}, 'is no std_msgs/msg/String: '),
+        ({'encoding': 'json', 'data': b'{}'}, 'is not a valid std_msgs/msg/String: '),
     ],
 )
 def test_messages_that_cannot_be_decoded_can_be_read_raw(tmp_path, options, reason):
@@ -247,7 +249,9 @@ def test_a_message_of_another_form_is_an_error(tmp_path, data):
         writer.write(writer.add_topic('/lcd', STRING), 7, data, 0)
     with (
         RecordingReader(path) as reader,
-        pytest.raises(RecordingError, match=r'form\.mcap: /lcd at 7 ns is no std_msgs/msg/String:'),
+        pytest.raises(
+            RecordingError, match=r'form\.mcap: /lcd at 7 ns is not a valid std_msgs/msg/String:'
+        ),
     ):
         list(reader.messages())
 

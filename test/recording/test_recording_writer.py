@@ -379,7 +379,7 @@ def test_topics_that_cannot_be_recorded_are_errors(tmp_path):
     path = tmp_path / 'topics.mcap'
     with RecordingWriter(path) as writer:
         writer.add_topic('/lcd', STRING, type_hash=schema(STRING).type_hash)
-        with pytest.raises(RecordingError, match=r'topics\.mcap: topic /lcd is recorded already$'):
+        with pytest.raises(RecordingError, match=r'topics\.mcap: topic /lcd was already added$'):
             writer.add_topic('/lcd', STRING)
         with pytest.raises(RecordingError, match=r"topics\.mcap: topic /a: 'a/msg/B' is not a mes"):
             writer.add_topic('/a', 'a/msg/B')
@@ -393,9 +393,7 @@ def test_a_message_that_does_not_fit_is_left_out_whole(tmp_path, stamp, sequence
     path = tmp_path / 'fit.mcap'
     with RecordingWriter(path) as writer:
         topic = writer.add_topic('/lcd', STRING)
-        with pytest.raises(
-            RecordingError, match=r'fit\.mcap: /lcd: no message has the stamp -?\d+ '
-        ):
+        with pytest.raises(RecordingError, match=r'fit\.mcap: /lcd: the stamp -?\d+ ns or '):
             writer.write(topic, stamp, string('b'), sequence)
         writer.write(topic, 0, string('a'), 0)
     assert lines(path) == (['a'], None)
@@ -524,7 +522,7 @@ def test_a_file_that_is_no_longer_there_is_told_at_the_end(tmp_path, happens):
         path.parent.rmdir()
     if happens == 'removed':
         elsewhere.unlink()
-    with pytest.raises(RecordingError, match=f'^{path}: moved or removed while it was written$'):
+    with pytest.raises(RecordingError, match=f'^{path}: moved or removed while being written$'):
         writer.close()
     if happens == 'moved':
         with RecordingReader(elsewhere) as reader:

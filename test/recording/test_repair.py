@@ -318,7 +318,7 @@ def test_mistakes_are_one_line(tmp_path, whole, content):
     assert (tmp_path / 'cut_repaired.mcap').read_bytes() == content
     with (
         RecordingWriter(tmp_path / 'new.mcap'),
-        pytest.raises(RecordingError, match='is being recorded'),
+        pytest.raises(RecordingError, match='still being recorded'),
     ):
         repair(tmp_path / 'new.mcap')
 

@@ -69,7 +69,7 @@ def test_metrics_and_verdict_are_those_of_the_recording(stationary):
 def test_a_run_with_a_recording_of_that_name_is_refused(stationary):
     spec, result, _ = stationary
     before = result.recording.read_bytes()
-    with pytest.raises(Exception, match=r'stationary\.mcap: exists already; choose another'):
+    with pytest.raises(Exception, match=r'stationary\.mcap: already exists; choose another'):
         execute(spec)
     assert result.recording.read_bytes() == before
 

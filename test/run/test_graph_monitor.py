@@ -76,7 +76,7 @@ def test_a_look_ends_however_much_is_sent_to_it(monitor, monkeypatch):
         DIAGNOSTICS.name: b'bytes that are no report of plant_sim',
     }
     monkeypatch.setattr(
-        graph_monitor, 'taken', lambda subscription: repeat((flood[subscription.topic_name], {}))
+        graph_monitor, 'drain', lambda subscription: repeat((flood[subscription.topic_name], {}))
     )
     monitor.poll()
 

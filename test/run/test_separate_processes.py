@@ -37,7 +37,7 @@ def process(name, exit_status=0):
          ('failed', 'sonar_driver ended with status 2', 2)),
         ('completed', SILENT, {}, 2, ('stopped', '', 130)),
         ('stopped', SILENT, {}, 15, ('stopped', '', 143)),
-        ('stopped', '', {}, 0, ('failed', 'plant_sim was told to stop', 1)),
+        ('stopped', '', {}, 0, ('failed', 'plant_sim was stopped', 1)),
         ('failed', '', {}, 0, ('failed', f'plant_sim: {FULL}', 1)),
     ],
 )  # fmt: skip

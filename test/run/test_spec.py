@@ -142,7 +142,7 @@ REFUSED = {
     ),
     'no end': (
         'assignments', ['plant_sim.duration=0'],
-        '--set plant_sim.duration=0: plant_sim.duration is 0: a run of a scenario lasts longer',
+        '--set plant_sim.duration=0: plant_sim.duration is 0: a scenario must last longer',
     ),
     'seed out of bounds': ('seed', -1, '--seed: gyro_driver.seed: -1 is not within'),
     'no pace': ('real_time_factor', 'x', "--real-time-factor: plant_sim.real_time_factor: 'x'"),
@@ -178,7 +178,9 @@ def test_a_run_without_end_is_refused(tmp_path):
     file = tmp_path / 'defaults.yaml'
     write_parameter_file(file, ParameterSet())
     options = RunOptions(parameter_file=file)
-    with pytest.raises(BallbotError, match=rf'^{file}: plant_sim\.duration is 0: a run of a'):
+    with pytest.raises(
+        BallbotError, match=rf'^{file}: plant_sim\.duration is 0: a scenario must last'
+    ):
         RunSpec.of_scenario('stationary', options)
     options = RunOptions(parameter_file=file, assignments=['plant_sim.duration=2'])
     assert RunSpec.of_scenario('stationary', options).plant.duration == 2.0

@@ -295,7 +295,7 @@ def test_a_controller_that_begins_afresh_fails_the_run_at_its_end():
     world.start(CONTROLLER, generation=1)
     world.wait(5)
     assert world.summary.outcome == 'failed'
-    assert 'began afresh at' in world.summary.reason
+    assert 'restarted at' in world.summary.reason
 
 
 def test_two_controllers_are_refused():
@@ -446,7 +446,7 @@ def test_what_the_recorder_lacks_is_asked_for_before_the_newest():
     acked_ns = max(recorder.samples)
     world.settle()
     world.wait(0.3)
-    asked = [each.truth.stamp_ns for each in world.actions(do.AskDrivers)]
+    asked = [each.truth.stamp_ns for each in world.actions(do.ResendToDrivers)]
     assert asked[0] == acked_ns + TICK_NS
 
 
@@ -467,7 +467,7 @@ def test_a_paused_plant_keeps_the_duty_and_makes_single_steps():
     world.tell(world.master.set_paused, is_paused=False)
     world.wait(0.1)
     assert world.ticks > ticks + 10
-    assert [text for text in world.logged if text in ('paused', 'goes on')] == ['paused', 'goes on']
+    assert [text for text in world.logged if text in ('paused', 'resumed')] == ['paused', 'resumed']
 
 
 def test_steps_that_were_not_made_are_forgotten_with_the_pause():
@@ -583,7 +583,7 @@ def test_there_may_be_a_hundred_pushes():
     for _ in range(101):
         world.tell(world.master.on_push, 0, (0.0, 0.0), (0.0, 0.0))
     assert len(world.actions(do.PublishPush)) == 100
-    assert 'there are 100 already' in world.logged[-1]
+    assert 'there are already 100' in world.logged[-1]
 
 
 def test_before_the_first_truth_no_push_is_taken():

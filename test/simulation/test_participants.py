@@ -75,7 +75,7 @@ class World:
         for participant in participants:
             self.appear(participant)
             self.living[participant.instance] = participant
-            self.roster.announced(Announcement(participant, run))
+            self.roster.on_announcement(Announcement(participant, run))
         return self
 
     def kill(self, *participants):
@@ -98,8 +98,8 @@ class World:
         found = {topic: [] for topic in OWNERS}
         for gid, (topic, name) in self.graph.items():
             found[topic].append(Publisher(gid, name))
-        self.roster.looked(found, self.now_s)
-        return self.roster.standing(self.now_ns)
+        self.roster.update_publishers(found, self.now_s)
+        return self.roster.readiness(self.now_ns)
 
     def watch(self, calls=ANSWER_CALLS + 2):
         """Look and call the roll as the plant does, until it is clear; return the standing."""
@@ -107,10 +107,10 @@ class World:
             standing = self.look()
             if standing.state is not State.WAITING:
                 return standing
-            self.roster.called()
+            self.roster.note_roll_call()
             self.now_s += CALL_S
             for participant in self.living.values():
-                self.roster.announced(Announcement(participant, RUN))
+                self.roster.on_announcement(Announcement(participant, RUN))
         return self.look()
 
     def watch_for(self, seconds):
@@ -118,7 +118,7 @@ class World:
 
     def begin(self):
         assert self.watch().state is State.COMPLETE
-        self.roster.fix()
+        self.roster.confirm()
         self.now_ns += 400_000_000
         return self
 
@@ -200,7 +200,7 @@ def test_all_drivers_may_be_replaced_at_once_and_again():
 def test_a_driver_is_not_replaced_by_a_different_one(change):
     run = world().begin()
     run.kill(a('gyro_driver')).join(a('gyro_driver', 'the other', **change))
-    assert is_refused(run.watch(), 'takes the place', 'other parameters', '/gyro_driver')
+    assert is_refused(run.watch(), 'replaces', 'other parameters', '/gyro_driver')
 
 
 def test_before_the_run_begins_anybody_may_be_replaced_by_anybody():
@@ -253,14 +253,14 @@ def test_a_stranger_that_is_heard_is_refused_by_name(has_begun, topic):
     run.stranger(topic)
     assert run.look().state is State.WAITING
     assert run.roster.suspected_topics == {topic}
-    run.roster.overheard(topic)
+    run.roster.note_foreign_message(topic)
     assert is_refused(run.watch(), '/talker', repr(topic))
 
 
 def test_a_stranger_that_is_heard_before_its_name_is_known_is_refused_when_it_is():
     run = world().begin().stranger('gyro', name='')
     run.look()
-    run.roster.overheard('gyro')
+    run.roster.note_foreign_message('gyro')
     assert run.watch().state is State.WAITING
     assert is_refused(run.stranger('gyro').watch(), '/talker')
 
@@ -268,14 +268,14 @@ def test_a_stranger_that_is_heard_before_its_name_is_known_is_refused_when_it_is
 def test_a_stranger_that_nobody_ever_names_is_refused_all_the_same():
     run = world().begin().stranger('gyro', name='')
     run.look()
-    run.roster.overheard('gyro')
+    run.roster.note_foreign_message('gyro')
     assert is_refused(run.watch_for(NAME_S + 1.0), 'gyro')
 
 
 def test_a_stranger_under_the_name_of_a_participant_is_one():
     run = world().begin().stranger('gyro', name='/gyro_driver')
     run.look()
-    run.roster.overheard('gyro')
+    run.roster.note_foreign_message('gyro')
     assert is_refused(run.watch(), '/gyro_driver publishes')
 
 
@@ -334,7 +334,7 @@ def test_of_two_suspects_the_stranger_is_named_not_the_newcomer():
     run.appear(newcomer)
     run.stranger('gyro')
     run.look()
-    run.roster.overheard('gyro')
+    run.roster.note_foreign_message('gyro')
     assert is_refused(run.watch(), '/talker')
 
 
@@ -344,12 +344,12 @@ def test_a_newcomer_that_was_suspected_because_of_a_stranger_does_not_shield_it(
     newcomer = a('gyro_driver', 'its successor')
     run.appear(newcomer, name='')
     run.look()
-    run.roster.overheard('gyro')
+    run.roster.note_foreign_message('gyro')
     run.join(newcomer)
     assert run.watch().state is State.COMPLETE
     run.stranger('gyro')
     run.look()
-    run.roster.overheard('gyro')
+    run.roster.note_foreign_message('gyro')
     assert is_refused(run.watch(), '/talker')
 
 
@@ -363,7 +363,7 @@ def test_who_could_not_look_for_a_while_accuses_nobody_of_having_stayed():
 
 def test_an_objection_to_a_participant_itself_is_the_reason():
     run = world().begin()
-    run.roster.announced(
+    run.roster.on_announcement(
         Announcement(a('controller'), RUN, 0, Objection('two samples of 1.4 s', 'gyro', run.now_ns))
     )
     assert is_refused(run.watch(), 'two samples of 1.4 s', '/gyro_driver', 'left')
@@ -378,13 +378,13 @@ def test_a_participant_that_can_not_go_on_ends_the_run_at_once():
 def test_a_recorder_that_can_not_go_on_ends_only_a_run_that_requires_it():
     full = Announcement(a('recorder'), RUN, 0, Objection('x.mcap: No space left on device'))
     run = World((*ROLES, 'recorder')).join(*map(a, ROLES), a('recorder')).begin()
-    run.roster.announced(full)
+    run.roster.on_announcement(full)
     assert is_refused(run.look(), 'x.mcap: No space left on device')
     run = world().join(a('recorder')).begin()
-    assert run.roster.last_words('recorder') == ''
-    run.roster.announced(full)
+    assert run.roster.reported_failure('recorder') == ''
+    run.roster.on_announcement(full)
     assert run.watch().state is State.COMPLETE
-    assert run.roster.last_words('recorder') == 'x.mcap: No space left on device'
+    assert run.roster.reported_failure('recorder') == 'x.mcap: No space left on device'
 
 
 def test_two_answers_to_the_tick_at_which_a_driver_was_replaced_are_no_offence():
@@ -408,13 +408,13 @@ def test_a_recorder_may_come_leave_and_be_replaced():
 def test_what_gives_itself_out_as_a_participant_is_refused():
     run = world().begin()
     forged = dataclasses.replace(a('gyro_driver'), node='/forger', parameters_sha256='ff')
-    run.roster.announced(Announcement(forged, RUN))
+    run.roster.on_announcement(Announcement(forged, RUN))
     assert is_refused(run.look(), '/forger', '/gyro_driver')
 
 
 def test_a_forged_announcement_that_answers_no_roll_call_is_not_believed():
     run = world().begin()
-    run.roster.announced(Announcement(a('gyro_driver', 'forged', '/forger'), RUN))
+    run.roster.on_announcement(Announcement(a('gyro_driver', 'forged', '/forger'), RUN))
     assert run.watch().state is State.COMPLETE
     assert run.roster.history[-1].participant == a('controller')
 
@@ -447,7 +447,9 @@ def test_a_successor_has_to_share_it_too():
 
 def test_a_role_that_is_none_changes_nothing():
     run = world().begin()
-    run.roster.announced(Announcement(dataclasses.replace(a('gyro_driver', 'x'), role='cook'), RUN))
+    run.roster.on_announcement(
+        Announcement(dataclasses.replace(a('gyro_driver', 'x'), role='cook'), RUN)
+    )
     assert run.look().state is State.COMPLETE
 
 
@@ -458,7 +460,7 @@ def test_the_next_run_gathers_everybody_again_and_knows_the_dead():
     run.roster.gather('2 abc', PLANT, ROLES)
     assert run.look().state is State.WAITING
     for participant in run.living.values():
-        run.roster.announced(Announcement(participant, '2 abc'))
+        run.roster.on_announcement(Announcement(participant, '2 abc'))
     # The publishers of the dead one are still in the graph.
     assert run.look().state is State.COMPLETE
     assert not any(member.is_successor for member in run.roster.history)
@@ -478,10 +480,10 @@ def test_the_next_run_gathers_everybody_again_and_knows_the_dead():
 def test_silent_is_who_answers_no_roll_call_else_who_lacks_the_tick(dead, answered, expected):
     run = world().begin()
     since, due_ns = run.roster.calls, START_NS + 4_000_000
-    run.roster.called()
+    run.roster.note_roll_call()
     for role in ROLES:
         if role not in dead:
-            run.roster.announced(Announcement(a(role), RUN, answered.get(role, due_ns)))
+            run.roster.on_announcement(Announcement(a(role), RUN, answered.get(role, due_ns)))
     due = {'gyro_driver': due_ns, 'sonar_driver': due_ns, 'controller': 0}
     silences_s = run.roster.silences_s(since, due, lambda participant: 3.0)
     assert silences_s == dict.fromkeys(expected, 3.0)
@@ -496,19 +498,19 @@ def test_a_silence_is_each_ones_own_but_who_is_alive_may_wait_for_another():
         return run.roster.silences_s(since, due, lambda each: own_s[each.role])
 
     since = run.roster.calls
-    run.roster.called()
+    run.roster.note_roll_call()
     assert silences_s() == own_s
-    run.roster.announced(Announcement(a('gyro_driver'), RUN))
+    run.roster.on_announcement(Announcement(a('gyro_driver'), RUN))
     assert silences_s() == {'sonar_driver': 2.0, 'controller': 3.0}
     for role in ROLES:
-        run.roster.announced(Announcement(a(role), RUN))
+        run.roster.on_announcement(Announcement(a(role), RUN))
     assert silences_s() == dict.fromkeys(own_s, 1.0)
 
 
 def test_an_answer_to_an_earlier_roll_call_is_not_one_to_this_silence():
     run = world().begin()
-    run.roster.called()
-    run.roster.announced(Announcement(a('controller'), RUN))
+    run.roster.note_roll_call()
+    run.roster.on_announcement(Announcement(a('controller'), RUN))
     since = run.roster.calls
     assert run.roster.silences_s(since, {'controller': 0}, lambda each: 1.0) == {'controller': 1.0}
 
@@ -556,7 +558,7 @@ class AnyHistory(RuleBasedStateMachine):
         self.world.look()
         if is_heard:
             self.refusable = True
-            self.world.roster.overheard(topic)
+            self.world.roster.note_foreign_message(topic)
 
     @precondition(lambda self: self.strangers)
     @rule()

@@ -53,8 +53,8 @@ def test_without_a_recorder_nothing_is_waited_for():
 @pytest.mark.parametrize(('now', 'first'), [(0, 0), (1, 5), (5, 5), (6, 10)])
 def test_a_recorder_that_comes_begins_at_a_multiple_of_20_ms(now, first):
     one = flow(recorder=None)
-    assert one.meet(FIRST, tick(now))
-    assert not one.meet(FIRST, tick(now))
+    assert one.join(FIRST, tick(now))
+    assert not one.join(FIRST, tick(now))
     assert not one.lags(tick(first - 1))
     assert one.lags(tick(first))
     one.ack_ns = tick(first)
@@ -63,7 +63,7 @@ def test_a_recorder_that_comes_begins_at_a_multiple_of_20_ms(now, first):
 
 def test_another_recorder_takes_over():
     one = flow(100)
-    assert one.meet(SECOND, tick(101))
+    assert one.join(SECOND, tick(101))
     assert one.recorder is SECOND
     assert one.next_ns is None
     assert one.lags(tick(105))
@@ -72,14 +72,14 @@ def test_another_recorder_takes_over():
 def test_a_recorder_that_has_left_comes_back_only_as_another():
     one = flow(100)
     one.leave()
-    assert not one.meet(FIRST, tick(101))
+    assert not one.join(FIRST, tick(101))
     assert one.recorder is None
-    assert one.meet(SECOND, tick(101))
+    assert one.join(SECOND, tick(101))
 
 
 def test_what_was_asked_for_again_has_to_be_recorded_before_it_goes_on():
     one = flow(5)
-    one.asked_again(tick(10))
+    one.require_ack(tick(10))
     assert one.lags(tick(10))
     one.ack_ns = tick(10)
     assert not one.lags(tick(11))
@@ -96,6 +96,6 @@ def test_a_run_ends_with_its_last_tick_recorded(acked, last, has_all):
 
 def test_a_recorder_whose_first_tick_is_after_the_last_has_all():
     one = flow(recorder=None)
-    one.meet(FIRST, tick(6))
+    one.join(FIRST, tick(6))
     assert one.has_all(tick(9))
     assert not one.has_all(tick(10))

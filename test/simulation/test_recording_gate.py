@@ -44,7 +44,7 @@ class File:
     def object(self, stream, stamp_ns):
         self.objections.append((stream.name, stamp_ns // MS))
 
-    def lose(self, stream, sequence):
+    def report_loss(self, stream, sequence):
         self.lost.append((stream.name, sequence))
 
     def has_several_publishers(self, stream):

@@ -10,7 +10,7 @@ WAITING = ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)
 IDLE = {1: WAITING}
 
 
-def looked(*looks):
+def timer_after(*looks):
     """Return a timer after looks at a silence that began at 0 s: each a time and what it saw."""
     timer = SilenceTimer()
     for now_s, processes in looks:
@@ -29,7 +29,7 @@ def looked(*looks):
     ],
 )
 def test_the_time_counts_that_the_machine_gave(name, progress, counts):
-    timer = looked(*((0.1 * look, {7: {1: progress(0.1 * look)}}) for look in range(101)))
+    timer = timer_after(*((0.1 * look, {7: {1: progress(0.1 * look)}}) for look in range(101)))
     assert timer.silence_s(7) == pytest.approx(10.0 * counts, abs=0.11)
 
 
@@ -38,42 +38,42 @@ def test_threads_that_wait_do_not_hide_one_that_hangs():
         others = {each: ThreadTime(0.0, 0.02 * look, is_runnable=False) for each in range(2, 7)}
         return {1: WAITING, **others}
 
-    timer = looked(*((0.1 * look, {7: process(look)}) for look in range(101)))
+    timer = timer_after(*((0.1 * look, {7: process(look)}) for look in range(101)))
     assert timer.silence_s(7) == pytest.approx(8.0, abs=0.11)
 
 
 def test_a_thread_that_has_just_begun_holds_up_nothing():
     new = {**IDLE, 2: ThreadTime(0.0, 5.0, is_runnable=False)}
-    assert looked((0.1, {7: IDLE}), (0.2, {7: new})).silence_s(7) == pytest.approx(0.2)
+    assert timer_after((0.1, {7: IDLE}), (0.2, {7: new})).silence_s(7) == pytest.approx(0.2)
 
 
 def test_each_process_has_a_silence_of_its_own():
     def processes(look):
         return {1: IDLE, 2: {1: ThreadTime(0.0, 0.05 * look, is_runnable=False)}}
 
-    timer = looked(*((0.1 * look, processes(look)) for look in range(101)))
+    timer = timer_after(*((0.1 * look, processes(look)) for look in range(101)))
     assert timer.silence_s(1) == pytest.approx(10.0)
     assert timer.silence_s(2) == pytest.approx(5.0, abs=0.11)
     assert timer.silence_s() == pytest.approx(10.0), 'that of another machine'
 
 
 def test_who_is_gone_has_had_the_time():
-    timer = looked((0.1, {1: IDLE}), (0.2, {}), (0.3, {}))
+    timer = timer_after((0.1, {1: IDLE}), (0.2, {}), (0.3, {}))
     assert timer.silence_s(1) == pytest.approx(0.3)
     assert timer.silence_s(2) == pytest.approx(0.3), 'gone before the first look'
 
 
 def test_of_who_has_just_come_only_that_counts():
-    timer = looked((0.1, {1: IDLE}), (0.2, {1: IDLE, 2: IDLE}), (0.3, {1: IDLE, 2: IDLE}))
+    timer = timer_after((0.1, {1: IDLE}), (0.2, {1: IDLE, 2: IDLE}), (0.3, {1: IDLE, 2: IDLE}))
     assert timer.silence_s(2) == pytest.approx(0.2)
 
 
 def test_who_did_not_look_has_heard_nothing():
-    assert looked((0.1, {}), (100.0, {})).silence_s() == pytest.approx(0.1 + LOOK_S)
+    assert timer_after((0.1, {}), (100.0, {})).silence_s() == pytest.approx(0.1 + LOOK_S)
 
 
 def test_another_silence_begins_at_nothing():
-    timer = looked(*((0.1 * look, {1: IDLE}) for look in range(31)))
+    timer = timer_after(*((0.1 * look, {1: IDLE}) for look in range(31)))
     timer.update(2.9, 3.0, {1: IDLE})
     assert timer.silence_s(1) == timer.silence_s() == pytest.approx(0.1)
 

@@ -59,7 +59,7 @@ def test_the_clock_of_the_brick_may_wrap_around(tmp_path):
 def test_no_file_is_overwritten(tmp_path):
     path = tmp_path / 'log.csv'
     path.write_text('precious')
-    with pytest.raises(TeleopError, match=r'log.csv: exists already'):
+    with pytest.raises(TeleopError, match=r'log.csv: already exists'):
         CsvLog(path)
     assert path.read_text() == 'precious'
     path.unlink()

@@ -172,7 +172,7 @@ def test_a_viser_that_serves_in_another_way_serves_nothing(monkeypatch):
         server=SimpleNamespace(**vars(_infra.websockets.asyncio.server))
     )
     monkeypatch.setattr(_infra, 'websockets', websockets)
-    with pytest.raises(ViewerError, match='cannot be guarded'):
+    with pytest.raises(ViewerError, match='can not be guarded'):
         Served()
 
 
@@ -253,7 +253,7 @@ def test_with_the_token_a_page_steers_without_it_only_shows(served, needs_browse
         for query in ('', '?token=wrong', '?websocket=ws://evil.example'):
             other = another(browser, f'http://{served.place}/{query}')
             assert other.page.url == f'http://{served.place}/'
-            other.wait_for_text('This page only shows')
+            other.wait_for_text('This page can only watch')
             for text in ('Time', 'Scenario', 'Push', 'Sticks (hold)'):
                 other.page.get_by_text(text, exact=True).wait_for(state='hidden')
             other.wait_for_text('Last 10 s')

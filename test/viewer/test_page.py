@@ -211,7 +211,7 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             viewer.wait()
             _, address = start_viewer(start_node, port=port)
             wait_until(lambda: (browser.shown_time() or 0.0) > shown, browser)
-            browser.wait_for_text('This page only shows')  # its token was the other viewer's
+            browser.wait_for_text('This page can only watch')  # its token was the other viewer's
             browser.page.goto(address)
             browser.wait_for_text('state')
             pause_holds_it(browser)

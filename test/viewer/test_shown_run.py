@@ -128,20 +128,20 @@ def test_an_address_of_version_6_stands_in_brackets():
 def test_a_page_for_the_network_warns():
     assert warning_of('127.0.0.1') == ''
     for host in ('0.0.0.0', '::', '192.0.2.1', 'robot'):
-        assert 'everybody who reaches it can look' in warning_of(host)
-        assert 'whoever has the address with the token can steer' in warning_of(host)
+        assert 'everybody who reaches it can watch' in warning_of(host)
+        assert 'everybody who has the address with the token can steer' in warning_of(host)
 
 
 @pytest.mark.parametrize(
     ('words', 'told'),
     [
         (['view', 'missing.mcap'], 'missing.mcap'),
-        (['render', 'missing.mcap', '--output', 'x.avi'], 'ends in none of .png, .gif, .mp4'),
-        (['render', 'missing.mcap', '--output', 'x.gif', '--time', '1'], '--time goes with a .png'),
-        (['render', 'missing.mcap', '--output', 'folder.png'], 'a folder, not a file to write'),
+        (['render', 'missing.mcap', '--output', 'x.avi'], 'must end in one of .png, .gif, .mp4'),
+        (['render', 'missing.mcap', '--output', 'x.gif', '--time', '1'], '--time requires a .png'),
+        (['render', 'missing.mcap', '--output', 'folder.png'], 'is a folder; name a file'),
         (
             ['run', 'stationary', '--viewer', '--processes', 'none'],
-            'goes with --processes separate',
+            '--viewer requires --processes separate',
         ),
         (['run', 'stationary', '--viewer', '--set', 'viewer.port=70000'], 'is not within'),
     ],

@@ -86,7 +86,7 @@ def test_each_cell_of_the_occupancy_grid_is_where_the_map_has_it(rows, columns, 
 def test_existing_files_are_left_alone_and_nothing_is_half_done(tmp_path):
     image = tmp_path / 'map.pgm'
     image.write_text('mine')
-    with pytest.raises(WorldError, match=r'map\.pgm: exists already'):
+    with pytest.raises(WorldError, match=r'map\.pgm: already exists'):
         write_files(PICTURE, wrl=tmp_path / 'map.wrl', nav2=tmp_path / 'map.yaml')
     assert image.read_text() == 'mine'
     assert list(tmp_path.iterdir()) == [image]
@@ -94,7 +94,7 @@ def test_existing_files_are_left_alone_and_nothing_is_half_done(tmp_path):
 
 def test_yaml_and_image_can_not_be_one_file(tmp_path):
     for wrl, nav2 in ((None, 'a.pgm'), ('a.pgm', 'a.yaml'), ('a.yaml', 'a.yaml')):
-        with pytest.raises(WorldError, match='beside it'):
+        with pytest.raises(WorldError, match='next to it'):
             write_files(PICTURE, wrl=wrl and tmp_path / wrl, nav2=tmp_path / nav2)
     assert list(tmp_path.iterdir()) == []
 

@@ -90,7 +90,7 @@ def animation():
 BAD = {
     'empty': (b'', 'empty'),
     'text': (b'hello, this is no image', 'not a PNG or BMP image'),
-    'jpeg': (encoded(picture('RGB'), 'JPEG'), 'JPEG loses colours'),
+    'jpeg': (encoded(picture('RGB'), 'JPEG'), 'JPEG alters colours'),
     'gif': (encoded(picture('P'), 'GIF'), 'not a PNG or BMP image'),
     'half a png': (encoded(Image.effect_noise((64, 64), 99.0))[:800], 'damaged'),
     'half a bmp': (encoded(picture('RGB').resize((64, 64)), 'BMP')[:800], 'damaged'),

@@ -1,9 +1,8 @@
 /*
  * The brick around the generated program, for the test against the Python controller.
  *
- * Reads one request a tick from standard input, lets the devices answer with what it says, runs
- * the tasks that it names, and writes what they did to standard output. Both records are
- * little-endian, naturally aligned, and described in ballbot_ros/codegen/brick_process.py.
+ * Reads one request per tick from standard input, sets the device readings, runs the requested
+ * tasks and writes their outputs to standard output. Both records are little-endian, naturally aligned, and described in ballbot_ros/codegen/brick_process.py.
  */
 #include <string.h>
 #include <unistd.h>
@@ -48,7 +47,7 @@ typedef struct {
     BallbotState state;
 } Answer;
 
-/* What no program for this robot does: a call with a wrong port, mode or length, and so on. */
+/* Faults: calls that are wrong for this robot. */
 enum { WRONG_PORT = 1, WRONG_MODE = 2, WRONG_LENGTH = 4, TOO_MANY = 8, NO_TIMER = 16, NO_DEVICE = 32 };
 
 const CounterType SysTimerCnt = 1;
@@ -206,7 +205,7 @@ StatusType SignalCounter(CounterType counter)
 
 #ifdef __arm__
 
-/* As on the brick every task has a stack of its own; painted, it shows how deep it was used. */
+/* As on the brick, every task has its own stack, which is painted to measure its depth. */
 static U32 stack[STACK_WORDS] __attribute__((aligned(8)));
 
 void call_on_stack(void (*function)(void), void *top);

@@ -34,7 +34,7 @@ void ecrobot_term_bt_connection(void);
 SINT ecrobot_sound_tone(U32 frequency_hz, U32 duration_ms, U32 volume);
 void ecrobot_status_monitor(const CHAR *name);
 
-/* Not for the program, but the platform's header declares it: no constant can have its name. */
+/* Unused, but the platform's header declares it, so no constant can have this name. */
 void sound_freq(U32 frequency_hz, U32 duration_ms);
 
 /* Hooks that the program defines. */

@@ -3,10 +3,10 @@
  *
  * {{ stamp }}
  *
- * Every float operation is one of IEEE single precision, in the order of the simulated
- * controller: addition is not associative, and the duties are to be the same to the bit.
- * For a processor with a fused multiply-add compile with -ffp-contract=off; the brick's has none.
- * The only doubles are those that round the logged pitch.
+ * All float operations are IEEE single precision, in the same order as in the simulated
+ * controller, so that the duties agree bit for bit. On a processor with fused multiply-add, compile
+ * with -ffp-contract=off; the brick's processor has none. Only the rounding of the logged pitch
+ * uses doubles.
  */
 #include <math.h>
 
@@ -34,8 +34,8 @@
 #define VOLTAGE_OFFSET {{ voltage_offset }}
 
 /*
- * Without an initial value here: STOP and RUN start the program again without loading its data.
- * task_init sets every member.
+ * No initializer: STOP and RUN restart the program without reloading its data. task_init sets
+ * every member.
  */
 BallbotState ballbot;
 
@@ -88,7 +88,7 @@ static S8 control(BallbotPlane *plane, U16 gyro, S32 revolution, S32 stick, floa
     const float psi_dot = reading - gyro_offset;
     const float theta_dot = (theta_smooth - plane->theta_smooth) * 1000.0f / ts1;
 
-    /* State feedback and integral; a pitch of zero is wanted. */
+    /* State feedback and integral; the pitch reference is zero. */
     const float theta_diff = theta_ref - theta;
     const float psi_diff = 0.0f - psi;
     const float integral = ts1 * plane->sum_theta_diff / 1000.0f * k_i;
@@ -128,13 +128,13 @@ static S8 control(BallbotPlane *plane, U16 gyro, S32 revolution, S32 stick, floa
     return whole_duty(duty);
 }
 
-/* Tells whether both errors are below their thresholds. */
+/* Returns whether both errors are below their thresholds. */
 static int in_control(const BallbotPlane *plane)
 {
     return (fabsf(plane->theta_diff) < theta_diff_thr) && (fabsf(plane->psi_diff) < psi_diff_thr);
 }
 
-/* Returns a byte of a packet as the signed number that it is. */
+/* Interprets a byte of a packet as a signed number. */
 static S32 signed_byte(U8 byte)
 {
     return (byte < 128U) ? (S32)byte : ((S32)byte - 256);
@@ -194,7 +194,7 @@ static void log_pitches(void)
     }
 }
 
-/* Once, at each start: initial values (section 7.3) of everything. */
+/* Once, at each start: set all initial values (section 7.3). */
 TASK(task_init)
 {
     U32 n;
@@ -250,7 +250,7 @@ TASK(task_ts1)
     TerminateTask();
 }
 
-/* Every {{ periods.task_ts2 }} ms: look for an obstacle (section 7.5); the last echo bridges a missed one. */
+/* Every {{ periods.task_ts2 }} ms: look for an obstacle (section 7.5); hold the last echo if one is missed. */
 TASK(task_ts2)
 {
     const S32 sonar_cm = ecrobot_get_sonar_sensor(SONAR);

@@ -3,7 +3,7 @@
  *
  * {{ stamp }}
  *
- * A float is written with the fewest digits that give exactly the single of the simulation.
+ * Floats have the fewest digits that give exactly the single-precision value of the simulation.
  */
 #include "ballbot_parameters.h"
 
