@@ -9,8 +9,9 @@ import numpy as np
 
 from ballbot_ros.analysis.metrics import HALF_TICK_S, Judgement, judge, measure, number
 from ballbot_ros.analysis.run_data import RunData
-from ballbot_ros.analysis.run_metrics import FORMER_NAMES, RUN_METRICS
+from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.analysis.verdict import ExpectationVerdict, Verdict
+from ballbot_ros.former_names import FORMER_METRICS, with_former_names
 from ballbot_ros.parameters import GyroParameters, PlantParameters
 from ballbot_ros.scenario.metrics import METRICS, Clearance
 from ballbot_ros.world.exports import floor_map_of
@@ -66,10 +67,9 @@ class Assessment:
             if run.attached.has_parameters
             else None,
             'versions': run.attached.versions,
-            'metrics': {
-                **{name: number(value) for name, value in self.metrics.items()},
-                **{old: number(self.metrics[name]) for old, name in FORMER_NAMES.items()},
-            },
+            'metrics': with_former_names(
+                {name: number(value) for name, value in self.metrics.items()}, FORMER_METRICS
+            ),
             'expectations': [
                 {**each.judgement.as_json(), 'verdict': each.verdict.value}
                 for each in self.expectations

@@ -28,7 +28,6 @@ from ballbot_ros.analysis.page import number_text, render, write_folder
 from ballbot_ros.analysis.report import MEANINGS, MetricText, banner, metric_text
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import Drawn
-from ballbot_ros.analysis.run_metrics import FORMER_NAMES
 from ballbot_ros.analysis.style import (
     BLUE,
     GRAY,
@@ -43,6 +42,7 @@ from ballbot_ros.analysis.style import (
 )
 from ballbot_ros.analysis.table import Table, csv_text
 from ballbot_ros.analysis.verdict import Verdict
+from ballbot_ros.former_names import FORMER_METRICS, with_former_names
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.world.exports import OccupancyGrid
 from ballbot_ros.world.floor_map import FloorMap
@@ -178,7 +178,7 @@ def as_json(runs: Sequence[Compared], failed: Sequence[str]) -> dict[str, object
             }
             for each in runs
         ],
-        'metrics': {**metrics, **{old: metrics[name] for old, name in FORMER_NAMES.items()}},
+        'metrics': with_former_names(metrics, FORMER_METRICS),
         'failures': list(failed),
     }
 

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 
-from ballbot_ros.analysis.run_metrics import FORMER_NAMES
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.former_names import current_metric
 
 _FORM = re.compile(
     r'\s*(?P<metric>\w+)\s*(?P<sign>[<>])\s*(?P<amount>\d+\.?\d*|\.\d+)\s*(?P<percent>%?)\s*'
@@ -71,7 +71,7 @@ def parse_condition(text: str, metrics: Iterable[str]) -> Condition:
             f'--fail-if {text!r}: not of the form metric>5%, metric>0.1, metric<5% or metric<0.1'
         )
     known = list(metrics)
-    name = FORMER_NAMES.get(match['metric'], match['metric'])
+    name = current_metric(match['metric'])
     if name not in known:
         close = get_close_matches(name, known)
         hint = f'did you mean {" or ".join(close)}?' if close else f'known: {", ".join(known)}'

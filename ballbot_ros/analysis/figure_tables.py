@@ -91,11 +91,11 @@ def gyro_table(run: RunData) -> Table:
     """Return true rate, reading minus offset, true and estimated offset [°/s]."""
     gyro = run.series[GYRO_IMU]
     rates = run.series[PLANT_IMU].at(gyro.stamps)[:, 2:]
-    table = dict(_table(gyro, 'true_rate', 'deg_s', np.degrees(rates)))
+    table = dict(_table(gyro, 'true_rate', 'deg_per_s', np.degrees(rates)))
     offset = estimated_gyro_offset(run)
-    table |= _table(gyro, 'read_rate', 'deg_s', np.degrees(gyro.values) - offset)
-    table |= _table(gyro, 'true_offset', 'deg_s', true_gyro_offset(run))
-    table |= _table(gyro, 'estimated_offset', 'deg_s', offset)
+    table |= _table(gyro, 'read_rate', 'deg_per_s', np.degrees(gyro.values) - offset)
+    table |= _table(gyro, 'true_offset', 'deg_per_s', true_gyro_offset(run))
+    table |= _table(gyro, 'estimated_offset', 'deg_per_s', offset)
     return table
 
 

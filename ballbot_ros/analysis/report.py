@@ -8,12 +8,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.analysis.assessment import Assessment, Judged, shown_metrics
+from ballbot_ros.analysis.extraction import Status
 from ballbot_ros.analysis.page import number_text, render, write_folder
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import Drawn, draw_figures
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.analysis.table import csv_text
 from ballbot_ros.analysis.verdict import ExpectationVerdict
+from ballbot_ros.former_names import (
+    FORMER_CONTROLLER_KEYS,
+    FORMER_PLANT_KEYS,
+    without_former_names,
+)
 from ballbot_ros.parameters import (
     NODES,
     GyroParameters,
@@ -77,10 +83,7 @@ def report_page(assessment: Assessment, figures: list[Drawn]) -> str:
             {
                 'name': name,
                 'message': status.message,
-                # The file's folder on its machine stays private.
-                'content': ', '.join(
-                    f'{key} {value}' for key, value in status.values if key != 'file'
-                ),
+                'content': _diagnostics_text(status),
             }
             for name, status in statuses.items()
         ],
@@ -88,6 +91,13 @@ def report_page(assessment: Assessment, figures: list[Drawn]) -> str:
         parameters=sorted(_parameters(run), key=lambda row: not row['changed']),
         versions=run.attached.versions,
     )
+
+
+def _diagnostics_text(status: Status) -> str:
+    former = {**FORMER_PLANT_KEYS, **FORMER_CONTROLLER_KEYS}
+    values = without_former_names(dict(status.values), former)
+    # The file's folder on its machine stays private.
+    return ', '.join(f'{key} {value}' for key, value in values.items() if key != 'file')
 
 
 def banner(run: RunData) -> list[str]:

@@ -215,8 +215,13 @@ def _draw_estimate(run: RunData, table: Table) -> Figure:
 
 def _draw_gyro(run: RunData, table: Table) -> Figure:
     pairs = (
-        _Pair('true_rate_{}_deg_s', 'read_rate_{}_deg_s', 'pitch rate [°/s]', 'reading − offset'),
-        _Pair('true_offset_{}_deg_s', 'estimated_offset_{}_deg_s', 'gyro offset [°/s]'),
+        _Pair(
+            'true_rate_{}_deg_per_s',
+            'read_rate_{}_deg_per_s',
+            'pitch rate [°/s]',
+            'reading − offset',
+        ),
+        _Pair('true_offset_{}_deg_per_s', 'estimated_offset_{}_deg_per_s', 'gyro offset [°/s]'),
     )
     # The gyros have different offsets.
     return _draw_pairs(run, table, pairs, share_rows=False)

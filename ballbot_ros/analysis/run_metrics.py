@@ -13,6 +13,11 @@ from numpy.typing import NDArray
 from ballbot_ros.analysis.metrics import HALF_TICK_S
 from ballbot_ros.analysis.run_data import RunData, seconds
 from ballbot_ros.controller.interface import OperatingState
+from ballbot_ros.former_names import (
+    FORMER_CONTROLLER_KEYS,
+    FORMER_PLANT_KEYS,
+    with_current_names,
+)
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -24,13 +29,12 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.parameters import CONTROLLER, PLANT, ControllerParameters
 from ballbot_ros.scenario.metric_registry import MetricRegistry
-from ballbot_ros.timing import TICK_NS
+from ballbot_ros.timing import RESEND_S, TICK_NS
 
 RUN_METRICS = MetricRegistry[RunData]()
 """In addition to the metrics of expectations; NaN if the file lacks the data."""
 
-FORMER_NAMES: Mapping[str, str] = {'truth_sent_again': 'resends'}
-"""Current names of renamed metrics by their former names; JSON and conditions accept both."""
+_FORMER_KEYS = {PLANT: FORMER_PLANT_KEYS, CONTROLLER: FORMER_CONTROLLER_KEYS}
 
 _MEAN_S = 1.0
 _MEAN_ROWS = 2**13
@@ -155,12 +159,12 @@ def position_error_rms_m(run: RunData) -> float:
     'root mean square of the error of the estimated gyro offset (reading minus estimated pitch '
     'rate, against reading minus true rate, 1 s mean), plane x'
 )
-def gyro_offset_error_x_deg_s(run: RunData) -> float:
+def gyro_offset_error_x_deg_per_s(run: RunData) -> float:
     return _offset_error(run, 0)
 
 
 @RUN_METRICS.metric('the same for plane y')
-def gyro_offset_error_y_deg_s(run: RunData) -> float:
+def gyro_offset_error_y_deg_per_s(run: RunData) -> float:
     return _offset_error(run, 1)
 
 
@@ -182,7 +186,7 @@ for _state in OperatingState:
     )
 
 
-@RUN_METRICS.metric('ticks up to the last one that are not in the file')
+@RUN_METRICS.metric('ticks, up to the last recorded one, whose truth or duty is not in the file')
 def missing_ticks(run: RunData) -> float:
     return run.missing_ticks
 
@@ -203,17 +207,18 @@ def tick_jitter_ms(run: RunData) -> float:
     'running, also those of the controller'
 )
 def late_ticks(run: RunData) -> float:
-    late = _counter(run, PLANT, 'late ticks', 'overruns')
+    late = _counter(run, PLANT, 'late ticks')
     if not run.plant.lockstep:
-        late += _counter(run, CONTROLLER, 'late ticks', 'overruns')
+        late += _counter(run, CONTROLLER, 'late ticks')
     return late
 
 
 @RUN_METRICS.metric(
-    'ticks that the plant sent again after 0.1 s without an answer, from /diagnostics'
+    f'number of times that the plant sent a tick again, after {RESEND_S:g} s without an answer, '
+    'from /diagnostics'
 )
 def resends(run: RunData) -> float:
-    return _counter(run, PLANT, 'resends', 'asked again')
+    return _counter(run, PLANT, 'resends')
 
 
 @RUN_METRICS.metric(
@@ -225,15 +230,12 @@ def tick_rate_hz(run: RunData) -> float:
     return float(np.median(rates)) if rates else math.nan
 
 
-def _counter(run: RunData, role: str, key: str, former_key: str) -> float:
-    """Return a counter in a node's last report; NaN if there is no report.
-
-    Recordings of older versions have it under `former_key`.
-    """
+def _counter(run: RunData, role: str, key: str) -> float:
+    """Return a counter in a node's last report; NaN if there is no report."""
     reports = list(_diagnostics(run, role))
     if not reports:
         return math.nan
-    return _read(reports[-1], key if key in reports[-1] else former_key)
+    return _read(with_current_names(reports[-1], _FORMER_KEYS[role]), key)
 
 
 def _diagnostics(run: RunData, role: str) -> Iterator[Mapping[str, str]]:

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ballbot_ros.analysis.metrics import Judgement, number
+from ballbot_ros.former_names import FORMER_METRICS, FORMER_RESULT_KEYS, with_former_names
 from ballbot_ros.parameters import GyroParameters
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
@@ -18,7 +19,7 @@ from ballbot_ros.scenario.metric_registry import label as metric_label
 
 def print_json(spec: RunSpec, result: RunResult) -> None:
     """Print the result as one JSON object; a missing number is null."""
-    content = {
+    content: dict[str, object] = {
         'scenario': spec.name,
         'processes': spec.processes.value,
         'seed': _seed(spec),
@@ -28,20 +29,20 @@ def print_json(spec: RunSpec, result: RunResult) -> None:
         'ticks': result.ticks,
         'real_time_factor': result.real_time_factor,
         'late_ticks': result.late_ticks,
-        'missed_ticks': result.late_ticks,  # former name
         'resends': result.resends,
-        'asked_again': result.resends,  # former name
         'round_trip_ms': result.round_trip._asdict() if result.round_trip else None,
         'participants': list(result.participants),
         'recording': None if result.recording is None else str(result.recording),
         'figure': None if result.picture is None else str(result.picture),
-        'metrics': {name: number(value) for name, value in result.metrics.items()},
+        'metrics': with_former_names(
+            {name: number(value) for name, value in result.metrics.items()}, FORMER_METRICS
+        ),
         'expectations': [
             {**each.as_json(), 'holds': each.holds if result.is_complete else None}
             for each in result.judgements
         ],
     }
-    print(json.dumps(content, indent=2, allow_nan=False))
+    print(json.dumps(with_former_names(content, FORMER_RESULT_KEYS), indent=2, allow_nan=False))
 
 
 def _seed(spec: RunSpec) -> int:

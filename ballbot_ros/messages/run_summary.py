@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ballbot_ros.former_names import FORMER_RESULT_KEYS, with_former_names
 from ballbot_ros.messages.participation import RunStatus, membership_json, membership_text
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.simulation.run_actions import PublishStatus, RunSummary
@@ -13,25 +14,28 @@ from ballbot_ros.simulation.run_actions import PublishStatus, RunSummary
 
 def summary_json(summary: RunSummary) -> dict[str, object]:
     """Return a summary with the keys of the command's JSON."""
-    return {
+    content: dict[str, object] = {
         'outcome': summary.outcome.value,
         'reason': summary.reason,
         'ticks': summary.ticks,
         'duty_sha256': summary.duty_sha256,
         'real_time_factor': summary.real_time_factor,
         'late_ticks': summary.late_ticks,
-        'missed_ticks': summary.late_ticks,  # former name
         'resends': summary.resends,
-        'asked_again': summary.resends,  # former name
         'round_trip_ms': _in_milliseconds(summary.round_trips_s),
         'participants': [membership_json(each, summary.start_ns) for each in summary.members],
     }
+    return with_former_names(content, FORMER_RESULT_KEYS)
 
 
 def summary_words(summary: RunSummary) -> dict[str, object]:
-    """Return the part of a summary that the plant's diagnostics contain."""
-    words = summary_json(summary)
-    del words['ticks'], words['participants'], words['round_trip_ms']
+    """Return what the summary adds to the plant's diagnostics."""
+    words: dict[str, object] = {
+        'outcome': summary.outcome.value,
+        'reason': summary.reason,
+        'duty_sha256': summary.duty_sha256,
+        'real_time_factor': summary.real_time_factor,
+    }
     if trips_ms := _in_milliseconds(summary.round_trips_s):
         label = f'round trip {" / ".join(trips_ms)} [ms]'
         words[label] = ' / '.join(f'{trip_ms:.2f}' for trip_ms in trips_ms.values())

@@ -11,6 +11,7 @@ from rclpy.timer import Timer
 
 from ballbot_ros.codegen.implementation import program_maker, require_implementation
 from ballbot_ros.controller.tasks import TS1, task_timings
+from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS, with_former_names
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.inputs import INPUTS, device_inputs
 from ballbot_ros.messages.raw import decoder, same_content, stamp_of
@@ -215,17 +216,16 @@ class Controller(BallbotNode[ControllerParameters]):
         """Return the operating state and the counts of callbacks, late ticks and resends."""
         fired = (self._lockstep_ticks.releases if self._lockstep else self._free_ticks).fired
         periods = {name: period_ms for name, _, period_ms in self._tasks if period_ms}
-        return {
+        content = {
             'operating state': self._messages.operating_state,
             f'timer callbacks {"/".join(map(str, periods.values()))} ms': '/'.join(
                 str(fired[name]) for name in periods
             ),
             'forced releases': self._lockstep_ticks.releases.forced,
             'late ticks': self._free_ticks.late_ticks,
-            'overruns': self._free_ticks.late_ticks,  # former name
             'resends': self._resends,
-            'answers sent again': self._resends,  # former name
         }
+        return with_former_names(content, FORMER_CONTROLLER_KEYS)
 
     def close(self) -> None:
         """Switch off the motors, and wait until an objection has reached the plant."""

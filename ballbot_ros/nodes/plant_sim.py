@@ -10,6 +10,7 @@ from pathlib import Path
 import rclpy
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.former_names import FORMER_PLANT_KEYS, with_former_names
 from ballbot_ros.messages.run_summary import summary_json, summary_words
 from ballbot_ros.messages.run_topics import RUN_TOPICS
 from ballbot_ros.messages.topics import (
@@ -133,18 +134,17 @@ class PlantSim(BallbotNode[PlantParameters]):
     def diagnose(self) -> Mapping[str, object]:
         """Return the state of the run."""
         master = self.master
-        return {
+        content = {
             'run': master.number,
             'sim time [s]': f'{master.time_ns / SECOND_NS:.3f}',
             'ticks': master.log.ticks,
             'late ticks': master.late_ticks,
-            'overruns': master.late_ticks,  # former name
             'resends': master.resends,
-            'asked again': master.resends,  # former name
             'fallen': master.is_fallen,
             'paused': master.pause.is_paused,
             **(summary_words(master.summary) if master.summary else {}),
         }
+        return with_former_names(content, FORMER_PLANT_KEYS)
 
     def stop(self) -> None:
         """End the run because the node is asked to stop."""

@@ -56,8 +56,8 @@ class MetricRegistry(dict[str, Metric[Measured]]):
 
 
 UNITS: Mapping[str, str] = {
-    'm_s': 'm/s',
-    'deg_s': '°/s',
+    'm_per_s': 'm/s',
+    'deg_per_s': '°/s',
     'ms': 'ms',
     's': 's',
     'deg': '°',

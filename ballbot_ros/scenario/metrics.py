@@ -157,7 +157,7 @@ def distance_driven_m(motion: Motion) -> float:
 
 
 @METRICS.metric('largest speed of the ball')
-def peak_speed_m_s(motion: Motion) -> float:
+def peak_speed_m_per_s(motion: Motion) -> float:
     return float((motion.steps / np.diff(motion.time)).max(initial=0.0))
 
 

@@ -10,6 +10,7 @@ from typing import TypeVar, cast
 import yaml
 
 from ballbot_ros.files import read_text
+from ballbot_ros.former_names import current_metric
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -282,8 +283,9 @@ class ScenarioReader:
     def _expectations(self, data: object, parameters: ParameterSet) -> list[Expectation]:
         expectations: list[Expectation] = []
         plant = parameters.of(PlantParameters)
-        for metric, bounds in self._mapping(data, ('expectations',)).items():
-            keys: Keys = ('expectations', metric)
+        for name, bounds in self._mapping(data, ('expectations',)).items():
+            keys: Keys = ('expectations', name)
+            metric = current_metric(name)
             if metric not in METRICS:
                 known = ', '.join(METRICS)
                 raise self._error(keys, f'unknown metric {metric!r}; known: {known}')
@@ -302,7 +304,7 @@ class ScenarioReader:
         return expectations
 
     def _expectation(self, keys: Keys, data: object, plant: PlantParameters) -> Expectation:
-        metric = str(keys[1])
+        metric = current_metric(str(keys[1]))
         limits = {
             key: self._number(value, (*keys, key))
             for key, value in self._mapping(data, keys, ('min', 'max', 'from', 'to')).items()

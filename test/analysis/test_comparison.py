@@ -6,6 +6,7 @@ import json
 import pytest
 
 from ballbot_ros.analysis.report import MEANINGS
+from ballbot_ros.former_names import FORMER_METRICS
 
 
 @pytest.fixture(scope='module')
@@ -24,8 +25,9 @@ def test_the_same_run_has_not_changed(command, short):
     )  # fmt: skip
     assert (status, stderr) == (0, '')
     content = json.loads(stdout)
-    assert list(content['metrics']) == [*MEANINGS, 'truth_sent_again']
-    assert content['metrics']['truth_sent_again'] == content['metrics']['resends']
+    assert list(content['metrics']) == [*MEANINGS, *FORMER_METRICS]
+    for former, name in FORMER_METRICS.items():
+        assert content['metrics'][former] == content['metrics'][name]
     assert all(each['changes'][0] in (0.0, None) for each in content['metrics'].values())
 
 

@@ -129,7 +129,7 @@ def test_a_run_of_one_tick_can_be_measured():
 def test_the_path_counts_every_way_there_and_back():
     measured = metrics(trajectory(position=[0.0, 0.3, 0.0], position_y=[0.0, 0.4, 0.0]))
     assert measured['distance_driven_m'] == pytest.approx(1.0)
-    assert measured['peak_speed_m_s'] == pytest.approx(0.5 / TICK)
+    assert measured['peak_speed_m_per_s'] == pytest.approx(0.5 / TICK)
 
 
 def test_the_clearance_is_the_least_on_the_way():

@@ -20,6 +20,7 @@ from ballbot_ros.analysis.report import report_page, write_report
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.run_figures import FIGURES, LEAST_SPAN, draw_figures
 from ballbot_ros.analysis.table import MANY, envelope, every_nth
+from ballbot_ros.former_names import FORMER_METRICS
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.world.exports import OccupancyGrid
@@ -100,7 +101,7 @@ def test_every_figure_is_there_as_image_file_and_table(page, folder):
         header, *rows = csv.reader((folder / f'{name}.csv').read_text().splitlines())
         assert rows
         assert all(len(row) == len(header) for row in rows)
-        unit = re.compile(r'.*_(s|cm|deg|percent|v|deg_s)')
+        unit = re.compile(r'.*_(s|cm|deg|percent|v|deg_per_s)')
         assert all(unit.fullmatch(column) or column == 'state' for column in header)
 
 
@@ -189,6 +190,8 @@ def test_the_command_writes_beside_the_recording_and_never_over_it(command, shor
     content = json.loads(stdout)
     assert content['outcome'] == short[1]['outcome']
     assert content['report'] == str(path.with_name('copy_report') / 'index.html')
+    for former, name in FORMER_METRICS.items():
+        assert content['metrics'][former] == content['metrics'][name]
     before = (path.with_name('copy_report') / 'index.html').read_bytes()
     status, stdout, stderr = command('report', path)
     assert status == 2

@@ -129,17 +129,17 @@ def test_a_run_that_was_stopped_early_is_incomplete(short, copy):
 
 LACKING = {
     '/plant/imu': {'settling_time_s', 'peak_pitch_deg', 'steady_pitch_rms_deg',
-                   'pitch_error_rms_deg', 'gyro_offset_error_x_deg_s',
-                   'gyro_offset_error_y_deg_s'},
+                   'pitch_error_rms_deg', 'gyro_offset_error_x_deg_per_s',
+                   'gyro_offset_error_y_deg_per_s'},
     '/plant/odom': {'position_rms_m', 'peak_position_m', 'overshoot_m', 'station_rms_m',
                     'station_radius_m', 'final_position_x_m', 'final_position_y_m',
-                    'distance_driven_m', 'peak_speed_m_s', 'position_error_rms_m'},
+                    'distance_driven_m', 'peak_speed_m_per_s', 'position_error_rms_m'},
     '/motor_duty': {'duty_rms_percent', 'duty_saturated_share', 'tick_jitter_ms'},
     '/plant/joint_states': {'energy_j'},
     '/battery_state': {'lowest_battery_v'},
-    '/gyro': {'gyro_offset_error_x_deg_s', 'gyro_offset_error_y_deg_s'},
+    '/gyro': {'gyro_offset_error_x_deg_per_s', 'gyro_offset_error_y_deg_per_s'},
     '/controller/state': {'pitch_error_rms_deg', 'position_error_rms_m',
-                          'gyro_offset_error_x_deg_s', 'gyro_offset_error_y_deg_s'},
+                          'gyro_offset_error_x_deg_per_s', 'gyro_offset_error_y_deg_per_s'},
 }  # fmt: skip
 
 

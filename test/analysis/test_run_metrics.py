@@ -17,6 +17,7 @@ from ballbot_ros.messages.topics import (
     PLANT_JOINT_STATES,
     PLANT_ODOM,
 )
+from ballbot_ros.parameters import PlantParameters
 
 COUNT = 1000
 STAMPS = 1_000_000_000 + 4_000_000 * np.arange(COUNT)
@@ -61,8 +62,8 @@ def test_the_gyro_offset_is_reading_less_believed_rate(metrics):
         CONTROLLER_STATE: series(*[0.0] * 4, *np.radians([-3.0, 0.5])),
     }
     measured = metrics(given)
-    assert measured['gyro_offset_error_x_deg_s'] == pytest.approx(2.0)
-    assert measured['gyro_offset_error_y_deg_s'] == pytest.approx(0.5)
+    assert measured['gyro_offset_error_x_deg_per_s'] == pytest.approx(2.0)
+    assert measured['gyro_offset_error_y_deg_per_s'] == pytest.approx(0.5)
 
 
 def test_the_estimate_is_compared_with_the_truth_where_it_is_made(metrics):
@@ -93,10 +94,11 @@ def test_states_are_timed_and_the_lowest_voltage_is_found(metrics):
     assert measured['lowest_battery_v'] == 7.5
 
 
+@pytest.mark.parametrize('lockstep', [True, False])
 @pytest.mark.parametrize(
     ('late_ticks', 'resends'), [('late_ticks', 'resends'), ('overruns', 'asked_again')]
 )
-def test_counters_are_the_last_that_the_plant_reported(metrics, late_ticks, resends):
+def test_counters_are_the_last_that_the_nodes_reported(metrics, late_ticks, resends, lockstep):
     def status(node, **values):
         keys = tuple(key.replace('_', ' ') for key in values)
         return Status(f'{node}: loop', 'OK', 0, keys, tuple(values.values()))
@@ -106,8 +108,9 @@ def test_counters_are_the_last_that_the_plant_reported(metrics, late_ticks, rese
         counters = {late_ticks: str(second), resends: '7', 'rate [Hz]': hertz}
         statuses.append((float(second), status('plant_sim', **counters)))
     statuses.append((4.0, status('controller', **{late_ticks: '100'})))
-    measured = metrics(statuses=tuple(statuses))
-    assert measured['late_ticks'] == 3.0
+    plant = PlantParameters(lockstep=lockstep)
+    measured = metrics(statuses=tuple(statuses), plant=plant)
+    assert measured['late_ticks'] == (3.0 if lockstep else 103.0)
     assert measured['resends'] == 7.0
     assert measured['tick_rate_hz'] == 240.0
 

@@ -7,6 +7,7 @@ pytest.importorskip('rclpy')
 from std_srvs.srv import Trigger
 
 from ballbot_ros.controller.tasks import TS1
+from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS
 from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
 from ballbot_ros.nodes import controller
 from ballbot_ros.nodes.controller import Controller
@@ -128,6 +129,8 @@ def test_whatever_the_timers_do_the_duties_are_the_same(
     assert result.ticks == round(DURATION_S * 250), result.reason
     assert result.duty_sha256 == expected_sha256
     assert kind.counts['forced releases'] == forced
+    for former, name in FORMER_CONTROLLER_KEYS.items():
+        assert kind.counts[former] == kind.counts[name]
     # What the timers leave out, the plant has to ask for.
     assert result.resends >= forced
 
