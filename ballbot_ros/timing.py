@@ -1,4 +1,4 @@
-"""Sim time: its units, the periods of steps, ticks and samples, and when runs begin."""
+"""Sim time: its units, the periods of steps, ticks and samples, and the start of a run."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ STEP_NS = MILLISECOND_NS
 
 STEPS_PER_TICK = 4
 TICK_NS = STEPS_PER_TICK * STEP_NS
-"""Period of the lockstep, and of the gyro, encoder and duty samples."""
+TICK_S = TICK_NS / SECOND_NS
+"""Period of the lockstep, of the gyro, encoder and duty samples, and of task_ts1."""
 
 SLOW_PERIOD_NS = 20 * MILLISECOND_NS
-"""Period of the sonar and gamepad samples and of the wall hit test."""
+"""Period of the sonar and gamepad samples and of the wall hit test (Appendix B.3)."""
 
 BATTERY_PERIOD_NS = 100 * MILLISECOND_NS
 """Period of the battery samples. Runs begin at a multiple of it: all tasks are then in phase."""
@@ -22,7 +23,8 @@ FIRST_TICK_NS = SECOND_NS
 """Start of the first run. Zero means 'no time yet' to ROS."""
 
 RESEND_S = 0.1
-"""Wall-clock time without progress after which the plant sends its newest tick again [s]."""
+"""Wall-clock time without progress after which the plant sends its newest tick again, and period at
+which it checks its time limits [s]."""
 
 FREE_RUNNING_SILENCE_S = 0.5
 """Free running: silence after which the controller takes stick zero and the plant duty zero [s]."""

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import asdict, dataclass, fields
+from typing import get_args
 
 import pytest
 from hypothesis import strategies as st
@@ -28,7 +29,9 @@ from ballbot_ros.parameters import (
     Subset,
     parameters_of,
 )
+from ballbot_ros.parameters.controller import Period
 from ballbot_ros.plant.model import PhysicalParameters
+from ballbot_ros.timing import BATTERY_PERIOD_NS, MILLISECOND_NS, TICK_NS
 
 # What the document and the author's other robot give (sections 3.1, 6 and 7).
 REFERENCE = {
@@ -285,3 +288,9 @@ def test_a_subset_takes_the_parameters_that_its_fields_name():
     assert Two.from_parameters(ParameterSet().of(PlantParameters)) == Two(9.81, 0.0)
     assert {field.name for field in fields(PhysicalParameters)} <= set(parameters_of(PLANT))
     assert physical(gravity=1.0).gravity == 1.0
+
+
+def test_task_periods_are_the_whole_ticks_that_divide_the_grid_of_runs():
+    grid_ms, tick_ms = BATTERY_PERIOD_NS // MILLISECOND_NS, TICK_NS // MILLISECOND_NS
+    allowed = range(tick_ms, grid_ms + 1, tick_ms)
+    assert get_args(Period) == tuple(period for period in allowed if grid_ms % period == 0)

@@ -14,6 +14,7 @@ from ballbot_ros.timing import (
 
 def test_all_periods_are_in_phase_at_the_start_of_a_run():
     assert FIRST_TICK_NS == 1_000_000_000
+    assert (TICK_NS, SLOW_PERIOD_NS, BATTERY_PERIOD_NS) == (4_000_000, 20_000_000, 100_000_000)
     assert all(
         FIRST_TICK_NS % period == 0 for period in (TICK_NS, SLOW_PERIOD_NS, BATTERY_PERIOD_NS)
     )

@@ -12,9 +12,9 @@ from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.scenario.metrics import METRICS, Clearance, Motion
 from ballbot_ros.scenario.scenario import Expectation
 from ballbot_ros.simulation.trajectory import Trajectory
-from ballbot_ros.timing import TICK_NS
+from ballbot_ros.timing import TICK_S
 
-HALF_TICK_S = TICK_NS * 0.5e-9
+HALF_TICK_S = TICK_S / 2.0
 """Tolerance for equal ticks: stamps are whole nanoseconds, times in seconds are rounded."""
 
 

@@ -39,7 +39,7 @@ from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.recording.attachments import PARAMETERS
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.timing import SECOND_NS, TICK_NS
+from ballbot_ros.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.world.library import is_file_name
 
 AROUND_TICKS = 2
@@ -218,7 +218,7 @@ class RecordingReplay:
                 if tick.stamp_ns in job.inputs.duties:
                     duty = job.inputs.duties[tick.stamp_ns]
                     divergence.add(tick.stamp_ns, duty, tick.outputs.duty)
-                done += TICK_NS / SECOND_NS
+                done += TICK_S
                 update(done)
             divergences.append(divergence)
         return divergences

@@ -22,7 +22,7 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.metrics import Floats
 from ballbot_ros.simulation.trajectory import Trajectory
-from ballbot_ros.timing import SECOND_NS, TICK_NS
+from ballbot_ros.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.world.exports import OccupancyGrid
 from ballbot_ros.world.floor_map import FloorMap
 
@@ -306,7 +306,7 @@ def _states(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Inte
         for epoch, stamp, state in extraction.states
         if run.has(epoch, stamp)
     ]
-    ends = [time for time, _ in changes[1:]] + [float(last) + TICK_NS / SECOND_NS]
+    ends = [time for time, _ in changes[1:]] + [float(last) + TICK_S]
     return tuple(
         Interval(state, time, until)
         for (time, state), until in zip(changes, ends, strict=False)  # there is one more end

@@ -9,9 +9,11 @@ from typing import NamedTuple
 from ballbot_ros.brick.brick import UINT32, DeviceInputs
 from ballbot_ros.brick.units import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.controller.tasks import TS1_MS
+from ballbot_ros.timing import BATTERY_PERIOD_NS, MILLISECOND_NS, SLOW_PERIOD_NS
 
 _OFFSET = 600
-_SONAR_MS, _BATTERY_MS = 20, 100
+_SONAR_MS = SLOW_PERIOD_NS // MILLISECOND_NS
+_BATTERY_MS = BATTERY_PERIOD_NS // MILLISECOND_NS
 _STEEPEST = 2**31 - 1
 
 

@@ -11,7 +11,7 @@ from ballbot_ros.controller.constants import ProgramConstants, Single
 from ballbot_ros.controller.tasks import TS1_MS
 
 ZERO, ONE, HUNDRED, THOUSAND = Single(0), Single(1), Single(100), Single(1000)
-TS1 = Single(TS1_MS)
+TS1_PERIOD = Single(TS1_MS)
 
 State = tuple[Single, Single, Single, Single, Single, Single]
 """The state carried from one period to the next, see :class:`Axis`.
@@ -77,16 +77,16 @@ def control(
     k_theta, k_psi, k_theta_dot, k_psi_dot = k_f
     gyro_offset, theta_ref_dot, sum_theta_ref_dot, sum_psi_dot, sum_theta_diff, smooth = state
 
-    theta_ref = TS1 * sum_theta_ref_dot / THOUSAND
+    theta_ref = TS1_PERIOD * sum_theta_ref_dot / THOUSAND
     theta_ref_dot = Single(stick) / gp_max * k_thetadot * complement_r + theta_ref_dot * a_r
 
-    psi = TS1 * sum_psi_dot / THOUSAND
+    psi = TS1_PERIOD * sum_psi_dot / THOUSAND
     theta = wheel_per_ball * Single(revolution) + psi
     theta_smooth = theta * complement_d + smooth * a_d
     reading = Single(gyro)
     gyro_offset = reading * complement_gd + a_gd * gyro_offset
     psi_dot = reading - gyro_offset
-    theta_dot = (theta_smooth - smooth) * THOUSAND / TS1
+    theta_dot = (theta_smooth - smooth) * THOUSAND / TS1_PERIOD
 
     theta_diff = theta_ref - theta
     psi_diff = ZERO - psi
@@ -94,7 +94,7 @@ def control(
     feedback = feedback + k_psi * psi_diff
     feedback = feedback + k_theta_dot * (theta_ref_dot - theta_dot)
     feedback = feedback + k_psi_dot * (ZERO - psi_dot)
-    integral = TS1 * sum_theta_diff / THOUSAND * k_i
+    integral = TS1_PERIOD * sum_theta_diff / THOUSAND * k_i
     duty = (integral + feedback) / max_voltage * HUNDRED
     sign = ONE if duty > ZERO else -ONE if duty < ZERO else ZERO
     duty = pwm_offset * sign + pwm_gain * duty

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from ballbot_ros.brick.schedule import TaskTiming
+from ballbot_ros.timing import MILLISECOND_NS, TICK_NS
 
 PROGRAM_NAME = 'NXT BALLBOT'
 """First line of the display."""
 
-TS1 = 'task_ts1'
-TS1_MS = 4
+TASK_TS1 = 'task_ts1'
+TS1_MS = TICK_NS // MILLISECOND_NS
 """Period of task_ts1: the tick of the plant."""
 
 LCD_MS = 500
@@ -21,7 +22,7 @@ def task_timings(ts2_ms: int, ts3_ms: int) -> tuple[TaskTiming, ...]:
     """
     return (
         TaskTiming('task_init', 5, 0),
-        TaskTiming(TS1, 4, TS1_MS),
+        TaskTiming(TASK_TS1, 4, TS1_MS),
         TaskTiming('task_ts2', 3, ts2_ms),
         TaskTiming('task_ts3', 2, ts3_ms),
         TaskTiming('task_lcd', 1, LCD_MS),

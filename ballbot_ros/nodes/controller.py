@@ -10,7 +10,7 @@ from typing import Any
 from rclpy.timer import Timer
 
 from ballbot_ros.codegen.implementation import program_maker, require_implementation
-from ballbot_ros.controller.tasks import TS1, task_timings
+from ballbot_ros.controller.tasks import TASK_TS1, task_timings
 from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS, with_former_names
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.inputs import INPUTS, device_inputs
@@ -57,7 +57,7 @@ class Controller(BallbotNode[ControllerParameters]):
             tick_ns=TICK_NS,
         )
         self._free_ticks = FreeRunningTicks(
-            every_tick=TS1,
+            every_tick=TASK_TS1,
             clock=GYRO_IMU.name,
             needed=[topic.name for topic in (GYRO_IMU, JOINT_STATES, BATTERY_STATE)],
             sticks=GAMEPAD_JOY.name,
@@ -108,7 +108,7 @@ class Controller(BallbotNode[ControllerParameters]):
 
     def _makes_ticks(self, task: str) -> bool:
         """Return whether a task's timer drives the ticks, and so runs before the first one."""
-        return not self._lockstep and task == TS1
+        return not self._lockstep and task == TASK_TS1
 
     def _release_callback(self, task: str) -> Callable[[], None]:
         """Return the callback of a task's timer."""

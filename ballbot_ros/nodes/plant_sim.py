@@ -41,10 +41,8 @@ from ballbot_ros.simulation.run_actions import Actions
 from ballbot_ros.simulation.run_master import RunMaster
 from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
 from ballbot_ros.simulation.trajectory import TrajectoryLog, save_trajectory
-from ballbot_ros.timing import SECOND_NS, TICK_NS
+from ballbot_ros.timing import RESEND_S, SECOND_NS, TICK_S
 from ballbot_ros.world.world import World
-
-WATCH_S = 0.1
 
 
 class PlantSim(BallbotNode[PlantParameters]):
@@ -73,7 +71,7 @@ class PlantSim(BallbotNode[PlantParameters]):
             time.monotonic(),
         )
         PlantEvents(self)
-        self.every(WATCH_S, self._on_time)
+        self.every(RESEND_S, self._on_time)
         self._free_timer = None
         if isinstance(self.master, FreeRunningMaster):
             on_tick = self.master.on_tick
@@ -103,7 +101,7 @@ class PlantSim(BallbotNode[PlantParameters]):
     @property
     def _tick_s(self) -> float:
         """Period of the ticks of a free-running plant [s]."""
-        return TICK_NS / SECOND_NS / (self.parameters.real_time_factor or 1.0)
+        return TICK_S / (self.parameters.real_time_factor or 1.0)
 
     def _set_up(self, start_ns: int) -> RunSetup:
         """Apply the parameters of a new run, and create its plant."""

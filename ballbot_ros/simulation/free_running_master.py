@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from ballbot_ros.simulation.run_master import Phase, RunMaster, event
-from ballbot_ros.timing import FREE_RUNNING_SILENCE_S, RESEND_S, SECOND_NS, TICK_NS
-
-TICK_S = TICK_NS / SECOND_NS
+from ballbot_ros.timing import FREE_RUNNING_SILENCE_S, RESEND_S, TICK_S
 
 
 class FreeRunningMaster(RunMaster):

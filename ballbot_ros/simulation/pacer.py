@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ballbot_ros.timing import SECOND_NS, TICK_NS
+from ballbot_ros.timing import TICK_S
 
 
 class Pacer:
@@ -38,7 +38,7 @@ class Pacer:
         if factor == 0.0:
             self._due_s = None
             return
-        period_s = TICK_NS / SECOND_NS / factor
+        period_s = TICK_S / factor
         due_s = now_s if self._due_s is None else self._due_s
         if now_s - due_s > period_s:
             self.late_ticks += 1

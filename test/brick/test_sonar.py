@@ -10,8 +10,8 @@ from robot import values_of
 
 from ballbot_ros.brick.sonar import Sonar
 from ballbot_ros.parameters import SONAR
-from ballbot_ros.timing import SLOW_PERIOD_NS
 
+SAMPLE_NS = 20_000_000
 NO_ECHO = 255
 
 
@@ -20,7 +20,7 @@ def make_sonar(**changes):
 
 
 def readings(sonar, distance, count=20_000):
-    return np.array([sonar.read(distance, n * SLOW_PERIOD_NS) for n in range(count)])
+    return np.array([sonar.read(distance, n * SAMPLE_NS) for n in range(count)])
 
 
 @given(st.integers(0, 254))
@@ -77,7 +77,7 @@ def test_dropouts_tell_nothing_of_the_errors():
 )  # fmt: skip
 def test_a_reading_is_an_unsigned_byte(distance, noise, dropout, sample):
     sonar = make_sonar(noise_cm=noise, dropout_probability=dropout)
-    reading = sonar.read(distance, sample * SLOW_PERIOD_NS)
+    reading = sonar.read(distance, sample * SAMPLE_NS)
     assert isinstance(reading, int)
     assert 0 <= reading <= NO_ECHO
 
@@ -86,7 +86,7 @@ def test_noise_depends_on_seed_and_stamp_alone():
     settings = {'noise_cm': 3.0, 'dropout_probability': 0.2}
     whole = readings(make_sonar(**settings), 1.0, 1000)
     restarted = make_sonar(**settings)
-    late = [restarted.read(1.0, n * SLOW_PERIOD_NS) for n in (999, 500, 0)]
+    late = [restarted.read(1.0, n * SAMPLE_NS) for n in (999, 500, 0)]
     assert late == [whole[999], whole[500], whole[0]]
     assert (readings(make_sonar(**settings, seed=2), 1.0, 1000) != whole).any()
 
@@ -96,7 +96,7 @@ def test_an_echo_that_is_missed_leaves_those_after_it_as_they_were():
     far_first, near = make_sonar(**settings), make_sonar(**settings)
     far_first.read(math.inf, 0)
     near.read(1.0, 0)
-    assert far_first.read(1.0, SLOW_PERIOD_NS) == near.read(1.0, SLOW_PERIOD_NS)
+    assert far_first.read(1.0, SAMPLE_NS) == near.read(1.0, SAMPLE_NS)
 
 
 def test_below_the_least_range_half_of_the_echoes_are_missed():

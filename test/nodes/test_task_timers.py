@@ -6,7 +6,7 @@ pytest.importorskip('rclpy')
 
 from std_srvs.srv import Trigger
 
-from ballbot_ros.controller.tasks import TS1
+from ballbot_ros.controller.tasks import TASK_TS1
 from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS
 from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
 from ballbot_ros.nodes import controller
@@ -59,7 +59,7 @@ class AtEveryTick(Tampered):
 
     def _release_callback(self, task):
         release = super()._release_callback(task)
-        if task != TS1:
+        if task != TASK_TS1:
             return release
         other = super()._release_callback(TS2)
 
@@ -93,7 +93,7 @@ class DroppedOnce(Tampered):
 class ATickTooLate(DroppedOnce):
     def _release_callback(self, task):
         release = super()._release_callback(task)
-        if task != TS1:
+        if task != TASK_TS1:
             return release
         other = super()._release_callback(TS2)
 
