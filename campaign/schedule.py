@@ -79,7 +79,7 @@ def table_of(
     Parameters
     ----------
     faults : sequence of Fault
-    Verdicts of the trials, by the fault's name.
+    verdicts : mapping
         Those of the trials, by the fault's name.
     impossible : sequence of str
         Names of the faults that can't be tested on this machine.

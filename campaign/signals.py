@@ -173,8 +173,8 @@ class CommandSignal:
     ----------
     number : Signals
     moment : Moment
-    Delay from the moment [s].
-        From the moment on [s].
+    delay_s : float
+        Delay from the moment [s].
     """
 
     number: Signals

@@ -124,7 +124,7 @@ def _state(overview: Overview) -> str:
     if overview.being_written:
         return 'being recorded; this is its content so far'
     if overview.broken:
-        return f'{overview.damage}; `ballbot repair` recovers the rest'
+        return f'{overview.damage}; `ballbot repair` recovers the intact part'
     return overview.damage or 'complete'
 
 

@@ -23,8 +23,10 @@ def command(recording: Path, output: Path | None) -> None:
     with RecordingReader(recording) as reader:
         written = write_data_log(reader, output or recording.with_suffix('.csv'))
         if written.malformed:
-            told = f'{written.topic}: skipped {written.malformed} malformed log packets'
-            click.echo(told, err=True)
+            noun = 'packet' if written.malformed == 1 else 'packets'
+            click.echo(
+                f'{written.topic}: skipped {written.malformed} malformed log {noun}', err=True
+            )
         if reader.damage:
             click.echo(f'{recording}: {reader.damage}', err=True)
     for path in written.paths:

@@ -26,8 +26,8 @@ def start(node: str | None) -> None:
         from ballbot_ros.nodes.registry import REGISTRY
 
         if node not in REGISTRY:
-            given = 'nothing' if node is None else repr(node)
-            print(f'error: {given} is not a node; known: {", ".join(REGISTRY)}', file=sys.stderr)
+            problem = 'no node given' if node is None else f'unknown node {node!r}'
+            print(f'error: {problem}; known: {", ".join(REGISTRY)}', file=sys.stderr)
             sys.exit(2)
         main = REGISTRY[node].main
         if not stop.signal:

@@ -37,7 +37,7 @@ def ros_domain() -> int:
 
 
 def require_middleware() -> None:
-    """Check that the middleware in ``RMW_IMPLEMENTATION`` loads; if not, rcl ends the process.
+    """Check that the middleware in ``RMW_IMPLEMENTATION`` loads; if not, rcl would exit.
 
     Raises
     ------

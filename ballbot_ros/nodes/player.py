@@ -84,9 +84,8 @@ class Player(BallbotNode[PlayerParameters]):
         try:
             kind = message_class(type_name)
         except (ImportError, AttributeError, ValueError):
-            self.get_logger().warning(
-                f'{name}: type {type_name or "unknown"} not found: not played'
-            )
+            problem = f'type {type_name} not found' if type_name else 'its type is unknown'
+            self.get_logger().warning(f'{name}: {problem}: not played')
             return None
         return self.create_publisher(kind, name, _qos(self._recording.offered_qos()[name]))
 

@@ -94,5 +94,5 @@ class LocalMachine:
         return Observation(time.monotonic(), threads_by_process(processes))
 
     def siblings(self) -> list[int]:
-        """Return the other processes started by the command that started this node."""
+        """Return the processes started by the command that started this node."""
         return children(os.getppid()) if END_WITH_PARENT in os.environ else []

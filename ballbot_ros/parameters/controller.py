@@ -75,6 +75,7 @@ class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
     )
     rejoin: bool = setting(
         False,
-        'true: a controller started in mid-run restarts the program; false: it fails the run',
+        'true: a controller started in mid-run restarts the program; '
+        'false: it fails the run at once',
         'project',
     )

@@ -53,7 +53,7 @@ class SonarParameters(DeviceSeed, MapChoice, BodyDepth, DriverParameters):
         0.0, '1', (0.0, 1.0), 'share of missed echoes (255)', 'facts'
     )
     max_range_cm: float = quantity(
-        255.0, 'cm', (1.0, 255.0), 'distance beyond which no echo returns', 'facts'
+        255.0, 'cm', (1.0, 255.0), 'distance from which on no echo returns', 'facts'
     )
     min_range_cm: float = quantity(
         0.0, 'cm', (0.0, 255.0), 'distance below which half of the echoes are missed', 'facts'

@@ -29,7 +29,7 @@ def read_parameter_file(path: str | Path) -> ParameterSet:
         unknown = set(names) - {'ros__parameters'}
         if unknown or not names:
             raise ParameterError(
-                f'{document.where(node)}: {node!r} may only contain ros__parameters'
+                f'{document.where(node)}: {node!r} must contain ros__parameters and nothing else'
             )
         values = _mapping(document, names['ros__parameters'], node, 'ros__parameters')
         for name, value in values.items():

@@ -56,5 +56,5 @@ class GamepadParameters(BallRadius, StickScale, ScenarioChoice, LockstepChoice, 
     scale_rightward_turbo: float = quantity(
         1.0, '1', SHARE, 'the same with the turbo button', 'project'
     )
-    invert_forward: bool = setting(False, 'true: the axis is reversed', 'project')
-    invert_rightward: bool = setting(False, 'true: the axis is reversed', 'project')
+    invert_forward: bool = setting(False, 'true: the forward axis is reversed', 'project')
+    invert_rightward: bool = setting(False, 'true: the rightward axis is reversed', 'project')

@@ -42,7 +42,7 @@ class RunResult:
     late_ticks : int or None
         Ticks that came more than a period late.
     resends : int or None
-        Number of ticks sent again.
+        Number of times that a tick was sent again.
     round_trip : RoundTrip or None
         None if it was not measured.
     participants : sequence of mapping

@@ -60,7 +60,7 @@ class LivenessMonitor:
     def silences_s(
         self, since_s: float, tick_ns: int, *, awaits_recorder: bool
     ) -> dict[str, float]:
-        """Return the participants that have answered neither the roll calls nor the tick.
+        """Return the participants that do not answer the roll calls or, if all do, the tick.
 
         A silence counts from its first roll call on; until then no participant is silent.
 

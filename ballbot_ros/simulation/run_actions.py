@@ -213,7 +213,7 @@ class RunSummary:
     late_ticks : int
         Ticks that came more than a period late.
     resends : int
-        Number of ticks sent again.
+        Number of times that a tick was sent again.
     round_trips_s : tuple of float
         Times from publishing a truth to receiving its duties [s]; empty if not measured.
     start_ns : int

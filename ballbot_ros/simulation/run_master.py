@@ -113,7 +113,7 @@ class RunMaster(ABC):
         What the current run has done so far.
     pause : PauseControl
     resends : int
-        Number of ticks sent again, in all runs.
+        Number of times that a tick was sent again, in all runs.
     summary : RunSummary or None
         The outcome, once the run has ended.
     """

@@ -58,7 +58,7 @@ def test_messages_that_are_no_packets_are_left_out_and_counted(tmp_path):
     write_recording(recording, [1, packet(1100), b'short', packet(1200)])
     done = log2csv(recording, '--output', tmp_path / 'log.csv')
     assert done.returncode == 0
-    assert done.stderr == '/bluetooth/tx: skipped 1 malformed log packets\n'
+    assert done.stderr == '/bluetooth/tx: skipped 1 malformed log packet\n'
     assert (tmp_path / 'log.csv').read_text() == f'{HEADER}\n{row(1100)}\n{row(1200)}\n'
 
 

@@ -49,7 +49,7 @@ def probe(**settings):
 
 
 def probe_kernels(core_type):
-    """Return the matrix exponential with the kernels of a processor; None if it can not run them."""
+    """Return the matrix exponential with the kernels of a processor; None if they do not run."""
     try:
         return probe(OPENBLAS_CORETYPE=core_type)['expm']
     except subprocess.CalledProcessError as error:

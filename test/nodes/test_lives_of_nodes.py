@@ -102,14 +102,16 @@ def test_two_robots_in_two_namespaces_of_one_domain_are_refused(start_node, clie
     assert first.interrupt() == 0
 
 
-@pytest.mark.parametrize(('arguments', 'told'), [([], 'nothing'), (['plant'], "'plant'")])
+@pytest.mark.parametrize(
+    ('arguments', 'told'), [([], 'no node given'), (['plant'], "unknown node 'plant'")]
+)
 def test_what_is_no_node_is_a_mistake(arguments, told):
     done = subprocess.run(
         [sys.executable, '-m', 'ballbot_ros.nodes', *arguments],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 2
-    assert done.stderr.startswith(f'error: {told} is not a node; known: plant_sim, gyro_driver, ')
+    assert done.stderr.startswith(f'error: {told}; known: plant_sim, gyro_driver, ')
     assert len(done.stderr.splitlines()) == 1
 
 
