@@ -23,8 +23,8 @@ def command(recording: Path, output: Path | None) -> None:
     with RecordingReader(recording) as reader:
         written = write_data_log(reader, output or recording.with_suffix('.csv'))
         if written.malformed:
-            told = f'{written.topic}: skipped {written.malformed} malformed log packets'
-            click.echo(told, err=True)
+            warning = f'{written.topic}: skipped {written.malformed} malformed log packets'
+            click.echo(warning, err=True)
         if reader.damage:
             click.echo(f'{recording}: {reader.damage}', err=True)
     for path in written.paths:

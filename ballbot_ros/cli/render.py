@@ -45,9 +45,9 @@ def command(recording: Path, view: str, output: Path, moment: float | None) -> N
     require_viser()
     browser_program()
     # Imported only here: it takes half a second.
-    from ballbot_ros.cli.reading import read_shown_run
+    from ballbot_ros.cli.recordings import read_playback_run
 
-    run = read_shown_run(recording)
+    run = read_playback_run(recording)
     if moment is not None and not moment <= run.end:  # also refuses NaN
         raise ViewerError(f'--time {moment:g}: the run ends at {run.end:g} s')
     # Imported only here: viser takes a second.

@@ -35,11 +35,11 @@ def command(recording: Path, other: Path | None, host: str, port: int) -> int:
     Serves the page until Ctrl-C or SIGTERM.
     """
     # Imported only here: it takes half a second.
-    from ballbot_ros.cli.reading import read_shown_run
+    from ballbot_ros.cli.recordings import read_playback_run
 
     require_viser()
     check_address(host, port)
-    runs = [read_shown_run(path) for path in (recording, other) if path]
+    runs = [read_playback_run(path) for path in (recording, other) if path]
     # Imported only here: viser takes a second.
     with defer_sigint():
         from ballbot_ros.viewer.page import UPDATE_S, Page

@@ -18,7 +18,7 @@ from matplotlib.image import imread
 from ballbot_ros.analysis.page import number_text
 from ballbot_ros.analysis.report import report_page, write_report
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.analysis.run_figures import FIGURES, LEAST_SPAN, draw_figures
+from ballbot_ros.analysis.run_figures import FIGURES, MIN_AXIS_SPAN, draw_figures
 from ballbot_ros.analysis.table import MANY, envelope, every_nth
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Scenario
@@ -237,4 +237,4 @@ def test_the_axes_of_a_plane_that_stands_still_are_not_blown_up(short_whole):
     drawn = gyro.draw(short_whole.run, gyro.table(short_whole.run))
     for axes in drawn.axes:
         low, high = axes.get_ylim()
-        assert high - low >= LEAST_SPAN * 0.999
+        assert high - low >= MIN_AXIS_SPAN * 0.999

@@ -10,7 +10,7 @@ import pytest
 from golden_runs import WITHOUT_FMA
 from graph import Run, free_domain
 
-from ballbot_ros.analysis.message_comparison import Difference
+from ballbot_ros.analysis.message_comparison import MessageDifference
 from ballbot_ros.analysis.recorded_inputs import read_inputs
 from ballbot_ros.analysis.recording_replay import ReplayResult
 from ballbot_ros.analysis.replayed_controller import ReplayedController
@@ -225,7 +225,7 @@ def test_the_controller_that_is_asked_for_replays_it(push_by, capsys):
 def test_recorded_text_is_shown_as_it_is(capsys):
     told = "data: recorded '[/red][bold]', replayed 'remote'"
     print_results(
-        [ReplayResult('robot', 1, 1, Difference(0, 'operating_state', told))],
+        [ReplayResult('robot', 1, 1, MessageDifference(0, 'operating_state', told))],
         [ReplayedController('[bold]', 'python')],
     )
     out = capsys.readouterr().out
