@@ -21,7 +21,11 @@ from ballbot_ros.analysis.replay import (
     replay_run,
 )
 from ballbot_ros.analysis.replayed_controller import ReplayedController, choose_controller
-from ballbot_ros.codegen.implementation import missing_for, program_maker, require_implementation
+from ballbot_ros.codegen.implementation import (
+    missing_tool_for,
+    program_maker,
+    require_implementation,
+)
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import write_temporary
@@ -158,7 +162,7 @@ class RecordingReplay:
     def _choose(self, job: _Job, requested: str | None) -> ReplayedController:
         """Choose the controller of a run, and set it in the run's parameters."""
         participant = self._announced.controller(job.inputs.run.name)
-        chosen = choose_controller(participant, job.implementation, requested, missing_for)
+        chosen = choose_controller(participant, job.implementation, requested, missing_tool_for)
         job.parameters.set(CONTROLLER, 'implementation', chosen.replayed)
         return chosen
 

@@ -15,7 +15,7 @@ from typing import IO, NamedTuple
 
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.codegen.errors import CodegenError
-from ballbot_ros.codegen.signals import STATE_SIZE
+from ballbot_ros.codegen.state_variables import STATE_SIZE
 
 MAX_DUE = 8
 _REQUEST = struct.Struct(f'<IiiiHHHBbbB{MAX_DUE}s2x')

@@ -23,7 +23,7 @@ from ballbot_ros.plant.truth import FORCE_LIMIT
 from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush
-from ballbot_ros.scenario.signal import Segment, Signal
+from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.library import load_map
 from ballbot_ros.world.world import World
@@ -178,7 +178,7 @@ class ScenarioReader:
             return str((self._document.path.parent / value).resolve())
         return value
 
-    def _signal(self, data: object, keys: Keys, duration: float) -> Signal:
+    def _signal(self, data: object, keys: Keys, duration: float) -> StickSignal:
         segments = self._each(data, keys, self._segment)
         for index, segment in enumerate(segments):
             if segment.start >= duration:
@@ -194,7 +194,7 @@ class ScenarioReader:
                     f'{before.name!r} lasts until '
                     + ('the end' if before.end == math.inf else f'{before.end:g} s'),
                 )
-        return Signal(tuple(segments))
+        return StickSignal(tuple(segments))
 
     def _segment(self, data: object, keys: Keys) -> Segment:
         values = self._mapping(data, keys, ('name', 'from', 'to', 'value', 'points'))

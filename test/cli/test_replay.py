@@ -200,7 +200,9 @@ def push_by(push, tmp_path):
 @pytest.mark.parametrize('missing', ['', 'gcc not found: install it with `apt install gcc`'])
 def test_what_made_the_recording_replays_it_or_is_told(push_by, monkeypatch, capsys, missing):
     path = push_by('c')
-    monkeypatch.setattr('ballbot_ros.analysis.recording_replay.missing_for', lambda name: missing)
+    monkeypatch.setattr(
+        'ballbot_ros.analysis.recording_replay.missing_tool_for', lambda name: missing
+    )
     assert replay_recording(path, controller=None, assignments=[], as_json=True) == 0
     out, err = capsys.readouterr()
     for each in json.loads(out):
