@@ -20,7 +20,7 @@ from ballbot_ros.analysis.recorded_runs import (
 from ballbot_ros.analysis.robot_topics import robot_topics
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import push_forces, stamp_ns, stick_values
-from ballbot_ros.messages.inputs import INPUTS
+from ballbot_ros.messages.inputs import INPUT_READERS
 from ballbot_ros.messages.message_types import WrenchStamped
 from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.topics import (
@@ -39,7 +39,7 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.timing import TICK_NS
 
-_DECODED = {RUN, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY, *INPUTS}
+_DECODED = {RUN, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY, *INPUT_READERS}
 
 
 @dataclass(frozen=True)

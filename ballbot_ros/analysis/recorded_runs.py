@@ -21,7 +21,7 @@ from ballbot_ros.messages.topics import HISTORY, MOTOR_DUTY, RUN, Topic
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.simulation.recording_gate import MOST_AHEAD_NS
+from ballbot_ros.simulation.recording_gate import MAX_AHEAD_NS
 
 END_OF_TIME_NS = 2**63 - 1
 
@@ -248,7 +248,7 @@ class RunFinder:
             if self._begins(topic, stamp_ns, newest_ns):
                 self._epochs.append(_Epoch(self._next))
                 self._next = {}
-        elif stamp_ns > max(newest_ns, self._epochs[-1].newest_ns + MOST_AHEAD_NS):
+        elif stamp_ns > max(newest_ns, self._epochs[-1].newest_ns + MAX_AHEAD_NS):
             # It is late, and belongs to the previous epoch.
             self._newest[topic] = _NewestSample(epoch, stamp_ns)
             return epoch, True

@@ -13,7 +13,7 @@ from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
-from ballbot_ros.messages.inputs import INPUTS, device_inputs
+from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs
 from ballbot_ros.messages.outputs import EncodedOutput
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import (
@@ -85,19 +85,19 @@ def replay_controller(
         If a sample can't be decoded, or its device can't have sent it.
     """
     reader, run = recording.reader, inputs.run
-    samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUTS}
+    samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUT_READERS}
     sink = partial(comparator.add_replayed, epoch=run.epoch)
     messages = ControllerMessages(partial(EncodedOutput, sink=sink))
     now = run.start_ns
     for topic, raw in _messages(recording, inputs):
         comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)
-        if topic not in INPUTS:
+        if topic not in INPUT_READERS:
             continue
         message = reader.decode(raw)
         with recording_error_context(reader, raw.topic, raw.stamp_ns):
-            samples[topic][raw.stamp_ns] = INPUTS[topic](message)
+            samples[topic][raw.stamp_ns] = INPUT_READERS[topic](message)
         while now <= inputs.last_ns and all(
-            now in samples[due] for due in INPUTS if now % due.period_ns == 0
+            now in samples[due] for due in INPUT_READERS if now % due.period_ns == 0
         ):
             readings = device_inputs(lambda each: samples[each].pop(now, None))  # noqa: B023
             elapsed = now - run.start_ns

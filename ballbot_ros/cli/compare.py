@@ -18,7 +18,7 @@ from ballbot_ros.cli.path_types import PATH, RECORDING
 if TYPE_CHECKING:
     from ballbot_ros.analysis.comparison import ComparedRun, MetricComparison
 
-WIDEST = 2000
+MAX_TABLE_WIDTH = 2000
 
 
 @click.command('compare')
@@ -93,6 +93,8 @@ def _print_table(runs: Sequence[ComparedRun], rows: Iterable[MetricComparison]) 
         text = row.text
         table.add_row(text.label, text.unit, text.value, *chain.from_iterable(row.changes))
     # Let the terminal wrap lines rather than truncate numbers.
-    whole = console.measure(table, options=console.options.update(max_width=WIDEST)).maximum
+    whole = console.measure(
+        table, options=console.options.update(max_width=MAX_TABLE_WIDTH)
+    ).maximum
     console.width = max(console.width, whole)
     console.print(table)

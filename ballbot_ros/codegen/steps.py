@@ -6,7 +6,7 @@ import random
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from ballbot_ros.brick.brick import UINT32, DeviceInputs
+from ballbot_ros.brick.brick import UINT32_MASK, DeviceInputs
 from ballbot_ros.brick.units import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.controller.tasks import TS1_MS
 
@@ -68,7 +68,7 @@ def random_steps(seed: int, ticks: int, *, out_of_range: bool) -> Iterator[Progr
             battery_mv=battery if elapsed % _BATTERY_MS == 0 else None,
             sticks=_sticks(draw, out_of_range) if draw.random() < 0.2 else None,
         )
-        yield ProgramInput(elapsed, (start + elapsed) & UINT32, inputs)
+        yield ProgramInput(elapsed, (start + elapsed) & UINT32_MASK, inputs)
 
 
 def _distance(draw: random.Random) -> int:

@@ -179,6 +179,6 @@ class TeleopInputs:
             wanted,
             backend,
             on_state=take,
-            on_gone=lambda: self._sources.release(arbiter.DEVICE),
+            on_disconnected=lambda: self._sources.release(arbiter.DEVICE),
             on_problem=lambda text: self.complain('device', text),
         )

@@ -19,7 +19,7 @@ Path = tuple[str, ...]
 Leaf = tuple[Path, str, Read]
 """Path of field names to a value, its unit, and the function that reads it from a message."""
 
-UNITS: dict[tuple[str, str], str] = {
+FIELD_UNITS: dict[tuple[str, str], str] = {
     ('geometry_msgs/msg/Pose', 'position'): 'm',
     ('geometry_msgs/msg/PointStamped', 'point'): 'm',
     ('geometry_msgs/msg/Transform', 'translation'): 'm',
@@ -171,7 +171,7 @@ def _leaves(value: Any, path: Path, unit: str, get: Get) -> list[Leaf]:
     if type_name:
         leaves = []
         for name in _fields(value):
-            inner = '' if name in _NO_UNIT else UNITS.get((type_name, name), unit)
+            inner = '' if name in _NO_UNIT else FIELD_UNITS.get((type_name, name), unit)
             leaves += _leaves(getattr(value, name), (*path, name), inner, _field(get, name))
         return leaves
     if isinstance(value, list | np.ndarray):

@@ -20,7 +20,7 @@ JOINED = 'joined'
 LATENESS_S = 1
 """How far behind the newest message a late one may be and still find its row [s]."""
 
-LONGEST_GAP_S = 3600
+MAX_GAP_S = 3600
 """Silence of all topics that indicates another clock, not a pause [s]."""
 
 _SECOND_NS = 10**9
@@ -110,7 +110,7 @@ class Exporter:
             table = self._table(JOINED, [('time_s', float), *named])
             stack.callback(table.close)
             lateness = LATENESS_S * _SECOND_NS // period_ns
-            longest = LONGEST_GAP_S * _SECOND_NS // period_ns
+            longest = MAX_GAP_S * _SECOND_NS // period_ns
             for topic, stamp_ns, message in self._messages():
                 row = self._row(topic, stamp_ns, columns[topic], message)
                 tick = -(-stamp_ns // period_ns)

@@ -24,7 +24,7 @@ from ballbot_ros.recording.rosbag2 import METADATA_NAME, RecordedTopic
 from ballbot_ros.recording.salvage import Damage, Salvage
 from ballbot_ros.recording.writer import RecordingWriter
 
-MOST_PLACES = 5
+MAX_LISTED_PLACES = 5
 """Maximum number of damaged places listed individually."""
 
 
@@ -294,9 +294,9 @@ class _Survey:
 
     def describe(self, corruption: str | None) -> list[str]:
         """Return descriptions of the damaged places."""
-        places = [self._describe(damage) for damage in self.damage[:MOST_PLACES]]
-        if len(self.damage) > MOST_PLACES:
-            places.append(f'{len(self.damage) - MOST_PLACES} more places')
+        places = [self._describe(damage) for damage in self.damage[:MAX_LISTED_PLACES]]
+        if len(self.damage) > MAX_LISTED_PLACES:
+            places.append(f'{len(self.damage) - MAX_LISTED_PLACES} more places')
         if not places:
             places.append(f'{corruption}, in a part without a checksum')
         if self._next_recording is not None:

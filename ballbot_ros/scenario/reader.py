@@ -34,7 +34,7 @@ STICK_LIMIT = 100
 TIME_LIMIT = 1e6
 
 # Unit vectors in plane signs: forward, rightward.
-_DIRECTIONS = {
+_PUSH_DIRECTIONS = {
     'forward': (1.0, 0.0),
     'backward': (-1.0, 0.0),
     'left': (0.0, -1.0),
@@ -271,10 +271,10 @@ class ScenarioReader:
 
     def _direction(self, value: object, keys: Keys) -> tuple[float, float]:
         if isinstance(value, str):
-            if value not in _DIRECTIONS:
-                words = ', '.join(_DIRECTIONS)
+            if value not in _PUSH_DIRECTIONS:
+                words = ', '.join(_PUSH_DIRECTIONS)
                 raise self._error(keys, f'{value!r} is not one of {words}, or degrees')
-            return _DIRECTIONS[value]
+            return _PUSH_DIRECTIONS[value]
         # Counterclockwise from forward (REP 103); plane y is positive to the right.
         sine, cosine = sine_cosine(math.radians(self._number(value, keys)))
         return cosine, -sine

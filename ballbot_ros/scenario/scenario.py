@@ -37,14 +37,14 @@ class Expectation:
         return low and high and value == value
 
     @property
-    def is_of_the_whole_run(self) -> bool:
+    def covers_whole_run(self) -> bool:
         """Whether it covers the whole run."""
         return self.start == 0.0 and self.end == math.inf
 
     @property
     def window(self) -> str:
         """The window as text, empty for the whole run."""
-        if self.is_of_the_whole_run:
+        if self.covers_whole_run:
             return ''
         return f'{self.start:g} s to ' + ('the end' if self.end == math.inf else f'{self.end:g} s')
 

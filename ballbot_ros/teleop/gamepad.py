@@ -68,7 +68,7 @@ class Gamepad:
     backend : Backend
     on_state : callable
         Receives the state at every poll.
-    on_gone : callable
+    on_disconnected : callable
         Called when the gamepad is disconnected, and at the end.
     on_problem : callable
         Receives one line about a device that can't be used.
@@ -80,12 +80,16 @@ class Gamepad:
         backend: Backend,
         *,
         on_state: Callable[[GamepadState], None],
-        on_gone: Callable[[], None],
+        on_disconnected: Callable[[], None],
         on_problem: Callable[[str], None],
     ) -> None:
         self._wanted = wanted
         self._backend = backend
-        self._on_state, self._on_gone, self._on_problem = on_state, on_gone, on_problem
+        self._on_state, self._on_disconnected, self._on_problem = (
+            on_state,
+            on_disconnected,
+            on_problem,
+        )
         self._pad: OpenGamepad | None = None
         self._refused: set[GamepadDevice] = set()
         self.name = ''
@@ -107,13 +111,13 @@ class Gamepad:
         except TeleopError as error:
             self._on_problem(str(error))
         finally:
-            self._on_gone()
+            self._on_disconnected()
             self._backend.stop()
 
     def _poll(self) -> None:
         if self._pad is not None and not self._pad.attached():
             self._pad, self.name = None, ''
-            self._on_gone()
+            self._on_disconnected()
         if self._pad is None:
             self._look()
         if self._pad is not None:

@@ -32,7 +32,7 @@ from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RecordingWriter
-from ballbot_ros.simulation.recording_gate import MOST_AHEAD_NS
+from ballbot_ros.simulation.recording_gate import MAX_AHEAD_NS
 
 S = 1_000_000_000
 TICK = 4_000_000
@@ -191,7 +191,7 @@ def test_a_sample_that_is_left_of_the_plant_before_stays_with_it(find):
     assert epochs == [0] * len(first) + [1, 1, 1, 0] + [1] * (len(second) - 2)
 
 
-@pytest.mark.parametrize(('ahead_ns', 'epoch'), [(MOST_AHEAD_NS, 1), (MOST_AHEAD_NS + TICK, 0)])
+@pytest.mark.parametrize(('ahead_ns', 'epoch'), [(MAX_AHEAD_NS, 1), (MAX_AHEAD_NS + TICK, 0)])
 def test_a_sample_that_no_node_of_the_new_run_can_have_sent_is_of_the_run_before(
     find, ahead_ns, epoch
 ):

@@ -76,7 +76,7 @@ def open_gamepad(listener):
                 wanted,
                 backend,
                 on_state=listener.states.append,
-                on_gone=listener.leave,
+                on_disconnected=listener.leave,
                 on_problem=listener.problems.append,
             )
             stack.callback(gamepad.close)

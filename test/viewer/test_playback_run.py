@@ -9,7 +9,7 @@ import pytest
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.cli.recordings import read_playback_run
-from ballbot_ros.viewer.address import check_address, location, warning_of
+from ballbot_ros.viewer.address import check_address, network_warning, url_authority
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.live_controls import Sticks
 from ballbot_ros.viewer.playback_run import PlaybackRun
@@ -121,15 +121,15 @@ def test_a_taken_port_is_one_line():
 
 
 def test_an_address_of_version_6_stands_in_brackets():
-    assert location('127.0.0.1', 80) == '127.0.0.1:80'
-    assert location('::1', 80) == '[::1]:80'
+    assert url_authority('127.0.0.1', 80) == '127.0.0.1:80'
+    assert url_authority('::1', 80) == '[::1]:80'
 
 
 def test_a_page_for_the_network_warns():
-    assert warning_of('127.0.0.1') == ''
+    assert network_warning('127.0.0.1') == ''
     for host in ('0.0.0.0', '::', '192.0.2.1', 'robot'):
-        assert 'everybody who reaches it can watch' in warning_of(host)
-        assert 'everybody who has the address with the token can steer' in warning_of(host)
+        assert 'everybody who reaches it can watch' in network_warning(host)
+        assert 'everybody who has the address with the token can steer' in network_warning(host)
 
 
 @pytest.mark.parametrize(
