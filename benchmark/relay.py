@@ -22,7 +22,7 @@ from rclpy.parameter import Parameter
 
 from ballbot_ros.messages.conversions import MOTOR_NAMES, STATE_NAMES, fill_time, time_ns
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
-from ballbot_ros.messages.inputs import INPUTS
+from ballbot_ros.messages.inputs import INPUT_READERS
 from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import (
     BLUETOOTH_TX,
@@ -213,12 +213,12 @@ class ControllerRelay(Relay):
 
     def __init__(self) -> None:
         super().__init__(CONTROLLER, use_sim_time=True)
-        self._gate = InputGate({topic.name: topic.period_ns for topic in INPUTS})
+        self._gate = InputGate({topic.name: topic.period_ns for topic in INPUT_READERS})
         self._next_ns = FIRST_TICK_NS
         self._duty = self.sender(MOTOR_DUTY)
         self._state = self.sender(CONTROLLER_STATE)
         self._log = self.sender(BLUETOOTH_TX)
-        for topic in INPUTS:
+        for topic in INPUT_READERS:
             self.listen(topic, self._input_callback(topic.name))
 
     def _input_callback(self, name: str) -> Callable[[int], None]:

@@ -19,7 +19,7 @@ from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.scenario.signal import Segment, Signal
+from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 
 SEEDS = range(1, 6)
@@ -107,14 +107,14 @@ def drives(profile: str, moves: Sequence[float], settings: Settings) -> Iterator
         yield run(parameters, DRIVE_S, scenario)
 
 
-def _random_stick(generator: np.random.Generator, moves: Sequence[float]) -> Signal:
+def _random_stick(generator: np.random.Generator, moves: Sequence[float]) -> StickSignal:
     segments = []
     start = FIRST_MOVE_S
     while start < DRIVE_S:
         end = start + generator.uniform(*DWELL_S)
         segments.append(_held(start, end, float(generator.choice(moves))))
         start = end
-    return Signal(segments)
+    return StickSignal(segments)
 
 
 def _held(start: float, end: float, value: float) -> Segment:
@@ -126,7 +126,7 @@ def speed() -> None:
     rows = []
     for k_thetadot in (380.0, 441.0, 650.0):
         settings: Settings = {(CONTROLLER, 'k_thetadot'): k_thetadot}
-        step = Signal([_held(FIRST_MOVE_S, math.inf, REVERSALS[0])])
+        step = StickSignal([_held(FIRST_MOVE_S, math.inf, REVERSALS[0])])
         single = run(parameters_with('ideal', settings), STEP_S, Scenario(vertical=step))
         reversals = drives('ideal', REVERSALS, settings)
         rows.append((f'{k_thetadot:g}', _falls([single]), _falls(reversals)))

@@ -64,12 +64,12 @@ def read_remains(path: Path, folder: Path) -> Remains | None:
         return None
     try:
         with RecordingReader(path) as reader:
-            finished, missing = reader.broken is None, reader.damage or ''
+            finished, missing = reader.corruption is None, reader.damage or ''
         if not finished:
             path = repair(path, folder / f'{path.stem}_repaired.mcap').output or path
             with RecordingReader(path) as reader:
-                if reader.broken:
-                    return Remains(problem=f'repaired, still {reader.broken}')
+                if reader.corruption:
+                    return Remains(problem=f'repaired, still {reader.corruption}')
         with path.open('rb') as file:
             read_by_others = sum(1 for _ in make_reader(file).iter_messages())
         with RecordingReader(path) as reader:

@@ -14,7 +14,7 @@ from pathlib import Path
 from signal import Signals
 
 from ballbot_ros.nodes.participant_ports import DISCOVERY_PORT, PORT_BASE, PORTS_PER_DOMAIN
-from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, SMALLEST_PORT
+from ballbot_ros.nodes.shared_memory import MIN_PORT_BYTES, SHARED_MEMORY
 from campaign.fault import Verdict
 from campaign.run import (
     Run,
@@ -165,7 +165,7 @@ class Leftovers:
     def draw(cls, generator: random.Random, turn: int) -> Leftovers:
         """Draw some broken ports, relative to those of a domain's first participant."""
         ports = tuple(sorted(generator.sample(range(PORTS), k=generator.randint(1, 6))))
-        sizes = (0, 1, SMALLEST_PORT - 1, SMALLEST_PORT, 4 * SMALLEST_PORT)
+        sizes = (0, 1, MIN_PORT_BYTES - 1, MIN_PORT_BYTES, 4 * MIN_PORT_BYTES)
         return cls(ports, tuple(generator.choice(sizes) for _ in ports))
 
     def carry_out(self, site: Site) -> Verdict:

@@ -123,8 +123,8 @@ def launch_graph(context):
     }
     windows = [rviz(given['namespace'])] if show else []
     end = RegisterEventHandler(OnProcessExit(on_exit=End(nodes)))
-    tidy = RegisterEventHandler(OnShutdown(on_shutdown=lambda *_: scratch.cleanup()))
-    return [*nodes.values(), *windows, end, tidy]
+    cleanup = RegisterEventHandler(OnShutdown(on_shutdown=lambda *_: scratch.cleanup()))
+    return [*nodes.values(), *windows, end, cleanup]
 
 
 def rviz(namespace):

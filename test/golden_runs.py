@@ -32,7 +32,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
-from ballbot_ros.scenario.signal import Segment, Signal
+from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.golden import GOLDEN_FILE, arithmetic_sha256, duty_sha256
@@ -109,7 +109,7 @@ def random_run(seed, model):
         (CONTROLLER, 'time_auto', 80),
     ):
         parameters.set(node, name, value)
-    stick = Signal([Segment('stick', [(0.1, 0.0), (0.2, draw.number(-100.0, 100.0))])])
+    stick = StickSignal([Segment('stick', [(0.1, 0.0), (0.2, draw.number(-100.0, 100.0))])])
     push = ScheduledPush(0.12, 0.05, draw.number(-1.0, 1.0), draw.number(-1.0, 1.0))
     return parameters, Scenario(vertical=stick, horizontal=stick, pushes=(push,))
 

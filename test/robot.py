@@ -5,7 +5,7 @@ import math
 from ballbot_ros.parameters import PLANT, ParameterSet
 from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.plant.plant import Plant
-from ballbot_ros.scenario.signal import Segment, Signal
+from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 
 START_NS = 1_000_000_000
@@ -37,13 +37,13 @@ def run_plant(plant, duties):
 
 def step(time, value):
     """Return a stick signal that jumps to `value` at `time` and stays there."""
-    return Signal([Segment('step', [(time, value), (math.inf, value)])])
+    return StickSignal([Segment('step', [(time, value), (math.inf, value)])])
 
 
 def steps(*points):
     """Return a stick signal that jumps to a value at each (time, value) and keeps the last."""
     ends = [time for time, _ in points[1:]] + [math.inf]
-    return Signal(
+    return StickSignal(
         [
             Segment('step', [(time, value), (end, value)])
             for (time, value), end in zip(points, ends, strict=True)

@@ -15,7 +15,7 @@ from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.controller.tasks import task_timings
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
-from ballbot_ros.messages.inputs import INPUTS, device_inputs
+from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     GAMEPAD_JOY,
@@ -91,10 +91,10 @@ class Brick:
         self._parameters, self._answer, self._call_back = parameters, answer, call_back
         self._tasks = task_timings(parameters.ts2_period, parameters.ts3_period)
         self._ticks = LockstepTicks(
-            {topic.name: topic.period_ns for topic in INPUTS},
+            {topic.name: topic.period_ns for topic in INPUT_READERS},
             first=BATTERY_STATE.name,
             every_tick=GYRO_IMU.name,
-            is_same={topic.name: operator.eq for topic in INPUTS},
+            is_same={topic.name: operator.eq for topic in INPUT_READERS},
             tick_ns=TICK_NS,
         )
         self._timers = {each.name: Timer(each.period_ms) for each in self._tasks if each.period_ms}

@@ -26,7 +26,7 @@ class AnnouncedParameters:
     """Collects the announcements of the participants in a recording."""
 
     def __init__(self) -> None:
-        self._told: dict[str, list[Participant]] = {}
+        self._announcements: dict[str, list[Participant]] = {}
         self._controllers: dict[str, list[Participant]] = {}
         self._members: dict[str, Mapping[str, str]] = {}
 
@@ -44,12 +44,12 @@ class AnnouncedParameters:
         if participant.role == CONTROLLER:
             self._controllers.setdefault(announcement.run, []).append(participant)
         if participant.role in NODES and participant.parameters:
-            self._told.setdefault(announcement.run, []).append(participant)
+            self._announcements.setdefault(announcement.run, []).append(participant)
 
     def _of_run(self, run: str) -> dict[str, Mapping[str, object]]:
         """Return the parameters of the participants by role, without later joiners."""
         values: dict[str, Mapping[str, object]] = {}
-        for each in self._told.get(run, ()):
+        for each in self._announcements.get(run, ()):
             if self._took_part(each, run):
                 values.setdefault(each.role, each.parameters)
         return values
@@ -63,13 +63,13 @@ class AnnouncedParameters:
         controllers = self._controllers.get(run, ())
         return next((each for each in controllers if self._took_part(each, run)), None)
 
-    def tells(self, run: str) -> bool:
+    def has_parameters(self, run: str) -> bool:
         """Return whether everything needed to replay a run, by its name, was announced."""
         return self._of_run(run).keys() >= SIMULATED
 
     def is_of_another_scenario(self, run: str) -> bool:
         """Return whether a run had another scenario than the first announced run."""
-        scenarios = [self._scenario(each) for each in (*self._told, run)]
+        scenarios = [self._scenario(each) for each in (*self._announcements, run)]
         return bool(scenarios[-1] != scenarios[0])
 
     def _scenario(self, run: str) -> object:

@@ -20,7 +20,7 @@ from ballbot_ros.world.world import World
 
 
 @dataclass(frozen=True)
-class Judged:
+class ExpectationResult:
     """An expectation, its measured value and its verdict."""
 
     judgement: Judgement
@@ -37,7 +37,7 @@ class Assessment:
     metrics : dict of str to float
         Those of :data:`~ballbot_ros.scenario.metrics.METRICS`, then those of
         :data:`~ballbot_ros.analysis.run_metrics.RUN_METRICS`; NaN if the data are missing.
-    expectations : tuple of Judged
+    expectations : tuple of ExpectationResult
     outcome : Verdict
     reason : str
         Why it did not pass; empty if it did.
@@ -45,7 +45,7 @@ class Assessment:
 
     run: RunData
     metrics: dict[str, float]
-    expectations: tuple[Judged, ...]
+    expectations: tuple[ExpectationResult, ...]
     outcome: Verdict
     reason: str
 
@@ -84,7 +84,7 @@ class Assessment:
                     'age_mean_ms': number(each.age_ms[0]),
                     'age_max_ms': number(each.age_ms[1]),
                 }
-                for each in run.traffic
+                for each in run.topic_statistics
             ],
         }
 
@@ -96,7 +96,7 @@ def assess(run: RunData) -> Assessment:
     scenario = run.attached.scenario
     expectations = scenario.expectations if scenario else ()
     judgements = judge(expectations, run.trajectory, run.plant, clearance)
-    judged = tuple(Judged(each, _verdict(run, each)) for each in judgements)
+    judged = tuple(ExpectationResult(each, _verdict(run, each)) for each in judgements)
     return Assessment(run, metrics, judged, *_outcome(run, judged))
 
 
@@ -131,7 +131,7 @@ def _verdict(run: RunData, judgement: Judgement) -> ExpectationVerdict:
     return ExpectationVerdict.MET if judgement.holds else ExpectationVerdict.NOT_MET
 
 
-def _outcome(run: RunData, judged: tuple[Judged, ...]) -> tuple[Verdict, str]:
+def _outcome(run: RunData, judged: tuple[ExpectationResult, ...]) -> tuple[Verdict, str]:
     if failure := _failure(run):
         return Verdict.FAILED, failure
     missed = [each.judgement for each in judged if each.verdict is ExpectationVerdict.NOT_MET]

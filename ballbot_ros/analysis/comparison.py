@@ -24,10 +24,10 @@ from ballbot_ros.analysis.drawing import (
 )
 from ballbot_ros.analysis.figure_tables import duty_table, pitch_table, position_table, track_table
 from ballbot_ros.analysis.metrics import number
-from ballbot_ros.analysis.page import number_text, render, write_folder
+from ballbot_ros.analysis.page import number_text, render_template, write_folder
 from ballbot_ros.analysis.report import MEANINGS, MetricText, banner, metric_text
 from ballbot_ros.analysis.run_data import RunData
-from ballbot_ros.analysis.run_figures import Drawn
+from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.analysis.style import (
     BLUE,
     GRAY,
@@ -72,7 +72,7 @@ _SOURCES = (
 
 
 @dataclass(frozen=True)
-class Compared:
+class ComparedRun:
     """The part of a run that a comparison needs: not its ticks, so that many runs fit in memory.
 
     Attributes
@@ -100,32 +100,32 @@ class Compared:
     floor: FloorMap | OccupancyGrid | None
     notes: tuple[str, ...]
 
+    @classmethod
+    def from_assessment(cls, letter: str, assessment: Assessment) -> ComparedRun:
+        """Return the part of a run that a comparison needs."""
+        run = assessment.run
+        tables = {s.quantity.name: s.table(run) for s in _SOURCES if s.topic in run.series}
+        if PLANT_ODOM in run.series:
+            tables['track'] = track_table(run)
+        return cls(
+            letter=letter,
+            path=run.path,
+            outcome=assessment.outcome,
+            reason=assessment.reason,
+            trusted=run.complete and assessment.outcome is not Verdict.FAILED,
+            metrics=assessment.metrics,
+            tables=tables,
+            floor=run.floor,
+            notes=tuple(banner(run)),
+        )
+
     @property
     def label(self) -> str:
         """Letter and name."""
         return f'{self.letter} {self.path.stem}'
 
 
-def compared(letter: str, assessment: Assessment) -> Compared:
-    """Return the part of a run that a comparison needs."""
-    run = assessment.run
-    tables = {s.quantity.name: s.table(run) for s in _SOURCES if s.topic in run.series}
-    if PLANT_ODOM in run.series:
-        tables['track'] = track_table(run)
-    return Compared(
-        letter=letter,
-        path=run.path,
-        outcome=assessment.outcome,
-        reason=assessment.reason,
-        trusted=run.complete and assessment.outcome is not Verdict.FAILED,
-        metrics=assessment.metrics,
-        tables=tables,
-        floor=run.floor,
-        notes=tuple(banner(run)),
-    )
-
-
-def failures(runs: Sequence[Compared], conditions: Iterable[Condition]) -> list[str]:
+def failures(runs: Sequence[ComparedRun], conditions: Iterable[Condition]) -> list[str]:
     """Return the conditions that hold, and the runs too incomplete to judge, as text."""
     conditions = list(conditions)
     if not conditions:
@@ -148,7 +148,7 @@ def failures(runs: Sequence[Compared], conditions: Iterable[Condition]) -> list[
     return found
 
 
-def changes(reference: float, value: float) -> tuple[float, float]:
+def absolute_and_relative_change(reference: float, value: float) -> tuple[float, float]:
     """Return the change, and the change in percent of the reference's magnitude; NaN if unknown."""
     change = value - reference
     if change == 0.0:
@@ -156,13 +156,15 @@ def changes(reference: float, value: float) -> tuple[float, float]:
     return change, change / abs(reference) * 100.0 if reference else math.nan
 
 
-def as_json(runs: Sequence[Compared], failed: Sequence[str]) -> dict[str, object]:
+def as_json(runs: Sequence[ComparedRun], failed: Sequence[str]) -> dict[str, object]:
     """Return the comparison as one object; missing numbers are None."""
     reference = runs[0]
     metrics: dict[str, object] = {}
     for name in MEANINGS:
         before = reference.metrics[name]
-        differences = [changes(before, each.metrics[name]) for each in runs[1:]]
+        differences = [
+            absolute_and_relative_change(before, each.metrics[name]) for each in runs[1:]
+        ]
         metrics[name] = {
             'values': [number(each.metrics[name]) for each in runs],
             'changes': [number(change) for change, _ in differences],
@@ -191,14 +193,14 @@ class Change(NamedTuple):
     percent: str
 
 
-class ComparedMetric(NamedTuple):
+class MetricComparison(NamedTuple):
     """A metric as text, for the first run and each later one."""
 
     text: MetricText
     changes: list[Change]
 
 
-def rows(runs: Sequence[Compared]) -> list[ComparedMetric]:
+def metric_comparisons(runs: Sequence[ComparedRun]) -> list[MetricComparison]:
     """Return the metrics that at least one run has."""
     content = []
     for name in MEANINGS:
@@ -208,10 +210,10 @@ def rows(runs: Sequence[Compared]) -> list[ComparedMetric]:
             continue
         later = []
         for value in values[1:]:
-            change, percent = changes(values[0], value)
+            change, percent = absolute_and_relative_change(values[0], value)
             share = f'{_signed(percent)} %' if not math.isnan(percent) else '–'
             later.append(Change(metric_text(name, value).value, _signed(change), share))
-        content.append(ComparedMetric(metric_text(name, values[0]), later))
+        content.append(MetricComparison(metric_text(name, values[0]), later))
     return content
 
 
@@ -219,7 +221,7 @@ def _signed(value: float) -> str:
     return f'+{number_text(value)}' if value > 0.0 else number_text(value)
 
 
-def write_comparison(runs: Sequence[Compared], failed: Sequence[str], folder: Path) -> None:
+def write_comparison(runs: Sequence[ComparedRun], failed: Sequence[str], folder: Path) -> None:
     """Write the comparison as a page with figures, and its metrics as CSV.
 
     Raises
@@ -228,11 +230,11 @@ def write_comparison(runs: Sequence[Compared], failed: Sequence[str], folder: Pa
         If the folder cannot be written.
     """
     figures = list(_figures(runs))
-    page = render(
+    page = render_template(
         'compare.html',
         title='Comparison of ' + ', '.join(each.label for each in runs),
         runs=runs,
-        rows=rows(runs),
+        rows=metric_comparisons(runs),
         failed=failed,
         figures=figures,
     )
@@ -246,11 +248,11 @@ def write_comparison(runs: Sequence[Compared], failed: Sequence[str], folder: Pa
     write_folder(folder, page, figures, {'metrics.csv': metrics})
 
 
-def _figures(runs: Sequence[Compared]) -> Iterable[Drawn]:
+def _figures(runs: Sequence[ComparedRun]) -> Iterable[RenderedFigure]:
     for source in _SOURCES:
         name, title = source.quantity.name, source.title
         if any(name in each.tables for each in runs):
-            yield Drawn(
+            yield RenderedFigure(
                 name,
                 title,
                 f'{title} of all runs against time, plane x above and plane y below.',
@@ -258,7 +260,7 @@ def _figures(runs: Sequence[Compared]) -> Iterable[Drawn]:
                 {},
             )
     if any('track' in each.tables for each in runs):
-        yield Drawn(
+        yield RenderedFigure(
             'track',
             'Track',
             'The tracks of the ball from above; a dot marks the start, a square the end.',
@@ -267,7 +269,7 @@ def _figures(runs: Sequence[Compared]) -> Iterable[Drawn]:
         )
 
 
-def _lines(runs: Sequence[Compared], name: str) -> Iterator[tuple[Table, Line]]:
+def _lines(runs: Sequence[ComparedRun], name: str) -> Iterator[tuple[Table, Line]]:
     """Iterate over the runs' tables of this name, with the line style of each."""
     for index, each in enumerate(runs):
         if name in each.tables:
@@ -283,7 +285,7 @@ def _lines(runs: Sequence[Compared], name: str) -> Iterator[tuple[Table, Line]]:
             )
 
 
-def _draw_quantity(quantity: Quantity, runs: Sequence[Compared]) -> Figure:
+def _draw_quantity(quantity: Quantity, runs: Sequence[ComparedRun]) -> Figure:
     figure = new_figure(WIDTH, 5.0)
     both = figure.subplots(2, 1, sharex=True)
     for axes, plane in zip(both, 'xy', strict=True):
@@ -295,7 +297,7 @@ def _draw_quantity(quantity: Quantity, runs: Sequence[Compared]) -> Figure:
     return figure
 
 
-def _draw_tracks(runs: Sequence[Compared]) -> Figure:
+def _draw_tracks(runs: Sequence[ComparedRun]) -> Figure:
     figure = new_figure(WIDTH, 5.0)
     axes = figure.subplots()
     draw_floor(axes, runs[0].floor)

@@ -17,7 +17,7 @@ from ballbot_ros.timing import MILLISECOND_NS
 
 
 @dataclass(frozen=True)
-class WrittenLog:
+class DataLogFiles:
     """The written files, one per run, and the number of malformed packets."""
 
     paths: Sequence[Path]
@@ -25,7 +25,7 @@ class WrittenLog:
     malformed: int
 
 
-def write_data_log(reader: RecordingReader, output: Path) -> WrittenLog:
+def write_data_log(reader: RecordingReader, output: Path) -> DataLogFiles:
     """Write the log packets of a recording as CSV, one file per run.
 
     Raises
@@ -49,7 +49,7 @@ def write_data_log(reader: RecordingReader, output: Path) -> WrittenLog:
             path.unlink()
         raise
     log.close()
-    return WrittenLog(log.paths, packets, malformed)
+    return DataLogFiles(log.paths, packets, malformed)
 
 
 def _write(reader: RecordingReader, log: CsvLog, packets: str, runs: str) -> int:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.interval import Interval
 from ballbot_ros.analysis.style import GRAY, ORANGE, PLANES, Line
 from ballbot_ros.analysis.table import Table, plane_columns
 from ballbot_ros.world.exports import OccupancyGrid
@@ -62,15 +63,6 @@ PITCH = Quantity('pitch', 'deg', 'body pitch [°]')
 DUTY = Quantity('duty', 'percent', 'duty [%]')
 
 
-@dataclass(frozen=True)
-class Span:
-    """A named interval of time [s]."""
-
-    start: float
-    end: float
-    name: str
-
-
 def draw_planes(axes: Axes, quantity: Quantity, table: Table) -> None:
     """Draw a quantity of both planes against time, plane x in front of plane y."""
     for plane, line, height in zip('xy', PLANES, (_LINES + 0.1, _LINES), strict=True):
@@ -101,7 +93,7 @@ def frame_curves(axes: Axes, label: str) -> None:
     """Set up axes for curves against time; `label` is for the vertical axis."""
     axes.margins(x=0.0)
     axes.set_ylabel(label)
-    tidy(axes)
+    style_axes(axes)
 
 
 def label_time(axes: Axes) -> None:
@@ -115,25 +107,26 @@ def draw_bounds(axes: Axes, bounds: Iterable[float]) -> None:
         axes.axhline(bound, color=GRAY, linewidth=0.8, linestyle=':')
 
 
-def shade(axes: Axes, spans: Iterable[Span]) -> None:
+def shade_intervals(axes: Axes, intervals: Iterable[Interval]) -> None:
     """Shade intervals of time."""
-    for span in spans:
-        axes.axvspan(span.start, span.end, color=GRAY, alpha=0.12, linewidth=0.0)
+    for interval in intervals:
+        axes.axvspan(interval.start, interval.end, color=GRAY, alpha=0.12, linewidth=0.0)
 
 
-def name_spans(axes: Axes, spans: Iterable[Span]) -> None:
+def name_intervals(axes: Axes, intervals: Iterable[Interval]) -> None:
     """Write the names of intervals above the axes."""
-    for span in spans:
+    for interval in intervals:
         axes.annotate(
-            span.name, ((span.start + span.end) / 2.0, 1.0), (0, 3), color=GRAY, fontsize='small',
-            xycoords=('data', 'axes fraction'), textcoords='offset points', ha='center',
+            interval.name, ((interval.start + interval.end) / 2.0, 1.0), (0, 3), color=GRAY,
+            fontsize='small', xycoords=('data', 'axes fraction'), textcoords='offset points',
+            ha='center',
         )  # fmt: skip
 
 
-def widen(axes: Axes, least: float) -> None:
-    """Let the vertical axis span at least `least`, so that small changes look small."""
+def set_min_span(axes: Axes, span: float) -> None:
+    """Let the vertical axis span at least `span`, so that small changes look small."""
     low, high = axes.get_ylim()
-    middle, half = (low + high) / 2.0, max(high - low, least) / 2.0
+    middle, half = (low + high) / 2.0, max(high - low, span) / 2.0
     axes.set_ylim(middle - half, middle + half)
 
 
@@ -153,7 +146,7 @@ def draw_floor(axes: Axes, floor: FloorMap | OccupancyGrid | None) -> None:
     axes.set_aspect('equal', adjustable='datalim' if floor is None else 'box')
     axes.set_xlabel('x of map, forward [cm]')
     axes.set_ylabel('y of map, left [cm]')
-    tidy(axes)
+    style_axes(axes)
 
 
 def _draw_map(axes: Axes, floor_map: FloorMap) -> None:
@@ -230,7 +223,7 @@ def legend_below(axes: Axes, columns: int = 2) -> None:
     axes.legend(loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=columns, frameon=False)
 
 
-def tidy(axes: Axes) -> None:
+def style_axes(axes: Axes) -> None:
     """Draw a faint grid, and remove the frame where there is no axis."""
     axes.grid(alpha=0.3)
     axes.spines[['top', 'right']].set_visible(False)

@@ -47,6 +47,7 @@ from ballbot_ros.messages.topics import (
     SOUND,
     Topic,
 )
+from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -63,7 +64,7 @@ def _pitch(messages: Any) -> NDArray[np.float64]:
     return np.array(list(map(pitch_angles, *wxyz))).T
 
 
-TICKED: Mapping[Topic, tuple[str, int, Callable[[Any], Sequence[Any]]]] = {
+STAMPED_TOPICS: Mapping[Topic, tuple[str, int, Callable[[Any], Sequence[Any]]]] = {
     PLANT_IMU: ('d', 4, lambda m: (*_pitch(m), *body_rates(m))),
     PLANT_ODOM: ('d', 2, ball_position),
     PLANT_JOINT_STATES: ('f', 4, lambda m: (*m.velocity.T[:2], *m.effort.T[:2])),
@@ -82,19 +83,19 @@ x, y [rad/s]; gyro x, y with offset [rad/s]; distance [m]; voltage [V].
 """
 
 
-class Columns:
+class SampleBuffer:
     """The samples of a stamped topic, by epoch of the file.
 
     Parameters
     ----------
-    kind : str
+    type_code : str
         Type code of the module array.
     width : int
         Numbers per sample.
     """
 
-    def __init__(self, kind: str, width: int) -> None:
-        self._kind, self._width = kind, width
+    def __init__(self, type_code: str, width: int) -> None:
+        self._type_code, self._width = type_code, width
         self._epochs: dict[int, tuple[array[int], array[float]]] = {}
 
     def __bool__(self) -> bool:
@@ -113,19 +114,19 @@ class Columns:
         epochs : ndarray, shape (n,)
         """
         for epoch in np.unique(epochs).tolist():
-            column, numbers = self._epochs.setdefault(epoch, (array('q'), array(self._kind)))
-            chosen = epochs == epoch
-            column.frombytes(stamps[chosen].tobytes())
-            numbers.frombytes(values[chosen].astype(self._kind, copy=False).tobytes())
+            column, numbers = self._epochs.setdefault(epoch, (array('q'), array(self._type_code)))
+            selected = epochs == epoch
+            column.frombytes(stamps[selected].tobytes())
+            numbers.frombytes(values[selected].astype(self._type_code, copy=False).tobytes())
 
     def epoch(self, number: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
         """Return stamps, shape (n,), and values, shape (n, width), without copying them."""
         if number not in self._epochs:
-            return np.zeros(0, np.int64), np.zeros((0, self._width), self._kind)
+            return np.zeros(0, np.int64), np.zeros((0, self._width), self._type_code)
         stamps, numbers = self._epochs[number]
         return (
             np.frombuffer(stamps, np.int64),
-            np.frombuffer(numbers, self._kind).reshape(-1, self._width),
+            np.frombuffer(numbers, self._type_code).reshape(-1, self._width),
         )
 
 
@@ -154,7 +155,7 @@ class Status(NamedTuple):
 
 
 @dataclass
-class Traffic:
+class TopicStatistics:
     """Arrival statistics of a topic.
 
     Attributes
@@ -207,20 +208,22 @@ class Extraction:
     """All runs of a recording; events as epoch, log time [ns] and content."""
 
     runs: tuple[RecordedRun, ...] = ()
-    columns: dict[Topic, Columns] = field(
-        default_factory=lambda: {topic: Columns(*TICKED[topic][:2]) for topic in TICKED}
+    buffers: dict[Topic, SampleBuffer] = field(
+        default_factory=lambda: {
+            topic: SampleBuffer(*STAMPED_TOPICS[topic][:2]) for topic in STAMPED_TOPICS
+        }
     )
-    told: AnnouncedParameters = field(default_factory=AnnouncedParameters)
+    announced: AnnouncedParameters = field(default_factory=AnnouncedParameters)
     states: list[tuple[int, int, str]] = field(default_factory=list)
     statuses: list[tuple[int, int, Status]] = field(default_factory=list)
     pages: list[tuple[int, int, str]] = field(default_factory=list)
     tones: list[tuple[int, int, Tone]] = field(default_factory=list)
     maps: list[tuple[int, int, OccupancyGridMessage]] = field(default_factory=list)
-    traffic: dict[str, Traffic] = field(default_factory=dict)
+    topic_statistics: dict[str, TopicStatistics] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
 
 
-def extract(recording: RecordingReader, progress: Callable[[int, int], None]) -> Extraction:
+def extract(recording: RecordingReader, progress: ProgressCallback) -> Extraction:
     """Read a recording once.
 
     Raises
@@ -231,37 +234,40 @@ def extract(recording: RecordingReader, progress: Callable[[int, int], None]) ->
     extraction = Extraction()
     wanted = _wanted(robot_topics(recording), extraction.notices)
     finder = RunFinder(recording)
-    traffic = extraction.traffic = {
-        name: Traffic(name, summary.type_name) for name, summary in recording.topics().items()
+    statistics = {
+        name: TopicStatistics(name, summary.type_name)
+        for name, summary in recording.topics().items()
     }
     newest_ns = done = 0
     for batch in recording.batches():
         progress(done, recording.count)
         done += len(batch)
         rows = batch.rows()
-        ours = {wanted[name]: places for name, places in rows.items() if name in wanted}
+        ours = {wanted[name]: topic_rows for name, topic_rows in rows.items() if name in wanted}
         log_ns = batch.log_ns
         stamps, values = log_ns.copy(), {}
-        samples = samples_in(batch, {topic: ours[topic] for topic in TICKED if topic in ours})
-        for topic, places in samples.items():
-            stamps[places], values[topic] = _samples(recording, topic, batch, places)
-        epochs, are_new = finder.take(batch, ours, samples, stamps)
-        for topic, places in samples.items():
-            new = are_new[places]
-            kept = places[new]
-            extraction.columns[topic].extend(stamps[kept], values[topic][new], epochs[kept])
+        samples = samples_in(
+            batch, {topic: ours[topic] for topic in STAMPED_TOPICS if topic in ours}
+        )
+        for topic, topic_rows in samples.items():
+            stamps[topic_rows], values[topic] = _samples(recording, topic, batch, topic_rows)
+        epochs, are_new = finder.process(batch, ours, samples, stamps)
+        for topic, topic_rows in samples.items():
+            new = are_new[topic_rows]
+            kept = topic_rows[new]
+            extraction.buffers[topic].extend(stamps[kept], values[topic][new], epochs[kept])
         for row in sorted(chain.from_iterable(ours[t].tolist() for t in _EVENTS if t in ours)):
             raw = batch.message(row)
             _take_event(extraction, recording, wanted[raw.topic], raw, int(epochs[row]))
         newest = np.maximum.accumulate(log_ns).clip(min=newest_ns)
         newest_ns = int(newest[-1])
         ages_ms = (newest - stamps) * 1e-6
-        for name, places in rows.items():
-            traffic[name].extend(log_ns[places], ages_ms[places])
-    if not any(extraction.columns.values()):
+        for name, topic_rows in rows.items():
+            statistics[name].extend(log_ns[topic_rows], ages_ms[topic_rows])
+    if not any(extraction.buffers.values()):
         raise RecordingError(f'{recording.path}: no messages of a ballbot: nothing to report')
     extraction.runs = finder.runs()
-    extraction.traffic = {name: each for name, each in traffic.items() if each.count}
+    extraction.topic_statistics = {name: each for name, each in statistics.items() if each.count}
     return extraction
 
 
@@ -272,14 +278,14 @@ def _samples(
 
     The columns have the shape (n, width).
     """
-    kind, width, read = TICKED[topic]
-    stamps, values = np.empty(len(rows), np.int64), np.empty((len(rows), width), kind)
+    type_code, width, read = STAMPED_TOPICS[topic]
+    stamps, values = np.empty(len(rows), np.int64), np.empty((len(rows), width), type_code)
     name = batch.message(rows[0]).topic
     for some, messages in recording.records(name, batch, rows):
-        places = np.searchsorted(rows, some)
+        indices = np.searchsorted(rows, some)
         try:
             stamp = messages.header.stamp
-            stamps[places] = stamp.sec.astype(np.int64) * SECOND_NS + stamp.nanosec
+            stamps[indices] = stamp.sec.astype(np.int64) * SECOND_NS + stamp.nanosec
             columns = read(messages)
             if len(columns) != width:
                 raise IndexError(f'{len(columns)} numbers instead of {width}')
@@ -287,7 +293,7 @@ def _samples(
             raise _unlike(recording, batch.message(some[0]), error) from None
         with np.errstate(over='ignore'):
             for number, column in enumerate(columns):
-                values[places, number] = column
+                values[indices, number] = column
     return stamps, values
 
 
@@ -295,7 +301,7 @@ def _take_event(
     extraction: Extraction, recording: RecordingReader, topic: Topic, raw: RawMessage, epoch: int
 ) -> None:
     if topic in (PARTICIPANTS, RUN_STATUS):
-        extraction.told.add(topic, raw.data)
+        extraction.announced.add(topic, raw.data)
         return
     message, log_ns = recording.decode(raw), raw.stamp_ns
     if topic is OPERATING_STATE:
@@ -338,13 +344,13 @@ def _unlike(recording: RecordingReader, raw: RawMessage, error: Exception) -> Re
 def _wanted(topics: RobotTopics, notices: list[str]) -> dict[str, Topic]:
     """Return the topics to read, by their names in the file; note missing ones."""
     wanted = {}
-    for topic in (*TICKED, *_EVENTS, RUN):
+    for topic in (*STAMPED_TOPICS, *_EVENTS, RUN):
         name = topic.resolved(topics.namespace)
-        if name in topics.mistyped:
+        if name in topics.wrong_types:
             notices.append(f'{topics.mismatch(name)}; ignored.')
         elif name in topics.by_name:
             wanted[name] = topic
-        elif topic in TICKED:
+        elif topic in STAMPED_TOPICS:
             notices.append(
                 f'There is no topic {name}; figures and metrics that need it are missing.'
             )

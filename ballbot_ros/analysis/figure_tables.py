@@ -117,5 +117,5 @@ def state_table(run: RunData) -> Table:
     return {
         'start_s': np.array([each.start for each in run.states]),
         'end_s': np.array([each.end for each in run.states]),
-        'state': np.array([each.state for each in run.states]),
+        'state': np.array([each.name for each in run.states]),
     }

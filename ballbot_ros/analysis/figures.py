@@ -12,16 +12,16 @@ from ballbot_ros.analysis.drawing import (
     DUTY,
     PITCH,
     POSITION,
-    Span,
     draw_floor,
     draw_planes,
     draw_track,
     label_time,
     legend_above,
     legend_below,
-    name_spans,
-    shade,
+    name_intervals,
+    shade_intervals,
 )
+from ballbot_ros.analysis.interval import Interval
 from ballbot_ros.analysis.style import BLUE, WIDTH, Line, new_figure, png_of
 from ballbot_ros.analysis.table import track_columns
 from ballbot_ros.scenario.signal import Segment
@@ -31,7 +31,7 @@ from ballbot_ros.world.floor_map import FloorMap
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
-MANY_CM = 5.0
+MIN_TRACK_RANGE_CM = 5.0
 """Motion in plane y from which the track is more informative than the positions against time."""
 
 
@@ -63,7 +63,7 @@ def draw_motion(
     """
     position = trajectory.position
     with_track = len(position) > 0 and (
-        floor_map is not None or np.ptp(position[:, 1]) * 100.0 > MANY_CM
+        floor_map is not None or np.ptp(position[:, 1]) * 100.0 > MIN_TRACK_RANGE_CM
     )
     figure = new_figure(12.0 if with_track else WIDTH, 6.0, title)
     history: Figure | SubFigure = figure
@@ -73,20 +73,24 @@ def draw_motion(
         draw_floor(track, floor_map)
         draw_track(track, track_columns(position), Line(BLUE))
         legend_above(track)
-    _draw_history(history, trajectory, _spans(trajectory, hold_time, segments))
+    _draw_history(history, trajectory, _intervals(trajectory, hold_time, segments))
     path.write_bytes(png_of(figure))
 
 
-def _spans(trajectory: Trajectory, hold_time: float, segments: Iterable[Segment]) -> list[Span]:
+def _intervals(
+    trajectory: Trajectory, hold_time: float, segments: Iterable[Segment]
+) -> list[Interval]:
     """Return the intervals to shade, within the recorded ticks."""
     last = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
-    spans = [Span(0.0, hold_time, 'calibration')]
-    spans += [Span(segment.start, segment.end, segment.name) for segment in segments]
-    return [Span(s.start, min(s.end, last), s.name) for s in spans if s.start < min(s.end, last)]
+    intervals = [Interval(0.0, hold_time, 'calibration')]
+    intervals += [Interval(segment.start, segment.end, segment.name) for segment in segments]
+    return [
+        Interval(s.start, min(s.end, last), s.name) for s in intervals if s.start < min(s.end, last)
+    ]
 
 
 def _draw_history(
-    figure: Figure | SubFigure, trajectory: Trajectory, spans: Sequence[Span]
+    figure: Figure | SubFigure, trajectory: Trajectory, intervals: Sequence[Interval]
 ) -> None:
     rows = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2))
     table = {
@@ -97,7 +101,7 @@ def _draw_history(
     }
     for axes, quantity in zip(rows, (POSITION, PITCH, DUTY), strict=True):
         draw_planes(axes, quantity, table)
-        shade(axes, spans)
-    name_spans(rows[0], spans)
+        shade_intervals(axes, intervals)
+    name_intervals(rows[0], intervals)
     label_time(rows[2])
     legend_below(rows[2])

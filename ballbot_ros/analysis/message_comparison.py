@@ -19,7 +19,7 @@ _NOT_COMPARED = {SONAR_RANGE.name: frozenset({'field_of_view'})}
 _EXTRA, _MISSING = 'recorded, and not replayed', 'replayed, and not recorded'
 
 
-class Difference(NamedTuple):
+class MessageDifference(NamedTuple):
     """A difference between a recorded and a replayed message.
 
     Attributes
@@ -39,7 +39,7 @@ class Difference(NamedTuple):
     epoch: int = 0
 
 
-class Comparison:
+class MessageComparator:
     """Pairs recorded and replayed messages, topic by topic and in order.
 
     Parameters
@@ -55,16 +55,16 @@ class Comparison:
 
     def __init__(self, topics: Iterable[Topic]) -> None:
         self._topics = {topic: _Pairs(topic) for topic in topics}
-        self._first: dict[Topic, Difference] = {}
+        self._first: dict[Topic, MessageDifference] = {}
         self.compared = 0
 
-    def recorded(self, topic: Topic, stamp_ns: int, data: bytes, epoch: int = 0) -> None:
+    def add_recorded(self, topic: Topic, stamp_ns: int, data: bytes, epoch: int = 0) -> None:
         """Add a recorded message."""
         if pairs := self._topics.get(topic):
             pairs.recorded.append(_Message(epoch, stamp_ns, data))
             self._compare(topic, pairs)
 
-    def replayed(self, topic: Topic, stamp_ns: int, data: bytes, epoch: int = 0) -> None:
+    def add_replayed(self, topic: Topic, stamp_ns: int, data: bytes, epoch: int = 0) -> None:
         """Add a replayed message."""
         if pairs := self._topics.get(topic):
             pairs.replayed.append(_Message(epoch, stamp_ns, data))
@@ -85,7 +85,7 @@ class Comparison:
         elif what := pairs.difference(recorded.data, replayed.data):
             self._first[topic] = replayed.difference(topic, what)
 
-    def first_difference(self, *, complete: bool) -> Difference | None:
+    def first_difference(self, *, complete: bool) -> MessageDifference | None:
         """Return the earliest difference; within one tick, the first in causal order.
 
         Parameters
@@ -120,8 +120,8 @@ class _Message(NamedTuple):
     def moment(self) -> tuple[int, int]:
         return self.epoch, self.stamp_ns
 
-    def difference(self, topic: Topic, what: str) -> Difference:
-        return Difference(self.stamp_ns, topic.name, what, self.epoch)
+    def difference(self, topic: Topic, what: str) -> MessageDifference:
+        return MessageDifference(self.stamp_ns, topic.name, what, self.epoch)
 
 
 class _Pairs:

@@ -10,7 +10,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ballbot_ros import __version__
-from ballbot_ros.analysis.run_figures import Drawn
+from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.analysis.table import csv_of
 from ballbot_ros.errors import BallbotError
 
@@ -19,7 +19,7 @@ class ReportError(BallbotError):
     """A report that cannot be written."""
 
 
-def render(template: str, **content: object) -> str:
+def render_template(template: str, **content: object) -> str:
     """Render a template of this package; all content is escaped."""
     environment = Environment(
         loader=PackageLoader('ballbot_ros.analysis'),
@@ -60,7 +60,7 @@ def check_folder(folder: Path) -> None:
 
 
 def write_folder(
-    folder: Path, page: str, figures: Iterable[Drawn], files: Mapping[str, bytes]
+    folder: Path, page: str, figures: Iterable[RenderedFigure], files: Mapping[str, bytes]
 ) -> None:
     """Write the page as ``index.html``, the figures with their tables, and other files.
 

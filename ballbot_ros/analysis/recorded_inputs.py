@@ -15,12 +15,12 @@ from ballbot_ros.analysis.recorded_runs import (
     RecordedRun,
     RobotRecording,
     RunFinder,
-    placed_messages,
+    messages_by_epoch,
 )
 from ballbot_ros.analysis.robot_topics import robot_topics
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import push_forces, stamp_ns, stick_values
-from ballbot_ros.messages.inputs import INPUTS
+from ballbot_ros.messages.inputs import INPUT_READERS
 from ballbot_ros.messages.message_types import WrenchStamped
 from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.topics import (
@@ -39,7 +39,7 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.timing import TICK_NS
 
-_DECODED = {RUN, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY, *INPUTS}
+_DECODED = {RUN, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY, *INPUT_READERS}
 
 
 @dataclass(frozen=True)
@@ -91,13 +91,13 @@ class RecordedInputs:
     recording : RobotRecording
     runs : tuple of RunInputs
         In the order of the file.
-    told : AnnouncedParameters
+    announced : AnnouncedParameters
         The announced parameters.
     """
 
     recording: RobotRecording
     runs: tuple[RunInputs, ...]
-    told: AnnouncedParameters
+    announced: AnnouncedParameters
 
     def has_begun(self, run: RecordedRun) -> bool:
         """Return whether the plant has published a tick of a run, even an unanswered one."""
@@ -107,7 +107,7 @@ class RecordedInputs:
 
 
 @contextmanager
-def taken_from(reader: RecordingReader, what: str, stamp_ns: int) -> Iterator[None]:
+def recording_error_context(reader: RecordingReader, what: str, stamp_ns: int) -> Iterator[None]:
     """Add the place in the recording to errors about unusable values.
 
     Raises
@@ -130,15 +130,15 @@ def read_inputs(reader: RecordingReader) -> RecordedInputs:
         If it is not a recording of this robot, lacks its beginning, or has an unusable message.
     """
     topics = robot_topics(reader)
-    for name in topics.mistyped:
+    for name in topics.wrong_types:
         if topics.by_name[name] in _DECODED:
             raise RecordingError(f'{reader.path}: {topics.mismatch(name)}')
-    finder, told = RunFinder(reader), AnnouncedParameters()
+    finder, announced = RunFinder(reader), AnnouncedParameters()
     epochs: defaultdict[int, _EpochInputs] = defaultdict(_EpochInputs)
     wanted = (RUN_STATUS, PARTICIPANTS, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY)
-    for epoch, topic, raw in placed_messages(reader, topics, finder, wanted):
+    for epoch, topic, raw in messages_by_epoch(reader, topics, finder, wanted):
         if topic in (PARTICIPANTS, RUN_STATUS):
-            told.add(topic, raw.data)
+            announced.add(topic, raw.data)
         elif topic is not MOTOR_DUTY or not is_stop(raw.data):
             epochs[epoch].add(reader, topic, raw)
     inputs: list[RunInputs] = []
@@ -146,7 +146,7 @@ def read_inputs(reader: RecordingReader) -> RecordedInputs:
         inputs += epochs[epoch].of_runs(reader, list(runs))
     if not inputs:
         raise _begins_in_mid_run(reader)
-    return RecordedInputs(RobotRecording(reader, topics, finder.epochs), tuple(inputs), told)
+    return RecordedInputs(RobotRecording(reader, topics, finder.epochs), tuple(inputs), announced)
 
 
 def _begins_in_mid_run(reader: RecordingReader) -> RecordingError:
@@ -166,11 +166,11 @@ class _EpochInputs:
     def add(self, reader: RecordingReader, topic: Topic, raw: RawMessage) -> None:
         message = reader.decode(raw)
         if topic is GAMEPAD_JOY:
-            with taken_from(reader, raw.topic, raw.stamp_ns):
+            with recording_error_context(reader, raw.topic, raw.stamp_ns):
                 self.sticks[stamp_ns(message)] = stick_values(message)
             self.sources[stamp_ns(message)] = message.header.frame_id
         elif topic is MOTOR_DUTY:
-            with taken_from(reader, raw.topic, raw.stamp_ns):
+            with recording_error_context(reader, raw.topic, raw.stamp_ns):
                 self.duties[stamp_ns(message)] = int(message.vector.x), int(message.vector.y)
         elif start := self.begun.pop(message.header.frame_id, None):
             self.pushes.append(Push(stamp_ns(start), stamp_ns(message), *push_forces(start)))

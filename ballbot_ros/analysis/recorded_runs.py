@@ -21,7 +21,7 @@ from ballbot_ros.messages.topics import HISTORY, MOTOR_DUTY, RUN, Topic
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.simulation.recording_gate import MOST_AHEAD_NS
+from ballbot_ros.simulation.recording_gate import MAX_AHEAD_NS
 
 END_OF_TIME_NS = 2**63 - 1
 
@@ -67,15 +67,15 @@ def samples_in(batch: Batch, rows: Mapping[Topic, Rows]) -> dict[Topic, Rows]:
         The rows of the batch by topic.
     """
     samples = {}
-    for topic, places in rows.items():
+    for topic, topic_rows in rows.items():
         if topic is MOTOR_DUTY:
-            places = places[~are_stops(batch, places)]
-        if topic.period_ns and len(places):
-            samples[topic] = places
+            topic_rows = topic_rows[~are_stops(batch, topic_rows)]
+        if topic.period_ns and len(topic_rows):
+            samples[topic] = topic_rows
     return samples
 
 
-class Placement(NamedTuple):
+class EpochAssignment(NamedTuple):
     """The epochs of the messages in a batch.
 
     Attributes
@@ -90,7 +90,7 @@ class Placement(NamedTuple):
     is_new: NDArray[np.bool_]
 
 
-class PlacedMessage(NamedTuple):
+class EpochMessage(NamedTuple):
     """A recorded message with its topic and epoch."""
 
     epoch: int
@@ -111,7 +111,7 @@ class _Epoch:
         self.newest_ns = max(self.newest_ns, newest_ns)
 
 
-class _Newest(NamedTuple):
+class _NewestSample(NamedTuple):
     """The newest sample of a topic: its epoch and stamp [ns]."""
 
     epoch: int
@@ -119,7 +119,7 @@ class _Newest(NamedTuple):
 
 
 def _by_row(rows: Mapping[Topic, Rows]) -> dict[int, Topic]:
-    return {row: topic for topic, places in rows.items() for row in places.tolist()}
+    return {row: topic for topic, topic_rows in rows.items() for row in topic_rows.tolist()}
 
 
 class RunFinder:
@@ -140,7 +140,7 @@ class RunFinder:
         self._reader = reader
         self._epochs = [_Epoch()]
         self._next: dict[int, str] = {}  # announced runs of the next epoch
-        self._newest: dict[Topic, _Newest] = {}
+        self._newest: dict[Topic, _NewestSample] = {}
 
     @property
     def epochs(self) -> int:
@@ -160,13 +160,13 @@ class RunFinder:
                 runs.append(RecordedRun(number, '', epoch.oldest_ns, is_announced=False))
         return tuple(runs)
 
-    def take(
+    def process(
         self,
         batch: Batch,
         rows: Mapping[Topic, Rows],
         samples: Mapping[Topic, Rows],
         stamps: NDArray[np.int64],
-    ) -> Placement:
+    ) -> EpochAssignment:
         """Process the next messages of the file.
 
         Parameters
@@ -185,9 +185,9 @@ class RunFinder:
             If a message of ``plant/run`` cannot be decoded.
         """
         if RUN in rows or self._next or not self._go_on(samples, stamps):
-            return self._take_each(batch, rows, samples, stamps)
-        are_new = self._take_all(samples, stamps)
-        return Placement(np.full(len(batch), self.epochs - 1), are_new)
+            return self._process_each(batch, rows, samples, stamps)
+        are_new = self._process_all(samples, stamps)
+        return EpochAssignment(np.full(len(batch), self.epochs - 1), are_new)
 
     def _go_on(self, samples: Mapping[Topic, Rows], stamps: NDArray[np.int64]) -> bool:
         """Return whether no sample is older than an earlier one."""
@@ -197,7 +197,7 @@ class RunFinder:
                 return False
         return True
 
-    def _take_all(
+    def _process_all(
         self, samples: Mapping[Topic, Rows], stamps: NDArray[np.int64]
     ) -> NDArray[np.bool_]:
         """Process messages of the current epoch together; return which are new."""
@@ -206,23 +206,23 @@ class RunFinder:
             newest_ns = self._newest[topic].stamp_ns if topic in self._newest else -1
             are_new[rows] = np.diff(stamps[rows], prepend=newest_ns) > 0
             first, last = stamps[rows[[0, -1]]].tolist()
-            self._newest[topic] = _Newest(self.epochs - 1, last)
+            self._newest[topic] = _NewestSample(self.epochs - 1, last)
             self._epochs[-1].note(first, last)
         return are_new
 
-    def _take_each(
+    def _process_each(
         self,
         batch: Batch,
         rows: Mapping[Topic, Rows],
         samples: Mapping[Topic, Rows],
         stamps: NDArray[np.int64],
-    ) -> Placement:
+    ) -> EpochAssignment:
         """Process messages one by one."""
-        topics, sampled = _by_row(rows), _by_row(samples)
+        topics, sample_topics = _by_row(rows), _by_row(samples)
         epochs, are_new = np.empty(len(batch), np.intp), np.zeros(len(batch), np.bool_)
         for row, stamp_ns in enumerate(stamps.tolist()):
-            if row in sampled:
-                epochs[row], are_new[row] = self._take_sample(sampled[row], stamp_ns)
+            if row in sample_topics:
+                epochs[row], are_new[row] = self._process_sample(sample_topics[row], stamp_ns)
                 continue
             topic = topics.get(row)
             if topic is RUN:
@@ -231,7 +231,7 @@ class RunFinder:
             epochs[row] = self.epochs - 1
             if self._next and topic and topic.publisher == PLANT:
                 epochs[row] += 1  # it belongs to the plant that has announced its run
-        return Placement(epochs, are_new)
+        return EpochAssignment(epochs, are_new)
 
     def _announce(self, start_ns: int, name: str) -> None:
         epoch = self._epochs[-1]
@@ -241,16 +241,16 @@ class RunFinder:
         else:
             self._next[start_ns] = name
 
-    def _take_sample(self, topic: Topic, stamp_ns: int) -> tuple[int, bool]:
+    def _process_sample(self, topic: Topic, stamp_ns: int) -> tuple[int, bool]:
         """Return the epoch of a sample, and whether it is newer than earlier ones."""
         epoch, newest_ns = self._newest.get(topic, (self.epochs - 1, -1))
         if epoch == self.epochs - 1:
             if self._begins(topic, stamp_ns, newest_ns):
                 self._epochs.append(_Epoch(self._next))
                 self._next = {}
-        elif stamp_ns > max(newest_ns, self._epochs[-1].newest_ns + MOST_AHEAD_NS):
+        elif stamp_ns > max(newest_ns, self._epochs[-1].newest_ns + MAX_AHEAD_NS):
             # It is late, and belongs to the previous epoch.
-            self._newest[topic] = _Newest(epoch, stamp_ns)
+            self._newest[topic] = _NewestSample(epoch, stamp_ns)
             return epoch, True
         if epoch != self.epochs - 1:
             epoch, newest_ns = self.epochs - 1, -1
@@ -258,7 +258,7 @@ class RunFinder:
             return epoch, False
         if topic.publisher == PLANT and self._next.items() <= self._epochs[-1].names.items():
             self._next = {}  # the same run was announced again
-        self._newest[topic] = _Newest(epoch, stamp_ns)
+        self._newest[topic] = _NewestSample(epoch, stamp_ns)
         self._epochs[-1].note(stamp_ns, stamp_ns)
         return epoch, True
 
@@ -270,9 +270,9 @@ class RunFinder:
         return is_far_back or self._epochs[-1].oldest_ns >= stamp_ns < newest_ns
 
 
-def placed_messages(
+def messages_by_epoch(
     reader: RecordingReader, topics: RobotTopics, finder: RunFinder, wanted: Collection[Topic]
-) -> Iterator[PlacedMessage]:
+) -> Iterator[EpochMessage]:
     """Iterate over the messages of some topics in file order.
 
     Parameters
@@ -284,17 +284,19 @@ def placed_messages(
     wanted : collection of Topic
     """
     read = [n for n, topic in topics.by_name.items() if topic in (*wanted, RUN) or topic.period_ns]
-    usable = topics.usable
+    well_typed = topics.well_typed
     for batch in reader.batches(read):
         rows = batch.rows()
-        ours = {usable[name]: places for name, places in rows.items() if name in usable}
-        epochs = finder.take(batch, ours, samples_in(batch, ours), batch.log_ns).epochs
+        ours = {
+            well_typed[name]: topic_rows for name, topic_rows in rows.items() if name in well_typed
+        }
+        epochs = finder.process(batch, ours, samples_in(batch, ours), batch.log_ns).epochs
         is_wanted = np.zeros(len(batch), np.bool_)
-        for name, places in rows.items():
-            is_wanted[places] = topics.by_name[name] in wanted
-        messages = batch.chosen(is_wanted).messages()
+        for name, topic_rows in rows.items():
+            is_wanted[topic_rows] = topics.by_name[name] in wanted
+        messages = batch.select(is_wanted).messages()
         for epoch, raw in zip(epochs[is_wanted].tolist(), messages, strict=True):
-            yield PlacedMessage(epoch, topics.by_name[raw.topic], raw)
+            yield EpochMessage(epoch, topics.by_name[raw.topic], raw)
 
 
 @dataclass(frozen=True)
@@ -313,7 +315,7 @@ class RobotRecording:
     topics: RobotTopics
     epochs: int
 
-    def messages(self, wanted: Collection[Topic], start_ns: int = 0) -> Iterator[PlacedMessage]:
+    def messages(self, wanted: Collection[Topic], start_ns: int = 0) -> Iterator[EpochMessage]:
         """Iterate over the messages of some topics in file order.
 
         Parameters
@@ -325,9 +327,9 @@ class RobotRecording:
         if self.epochs == 1:
             names = {name: topic for name, topic in self.topics.by_name.items() if topic in wanted}
             for raw in self.reader.raw_messages(names, start_ns):
-                yield PlacedMessage(0, names[raw.topic], raw)
+                yield EpochMessage(0, names[raw.topic], raw)
             return
         finder = RunFinder(self.reader)
-        for each in placed_messages(self.reader, self.topics, finder, wanted):
+        for each in messages_by_epoch(self.reader, self.topics, finder, wanted):
             if each.raw.stamp_ns >= start_ns:
                 yield each

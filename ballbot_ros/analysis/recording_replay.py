@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.analysis.divergence import Divergence
-from ballbot_ros.analysis.message_comparison import Comparison, Difference
+from ballbot_ros.analysis.message_comparison import MessageComparator, MessageDifference
 from ballbot_ros.analysis.recorded_inputs import RunInputs, read_inputs
 from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.analysis.replay import (
@@ -21,7 +21,11 @@ from ballbot_ros.analysis.replay import (
     replay_run,
 )
 from ballbot_ros.analysis.replayed_controller import ReplayedController, choose_controller
-from ballbot_ros.codegen.implementation import missing_for, program_maker, require_implementation
+from ballbot_ros.codegen.implementation import (
+    missing_tool_for,
+    program_maker,
+    require_implementation,
+)
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import write_temporary
@@ -42,10 +46,10 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.world.library import is_file_name
 
-AROUND_TICKS = 2
+CONTEXT_TICKS = 2
 """Ticks shown before and after a difference."""
 
-Update = Callable[[float], None]
+ReportTime = Callable[[float], None]
 """Receives the replayed sim time so far [s]."""
 
 
@@ -59,9 +63,9 @@ class ReplayResult:
         ``controller`` or ``robot``: the part that was run again.
     ticks, messages : int
         What was compared.
-    difference : Difference or None
+    difference : MessageDifference or None
         The first one.
-    around : sequence of ReplayedTick
+    context : sequence of ReplayedTick
         The ticks around a difference of the robot: recorded inputs, and the controller's outputs
         for them.
     """
@@ -69,8 +73,8 @@ class ReplayResult:
     subject: str
     ticks: int
     messages: int
-    difference: Difference | None
-    around: Sequence[ReplayedTick] = ()
+    difference: MessageDifference | None
+    context: Sequence[ReplayedTick] = ()
 
 
 class _Job(NamedTuple):
@@ -87,7 +91,7 @@ class _Job(NamedTuple):
         """Return a new control program."""
         return program_maker(self.parameters.of(ControllerParameters))()
 
-    def has_begun_before(self, difference: Difference) -> bool:
+    def has_begun_before(self, difference: MessageDifference) -> bool:
         run = self.inputs.run
         return (run.epoch, run.start_ns) <= (difference.epoch, difference.stamp_ns)
 
@@ -120,10 +124,10 @@ class RecordingReplay:
         self, reader: RecordingReader, scratch: Path, controller: str | None = None
     ) -> None:
         attached = _attached_parameters(reader, scratch)
-        if attached is None and not _tells_participants(reader):
+        if attached is None and not _has_announcements(reader):
             raise RecordingError(_nothing_to_replay_by(reader.path))
         recorded = read_inputs(reader)
-        self._recording, self._told = recorded.recording, recorded.told
+        self._recording, self._announced = recorded.recording, recorded.announced
         self._begun = [
             _Job(inputs, self._parameters(inputs.run, attached, scratch))
             for inputs in recorded.runs
@@ -142,10 +146,10 @@ class RecordingReplay:
     ) -> ParameterSet:
         """Return the parameters of a run, with its map in the scratch folder."""
         reader = self._recording.reader
-        if attached is None and not self._told.tells(run.name):
+        if attached is None and not self._announced.has_parameters(run.name):
             raise RecordingError(_nothing_to_replay_by(reader.path))
         files = reader.attachments()
-        parameters = self._told.of(run.name, attached or ParameterSet(), files)
+        parameters = self._announced.of(run.name, attached or ParameterSet(), files)
         name = parameters.of(PlantParameters).map
         if is_file_name(name):
             if name not in files:
@@ -155,35 +159,35 @@ class RecordingReplay:
             parameters.set(PLANT, 'map', str(image))
         return parameters
 
-    def _choose(self, job: _Job, asked: str | None) -> ReplayedController:
+    def _choose(self, job: _Job, requested: str | None) -> ReplayedController:
         """Choose the controller of a run, and set it in the run's parameters."""
-        participant = self._told.controller(job.inputs.run.name)
-        chosen = choose_controller(participant, job.implementation, asked, missing_for)
+        participant = self._announced.controller(job.inputs.run.name)
+        chosen = choose_controller(participant, job.implementation, requested, missing_tool_for)
         job.parameters.set(CONTROLLER, 'implementation', chosen.replayed)
         return chosen
 
-    def replay_controller(self, update: Update) -> ReplayResult:
+    def replay_controller(self, update: ReportTime) -> ReplayResult:
         """Run the controller on the recorded samples; compare its messages."""
 
-        def ticks(job: _Job, comparison: Comparison) -> Iterator[object]:
-            return replay_controller(self._recording, job.inputs, job.program(), comparison)
+        def ticks(job: _Job, comparator: MessageComparator) -> Iterator[object]:
+            return replay_controller(self._recording, job.inputs, job.program(), comparator)
 
         return self._compare('controller', self._jobs, CONTROLLER_TOPICS, ticks, update)
 
-    def replay_robot(self, update: Update) -> ReplayResult:
+    def replay_robot(self, update: ReportTime) -> ReplayResult:
         """Run the whole robot; compare all messages."""
 
-        def ticks(job: _Job, comparison: Comparison) -> Iterator[object]:
-            return replay_run(self._recording, job.inputs, job.parameters, comparison)
+        def ticks(job: _Job, comparator: MessageComparator) -> Iterator[object]:
+            return replay_run(self._recording, job.inputs, job.parameters, comparator)
 
         result = self._compare('robot', self._begun, ALL_TOPICS, ticks, update)
         if result.difference is None:
             return result
         # For a run that ended before the difference, use the last one that had begun.
         job = next(j for j in reversed(self._begun) if j.has_begun_before(result.difference))
-        return replace(result, around=self._around(job, result.difference.stamp_ns))
+        return replace(result, context=self._context(job, result.difference.stamp_ns))
 
-    def ask(self, assignments: Sequence[str], update: Update) -> list[Divergence]:
+    def replay_with(self, assignments: Sequence[str], update: ReportTime) -> list[Divergence]:
         """Compare the duties of another controller with the recorded ones, run by run.
 
         Parameters
@@ -213,7 +217,7 @@ class RecordingReplay:
         for job in self._jobs:
             divergence = Divergence()
             for tick in replay_controller(
-                self._recording, job.inputs, job.program(), Comparison(())
+                self._recording, job.inputs, job.program(), MessageComparator(())
             ):
                 if tick.stamp_ns in job.inputs.duties:
                     duty = job.inputs.duties[tick.stamp_ns]
@@ -228,27 +232,29 @@ class RecordingReplay:
         subject: str,
         jobs: Sequence[_Job],
         topics: Sequence[Topic],
-        replay: Callable[[_Job, Comparison], Iterator[object]],
-        update: Update,
+        replay: Callable[[_Job, MessageComparator], Iterator[object]],
+        update: ReportTime,
     ) -> ReplayResult:
         recorded = self._recording.topics.by_name.values()
-        comparison = Comparison([topic for topic in topics if topic in recorded])
+        comparator = MessageComparator([topic for topic in topics if topic in recorded])
         ticks = 0
-        for _ in chain.from_iterable(replay(job, comparison) for job in jobs):
+        for _ in chain.from_iterable(replay(job, comparator) for job in jobs):
             ticks += 1
             update(ticks * TICK_NS / SECOND_NS)
-        compare_events(self._recording, [job.inputs for job in jobs], comparison)
-        difference = comparison.first_difference(complete=self._recording.reader.complete)
-        return ReplayResult(subject, ticks, comparison.compared, difference)
+        compare_events(self._recording, [job.inputs for job in jobs], comparator)
+        difference = comparator.first_difference(complete=self._recording.reader.complete)
+        return ReplayResult(subject, ticks, comparator.compared, difference)
 
-    def _around(self, job: _Job, stamp_ns: int) -> list[ReplayedTick]:
+    def _context(self, job: _Job, stamp_ns: int) -> list[ReplayedTick]:
         """Return the recorded inputs around a tick, and the controller's outputs for them."""
-        reach = AROUND_TICKS * TICK_NS
+        margin_ns = CONTEXT_TICKS * TICK_NS
         found = []
-        for tick in replay_controller(self._recording, job.inputs, job.program(), Comparison(())):
-            if tick.stamp_ns > stamp_ns + reach:
+        for tick in replay_controller(
+            self._recording, job.inputs, job.program(), MessageComparator(())
+        ):
+            if tick.stamp_ns > stamp_ns + margin_ns:
                 break
-            if tick.stamp_ns >= stamp_ns - reach:
+            if tick.stamp_ns >= stamp_ns - margin_ns:
                 found.append(tick)
         return found
 
@@ -260,7 +266,7 @@ def _nothing_to_replay_by(path: Path) -> str:
     )
 
 
-def _tells_participants(reader: RecordingReader) -> bool:
+def _has_announcements(reader: RecordingReader) -> bool:
     return any(name.endswith(f'/{PARTICIPANTS.name}') for name in reader.topics())
 
 

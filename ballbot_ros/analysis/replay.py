@@ -6,14 +6,14 @@ from collections.abc import Iterable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
-from ballbot_ros.analysis.message_comparison import Comparison
-from ballbot_ros.analysis.recorded_inputs import RunInputs, taken_from
+from ballbot_ros.analysis.message_comparison import MessageComparator
+from ballbot_ros.analysis.recorded_inputs import RunInputs, recording_error_context
 from ballbot_ros.analysis.recorded_runs import RobotRecording
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
-from ballbot_ros.messages.inputs import INPUTS, device_inputs
+from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs
 from ballbot_ros.messages.outputs import EncodedOutput
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import (
@@ -70,7 +70,7 @@ EVENTS = (WALL_HIT, OPERATING_STATE, BLUETOOTH_TX, LCD)
 
 
 def replay_controller(
-    recording: RobotRecording, inputs: RunInputs, program: Program, comparison: Comparison
+    recording: RobotRecording, inputs: RunInputs, program: Program, comparator: MessageComparator
 ) -> Iterator[ReplayedTick]:
     """Feed recorded samples to a controller, and compare its messages.
 
@@ -85,26 +85,26 @@ def replay_controller(
         If a sample can't be decoded, or its device can't have sent it.
     """
     reader, run = recording.reader, inputs.run
-    samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUTS}
-    sink = partial(comparison.replayed, epoch=run.epoch)
+    samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUT_READERS}
+    sink = partial(comparator.add_replayed, epoch=run.epoch)
     messages = ControllerMessages(partial(EncodedOutput, sink=sink))
     now = run.start_ns
     for topic, raw in _messages(recording, inputs):
-        comparison.recorded(topic, raw.stamp_ns, raw.data, run.epoch)
-        if topic not in INPUTS:
+        comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)
+        if topic not in INPUT_READERS:
             continue
         message = reader.decode(raw)
-        with taken_from(reader, raw.topic, raw.stamp_ns):
-            samples[topic][raw.stamp_ns] = INPUTS[topic](message)
+        with recording_error_context(reader, raw.topic, raw.stamp_ns):
+            samples[topic][raw.stamp_ns] = INPUT_READERS[topic](message)
         while now <= inputs.last_ns and all(
-            now in samples[due] for due in INPUTS if now % due.period_ns == 0
+            now in samples[due] for due in INPUT_READERS if now % due.period_ns == 0
         ):
-            sampled = device_inputs(lambda each: samples[each].pop(now, None))  # noqa: B023
+            readings = device_inputs(lambda each: samples[each].pop(now, None))  # noqa: B023
             elapsed = now - run.start_ns
-            with taken_from(reader, 'the inputs', now):
-                outputs = program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, sampled)
+            with recording_error_context(reader, 'the inputs', now):
+                outputs = program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, readings)
                 messages.tick(now, outputs, program)
-            yield ReplayedTick(now, sampled, outputs)
+            yield ReplayedTick(now, readings, outputs)
             now += TICK_NS
 
 
@@ -112,7 +112,7 @@ def replay_run(
     recording: RobotRecording,
     inputs: RunInputs,
     parameters: ParameterSet,
-    comparison: Comparison,
+    comparator: MessageComparator,
 ) -> Iterator[Tick]:
     """Run the whole robot with its parameters, recorded sticks and pushes; compare everything.
 
@@ -127,12 +127,12 @@ def replay_run(
     def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
         # A push may end after the run, and a run without a duty has only events.
         if stamp_ns <= inputs.last_ns or topic in EVENTS:
-            comparison.replayed(topic, stamp_ns, data, run.epoch)
+            comparator.add_replayed(topic, stamp_ns, data, run.epoch)
 
     messages = RunMessages(replayed, parameters)
     messages.begin(run.start_ns, loop.world, loop.pushes)
     for topic, raw in _messages(recording, inputs):
-        comparison.recorded(topic, raw.stamp_ns, raw.data, run.epoch)
+        comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)
         # Not ahead of the recording, so that few messages wait for their counterparts.
         while topic is CLOCK and loop.plant.time_ns <= raw.stamp_ns:
             tick = loop.tick()
@@ -142,21 +142,21 @@ def replay_run(
 
 
 def compare_events(
-    recording: RobotRecording, runs: Iterable[RunInputs], comparison: Comparison
+    recording: RobotRecording, runs: Iterable[RunInputs], comparator: MessageComparator
 ) -> None:
-    """Add the recorded events to a comparison, in each epoch up to the end of its last run.
+    """Add the recorded events to a comparator, in each epoch up to the end of its last run.
 
     Parameters
     ----------
     recording : RobotRecording
     runs : iterable of RunInputs
         The compared runs, in file order.
-    comparison : Comparison
+    comparator : MessageComparator
     """
     ends = {each.run.epoch: max(each.run.start_ns, each.last_ns) for each in runs}
     for epoch, topic, raw in recording.messages(EVENTS):
         if epoch in ends and raw.stamp_ns <= ends[epoch]:
-            comparison.recorded(topic, raw.stamp_ns, raw.data, epoch)
+            comparator.add_recorded(topic, raw.stamp_ns, raw.data, epoch)
 
 
 def _messages(recording: RobotRecording, inputs: RunInputs) -> Iterator[tuple[Topic, RawMessage]]:

@@ -35,7 +35,7 @@ class ReplayedController:
 def choose_controller(
     participant: Participant | None,
     attached: str,
-    asked: str | None,
+    requested: str | None,
     missing_tool: Callable[[str], str],
 ) -> ReplayedController:
     """Return the controller for a replay: the requested one, or else the recorded one.
@@ -48,13 +48,13 @@ def choose_controller(
         The run's controller as announced; None if unknown.
     attached : str
         The parameter `implementation` in the attached parameters.
-    asked : str or None
+    requested : str or None
         The requested implementation.
     missing_tool : callable
         Returns the tool that an implementation lacks on this machine; '' for none.
     """
-    told: dict[str, object] = dict(participant.parameters) if participant else {}
-    recorded = str(told.get('implementation', attached))
+    parameters: dict[str, object] = dict(participant.parameters) if participant else {}
+    recorded = str(parameters.get('implementation', attached))
     reason = ''
     if participant and participant.implementation.split()[:1] != [OUR_PACKAGE]:
         recorded = participant.implementation
@@ -69,6 +69,6 @@ def choose_controller(
             f'its controller {recorded!r} can not run here: {missing}; {PYTHON}, which is proven '
             'equal, replays it'
         )
-    if asked:
-        return ReplayedController(recorded, asked)
+    if requested:
+        return ReplayedController(recorded, requested)
     return ReplayedController(recorded, PYTHON if reason else recorded, reason)

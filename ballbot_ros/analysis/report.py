@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from ballbot_ros.analysis.assessment import Assessment, Judged, shown_metrics
+from ballbot_ros.analysis.assessment import Assessment, ExpectationResult, shown_metrics
 from ballbot_ros.analysis.extraction import Status
-from ballbot_ros.analysis.page import number_text, render, write_folder
+from ballbot_ros.analysis.page import number_text, render_template, write_folder
 from ballbot_ros.analysis.run_data import RunData
-from ballbot_ros.analysis.run_figures import Drawn, draw_figures
+from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.analysis.table import csv_text
 from ballbot_ros.analysis.verdict import ExpectationVerdict
@@ -59,12 +59,12 @@ def write_report(assessment: Assessment, folder: Path) -> None:
     write_folder(folder, page, figures, {'metrics.csv': metrics})
 
 
-def report_page(assessment: Assessment, figures: list[Drawn]) -> str:
+def report_page(assessment: Assessment, figures: list[RenderedFigure]) -> str:
     """Return the report as HTML."""
     run = assessment.run
     scenario = run.attached.scenario
     statuses = {status.name.partition(':')[0]: status for _, status in run.statuses}
-    return render(
+    return render_template(
         'report.html',
         title=f'{run.name}, run {run.number}' if run.count > 1 else run.name,
         purpose=scenario.purpose if scenario else '',
@@ -78,7 +78,7 @@ def report_page(assessment: Assessment, figures: list[Drawn]) -> str:
             for name, value in shown_metrics(assessment).items()
         ],
         figures=figures,
-        traffic=run.traffic,
+        topic_statistics=run.topic_statistics,
         nodes=[
             {
                 'name': name,
@@ -145,7 +145,7 @@ def _facts(run: RunData) -> list[tuple[str, str]]:
     return facts
 
 
-def _expectation(judged: Judged) -> dict[str, str]:
+def _expectation(judged: ExpectationResult) -> dict[str, str]:
     expectation = judged.judgement.expectation
     mark = _MARKS[judged.verdict]
     return {

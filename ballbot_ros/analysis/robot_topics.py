@@ -9,7 +9,7 @@ from ballbot_ros.messages.topics import MOTOR_DUTY, TOPICS, Topic
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 
-ROBOT_MARKS = (
+IDENTIFYING_TOPICS = (
     MOTOR_DUTY,
     *(topic for topic in TOPICS if topic.name.startswith(('plant/', 'controller/'))),
 )
@@ -26,22 +26,22 @@ class RobotTopics:
         Such as ``/robot``; '' for none.
     by_name : mapping of str to Topic
         The topics in the file, by their full names.
-    mistyped : mapping of str to str
+    wrong_types : mapping of str to str
         The types of topics that should have another one.
     """
 
     namespace: str
     by_name: Mapping[str, Topic]
-    mistyped: Mapping[str, str]
+    wrong_types: Mapping[str, str]
 
     @property
-    def usable(self) -> dict[str, Topic]:
+    def well_typed(self) -> dict[str, Topic]:
         """The topics with the correct type, by name."""
-        return {n: topic for n, topic in self.by_name.items() if n not in self.mistyped}
+        return {n: topic for n, topic in self.by_name.items() if n not in self.wrong_types}
 
     def mismatch(self, name: str) -> str:
         """Return a text about the wrong type of a topic."""
-        return f'{name} is {self.mistyped[name]}, not {self.by_name[name].type_name}'
+        return f'{name} is {self.wrong_types[name]}, not {self.by_name[name].type_name}'
 
 
 def robot_topics(reader: RecordingReader) -> RobotTopics:
@@ -55,11 +55,11 @@ def robot_topics(reader: RecordingReader) -> RobotTopics:
     # If there are duties, other topics named plant/… may come from strangers.
     namespace = robot_namespace(reader, [MOTOR_DUTY])
     if namespace is None:
-        namespace = robot_namespace(reader, ROBOT_MARKS)
+        namespace = robot_namespace(reader, IDENTIFYING_TOPICS)
     if namespace is None:
         raise RecordingError(
             f'{reader.path}: not a recording of a ballbot: it has none of the topics '
-            f'{", ".join(mark.resolved() for mark in ROBOT_MARKS)}'
+            f'{", ".join(mark.resolved() for mark in IDENTIFYING_TOPICS)}'
         )
     ours = {topic.resolved(namespace): topic for topic in TOPICS}
     types = {name: each.type_name for name, each in reader.topics().items() if name in ours}

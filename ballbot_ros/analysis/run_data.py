@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -10,14 +10,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.attached import Attached, read_attached
-from ballbot_ros.analysis.extraction import TICKED, Extraction, Status, Traffic, extract
+from ballbot_ros.analysis.extraction import (
+    STAMPED_TOPICS,
+    Extraction,
+    Status,
+    TopicStatistics,
+    extract,
+)
+from ballbot_ros.analysis.interval import Interval
+from ballbot_ros.analysis.recorded_attachments import RecordedAttachments, read_attachments
 from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.controller.interface import OperatingState
 from ballbot_ros.messages.conversions import map_grid
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
+from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.metrics import Floats
@@ -56,18 +64,9 @@ class Series:
         """Return the values at `stamps`, shape (m, k); NaN where there is no sample."""
         if np.array_equal(stamps, self.stamps):
             return self.values
-        places = np.searchsorted(self.stamps, stamps).clip(max=len(self.stamps) - 1)
-        missing = self.stamps[places] != stamps
-        return np.where(missing[:, np.newaxis], np.nan, self.values[places])
-
-
-@dataclass(frozen=True)
-class Interval:
-    """An operating state and its interval in the run [s]."""
-
-    state: str
-    start: float
-    end: float
+        indices = np.searchsorted(self.stamps, stamps).clip(max=len(self.stamps) - 1)
+        missing = self.stamps[indices] != stamps
+        return np.where(missing[:, np.newaxis], np.nan, self.values[indices])
 
 
 @dataclass(frozen=True)
@@ -82,8 +81,9 @@ class RunData:
     trajectory : Trajectory
         The ticks for which all recorded topics have a sample; NaN in the columns of other topics.
     series : mapping of Topic to Series
-        The topics of :data:`ballbot_ros.analysis.extraction.TICKED` that have samples.
+        The topics of :data:`ballbot_ros.analysis.extraction.STAMPED_TOPICS` that have samples.
     states : tuple of Interval
+        The operating states and their times [s].
     grid : OccupancyGrid or None
         The recorded map.
     statuses : tuple
@@ -92,9 +92,9 @@ class RunData:
         The display: time [s] and text.
     tones : tuple of tuple
         Time [s] and tone.
-    traffic : tuple of Traffic
+    topic_statistics : tuple of TopicStatistics
         All topics of the file.
-    attached : Attached
+    attached : RecordedAttachments
         Scenario, parameters and versions.
     damage : str or None
         What the reader found missing in the file.
@@ -116,8 +116,8 @@ class RunData:
     statuses: tuple[tuple[float, Status], ...]
     pages: tuple[tuple[float, str], ...]
     tones: tuple[tuple[float, Tone], ...]
-    traffic: tuple[Traffic, ...]
-    attached: Attached
+    topic_statistics: tuple[TopicStatistics, ...]
+    attached: RecordedAttachments
     damage: str | None
     missing_ticks: int
     reached_end: bool
@@ -157,7 +157,7 @@ class RunData:
         calibrated = self.attached.parameters.of(ControllerParameters).time_start * 1e-3
         runs = np.asarray(time >= calibrated)
         for each in self.states:
-            if each.state in (OperatingState.CALIBRATION, OperatingState.OUT_OF_CONTROL):
+            if each.name in (OperatingState.CALIBRATION, OperatingState.OUT_OF_CONTROL):
                 runs &= (time < each.start) | (time > each.end)
         return runs
 
@@ -165,7 +165,7 @@ class RunData:
 def read_run(
     path: str | Path,
     number: int | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: ProgressCallback = lambda done, total: None,
 ) -> RunData:
     """Read a run of a recording; of a damaged file, the part before the damage.
 
@@ -184,7 +184,7 @@ def read_run(
         If the file can't be read, is not a recording of a ballbot, or has no such run.
     """
     with RecordingReader(path) as recording:
-        attached = read_attached(recording)
+        attached = read_attachments(recording)
         extraction = extract(recording, progress)
         damage = recording.damage
     runs = extraction.runs
@@ -195,7 +195,7 @@ def read_run(
         raise RecordingError(f'{path}: run {number} not found; the file has {known}')
     run = runs[number - 1]
     start = run.start_ns
-    attached = attached.in_run(run.name, extraction.told)
+    attached = attached.for_run(run.name, extraction.announced)
     notices = [*extraction.notices, *attached.notices]
     if len(runs) > 1:
         notices.append(f'The file holds {len(runs)} runs; this is run {number}.')
@@ -203,7 +203,7 @@ def read_run(
     if not series:
         raise RecordingError(f'{path}: run {number} of {len(runs)} has no ticks')
     plant = attached.parameters.of(PlantParameters)
-    has_map = bool(plant.map) or not extraction.told.tells(run.name)
+    has_map = bool(plant.map) or not extraction.announced.has_parameters(run.name)
     trajectory, missing = _trajectory(series, start, plant.lockstep)
     last = trajectory.time[-1] if len(trajectory.time) else 0.0
     if not attached.has_parameters and PLANT_ODOM in series:
@@ -239,7 +239,7 @@ def read_run(
             for epoch, stamp, tone in extraction.tones
             if run.has(epoch, stamp)
         ),
-        traffic=tuple(extraction.traffic.values()),
+        topic_statistics=tuple(extraction.topic_statistics.values()),
         attached=attached,
         damage=damage,
         missing_ticks=missing,
@@ -252,8 +252,8 @@ def read_run(
 def _series(extraction: Extraction, run: RecordedRun) -> dict[Topic, Series]:
     """Return the samples of a run by topic; topics with equal stamps share these arrays."""
     found: dict[Topic, Series] = {}
-    for topic in TICKED:
-        stamps, values = extraction.columns[topic].epoch(run.epoch)
+    for topic in STAMPED_TOPICS:
+        stamps, values = extraction.buffers[topic].epoch(run.epoch)
         first, last = np.searchsorted(stamps, [run.start_ns, run.end_ns])
         if first == last:
             continue
@@ -291,8 +291,8 @@ def _trajectory(
     if duty is not None:
         held = stamps
         if MOTOR_DUTY not in sources:
-            places = np.searchsorted(duty.stamps, stamps, side='right') - 1
-            held = duty.stamps[places.clip(min=0)]
+            indices = np.searchsorted(duty.stamps, stamps, side='right') - 1
+            held = duty.stamps[indices.clip(min=0)]
         duties = duty.at(held)
     missing = 0
     if len(stamps):
@@ -308,7 +308,7 @@ def _states(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Inte
     ]
     ends = [time for time, _ in changes[1:]] + [float(last) + TICK_S]
     return tuple(
-        Interval(state, time, until)
+        Interval(time, until, state)
         for (time, state), until in zip(changes, ends, strict=False)  # there is one more end
         if until > time
     )

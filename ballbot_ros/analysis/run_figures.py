@@ -12,7 +12,6 @@ from ballbot_ros.analysis.drawing import (
     DUTY,
     PITCH,
     POSITION,
-    Span,
     draw_bounds,
     draw_floor,
     draw_line,
@@ -21,9 +20,9 @@ from ballbot_ros.analysis.drawing import (
     frame_curves,
     label_time,
     legend_above,
-    shade,
-    tidy,
-    widen,
+    set_min_span,
+    shade_intervals,
+    style_axes,
 )
 from ballbot_ros.analysis.figure_tables import (
     battery_table,
@@ -35,6 +34,7 @@ from ballbot_ros.analysis.figure_tables import (
     state_table,
     track_table,
 )
+from ballbot_ros.analysis.interval import Interval
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.style import (
     BLUE,
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 _STATE_COLOURS = (GRAY, BLUE, GREEN, SKY, YELLOW, PURPLE, ORANGE)
 _HATCHES = ('', '', '//', '..', 'xx', '\\\\', '++')
 
-LEAST_SPAN = 1.0
+MIN_AXIS_SPAN = 1.0
 """Minimum span of an axis [°, cm or °/s]; one gyro count is 1 °/s."""
 
 
@@ -99,7 +99,7 @@ class RunFigure:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class RenderedFigure:
     """A drawn figure and its numbers."""
 
     name: str
@@ -109,7 +109,7 @@ class Drawn:
     table: Table
 
 
-def draw_figures(run: RunData) -> list[Drawn]:
+def draw_figures(run: RunData) -> list[RenderedFigure]:
     """Draw every figure for which the recording has the topics."""
     drawn = []
     for figure in FIGURES:
@@ -118,16 +118,12 @@ def draw_figures(run: RunData) -> list[Drawn]:
         table = figure.table(run)
         if all(np.size(column) for column in table.values()):
             png = png_of(figure.draw(run, table))
-            drawn.append(Drawn(figure.name, figure.title, figure.caption, png, table))
+            drawn.append(RenderedFigure(figure.name, figure.title, figure.caption, png, table))
     return drawn
 
 
-def _calibration(run: RunData) -> list[Span]:
-    return [
-        Span(each.start, each.end, each.state)
-        for each in run.states
-        if each.state == OperatingState.CALIBRATION
-    ]
+def _calibration(run: RunData) -> list[Interval]:
+    return [each for each in run.states if each.name == OperatingState.CALIBRATION]
 
 
 def _draw_motion(run: RunData, table: Table) -> Figure:
@@ -135,7 +131,7 @@ def _draw_motion(run: RunData, table: Table) -> Figure:
     rows = figure.subplots(2, 1, sharex=True)
     for axes, quantity in zip(rows, (POSITION, PITCH), strict=True):
         draw_planes(axes, quantity, table)
-        shade(axes, _calibration(run))
+        shade_intervals(axes, _calibration(run))
     legend_above(rows[0])
     label_time(rows[1])
     return figure
@@ -155,7 +151,7 @@ def _draw_duty(run: RunData, table: Table) -> Figure:
     axes = figure.subplots()
     draw_planes(axes, DUTY, table)
     draw_bounds(axes, (-100.0, 100.0))
-    shade(axes, _calibration(run))
+    shade_intervals(axes, _calibration(run))
     legend_above(axes)
     label_time(axes)
     return figure
@@ -193,9 +189,9 @@ def _draw_pairs(run: RunData, table: Table, pairs: Sequence[_Pair], *, share_row
             ):
                 draw_line(axes, table['time_s'], table[column.format(plane)], look)
             frame_curves(axes, '')
-            shade(axes, _calibration(run))
+            shade_intervals(axes, _calibration(run))
         for axes in line:  # a shared axis keeps its range
-            widen(axes, LEAST_SPAN)
+            set_min_span(axes, MIN_AXIS_SPAN)
         line[0].set_ylabel(pair.label)
         legend_above(line[1])
     for axes, plane in zip(grid[0], 'xy', strict=True):
@@ -247,7 +243,7 @@ def _draw_battery(run: RunData, table: Table) -> Figure:
     axes = figure.subplots()
     draw_line(axes, table['time_s'], table['voltage_v'], Line(BLUE))
     frame_curves(axes, 'battery [V]')
-    widen(axes, 0.5)
+    set_min_span(axes, 0.5)
     label_time(axes)
     return figure
 
@@ -259,10 +255,10 @@ def _draw_states(run: RunData, table: Table) -> Figure:
     figure = new_figure(WIDTH, 1.1 + 0.32 * len(present))
     axes = figure.subplots()
     for each in run.states:
-        look = known.index(each.state) if each.state in known else 0
+        look = known.index(each.name) if each.name in known else 0
         # One band per state, with its name next to it, so that colour is not needed.
         axes.barh(
-            present.index(each.state), each.end - each.start, left=each.start, height=0.7,
+            present.index(each.name), each.end - each.start, left=each.start, height=0.7,
             color=_STATE_COLOURS[look], hatch=_HATCHES[look], edgecolor='white', linewidth=0.0,
         )  # fmt: skip
     axes.set_yticks(range(len(present)), [state.replace('_', ' ') for state in present])
@@ -270,7 +266,7 @@ def _draw_states(run: RunData, table: Table) -> Figure:
     axes.set_xlim(0.0, max(run.end, float(table['end_s'][-1])))
     axes.set_ylabel('operating state')
     label_time(axes)
-    tidy(axes)
+    style_axes(axes)
     return figure
 
 

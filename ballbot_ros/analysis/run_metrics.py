@@ -177,7 +177,7 @@ def _offset_error(run: RunData, plane: int) -> float:
 def _time_in(run: RunData, state: str) -> float:
     if not run.states:
         return math.nan
-    return sum(each.end - each.start for each in run.states if each.state == state)
+    return sum(each.end - each.start for each in run.states if each.name == state)
 
 
 for _state in OperatingState:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-MANY = 20_000
+MAX_FIGURE_ROWS = 20_000
 """Maximum number of rows (80 s of ticks) that a figure shows one by one."""
 
 _INTERVALS = 5_000
@@ -36,7 +36,7 @@ def envelope(time: NDArray[Any], columns: Mapping[str, NDArray[Any]]) -> Table:
     Each interval then has two rows, with the minimum and the maximum of each column. A line through
     them covers the same area as a line through all rows.
     """
-    if len(time) <= MANY:
+    if len(time) <= MAX_FIGURE_ROWS:
         return {'time_s': time, **columns}
     bounds = np.linspace(0, len(time), _INTERVALS + 1).astype(int)[:-1]
     table = {'time_s': np.repeat(time[bounds], 2)}
@@ -50,7 +50,7 @@ def envelope(time: NDArray[Any], columns: Mapping[str, NDArray[Any]]) -> Table:
 
 def every_nth(time: NDArray[Any], columns: Mapping[str, NDArray[Any]]) -> Table:
     """Return a table of the columns; many rows are reduced to every nth and the last."""
-    stride = -(-len(time) // MANY)
+    stride = -(-len(time) // MAX_FIGURE_ROWS)
     rows = np.unique(np.append(np.arange(0, len(time), stride), len(time) - 1))
     return {'time_s': time[rows], **{name: values[rows] for name, values in columns.items()}}
 

@@ -10,7 +10,7 @@ from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.brick.lcd import status_page
 from ballbot_ros.brick.units import NO_DATA_CM
 
-UINT32 = 0xFFFFFFFF
+UINT32_MASK = 0xFFFFFFFF
 
 
 class DeviceInputs(NamedTuple):
@@ -101,7 +101,7 @@ class Brick:
         self, systick_ms: int, inputs: DeviceInputs, run_tasks: Callable[[], None]
     ) -> DeviceOutputs:
         """Latch the inputs, run the tasks, return the outputs."""
-        self.systick_ms = systick_ms & UINT32
+        self.systick_ms = systick_ms & UINT32_MASK
         self.gyro = inputs.gyro
         self.revolutions = inputs.revolutions
         if inputs.sonar_cm is not None:

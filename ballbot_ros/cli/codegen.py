@@ -14,7 +14,7 @@ from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.codegen.application import STACK_BYTES, write_application
 from ballbot_ros.codegen.c_parameters import parameter_hash
 from ballbot_ros.codegen.errors import CodegenError
-from ballbot_ros.codegen.folder_check import BuiltFolder, ProgramCost, read_folder_parameters
+from ballbot_ros.codegen.folder_check import BuiltApplication, ProgramCost, read_folder_parameters
 from ballbot_ros.codegen.measure import (
     CLOCK_HZ,
     CYCLES_PER_INSTRUCTION,
@@ -70,19 +70,19 @@ def check(folder: Path) -> int:
     for name, target in (('software', HOST), ('processor', ARM)):
         if reason := missing_tool(target):
             skipped = skipped or f'{name} in the loop was not checked: {reason}'
-            told = f'  {name} in the loop: {reason}'
-            console.print(Text.assemble(('skipped', 'yellow'), told))
+            line = f'  {name} in the loop: {reason}'
+            console.print(Text.assemble(('skipped', 'yellow'), line))
             continue
         with temporary_folder() as scratch:
-            built = BuiltFolder(folder, target, Path(scratch))
-            comparison = built.compare(sequences)
+            built = BuiltApplication(folder, target, Path(scratch))
+            result = built.compare(sequences)
             title = f'{name} in the loop ({target.title})'
-            if comparison.difference:
-                told = f'  {title}: {comparison.difference}'
-                console.print(Text.assemble(('DIFFERS', 'red'), told))
+            if result.difference:
+                line = f'  {title}: {result.difference}'
+                console.print(Text.assemble(('DIFFERS', 'red'), line))
                 return 1
-            told = f'    {title}: {comparison.ticks} ticks of {len(sequences)} sequences'
-            console.print(Text.assemble(('equal', 'green'), told))
+            line = f'    {title}: {result.ticks} ticks of {len(sequences)} sequences'
+            console.print(Text.assemble(('equal', 'green'), line))
             if target is ARM:
                 _print_cost(console, built.cost(sequences[-2:]))
     if skipped:

@@ -16,9 +16,9 @@ from rich.table import Table
 from ballbot_ros.cli.path_types import PATH, RECORDING
 
 if TYPE_CHECKING:
-    from ballbot_ros.analysis.comparison import Compared, ComparedMetric
+    from ballbot_ros.analysis.comparison import ComparedRun, MetricComparison
 
-WIDEST = 2000
+MAX_TABLE_WIDTH = 2000
 
 
 @click.command('compare')
@@ -50,7 +50,7 @@ def command(
     from ballbot_ros.analysis.conditions import parse_condition
     from ballbot_ros.analysis.page import ReportError, check_folder
     from ballbot_ros.analysis.report import MEANINGS
-    from ballbot_ros.cli.reading import read_and_assess
+    from ballbot_ros.cli.recordings import read_and_assess
 
     if not 2 <= len(recordings) <= len(ascii_uppercase):
         raise ReportError(f'compare takes 2 … {len(ascii_uppercase)} recordings, not '
@@ -60,7 +60,7 @@ def command(
         check_folder(output)
     runs = []
     for letter, path in zip(ascii_uppercase, recordings, strict=False):
-        runs.append(comparison.compared(letter, read_and_assess(path)))
+        runs.append(comparison.ComparedRun.from_assessment(letter, read_and_assess(path)))
         for line in runs[-1].notes:
             click.echo(f'note: {runs[-1].label}: {line}', err=True)
     failed = comparison.failures(runs, parsed)
@@ -69,7 +69,7 @@ def command(
     if as_json:
         click.echo(json.dumps(comparison.as_json(runs, failed), indent=2, allow_nan=False))
     else:
-        _print_table(runs, comparison.rows(runs))
+        _print_table(runs, comparison.metric_comparisons(runs))
         for line in failed:
             click.echo(f'failed  {line}')
         if output:
@@ -77,7 +77,7 @@ def command(
     return 1 if failed else 0
 
 
-def _print_table(runs: Sequence[Compared], rows: Iterable[ComparedMetric]) -> None:
+def _print_table(runs: Sequence[ComparedRun], rows: Iterable[MetricComparison]) -> None:
     console = Console(highlight=False, markup=False)
     for each in runs:
         reason = f': {each.reason}' if each.reason else ''
@@ -93,6 +93,8 @@ def _print_table(runs: Sequence[Compared], rows: Iterable[ComparedMetric]) -> No
         text = row.text
         table.add_row(text.label, text.unit, text.value, *chain.from_iterable(row.changes))
     # Let the terminal wrap lines rather than truncate numbers.
-    whole = console.measure(table, options=console.options.update(max_width=WIDEST)).maximum
+    whole = console.measure(
+        table, options=console.options.update(max_width=MAX_TABLE_WIDTH)
+    ).maximum
     console.width = max(console.width, whole)
     console.print(table)

@@ -10,7 +10,7 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.run.machine_checks import CHECKS, remove_leftovers
 
 
-def examine(*, fix: bool = False) -> int:
+def run_checks(*, fix: bool = False) -> int:
     """Run every check; return 0 if all are OK, else 1.
 
     Parameters
@@ -35,4 +35,4 @@ def examine(*, fix: bool = False) -> int:
 @click.option('--fix', is_flag=True, help='Remove what killed processes left in shared memory.')
 def command(fix: bool) -> int:
     """Check Python, rclpy, discovery, disk and ports; say what to do if a check fails."""
-    return examine(fix=fix)
+    return run_checks(fix=fix)

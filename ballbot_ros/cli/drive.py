@@ -10,7 +10,7 @@ from ballbot_ros.cli.options import set_option
 from ballbot_ros.cli.path_types import NEW_FILE, PATH
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.run.requirements import require_rclpy
-from ballbot_ros.teleop.terminal import why_no_keyboard
+from ballbot_ros.teleop.terminal import keyboard_unavailable_reason
 
 
 @click.command('drive')
@@ -66,7 +66,7 @@ def command(
         record=not no_record,
     )
     spec = drive_spec(options)
-    obstacle = '--no-keyboard' if no_keyboard else why_no_keyboard()
+    obstacle = '--no-keyboard' if no_keyboard else keyboard_unavailable_reason()
     with Progress(NAME, 0.0, bar=bool(obstacle)) as progress:
         result = drive(spec, progress, no_keyboard=obstacle, log=log, viewer=viewer)
     if result.recording:

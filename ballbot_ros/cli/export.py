@@ -19,28 +19,28 @@ from ballbot_ros.messages.topics import (
     PLANT_ODOM,
     SOUND,
 )
-from ballbot_ros.recording.columns import Meaning
+from ballbot_ros.recording.columns import ColumnHints
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.export import Exporter
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.tables import load_pyarrow
 from ballbot_ros.timing import TICK_NS
 
-_MEANINGS = {
-    PLANT_IMU: Meaning(
-        more={
+_COLUMN_HINTS = {
+    PLANT_IMU: ColumnHints(
+        extra={
             'pitch_x_rad': lambda message: body_pitch(message)[0],
             'pitch_y_rad': lambda message: body_pitch(message)[1],
         }
     ),
-    PLANT_ODOM: Meaning(
-        more={
+    PLANT_ODOM: ColumnHints(
+        extra={
             'plane_position_x_m': lambda message: float(ball_position(message)[0]),
             'plane_position_y_m': lambda message: float(ball_position(message)[1]),
         }
     ),
-    MOTOR_DUTY: Meaning(names={'vector_x': 'x_percent', 'vector_y': 'y_percent'}),
-    SOUND: Meaning(
+    MOTOR_DUTY: ColumnHints(names={'vector_x': 'x_percent', 'vector_y': 'y_percent'}),
+    SOUND: ColumnHints(
         names={'vector_x': 'tone_Hz', 'vector_y': 'duration_ms', 'vector_z': 'volume_percent'}
     ),
 }
@@ -79,7 +79,7 @@ def command(
             folder,
             file_format,
             _chosen(reader, topics, console),
-            {(topic.resolved(), topic.type_name): meaning for topic, meaning in _MEANINGS.items()},
+            {(topic.resolved(), topic.type_name): hints for topic, hints in _COLUMN_HINTS.items()},
             progress,
         )
         if joined:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-UPDATE_S = 0.2
+from ballbot_ros.progress import PROGRESS_PERIOD_S, ProgressCallback
 
 
 @contextmanager
-def file_progress(name: str) -> Iterator[Callable[[int, int], None]]:
+def file_progress(name: str) -> Iterator[ProgressCallback]:
     """Show the progress on a terminal, but not on a pipe or file.
 
     Yields
@@ -38,7 +38,7 @@ def file_progress(name: str) -> Iterator[Callable[[int, int], None]]:
             nonlocal due
             if bar.disable or (now := time.monotonic()) < due:
                 return
-            due = now + UPDATE_S
+            due = now + PROGRESS_PERIOD_S
             bar.update(task, completed=done, total=total)
 
         yield update

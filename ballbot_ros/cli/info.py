@@ -13,7 +13,7 @@ from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.messages.topics import RUN
 from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
-from ballbot_ros.recording.overview import Overview, TopicOverview, look_at
+from ballbot_ros.recording.overview import Overview, TopicOverview, read_overview
 
 
 @click.command('info')
@@ -25,7 +25,7 @@ def command(file: Path, as_json: bool) -> None:
     It may come from any ROS 2 tool, and may be damaged.
     """
     with file_progress(f'reading {file.name}') as progress:
-        overview = look_at(file, RUN.resolved(), progress)
+        overview = read_overview(file, RUN.resolved(), progress)
     (_print_json if as_json else _print_text)(overview)
 
 
@@ -123,7 +123,7 @@ def _lines(overview: Overview) -> list[tuple[str, str]]:
 def _state(overview: Overview) -> str:
     if overview.being_written:
         return 'being recorded; this is its content so far'
-    if overview.broken:
+    if overview.corruption:
         return f'{overview.damage}; `ballbot repair` recovers the intact part'
     return overview.damage or 'complete'
 
@@ -139,7 +139,7 @@ def _made_by(overview: Overview) -> dict[str, object]:
     """Return scenario, seed and versions from the attachments of `ballbot run`."""
     scenario = _attached(overview, SCENARIO)
     parameters = _attached(overview, PARAMETERS)
-    told = {
+    content = {
         'purpose': scenario.get('purpose'),
         'profile': scenario.get('profile'),
         'seed': next(
@@ -152,7 +152,7 @@ def _made_by(overview: Overview) -> dict[str, object]:
         ),
         'versions': _attached(overview, VERSIONS),
     }
-    return {name: value for name, value in told.items() if value not in (None, {})}
+    return {name: value for name, value in content.items() if value not in (None, {})}
 
 
 def _attached(overview: Overview, name: str) -> dict[str, object]:

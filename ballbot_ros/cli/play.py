@@ -60,7 +60,7 @@ def play_file(parameters: PlayerParameters) -> int:
         def attend() -> None:
             now = time.monotonic()
             playback = player.playback
-            for key in terminal.pressed():
+            for key in terminal.read_keys():
                 press(key, now)
             position = playback.position(now)
             terminal.show(
@@ -75,7 +75,7 @@ def play_file(parameters: PlayerParameters) -> int:
         return run_node(make)
 
 
-def keys_in(text: str) -> list[str]:
+def parse_keys(text: str) -> list[str]:
     """Split the keys that a terminal sends together; an arrow has three characters."""
     return _KEY.findall(text)
 
@@ -97,11 +97,11 @@ class _Terminal:
         if sys.stdin.isatty() and sys.stderr.isatty():
             sys.stderr.write('\n')
 
-    def pressed(self) -> list[str]:
+    def read_keys(self) -> list[str]:
         """Return the keys that were pressed since the last call."""
         if not select.select([sys.stdin], [], [], 0.0)[0]:
             return []
-        return keys_in(os.read(sys.stdin.fileno(), 64).decode(errors='replace'))
+        return parse_keys(os.read(sys.stdin.fileno(), 64).decode(errors='replace'))
 
     def show(self, text: str) -> None:
         """Overwrite the status line."""

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from ballbot_ros.run.observer import UPDATE_S
+from ballbot_ros.progress import PROGRESS_PERIOD_S
 
 
 class Progress:
@@ -49,7 +49,7 @@ class Progress:
         """Show the sim time since the start [s]; cheap enough to be called at every tick."""
         now = time.monotonic()
         then, before = self._last
-        if now - then < UPDATE_S:
+        if now - then < PROGRESS_PERIOD_S:
             return
         factor = (elapsed_s - before) / (now - then)
         self._last = (now, elapsed_s)

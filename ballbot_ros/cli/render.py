@@ -14,7 +14,7 @@ from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.views import VIEWS
 
-SUFFIXES = ('.png', '.gif', '.mp4')
+OUTPUT_SUFFIXES = ('.png', '.gif', '.mp4')
 
 
 @click.command('render')
@@ -36,8 +36,8 @@ SUFFIXES = ('.png', '.gif', '.mp4')
 )
 def command(recording: Path, view: str, output: Path, moment: float | None) -> None:
     """Render a picture or a film of the last run of RECORDING."""
-    if output.suffix not in SUFFIXES:
-        raise ViewerError(f'--output {output}: must end in one of {", ".join(SUFFIXES)}')
+    if output.suffix not in OUTPUT_SUFFIXES:
+        raise ViewerError(f'--output {output}: must end in one of {", ".join(OUTPUT_SUFFIXES)}')
     if output.is_dir():
         raise ViewerError(f'--output {output}: is a folder; name a file')
     if moment is not None and output.suffix != '.png':
@@ -45,9 +45,9 @@ def command(recording: Path, view: str, output: Path, moment: float | None) -> N
     require_viser()
     browser_program()
     # Imported only here: it takes half a second.
-    from ballbot_ros.cli.reading import read_shown_run
+    from ballbot_ros.cli.recordings import read_playback_run
 
-    run = read_shown_run(recording)
+    run = read_playback_run(recording)
     if moment is not None and not moment <= run.end:  # also refuses NaN
         raise ViewerError(f'--time {moment:g}: the run ends at {run.end:g} s')
     # Imported only here: viser takes a second.

@@ -36,7 +36,7 @@ def replay_recording(
             print(f'note: {path}: {reason}', file=sys.stderr)
         if assignments:
             with Progress('controller', replay.duration) as progress:
-                divergences = replay.ask(assignments, progress.update)
+                divergences = replay.replay_with(assignments, progress.update)
             print_divergences = _print_divergences_json if as_json else _print_divergences
             print_divergences(divergences, replay.controllers)
             return 0
@@ -72,8 +72,8 @@ def print_results(
             f'/{each.difference.topic.lstrip("/")}: {each.difference.what}'
         )
         console.print(Text.assemble(f'{name}: ', ('differs', 'red'), where), soft_wrap=True)
-        if each.around:
-            console.print(_table(each.around, each.difference.stamp_ns))
+        if each.context:
+            console.print(_table(each.context, each.difference.stamp_ns))
 
 
 def _print_controllers(console: Console, controllers: Sequence[ReplayedController]) -> None:

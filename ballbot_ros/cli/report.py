@@ -34,7 +34,7 @@ def command(recording: Path, output: Path | None, number: int | None, as_json: b
     # Imported only here: it takes half a second.
     from ballbot_ros.analysis.page import check_folder
     from ballbot_ros.analysis.report import banner, write_report
-    from ballbot_ros.cli.reading import read_and_assess
+    from ballbot_ros.cli.recordings import read_and_assess
 
     folder = output or recording.with_name(f'{recording.stem}_report')
     check_folder(folder)

@@ -33,7 +33,7 @@ def print_json(spec: RunSpec, result: RunResult) -> None:
         'round_trip_ms': result.round_trip._asdict() if result.round_trip else None,
         'participants': list(result.participants),
         'recording': None if result.recording is None else str(result.recording),
-        'figure': None if result.picture is None else str(result.picture),
+        'figure': None if result.figure is None else str(result.figure),
         'metrics': with_former_names(
             {name: number(value) for name, value in result.metrics.items()}, FORMER_METRICS
         ),
@@ -60,12 +60,12 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
     whole = {
         each.expectation.metric: each
         for each in result.judgements
-        if each.expectation.is_of_the_whole_run
+        if each.expectation.covers_whole_run
     }
     for name, value in result.metrics.items():
         _add_metric(table, name, value, whole.get(name), marked=result.is_complete)
     for each in result.judgements:
-        if not each.expectation.is_of_the_whole_run:
+        if not each.expectation.covers_whole_run:
             _add_metric(table, each.expectation.metric, each.value, each, marked=result.is_complete)
     table.add_section()
     if result.real_time_factor:
@@ -79,7 +79,7 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
     colour = 'green' if result.exit_status == 0 else 'red'
     reason = f': {result.reason}' if result.reason else ''
     console.print(Text.assemble((result.verdict.value, colour), reason), soft_wrap=True)
-    for label, path in (('recording', result.recording), ('picture', result.picture)):
+    for label, path in (('recording', result.recording), ('picture', result.figure)):
         if path:
             console.print(f'{label}  {path}', soft_wrap=True)
 

@@ -9,7 +9,7 @@ import click
 
 from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.stop_request import StopRequest, defer_sigint
-from ballbot_ros.viewer.address import check_address, require_viser, warning_of
+from ballbot_ros.viewer.address import check_address, network_warning, require_viser
 
 
 @click.command('view')
@@ -35,11 +35,11 @@ def command(recording: Path, other: Path | None, host: str, port: int) -> int:
     Serves the page until Ctrl-C or SIGTERM.
     """
     # Imported only here: it takes half a second.
-    from ballbot_ros.cli.reading import read_shown_run
+    from ballbot_ros.cli.recordings import read_playback_run
 
     require_viser()
     check_address(host, port)
-    runs = [read_shown_run(path) for path in (recording, other) if path]
+    runs = [read_playback_run(path) for path in (recording, other) if path]
     # Imported only here: viser takes a second.
     with defer_sigint():
         from ballbot_ros.viewer.page import UPDATE_S, Page
@@ -47,7 +47,7 @@ def command(recording: Path, other: Path | None, host: str, port: int) -> int:
 
     page = Page(runs[0].dimensions, ' and '.join(run.name for run in runs), host, port)
     player = RecordingPage(page, runs)
-    if warning := warning_of(host):
+    if warning := network_warning(host):
         click.echo(f'warning: {warning}', err=True)
     click.echo(f'viewer  {page.address}')
     with StopRequest() as stop:

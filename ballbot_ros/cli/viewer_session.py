@@ -42,13 +42,13 @@ def run_with_viewer(reference: str, options: RunOptions, *, as_json: bool) -> in
 
         def run(reference: str, options: RunOptions) -> int:
             return run_and_print(
-                reference, options, as_json=as_json, is_replaced=session.is_asked_for_another
+                reference, options, as_json=as_json, is_replaced=session.is_run_requested
             )
 
         status = run(reference, options)
         number = 1
         # A status above 128 means a signal, which is meant to end everything.
-        while status < 128 and not stop.signal and (chosen := session.wait_for_choice(stop)):
+        while status < 128 and not stop.signal and (chosen := session.wait_for_scenario(stop)):
             number += 1
             folder = options.output and options.output / str(number)
             try:
@@ -97,11 +97,11 @@ class ViewerSession:
     def _print(self, line: str) -> None:
         self._console.print(line)
 
-    def is_asked_for_another(self) -> bool:
+    def is_run_requested(self) -> bool:
         """Whether the page requests another run."""
         return bool(self._supervisor.requested_scenario)
 
-    def wait_for_choice(self, stop: StopRequest) -> str:
+    def wait_for_scenario(self, stop: StopRequest) -> str:
         """Wait while the page exists; return the scenario that it requests, or ''."""
         if not self._supervisor.requested_scenario and self._viewer.running:
             self._print('the page stays open: choose a scenario there, or end with Ctrl-C')
@@ -111,7 +111,7 @@ class ViewerSession:
                 return requested
             time.sleep(POLL_S)
         if not self._viewer.running:
-            self._print(f'{VIEWER} {self._viewer.how_it_ended}')
+            self._print(f'{VIEWER} {self._viewer.exit_description}')
         return ''
 
 

@@ -15,7 +15,7 @@ from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.codegen.c_parameters import c_float, c_parameters, parameter_hash
 from ballbot_ros.codegen.errors import CodegenError
-from ballbot_ros.codegen.signals import PLANE_SIGNALS, PROGRAM_SIGNALS
+from ballbot_ros.codegen.state_variables import PLANE_VARIABLES, PROGRAM_VARIABLES
 from ballbot_ros.controller.constants import ProgramConstants
 from ballbot_ros.controller.program import LOWEST_TONE_HZ, VOLTAGE_OFFSET, VOLTAGE_SLOPE
 from ballbot_ros.controller.tasks import PROGRAM_NAME
@@ -65,8 +65,8 @@ def application_files(parameters: ControllerParameters) -> dict[str, str]:
     context = {
         'stamp': stamp,
         'parameters': c_parameters(parameters),
-        'plane_signals': PLANE_SIGNALS,
-        'program_signals': PROGRAM_SIGNALS,
+        'plane_variables': PLANE_VARIABLES,
+        'program_variables': PROGRAM_VARIABLES,
         'tasks': tasks,
         'periods': {task.name: task.period_ms for task in tasks},
         'stack_size': STACK_BYTES,

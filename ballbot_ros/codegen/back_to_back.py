@@ -10,13 +10,13 @@ import numpy as np
 
 from ballbot_ros.brick.brick import DeviceOutputs
 from ballbot_ros.codegen.compiled_program import CompiledProgram
-from ballbot_ros.codegen.signals import members, named_values, state_bytes
-from ballbot_ros.codegen.steps import Step
+from ballbot_ros.codegen.state_variables import members, named_values, state_bytes
+from ballbot_ros.codegen.steps import ProgramInput
 from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.parameters import ControllerParameters
 
 
-class Difference(NamedTuple):
+class ProgramDifference(NamedTuple):
     """The first difference."""
 
     elapsed_ms: int
@@ -31,16 +31,16 @@ class Difference(NamedTuple):
         )
 
 
-class Comparison(NamedTuple):
+class EquivalenceResult(NamedTuple):
     """The number of compared ticks, and the difference that ended the comparison, if any."""
 
     ticks: int
-    difference: Difference | None
+    difference: ProgramDifference | None
 
 
 def compare(
-    parameters: ControllerParameters, compiled: CompiledProgram, steps: Iterable[Step]
-) -> Comparison:
+    parameters: ControllerParameters, compiled: CompiledProgram, steps: Iterable[ProgramInput]
+) -> EquivalenceResult:
     """Run both programs on the same inputs until they differ.
 
     Duties, log packets, tones, display pages and every bit of the shared data are compared after
@@ -52,7 +52,7 @@ def compare(
         The parameters of the node ``controller``, for the Python program.
     compiled : CompiledProgram
         Newly created.
-    steps : iterable of Step
+    steps : iterable of ProgramInput
 
     Raises
     ------
@@ -69,20 +69,22 @@ def compare(
             ticks += 1
             state = state_bytes(python)
             if outputs != expected or members(compiled.state) != state:
-                return Comparison(ticks, _difference(step, expected, outputs, state, compiled))
-    return Comparison(ticks, None)
+                return EquivalenceResult(
+                    ticks, _difference(step, expected, outputs, state, compiled)
+                )
+    return EquivalenceResult(ticks, None)
 
 
 def _difference(
-    step: Step,
+    step: ProgramInput,
     expected: DeviceOutputs,
     outputs: DeviceOutputs,
     state: bytes,
     compiled: CompiledProgram,
-) -> Difference:
+) -> ProgramDifference:
     """Return the first difference in the order of computation: data, then outputs."""
     wanted = {**named_values(state), **asdict(expected)}
     got = {**named_values(compiled.state), **asdict(outputs)}
     # Zeros of different sign are equal as numbers, but not as text.
     name = next(name for name in wanted if repr(wanted[name]) != repr(got[name]))
-    return Difference(step.elapsed_ms, name, wanted[name], got[name])
+    return ProgramDifference(step.elapsed_ms, name, wanted[name], got[name])

@@ -15,14 +15,14 @@ from typing import IO, NamedTuple
 
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.codegen.errors import CodegenError
-from ballbot_ros.codegen.signals import STATE_SIZE
+from ballbot_ros.codegen.state_variables import STATE_SIZE
 
 MAX_DUE = 8
 _REQUEST = struct.Struct(f'<IiiiHHHBbbB{MAX_DUE}s2x')
-_HEAD = struct.Struct(f'<bbBBBBBx{MAX_DUE}Hbbhhhhxx6I16s')
-ANSWER_SIZE = _HEAD.size + STATE_SIZE
+_ANSWER_HEADER = struct.Struct(f'<bbBBBBBx{MAX_DUE}Hbbhhhhxx6I16s')
+ANSWER_SIZE = _ANSWER_HEADER.size + STATE_SIZE
 _SIZES = struct.Struct('<HH')
-_LONGEST_REASON = 200
+_MAX_REASON_LENGTH = 200
 GRACE_S = 1.0
 
 
@@ -166,12 +166,13 @@ class BrickProcess:
     def _why(self) -> str:
         self._errors.seek(0)
         text = ' '.join(self._errors.read().decode(errors='replace').split())
-        return f': {text[:_LONGEST_REASON]}' if text else ''
+        return f': {text[:_MAX_REASON_LENGTH]}' if text else ''
 
 
 def decode_answer(data: bytes) -> Answer:
     """Decode an answer."""
-    vertical, horizontal, faults, logs, tones, pages, sonar_reads, *rest = _HEAD.unpack_from(data)
+    fields = _ANSWER_HEADER.unpack_from(data)
+    vertical, horizontal, faults, logs, tones, pages, sonar_reads, *rest = fields
     stack, rest = rest[:MAX_DUE], rest[MAX_DUE:]
     log, rest = rest[:6], rest[6:]
     name = rest.pop()
@@ -183,7 +184,7 @@ def decode_answer(data: bytes) -> Answer:
         name.rstrip(b'\0').decode('ascii') if pages else None,
         sonar_reads > 0,
         tuple(stack),
-        data[_HEAD.size :],
+        data[_ANSWER_HEADER.size :],
     )
 
 

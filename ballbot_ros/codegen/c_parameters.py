@@ -21,7 +21,7 @@ _INTEGERS = {
 }
 _NAMES = {'sound_freq': 'sound_frq'}
 """The source document's names of parameters whose names the platform uses for functions."""
-_OF_THE_OIL_FILE = ('ts2_period', 'ts3_period')
+_OIL_PARAMETERS = ('ts2_period', 'ts3_period')
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def c_parameters(parameters: ControllerParameters) -> list[CParameter]:
         )
     ]
     for field in fields(ProgramConstants):
-        if field.name in _OF_THE_OIL_FILE:
+        if field.name in _OIL_PARAMETERS:
             continue
         value = getattr(typed, field.name)
         if field.name == 'autonomous':

@@ -9,12 +9,12 @@ from ballbot_ros.brick.brick import Brick, DeviceInputs, DeviceOutputs
 from ballbot_ros.brick.schedule import Schedule, TaskTiming
 from ballbot_ros.codegen.brick_process import Answer, encode_request
 from ballbot_ros.codegen.errors import CodegenError
-from ballbot_ros.codegen.signals import named_values, plane_values
+from ballbot_ros.codegen.state_variables import named_values, plane_values
 from ballbot_ros.controller.interface import ControlMode, OperatingState
 from ballbot_ros.controller.program import operating_state
 
 
-class Machine(Protocol):
+class ProgramProcess(Protocol):
     """A process that runs the compiled program, on this machine or emulated."""
 
     def exchange(self, request: bytes) -> Answer:
@@ -37,7 +37,7 @@ class CompiledProgram:
 
     Parameters
     ----------
-    machine : Machine
+    process : ProgramProcess
     tasks : sequence of TaskTiming
         The tasks of the OIL file, in file order.
     autonomous : bool
@@ -55,8 +55,10 @@ class CompiledProgram:
         Maximum stack usage of each task so far.
     """
 
-    def __init__(self, machine: Machine, tasks: Sequence[TaskTiming], autonomous: bool) -> None:
-        self._machine = machine
+    def __init__(
+        self, process: ProgramProcess, tasks: Sequence[TaskTiming], autonomous: bool
+    ) -> None:
+        self._process = process
         self._autonomous = autonomous
         self._schedule = Schedule(tasks)
         self._numbers = {timing.name: number for number, timing in enumerate(tasks)}
@@ -83,7 +85,7 @@ class CompiledProgram:
 
     def _run_tasks(self, tasks: Sequence[str], inputs: DeviceInputs) -> None:
         brick = self.brick
-        answer = self._machine.exchange(
+        answer = self._process.exchange(
             encode_request(
                 systick_ms=brick.systick_ms,
                 revolutions=brick.revolutions,

@@ -54,17 +54,17 @@ class ProgramCost(NamedTuple):
     memory: Memory
 
 
-class _Tape:
-    """A machine that records its requests."""
+class _RequestRecorder:
+    """A process of the program that records its requests."""
 
-    def __init__(self, machine: BrickProcess) -> None:
-        self._machine = machine
+    def __init__(self, process: BrickProcess) -> None:
+        self._process = process
         self.requests: list[bytes] = []
 
     def exchange(self, request: bytes) -> Answer:
         """Run a tick."""
         self.requests.append(request)
-        return self._machine.exchange(request)
+        return self._process.exchange(request)
 
 
 def read_folder_parameters(folder: Path) -> ParameterSet:
@@ -81,7 +81,7 @@ def read_folder_parameters(folder: Path) -> ParameterSet:
     return read_parameter_file(file)
 
 
-class BuiltFolder:
+class BuiltApplication:
     """A generated folder, built for a target.
 
     Parameters
@@ -104,18 +104,18 @@ class BuiltFolder:
         self._command = build(folder, target, scratch)
         self._stack = [0] * len(self._tasks)
 
-    def _program(self, machine: BrickProcess | _Tape) -> CompiledProgram:
-        return CompiledProgram(machine, self._tasks, self._parameters.mode == 'autonomous')
+    def _program(self, process: BrickProcess | _RequestRecorder) -> CompiledProgram:
+        return CompiledProgram(process, self._tasks, self._parameters.mode == 'autonomous')
 
     def compare(self, sequences: Sequence[InputSequence]) -> FolderComparison:
         """Run the C and the Python program on the same inputs until they differ."""
         ticks = 0
         for sequence in sequences:
             program = self._program(BrickProcess(self._command))
-            comparison = compare(self._parameters, program, sequence.steps)
-            ticks += comparison.ticks
-            if comparison.difference:
-                return FolderComparison(ticks, f'{sequence.name}, {comparison.difference}')
+            result = compare(self._parameters, program, sequence.steps)
+            ticks += result.ticks
+            if result.difference:
+                return FolderComparison(ticks, f'{sequence.name}, {result.difference}')
             self._stack = list(map(max, self._stack, program.stack_bytes))
         return FolderComparison(ticks)
 
@@ -123,11 +123,11 @@ class BuiltFolder:
         """Measure instructions in a run of the program, and stack usage in earlier comparisons."""
         worst = dict.fromkeys((task.name for task in self._tasks), 0)
         for sequence in sequences:
-            tape = _Tape(BrickProcess(self._command))
-            program = self._program(tape)
+            recorder = _RequestRecorder(BrickProcess(self._command))
+            program = self._program(recorder)
             for step in sequence.steps:
                 program.tick(*step)
-            counted = count_instructions(self._command, tape.requests, list(worst))
+            counted = count_instructions(self._command, recorder.requests, list(worst))
             worst = {name: max(worst[name], counted[name]) for name in worst}
         tasks = [
             TaskCost(task.name, bool(task.period_ms), worst[task.name], stack)

@@ -11,7 +11,7 @@ from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.parameters import ControllerParameters
 
 
-def missing_for(name: str) -> str:
+def missing_tool_for(name: str) -> str:
     """Return which tool to install first for an implementation; '' if none is missing."""
     if name == 'python':
         return ''
@@ -28,7 +28,7 @@ def require_implementation(name: str) -> None:
     CodegenError
         If a tool is missing; the message names its Debian package.
     """
-    if reason := missing_for(name):
+    if reason := missing_tool_for(name):
         raise CodegenError(reason)
 
 

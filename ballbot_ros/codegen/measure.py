@@ -21,7 +21,7 @@ FLASH_FACTOR = 2.0
 """The flash has one wait state at 48 MHz, so a fetch takes at most twice as long."""
 
 _SECTIONS = ('.text', '.rodata', '.data', '.bss')
-_LIBRARY_OF_THE_BRICK = ('memcpy', 'memset', 'strcpy', 'strlen')
+_STAND_IN_FUNCTIONS = ('memcpy', 'memset', 'strcpy', 'strlen')
 _SYMBOL = re.compile(r'^([0-9a-f]+) (?:([0-9a-f]+) )?[tTwW] (\S+)$', re.MULTILINE)
 
 
@@ -143,5 +143,5 @@ def _symbols(path: Path) -> dict[str, tuple[int, int]]:
 
 def _addresses(symbols: Mapping[str, tuple[int, int]], names: Iterable[str]) -> set[int]:
     """Return every address of the brick's stand-in and of the functions that only it calls."""
-    ranges = [symbols[name] for name in (*names, *_LIBRARY_OF_THE_BRICK) if name in symbols]
+    ranges = [symbols[name] for name in (*names, *_STAND_IN_FUNCTIONS) if name in symbols]
     return {address for start, size in ranges for address in range(start, start + size, 2)}

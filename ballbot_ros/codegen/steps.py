@@ -6,7 +6,7 @@ import random
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from ballbot_ros.brick.brick import UINT32, DeviceInputs
+from ballbot_ros.brick.brick import UINT32_MASK, DeviceInputs
 from ballbot_ros.brick.units import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.controller.tasks import TS1_MS
 from ballbot_ros.timing import BATTERY_PERIOD_NS, MILLISECOND_NS, SLOW_PERIOD_NS
@@ -14,10 +14,10 @@ from ballbot_ros.timing import BATTERY_PERIOD_NS, MILLISECOND_NS, SLOW_PERIOD_NS
 _OFFSET = 600
 _SONAR_MS = SLOW_PERIOD_NS // MILLISECOND_NS
 _BATTERY_MS = BATTERY_PERIOD_NS // MILLISECOND_NS
-_STEEPEST = 2**31 - 1
+_MAX_INT32 = 2**31 - 1
 
 
-class Step(NamedTuple):
+class ProgramInput(NamedTuple):
     """Inputs of a control program at one tick."""
 
     elapsed_ms: int
@@ -29,10 +29,10 @@ class InputSequence(NamedTuple):
     """Inputs of consecutive ticks, with a name."""
 
     name: str
-    steps: Sequence[Step]
+    steps: Sequence[ProgramInput]
 
 
-def random_steps(seed: int, ticks: int, *, wild: bool) -> Iterator[Step]:
+def random_steps(seed: int, ticks: int, *, out_of_range: bool) -> Iterator[ProgramInput]:
     """Yield random inputs that depend on `seed` alone.
 
     The devices deliver at their own rates, sometimes in between or not at all. The system time
@@ -41,7 +41,7 @@ def random_steps(seed: int, ticks: int, *, wild: bool) -> Iterator[Step]:
     Parameters
     ----------
     seed, ticks : int
-    wild : bool
+    out_of_range : bool
         Whether readings jump over the whole ranges of their types, beyond those of the devices;
         otherwise they stay near balance.
     """
@@ -55,28 +55,28 @@ def random_steps(seed: int, ticks: int, *, wild: bool) -> Iterator[Step]:
         for plane in (0, 1):
             gyro[plane] = _OFFSET + round(draw.gauss(0.0, 2.0))
             revolutions[plane] += round(draw.gauss(0.0, 3.0))
-            if wild and draw.random() < 0.1:
+            if out_of_range and draw.random() < 0.1:
                 gyro[plane] = draw.choice((0, 1023, 65535, draw.randrange(1024)))
-            if wild and draw.random() < 0.05:
-                limit = draw.choice((100, 2000, _STEEPEST))
+            if out_of_range and draw.random() < 0.05:
+                limit = draw.choice((100, 2000, _MAX_INT32))
                 revolutions[plane] = draw.randint(-limit, limit)
-            revolutions[plane] = max(-_STEEPEST, min(_STEEPEST, revolutions[plane]))
-        if wild and draw.random() < 0.02:
+            revolutions[plane] = max(-_MAX_INT32, min(_MAX_INT32, revolutions[plane]))
+        if out_of_range and draw.random() < 0.02:
             battery = draw.choice((0, 573, 574, 65535, draw.randrange(65536)))
         inputs = DeviceInputs(
             gyro=(gyro[0], gyro[1]),
             revolutions=(revolutions[0], revolutions[1]),
             sonar_cm=_distance(draw) if elapsed % _SONAR_MS == 0 else None,
             battery_mv=battery if elapsed % _BATTERY_MS == 0 else None,
-            sticks=_sticks(draw, wild) if draw.random() < 0.2 else None,
+            sticks=_sticks(draw, out_of_range) if draw.random() < 0.2 else None,
         )
-        yield Step(elapsed, (start + elapsed) & UINT32, inputs)
+        yield ProgramInput(elapsed, (start + elapsed) & UINT32_MASK, inputs)
 
 
 def _distance(draw: random.Random) -> int:
     return draw.choice((NO_ECHO_CM, NO_ECHO_CM, NO_DATA_CM, 0, draw.randrange(NO_ECHO_CM)))
 
 
-def _sticks(draw: random.Random, wild: bool) -> tuple[int, int]:
-    low, high = (-128, 127) if wild else (-100, 100)
+def _sticks(draw: random.Random, out_of_range: bool) -> tuple[int, int]:
+    low, high = (-128, 127) if out_of_range else (-100, 100)
     return draw.choice((low, 0, high, draw.randint(low, high))), draw.randint(low, high)

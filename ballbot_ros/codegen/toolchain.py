@@ -21,7 +21,7 @@ WARNINGS = (
 )  # fmt: skip
 """Flags that reject accidental doubles, and operations rounded differently from the source."""
 
-ONE_ROUNDING = ('-ffp-contract=off', '-fsigned-char')
+DETERMINISM_FLAGS = ('-ffp-contract=off', '-fsigned-char')
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Target:
 HOST = Target(
     title='this machine',
     compiler='gcc',
-    flags=('-std=c99', '-O2', *ONE_ROUNDING),
+    flags=('-std=c99', '-O2', *DETERMINISM_FLAGS),
     link_flags=('-lm',),
     runner=(),
     tools=(Tool('gcc', 'gcc'), Tool('gcc', 'libc6-dev', 'crt1.o')),
@@ -89,7 +89,7 @@ ARM = Target(
     # The flags of nxtOSEK for the brick.
     flags=(
         '-std=gnu99', '-Os', '-ffreestanding', '-mcpu=arm7tdmi', '-mthumb', '-mthumb-interwork',
-        '-ffunction-sections', '-fdata-sections', *ONE_ROUNDING,
+        '-ffunction-sections', '-fdata-sections', *DETERMINISM_FLAGS,
     ),
     link_flags=('-mcpu=arm7tdmi', '-mthumb', '-mthumb-interwork', '--specs=rdimon.specs', '-lm'),
     runner=('qemu-arm', '-cpu', 'arm926'),

@@ -13,13 +13,13 @@ from ballbot_ros.controller.tasks import TS1_MS
 ZERO, ONE, HUNDRED, THOUSAND = Single(0), Single(1), Single(100), Single(1000)
 TS1_PERIOD = Single(TS1_MS)
 
-State = tuple[Single, Single, Single, Single, Single, Single]
+AxisState = tuple[Single, Single, Single, Single, Single, Single]
 """The state carried from one period to the next, see :class:`Axis`.
 
 gyro_offset, theta_ref_dot, sum_theta_ref_dot, sum_psi_dot, sum_theta_diff, theta_smooth.
 """
 
-Estimates = tuple[Single, Single, Single, Single, Single, Single, Single]
+AxisEstimates = tuple[Single, Single, Single, Single, Single, Single, Single]
 """theta, psi, theta_dot, psi_dot, theta_ref, theta_diff, psi_diff; see :class:`Axis`."""
 
 Gains = tuple[Single, Single, Single, Single]
@@ -49,12 +49,12 @@ def calibrated_offset(gyro_offset: Single, gyro: int, a_gc: Single) -> Single:
 
 def control(
     constants: Constants,
-    state: State,
+    state: AxisState,
     gyro: int,
     revolution: int,
     stick: int,
     max_voltage: Single,
-) -> tuple[State, Estimates, Single]:
+) -> tuple[AxisState, AxisEstimates, Single]:
     """Return the next state, the estimates, and the duty [%], -100 ... 100, before truncation.
 
     Parameters

@@ -30,7 +30,7 @@ class OperatingState(TextEnum):
     OUT_OF_CONTROL = 'out_of_control'
 
 
-class Estimates(Protocol):
+class PlaneEstimates(Protocol):
     """One plane's estimates and references [deg, deg/s]."""
 
     @property
@@ -51,11 +51,11 @@ class Program(Protocol):
     """A control program that a node or the closed loop can run."""
 
     @property
-    def x(self) -> Estimates:
+    def x(self) -> PlaneEstimates:
         """Plane x."""
 
     @property
-    def y(self) -> Estimates:
+    def y(self) -> PlaneEstimates:
         """Plane y."""
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ballbot_ros.brick.brick import UINT32, Brick, DeviceInputs, DeviceOutputs
+from ballbot_ros.brick.brick import UINT32_MASK, Brick, DeviceInputs, DeviceOutputs
 from ballbot_ros.brick.schedule import Schedule
 from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controller.axis import ONE, ZERO, Axis
@@ -147,7 +147,7 @@ class ControlProgram:
         sonar_cm = brick.read_sonar()
         if sonar_cm != NO_ECHO_CM:
             self.distance_cm, self.echo_time = sonar_cm, brick.systick_ms
-        elif (brick.systick_ms - self.echo_time) & UINT32 > self._p.sonar_hold:
+        elif (brick.systick_ms - self.echo_time) & UINT32_MASK > self._p.sonar_hold:
             self.distance_cm = NO_ECHO_CM
         self.flag_avoid = self.distance_cm <= self._p.dst_thr
 
@@ -155,12 +155,12 @@ class ControlProgram:
         """Decide the operating state, average the battery voltage, sound (section 7.6)."""
         p = self._p
         self.battery = (ONE - p.a_b) * Single(self.brick.battery_mv) + p.a_b * self.battery
-        elapsed = (self.brick.systick_ms - self.start_time) & UINT32
+        elapsed = (self.brick.systick_ms - self.start_time) & UINT32_MASK
         self.flag_auto = elapsed >= p.time_auto
         calibrated = elapsed >= p.time_start
         if self.x.in_control() and self.y.in_control():
             self.timer_stop = elapsed
-        if (elapsed - self.timer_stop) & UINT32 < p.time_stop:
+        if (elapsed - self.timer_stop) & UINT32_MASK < p.time_stop:
             controls = ControlMode.CONTROL
             self.control_mode = controls if calibrated else ControlMode.CALIBRATION
         else:

@@ -17,7 +17,7 @@ import numpy as np
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.brick.units import quantise, radians_of
-from ballbot_ros.controller.interface import Estimates
+from ballbot_ros.controller.interface import PlaneEstimates
 from ballbot_ros.messages.message_types import (
     BatteryState,
     Bytes,
@@ -220,7 +220,9 @@ def duty_values(message: Vector3Stamped) -> tuple[int, int] | None:
     return int(x), int(y)
 
 
-def fill_controller_state(message: JointState, stamp_ns: int, x: Estimates, y: Estimates) -> None:
+def fill_controller_state(
+    message: JointState, stamp_ns: int, x: PlaneEstimates, y: PlaneEstimates
+) -> None:
     """Write ``controller/state``: the controller's estimates and references in SI."""
     fill_header(message.header, stamp_ns, '')
     message.name = STATE_NAMES

@@ -22,15 +22,17 @@ class _Input:
     read: Callable[[Any], Any]
 
 
-_INPUTS = (
+_CONTROLLER_INPUTS = (
     *(_Input(each.sample, each.device.field, each.reading) for each in DEVICE_MESSAGES),
     _Input(GAMEPAD_JOY, 'sticks', stick_values),
     _Input(BATTERY_STATE, 'battery_mv', lambda message: battery_mv(message.voltage)),
 )
-_TOPIC_OF = {each.field: each.topic for each in _INPUTS}
+_TOPIC_OF = {each.field: each.topic for each in _CONTROLLER_INPUTS}
 _TOPICS = tuple(_TOPIC_OF[field] for field in DeviceInputs._fields)
 
-INPUTS: dict[Topic, Callable[[Any], Any]] = {each.topic: each.read for each in _INPUTS}
+INPUT_READERS: dict[Topic, Callable[[Any], Any]] = {
+    each.topic: each.read for each in _CONTROLLER_INPUTS
+}
 """The function that reads each topic."""
 
 

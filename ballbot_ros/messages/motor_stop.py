@@ -44,4 +44,4 @@ def is_stop(data: bytes) -> bool:
 
 def are_stops(batch: Batch, rows: Rows) -> NDArray[np.bool_]:
     """Return which of some recorded ``motor_duty`` are motor stops."""
-    return batch.contain(rows, _BEGIN, _ENCODED)
+    return batch.match_bytes(rows, _BEGIN, _ENCODED)

@@ -13,7 +13,7 @@ from ballbot_ros.codegen.implementation import program_maker, require_implementa
 from ballbot_ros.controller.tasks import TASK_TS1, task_timings
 from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS, with_former_names
 from ballbot_ros.messages.controller_messages import ControllerMessages
-from ballbot_ros.messages.inputs import INPUTS, device_inputs
+from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs
 from ballbot_ros.messages.raw import decoder, same_content, stamp_of
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
@@ -50,10 +50,10 @@ class Controller(BallbotNode[ControllerParameters]):
         if self._lockstep:
             self.require_sim_time('in lockstep its timers run on /clock')
         self._lockstep_ticks = LockstepTicks(
-            {topic.name: topic.period_ns for topic in INPUTS},
+            {topic.name: topic.period_ns for topic in INPUT_READERS},
             first=BATTERY_STATE.name,
             every_tick=GYRO_IMU.name,
-            is_same={topic.name: same_content(topic.type_name) for topic in INPUTS},
+            is_same={topic.name: same_content(topic.type_name) for topic in INPUT_READERS},
             tick_ns=TICK_NS,
         )
         self._free_ticks = FreeRunningTicks(
@@ -73,7 +73,7 @@ class Controller(BallbotNode[ControllerParameters]):
         self._participation = Participation(self, self._on_run)
         # Deep enough to receive each of several samples of one tick.
         depth = DEPTH if self._lockstep else 1
-        for topic, reader in INPUTS.items():
+        for topic, reader in INPUT_READERS.items():
             self.listen(topic, self._input_callback(topic, reader), depth=depth, raw=True)
 
     def check(self, parameters: ControllerParameters) -> None:

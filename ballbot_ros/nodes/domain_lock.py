@@ -40,8 +40,8 @@ class DomainLock:
     """
 
     def __init__(self, domain: int) -> None:
-        if handed_on := os.environ.get(LOCK_FD_ENV):
-            self.file = int(handed_on)
+        if inherited_fd := os.environ.get(LOCK_FD_ENV):
+            self.file = int(inherited_fd)
             return
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as name:
             try:

@@ -35,12 +35,12 @@ from ballbot_ros.teleop.gamepad import ANY
 from ballbot_ros.teleop.input_errors import InputErrors
 from ballbot_ros.teleop.sdl import SdlBackend
 from ballbot_ros.teleop.sticks import NEUTRAL
-from ballbot_ros.teleop.terminal import why_no_keyboard
+from ballbot_ros.teleop.terminal import keyboard_unavailable_reason
 from ballbot_ros.timing import MAX_LEAD_TICKS, MILLISECOND_NS, SLOW_PERIOD_NS, TICK_NS
 
 LIST_DEVICES = '--list-devices'
 FLUSH_S = 0.5
-MOST_ANSWERS = MAX_LEAD_TICKS * TICK_NS // SLOW_PERIOD_NS + 1
+MAX_KEPT_ANSWERS = MAX_LEAD_TICKS * TICK_NS // SLOW_PERIOD_NS + 1
 """Number of answers kept: the plant may ask again for any tick that the recorder lacks."""
 
 
@@ -73,7 +73,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         if path and path != self.parameters.log_csv and Path(path).exists():
             raise TeleopError(f'{path}: already exists; choose another file')
         is_new = parameters.keyboard and not self.parameters.keyboard
-        if is_new and (obstacle := why_no_keyboard()):
+        if is_new and (obstacle := keyboard_unavailable_reason()):
             raise TeleopError(f'keyboard: {obstacle}')
         if parameters.device not in ('', ANY):
             SdlBackend()
@@ -125,23 +125,23 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         # A repeated request gets the same answer, whatever the live inputs are now.
         answer = self._answers.get(now_ns)
         if answer is None:
-            self._decide((now_ns - self._start_ns) * 1e-9)
+            self._select((now_ns - self._start_ns) * 1e-9)
             answer = self._answers[now_ns] = self._command
-            if len(self._answers) > MOST_ANSWERS:
+            if len(self._answers) > MAX_KEPT_ANSWERS:
                 del self._answers[next(iter(self._answers))]
         fill_sticks(self._output.message, now_ns, answer.sticks, answer.source)
         self._output.send(now_ns)
         self.count_sample(now_ns)
 
-    def _decide(self, elapsed_s: float) -> None:
-        before = self._driver()
+    def _select(self, elapsed_s: float) -> None:
+        before = self._source_name()
         scenario = self._scenario.sticks_at(elapsed_s)
-        self._command = self._sources.decide(time.monotonic(), scenario)
-        if self._driver() != before:
-            self.get_logger().info(f'in command: {self._driver()}, before: {before}')
+        self._command = self._sources.select(time.monotonic(), scenario)
+        if self._source_name() != before:
+            self.get_logger().info(f'in command: {self._source_name()}, before: {before}')
 
-    def _driver(self) -> str:
-        return self._command.driver(self.parameters.scenario)
+    def _source_name(self) -> str:
+        return self._command.source_name(self.parameters.scenario)
 
     def _on_log(self, message: Bytes) -> None:
         if self._log is None:
@@ -178,7 +178,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         """Return the input in command."""
         vertical, horizontal = self._command.sticks
         return {
-            'in command': self._driver(),
+            'in command': self._source_name(),
             'sticks': f'{vertical} {horizontal}',
             'gamepad': self._inputs.gamepad or 'none',
         }

@@ -18,7 +18,7 @@ PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 DISCOVERY_RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 DEFAULT_RMW = 'rmw_fastrtps_cpp'
 DOMAIN = 'ROS_DOMAIN_ID'
-LARGEST_DOMAIN = 232
+MAX_DOMAIN_ID = 232
 """Above it there are no ports, and the middleware ends the process."""
 
 
@@ -31,8 +31,8 @@ def ros_domain() -> int:
         If the environment variable :data:`DOMAIN` is not a valid domain number.
     """
     text = os.environ.get(DOMAIN) or '0'
-    if not re.fullmatch('0|[1-9][0-9]{0,2}', text) or int(text) > LARGEST_DOMAIN:
-        raise BallbotError(f'{DOMAIN}={text}: set a number within 0 … {LARGEST_DOMAIN}')
+    if not re.fullmatch('0|[1-9][0-9]{0,2}', text) or int(text) > MAX_DOMAIN_ID:
+        raise BallbotError(f'{DOMAIN}={text}: set a number within 0 … {MAX_DOMAIN_ID}')
     return int(text)
 
 

@@ -21,7 +21,7 @@ PORT_BASE, PORTS_PER_DOMAIN, PORTS_PER_PARTICIPANT = 7400, 250, 2
 DISCOVERY_PORT, USER_PORT = 10, 11
 """Offsets of a participant's own ports from the base port of its domain."""
 
-MOST_AVOIDED = 16
+MAX_AVOIDED_PARTICIPANTS = 16
 """Half of the numbers that participants on one machine probe for each other."""
 
 
@@ -46,7 +46,7 @@ def avoid_stale_ports(domain: int, folder: Path = SHARED_MEMORY) -> Iterator[Non
     """
     first = PORT_BASE + PORTS_PER_DOMAIN * domain + DISCOVERY_PORT
     with ExitStack() as held:
-        for number in islice(stale_participants(domain, folder), MOST_AVOIDED):
+        for number in islice(stale_participants(domain, folder), MAX_AVOIDED_PARTICIPANTS):
             holder = held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             # Processes that start together share it; Fast DDS does not.
             holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

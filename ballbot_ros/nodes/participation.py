@@ -52,13 +52,15 @@ def with_parameters(participant: Participant, parameters: NodeParameters) -> Par
     """
     values = asdict(parameters)
     text = json.dumps(values, sort_keys=True, default=list)
-    told = {name: Path(value).name if name in PATHS else value for name, value in values.items()}
+    announced = {
+        name: Path(value).name if name in PATHS else value for name, value in values.items()
+    }
     if values.get('map'):
-        told[MAP_HASH] = hashlib.sha256(read_map_file(values['map'])).hexdigest()
+        announced[MAP_HASH] = hashlib.sha256(read_map_file(values['map'])).hexdigest()
     return replace(
         participant,
         parameters_sha256=hashlib.sha256(text.encode()).hexdigest(),
-        parameters=told,
+        parameters=announced,
     )
 
 

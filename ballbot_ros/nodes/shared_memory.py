@@ -38,7 +38,7 @@ SETTLED_S = 5.0
 
 POLL_S = 0.05
 INITIALISED, CORRUPTED = (2).to_bytes(4, 'little'), (3).to_bytes(4, 'little')
-SMALLEST_PORT = 1024 * 20
+MIN_PORT_BYTES = 1024 * 20
 """Minimum size of a port with the state of 1024 readers. Opening a smaller one crashes."""
 
 PORT_HEAD = 1024 * 64
@@ -189,7 +189,7 @@ class _Resource:
         status = self.files.get(self.path)
         if status is None or not self.path.name.startswith('fastrtps_port'):
             return False
-        if status.st_size < SMALLEST_PORT:
+        if status.st_size < MIN_PORT_BYTES:
             return True
         try:
             with self.path.open('rb') as file:

@@ -18,7 +18,7 @@ from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.teleop import arbiter
 from ballbot_ros.teleop.arbiter import Arbiter
 from ballbot_ros.teleop.errors import TeleopError
-from ballbot_ros.teleop.gamepad import ANY, Gamepad, PadState
+from ballbot_ros.teleop.gamepad import ANY, Gamepad, GamepadState
 from ballbot_ros.teleop.input_errors import InputErrors
 from ballbot_ros.teleop.joy_mapping import JoyMapping
 from ballbot_ros.teleop.sdl import SdlBackend
@@ -172,13 +172,13 @@ class TeleopInputs:
             self._node.get_logger().info(f'no gamepad: {error}')
             return None
 
-        def take(state: PadState) -> None:
+        def take(state: GamepadState) -> None:
             self._take(arbiter.DEVICE, 'gamepad', lambda: self._mapping.sticks(*state))
 
         return Gamepad(
             wanted,
             backend,
             on_state=take,
-            on_gone=lambda: self._sources.release(arbiter.DEVICE),
+            on_disconnected=lambda: self._sources.release(arbiter.DEVICE),
             on_problem=lambda text: self.complain('device', text),
         )

@@ -31,7 +31,7 @@ class TeleopTerminal:
 
     Attributes
     ----------
-    gone : bool
+    is_closed : bool
         Whether the terminal has disappeared.
     """
 
@@ -40,7 +40,7 @@ class TeleopTerminal:
     ) -> None:
         self._node, self._sources, self._command = node, sources, command
         self._state = ''
-        self.gone = False
+        self.is_closed = False
         self._subscription = node.listen(OPERATING_STATE, self._on_state)
         self._reset = node.create_client(Trigger, f'{PLANT}/reset')
         # A terminal that disappears is a lost input, not the end of the node.
@@ -52,7 +52,7 @@ class TeleopTerminal:
             on_sticks=lambda sticks: sources.report(KEYBOARD, sticks, time.monotonic()),
             on_reset=lambda: self._reset.call_async(Trigger.Request()),
             on_quit=node.finish,
-            on_gone=self._leave,
+            on_closed=self._on_closed,
         )
 
     def take_values(self) -> None:
@@ -68,9 +68,9 @@ class TeleopTerminal:
     def _on_state(self, message: Text) -> None:
         self._state = message.data
 
-    def _leave(self) -> None:
+    def _on_closed(self) -> None:
         self._sources.release(KEYBOARD)
-        self.gone = True
+        self.is_closed = True
 
     def _status(self) -> Mapping[str, str]:
         command = self._command()
@@ -79,6 +79,6 @@ class TeleopTerminal:
         return {
             'sim time': f'{self._node.now_ns * 1e-9:.1f} s',
             'state': self._state + fallen,
-            'in command': command.driver(self._node.parameters.scenario),
+            'in command': command.source_name(self._node.parameters.scenario),
             'sticks': f'vertical {vertical:+d}   horizontal {horizontal:+d}',
         }

@@ -27,7 +27,7 @@ from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
 from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.timing import SECOND_NS
-from ballbot_ros.viewer.address import require_viser, warning_of
+from ballbot_ros.viewer.address import network_warning, require_viser
 from ballbot_ros.viewer.snapshot import History, Snapshot
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.exports import floor_map_of
@@ -73,7 +73,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._joy = self.output(VIEWER_JOY)
         self.every(UPDATE_S, self._update)
         self.every(_STICK_PERIOD_S, self._drive)
-        if warning := warning_of(host):
+        if warning := network_warning(host):
             self.get_logger().warning(warning)
         print(f'viewer  {self._page.address}', flush=True)
 

@@ -165,8 +165,8 @@ class ViewerRequests:
             # A player announces runs, too, but has none of the plant's parameters.
             if len(response.values) == len(question.names):
                 values = map(parameter_value_to_python, response.values)
-                told = dict(zip(question.names, values, strict=True))
-                question.then(PlantParameters(**told))
+                parameters = dict(zip(question.names, values, strict=True))
+                question.then(PlantParameters(**parameters))
 
         request = GetParameters.Request(names=question.names)
         self._send(client, PARAMETERS_OF_PLANT, request, take)

@@ -10,7 +10,7 @@ Matrix = NDArray[np.float64]
 _TERMS = 18
 """Terms of Taylor's series: at a norm of 1/2, the next one is below 10^-21."""
 
-_MOST_DOUBLINGS = 1100
+_MAX_DOUBLINGS = 1100
 """Number of squarings sufficient for any finite norm."""
 
 
@@ -47,7 +47,7 @@ def zero_order_hold(a: Matrix, b: Matrix, dt: float) -> tuple[Matrix, Matrix]:
             block[i, n + j] = b[i, j] * dt
         norm = max(norm, row)
     doublings, scale = 0, 1.0
-    while norm * scale > 0.5 and doublings < _MOST_DOUBLINGS:
+    while norm * scale > 0.5 and doublings < _MAX_DOUBLINGS:
         scale *= 0.5
         doublings += 1
     for i in range(n):

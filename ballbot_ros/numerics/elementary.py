@@ -13,7 +13,7 @@ _TWO_OVER_PI = 2.0 / math.pi
 _HALF_PI_1 = float.fromhex('0x1.921fb54400000p+0')
 _HALF_PI_2 = float.fromhex('0x1.0b4611a600000p-34')
 _HALF_PI_3 = float.fromhex('0x1.3198a2e037073p-69')
-_LARGEST_ANGLE = float(2**20)
+_MAX_ANGLE = float(2**20)
 
 # Sine: x + x z (S3 + S5 z + ...) with z = x^2. The coefficients interpolate it at the Chebyshev
 # nodes of 0 ... (pi/4)^2; the error is below 2^-55.
@@ -41,7 +41,7 @@ def sine_cosine(angle: float) -> tuple[float, float]:
         quarters, x = 0, angle
     else:
         size = abs(angle)
-        if not size < _LARGEST_ANGLE:
+        if not size < _MAX_ANGLE:
             if size - size != 0.0:
                 return math.nan, math.nan
             size %= TWO_PI

@@ -16,7 +16,7 @@ Implementation = Literal['python', 'c', 'arm']
 
 ANY = (-1e9, 1e9)
 COEFFICIENT = (0.0, 1.0)
-UINT32 = (0, 2**32 - 1)
+UINT32_BOUNDS = (0, 2**32 - 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,9 +50,11 @@ class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
     sonar_hold: int = quantity(
         0, 'ms', (0, 60000), 'how long the last echo counts if none returns', 'project'
     )
-    time_start: int = quantity(1000, 'ms', UINT32, 'gyro calibration time', '7.4')
-    time_auto: int = quantity(5000, 'ms', UINT32, 'start of autonomous drive', '7.6')
-    time_stop: int = quantity(500, 'ms', UINT32, 'time out of control until the motors stop', '7.6')
+    time_start: int = quantity(1000, 'ms', UINT32_BOUNDS, 'gyro calibration time', '7.4')
+    time_auto: int = quantity(5000, 'ms', UINT32_BOUNDS, 'start of autonomous drive', '7.6')
+    time_stop: int = quantity(
+        500, 'ms', UINT32_BOUNDS, 'time out of control until the motors stop', '7.6'
+    )
     theta_diff_thr: float = quantity(
         600.0, 'deg', (0.0, 1e6), 'wheel angle error out of control', '7.6'
     )

@@ -8,7 +8,7 @@ from typing import NamedTuple
 FORCE_LIMIT = 1000.0
 """Largest component of a push [N], [N·m]."""
 
-LATEST_NS = 3600 * 10**9
+MAX_PUSH_LEAD_NS = 3600 * 10**9
 """How far in the future a push may start [ns]."""
 
 Pair = tuple[float, float]
@@ -77,7 +77,7 @@ class Push:
         # Written so that NaN is out of bounds.
         if not all(abs(value) <= FORCE_LIMIT for value in (*self.force, *self.torque)):
             return f'not within ±{FORCE_LIMIT:g} N and N·m'
-        if self.start_ns > now_ns + LATEST_NS:
+        if self.start_ns > now_ns + MAX_PUSH_LEAD_NS:
             ahead_s = (self.start_ns - now_ns) * 1e-9
-            return f'{ahead_s:.3g} s ahead of sim time; {LATEST_NS * 1e-9:g} s at most'
+            return f'{ahead_s:.3g} s ahead of sim time; {MAX_PUSH_LEAD_NS * 1e-9:g} s at most'
         return ''

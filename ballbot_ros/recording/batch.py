@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 Rows = NDArray[np.intp]
 
 _LENGTH = struct.Struct('<Q')
-_RECORD_HEAD_SIZE = 1 + _LENGTH.size
+_RECORD_HEADER_SIZE = 1 + _LENGTH.size
 """An opcode and the length of the content [byte]."""
 
-_MESSAGE_HEAD = np.dtype(
+_MESSAGE_HEADER = np.dtype(
     [
         ('opcode', 'u1'),
         ('length', '<u8'),
@@ -32,7 +32,7 @@ _MESSAGE_HEAD = np.dtype(
         ('publish_ns', '<u8'),
     ]
 )
-_LATEST_NS = 2**63 - 1
+_MAX_INT64_NS = 2**63 - 1
 
 
 class RawMessage(NamedTuple):
@@ -52,7 +52,7 @@ class Batch:
     ----------
     data : bytes
         The bytes that contain them.
-    heads : ndarray, shape (n,)
+    headers : ndarray, shape (n,)
         The structured headers of the messages.
     starts, ends : ndarray, shape (n,)
         Start and end of each message in `data`.
@@ -61,7 +61,7 @@ class Batch:
     """
 
     data: bytes
-    heads: NDArray[np.void]
+    headers: NDArray[np.void]
     starts: Rows
     ends: Rows
     names: Mapping[int, str]
@@ -75,38 +75,38 @@ class Batch:
         McapError
             If a record is incomplete, or the channel of a message is unknown.
         """
-        places = []
-        place = 0
-        while place < len(data):
-            places.append(place)
-            (length,) = _LENGTH.unpack_from(data, place + 1)
-            place += _RECORD_HEAD_SIZE + length
-        if place != len(data):
+        offsets = []
+        offset = 0
+        while offset < len(data):
+            offsets.append(offset)
+            (length,) = _LENGTH.unpack_from(data, offset + 1)
+            offset += _RECORD_HEADER_SIZE + length
+        if offset != len(data):
             raise McapError('a record is longer than the chunk that holds it')
-        begins = np.array(places, np.intp)
-        ends = np.append(begins[1:], place).astype(np.intp)
+        begins = np.array(offsets, np.intp)
+        ends = np.append(begins[1:], offset).astype(np.intp)
         is_message = np.frombuffer(data, np.uint8)[begins] == Opcode.MESSAGE
         begins, ends = begins[is_message], ends[is_message]
-        starts = begins + _MESSAGE_HEAD.itemsize
+        starts = begins + _MESSAGE_HEADER.itemsize
         if (starts > ends).any():
             raise McapError('a message is shorter than its header')
-        heads = gather(data, begins, _MESSAGE_HEAD)
-        unknown = set(np.unique(heads['channel']).tolist()) - names.keys()
+        headers = read_structs(data, begins, _MESSAGE_HEADER)
+        unknown = set(np.unique(headers['channel']).tolist()) - names.keys()
         if unknown:
             raise McapError(f'channel {min(unknown)} not found')
-        return cls(data, heads, starts, ends, names)
+        return cls(data, headers, starts, ends, names)
 
     @classmethod
     def of_messages(cls, messages: Iterable[Message], names: Mapping[int, str]) -> Batch:
         """Return messages that are outside chunks."""
         parts = []
         for message in messages:
-            length = _MESSAGE_HEAD.itemsize - _RECORD_HEAD_SIZE + len(message.data)
-            head = (
+            length = _MESSAGE_HEADER.itemsize - _RECORD_HEADER_SIZE + len(message.data)
+            header = (
                 Opcode.MESSAGE, length, message.channel_id, message.sequence, message.log_time,
                 message.publish_time,
             )  # fmt: skip
-            parts += [np.array(head, _MESSAGE_HEAD).tobytes(), message.data]
+            parts += [np.array(header, _MESSAGE_HEADER).tobytes(), message.data]
         return cls.of_records(b''.join(parts), names)
 
     def __len__(self) -> int:
@@ -116,61 +116,61 @@ class Batch:
     @property
     def log_ns(self) -> NDArray[np.int64]:
         """The log times [ns], limited to the largest int64 (year 2262)."""
-        return np.asarray(np.minimum(self.heads['log_ns'], _LATEST_NS), np.int64)
+        return np.asarray(np.minimum(self.headers['log_ns'], _MAX_INT64_NS), np.int64)
 
     @property
     def sizes(self) -> Rows:
         """The sizes of the messages [byte]."""
         return self.ends - self.starts
 
-    def chosen(self, rows: Rows | NDArray[np.bool_]) -> Batch:
+    def select(self, rows: Rows | NDArray[np.bool_]) -> Batch:
         """Return some of the messages, by row numbers or a mask."""
-        return Batch(self.data, self.heads[rows], self.starts[rows], self.ends[rows], self.names)
+        return Batch(self.data, self.headers[rows], self.starts[rows], self.ends[rows], self.names)
 
-    def since(self, start_ns: int) -> Batch:
+    def from_time(self, start_ns: int) -> Batch:
         """Return the messages from a log time [ns] on."""
-        log_ns = self.heads['log_ns']
-        return self if not start_ns else self.chosen(log_ns >= max(start_ns, 0))
+        log_ns = self.headers['log_ns']
+        return self if not start_ns else self.select(log_ns >= max(start_ns, 0))
 
     def of_topics(self, topics: Iterable[str]) -> Batch:
         """Return the messages of some topics."""
         wanted = set(topics)
         numbers = [number for number, name in self.names.items() if name in wanted]
-        return self.chosen(np.isin(self.heads['channel'], numbers))
+        return self.select(np.isin(self.headers['channel'], numbers))
 
     def rows(self) -> dict[str, Rows]:
         """Return the rows of each topic that has messages."""
-        channels = self.heads['channel']
+        channels = self.headers['channel']
         found: dict[str, Rows] = {}
         for number in np.flatnonzero(np.bincount(channels)).tolist():
             rows, name = np.flatnonzero(channels == number), self.names[number]
             found[name] = np.union1d(found[name], rows) if name in found else rows
         return found
 
-    def contain(self, rows: Rows, place: int, content: bytes) -> NDArray[np.bool_]:
+    def match_bytes(self, rows: Rows, offset: int, content: bytes) -> NDArray[np.bool_]:
         """Return which messages have `content` at a position [byte]."""
-        begins = self.starts[rows] + place
+        begins = self.starts[rows] + offset
         fits = begins + len(content) <= self.ends[rows]
-        found = gather(self.data, np.where(fits, begins, 0), np.dtype(f'V{len(content)}'))
+        found = read_structs(self.data, np.where(fits, begins, 0), np.dtype(f'V{len(content)}'))
         alike = found.view(np.uint8).reshape(len(rows), -1) == np.frombuffer(content, np.uint8)
         return np.asarray(fits & alike.all(axis=1))
 
     def message(self, row: int) -> RawMessage:
         """Return a message."""
-        return next(self.chosen(np.array([row])).messages())
+        return next(self.select(np.array([row])).messages())
 
     def messages(self) -> Iterator[RawMessage]:
         """Iterate over the messages."""
-        columns = (self.heads[name].tolist() for name in ('channel', 'log_ns', 'sequence'))
-        places = zip(self.starts.tolist(), self.ends.tolist(), strict=True)
-        for channel, log_ns, sequence, (start, end) in zip(*columns, places, strict=True):
+        columns = (self.headers[name].tolist() for name in ('channel', 'log_ns', 'sequence'))
+        spans = zip(self.starts.tolist(), self.ends.tolist(), strict=True)
+        for channel, log_ns, sequence, (start, end) in zip(*columns, spans, strict=True):
             yield RawMessage(self.names[channel], log_ns, sequence, self.data[start:end])
 
 
-def gather(data: bytes, places: Rows, kind: np.dtype[Any]) -> NDArray[np.void]:
+def read_structs(data: bytes, offsets: Rows, dtype: np.dtype[Any]) -> NDArray[np.void]:
     """Return copies of the structures at some positions in bytes, aligned or not."""
-    if not len(places):
-        return np.empty(0, kind)
-    size = kind.itemsize
-    everywhere = np.ndarray((len(data) - size + 1,), f'V{size}', data, strides=(1,))
-    return everywhere[places].view(kind)
+    if not len(offsets):
+        return np.empty(0, dtype)
+    size = dtype.itemsize
+    structs = np.ndarray((len(data) - size + 1,), f'V{size}', data, strides=(1,))
+    return structs[offsets].view(dtype)

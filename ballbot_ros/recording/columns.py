@@ -19,7 +19,7 @@ Path = tuple[str, ...]
 Leaf = tuple[Path, str, Read]
 """Path of field names to a value, its unit, and the function that reads it from a message."""
 
-UNITS: dict[tuple[str, str], str] = {
+FIELD_UNITS: dict[tuple[str, str], str] = {
     ('geometry_msgs/msg/Pose', 'position'): 'm',
     ('geometry_msgs/msg/PointStamped', 'point'): 'm',
     ('geometry_msgs/msg/Transform', 'translation'): 'm',
@@ -72,36 +72,36 @@ class Column(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Meaning:
+class ColumnHints:
     """Knowledge about a topic beyond its type.
 
     Attributes
     ----------
     names : mapping of str to str
         Column names by field path, such as ``vector_x``.
-    more : mapping of str to callable
+    extra : mapping of str to callable
         Additional columns: name, and the function that computes the value from a message.
     """
 
     names: Mapping[str, str] = field(default_factory=dict)
-    more: Mapping[str, Read] = field(default_factory=dict)
+    extra: Mapping[str, Read] = field(default_factory=dict)
 
 
 @dataclass
-class Columns:
+class TopicColumns:
     """The columns of a topic, determined by its first message.
 
     Attributes
     ----------
     first : object
         A message of the topic, as rosbags decodes it.
-    meaning : Meaning
+    hints : ColumnHints
         Knowledge about the topic beyond its type.
     columns : list of Column
     """
 
     first: Any
-    meaning: Meaning
+    hints: ColumnHints
 
     def __post_init__(self) -> None:
         self._shape = _shape(self.first)
@@ -112,14 +112,14 @@ class Columns:
         times = Counter(short for _, short, _ in found)
         self.columns = [
             Column(
-                self.meaning.names.get(full) or (short if times[short] == 1 else full),
+                self.hints.names.get(full) or (short if times[short] == 1 else full),
                 type(read(self.first)),
                 read,
             )
             for full, short, read in found
         ]
         self.columns += [
-            Column(name, type(read(self.first)), read) for name, read in self.meaning.more.items()
+            Column(name, type(read(self.first)), read) for name, read in self.hints.extra.items()
         ]
 
     def row(self, message: Any) -> list[Value]:
@@ -171,7 +171,7 @@ def _leaves(value: Any, path: Path, unit: str, get: Get) -> list[Leaf]:
     if type_name:
         leaves = []
         for name in _fields(value):
-            inner = '' if name in _NO_UNIT else UNITS.get((type_name, name), unit)
+            inner = '' if name in _NO_UNIT else FIELD_UNITS.get((type_name, name), unit)
             leaves += _leaves(getattr(value, name), (*path, name), inner, _field(get, name))
         return leaves
     if isinstance(value, list | np.ndarray):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ballbot_ros.recording.columns import Columns, Meaning, Value
+from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.recording.columns import ColumnHints, TopicColumns, Value
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.tables import FORMATS, Table
@@ -19,7 +20,7 @@ JOINED = 'joined'
 LATENESS_S = 1
 """How far behind the newest message a late one may be and still find its row [s]."""
 
-LONGEST_GAP_S = 3600
+MAX_GAP_S = 3600
 """Silence of all topics that indicates another clock, not a pause [s]."""
 
 _SECOND_NS = 10**9
@@ -39,7 +40,7 @@ class Exporter:
         A key of `tables.FORMATS`.
     topics : list of str
         The topics to export.
-    meanings : mapping of (str, str) to Meaning
+    hints : mapping of (str, str) to ColumnHints
         Knowledge about a topic and type beyond the type.
     progress : callable
         Called with the number of messages done and their total.
@@ -51,8 +52,8 @@ class Exporter:
     folder: Path
     file_format: str
     topics: Sequence[str]
-    meanings: Mapping[tuple[str, str], Meaning]
-    progress: Callable[[int, int], None] = lambda done, total: None
+    hints: Mapping[tuple[str, str], ColumnHints]
+    progress: ProgressCallback = lambda done, total: None
     files: list[Path] = field(default_factory=list)
 
     def write_topics(self) -> None:
@@ -64,7 +65,7 @@ class Exporter:
             If a table already exists or can't be written, or messages don't fit in columns; no
             table remains then.
         """
-        tables: dict[str, tuple[Columns, Table]] = {}
+        tables: dict[str, tuple[TopicColumns, Table]] = {}
         with self._writing(), ExitStack() as stack:
             for topic, stamp_ns, message in self._messages():
                 if topic not in tables:
@@ -109,7 +110,7 @@ class Exporter:
             table = self._table(JOINED, [('time_s', float), *named])
             stack.callback(table.close)
             lateness = LATENESS_S * _SECOND_NS // period_ns
-            longest = LONGEST_GAP_S * _SECOND_NS // period_ns
+            longest = MAX_GAP_S * _SECOND_NS // period_ns
             for topic, stamp_ns, message in self._messages():
                 row = self._row(topic, stamp_ns, columns[topic], message)
                 tick = -(-stamp_ns // period_ns)
@@ -140,14 +141,14 @@ class Exporter:
             yield found
             self.progress(done, self.reader.count)
 
-    def _columns(self, topic: str, message: Any) -> Columns:
+    def _columns(self, topic: str, message: Any) -> TopicColumns:
         type_name = self.reader.topics()[topic].type_name
-        return Columns(message, self.meanings.get((topic, type_name), Meaning()))
+        return TopicColumns(message, self.hints.get((topic, type_name), ColumnHints()))
 
-    def _first_columns(self) -> dict[str, Columns]:
+    def _first_columns(self) -> dict[str, TopicColumns]:
         """Return the columns of each topic with messages."""
         missing = {topic for topic in self.topics if self.reader.topics()[topic].message_count > 0}
-        columns: dict[str, Columns] = {}
+        columns: dict[str, TopicColumns] = {}
         while missing:
             found = next(self.reader.messages(sorted(missing)), None)
             if found is None:
@@ -157,7 +158,7 @@ class Exporter:
             missing.discard(topic)
         return {topic: columns[topic] for topic in self.topics if topic in columns}
 
-    def _row(self, topic: str, stamp_ns: int, columns: Columns, message: Any) -> list[Value]:
+    def _row(self, topic: str, stamp_ns: int, columns: TopicColumns, message: Any) -> list[Value]:
         try:
             return columns.row(message)
         except RecordingError as error:

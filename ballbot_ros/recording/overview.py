@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.recording.rosbag2 import METADATA_NAME
 from ballbot_ros.recording.writer import RUN_OUTCOME
@@ -66,7 +66,7 @@ class Overview:
     being_written : bool
     damage : str or None
         What is missing; None if nothing is known to be missing.
-    broken : str or None
+    corruption : str or None
         Where the file is cut off or corrupt.
     topics : dict of str to TopicOverview
     runs_ns : list of int
@@ -83,7 +83,7 @@ class Overview:
     library: str
     being_written: bool
     damage: str | None
-    broken: str | None
+    corruption: str | None
     attachments: dict[str, AttachedFile]
     metadata: dict[str, dict[str, str]]
     outcome: dict[str, str]
@@ -109,10 +109,10 @@ class Overview:
         return sum(topic.count for topic in self.topics.values())
 
 
-def look_at(
+def read_overview(
     path: Path,
     run_topic: str,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: ProgressCallback = lambda done, total: None,
 ) -> Overview:
     """Read a recording from beginning to end.
 
@@ -144,7 +144,7 @@ def look_at(
             library=reader.library,
             being_written=reader.being_written,
             damage=reader.damage,
-            broken=reader.broken,
+            corruption=reader.corruption,
             attachments=reader.attachments(),
             metadata={
                 name: content

@@ -108,7 +108,7 @@ class RecordingReader:
         self.path = Path(path)
         self.library = ''
         self.times: TimeRange | None = None
-        self._broken = ''
+        self._corruption = ''
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._attachments: dict[str, AttachedFile] = {}
@@ -141,12 +141,12 @@ class RecordingReader:
     @property
     def damage(self) -> str | None:
         """What is missing: the end of the file, or what the recorder noted as missing."""
-        return '; '.join(filter(None, [*self._gaps, self._broken])) or None
+        return '; '.join(filter(None, [*self._gaps, self._corruption])) or None
 
     @property
-    def broken(self) -> str | None:
+    def corruption(self) -> str | None:
         """Where the file is cut off or corrupt, as far as it has been read."""
-        return self._broken or None
+        return self._corruption or None
 
     @property
     def complete(self) -> bool:
@@ -279,11 +279,11 @@ class RecordingReader:
                     yield Batch.of_records(content.read(size), channels)
 
         for batch in self._read(parse):
-            chosen = batch.since(start_ns)
+            selected = batch.from_time(start_ns)
             if topics is not None:
-                chosen = chosen.of_topics(topics)
-            if len(chosen):
-                yield chosen
+                selected = selected.of_topics(topics)
+            if len(selected):
+                yield selected
 
     def records(self, topic: str, batch: Batch, rows: Rows) -> Iterator[tuple[Rows, Any]]:
         """Iterate over some messages of a topic in a batch, grouped by their form.
@@ -358,7 +358,7 @@ class RecordingReader:
                     statistics = record
         if not unpack:
             known = statistics and statistics.channel_message_counts.keys() <= self._channels.keys()
-            if self._broken or not statistics or not known:
+            if self._corruption or not statistics or not known:
                 return False
             self._counts = Counter(statistics.channel_message_counts)
             oldest_ns, newest_ns = statistics.message_start_time, statistics.message_end_time
@@ -383,7 +383,7 @@ class RecordingReader:
             except DAMAGE:
                 end = stream.tell()
                 kind = 'cut off at' if end == len(stream) else 'corrupt before'
-                self._broken = f'{kind} byte {end}'
+                self._corruption = f'{kind} byte {end}'
 
 
 def _grouped(records: Iterable[McapRecord]) -> Iterator[Chunk | list[Message]]:

@@ -17,16 +17,14 @@ from mcap.records import (
     Statistics,
 )
 
+from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.rosbag2 import METADATA_NAME, RecordedTopic
 from ballbot_ros.recording.salvage import Damage, Salvage
 from ballbot_ros.recording.writer import RecordingWriter
 
-ShowProgress = Callable[[int, int], None]
-"""Called with the number of bytes done and their total."""
-
-MOST_PLACES = 5
+MAX_LISTED_PLACES = 5
 """Maximum number of damaged places listed individually."""
 
 
@@ -121,7 +119,7 @@ class Repair:
 
 
 def repair(
-    path: Path, output: Path | None = None, progress: ShowProgress = lambda done, total: None
+    path: Path, output: Path | None = None, progress: ProgressCallback = lambda done, total: None
 ) -> Repair:
     """Copy the intact part of a damaged recording to a new one.
 
@@ -146,15 +144,15 @@ def repair(
             raise RecordingError(
                 f'{path}: still being recorded; repair it when its recorder has ended'
             )
-        broken = reader.broken
+        corruption = reader.corruption
     with Salvage(path) as salvage:
         survey = _Survey(salvage, lambda done: progress(done, 2 * salvage.size))
-        if not broken and not survey.damage:
+        if not corruption and not survey.damage:
             return Repair(None, survey.message_count, [], [], {}, True)
         found = Repair(
             output,
             survey.message_count,
-            survey.describe(broken),
+            survey.describe(corruption),
             survey.spans,
             survey.lost,
             survey.nothing_lost,
@@ -294,13 +292,13 @@ class _Survey:
         self._open.append(span)
         self._spans.append(span)
 
-    def describe(self, broken: str | None) -> list[str]:
+    def describe(self, corruption: str | None) -> list[str]:
         """Return descriptions of the damaged places."""
-        places = [self._describe(damage) for damage in self.damage[:MOST_PLACES]]
-        if len(self.damage) > MOST_PLACES:
-            places.append(f'{len(self.damage) - MOST_PLACES} more places')
+        places = [self._describe(damage) for damage in self.damage[:MAX_LISTED_PLACES]]
+        if len(self.damage) > MAX_LISTED_PLACES:
+            places.append(f'{len(self.damage) - MAX_LISTED_PLACES} more places')
         if not places:
-            places.append(f'{broken}, in a part without a checksum')
+            places.append(f'{corruption}, in a part without a checksum')
         if self._next_recording is not None:
             places.append(f'another recording begins at byte {self._next_recording}: left out')
         if self._undescribed:

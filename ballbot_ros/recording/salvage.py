@@ -19,14 +19,14 @@ from mcap.writer import MCAP0_MAGIC
 
 from ballbot_ros.recording.reader import DAMAGE, summary_holds
 
-_HEAD = struct.Struct('<BQ')
-_CHUNK_HEAD = struct.Struct('<QQQII')
+_RECORD_HEADER = struct.Struct('<BQ')
+_CHUNK_HEADER = struct.Struct('<QQQII')
 _LENGTH = struct.Struct('<Q')
 _CRC = struct.Struct('<I')
-_INDEX_HEAD = struct.Struct('<HI')
-_FOOTER_SIZE = _HEAD.size + 20
+_INDEX_HEADER = struct.Struct('<HI')
+_FOOTER_SIZE = _RECORD_HEADER.size + 20
 
-_POSSIBLE_HEAD = re.compile(rb'[\x01-\x0f].{5}\0\0\0', re.DOTALL)
+_POSSIBLE_HEADER = re.compile(rb'[\x01-\x0f].{5}\0\0\0', re.DOTALL)
 """An opcode and a length below one terabyte."""
 
 _POSSIBLE_CHUNK = re.compile(rb'\x06.{5}\0\0\0', re.DOTALL)
@@ -138,16 +138,16 @@ class Salvage:
 
     def _record_at(self, position: int) -> tuple[int, records.McapRecord] | None:
         """Return end and content of the record at `position` if it is consistent."""
-        if position + _HEAD.size > self.size:
+        if position + _RECORD_HEADER.size > self.size:
             return None
-        opcode, length = _HEAD.unpack_from(self._map, position)
-        begin = position + _HEAD.size
+        opcode, length = _RECORD_HEADER.unpack_from(self._map, position)
+        begin = position + _RECORD_HEADER.size
         end = begin + length
         if opcode not in _KNOWN or end > self.size:
             return None
         if opcode == Opcode.MESSAGE_INDEX:  # large, and not needed here
-            channel, size = _INDEX_HEAD.unpack_from(self._map, begin) if length >= 6 else (0, 0)
-            whole = length == _INDEX_HEAD.size + size
+            channel, size = _INDEX_HEADER.unpack_from(self._map, begin) if length >= 6 else (0, 0)
+            whole = length == _INDEX_HEADER.size + size
             return (end, records.MessageIndex(channel, [])) if whole else None
         content = self._map[begin:end]
         stream = ReadDataStream(BytesIO(content))
@@ -177,7 +177,7 @@ class Salvage:
     def _may_begin_at(self, position: int) -> bool:
         if position == self.size:
             return True
-        return _POSSIBLE_HEAD.match(self._map, position) is not None
+        return _POSSIBLE_HEADER.match(self._map, position) is not None
 
     def _chunk_at(self, position: int) -> _Chunk | None:
         """Return the chunk at `position`.
@@ -185,12 +185,12 @@ class Salvage:
         It is recognised by its checksum, or by two equal lengths, since its opcode or either length
         may be corrupt.
         """
-        begin = position + _HEAD.size
-        if begin + _CHUNK_HEAD.size > self.size:
+        begin = position + _RECORD_HEADER.size
+        if begin + _CHUNK_HEADER.size > self.size:
             return None
-        opcode, length = _HEAD.unpack_from(self._map, position)
-        oldest, newest, size, crc, name_size = _CHUNK_HEAD.unpack_from(self._map, begin)
-        name_at = begin + _CHUNK_HEAD.size
+        opcode, length = _RECORD_HEADER.unpack_from(self._map, position)
+        oldest, newest, size, crc, name_size = _CHUNK_HEADER.unpack_from(self._map, begin)
+        name_at = begin + _CHUNK_HEADER.size
         name = self._map[name_at : name_at + min(name_size, 8)]
         data_at = name_at + name_size + _LENGTH.size
         if name not in (b'', b'zstd', b'lz4') or data_at > self.size:
@@ -217,14 +217,14 @@ class Salvage:
         return None
 
     def _newest_of_cut_chunk(self, position: int) -> int | None:
-        begin = position + _HEAD.size
-        if begin + _CHUNK_HEAD.size > self.size or self._map[position] != Opcode.CHUNK:
+        begin = position + _RECORD_HEADER.size
+        if begin + _CHUNK_HEADER.size > self.size or self._map[position] != Opcode.CHUNK:
             return None
-        return int(_CHUNK_HEAD.unpack_from(self._map, begin)[1])
+        return int(_CHUNK_HEADER.unpack_from(self._map, begin)[1])
 
     def _next_record(self, position: int) -> int:
         """Return the position of the next consistent record, or the end of the file."""
-        while found := _POSSIBLE_HEAD.search(self._map, position):
+        while found := _POSSIBLE_HEADER.search(self._map, position):
             position = found.start()
             opcode = self._map[position]
             if opcode == Opcode.CHUNK:
@@ -244,7 +244,10 @@ class Salvage:
             Position after that record [byte].
         """
         (expected,) = _CRC.unpack_from(self._map, data_end - _CRC.size)
-        with memoryview(self._map) as whole, whole[: data_end - _HEAD.size - _CRC.size] as data:
+        with (
+            memoryview(self._map) as whole,
+            whole[: data_end - _RECORD_HEADER.size - _CRC.size] as data,
+        ):
             return expected in (0, zlib.crc32(data))
 
     def next_recording(self, position: int) -> int | None:

@@ -32,7 +32,7 @@ from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.output_folder import output_files
 from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.run.separate_processes import start_nodes, watch
-from ballbot_ros.run.spec import RunSpec, refuse_own_files, resolve_map
+from ballbot_ros.run.spec import RunSpec, check_reserved_parameters, resolve_map
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.stop_request import StopRequest
@@ -100,7 +100,7 @@ def drive_spec(options: DriveOptions) -> RunSpec:
     for assignment in options.assignments:
         assign(parameters, assignment)
     require_implementation(parameters.of(ControllerParameters).implementation)
-    refuse_own_files(parameters)
+    check_reserved_parameters(parameters)
     resolve_map(parameters)
     return RunSpec(Scenario(NAME), parameters, output=options.output, record=options.record)
 
@@ -165,14 +165,14 @@ def _run_graph(
         if no_keyboard:
             observer.notice(f'no keyboard ({no_keyboard}): drive with a gamepad, joy or cmd_vel')
 
-        def is_told_to_stop() -> bool:
+        def should_stop() -> bool:
             # The user has quit, or the terminal has disappeared.
             terminal = gamepad.terminal
-            return bool(stop.signal or gamepad.finished or (terminal and terminal.gone))
+            return bool(stop.signal or gamepad.finished or (terminal and terminal.is_closed))
 
         try:
             start_nodes(names, parameter_file, observer.notice, processes)
-            failure = watch(processes, monitor, observer, is_told_to_stop)
+            failure = watch(processes, monitor, observer, should_stop)
         finally:
             # The gamepad answers until the end, so that log and recording have the same packets.
             stop_all(processes.values(), last=RECORDER)

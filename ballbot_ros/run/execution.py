@@ -24,7 +24,7 @@ def execute(
     observer: RunObserver | None = None,
     is_replaced: Callable[[], bool] | None = None,
 ) -> RunResult:
-    """Run a scenario, measure and judge it, and draw its picture.
+    """Run a scenario, measure and judge it, and draw its figure.
 
     Parameters
     ----------
@@ -53,9 +53,9 @@ def execute(
         result = _with_metrics(spec, world, result)
         if files.recording and files.recording.exists():
             result = replace(result, recording=files.recording)
-        # An interrupted run needs no picture; the recording has everything.
-        if files.picture and result.outcome is not Outcome.STOPPED:
-            result = _with_picture(spec, world, result, files.picture)
+        # An interrupted run needs no figure; the recording has everything.
+        if files.figure and result.outcome is not Outcome.STOPPED:
+            result = _with_figure(spec, world, result, files.figure)
     return result
 
 
@@ -94,8 +94,8 @@ def _with_metrics(spec: RunSpec, world: World | None, result: RunResult) -> RunR
     )
 
 
-def _with_picture(spec: RunSpec, world: World | None, result: RunResult, path: Path) -> RunResult:
-    """Draw the picture, if there is anything to show."""
+def _with_figure(spec: RunSpec, world: World | None, result: RunResult, path: Path) -> RunResult:
+    """Draw the figure, if there is anything to show."""
     if result.trajectory is None or not len(result.trajectory.time):
         return result
     scenario = spec.scenario
@@ -111,5 +111,5 @@ def _with_picture(spec: RunSpec, world: World | None, result: RunResult, path: P
     except OSError as error:
         with suppress(OSError):
             path.unlink()
-        return replace(result, picture_failure=f'{path}: {error.strerror}')
-    return replace(result, picture=path)
+        return replace(result, figure_failure=f'{path}: {error.strerror}')
+    return replace(result, figure=path)

@@ -35,8 +35,8 @@ from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.golden import arithmetic_sha256, duty_sha256, load_golden
 
-OLDEST_PYTHON = (3, 10)
-LEAST_FREE_BYTES = 200e6
+MIN_PYTHON = (3, 10)
+MIN_FREE_BYTES = 200e6
 GOLDEN_SCENARIOS = ('stationary', 'hardware_autonomous')
 
 
@@ -45,7 +45,7 @@ class FailedCheckError(BallbotError):
 
 
 def _python() -> str:
-    if sys.version_info < OLDEST_PYTHON:
+    if sys.version_info < MIN_PYTHON:
         raise FailedCheckError(
             f'{platform.python_version()} is too old: install Python 3.10 or later'
         )
@@ -164,7 +164,7 @@ def _disk() -> str:
     if not os.access(folder, os.W_OK):
         raise FailedCheckError(f'{folder.resolve()} is not writable: use --output DIR')
     free = shutil.disk_usage(folder).free
-    if free < LEAST_FREE_BYTES:
+    if free < MIN_FREE_BYTES:
         raise FailedCheckError(f'{free / 1e6:.0f} MB free: a minute of recording takes about 6 MB')
     return f'{free / 1e9:.1f} GB free in {folder.resolve()}'
 

@@ -47,7 +47,7 @@ class NodeProcess:
         lock: DomainLock | None = None,
     ) -> None:
         self.name = name
-        self._last_words = ''
+        self._last_error_line = ''
         self._process = subprocess.Popen(
             [
                 sys.executable, '-m', 'ballbot_ros.nodes', name,
@@ -69,15 +69,15 @@ class NodeProcess:
             # Ctrl-C is for the run as a whole, which then stops its nodes in order.
             start_new_session=True,
         )  # fmt: skip
-        self._reader = threading.Thread(target=self._hand_on, args=(notice,), daemon=True)
+        self._reader = threading.Thread(target=self._forward_output, args=(notice,), daemon=True)
         self._reader.start()
 
-    def _hand_on(self, notice: Callable[[str], None]) -> None:
+    def _forward_output(self, notice: Callable[[str], None]) -> None:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             text = line.decode(errors='replace').rstrip()
             if text.startswith((_ERROR, f'{self.name}: ')):
-                self._last_words = text.removeprefix(_ERROR).removeprefix(f'{self.name}: ')
+                self._last_error_line = text.removeprefix(_ERROR).removeprefix(f'{self.name}: ')
             if text:
                 notice(text)
 
@@ -97,13 +97,13 @@ class NodeProcess:
         return self._process.poll()
 
     @property
-    def died(self) -> bool:
+    def was_killed(self) -> bool:
         """Whether it was killed by a signal."""
         status = self.exit_status
         return status is not None and status < 0
 
     @property
-    def how_it_ended(self) -> str:
+    def exit_description(self) -> str:
         """Description of how it ended."""
         status = self.exit_status
         if status is None:
@@ -115,21 +115,21 @@ class NodeProcess:
     @property
     def failure(self) -> str:
         """Why a node that ended with a nonzero status failed, in its own words."""
-        if self.died or not self._last_words:
-            return f'{self.name} {self.how_it_ended}'
-        return f'{self.name}: {self._last_words}'
+        if self.was_killed or not self._last_error_line:
+            return f'{self.name} {self.exit_description}'
+        return f'{self.name}: {self._last_error_line}'
 
     def request_stop(self) -> None:
         """Send SIGTERM, which also ends a node quietly that is still starting."""
         if self.running:
             self._process.terminate()
 
-    def wait(self, most_s: float) -> None:
-        """Wait for the end, for at most `most_s` [s]."""
+    def wait(self, timeout_s: float) -> None:
+        """Wait for the end, for at most `timeout_s` [s]."""
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(most_s)
+            self._process.wait(timeout_s)
 
-    def hand_on_the_rest(self) -> None:
+    def forward_remaining_output(self) -> None:
         """Forward the last lines of a process that has ended."""
         self._reader.join(0.2)
 
@@ -160,4 +160,4 @@ def _await_end(processes: Collection[NodeProcess], grace_s: float) -> None:
                 process.kill()
         running[0].wait(_LOOK_S)
     for process in processes:
-        process.hand_on_the_rest()
+        process.forward_remaining_output()

@@ -5,9 +5,6 @@ from __future__ import annotations
 import logging
 from typing import Protocol
 
-UPDATE_S = 0.2
-"""Update interval of a progress display in wall time [s]."""
-
 
 class RunObserver(Protocol):
     """Receives the progress of a run, and notices about it."""

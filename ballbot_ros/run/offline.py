@@ -27,7 +27,7 @@ def run_offline(spec: RunSpec, recording: Path | None, observer: RunObserver) ->
     with StopRequest() as stop:
         run = _OfflineRun(spec, recording, stop)
         try:
-            run.tick_to_the_end(observer)
+            run.run_to_end(observer)
             if run.wall_hit:
                 observer.notice(run.wall_hit)
             summary = run.summary(run.wall_hit)
@@ -60,7 +60,7 @@ class _OfflineRun:
         """Description of the wall hit that ended the run; '' if there is none."""
         return str(self._loop.plant.newest_hit) if self._loop.plant.stopped else ''
 
-    def tick_to_the_end(self, observer: RunObserver) -> None:
+    def run_to_end(self, observer: RunObserver) -> None:
         """Run the ticks, paced, until the end of the run, a wall hit or a signal."""
         ticks = round(self._plant_parameters.duration * SECOND_NS) // TICK_NS
         plant = self._loop.plant

@@ -16,8 +16,9 @@ from ballbot_ros.parameters import (
     PlantParameters,
     RecorderParameters,
 )
+from ballbot_ros.progress import PROGRESS_PERIOD_S
 from ballbot_ros.run.graph import graph_parameters, ros
-from ballbot_ros.run.observer import UPDATE_S, RunObserver
+from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.stop_request import StopRequest
@@ -40,7 +41,9 @@ def run_in_one_process(
             if recording:
                 recorder = Recorder(parameters.of(RecorderParameters))
                 nodes.append(recorder)
-            plant.every(UPDATE_S, lambda: observer.update(plant.log.ticks * TICK_NS / SECOND_NS))
+            plant.every(
+                PROGRESS_PERIOD_S, lambda: observer.update(plant.log.ticks * TICK_NS / SECOND_NS)
+            )
             with StopRequest() as stop:
                 spin(nodes, plant.done, stop)
             plant.stop()

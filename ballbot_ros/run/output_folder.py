@@ -1,4 +1,4 @@
-"""The folder of a run's recording and picture."""
+"""The folder of a run's recording and figure."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ class OutputFiles(NamedTuple):
 
     Attributes
     ----------
-    recording, picture : Path or None
+    recording, figure : Path or None
         The file to write, or None.
     """
 
     recording: Path | None = None
-    picture: Path | None = None
+    figure: Path | None = None
 
 
 @contextmanager

@@ -8,12 +8,12 @@ from ballbot_ros.parameters import ParameterSet, ViewerParameters
 from ballbot_ros.run.spec import Processes
 
 
-def require_rclpy(otherwise: str = '') -> None:
+def require_rclpy(alternative: str = '') -> None:
     """Check that ROS is installed.
 
     Parameters
     ----------
-    otherwise : str
+    alternative : str
         Alternative without ROS, appended to the error message.
 
     Raises
@@ -26,7 +26,8 @@ def require_rclpy(otherwise: str = '') -> None:
         import rclpy  # noqa: F401
     except ImportError as error:
         raise BallbotError(
-            f'ROS 2 not found ({error}): source ROS 2 Jazzy, install "ballbot_ros[ros]"{otherwise}'
+            f'ROS 2 not found ({error}): source ROS 2 Jazzy, install "ballbot_ros[ros]"'
+            f'{alternative}'
         ) from None
 
 

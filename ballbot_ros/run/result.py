@@ -52,10 +52,10 @@ class RunResult:
         By name; NaN if there are no data.
     judgements : sequence of Judgement
         The scenario's expectations with the measured values.
-    recording, picture : Path or None
+    recording, figure : Path or None
         The files, if written.
-    picture_failure : str
-        Why the picture was not written; otherwise ''.
+    figure_failure : str
+        Why the figure was not written; otherwise ''.
     """
 
     outcome: Outcome
@@ -72,8 +72,8 @@ class RunResult:
     metrics: Mapping[str, float] = field(default_factory=dict)
     judgements: Sequence[Judgement] = ()
     recording: Path | None = None
-    picture: Path | None = None
-    picture_failure: str = ''
+    figure: Path | None = None
+    figure_failure: str = ''
 
     @classmethod
     def from_summary(cls, summary: Mapping[str, Any], trajectory: Trajectory) -> RunResult:
@@ -113,19 +113,19 @@ class RunResult:
             return Verdict(self.outcome.value)
         if self._missed:
             return Verdict.NOT_MET
-        return Verdict.FAILED if self.picture_failure else Verdict.PASSED
+        return Verdict.FAILED if self.figure_failure else Verdict.PASSED
 
     @property
     def reason(self) -> str:
         """Why the run did not pass, on one line; '' if it did."""
         reason = ', '.join(map(str, self._missed)) if self.is_complete else self.failure
-        return '; '.join(filter(None, (reason, self.picture_failure)))
+        return '; '.join(filter(None, (reason, self.figure_failure)))
 
     @property
     def exit_status(self) -> int:
         """Exit status of a command after this run."""
         status = self.failure_status if not self.is_complete else int(not self.passed)
-        return status or int(bool(self.picture_failure))
+        return status or int(bool(self.figure_failure))
 
     @property
     def _missed(self) -> list[Judgement]:

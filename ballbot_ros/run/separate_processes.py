@@ -59,17 +59,19 @@ def run_in_separate_processes(
             start_nodes(names, parameter_file, observer.notice, processes)
             with GraphMonitor() as monitor:
 
-                def is_told_to_stop() -> bool:
+                def should_stop() -> bool:
                     return bool(stop.signal) or is_replaced()
 
-                failure = watch(processes, monitor, observer, is_told_to_stop)
+                failure = watch(processes, monitor, observer, should_stop)
         finally:
             stop_all(processes.values(), last=RECORDER)
         plant_result = RunResult(Outcome.FAILED)
         if trajectory_file.exists():
             trajectory, summary = load_trajectory(trajectory_file)
             plant_result = RunResult.from_summary(summary, trajectory)
-        return with_failures_of(processes, plant_result, failure, stop, is_replaced=is_replaced())
+        return merge_process_failures(
+            processes, plant_result, failure, stop, is_replaced=is_replaced()
+        )
 
 
 def start_nodes(
@@ -90,8 +92,8 @@ def start_nodes(
     lock = DomainLock(ros_domain())
     try:
         for name in names:
-            handed_on = lock if name == PLANT else None
-            processes[name] = NodeProcess(name, parameter_file, notice, handed_on)
+            inherited_lock = lock if name == PLANT else None
+            processes[name] = NodeProcess(name, parameter_file, notice, inherited_lock)
     finally:
         lock.release()
 
@@ -100,13 +102,13 @@ def watch(
     processes: dict[str, NodeProcess],
     monitor: GraphMonitor,
     observer: RunObserver,
-    is_told_to_stop: Callable[[], bool],
+    should_stop: Callable[[], bool],
 ) -> str:
     """Wait until the plant has ended; return a failure that it can't report itself."""
     reported: set[str] = set()
     plant = processes[PLANT]
     swept_at = time.monotonic()
-    while not is_told_to_stop():
+    while not should_stop():
         monitor.poll()
         if monitor.now_ns <= FIRST_TICK_NS and time.monotonic() - swept_at > SETTLED_S:
             # A node may be waiting for a port that another process left incomplete after the start.
@@ -118,19 +120,19 @@ def watch(
             if process.running or name in reported:
                 continue
             reported.add(name)
-            if name == PLANT and not process.died:
+            if name == PLANT and not process.was_killed:
                 return ''
-            observer.notice(f'{name} {process.how_it_ended}')
+            observer.notice(f'{name} {process.exit_description}')
             # A node that refuses its parameters never joins. In mid-run somebody may restart a node
             # by hand, and the plant reports when it has waited long enough.
             is_too_early = name in NODES and monitor.now_ns <= FIRST_TICK_NS
             if name == PLANT or process.exit_status == 2 or is_too_early:
-                process.hand_on_the_rest()
+                process.forward_remaining_output()
                 return process.failure
         if monitor.plant_hangs(plant.pid):
             # A killed node may have blocked the middleware of the plant for good.
-            died = [p.failure for p in processes.values() if p.died]
-            end = ', '.join([f'{PLANT} does not answer', *died])
+            killed = [p.failure for p in processes.values() if p.was_killed]
+            end = ', '.join([f'{PLANT} does not answer', *killed])
             observer.notice(end)
             plant.kill()
             return end
@@ -138,7 +140,7 @@ def watch(
     return ''
 
 
-def with_failures_of(
+def merge_process_failures(
     processes: Mapping[str, NodeProcess],
     plant_result: RunResult,
     failure: str,

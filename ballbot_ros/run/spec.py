@@ -67,7 +67,7 @@ class RunOptions:
     controller : str or None
         Implementation of the controller; None for that in the parameters.
     output : Path or None
-        Folder for recording and picture; None for a new one under ``runs/``.
+        Folder for recording and figure; None for a new one under ``runs/``.
     record : bool
     """
 
@@ -94,7 +94,7 @@ class RunSpec:
         Parameters of all nodes; a map file has an absolute path.
     processes : Processes
     output : Path or None
-        Folder for recording and picture. None means a new one under ``runs/`` if the run is
+        Folder for recording and figure. None means a new one under ``runs/`` if the run is
         recorded, and no folder otherwise.
     record : bool
     """
@@ -107,7 +107,7 @@ class RunSpec:
 
     @property
     def name(self) -> str:
-        """Name of the scenario, which recording and picture share."""
+        """Name of the scenario, which recording and figure share."""
         return self.scenario.name
 
     @property
@@ -137,7 +137,7 @@ class RunSpec:
                 f'{_origin(options, PLANT, "duration")}{PLANT}.duration is 0: a scenario must last '
                 'longer than 0 s'
             )
-        refuse_own_files(spec.parameters, lambda node, name: _origin(options, node, name))
+        check_reserved_parameters(spec.parameters, lambda node, name: _origin(options, node, name))
         return spec
 
     @classmethod
@@ -216,7 +216,7 @@ def _follow_scenario(reference: str, options: RunOptions, parameters: ParameterS
         parameters.set(GAMEPAD, 'device', '')
 
 
-def refuse_own_files(
+def check_reserved_parameters(
     parameters: ParameterSet, origin: Callable[[str, str], str] = lambda node, name: ''
 ) -> None:
     """Refuse parameters for files that the run itself chooses.

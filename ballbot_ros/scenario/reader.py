@@ -24,7 +24,7 @@ from ballbot_ros.plant.truth import FORCE_LIMIT
 from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush
-from ballbot_ros.scenario.signal import Segment, Signal
+from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.library import load_map
 from ballbot_ros.world.world import World
@@ -35,7 +35,7 @@ STICK_LIMIT = 100
 TIME_LIMIT = 1e6
 
 # Unit vectors in plane signs: forward, rightward.
-_DIRECTIONS = {
+_PUSH_DIRECTIONS = {
     'forward': (1.0, 0.0),
     'backward': (-1.0, 0.0),
     'left': (0.0, -1.0),
@@ -179,7 +179,7 @@ class ScenarioReader:
             return str((self._document.path.parent / value).resolve())
         return value
 
-    def _signal(self, data: object, keys: Keys, duration: float) -> Signal:
+    def _signal(self, data: object, keys: Keys, duration: float) -> StickSignal:
         segments = self._each(data, keys, self._segment)
         for index, segment in enumerate(segments):
             if segment.start >= duration:
@@ -195,7 +195,7 @@ class ScenarioReader:
                     f'{before.name!r} lasts until '
                     + ('the end' if before.end == math.inf else f'{before.end:g} s'),
                 )
-        return Signal(tuple(segments))
+        return StickSignal(tuple(segments))
 
     def _segment(self, data: object, keys: Keys) -> Segment:
         values = self._mapping(data, keys, ('name', 'from', 'to', 'value', 'points'))
@@ -272,10 +272,10 @@ class ScenarioReader:
 
     def _direction(self, value: object, keys: Keys) -> tuple[float, float]:
         if isinstance(value, str):
-            if value not in _DIRECTIONS:
-                words = ', '.join(_DIRECTIONS)
+            if value not in _PUSH_DIRECTIONS:
+                words = ', '.join(_PUSH_DIRECTIONS)
                 raise self._error(keys, f'{value!r} is not one of {words}, or degrees')
-            return _DIRECTIONS[value]
+            return _PUSH_DIRECTIONS[value]
         # Counterclockwise from forward (REP 103); plane y is positive to the right.
         sine, cosine = sine_cosine(math.radians(self._number(value, keys)))
         return cosine, -sine

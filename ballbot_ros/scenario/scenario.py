@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.plant.truth import Push
-from ballbot_ros.scenario.signal import Signal
+from ballbot_ros.scenario.signal import StickSignal
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,14 @@ class Expectation:
         return low and high and value == value
 
     @property
-    def is_of_the_whole_run(self) -> bool:
+    def covers_whole_run(self) -> bool:
         """Whether it covers the whole run."""
         return self.start == 0.0 and self.end == math.inf
 
     @property
     def window(self) -> str:
         """The window as text, empty for the whole run."""
-        if self.is_of_the_whole_run:
+        if self.covers_whole_run:
             return ''
         return f'{self.start:g} s to ' + ('the end' if self.end == math.inf else f'{self.end:g} s')
 
@@ -80,7 +80,7 @@ class Scenario:
         ``ideal`` or ``hardware``.
     parameters : ParameterSet
         The values that it sets, including duration and start state.
-    vertical, horizontal : Signal
+    vertical, horizontal : StickSignal
         The sticks in packet units: -100 is up, forward; +100 is right.
     pushes : tuple of ScheduledPush
     expectations : tuple of Expectation
@@ -92,8 +92,8 @@ class Scenario:
     purpose: str = ''
     profile: str = 'ideal'
     parameters: ParameterSet = field(default_factory=ParameterSet)
-    vertical: Signal = field(default_factory=Signal)
-    horizontal: Signal = field(default_factory=Signal)
+    vertical: StickSignal = field(default_factory=StickSignal)
+    horizontal: StickSignal = field(default_factory=StickSignal)
     pushes: tuple[ScheduledPush, ...] = ()
     expectations: tuple[Expectation, ...] = ()
     text: str = ''

@@ -44,7 +44,7 @@ class Segment:
 
 
 @dataclass(frozen=True)
-class Signal:
+class StickSignal:
     """A stick's signal: its segments, and neutral in between.
 
     Attributes

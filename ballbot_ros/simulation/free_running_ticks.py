@@ -9,9 +9,9 @@ from typing import Any
 from ballbot_ros.brick.schedule import Schedule, TaskTiming
 from ballbot_ros.simulation.lockstep import InputGate
 from ballbot_ros.simulation.task_releases import DueTick
+from ballbot_ros.teleop.sticks import NEUTRAL
 from ballbot_ros.timing import FREE_RUNNING_SILENCE_S, SECOND_NS
 
-NEUTRAL = (0, 0)
 _SILENCE_NS = round(FREE_RUNNING_SILENCE_S * SECOND_NS)
 
 

@@ -9,13 +9,13 @@ from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.sample_history import Sample, SampleHistory
 from ballbot_ros.timing import SECOND_NS, TICK_NS
 
-MOST_AHEAD_NS = SECOND_NS
+MAX_AHEAD_NS = SECOND_NS
 """A sample stamped further ahead of sim time than this comes from another clock."""
 
-LATEST_NS = 2 * 3600 * SECOND_NS
+MAX_EVENT_AHEAD_NS = 2 * 3600 * SECOND_NS
 """The same limit for an event, which may be announced long before it happens, like a push."""
 
-MOST_PUBLISHERS = 8
+MAX_PUBLISHERS = 8
 """Number of publishers of a topic, including replaced ones, whose sequence numbers are tracked."""
 
 
@@ -42,7 +42,7 @@ class _Numbers:
         if below:
             self._newest.remove(max(below))
         self._newest.append(number)
-        del self._newest[:-MOST_PUBLISHERS]
+        del self._newest[:-MAX_PUBLISHERS]
 
 
 class Stream:
@@ -221,7 +221,7 @@ class RecordingGate:
             self._pass(message)
 
     def _take_time(self, message: _Message) -> None:
-        is_ahead = self.now_ns and message.stamp_ns > self.now_ns + MOST_AHEAD_NS
+        is_ahead = self.now_ns and message.stamp_ns > self.now_ns + MAX_AHEAD_NS
         # Jumps come from a player; a clock next to the plant's belongs to another simulation.
         if is_ahead and self._run and self._writer.has_several_publishers(message.stream):
             self._writer.object(message.stream, message.stamp_ns)
@@ -243,7 +243,7 @@ class RecordingGate:
         return bool(
             message.stream.period_ns
             and self.now_ns
-            and message.stamp_ns > self.now_ns + MOST_AHEAD_NS
+            and message.stamp_ns > self.now_ns + MAX_AHEAD_NS
         )
 
     def _pass(self, message: _Message) -> None:
@@ -265,7 +265,7 @@ class RecordingGate:
                 has_gap = has_gap and not self._writer.has_several_publishers(stream)
             if has_gap:
                 self._writer.report_loss(stream, sequence)
-        is_of_run = self._first_ns <= stamp_ns <= self.now_ns + LATEST_NS and stamp_ns > 0
+        is_of_run = self._first_ns <= stamp_ns <= self.now_ns + MAX_EVENT_AHEAD_NS and stamp_ns > 0
         self._writer.keep(stream, stamp_ns if is_of_run else self.now_ns, data, sequence)
 
     def _is_missed_before(self, message: _Message) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ballbot_ros.codegen.steps import InputSequence, Step, random_steps
+from ballbot_ros.codegen.steps import InputSequence, ProgramInput, random_steps
 from ballbot_ros.controller.tasks import TS1_MS
 from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.scenario.library import load_scenario, scenario_names
@@ -17,12 +17,14 @@ RANDOM_TICKS = 150
 """Length of a random sequence after calibration."""
 
 
-def scenario_steps(parameters: ParameterSet, scenario: Scenario) -> Iterator[Step]:
+def scenario_steps(parameters: ParameterSet, scenario: Scenario) -> Iterator[ProgramInput]:
     """Yield the device inputs of every tick of a scenario."""
     loop = ClosedLoop(parameters, scenario)
     for tick in loop.ticks(parameters.of(PlantParameters).duration):
         now = tick.truth.stamp_ns
-        yield Step((now - FIRST_TICK_NS) // MILLISECOND_NS, now // MILLISECOND_NS, tick.inputs)
+        yield ProgramInput(
+            (now - FIRST_TICK_NS) // MILLISECOND_NS, now // MILLISECOND_NS, tick.inputs
+        )
 
 
 def check_sequences(parameters: ParameterSet) -> list[InputSequence]:
@@ -37,6 +39,6 @@ def check_sequences(parameters: ParameterSet) -> list[InputSequence]:
     calibration = int(parameters.of(ControllerParameters).time_start) // TS1_MS
     ticks = min(calibration, 2500) + RANDOM_TICKS
     for seed in range(RANDOM_SEQUENCES):
-        steps = list(random_steps(seed, ticks, wild=seed % 2 == 1))
+        steps = list(random_steps(seed, ticks, out_of_range=seed % 2 == 1))
         sequences.append(InputSequence(f'random sequence {seed}', steps))
     return sequences

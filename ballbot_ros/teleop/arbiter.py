@@ -19,13 +19,13 @@ LIVE_SOURCES = DEVICE, JOY, VIEWER, KEYBOARD, CMD_VEL = (
 SCENARIO = 'scenario'
 """The source that acts while no live input is in command."""
 
-NOBODY = 'nobody'
+NO_SOURCE = 'nobody'
 """Displayed source without live input and without a scenario."""
 
 SILENCE_S = 0.5
 """Silence after which a source counts as neutral."""
 
-PAUSE_S = 0.5
+TAKEOVER_DELAY_S = 0.5
 """Time for which the sticks are neutral before a source of lower priority takes over."""
 
 _RANK = {source: rank for rank, source in enumerate((*LIVE_SOURCES, SCENARIO))}
@@ -37,9 +37,9 @@ class Command(NamedTuple):
     source: str
     sticks: Sticks
 
-    def driver(self, scenario: str) -> str:
+    def source_name(self, scenario: str) -> str:
         """Return the displayed name of the source in command; `scenario` is '' if there is none."""
-        return self.source if self.source != SCENARIO or scenario else NOBODY
+        return self.source if self.source != SCENARIO or scenario else NO_SOURCE
 
 
 class Arbiter:
@@ -47,8 +47,8 @@ class Arbiter:
 
     In command is the live source of the highest priority whose sticks are not neutral. When it
     becomes neutral, is released or falls silent, the sticks are neutral at once. It, or a source of
-    higher priority, may resume at any time, one of lower priority after :data:`PAUSE_S`. Sources
-    may report from any thread. All times are from one monotonic clock [s].
+    higher priority, may resume at any time, one of lower priority after :data:`TAKEOVER_DELAY_S`.
+    Sources may report from any thread. All times are from one monotonic clock [s].
     """
 
     def __init__(self) -> None:
@@ -67,14 +67,14 @@ class Arbiter:
         with self._lock:
             self._reports.pop(source, None)
 
-    def decide(self, now: float, scenario: Sticks) -> Command:
+    def select(self, now: float, scenario: Sticks) -> Command:
         """Return the command at `now`, given the scenario's sticks."""
         with self._lock:
             wanted = next((s for s in LIVE_SOURCES if self._sticks(s, now) != NEUTRAL), SCENARIO)
             if _RANK[wanted] > _RANK[self._in_command]:
                 if self._neutral_since is None:
                     self._neutral_since = now
-                if now - self._neutral_since < PAUSE_S:
+                if now - self._neutral_since < TAKEOVER_DELAY_S:
                     return Command(self._in_command, NEUTRAL)
             self._in_command, self._neutral_since = wanted, None
             return Command(wanted, scenario if wanted == SCENARIO else self._sticks(wanted, now))

@@ -13,7 +13,7 @@ HEADER = (
     'Time,Data1,Data2,Battery,Motor Rev A,Motor Rev B,Motor Rev C,ADC S1,ADC S2,ADC S3,ADC S4,I2C'
 )
 
-_UINT32 = 2**32
+_CLOCK_PERIOD_MS = 2**32
 
 
 class CsvLog:
@@ -104,4 +104,4 @@ def _create(path: Path) -> TextIO:
 
 def _is_since(time_ms: int, start_ms: int) -> bool:
     """Compare times of the brick's clock, which wraps around."""
-    return (time_ms - start_ms) % _UINT32 < _UINT32 // 2
+    return (time_ms - start_ms) % _CLOCK_PERIOD_MS < _CLOCK_PERIOD_MS // 2

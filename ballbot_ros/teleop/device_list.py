@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 
-from ballbot_ros.teleop.gamepad import NO_MAPPING, Backend, Device, Pad
+from ballbot_ros.teleop.gamepad import NO_MAPPING, Backend, GamepadDevice, OpenGamepad
 from ballbot_ros.teleop.sdl import SdlBackend
 
 LOOK_S = 0.3
@@ -19,7 +19,7 @@ def list_devices() -> None:
     backend = SdlBackend()
     backend.start()
     try:
-        devices = found_devices(backend)
+        devices = wait_for_devices(backend)
         print('\n'.join(describe(devices)))
         if any(device.has_mapping for device in devices) and sys.stdout.isatty():
             print('Move the sticks, press buttons; Ctrl-C ends.')
@@ -30,7 +30,7 @@ def list_devices() -> None:
         backend.stop()
 
 
-def found_devices(backend: Backend) -> list[Device]:
+def wait_for_devices(backend: Backend) -> list[GamepadDevice]:
     """Return the connected devices, after enough time to find them."""
     deadline = time.monotonic() + LOOK_S
     while not backend.devices() and time.monotonic() < deadline:
@@ -39,7 +39,7 @@ def found_devices(backend: Backend) -> list[Device]:
     return backend.devices()
 
 
-def describe(devices: list[Device]) -> list[str]:
+def describe(devices: list[GamepadDevice]) -> list[str]:
     """Return a line for each device."""
     if not devices:
         return ['no gamepad found']
@@ -49,7 +49,7 @@ def describe(devices: list[Device]) -> list[str]:
     ]
 
 
-def input_line(device: Device, pad: Pad) -> str:
+def input_line(device: GamepadDevice, pad: OpenGamepad) -> str:
     """Return the current input of a gamepad on one line."""
     if not pad.attached():
         return f'{device.number}  unplugged'
@@ -59,7 +59,7 @@ def input_line(device: Device, pad: Pad) -> str:
     return f'{device.number}  axes {axes}  buttons {pressed or "-"}'
 
 
-def _show_input(backend: Backend, devices: list[Device]) -> None:
+def _show_input(backend: Backend, devices: list[GamepadDevice]) -> None:
     pads = [(device, backend.open(device)) for device in devices if device.has_mapping]
     while True:
         backend.pump()

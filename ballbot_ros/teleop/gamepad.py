@@ -14,7 +14,7 @@ POLL_S = 0.008
 NO_MAPPING = 'SDL has no mapping for it: set SDL_GAMECONTROLLERCONFIG'
 
 
-class Device(NamedTuple):
+class GamepadDevice(NamedTuple):
     """A connected device: number, name, and whether its layout is known."""
 
     number: int
@@ -22,20 +22,20 @@ class Device(NamedTuple):
     has_mapping: bool
 
 
-class PadState(NamedTuple):
+class GamepadState(NamedTuple):
     """Axes and buttons in the order of :class:`~ballbot_ros.teleop.joy_mapping.JoyMapping`."""
 
     axes: Sequence[float]
     buttons: Sequence[int]
 
 
-class Pad(Protocol):
+class OpenGamepad(Protocol):
     """An open gamepad."""
 
     def attached(self) -> bool:
         """Return whether it is still connected."""
 
-    def read(self) -> PadState:
+    def read(self) -> GamepadState:
         """Return its current state."""
 
 
@@ -48,10 +48,10 @@ class Backend(Protocol):
     def pump(self) -> None:
         """Process the events since the last call."""
 
-    def devices(self) -> list[Device]:
+    def devices(self) -> list[GamepadDevice]:
         """Return the connected devices."""
 
-    def open(self, device: Device) -> Pad:
+    def open(self, device: GamepadDevice) -> OpenGamepad:
         """Open a device that has a mapping; TeleopError if that fails."""
 
     def stop(self) -> None:
@@ -68,7 +68,7 @@ class Gamepad:
     backend : Backend
     on_state : callable
         Receives the state at every poll.
-    on_gone : callable
+    on_disconnected : callable
         Called when the gamepad is disconnected, and at the end.
     on_problem : callable
         Receives one line about a device that can't be used.
@@ -79,15 +79,19 @@ class Gamepad:
         wanted: str,
         backend: Backend,
         *,
-        on_state: Callable[[PadState], None],
-        on_gone: Callable[[], None],
+        on_state: Callable[[GamepadState], None],
+        on_disconnected: Callable[[], None],
         on_problem: Callable[[str], None],
     ) -> None:
         self._wanted = wanted
         self._backend = backend
-        self._on_state, self._on_gone, self._on_problem = on_state, on_gone, on_problem
-        self._pad: Pad | None = None
-        self._refused: set[Device] = set()
+        self._on_state, self._on_disconnected, self._on_problem = (
+            on_state,
+            on_disconnected,
+            on_problem,
+        )
+        self._pad: OpenGamepad | None = None
+        self._refused: set[GamepadDevice] = set()
         self.name = ''
         self._stop = Event()
         self._thread = Thread(target=self._run, name='gamepad', daemon=True)
@@ -107,13 +111,13 @@ class Gamepad:
         except TeleopError as error:
             self._on_problem(str(error))
         finally:
-            self._on_gone()
+            self._on_disconnected()
             self._backend.stop()
 
     def _poll(self) -> None:
         if self._pad is not None and not self._pad.attached():
             self._pad, self.name = None, ''
-            self._on_gone()
+            self._on_disconnected()
         if self._pad is None:
             self._look()
         if self._pad is not None:
@@ -136,7 +140,7 @@ class Gamepad:
             self.name = device.name
             return
 
-    def _is_wanted(self, device: Device) -> bool:
+    def _is_wanted(self, device: GamepadDevice) -> bool:
         if self._wanted.isdecimal():
             return device.number == int(self._wanted)
         return self._wanted == ANY or self._wanted.lower() in device.name.lower()

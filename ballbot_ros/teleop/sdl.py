@@ -6,7 +6,7 @@ import os
 from typing import Any
 
 from ballbot_ros.teleop.errors import TeleopError
-from ballbot_ros.teleop.gamepad import Device, PadState
+from ballbot_ros.teleop.gamepad import GamepadDevice, GamepadState
 
 INSTALL_HINT = 'pygame not found: install it with `pip install "ballbot_ros[drive]"`'
 
@@ -40,7 +40,7 @@ class SdlBackend:
         except ImportError:
             raise TeleopError(INSTALL_HINT) from None
         self._pygame, self._controller = pygame, controller
-        self._devices: list[Device] = []
+        self._devices: list[GamepadDevice] = []
 
     def start(self) -> None:
         """Start looking for devices; everything else must happen on the same thread."""
@@ -66,14 +66,14 @@ class SdlBackend:
                 name = self._pygame.joystick.Joystick(index).get_name()
             except self._pygame.error:
                 continue  # It is gone again, or we may not read it.
-            devices.append(Device(index, name, self._controller.is_controller(index)))
+            devices.append(GamepadDevice(index, name, self._controller.is_controller(index)))
         self._devices = devices
 
-    def devices(self) -> list[Device]:
+    def devices(self) -> list[GamepadDevice]:
         """Return the connected devices."""
         return self._devices
 
-    def open(self, device: Device) -> _SdlPad:
+    def open(self, device: GamepadDevice) -> _SdlPad:
         """Open a device that has a mapping."""
         try:
             return _SdlPad(self._controller.Controller(device.number))
@@ -96,7 +96,7 @@ class _SdlPad:
     def attached(self) -> bool:
         return bool(self._controller.attached())
 
-    def read(self) -> PadState:
+    def read(self) -> GamepadState:
         values = [max(-1.0, self._controller.get_axis(axis) / _FULL) for axis in range(_AXES)]
         axes = [*(-value for value in values[:_STICK_AXES]), *values[_STICK_AXES:]]
-        return PadState(axes, [int(self._controller.get_button(b)) for b in range(_BUTTONS)])
+        return GamepadState(axes, [int(self._controller.get_button(b)) for b in range(_BUTTONS)])

@@ -27,7 +27,7 @@ REPORT_S = 0.02
 REDRAW_S = 0.1
 
 
-def why_no_keyboard() -> str:
+def keyboard_unavailable_reason() -> str:
     """Return why the keyboard can't drive here; empty if it can."""
     if not (os.isatty(0) and os.isatty(1)):
         return 'standard input and output are not a terminal'
@@ -53,7 +53,7 @@ class Terminal:
         Receives the sticks, 50 times a second.
     on_reset, on_quit : callable
         Called for these keys.
-    on_gone : callable
+    on_closed : callable
         Called when the keyboard is gone: after quitting, or because the terminal has disappeared.
 
     Raises
@@ -70,13 +70,13 @@ class Terminal:
         on_sticks: Callable[[Sticks], None],
         on_reset: Callable[[], None],
         on_quit: Callable[[], None],
-        on_gone: Callable[[], None],
+        on_closed: Callable[[], None],
     ) -> None:
-        if obstacle := why_no_keyboard():
+        if obstacle := keyboard_unavailable_reason():
             raise TeleopError(f'keyboard: {obstacle}')
         self._keys, self._status = keys, status
         self._on_sticks, self._on_reset = on_sticks, on_reset
-        self._on_quit, self._on_gone = on_quit, on_gone
+        self._on_quit, self._on_closed = on_quit, on_closed
         self._app: Application[None] | None = None
         self._thread = Thread(target=self._run, name='keyboard', daemon=True)
         self._thread.start()
@@ -102,7 +102,7 @@ class Terminal:
         except (EOFError, OSError, termios.error):
             pass  # The terminal has disappeared.
         finally:
-            self._on_gone()
+            self._on_closed()
 
     def _application(self, terminal: Any) -> Application[None]:
         from prompt_toolkit.application import Application

@@ -6,7 +6,7 @@ import hmac
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ballbot_ros.viewer.address import LOOPBACK, is_any_address, location
+from ballbot_ros.viewer.address import LOOPBACK, is_any_address, url_authority
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class AccessPolicy:
     def address(self, port: int) -> str:
         """Return the page's address with the token."""
         name = self.machine if is_any_address(self.host) else self.host
-        return f'http://{location(name, port)}/?token={self.token}'
+        return f'http://{url_authority(name, port)}/?token={self.token}'
 
     def allows(self, hosts: Sequence[str], origins: Sequence[str], at: tuple[str, int]) -> bool:
         """Return whether to answer a request.
@@ -54,7 +54,7 @@ class AccessPolicy:
         if is_any_address(self.host):
             names.add(self.machine)
         # Browsers omit port 80.
-        served = {location(name.lower(), port).removesuffix(':80') for name in names}
+        served = {url_authority(name.lower(), port).removesuffix(':80') for name in names}
         if hosts[0].lower().removesuffix(':80') not in served:
             return False
         return all(origin == f'http://{hosts[0]}' for origin in origins)

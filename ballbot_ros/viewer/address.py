@@ -42,12 +42,12 @@ def check_address(host: str, port: int) -> None:
             probe.bind(address)
     except OSError as error:
         raise ViewerError(
-            f'the viewer cannot be served on {location(host, port)}: {error.strerror}; '
+            f'the viewer cannot be served on {url_authority(host, port)}: {error.strerror}; '
             'choose another host or port (port 0: a free one)'
         ) from None
 
 
-def location(host: str, port: int) -> str:
+def url_authority(host: str, port: int) -> str:
     """Return host and port in URL notation."""
     return f'[{host}]:{port}' if ':' in host else f'{host}:{port}'
 
@@ -60,7 +60,7 @@ def is_any_address(host: str) -> bool:
         return False
 
 
-def warning_of(host: str) -> str:
+def network_warning(host: str) -> str:
     """Return a warning if the page is reachable over the network, else ''."""
     if host in LOOPBACK:
         return ''

@@ -7,7 +7,7 @@ from typing import Any
 
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.panel import PERIOD, Panel
-from ballbot_ros.viewer.shown_run import ShownRun
+from ballbot_ros.viewer.playback_run import PlaybackRun
 
 RATES = {'0.1×': 0.1, '0.5×': 0.5, '1×': 1.0, '2×': 2.0, '5×': 5.0}
 _RATES_WITH_TONES = (0.5, 1.0, 2.0)
@@ -58,10 +58,10 @@ class RecordingPage:
     Parameters
     ----------
     page : Page
-    runs : sequence of ShownRun
+    runs : sequence of PlaybackRun
     """
 
-    def __init__(self, page: Page, runs: Sequence[ShownRun]) -> None:
+    def __init__(self, page: Page, runs: Sequence[PlaybackRun]) -> None:
         self._page = page
         self._runs = runs
         self.clock = PlaybackClock(max(run.end for run in runs))

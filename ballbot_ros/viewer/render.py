@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,11 +13,12 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.viewer.browser import browser_page
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.page import Page
+from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.recording_page import RecordingPage
-from ballbot_ros.viewer.shown_run import ShownRun
 
 WIDTH, HEIGHT = 960, 528
 """Size of a picture [px]; film codecs need multiples of 16."""
@@ -32,7 +33,7 @@ Picture = NDArray[np.uint8]
 """Shape (:data:`HEIGHT`, :data:`WIDTH`, 3)."""
 
 
-def pictures(run: ShownRun, shots: Sequence[tuple[str, float]]) -> Iterator[Picture]:
+def pictures(run: PlaybackRun, shots: Sequence[tuple[str, float]]) -> Iterator[Picture]:
     """Yield a picture of the run for each view and time [s].
 
     Raises
@@ -75,11 +76,11 @@ def _picture(client: viser.ClientHandle) -> Picture:
 
 
 def render(
-    run: ShownRun,
+    run: PlaybackRun,
     view: str,
     output: Path,
     moment: float,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: ProgressCallback = lambda done, total: None,
 ) -> None:
     """Render a picture (.png) of the run at `moment` [s], or a film (.mp4, .gif) of the whole run.
 

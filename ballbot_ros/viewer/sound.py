@@ -11,7 +11,7 @@ import numpy as np
 from ballbot_ros.brick.brick import Tone
 
 _RATE = 8000
-_LONGEST_S = 5.0
+_MAX_TONE_S = 5.0
 
 
 def tone_html(tone: Tone, number: int) -> str:
@@ -25,7 +25,7 @@ def tone_html(tone: Tone, number: int) -> str:
     number : int
         Number of the tone, so that a repeated tone plays again.
     """
-    time = np.arange(round(min(tone.duration_ms * 1e-3, _LONGEST_S) * _RATE)) / _RATE
+    time = np.arange(round(min(tone.duration_ms * 1e-3, _MAX_TONE_S) * _RATE)) / _RATE
     loudness = min(max(tone.volume, 0), 100) / 100.0
     wave_form = np.sin(2.0 * np.pi * tone.frequency_hz * time)
     samples = np.round(127.5 + 60.0 * loudness * wave_form).astype(np.uint8)

@@ -18,7 +18,7 @@ from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.plant.truth import Pair
 from ballbot_ros.world.floor_map import FloorMap
 
-REACH = 255
+MAX_RAY_CELLS = 255
 """Length of the document's search [cells]: an unsigned byte of centimetres."""
 
 Ray = Callable[[Pair, float], float]
@@ -53,7 +53,7 @@ def stepped_ray(floor_map: FloorMap) -> Ray:
     def distance(origin: Pair, direction: float) -> float:
         u, v = origin
         dv, du = sine_cosine(direction)
-        for step in range(REACH):
+        for step in range(MAX_RAY_CELLS):
             column, row = math.floor(u + step * du), math.floor(v + step * dv)
             if not (0 <= column < columns and 0 <= row < rows):
                 return math.inf
@@ -80,7 +80,7 @@ def exact_ray(floor_map: FloorMap) -> Ray:
         dv, du = sine_cosine(direction)
         column, row = math.floor(u), math.floor(v)
         travelled = 0.0
-        while travelled < REACH and 0 <= column < columns and 0 <= row < rows:
+        while travelled < MAX_RAY_CELLS and 0 <= column < columns and 0 <= row < rows:
             side = sides[row, column]
             if side == 0:
                 return travelled

@@ -17,7 +17,7 @@ from ballbot_ros.files import open_regular
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import FLOOR, LINE, WALL, FloorMap
 
-LARGEST_SIDE = 4000
+MAX_SIDE_PIXELS = 4000
 """Maximum width and length: 40 m."""
 
 ALLOWED = (
@@ -36,8 +36,8 @@ def read_map(path: str | Path) -> FloorMap:
     ------
     WorldError
         If the file can't be read, is not an intact PNG or BMP image of one frame with at most
-        :data:`LARGEST_SIDE` pixels a side, or has a pixel of another colour; the message names the
-        file and the first such pixel.
+        :data:`MAX_SIDE_PIXELS` pixels a side, or has a pixel of another colour; the message names
+        the file and the first such pixel.
     """
     path = Path(path)
     try:
@@ -69,7 +69,7 @@ def _pixels(stream: BinaryIO, path: Path) -> NDArray[np.uint8]:
         raise WorldError(f'{path}: the file is empty')
     stream.seek(0)
     with _refusals(path), Image.open(stream, formats=('PNG', 'BMP')) as image:
-        if max(image.size) > LARGEST_SIDE:
+        if max(image.size) > MAX_SIDE_PIXELS:
             raise _too_large(path, f'{image.width} × {image.height} pixels')
         if image.format == 'PNG' and header[_PNG_BIT_DEPTH] > 8:
             raise WorldError(f'{path}: 16 bits per colour; a map has at most 8')
@@ -101,4 +101,4 @@ def _refusals(path: Path) -> Iterator[None]:
 
 
 def _too_large(path: Path, size: str) -> WorldError:
-    return WorldError(f'{path}: {size}; a map has at most {LARGEST_SIDE} a side')
+    return WorldError(f'{path}: {size}; a map has at most {MAX_SIDE_PIXELS} a side')

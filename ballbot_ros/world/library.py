@@ -9,7 +9,7 @@ from ballbot_ros.share import share_directory
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import FloorMap
 
-SUFFIXES = ('.png', '.bmp')
+MAP_SUFFIXES = ('.png', '.bmp')
 
 
 def map_names() -> list[str]:
@@ -19,7 +19,7 @@ def map_names() -> list[str]:
 
 def is_file_name(name_or_file: str) -> bool:
     """Return whether a map is given by the path of its image instead of its name."""
-    return '/' in name_or_file or name_or_file.lower().endswith(SUFFIXES)
+    return '/' in name_or_file or name_or_file.lower().endswith(MAP_SUFFIXES)
 
 
 def map_path(name_or_file: str) -> Path:

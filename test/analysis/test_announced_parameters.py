@@ -58,10 +58,10 @@ def test_what_was_told_comes_before_what_is_attached():
 
 @pytest.mark.parametrize('without', range(4))
 def test_a_run_is_told_only_if_all_that_it_is_made_of_is(without):
-    assert told(*SIMULATED).tells(RUN)
-    assert not told(*SIMULATED).tells('2 abc')
+    assert told(*SIMULATED).has_parameters(RUN)
+    assert not told(*SIMULATED).has_parameters('2 abc')
     some = [each for number, each in enumerate(SIMULATED) if number != without]
-    assert not told(*some).tells(RUN)
+    assert not told(*some).has_parameters(RUN)
 
 
 @pytest.mark.parametrize('order', [1, -1])
@@ -98,7 +98,7 @@ def test_what_is_malformed_tells_nothing():
     runs = AnnouncedParameters()
     runs.add(PARTICIPANTS, b'')
     runs.add(RUN_STATUS, b'\x00' * 20)
-    assert not runs.tells('')
+    assert not runs.has_parameters('')
 
 
 def test_the_controller_of_a_run_is_known_even_if_it_tells_no_parameters():
@@ -106,4 +106,4 @@ def test_the_controller_of_a_run_is_known_even_if_it_tells_no_parameters():
     found = told(other, *SIMULATED[:3], stranger, members=[*SIMULATED[:3], stranger])
     assert found.controller(RUN) == stranger
     assert found.controller('2 abc') is None
-    assert not found.tells(RUN)
+    assert not found.has_parameters(RUN)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.analysis.assessment import assess
-from ballbot_ros.analysis.extraction import TICKED
+from ballbot_ros.analysis.extraction import STAMPED_TOPICS
 from ballbot_ros.analysis.run_data import Series, read_run
 from ballbot_ros.analysis.run_figures import FIGURES
 from ballbot_ros.recording.reader import RecordingReader
@@ -33,7 +33,7 @@ def test_no_message_of_a_stamped_topic_is_decoded_by_itself(driven, monkeypatch)
 
     monkeypatch.setattr(RecordingReader, 'decode', count)
     read_run(driven[0])
-    stamped = {topic.resolved() for topic in TICKED}
+    stamped = {topic.resolved() for topic in STAMPED_TOPICS}
     assert sum(name in stamped for name in decoded) <= len(stamped)
 
 
@@ -55,7 +55,7 @@ def long(short_whole):
     time = stamps * 1e-9 - 1.0
     values = {
         topic: random.normal(size=(TICKS, width)).astype(kind)
-        for topic, (kind, width, _) in TICKED.items()
+        for topic, (kind, width, _) in STAMPED_TOPICS.items()
     }
     series = {
         topic: Series(stamps, time, values[topic]) if topic.period_ns == TICK_NS else known

@@ -5,7 +5,7 @@ import struct
 
 import pytest
 
-from ballbot_ros.analysis.message_comparison import Comparison, first_difference
+from ballbot_ros.analysis.message_comparison import MessageComparator, first_difference
 from ballbot_ros.messages.conversions import fill_duty
 from ballbot_ros.messages.topics import LCD, MOTOR_DUTY, SONAR_RANGE
 from ballbot_ros.recording.encoding import encoder, new_message
@@ -21,18 +21,18 @@ def duty(stamp, x):
 
 def compared(recorded, replayed):
     """Compare the duties of plane x of ticks 0, 1, 2 ...; None leaves a message out."""
-    comparison = Comparison([MOTOR_DUTY])
-    for take, values in ((comparison.recorded, recorded), (comparison.replayed, replayed)):
+    comparator = MessageComparator([MOTOR_DUTY])
+    for take, values in ((comparator.add_recorded, recorded), (comparator.add_replayed, replayed)):
         for tick, value in enumerate(values):
             if value is not None:
                 take(MOTOR_DUTY, tick * TICK, duty(tick * TICK, value))
-    return comparison
+    return comparator
 
 
 def test_equal_messages_are_identical_however_they_take_turns():
-    comparison = compared([1, 2, 3], [1, 2, 3])
-    assert comparison.first_difference(complete=True) is None
-    assert comparison.compared == 3
+    comparator = compared([1, 2, 3], [1, 2, 3])
+    assert comparator.first_difference(complete=True) is None
+    assert comparator.compared == 3
 
 
 def test_the_first_difference_is_told_with_its_tick_field_and_values():
@@ -49,27 +49,27 @@ def sonar(range_m, cone_angle):
 
 
 def test_the_cone_that_older_versions_published_is_no_difference():
-    comparison = Comparison([SONAR_RANGE])
+    comparator = MessageComparator([SONAR_RANGE])
     for stamp, range_m in ((0, 1.0), (5 * TICK, 1.5)):
-        comparison.recorded(SONAR_RANGE, stamp, sonar(range_m, math.radians(30.0)))
-        comparison.replayed(SONAR_RANGE, stamp, sonar(1.0, 0.0))
-    difference = comparison.first_difference(complete=True)
+        comparator.add_recorded(SONAR_RANGE, stamp, sonar(range_m, math.radians(30.0)))
+        comparator.add_replayed(SONAR_RANGE, stamp, sonar(1.0, 0.0))
+    difference = comparator.first_difference(complete=True)
     assert difference.stamp_ns == 5 * TICK
     assert difference.what == 'range: recorded 1.5, replayed 1.0'
 
 
 def test_a_message_without_counterpart_counts_only_where_the_recording_is_complete():
     for recorded, replayed, what in (([1], [1, 2], 'not recorded'), ([1, 2], [1], 'not replayed')):
-        comparison = compared(recorded, replayed)
-        assert comparison.first_difference(complete=False) is None
-        difference = comparison.first_difference(complete=True)
+        comparator = compared(recorded, replayed)
+        assert comparator.first_difference(complete=False) is None
+        difference = comparator.first_difference(complete=True)
         assert difference.stamp_ns == TICK
         assert what in difference.what
 
 
 def test_a_message_that_is_missing_in_the_middle_is_told_as_missing():
-    comparison = compared([1, None, 3, 4], [1, 2, 3, 4])
-    difference = comparison.first_difference(complete=True)
+    comparator = compared([1, None, 3, 4], [1, 2, 3, 4])
+    difference = comparator.first_difference(complete=True)
     assert (difference.stamp_ns, difference.what) == (TICK, 'replayed, and not recorded')
     difference = compared([1, 2, 3], [1, None, 3]).first_difference(complete=True)
     assert (difference.stamp_ns, difference.what) == (TICK, 'recorded, and not replayed')
@@ -77,17 +77,17 @@ def test_a_message_that_is_missing_in_the_middle_is_told_as_missing():
 
 def test_of_one_tick_the_cause_comes_before_its_effect():
     text = new_message(LCD.type_name)
-    comparison = Comparison([LCD, MOTOR_DUTY])
+    comparator = MessageComparator([LCD, MOTOR_DUTY])
     for topic, one, other in (
         (MOTOR_DUTY, duty(0, 1), duty(0, 2)),
         (LCD, encoder(LCD.type_name)(text), None),
     ):
-        comparison.recorded(topic, 0, one)
+        comparator.add_recorded(topic, 0, one)
         if other is None:
             text.data = 'other'
             other = encoder(LCD.type_name)(text)
-        comparison.replayed(topic, 0, other)
-    assert comparison.first_difference(complete=True).topic == 'lcd'
+        comparator.add_replayed(topic, 0, other)
+    assert comparator.first_difference(complete=True).topic == 'lcd'
 
 
 @pytest.mark.parametrize(
@@ -109,9 +109,9 @@ def test_numbers_are_compared_to_the_bit(one, other, told):
 def test_a_message_that_cannot_be_decoded_differs():
     broken = bytearray(duty(TICK, 2))
     broken[12 + 3] ^= 1  # the length of the frame's name
-    comparison = compared([1], [1, 2])
-    comparison.recorded(MOTOR_DUTY, TICK, bytes(broken))
-    difference = comparison.first_difference(complete=True)
+    comparator = compared([1], [1, 2])
+    comparator.add_recorded(MOTOR_DUTY, TICK, bytes(broken))
+    difference = comparator.first_difference(complete=True)
     assert difference.stamp_ns == TICK
     assert difference.what.startswith(
         f'the recorded message is not a valid {MOTOR_DUTY.type_name}: Invalid string'

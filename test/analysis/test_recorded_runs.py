@@ -11,7 +11,7 @@ from ballbot_ros.analysis.recorded_runs import (
     END_OF_TIME_NS,
     RecordedRun,
     RunFinder,
-    placed_messages,
+    messages_by_epoch,
     samples_in,
 )
 from ballbot_ros.analysis.robot_topics import robot_namespace, robot_topics
@@ -32,7 +32,7 @@ from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RecordingWriter
-from ballbot_ros.simulation.recording_gate import MOST_AHEAD_NS
+from ballbot_ros.simulation.recording_gate import MAX_AHEAD_NS
 
 S = 1_000_000_000
 TICK = 4_000_000
@@ -80,8 +80,8 @@ def test_the_robot_is_the_one_with_duties(reader_of):
 
 def test_a_topic_of_another_type_is_known_and_not_used(reader_of):
     topics = robot_topics(reader_of('/motor_duty', '/plant/run'))
-    assert topics.mistyped == {'/motor_duty': 'std_msgs/msg/Header'}
-    assert topics.usable == {'/plant/run': RUN}
+    assert topics.wrong_types == {'/motor_duty': 'std_msgs/msg/Header'}
+    assert topics.well_typed == {'/plant/run': RUN}
     assert topics.mismatch('/motor_duty') == (
         '/motor_duty is std_msgs/msg/Header, not geometry_msgs/msg/Vector3Stamped'
     )
@@ -111,7 +111,7 @@ def find(tmp_path):
     def run(*messages):
         with RecordingReader(write(tmp_path / 'file.mcap', messages)) as reader:
             finder = RunFinder(reader)
-            found = placed_messages(reader, robot_topics(reader), finder, ALL)
+            found = messages_by_epoch(reader, robot_topics(reader), finder, ALL)
             epochs = [each.epoch for each in found]
             return finder.runs(), epochs
 
@@ -191,7 +191,7 @@ def test_a_sample_that_is_left_of_the_plant_before_stays_with_it(find):
     assert epochs == [0] * len(first) + [1, 1, 1, 0] + [1] * (len(second) - 2)
 
 
-@pytest.mark.parametrize(('ahead_ns', 'epoch'), [(MOST_AHEAD_NS, 1), (MOST_AHEAD_NS + TICK, 0)])
+@pytest.mark.parametrize(('ahead_ns', 'epoch'), [(MAX_AHEAD_NS, 1), (MAX_AHEAD_NS + TICK, 0)])
 def test_a_sample_that_no_node_of_the_new_run_can_have_sent_is_of_the_run_before(
     find, ahead_ns, epoch
 ):
@@ -250,17 +250,17 @@ MESSAGES = st.one_of(
 def test_the_runs_do_not_depend_on_how_a_file_is_cut_into_chunks(tmp_path_factory, messages, size):
     path = write(tmp_path_factory.mktemp('law') / 'file.mcap', [(PLANT_IMU, S), *messages])
     with RecordingReader(path) as reader:
-        usable = robot_topics(reader).usable
+        well_typed = robot_topics(reader).well_typed
         (whole,) = reader.batches()
 
         def placed(step):
             finder, epochs, are_new = RunFinder(reader), [], []
             for start in range(0, len(whole), step):
-                batch = whole.chosen(np.arange(start, min(start + step, len(whole))))
-                rows = {usable[name]: places for name, places in batch.rows().items()}
-                placement = finder.take(batch, rows, samples_in(batch, rows), batch.log_ns)
-                epochs += placement.epochs.tolist()
-                are_new += placement.is_new.tolist()
+                batch = whole.select(np.arange(start, min(start + step, len(whole))))
+                rows = {well_typed[name]: topic_rows for name, topic_rows in batch.rows().items()}
+                assignment = finder.process(batch, rows, samples_in(batch, rows), batch.log_ns)
+                epochs += assignment.epochs.tolist()
+                are_new += assignment.is_new.tolist()
             return finder.runs(), epochs, are_new
 
         at_once, piece_by_piece = placed(len(whole)), placed(size)

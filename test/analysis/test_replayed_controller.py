@@ -16,9 +16,9 @@ def announced(program=f'ballbot_ros {__version__} Controller', **parameters):
     )
 
 
-def chosen(participant=None, attached='python', asked=None, missing=''):
+def chosen(participant=None, attached='python', requested=None, missing=''):
     return choose_controller(
-        participant, attached, asked, lambda name: '' if name == 'python' else missing
+        participant, attached, requested, lambda name: '' if name == 'python' else missing
     )
 
 
@@ -51,6 +51,6 @@ def test_somebody_elses_controller_is_named(program):
 
 
 def test_what_is_asked_for_needs_no_reason():
-    assert chosen(attached='arm', asked='c') == ReplayedController('arm', 'c')
-    assert chosen(announced('acme 2.1'), asked='c') == ReplayedController('acme 2.1', 'c')
-    assert chosen(attached='arm', asked='python', missing=NO_GCC).reason == ''
+    assert chosen(attached='arm', requested='c') == ReplayedController('arm', 'c')
+    assert chosen(announced('acme 2.1'), requested='c') == ReplayedController('acme 2.1', 'c')
+    assert chosen(attached='arm', requested='python', missing=NO_GCC).reason == ''

@@ -18,8 +18,8 @@ from matplotlib.image import imread
 from ballbot_ros.analysis.page import number_text
 from ballbot_ros.analysis.report import report_page, write_report
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.analysis.run_figures import FIGURES, LEAST_SPAN, draw_figures
-from ballbot_ros.analysis.table import MANY, envelope, every_nth
+from ballbot_ros.analysis.run_figures import FIGURES, MIN_AXIS_SPAN, draw_figures
+from ballbot_ros.analysis.table import MAX_FIGURE_ROWS, envelope, every_nth
 from ballbot_ros.former_names import FORMER_METRICS
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Scenario
@@ -164,16 +164,16 @@ def test_the_track_is_drawn_over_the_recorded_map(short_whole):
     assert walls.get_array()[:, :-10].count() == 0
 
 
-@given(st.integers(MANY + 1, 3 * MANY), st.integers(0, 2**32 - 1))
+@given(st.integers(MAX_FIGURE_ROWS + 1, 3 * MAX_FIGURE_ROWS), st.integers(0, 2**32 - 1))
 def test_a_long_series_keeps_its_extremes(count, seed):
     values = np.random.default_rng(seed).normal(size=count)
     time = np.arange(count) * 0.004
     table = envelope(time, {'x': values})
-    assert len(table['x']) < MANY
+    assert len(table['x']) < MAX_FIGURE_ROWS
     assert (table['x'].min(), table['x'].max()) == (values.min(), values.max())
     assert np.all(np.diff(table['time_s']) >= 0.0)
     way = every_nth(time, {'x': values})
-    assert len(way['x']) <= MANY + 1
+    assert len(way['x']) <= MAX_FIGURE_ROWS + 1
     assert (way['x'][0], way['x'][-1]) == (values[0], values[-1])
 
 
@@ -240,4 +240,4 @@ def test_the_axes_of_a_plane_that_stands_still_are_not_blown_up(short_whole):
     drawn = gyro.draw(short_whole.run, gyro.table(short_whole.run))
     for axes in drawn.axes:
         low, high = axes.get_ylim()
-        assert high - low >= LEAST_SPAN * 0.999
+        assert high - low >= MIN_AXIS_SPAN * 0.999

@@ -46,11 +46,11 @@ def test_the_run_is_whole_and_says_what_it_is(driven_whole):
     assert run.notices == ()
     assert (run.number, run.count) == (1, 1)
     assert run.attached.versions['ballbot_ros']
-    assert [(each.state, round(each.end, 3)) for each in run.states] == [
+    assert [(each.name, round(each.end, 3)) for each in run.states] == [
         ('calibration', 1.0),
         ('remote', 20.0),
     ]
-    assert all(each.age_ms == (0.0, 0.0) for each in run.traffic)
+    assert all(each.age_ms == (0.0, 0.0) for each in run.topic_statistics)
 
 
 def _is_true_of_the_beginning(part, whole):
@@ -211,7 +211,7 @@ def test_of_two_runs_the_last_is_reported_and_both_can_be(short, driven, driven_
     assert (last.number, last.count) == (2, 2)
     assert any('2 runs' in notice for notice in last.notices)
     assert len(last.trajectory.time) == short[1]['ticks']
-    assert [each.state for each in last.states] == ['calibration', 'remote']
+    assert [each.name for each in last.states] == ['calibration', 'remote']
     first = read_run(path, 1)
     assert np.array_equal(first.trajectory.psi, driven_whole.run.trajectory.psi)
     with pytest.raises(RecordingError, match='run 3 not found; the file has runs 1 … 2'):

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ballbot_ros.analysis.extraction import Status
-from ballbot_ros.analysis.run_data import Interval, Series
+from ballbot_ros.analysis.interval import Interval
+from ballbot_ros.analysis.run_data import Series
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
@@ -76,16 +77,16 @@ def test_the_estimate_is_compared_with_the_truth_where_it_is_made(metrics):
     measured = metrics(given)
     assert measured['pitch_error_rms_deg'] == pytest.approx(math.degrees(0.02))
     assert measured['position_error_rms_m'] == pytest.approx(0.0, abs=1e-12)
-    stopped = metrics(given, states=(Interval('out_of_control', 0.0, 4.0),))
+    stopped = metrics(given, states=(Interval(0.0, 4.0, 'out_of_control'),))
     assert math.isnan(stopped['pitch_error_rms_deg'])
 
 
 def test_states_are_timed_and_the_lowest_voltage_is_found(metrics):
     states = (
-        Interval('calibration', 0.0, 1.0),
-        Interval('forward', 1.0, 2.5),
-        Interval('rightward', 2.5, 3.0),
-        Interval('forward', 3.0, 4.0),
+        Interval(0.0, 1.0, 'calibration'),
+        Interval(1.0, 2.5, 'forward'),
+        Interval(2.5, 3.0, 'rightward'),
+        Interval(3.0, 4.0, 'forward'),
     )
     volts = 8.0 - 0.5 * (np.arange(COUNT) == 700)
     measured = metrics({BATTERY_STATE: series(volts)}, states=states)

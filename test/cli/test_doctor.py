@@ -21,7 +21,7 @@ def only_arithmetic(monkeypatch):
 
 
 def test_a_machine_with_the_golden_hashes_passes(only_arithmetic, capsys):
-    assert doctor.examine() == 0
+    assert doctor.run_checks() == 0
     assert capsys.readouterr().out == (
         'OK   arithmetic stationary and hardware_autonomous have the same duty_sha256 '
         'as on every machine\n'
@@ -40,7 +40,7 @@ def test_a_machine_with_another_hash_fails_with_both_hashes(
 ):
     wrong = dataclasses.replace(golden.load_golden(), **changes)
     monkeypatch.setattr(machine_checks, 'load_golden', lambda: wrong)
-    assert doctor.examine() == 1
+    assert doctor.run_checks() == 1
     [line] = capsys.readouterr().out.splitlines()
     assert line.startswith(f'FAIL arithmetic {named}')
     assert 'here and 01234567… elsewhere' in line
@@ -56,7 +56,7 @@ def test_a_missing_or_damaged_golden_file_is_one_line(
     monkeypatch.setattr(golden, 'share_directory', lambda: tmp_path)
     with pytest.raises(BallbotError, match='missing or damaged'):
         golden.load_golden()
-    assert doctor.examine() == 1
+    assert doctor.run_checks() == 1
     [line] = capsys.readouterr().out.splitlines()
     assert line.endswith('golden.yaml: missing or damaged')
 
@@ -80,12 +80,12 @@ def only_leftovers(monkeypatch):
 
 
 def test_leftovers_are_counted(only_leftovers, capsys):
-    assert doctor.examine() == 0
+    assert doctor.run_checks() == 0
     assert capsys.readouterr().out.startswith('OK   leftovers  2 files (1.5 MB) left by killed')
 
 
 def test_fix_tells_what_it_removed(only_leftovers, capsys):
-    assert doctor.examine(fix=True) == 0
+    assert doctor.run_checks(fix=True) == 0
     assert capsys.readouterr().out == 'OK   leftovers  removed 2 files (1.5 MB) from /dev/shm\n'
 
 
@@ -94,7 +94,7 @@ def test_fix_tells_what_it_can_not_remove(only_leftovers, monkeypatch, capsys):
         raise BallbotError('remove it as root')
 
     monkeypatch.setattr(machine_checks, 'clear_shared_memory', refuse)
-    assert doctor.examine(fix=True) == 1
+    assert doctor.run_checks(fix=True) == 1
     assert capsys.readouterr().out == 'FAIL leftovers  remove it as root\n'
 
 
@@ -103,7 +103,7 @@ def test_a_name_in_brackets_is_printed_as_it_is(monkeypatch, capsys):
         raise BallbotError('/tmp/[/x] is full')
 
     monkeypatch.setattr(doctor, 'CHECKS', {'files': lambda: '/tmp/[red]', 'disk': refuse})
-    assert doctor.examine() == 1
+    assert doctor.run_checks() == 1
     assert (
         capsys.readouterr().out == 'OK   files      /tmp/[red]\nFAIL disk       /tmp/[/x] is full\n'
     )

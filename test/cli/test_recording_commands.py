@@ -9,7 +9,7 @@ import pytest
 from graph import BALLBOT, record
 
 from ballbot_ros.cli.play import command as play
-from ballbot_ros.cli.play import keys_in
+from ballbot_ros.cli.play import parse_keys
 from ballbot_ros.parameters import ParameterError
 
 
@@ -107,7 +107,7 @@ def test_a_rate_or_start_out_of_bounds_is_told_with_its_bounds(run, name, value)
 
 
 def test_keys_that_come_at_once_are_told_apart():
-    assert keys_in('++\x1b[C\x1b[D q') == ['+', '+', '\x1b[C', '\x1b[D', ' ', 'q']
+    assert parse_keys('++\x1b[C\x1b[D q') == ['+', '+', '\x1b[C', '\x1b[D', ' ', 'q']
 
 
 @pytest.mark.parametrize('words', [['info'], ['repair'], ['export', '--to', 'csv'], ['play']])

@@ -10,7 +10,7 @@ import pytest
 from golden_runs import WITHOUT_FMA
 from graph import Run, free_domain
 
-from ballbot_ros.analysis.message_comparison import Difference
+from ballbot_ros.analysis.message_comparison import MessageDifference
 from ballbot_ros.analysis.recorded_inputs import read_inputs
 from ballbot_ros.analysis.recording_replay import ReplayResult
 from ballbot_ros.analysis.replayed_controller import ReplayedController
@@ -200,7 +200,9 @@ def push_by(push, tmp_path):
 @pytest.mark.parametrize('missing', ['', 'gcc not found: install it with `apt install gcc`'])
 def test_what_made_the_recording_replays_it_or_is_told(push_by, monkeypatch, capsys, missing):
     path = push_by('c')
-    monkeypatch.setattr('ballbot_ros.analysis.recording_replay.missing_for', lambda name: missing)
+    monkeypatch.setattr(
+        'ballbot_ros.analysis.recording_replay.missing_tool_for', lambda name: missing
+    )
     assert replay_recording(path, controller=None, assignments=[], as_json=True) == 0
     out, err = capsys.readouterr()
     for each in json.loads(out):
@@ -225,7 +227,7 @@ def test_the_controller_that_is_asked_for_replays_it(push_by, capsys):
 def test_recorded_text_is_shown_as_it_is(capsys):
     told = "data: recorded '[/red][bold]', replayed 'remote'"
     print_results(
-        [ReplayResult('robot', 1, 1, Difference(0, 'operating_state', told))],
+        [ReplayResult('robot', 1, 1, MessageDifference(0, 'operating_state', told))],
         [ReplayedController('[bold]', 'python')],
     )
     out = capsys.readouterr().out

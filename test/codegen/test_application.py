@@ -13,7 +13,7 @@ from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.codegen.application import application_files, read_tasks, write_application
 from ballbot_ros.codegen.c_parameters import c_parameters, parameter_hash
 from ballbot_ros.codegen.errors import CodegenError
-from ballbot_ros.codegen.signals import PLANE_SIGNALS, PROGRAM_SIGNALS
+from ballbot_ros.codegen.state_variables import PLANE_VARIABLES, PROGRAM_VARIABLES
 from ballbot_ros.controller.constants import ProgramConstants
 from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.controller.tasks import TS1_MS
@@ -129,10 +129,10 @@ def test_the_dictionary_has_every_parameter_and_signal():
         assert f'| `{constant.declarator}` | {constant.c_type} |' in text
         assert constant.description
         assert constant.source
-    for signal in PROGRAM_SIGNALS:
-        assert f'| `{signal.name}` | {signal.c_type}' in text
-    for signal in PLANE_SIGNALS:
-        assert f'| `x.{signal.name}`, `y.{signal.name}` | float |' in text
+    for variable in PROGRAM_VARIABLES:
+        assert f'| `{variable.name}` | {variable.c_type}' in text
+    for variable in PLANE_VARIABLES:
+        assert f'| `x.{variable.name}`, `y.{variable.name}` | float |' in text
     for task in TASKS:
         assert f'| `{task.name}` | {task.priority} |' in text
     for line in text.splitlines():

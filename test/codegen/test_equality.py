@@ -12,7 +12,7 @@ from robot import values_of
 
 from ballbot_ros.brick.brick import Brick, DeviceInputs
 from ballbot_ros.codegen.back_to_back import compare
-from ballbot_ros.codegen.steps import Step, random_steps
+from ballbot_ros.codegen.steps import ProgramInput, random_steps
 from ballbot_ros.codegen.toolchain import TARGETS
 from ballbot_ros.controller.interface import ControlMode
 from ballbot_ros.controller.program import (
@@ -63,7 +63,7 @@ def golden_values_and_steps(path):
     known = parameters_of(CONTROLLER)
     values = {name: value for name, value in given.items() if name in known}
     steps = [
-        Step(
+        ProgramInput(
             4 * n,
             data['in_systick_ms'][n],
             DeviceInputs(
@@ -80,7 +80,9 @@ def golden_values_and_steps(path):
 
 
 def steps_of(ticks, systick_ms=1000, **inputs):
-    return [Step(4 * n, systick_ms + 4 * n, AT_REST._replace(**inputs)) for n in range(ticks)]
+    return [
+        ProgramInput(4 * n, systick_ms + 4 * n, AT_REST._replace(**inputs)) for n in range(ticks)
+    ]
 
 
 def assert_equal(made, steps):
@@ -114,12 +116,12 @@ def test_a_thousand_random_sequences(built, parameters, target):
     made = built(target, values=random_values(parameters))
     for seed in range(SEQUENCES):
         wild = seed % 2 == 1
-        assert_equal(made, random_steps(SEQUENCES * parameters + seed, TICKS, wild=wild))
+        assert_equal(made, random_steps(SEQUENCES * parameters + seed, TICKS, out_of_range=wild))
 
 
 def restarted_steps(seed):
     """Yield the inputs of a run whose first tick brings a packet, as none waits after a start."""
-    for step in random_steps(seed, TICKS, wild=seed % 2 == 1):
+    for step in random_steps(seed, TICKS, out_of_range=seed % 2 == 1):
         sticks = step.inputs.sticks or (0, 0) if step.elapsed_ms == 0 else step.inputs.sticks
         yield step._replace(inputs=step.inputs._replace(sticks=sticks))
 
@@ -130,7 +132,7 @@ def test_a_program_that_is_started_again_equals_a_fresh_one(built, parameters, t
     made = built(target, values=random_values(parameters))
     for seed in range(SEQUENCES // 10):
         used = made.program()
-        for step in random_steps(seed, 1 + 15 * seed, wild=seed % 3 != 0):
+        for step in random_steps(seed, 1 + 15 * seed, out_of_range=seed % 3 != 0):
             used.tick(*step)
         used.brick = Brick()
         comparison = compare(made.parameters, used, restarted_steps(SEQUENCES + seed))
@@ -160,7 +162,7 @@ def test_with_fused_multiply_add_in_the_processor(built):
     for level in ('-O2', '-O3'):
         made = built('c', flags=(level, '-mfma'))
         for seed in range(20):
-            assert_equal(made, random_steps(seed, 300, wild=seed % 2 == 1))
+            assert_equal(made, random_steps(seed, 300, out_of_range=seed % 2 == 1))
 
 
 def test_fused_operations_would_be_noticed(built):
@@ -168,7 +170,7 @@ def test_fused_operations_would_be_noticed(built):
     if ' fma ' not in Path('/proc/cpuinfo').read_text():
         pytest.skip('this processor has no FMA')
     made = built('c', flags=('-O2', '-mfma', '-ffp-contract=fast'))
-    comparison = compare(made.parameters, made.program(), random_steps(0, 300, wild=False))
+    comparison = compare(made.parameters, made.program(), random_steps(0, 300, out_of_range=False))
     assert comparison.difference
 
 
@@ -187,7 +189,8 @@ def battery_filter_for_no_voltage():
 def no_voltage_steps(revolution):
     still = AT_REST._replace(gyro=(0, 0), revolutions=(revolution, -revolution))
     return [
-        Step(4 * n, 4 * n, still._replace(battery_mv=574 if n == 25 else 573)) for n in range(30)
+        ProgramInput(4 * n, 4 * n, still._replace(battery_mv=574 if n == 25 else 573))
+        for n in range(30)
     ]
 
 
@@ -224,7 +227,7 @@ def test_the_system_time_wraps(built, target, before_wrap_ms):
     made = built(target, time_start=100, time_auto=400, mode='autonomous', sonar_hold=60)
     start = 2**32 - before_wrap_ms
     steps = [
-        Step(4 * n, (start + 4 * n) % 2**32,
+        ProgramInput(4 * n, (start + 4 * n) % 2**32,
              AT_REST._replace(sonar_cm=20 if n % 25 == 0 else 255))
         for n in range(400)
     ]  # fmt: skip
@@ -251,7 +254,7 @@ def test_duty_and_logged_pitch_saturate(built, target):
     ids=['gain', 'filter', 'periods'],
 )  # fmt: skip
 def test_a_changed_parameter_changes_both(built, target, changed):
-    steps = list(random_steps(1, 300, wild=False))
+    steps = list(random_steps(1, 300, out_of_range=False))
     made = built(target, **changed)
     assert_equal(made, steps)
     comparison = compare(values_of(CONTROLLER), made.program(), steps)
@@ -294,7 +297,9 @@ def test_the_inputs_reach_the_branches_of_the_generated_c(built, capsys):
     sets.append(values_of(CONTROLLER, a_b=battery_filter_for_no_voltage(), time_start=100))
     for values in sets:
         made = built('c', flags=('--coverage', '-O0'), values=values)
-        sequences = [random_steps(seed, 2 * TICKS, wild=seed % 2 == 1) for seed in range(10)]
+        sequences = [
+            random_steps(seed, 2 * TICKS, out_of_range=seed % 2 == 1) for seed in range(10)
+        ]
         for steps in (*sequences, no_voltage_steps(0)):
             program = made.program()
             for step in steps:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.brick.brick import Brick
-from ballbot_ros.codegen.signals import state_bytes
+from ballbot_ros.codegen.state_variables import state_bytes
 from ballbot_ros.codegen.steps import random_steps
 from ballbot_ros.controller.program import ControlProgram
 
@@ -16,9 +16,9 @@ seeds = st.integers(0, 2**32)
 def test_a_program_that_is_started_again_equals_a_fresh_one(parameters, past, future, ticks, wild):
     values = random_values(parameters)
     used, fresh = ControlProgram(values), ControlProgram(values)
-    for step in random_steps(past, ticks, wild=wild):
+    for step in random_steps(past, ticks, out_of_range=wild):
         used.tick(*step)
     used.brick = Brick()  # the platform's memory is cleared; the program's is not
-    for step in random_steps(future, 50, wild=wild):
+    for step in random_steps(future, 50, out_of_range=wild):
         assert used.tick(*step) == fresh.tick(*step)
         assert state_bytes(used) == state_bytes(fresh)

@@ -6,7 +6,7 @@ from ballbot_ros import parameters
 from ballbot_ros.analysis.replay import ALL_TOPICS
 from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
-from ballbot_ros.messages.inputs import INPUTS
+from ballbot_ros.messages.inputs import INPUT_READERS
 from ballbot_ros.messages.topics import TOPICS, periodic_topics
 from ballbot_ros.parameters import DRIVERS, GAMEPAD
 from ballbot_ros.simulation.devices import DEVICES
@@ -26,11 +26,11 @@ def test_the_tables_have_the_same_devices_in_one_order():
 def test_each_field_of_the_brick_has_one_topic():
     fields = [each.device.field for each in DEVICE_MESSAGES]
     assert sorted([*fields, 'battery_mv', 'sticks']) == sorted(DeviceInputs._fields)
-    assert len(INPUTS) == len(DeviceInputs._fields)
+    assert len(INPUT_READERS) == len(DeviceInputs._fields)
 
 
 def test_a_replay_compares_every_input_of_the_controller():
-    assert set(INPUTS) <= set(ALL_TOPICS)
+    assert set(INPUT_READERS) <= set(ALL_TOPICS)
 
 
 @each_device

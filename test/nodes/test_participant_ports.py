@@ -10,7 +10,7 @@ import pytest
 from graph import wait_for
 
 from ballbot_ros.nodes.participant_ports import (
-    MOST_AVOIDED,
+    MAX_AVOIDED_PARTICIPANTS,
     avoid_stale_ports,
     stale_participants,
 )
@@ -81,11 +81,11 @@ def test_two_that_start_at_once_hold_them_together(domain, first, tmp_path):
 
 
 def test_enough_numbers_are_left(domain, first, tmp_path):
-    for number in range(MOST_AVOIDED + 1):
+    for number in range(MAX_AVOIDED_PARTICIPANTS + 1):
         make_port(tmp_path, first + 11 + 2 * number)
     with avoid_stale_ports(domain, tmp_path):
-        assert not can_bind(first + 10 + 2 * (MOST_AVOIDED - 1))
-        assert can_bind(first + 10 + 2 * MOST_AVOIDED)
+        assert not can_bind(first + 10 + 2 * (MAX_AVOIDED_PARTICIPANTS - 1))
+        assert can_bind(first + 10 + 2 * MAX_AVOIDED_PARTICIPANTS)
 
 
 def participant_number(node, domain):

@@ -12,7 +12,7 @@ pytest.importorskip('rclpy')
 from rclpy.qos import DurabilityPolicy
 from ros_client import Client
 
-from ballbot_ros.messages.inputs import INPUTS
+from ballbot_ros.messages.inputs import INPUT_READERS
 from ballbot_ros.messages.topics import DIAGNOSTICS, GYRO_IMU, PLANT_IMU, RUN_STATUS
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.trajectory import load_trajectory
@@ -181,7 +181,7 @@ def test_a_controller_may_be_told_to_begin_afresh(start_graph, start_node, clien
 def test_a_controller_is_not_sent_what_was_answered_before_it_came(client, start_node):
     # Samples of a run's first ticks come topic by topic, which would look like a second sample.
     start_node('controller')
-    for topic in INPUTS:
+    for topic in INPUT_READERS:
 
         def subscriptions(topic=topic):
             return client.node.get_subscriptions_info_by_topic(topic.name)

@@ -19,9 +19,9 @@ from ballbot_ros.nodes import middleware, shared_memory
 from ballbot_ros.nodes.processes import END_WITH_PARENT
 from ballbot_ros.nodes.shared_memory import (
     INITIALISED,
+    MIN_PORT_BYTES,
     READER_SIZE,
     READERS,
-    SMALLEST_PORT,
     clear_shared_memory,
     find_broken_ports,
     find_leftovers,
@@ -31,11 +31,11 @@ from ballbot_ros.nodes.shared_memory import (
 
 PORT, SEGMENT = 'fastrtps_port7004', 'fastrtps_0123456789abcdef'
 MUTEX = f'sem.{PORT}_mutex'
-WHOLE_PORT = INITIALISED.ljust(SMALLEST_PORT, b'\0')
+WHOLE_PORT = INITIALISED.ljust(MIN_PORT_BYTES, b'\0')
 BROKEN_PORTS = {
     'empty': b'',
-    'not initialised': bytes(SMALLEST_PORT),
-    'being initialised': b'\1'.ljust(SMALLEST_PORT, b'\0'),
+    'not initialised': bytes(MIN_PORT_BYTES),
+    'being initialised': b'\1'.ljust(MIN_PORT_BYTES, b'\0'),
     'truncated': INITIALISED,
 }
 HOLD = {

@@ -44,7 +44,7 @@ from ballbot_ros.scenario.library import load_scenario  # noqa: E402
 from ballbot_ros.scenario.scenario import Scenario  # noqa: E402
 from ballbot_ros.simulation.closed_loop import ClosedLoop  # noqa: E402
 from ballbot_ros.simulation.trajectory import TrajectoryLog  # noqa: E402
-from ballbot_ros.teleop.arbiter import NOBODY, Arbiter  # noqa: E402
+from ballbot_ros.teleop.arbiter import NO_SOURCE, Arbiter  # noqa: E402
 from ballbot_ros.teleop.input_errors import InputErrors  # noqa: E402
 from ballbot_ros.timing import (  # noqa: E402
     FIRST_TICK_NS,
@@ -185,7 +185,7 @@ def test_cmd_vel_that_is_not_finite_stops_the_robot_and_is_reported(driver):
         assert driver.status().message == 'cmd_vel: linear.x is nan, not a finite number'
         assert {v.key: v.value for v in driver.status().values}['in command'] in (
             'cmd_vel',
-            NOBODY,
+            NO_SOURCE,
         )
     with driver.sending('cmd_vel', twist()):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.OK)
@@ -207,7 +207,7 @@ def test_an_input_of_no_use_is_released_at_once():
         message = new_message(JOY.type_name)
         message.axes = np.array(axes, np.float32)
         callbacks[JOY.name](encode(message))
-        assert sources.decide(began, (0, 0)).sticks == sticks
+        assert sources.select(began, (0, 0)).sticks == sticks
     assert reported == ['joy: axis 1 not found, only 1 axes']
 
 

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from ballbot_ros.recording.columns import Meaning
+from ballbot_ros.recording.columns import ColumnHints
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.export import Exporter
@@ -45,12 +45,12 @@ def recording(tmp_path):
     recording.writer.close()
 
 
-def export(recording, *, joined=False, meanings=None, topics=None, texts=(), to='csv'):
+def export(recording, *, joined=False, hints=None, topics=None, texts=(), to='csv'):
     recording.writer.close()
     path = recording.writer.path
     with RecordingReader(path) as reader:
         chosen = topics or sorted(reader.topics())
-        exporter = Exporter(reader, path.with_name('tables'), to, chosen, meanings or {})
+        exporter = Exporter(reader, path.with_name('tables'), to, chosen, hints or {})
         if joined:
             exporter.write_joined(TICK_NS, texts)
         else:
@@ -91,11 +91,11 @@ def test_columns_have_names_and_units(recording):
 
 def test_what_is_known_of_a_topic_is_added(recording):
     recording.add('/imu', IMU, 10**9, angular_velocity__y=0.5)
-    meaning = Meaning(
+    hints = ColumnHints(
         names={'angular_velocity_y_rad_per_s': 'pitch_rate_rad_per_s'},
-        more={'double': lambda message: 2 * float(message.angular_velocity.y)},
+        extra={'double': lambda message: 2 * float(message.angular_velocity.y)},
     )
-    (row,) = rows(export(recording, meanings={('/imu', IMU): meaning})['imu'])
+    (row,) = rows(export(recording, hints={('/imu', IMU): hints})['imu'])
     assert (row['pitch_rate_rad_per_s'], row['double']) == ('0.5', '1.0')
 
 

@@ -69,7 +69,7 @@ def mend(tmp_path_factory):
 
 def raw(path):
     with RecordingReader(path) as reader:
-        assert reader.broken is None
+        assert reader.corruption is None
         messages = [tuple(message) for message in reader.raw_messages()]
         assert reader.count == len(messages)
         return messages

@@ -52,8 +52,8 @@ def test_a_run_gives_its_result_and_its_files(stationary):
     assert result.duty_sha256 == load_golden().scenarios['stationary']
     assert result.ticks == len(result.trajectory.time) == 2500
     assert result.recording == spec.output / 'stationary.mcap'
-    assert result.picture == spec.output / 'stationary.png'
-    assert result.picture.read_bytes().startswith(b'\x89PNG')
+    assert result.figure == spec.output / 'stationary.png'
+    assert result.figure.read_bytes().startswith(b'\x89PNG')
     assert notes.lines == []
     assert notes.times == pytest.approx([0.004 * tick for tick in range(1, 2501)])
 
@@ -79,7 +79,7 @@ def test_a_specification_is_not_used_up(tmp_path, monkeypatch):
     spec = spec_of('stationary', 'plant_sim.duration=1', record=False)
     first, second = execute(spec), execute(spec)
     assert first.duty_sha256 == second.duty_sha256
-    assert first.recording is first.picture is None
+    assert first.recording is first.figure is None
     assert list(tmp_path.iterdir()) == []
 
 
@@ -125,7 +125,7 @@ def test_a_wall_ends_the_run_as_failed(tmp_path):
     assert 'wall' in result.reason
     assert notes.lines == [result.reason]
     assert result.recording.exists()
-    assert result.picture.exists()
+    assert result.figure.exists()
 
 
 def test_a_picture_that_can_not_be_written_fails_a_run_that_passed(tmp_path):
@@ -133,7 +133,7 @@ def test_a_picture_that_can_not_be_written_fails_a_run_that_passed(tmp_path):
     result = execute(spec_of('stationary', output=tmp_path, record=False))
     assert (result.verdict, result.exit_status) == (Verdict.FAILED, 1)
     assert result.reason == f'{tmp_path}/stationary.png: Is a directory'
-    assert result.picture is None
+    assert result.figure is None
     assert not math.isnan(result.metrics['duty_rms_percent'])
 
 
@@ -152,7 +152,7 @@ def test_the_map_of_a_run_is_the_one_at_its_start(tmp_path):
     assert not path.exists()
     assert (result.verdict, result.reason) == (Verdict.PASSED, '')
     assert 0.0 < result.metrics['wall_clearance_m'] < 1.0
-    assert result.picture.exists()
+    assert result.figure.exists()
 
 
 def test_an_interrupted_run_leaves_its_recording_but_no_picture(tmp_path):
@@ -193,7 +193,7 @@ STATUSES = [
 @pytest.mark.parametrize(('result', 'verdict', 'reason', 'status'), STATUSES)
 def test_verdict_reason_and_status_agree(result, verdict, reason, status):
     assert (result.verdict, result.reason, result.exit_status) == (verdict, reason, status)
-    full = dataclasses.replace(result, picture_failure='x.png: full')
+    full = dataclasses.replace(result, figure_failure='x.png: full')
     assert full.reason == '; '.join(filter(None, (reason, 'x.png: full')))
     assert full.exit_status == (status or 1)
     assert full.verdict == ('failed' if verdict == 'passed' else verdict)

@@ -10,7 +10,7 @@ from ballbot_ros.parameters import NODES, PLANT, VIEWER
 from ballbot_ros.run import separate_processes
 from ballbot_ros.run.node_process import NodeProcess
 from ballbot_ros.run.result import RunResult
-from ballbot_ros.run.separate_processes import watch, with_failures_of
+from ballbot_ros.run.separate_processes import merge_process_failures, watch
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
 
@@ -65,16 +65,18 @@ def ended(outcome, failure, ends, signal, *, is_replaced=False):
     processes = {name: process(name, ends.get(name, 0)) for name in ('plant_sim', *ends)}
     by_the_plant = RunResult(Outcome(outcome))
     stop = SimpleNamespace(signal=signal)
-    return with_failures_of(processes, by_the_plant, failure, stop, is_replaced=is_replaced)
+    return merge_process_failures(processes, by_the_plant, failure, stop, is_replaced=is_replaced)
 
 
 def watched(victim, now_ns, *, plant_hangs=False):
     """What the watch says of a graph in which one node has died, after a few looks."""
-    running = SimpleNamespace(running=True, died=False, exit_status=None, pid=1, kill=lambda: None)
+    running = SimpleNamespace(
+        running=True, was_killed=False, exit_status=None, pid=1, kill=lambda: None
+    )
     end = 'died of SIGKILL'
     dead = SimpleNamespace(
-        running=False, died=True, exit_status=-9, how_it_ended=end, failure=f'{victim} {end}',
-        hand_on_the_rest=lambda: None,
+        running=False, was_killed=True, exit_status=-9, exit_description=end,
+        failure=f'{victim} {end}', forward_remaining_output=lambda: None,
     )  # fmt: skip
     processes = dict.fromkeys((*NODES, VIEWER), running) | {victim: dead}
     monitor = SimpleNamespace(now_ns=now_ns, poll=lambda: None, plant_hangs=lambda pid: plant_hangs)
@@ -130,7 +132,7 @@ def test_a_node_that_refuses_to_start_tells_why(domain, monkeypatch, tmp_path):
     lines = []
     node = NodeProcess('recorder', file, lines.append)
     node.wait(60.0)
-    node.hand_on_the_rest()
+    node.forward_remaining_output()
     assert node.exit_status == 2
     # The middleware may have something to say before.
     assert lines[-1] == f'error: {file}/x.mcap: File exists'
@@ -138,5 +140,7 @@ def test_a_node_that_refuses_to_start_tells_why(domain, monkeypatch, tmp_path):
 
 
 def test_a_node_that_dies_says_nothing_of_it():
-    process = SimpleNamespace(name='recorder', _last_words='waits', died=True, how_it_ended='died')
+    process = SimpleNamespace(
+        name='recorder', _last_error_line='waits', was_killed=True, exit_description='died'
+    )
     assert NodeProcess.failure.fget(process) == 'recorder died'

@@ -5,7 +5,7 @@ import random
 import pytest
 
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.recording_gate import MOST_AHEAD_NS, RecordingGate, Stream
+from ballbot_ros.simulation.recording_gate import MAX_AHEAD_NS, RecordingGate, Stream
 from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
 
 MS = 1_000_000
@@ -126,7 +126,7 @@ def test_a_contradiction_is_objected_to_and_costs_the_run_nothing(is_first):
     assert file.objections == [('/gyro', 1004)]
 
 
-@pytest.mark.parametrize('stamp_ms', [1000 + MOST_AHEAD_NS // MS + 4, WALL_NS // MS])
+@pytest.mark.parametrize('stamp_ms', [1000 + MAX_AHEAD_NS // MS + 4, WALL_NS // MS])
 def test_a_stamp_of_another_clock_is_objected_to_and_left_out(stamp_ms):
     file = File()
     file.tick(1000)

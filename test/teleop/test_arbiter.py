@@ -6,10 +6,10 @@ from laws import given
 
 from ballbot_ros.teleop.arbiter import (
     LIVE_SOURCES,
-    NOBODY,
-    PAUSE_S,
+    NO_SOURCE,
     SCENARIO,
     SILENCE_S,
+    TAKEOVER_DELAY_S,
     Arbiter,
     Command,
 )
@@ -36,7 +36,7 @@ def play(events):
         else:
             arbiter.release(source)
             newest.pop(source, None)
-        yield now, arbiter.decide(now, PLAYED), dict(newest)
+        yield now, arbiter.select(now, PLAYED), dict(newest)
 
 
 def drives(source, newest, now):
@@ -68,7 +68,7 @@ def test_the_sticks_are_neutral_before_a_source_of_lower_priority_takes_over(eve
     for now, command, _ in play(events):
         if RANK[command.source] > RANK[before.source]:
             assert before.sticks == NEUTRAL
-            assert last_driven is None or now - last_driven >= PAUSE_S
+            assert last_driven is None or now - last_driven >= TAKEOVER_DELAY_S
         if command.sticks != NEUTRAL:
             last_driven = now
         before = command
@@ -78,16 +78,16 @@ def test_the_sticks_are_neutral_before_a_source_of_lower_priority_takes_over(eve
 def test_without_a_live_input_the_scenario_acts_as_it_is(signals):
     arbiter = Arbiter()
     for number, signal in enumerate(signals):
-        assert arbiter.decide(number * 0.02, signal) == (SCENARIO, signal)
+        assert arbiter.select(number * 0.02, signal) == (SCENARIO, signal)
 
 
 def test_a_source_that_falls_silent_is_neutral_at_once_and_free_after_the_pause():
     arbiter = Arbiter()
     arbiter.report(JOY, (-50, 0), 0.0)
-    assert arbiter.decide(0.5, PLAYED) == (JOY, (-50, 0))
-    assert arbiter.decide(0.51, PLAYED) == (JOY, NEUTRAL)
-    assert arbiter.decide(1.0, PLAYED) == (JOY, NEUTRAL)
-    assert arbiter.decide(1.02, PLAYED) == (SCENARIO, PLAYED)
+    assert arbiter.select(0.5, PLAYED) == (JOY, (-50, 0))
+    assert arbiter.select(0.51, PLAYED) == (JOY, NEUTRAL)
+    assert arbiter.select(1.0, PLAYED) == (JOY, NEUTRAL)
+    assert arbiter.select(1.02, PLAYED) == (SCENARIO, PLAYED)
 
 
 def test_a_source_that_passes_through_neutral_stays_in_command():
@@ -95,29 +95,33 @@ def test_a_source_that_passes_through_neutral_stays_in_command():
     arbiter.report(CMD_VEL, (9, 9), 0.0)
     for now, value in ((0.0, (-50, 0)), (0.02, NEUTRAL), (0.04, (50, 0))):
         arbiter.report(JOY, value, now)
-        assert arbiter.decide(now, PLAYED) == (JOY, value)
+        assert arbiter.select(now, PLAYED) == (JOY, value)
 
 
 def test_a_source_of_higher_priority_takes_over_at_once_even_in_the_pause():
     arbiter = Arbiter()
     arbiter.report(CMD_VEL, (9, 9), 0.0)
-    assert arbiter.decide(0.0, PLAYED) == (CMD_VEL, (9, 9))
+    assert arbiter.select(0.0, PLAYED) == (CMD_VEL, (9, 9))
     arbiter.release(CMD_VEL)
-    assert arbiter.decide(0.1, PLAYED) == (CMD_VEL, NEUTRAL)
+    assert arbiter.select(0.1, PLAYED) == (CMD_VEL, NEUTRAL)
     arbiter.report(KEYBOARD, (1, 0), 0.2)
-    assert arbiter.decide(0.2, PLAYED) == (KEYBOARD, (1, 0))
+    assert arbiter.select(0.2, PLAYED) == (KEYBOARD, (1, 0))
     arbiter.report(DEVICE, (2, 0), 0.3)
-    assert arbiter.decide(0.3, PLAYED) == (DEVICE, (2, 0))
+    assert arbiter.select(0.3, PLAYED) == (DEVICE, (2, 0))
 
 
 @pytest.mark.parametrize('source', LIVE_SOURCES)
 def test_a_neutral_source_does_not_keep_the_scenario_from_acting(source):
     arbiter = Arbiter()
     arbiter.report(source, NEUTRAL, 0.0)
-    assert arbiter.decide(0.0, PLAYED) == (SCENARIO, PLAYED)
+    assert arbiter.select(0.0, PLAYED) == (SCENARIO, PLAYED)
 
 
 def test_without_a_scenario_its_signals_are_nobodys():
-    assert Command(SCENARIO, NEUTRAL).driver('') == NOBODY
-    assert Command(SCENARIO, PLAYED).driver('stationary') == SCENARIO
-    assert Command(JOY, NEUTRAL).driver('') == Command(JOY, NEUTRAL).driver('stationary') == JOY
+    assert Command(SCENARIO, NEUTRAL).source_name('') == NO_SOURCE
+    assert Command(SCENARIO, PLAYED).source_name('stationary') == SCENARIO
+    assert (
+        Command(JOY, NEUTRAL).source_name('')
+        == Command(JOY, NEUTRAL).source_name('stationary')
+        == JOY
+    )

@@ -9,12 +9,12 @@ from graph import wait_for
 
 from ballbot_ros.teleop import device_list
 from ballbot_ros.teleop.errors import TeleopError
-from ballbot_ros.teleop.gamepad import NO_MAPPING, Device, Gamepad, PadState
+from ballbot_ros.teleop.gamepad import NO_MAPPING, Gamepad, GamepadDevice, GamepadState
 
-PAD = Device(0, 'Fancy Pad', True)
-OTHER = Device(1, 'Plain Joystick', True)
-UNKNOWN = Device(0, 'Strange Thing', False)
-FORWARD = PadState([0.0, 1.0, 0.0, 0.0, 0.0, 0.0], [0] * 15)
+PAD = GamepadDevice(0, 'Fancy Pad', True)
+OTHER = GamepadDevice(1, 'Plain Joystick', True)
+UNKNOWN = GamepadDevice(0, 'Strange Thing', False)
+FORWARD = GamepadState([0.0, 1.0, 0.0, 0.0, 0.0, 0.0], [0] * 15)
 
 
 class FakePad:
@@ -76,7 +76,7 @@ def open_gamepad(listener):
                 wanted,
                 backend,
                 on_state=listener.states.append,
-                on_gone=listener.leave,
+                on_disconnected=listener.leave,
                 on_problem=listener.problems.append,
             )
             stack.callback(gamepad.close)
@@ -149,7 +149,7 @@ def test_the_list_tells_number_name_and_mapping():
     backend = FakeBackend(PAD)
     line = device_list.input_line(PAD, FakePad(backend, PAD))
     assert line == '0  axes +0.00 +1.00 +0.00 +0.00 +0.00 +0.00  buttons -'
-    assert device_list.found_devices(backend) == [PAD]
+    assert device_list.wait_for_devices(backend) == [PAD]
 
 
 def test_sdl_starts_and_stops_on_a_thread_without_a_display(open_gamepad, listener):

@@ -27,7 +27,7 @@ Terminal(
     on_sticks=lambda sticks: None,
     on_reset=lambda: None,
     on_quit=lambda: None,
-    on_gone=gone.set,
+    on_closed=gone.set,
 )
 shown.wait()
 reset = Renderer.reset

@@ -32,9 +32,9 @@ from ballbot_ros.viewer.floor import Area, lines  # noqa: E402
 from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.panel import Panel  # noqa: E402
+from ballbot_ros.viewer.playback_run import PlaybackRun  # noqa: E402
 from ballbot_ros.viewer.recording_page import RecordingPage  # noqa: E402
 from ballbot_ros.viewer.robot import BLACK, DARK, parts  # noqa: E402
-from ballbot_ros.viewer.shown_run import ShownRun  # noqa: E402
 from ballbot_ros.viewer.snapshot import History, Snapshot  # noqa: E402
 from ballbot_ros.viewer.views import ROBOT, TITLES, VIEWS, camera  # noqa: E402
 from ballbot_ros.world.floor_map import CELL_M, FLOOR  # noqa: E402
@@ -297,7 +297,7 @@ def test_a_recorded_run_follows_its_slider(recording, domain):
 
 def test_a_browser_that_stops_reading_holds_up_nobody(recording):
     """Its connection is full: what is shown goes on, and only the newest of it is kept."""
-    run = ShownRun(recording)
+    run = PlaybackRun(recording)
     page = Page(run.dimensions, 'test', '127.0.0.1', 0)
     player = RecordingPage(page, [run])
     with unread(page.server.get_port()):
@@ -311,7 +311,7 @@ def test_a_browser_that_stops_reading_holds_up_nobody(recording):
 
 
 def test_scenarios_are_offered_where_they_can_be_started(recording):
-    page = Page(ShownRun(recording).dimensions, 'test', '127.0.0.1', 0)
+    page = Page(PlaybackRun(recording).dimensions, 'test', '127.0.0.1', 0)
     robot = StubRobot()
     controls = LiveControls(page.server.gui, robot, ['push', 'square', 'stationary'])
     Panel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)), History().trace())

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ballbot_ros.viewer.shown_run import ShownRun
+from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.views import VIEWS
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('needs_browser')]
@@ -25,7 +25,7 @@ TOLERANCE = 4.0
 def pictures(recording):
     from ballbot_ros.viewer import render
 
-    made = render.pictures(ShownRun(recording), [(view, 9.0) for view in VIEWS])
+    made = render.pictures(PlaybackRun(recording), [(view, 9.0) for view in VIEWS])
     return {
         view: Image.fromarray(picture).resize(SIZE)
         for view, picture in zip(VIEWS, made, strict=True)
@@ -60,5 +60,5 @@ def test_a_run_becomes_a_film(suffix, tmp_path, recording, monkeypatch):
         noise = np.random.default_rng(1).integers(0, 255, (2, 132, 240, 3), np.uint8)
         monkeypatch.setattr(render, 'pictures', lambda run, shots: iter(noise[: len(shots)]))
     output = tmp_path / f'run{suffix}'
-    render.render(ShownRun(recording), 'vista', output, 1.0)
+    render.render(PlaybackRun(recording), 'vista', output, 1.0)
     assert output.stat().st_size > 5000

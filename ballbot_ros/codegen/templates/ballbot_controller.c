@@ -42,8 +42,8 @@ BallbotState ballbot;
 /* Sets every member of a plane to its initial value. */
 static void reset(BallbotPlane *plane)
 {
-{% for signal in plane_signals %}
-    plane->{{ signal.name }} = {{ signal.initial }};
+{% for variable in plane_variables %}
+    plane->{{ variable.name }} = {{ variable.initial }};
 {% endfor %}
 }
 
@@ -201,13 +201,13 @@ TASK(task_init)
 
     reset(&ballbot.x);
     reset(&ballbot.y);
-{% for signal in program_signals %}
-{% if signal.length > 1 %}
-    for (n = 0U; n < {{ signal.length }}U; n++) {
-        ballbot.{{ signal.name }}[n] = {{ signal.initial }};
+{% for variable in program_variables %}
+{% if variable.length > 1 %}
+    for (n = 0U; n < {{ variable.length }}U; n++) {
+        ballbot.{{ variable.name }}[n] = {{ variable.initial }};
     }
 {% else %}
-    ballbot.{{ signal.name }} = {{ signal.initial }};
+    ballbot.{{ variable.name }} = {{ variable.initial }};
 {% endif %}
 {% endfor %}
 

@@ -10,16 +10,16 @@
 
 /* One plane; both are alike. Units and meanings are in DATA_DICTIONARY.md. */
 typedef struct {
-{% for signal in plane_signals %}
-    {{ signal.c_type }} {{ signal.name }};
+{% for variable in plane_variables %}
+    {{ variable.c_type }} {{ variable.name }};
 {% endfor %}
 } BallbotPlane;
 
 typedef struct {
     BallbotPlane x; /* forward: gyro S1, motor B */
     BallbotPlane y; /* rightward: gyro S2, motor C */
-{% for signal in program_signals %}
-    {{ signal.c_type }} {{ signal.name }}{% if signal.length > 1 %}[{{ signal.length }}]{% endif %};
+{% for variable in program_variables %}
+    {{ variable.c_type }} {{ variable.name }}{% if variable.length > 1 %}[{{ variable.length }}]{% endif %};
 {% endfor %}
 } BallbotState;
 

@@ -22,7 +22,7 @@ from ballbot_ros.yaml_document import YamlDocument
 
 
 @dataclass
-class Attached:
+class RecordedAttachments:
     """The content of the attachments.
 
     Attributes
@@ -49,11 +49,11 @@ class Attached:
     notices: list[str] = field(default_factory=list)
     files: Mapping[str, AttachedFile] = field(default_factory=dict)
 
-    def in_run(self, run: str, told: AnnouncedParameters) -> Attached:
+    def for_run(self, run: str, announced: AnnouncedParameters) -> RecordedAttachments:
         """Return the content that applies to a run, by its name in ``plant/run``."""
-        if not told.tells(run):
+        if not announced.has_parameters(run):
             return self
-        parameters = told.of(run, self.parameters, self.files)
+        parameters = announced.of(run, self.parameters, self.files)
         name = parameters.of(PlantParameters).map
         floor_map = self.floor_map
         if name not in self.files:
@@ -61,7 +61,7 @@ class Attached:
             floor_map = load_map(name) if name in map_names() else None
         notices = [each for each in self.notices if not each.startswith(f'No {PARAMETERS} ')]
         scenario = self.scenario
-        if scenario and told.is_of_another_scenario(run):
+        if scenario and announced.is_of_another_scenario(run):
             scenario = None
             notices.append(f'{SCENARIO} belongs to another run; {_WITHOUT[SCENARIO]}.')
         return replace(
@@ -74,10 +74,10 @@ class Attached:
         )
 
 
-def read_attached(recording: RecordingReader) -> Attached:
+def read_attachments(recording: RecordingReader) -> RecordedAttachments:
     """Read the attachments; a missing or unreadable one becomes a notice, not an error."""
     files = recording.attachments()
-    attached = Attached(files=files)
+    attached = RecordedAttachments(files=files)
     # Their readers take files, whose names and lines appear in errors.
     with temporary_folder() as folder:
         for name in (SCENARIO, PARAMETERS, VERSIONS, *(name for name in MAPS if name in files)):
@@ -102,7 +102,7 @@ _WITHOUT = {
 }
 
 
-def _read(attached: Attached, name: str, path: Path) -> None:
+def _read(attached: RecordedAttachments, name: str, path: Path) -> None:
     if name == SCENARIO:
         attached.scenario = load_scenario(str(path))
     elif name == PARAMETERS:

@@ -8,19 +8,19 @@ import pytest
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.brick import Tone
-from ballbot_ros.cli.reading import read_shown_run
-from ballbot_ros.viewer.address import check_address, location, warning_of
+from ballbot_ros.cli.recordings import read_playback_run
+from ballbot_ros.viewer.address import check_address, network_warning, url_authority
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.live_controls import Sticks
+from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.recording_page import PlaybackClock
-from ballbot_ros.viewer.shown_run import ShownRun
 from ballbot_ros.viewer.snapshot import WINDOW_S
 from ballbot_ros.viewer.sound import tone_html
 
 
 @pytest.fixture(scope='module')
 def run(recording):
-    return ShownRun(recording)
+    return PlaybackRun(recording)
 
 
 def test_a_snapshot_is_the_newest_tick(run, recording):
@@ -65,9 +65,9 @@ def test_plots_end_at_the_cursor(run):
 def test_a_file_that_ends_early_is_shown_up_to_there(recording, tmp_path, capsys):
     path = tmp_path / 'cut.mcap'
     path.write_bytes(recording.read_bytes()[:300_000])
-    assert 1.0 < read_shown_run(path).end < 9.0
+    assert 1.0 < read_playback_run(path).end < 9.0
     assert f'{path}: cut off at byte 300000; the run is shown up to' in capsys.readouterr().err
-    read_shown_run(recording)
+    read_playback_run(recording)
     assert capsys.readouterr().err == ''
 
 
@@ -121,15 +121,15 @@ def test_a_taken_port_is_one_line():
 
 
 def test_an_address_of_version_6_stands_in_brackets():
-    assert location('127.0.0.1', 80) == '127.0.0.1:80'
-    assert location('::1', 80) == '[::1]:80'
+    assert url_authority('127.0.0.1', 80) == '127.0.0.1:80'
+    assert url_authority('::1', 80) == '[::1]:80'
 
 
 def test_a_page_for_the_network_warns():
-    assert warning_of('127.0.0.1') == ''
+    assert network_warning('127.0.0.1') == ''
     for host in ('0.0.0.0', '::', '192.0.2.1', 'robot'):
-        assert 'everybody who reaches it can watch' in warning_of(host)
-        assert 'everybody who has the address with the token can steer' in warning_of(host)
+        assert 'everybody who reaches it can watch' in network_warning(host)
+        assert 'everybody who has the address with the token can steer' in network_warning(host)
 
 
 @pytest.mark.parametrize(

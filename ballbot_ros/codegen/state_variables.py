@@ -13,7 +13,7 @@ _ZEROS = {'float': '0.0f', 'S32': '0', 'U32': '0U', 'U8': '0U'}
 
 
 @dataclass(frozen=True)
-class Signal:
+class StateVariable:
     """A variable of the generated program.
 
     Attributes
@@ -44,11 +44,11 @@ class Signal:
             object.__setattr__(self, 'initial', _ZEROS[self.c_type])
 
 
-def _floats(*rows: tuple[str, str, str, str]) -> tuple[Signal, ...]:
-    return tuple(Signal(row[0], 'float', row[1], '1', *row[2:]) for row in rows)
+def _floats(*rows: tuple[str, str, str, str]) -> tuple[StateVariable, ...]:
+    return tuple(StateVariable(row[0], 'float', row[1], '1', *row[2:]) for row in rows)
 
 
-PLANE_SIGNALS = _floats(
+PLANE_VARIABLES = _floats(
     ('gyro_offset', 'deg/s', 'estimate of the gyro reading at rest', '7.4'),
     ('theta', 'deg', 'estimated ball angle', '7.4'),
     ('psi', 'deg', 'estimated body pitch', '7.4'),
@@ -65,34 +65,36 @@ PLANE_SIGNALS = _floats(
 )
 """Data of one plane; `ballbot.x` and `ballbot.y` in C, `program.x` and `program.y` in Python."""
 
-PROGRAM_SIGNALS = (
-    Signal('battery', 'float', 'mV', '1', 'averaged battery voltage', '7.6'),
-    Signal('distance_cm', 'S32', 'cm', '1', 'distance to an obstacle; 255: none', '7.5',
-           initial='NO_ECHO_CM'),
-    Signal('start_time', 'U32', 'ms', '1', 'system time of task_init', '7.3'),
-    Signal('timer_stop', 'U32', 'ms', '1', 'time at which control was last kept', '7.6'),
-    Signal('echo_time', 'U32', 'ms', '1', 'system time of the last echo', 'project'),
-    Signal('control_mode', 'U8', '', '0 stop, 1 calibration, 2 control', 'what ts1 does', '7.6',
-           initial='BALLBOT_CALIBRATION'),
-    Signal('flag_avoid', 'U8', '', '0 no, 1 yes', 'an obstacle is near', '7.5'),
-    Signal('flag_auto', 'U8', '', '0 no, 1 yes', 'time_auto has passed', '7.6'),
-    Signal('calibrated', 'U8', '', '0 no, 1 yes', 'time_start had passed at the last ts3', '7.6'),
-    Signal('log_counter', 'U8', 'ticks', '1', 'ticks since the last log packet', '7.4'),
-    Signal('bluetooth_rx', 'U8', '%', 'int8 in bytes 0 and 1, the rest 0',
-           'newest gamepad packet: left vertical, right horizontal', '7.5', PACKET_SIZE),
+PROGRAM_VARIABLES = (
+    StateVariable('battery', 'float', 'mV', '1', 'averaged battery voltage', '7.6'),
+    StateVariable('distance_cm', 'S32', 'cm', '1', 'distance to an obstacle; 255: none', '7.5',
+                  initial='NO_ECHO_CM'),
+    StateVariable('start_time', 'U32', 'ms', '1', 'system time of task_init', '7.3'),
+    StateVariable('timer_stop', 'U32', 'ms', '1', 'time at which control was last kept', '7.6'),
+    StateVariable('echo_time', 'U32', 'ms', '1', 'system time of the last echo', 'project'),
+    StateVariable('control_mode', 'U8', '', '0 stop, 1 calibration, 2 control', 'what ts1 does',
+                  '7.6', initial='BALLBOT_CALIBRATION'),
+    StateVariable('flag_avoid', 'U8', '', '0 no, 1 yes', 'an obstacle is near', '7.5'),
+    StateVariable('flag_auto', 'U8', '', '0 no, 1 yes', 'time_auto has passed', '7.6'),
+    StateVariable('calibrated', 'U8', '', '0 no, 1 yes', 'time_start had passed at the last ts3',
+                  '7.6'),
+    StateVariable('log_counter', 'U8', 'ticks', '1', 'ticks since the last log packet', '7.4'),
+    StateVariable('bluetooth_rx', 'U8', '%', 'int8 in bytes 0 and 1, the rest 0',
+                  'newest gamepad packet: left vertical, right horizontal', '7.5', PACKET_SIZE),
 )  # fmt: skip
 
 _LETTERS = {'float': 'f', 'S32': 'i', 'U32': 'I', 'U8': 'B'}
 
 
-def _format(signals: Sequence[Signal]) -> str:
+def _format(variables: Sequence[StateVariable]) -> str:
     return ''.join(
-        f'{signal.length}s' if signal.length > 1 else _LETTERS[signal.c_type] for signal in signals
+        f'{variable.length}s' if variable.length > 1 else _LETTERS[variable.c_type]
+        for variable in variables
     )
 
 
-_PLANE = struct.Struct('<' + _format(PLANE_SIGNALS))
-_MEMBERS = struct.Struct('<' + 2 * _format(PLANE_SIGNALS) + _format(PROGRAM_SIGNALS))
+_PLANE = struct.Struct('<' + _format(PLANE_VARIABLES))
+_MEMBERS = struct.Struct('<' + 2 * _format(PLANE_VARIABLES) + _format(PROGRAM_VARIABLES))
 STATE_SIZE = (_MEMBERS.size + 3) // 4 * 4
 """Size of the C structure, including padding at the end."""
 
@@ -100,9 +102,11 @@ STATE_SIZE = (_MEMBERS.size + 3) // 4 * 4
 def state_bytes(program: ControlProgram) -> bytes:
     """Return the Python program's data in the layout of the C structure, without padding."""
     planes = [
-        getattr(plane, signal.name) for plane in (program.x, program.y) for signal in PLANE_SIGNALS
+        getattr(plane, variable.name)
+        for plane in (program.x, program.y)
+        for variable in PLANE_VARIABLES
     ]
-    rest = [_value(program, signal.name) for signal in PROGRAM_SIGNALS]
+    rest = [_value(program, variable.name) for variable in PROGRAM_VARIABLES]
     return _MEMBERS.pack(*planes, *rest)
 
 
@@ -119,12 +123,12 @@ def members(state: bytes) -> bytes:
 
 def named_values(state: bytes) -> dict[str, float]:
     """Return every member of a C structure by its name in C, such as ``x.theta``."""
-    names = [f'{plane}.{signal.name}' for plane in 'xy' for signal in PLANE_SIGNALS]
-    names += [signal.name for signal in PROGRAM_SIGNALS]
+    names = [f'{plane}.{variable.name}' for plane in 'xy' for variable in PLANE_VARIABLES]
+    names += [variable.name for variable in PROGRAM_VARIABLES]
     return dict(zip(names, _MEMBERS.unpack(members(state)), strict=True))
 
 
 def plane_values(state: bytes, plane: int) -> dict[str, float]:
     """Return one plane's members by name; plane 0 is x, 1 is y."""
     values = _PLANE.unpack_from(state, plane * _PLANE.size)
-    return {signal.name: value for signal, value in zip(PLANE_SIGNALS, values, strict=True)}
+    return {variable.name: value for variable, value in zip(PLANE_VARIABLES, values, strict=True)}

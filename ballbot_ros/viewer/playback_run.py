@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from ballbot_ros.analysis.run_data import RunData, Series, read_run
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.parameters import Dimensions
+from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.snapshot import TRACE_COLUMNS, WINDOW_S, Snapshot
 from ballbot_ros.world.exports import OccupancyGrid, floor_map_of
@@ -23,7 +23,7 @@ _SAMPLES = 600
 """Maximum number of points of a curve or of the trail."""
 
 
-class ShownRun:
+class PlaybackRun:
     """A run of a recording.
 
     Parameters
@@ -52,9 +52,7 @@ class ShownRun:
         If the file has no poses of the robot.
     """
 
-    def __init__(
-        self, path: Path, progress: Callable[[int, int], None] = lambda done, total: None
-    ) -> None:
+    def __init__(self, path: Path, progress: ProgressCallback = lambda done, total: None) -> None:
         run = self._run = read_run(path, progress=progress)
         if not {PLANT_IMU, PLANT_ODOM} <= run.series.keys() or not len(run.trajectory.time):
             raise ViewerError(f'{path}: nothing to show: it has no poses of the robot')
@@ -87,7 +85,7 @@ class ShownRun:
             sonar=sonar,
             cone_angle=cone_angle,
             battery=float(_held(self._run.series.get(BATTERY_STATE), np.array([time]))[0]),
-            state=self._run.states[state].state if state >= 0 else '',
+            state=self._run.states[state].name if state >= 0 else '',
             lcd=self._run.pages[page][1] if page >= 0 else '',
         )
 
