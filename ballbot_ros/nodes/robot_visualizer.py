@@ -28,7 +28,7 @@ from ballbot_ros.nodes.latest_messages import LatestMessages
 from ballbot_ros.parameters import Dimensions, VisualizerParameters
 from ballbot_ros.plant.model import Bodies
 from ballbot_ros.viewer.markers import RobotMarkers
-from ballbot_ros.viewer.transforms import MOVING, PARENTS, SONAR, Frames, Transform, in_map
+from ballbot_ros.viewer.transforms import MOVING, PARENTS, SONAR, Frames, Transform, poses_in_map
 from ballbot_ros.viewer.urdf import robot_description
 from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
@@ -78,29 +78,31 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
                 self._transforms.fix(self._frames.at((0.0, 0.0), (0.0, 0.0)))
 
     def _update(self) -> None:
-        now, changed = self._newest.take()
-        if now is None:
+        snapshot, changed = self._newest.take()
+        if snapshot is None:
             return
         if RUN in changed:
             self.take_values()
             self._floor = None  # it belongs to an earlier run
         if MAP in changed:
             self._floor = floor_map_of(map_grid(self._newest[MAP]))
-        if RUN in changed or MAP in changed or now.time < self._time:
+        if RUN in changed or MAP in changed or snapshot.time < self._time:
             self._markers.begin(self._floor)
-        if now.time != self._time:
-            self._time = now.time
+        if snapshot.time != self._time:
+            self._time = snapshot.time
             self.count_sample(stamp_ns(self._newest[PLANT_ODOM]))
-            self._markers.follow(now)
+            self._markers.follow(snapshot)
             if self._transforms is not None:
-                self._transforms.publish(self.now_ns, self._frames.at(now.position, now.psi))
+                self._transforms.publish(
+                    self.now_ns, self._frames.at(snapshot.position, snapshot.psi)
+                )
         is_whole = time.monotonic() - self._whole_at >= WHOLE_S
         if (changed or is_whole) and self._markers_output.is_watched:
             if is_whole:
                 self._whole_at = time.monotonic()
-            places = in_map(self._frames.at(now.position, now.psi))
+            poses = poses_in_map(self._frames.at(snapshot.position, snapshot.psi))
             message = self._markers_output.message
-            message.markers = self._markers.at(now, places, whole=is_whole)
+            message.markers = self._markers.at(snapshot, poses, whole=is_whole)
             self._markers_output.publish(message)
 
     def close(self) -> None:
@@ -146,8 +148,8 @@ def _fill(
     names: tuple[str, ...], message: Any, stamp_ns: int, frames: dict[str, Transform]
 ) -> None:
     for name, each in zip(names, message.transforms, strict=True):
-        place = (part.tolist() for part in frames[name])
-        fill_transform(each, stamp_ns, PARENTS[name], name, *place)
+        pose = (part.tolist() for part in frames[name])
+        fill_transform(each, stamp_ns, PARENTS[name], name, *pose)
 
 
 def main() -> None:

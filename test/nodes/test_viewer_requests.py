@@ -23,13 +23,13 @@ def test_the_plant_is_asked_by_whatever_name_it_has_until_it_answers(domain):
         requests = ViewerRequests(client.node, print)
         answers = []
         requests.plant_parameters(['map'], answers.append)
-        requests.make()
+        requests.send_queued()
         # Who announces runs is the plant.
         client.node.declare_parameter('map', 'the map')
         client.node.create_publisher(RUN.message_class, RUN.name, reliable_qos(1, latched=True))
 
         def is_answered():
-            requests.make()
+            requests.send_queued()
             return answers
 
         client.spin_until(is_answered)
@@ -49,9 +49,9 @@ def test_a_player_announces_runs_but_has_no_parameters_of_a_plant(domain):
             return found and found.service_is_ready()
 
         client.spin_until(is_found)
-        requests.pace(0.5)
-        client.spin_until(lambda: requests.make() or told)
+        requests.set_real_time_factor(0.5)
+        client.spin_until(lambda: requests.send_queued() or told)
         assert told[0].startswith('parameters of plant_sim: ')
         requests.plant_parameters(['scenario', 'use_sim_time'], answers.append)
-        client.spin_until(lambda: requests.make() or requests._question is None)
+        client.spin_until(lambda: requests.send_queued() or requests._query is None)
         assert answers == []
