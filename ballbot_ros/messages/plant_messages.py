@@ -26,7 +26,7 @@ from ballbot_ros.messages.topics import (
     RUN,
     WALL_HIT,
 )
-from ballbot_ros.plant.truth import GroundTruth, Push
+from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.timing import BATTERY_PERIOD_NS
 from ballbot_ros.world.exports import occupancy_grid
 from ballbot_ros.world.world import World

@@ -15,7 +15,7 @@ from ballbot_ros.messages.outputs import EncodedOutput, Sink
 from ballbot_ros.messages.plant_messages import PlantMessages
 from ballbot_ros.messages.topics import GAMEPAD_JOY
 from ballbot_ros.parameters import ParameterSet, PlantParameters
-from ballbot_ros.plant.truth import GroundTruth, Push
+from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.simulation.closed_loop import Tick
 from ballbot_ros.teleop.arbiter import SCENARIO
 from ballbot_ros.world.world import World

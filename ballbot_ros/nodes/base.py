@@ -51,12 +51,12 @@ def reliable_qos(depth: int, *, latched: bool) -> QoSProfile:
 
 def offered_qos(topic: Topic) -> QoSProfile:
     """Return the QoS that publishers offer, with a deep history for their existing readers."""
-    return reliable_qos(topic.keeps or HISTORY, latched=topic.keeps > 0)
+    return reliable_qos(topic.latched_depth or HISTORY, latched=topic.latched_depth > 0)
 
 
 def requested_qos(topic: Topic, depth: int) -> QoSProfile:
     """Return the QoS that subscriptions request; topics open to any tool are never latched."""
-    return reliable_qos(depth, latched=topic.keeps > 0 and topic.publisher is not None)
+    return reliable_qos(depth, latched=topic.latched_depth > 0 and topic.publisher is not None)
 
 
 class Output:
@@ -180,7 +180,7 @@ class BallbotNode(ParameterNode[P]):
     def renew_outputs(self, but: Topic) -> None:
         """Keep no messages of an earlier run for late subscribers, except on the topic `but`."""
         for topic, output in self._own_outputs.items():
-            if topic is not but and (topic.keeps or topic.has_history):
+            if topic is not but and (topic.latched_depth or topic.has_history):
                 output.renew()
 
     def forget(self, topic: Topic) -> None:

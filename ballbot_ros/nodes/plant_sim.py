@@ -15,7 +15,7 @@ from ballbot_ros.messages.run_topics import RUN_TOPICS
 from ballbot_ros.messages.topics import (
     CLOCK,
     DIAGNOSTICS,
-    LOCKSTEP,
+    LOCKSTEP_PUBLISHERS,
     MOTOR_DUTY,
     PLANT_IMU,
     PLANT_JOINT_STATES,
@@ -64,7 +64,7 @@ class PlantSim(BallbotNode[PlantParameters]):
         self._actions = PlantActions(self, OneShot(self, self._on_wake))
         master = LockstepMaster if self.parameters.lockstep else FreeRunningMaster
         self.master: RunMaster = master(
-            GraphObserver(self, tuple(LOCKSTEP)),
+            GraphObserver(self, tuple(LOCKSTEP_PUBLISHERS)),
             LocalMachine(),
             RUN_TOPICS,
             self._set_up,

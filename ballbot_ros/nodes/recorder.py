@@ -79,7 +79,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._histories: set[str] = set()
         for topic in TOPICS:
             # A topic with a history keeps its messages there; foreign nodes need not have one.
-            latched = topic.keeps > 0 and not topic.has_history
+            latched = topic.latched_depth > 0 and not topic.has_history
             self._subscribe(topic, reliable_qos(HISTORY, latched=latched))
         self._gate = RecordingGate(self)
         self._run: str | None = None

@@ -19,7 +19,7 @@ from ballbot_ros.messages.topics import PUSH, RUN
 from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.graph_observer import UNKNOWN_NODE
 from ballbot_ros.parameters import PLANT, SUPERVISOR, PlantParameters
-from ballbot_ros.plant.truth import Pair
+from ballbot_ros.plant.ground_truth import Pair
 
 _SERVICES = {
     f'{PLANT}/pause': SetBool,

@@ -18,8 +18,8 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
+from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.plant.plant import Plant
-from ballbot_ros.plant.truth import GroundTruth, Push
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.devices import DEVICES, AnyDevice, Read
 from ballbot_ros.timing import (

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Collection
 
 from ballbot_ros.parameters import RECORDER
-from ballbot_ros.plant.truth import GroundTruth
+from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recorder_flow import RecorderFlow

@@ -13,7 +13,7 @@ from enum import Enum, auto
 from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
 
-from ballbot_ros.plant.truth import Pair, Push
+from ballbot_ros.plant.ground_truth import Pair, Push
 from ballbot_ros.simulation.liveness import Machine
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from ballbot_ros.parameters import AGREED, CONTROLLER, DRIVERS, RECORDER
+from ballbot_ros.parameters import CONTROLLER, DRIVERS, RECORDER, SHARED_PARAMETERS
 from ballbot_ros.simulation.liveness import LivenessMonitor, Machine
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import (
@@ -102,7 +102,7 @@ class RunParticipants:
     ) -> None:
         self._graph, self._topics, self._is_lockstep, self._act = graph, topics, is_lockstep, act
         self._roster = Roster(
-            shared=(*AGREED, MAP_HASH), stateless=DRIVERS, owners=dict(topics.owners)
+            shared=(*SHARED_PARAMETERS, MAP_HASH), stateless=DRIVERS, owners=dict(topics.owners)
         )
         self.liveness = LivenessMonitor(self._roster, machine, host)
         self._run: Run | None = None

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import viser
 
-from ballbot_ros.plant.truth import Pair
+from ballbot_ros.plant.ground_truth import Pair
 
 PAUSE, STEP, RUN, RESET = TIME_BUTTONS = ('Pause', 'Step', 'Run', 'Reset')
 SPEEDS = {'0.1×': 0.1, '0.5×': 0.5, '1×': 1.0, 'max': 0.0}

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot_ros.parameters import Dimensions
-from ballbot_ros.plant.truth import Pair
+from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.colours import BLACK, BLUE, DARK, LIGHT, ORANGE, WHITE, Colour
 
 Vector = tuple[float, float, float]

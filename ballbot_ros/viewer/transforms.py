@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
-from ballbot_ros.plant.truth import Pair
+from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.robot import (
     BALL,
     BODY,

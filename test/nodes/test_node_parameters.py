@@ -22,7 +22,7 @@ from ballbot_ros.parameters import (
     PLANT,
     RECORDER,
     SONAR,
-    Acts,
+    TakesEffect,
     parameters_of,
 )
 
@@ -82,12 +82,12 @@ def test_every_parameter_acts_when_the_table_says(make, role):
             continue
         before = getattr(node.parameters, name)
         result = set_one(node, name, value)
-        if row.acts is Acts.NEVER:
+        if row.takes_effect is TakesEffect.READ_ONLY:
             assert not result.successful
             assert 'read-only' in result.reason
             continue
         assert result.successful, (name, result.reason)
-        at_once = row.acts is Acts.AT_ONCE
+        at_once = row.takes_effect is TakesEffect.IMMEDIATELY
         assert getattr(node.parameters, name) == (row.check(value, '') if at_once else before)
         assert ('takes effect in the next run' in result.reason) == (not at_once)
         assert set_one(node, name, list(before) if isinstance(before, tuple) else before).successful

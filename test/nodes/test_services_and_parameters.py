@@ -24,7 +24,7 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     RUN,
 )
 from ballbot_ros.nodes.node_parameters import NEXT_RUN  # noqa: E402
-from ballbot_ros.parameters import NODES, PLANT, RECORDER, Acts, parameters_of  # noqa: E402
+from ballbot_ros.parameters import NODES, PLANT, RECORDER, TakesEffect, parameters_of  # noqa: E402
 
 pytestmark = pytest.mark.graph
 
@@ -136,7 +136,7 @@ def test_every_parameter_is_described_with_its_range(client):
         response = client.call(DescribeParameters, f'{name}/describe_parameters', request)
         for row, descriptor in zip(rows.values(), response.descriptors, strict=True):
             assert row.description in descriptor.description
-            assert descriptor.read_only == (row.acts is Acts.NEVER)
+            assert descriptor.read_only == (row.takes_effect is TakesEffect.READ_ONLY)
             is_range = row.bounds and not row.choices
             scalar = is_range and not row.or_zero and not isinstance(row.default, tuple)
             told = row.choices_text if row.choices else row.bounds_text if is_range else ''
