@@ -90,7 +90,7 @@ class Restarts:
             nodes[restart.driver] = site.start_node(restart.driver, number)
             lives.append(nodes[restart.driver])
         complaints = []
-        while nodes[PLANT].status is None and watch.look(site.alive()) < BOUND_S:
+        while nodes[PLANT].status is None and watch.update(site.alive()) < BOUND_S:
             time.sleep(0.05)
         if nodes[PLANT].status is None:
             complaints.append(f'had not ended {BOUND_S:.0f} s after the first kill')
@@ -117,7 +117,7 @@ def _end(site: Site, nodes: Sequence[Program]) -> list[str]:
     for node in nodes:
         node.send(Signals.SIGINT)
     watch = Stopwatch()
-    while (alive := site.alive()) and watch.look(alive) < END_S:
+    while (alive := site.alive()) and watch.update(alive) < END_S:
         time.sleep(0.05)
     wrong = {node.name: node.status for node in nodes if node.status}
     complaints = [f'status of {name} after SIGINT: {status}' for name, status in wrong.items()]

@@ -16,7 +16,7 @@ from ballbot_ros.messages.topics import (
     DIAGNOSTICS,
     JOY,
     LCD,
-    LOCKSTEP,
+    LOCKSTEP_PUBLISHERS,
     OPERATING_STATE,
     PUSH,
     SOUND,
@@ -45,7 +45,7 @@ OPEN_TOPICS = (
 )  # fmt: skip
 """Topics open to all: nonsense on them must neither end nor change a run."""
 
-LOOP_TOPICS = tuple(sorted(LOCKSTEP))
+LOOP_TOPICS = tuple(sorted(LOCKSTEP_PUBLISHERS))
 """Topics reserved for the participants."""
 
 DURATION_S = 3.0

@@ -138,7 +138,7 @@ class FakeGraph:
         self.is_listening = False
 
 
-class FakeMachine:
+class FakeProcessObserver:
     """Processes that always have all the processor time that they want."""
 
     def __init__(self, world):
@@ -184,7 +184,7 @@ class LockstepWorld:
         self.done = []
         self.calls_s = {event: self.now_s + period for event, period in self.periods_s.items()}
         self.master = self.kind(
-            self.graph, FakeMachine(self), TOPICS, self._set_up, 'token', self.now_s
+            self.graph, FakeProcessObserver(self), TOPICS, self._set_up, 'token', self.now_s
         )
 
     def _set_up(self, start_ns):

@@ -98,7 +98,7 @@ class Participation:
         """Return whether a sample can belong to the run that the node has joined."""
         return self.run is not None and stamp_ns >= self.run.start_ns
 
-    def object(self, objection: Objection) -> None:
+    def raise_objection(self, objection: Objection) -> None:
         """Report to the plant a sample that can't belong to its run."""
         if objection != self._objection:
             self._objection = objection

@@ -47,12 +47,12 @@ class PlantActions:
     @_carry_out.register
     def _(self, action: do.PublishTruth) -> None:
         truth = action.truth
-        self._messages.truth(truth, wall_hit=action.wall_hit, again=action.is_resend)
+        self._messages.truth(truth, wall_hit=action.wall_hit, is_resend=action.is_resend)
         self._node.count_sample(truth.stamp_ns)
 
     @_carry_out.register
     def _(self, action: do.ResendToDrivers) -> None:
-        self._messages.ask(action.truth)
+        self._messages.send_to_drivers(action.truth)
 
     @_carry_out.register
     def _(self, action: do.WakeIn) -> None:

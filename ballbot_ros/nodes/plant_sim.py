@@ -30,7 +30,7 @@ from ballbot_ros.nodes.one_shot import OneShot
 from ballbot_ros.nodes.participation import participant_of, with_parameters
 from ballbot_ros.nodes.plant_actions import PlantActions
 from ballbot_ros.nodes.plant_events import PlantEvents
-from ballbot_ros.nodes.processes import LocalMachine
+from ballbot_ros.nodes.processes import LocalProcessObserver
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.library import scenario_of
@@ -65,7 +65,7 @@ class PlantSim(BallbotNode[PlantParameters]):
         master = LockstepMaster if self.parameters.lockstep else FreeRunningMaster
         self.master: RunMaster = master(
             GraphObserver(self, tuple(LOCKSTEP_PUBLISHERS)),
-            LocalMachine(),
+            LocalProcessObserver(),
             RUN_TOPICS,
             self._set_up,
             f'{time.time_ns():x}',

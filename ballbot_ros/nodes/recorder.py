@@ -179,10 +179,10 @@ class Recorder(BallbotNode[RecorderParameters]):
         if stream.period_ns:
             self.count_sample(self._gate.now_ns)
 
-    def object(self, stream: Stream, stamp_ns: int) -> None:
+    def raise_objection(self, stream: Stream, stamp_ns: int) -> None:
         """Object to a sample that can't belong to the plant's run."""
         topic = self._channels[stream.name].topic
-        self._participation.object(Objection.to_sample(topic.name, stamp_ns))
+        self._participation.raise_objection(Objection.to_sample(topic.name, stamp_ns))
 
     def report_loss(self, stream: Stream, sequence: int) -> None:
         """Count and report lost messages."""
@@ -232,7 +232,7 @@ class Recorder(BallbotNode[RecorderParameters]):
 
     def _fail(self, error: RecordingError) -> None:
         """End, and report the reason to the plant, which may require a recorder."""
-        self._participation.object(Objection(str(error)))
+        self._participation.raise_objection(Objection(str(error)))
         self.finish()
         self.fail(str(error))
 

@@ -213,7 +213,8 @@ class RunSummary:
     late_ticks : int
         Ticks that came more than a period late.
     resends : int
-        Number of ticks sent again.
+        How often an unanswered tick was sent again in lockstep; repeated truths of a halted plant
+        are not counted.
     round_trips_s : tuple of float
         Times from publishing a truth to receiving its duties [s]; empty if not measured.
     start_ns : int

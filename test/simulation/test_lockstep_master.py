@@ -159,7 +159,7 @@ def test_a_repeated_duty_changes_nothing():
 
 
 @pytest.mark.parametrize('offset', [TICK_NS, 0, -TICK_NS, 10**12])
-def test_a_contradicting_duty_or_one_ahead_ends_the_run(offset):
+def test_a_conflicting_duty_or_one_ahead_ends_the_run(offset):
     world = begun(5)
     stamp_ns = world.truths[-1] + offset
     world.tell(world.master.on_duty, stamp_ns, (99, 99), b'another')
