@@ -45,7 +45,7 @@ def main(words: list[str]) -> int:
         except CampaignError as error:
             verdict = Verdict((str(error),), 0.0, START_S)
     if OWN_MEMORY in words:
-        verdict = verdict._replace(complaints=verdict.complaints + judge_shared_memory())
+        verdict = verdict._replace(failures=verdict.failures + judge_shared_memory())
     print(json.dumps({'attempt': str(attempt), **verdict._asdict()}))
     return 0
 

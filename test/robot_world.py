@@ -247,7 +247,7 @@ class RobotWorld(LockstepWorld):
 
     def receive(self, event, route, *what):
         if isinstance(event.__self__, LockstepMaster):
-            self.tell(event, *what)
+            self.dispatch(event, *what)
         else:
             event(*what)
 

@@ -73,17 +73,17 @@ class Controller(BallbotNode[ControllerParameters]):
         # Deep enough to receive each of several samples of one tick.
         depth = DEPTH if self._lockstep else 1
         for topic, reader in INPUTS.items():
-            self.listen(topic, self._input_callback(topic, reader), depth=depth, raw=True)
+            self.subscribe(topic, self._input_callback(topic, reader), depth=depth, raw=True)
 
     def check(self, parameters: ControllerParameters) -> None:
         """Check that everything the control program needs is available."""
         # Not built here: that takes seconds, and a run would wait. The next run builds it.
         require_implementation(parameters.implementation)
 
-    def take_values(self) -> None:
+    def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
         before = self.parameters
-        super().take_values()
+        super().apply_parameters()
         if self.parameters != before:
             self._make_program = program_maker(self.parameters)
             self._set_timers()
@@ -114,8 +114,8 @@ class Controller(BallbotNode[ControllerParameters]):
 
         def release() -> None:
             if self._lockstep:
-                now = self.get_clock().now().nanoseconds
-                tick = self._lockstep_ticks.on_timer(task, now)
+                now_ns = self.get_clock().now().nanoseconds
+                tick = self._lockstep_ticks.on_timer(task, now_ns)
             else:
                 tick = self._free_ticks.on_timer(task, time.monotonic_ns())
             if tick:

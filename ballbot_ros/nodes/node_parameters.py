@@ -169,7 +169,7 @@ class ParameterNode(Node, Generic[P]):
         result = super().set_parameters_atomically([self._in_own_type(each) for each in changes])
         if result.successful:
             self._requested = requested
-            result.reason = self._take_live(each.name for each in changes)
+            result.reason = self._apply_live(each.name for each in changes)
         return result
 
     def _is_kept(self, parameter: RosParameter) -> bool:
@@ -179,7 +179,7 @@ class ParameterNode(Node, Generic[P]):
             return False
         return bool(self._in_own_type(parameter).value == self.get_parameter(name).value)
 
-    def _take_live(self, names: Iterable[str]) -> str:
+    def _apply_live(self, names: Iterable[str]) -> str:
         """Apply the live parameters among these; return what to report about the others."""
         waiting: list[str] = []
         live: list[str] = []
@@ -191,10 +191,10 @@ class ParameterNode(Node, Generic[P]):
         if live:
             changes = {name: getattr(self._requested, name) for name in live}
             self.parameters = replace(self.parameters, **changes)
-            self.on_live_values()
+            self.on_parameters_changed()
         return NEXT_RUN if waiting else ''
 
-    def take_values(self) -> None:
+    def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
         self.parameters = self._requested
 
@@ -207,7 +207,7 @@ class ParameterNode(Node, Generic[P]):
             If they are not.
         """
 
-    def on_live_values(self) -> None:
+    def on_parameters_changed(self) -> None:
         """React to live parameters that have taken effect."""
 
 

@@ -97,9 +97,9 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._ack = self.output(RECORDER_ACK)
         self._participation = Participation(self, self._on_run, self._repeat_ack)
         self.get_logger().info(f'records to {path}')
-        self.every(POLL_S, self._poll)
-        self.every(FLUSH_S, self._flush)
-        self.every(DISCOVERY_S, self._discover)
+        self.create_wall_timer(POLL_S, self._poll)
+        self.create_wall_timer(FLUSH_S, self._flush)
+        self.create_wall_timer(DISCOVERY_S, self._discover)
 
     def _subscribe(self, topic: Topic, qos: QoSProfile) -> None:
         subscription = raw_subscription(self._inbox, topic, qos)
@@ -301,7 +301,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         try:
             if self.exit_status == 0:
                 self._write_stop()
-                self._write_account()
+                self._write_metadata()
             self._writer.close()
         except RecordingError as error:
             self._fail(error)
@@ -311,7 +311,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         self.flush(PARTICIPANTS)
         self._inbox.destroy_node()
 
-    def _write_account(self) -> None:
+    def _write_metadata(self) -> None:
         """Write the participants, the outcome, and whether messages are missing."""
         if self._members:
             self._writer.add_metadata(RUN_PARTICIPANTS, self._members)

@@ -57,7 +57,7 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
         self._time = self._whole_at = -math.inf
         self._floor: FloorMap | None = None
         self._newest = LatestMessages(self, _DRAWN)
-        self.every(1.0 / self.parameters.rate, self._update)
+        self.create_wall_timer(1.0 / self.parameters.rate, self._update)
 
     def _describe(self) -> None:
         """Publish the description of the robot, and draw this shape from now on."""
@@ -68,10 +68,10 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
         self._description.message.data = text
         self._description.publish(self._description.message)
 
-    def take_values(self) -> None:
+    def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
         before = self.parameters
-        super().take_values()
+        super().apply_parameters()
         if self.parameters != before:
             self._describe()
             if self._transforms is not None:
@@ -82,7 +82,7 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
         if snapshot is None:
             return
         if RUN in changed:
-            self.take_values()
+            self.apply_parameters()
             self._floor = None  # it belongs to an earlier run
         if MAP in changed:
             self._floor = floor_map_of(map_grid(self._newest[MAP]))
@@ -97,7 +97,7 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
                     self.now_ns, self._frames.at(snapshot.position, snapshot.psi)
                 )
         is_whole = time.monotonic() - self._whole_at >= WHOLE_S
-        if (changed or is_whole) and self._markers_output.is_watched:
+        if (changed or is_whole) and self._markers_output.has_subscribers:
             if is_whole:
                 self._whole_at = time.monotonic()
             poses = poses_in_map(self._frames.at(snapshot.position, snapshot.psi))

@@ -71,8 +71,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._updates = 0
         self._is_driving = False
         self._joy = self.output(VIEWER_JOY)
-        self.every(UPDATE_S, self._update)
-        self.every(_STICK_PERIOD_S, self._drive)
+        self.create_wall_timer(UPDATE_S, self._update)
+        self.create_wall_timer(_STICK_PERIOD_S, self._drive)
         if warning := warning_of(host):
             self.get_logger().warning(warning)
         print(f'viewer  {self._page.address}', flush=True)
@@ -109,7 +109,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         """
         self._history.clear()
         before = Dimensions.from_parameters(self.parameters)
-        self.take_values()
+        self.apply_parameters()
         dimensions = Dimensions.from_parameters(self.parameters)
         if dimensions != before:
             self._robot = self._page.show_robot(dimensions)

@@ -40,7 +40,9 @@ def run_in_one_process(
             if recording:
                 recorder = Recorder(parameters.of(RecorderParameters))
                 nodes.append(recorder)
-            plant.every(UPDATE_S, lambda: observer.update(plant.log.ticks * TICK_NS / SECOND_NS))
+            plant.create_wall_timer(
+                UPDATE_S, lambda: observer.update(plant.log.ticks * TICK_NS / SECOND_NS)
+            )
             with StopRequest() as stop:
                 spin(nodes, plant.done, stop)
             plant.stop()

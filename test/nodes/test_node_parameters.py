@@ -119,7 +119,7 @@ def test_what_acts_from_the_next_run_on_does_so_together(make):
     assert set_one(node, 'noise', 2.5).successful
     assert set_one(node, 'seed', 7).successful
     assert (node.parameters.noise, node.parameters.seed) == (0.0, 1)
-    node.take_values()
+    node.apply_parameters()
     assert (node.parameters.noise, node.parameters.seed) == (2.5, 7)
 
 
@@ -189,10 +189,10 @@ def test_a_log_that_can_not_be_made_at_the_next_run_does_not_end_the_driving(mak
     node = make(GAMEPAD)
     path = tmp_path / 'none' / 'log.csv'
     assert set_one(node, 'log_csv', str(path)).successful
-    node.take_values()
+    node.apply_parameters()
     assert node.exit_status == 1
     assert set_one(node, 'log_csv', str(tmp_path / 'log.csv')).successful
-    node.take_values()
+    node.apply_parameters()
     assert (tmp_path / 'log.csv').exists()
 
 
