@@ -181,7 +181,7 @@ class Robot:
             self._display.image = lcd_image(snapshot.lcd)
 
     def show_trail(self, trail: list[tuple[float, float]]) -> None:
-        """Show `trail`, x and y in ``map`` [m], as the trail; all points are sent again."""
+        """Show the trail, x and y in ``map`` [m]; all points are sent again."""
         if trail == self._trail_points:
             return
         self._trail_points = trail

@@ -56,10 +56,10 @@ class Transform(NamedTuple):
         )
 
 
-def quaternion_from_rpy(angles: Vector) -> NDArray[np.float64]:
+def quaternion_from_rpy(rpy: Vector) -> NDArray[np.float64]:
     """Return the quaternion of roll, pitch and yaw as in URDF [rad]: about x, then y, then z."""
     rotation = np.array(IDENTITY_ROTATION)
-    for axis, angle in enumerate(angles):
+    for axis, angle in enumerate(rpy):
         step = np.zeros(4)
         step[0], step[axis + 1] = np.cos(angle / 2.0), np.sin(angle / 2.0)
         rotation = quaternion_multiply(step, rotation)

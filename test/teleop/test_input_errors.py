@@ -1,4 +1,4 @@
-"""InputErrors about inputs: each is seen at least once, and none twice at a time."""
+"""Errors of inputs: each is seen at least once, and none twice at a time."""
 
 from ballbot_ros.teleop.input_errors import InputErrors
 

@@ -136,7 +136,7 @@ def test_transforms_chain_to_the_same_places(position, psi):
 
 
 @given(st.tuples(*[st.floats(-math.pi, math.pi)] * 3))
-def test_turns_are_those_of_urdf(angles):
+def test_rotations_are_those_of_urdf(angles):
     assert transformations.quaternion_matrix(quaternion_from_rpy(angles)) == pytest.approx(
         transformations.euler_matrix(*angles), abs=1e-9
     )

@@ -40,27 +40,27 @@ def test_a_forward_lean_brings_the_head_forward_and_a_rightward_lean_right():
 
 
 def test_a_ball_that_has_rolled_its_circumference_looks_as_before():
-    motion = RollingOrientation(DIMENSIONS)
+    orientation = RollingOrientation(DIMENSIONS)
     for distance in np.linspace(0.0, 2.0 * math.pi * DIMENSIONS.ball_radius, 50):
-        rotation = motion.ball((distance, 0.0))
+        rotation = orientation.ball((distance, 0.0))
     assert abs(rotation[0]) == pytest.approx(1.0)
 
 
 def test_the_top_of_a_rolling_ball_moves_where_it_rolls():
     for step, axis, sign in (((1e-3, 0.0), 0, 1.0), ((0.0, 1e-3), 1, -1.0)):
-        motion = RollingOrientation(DIMENSIONS)
-        motion.ball((0.0, 0.0))
-        assert sign * rotate_vector(motion.ball(step), (0.0, 0.0, 1.0))[axis] > 0.0
+        orientation = RollingOrientation(DIMENSIONS)
+        orientation.ball((0.0, 0.0))
+        assert sign * rotate_vector(orientation.ball(step), (0.0, 0.0, 1.0))[axis] > 0.0
 
 
 def test_wheels_turn_without_slip():
     """Where wheel and ball touch, both move alike: at the ball's equator, up or down."""
     angle = 1e-4
-    motion = RollingOrientation(DIMENSIONS)
+    orientation = RollingOrientation(DIMENSIONS)
     place = angle * DIMENSIONS.ball_radius
-    wheel, _ = motion.wheels((place, 0.0), (0.0, 0.0))
-    motion.ball((0.0, 0.0))
-    ball = rotate_vector(motion.ball((place, 0.0)), (-DIMENSIONS.ball_radius, 0.0, 0.0))
+    wheel, _ = orientation.wheels((place, 0.0), (0.0, 0.0))
+    orientation.ball((0.0, 0.0))
+    ball = rotate_vector(orientation.ball((place, 0.0)), (-DIMENSIONS.ball_radius, 0.0, 0.0))
     tyre = rotate_vector(wheel, (DIMENSIONS.wheel_radius, 0.0, 0.0))
     assert ball[2] == pytest.approx(tyre[2], rel=1e-3)
     assert ball[2] > 0.0
