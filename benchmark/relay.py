@@ -109,7 +109,7 @@ class Relay:
 
         return send
 
-    def listen(self, topic: Topic, on_stamp: Callable[[int], None]) -> None:
+    def subscribe(self, topic: Topic, on_stamp: Callable[[int], None]) -> None:
         """Subscribe to `topic`, for the stamps [ns] of its messages."""
         self.node.create_subscription(
             topic.message_class,
@@ -143,8 +143,8 @@ class PlantRelay(Relay):
         self._ack_ns: int | None = None
         self._begun_at: float | None = None
         self._round_trips: list[float] = []
-        self.listen(MOTOR_DUTY, self._on_duty)
-        self.listen(RECORDER_ACK, self._on_ack)
+        self.subscribe(MOTOR_DUTY, self._on_duty)
+        self.subscribe(RECORDER_ACK, self._on_ack)
         self._publish()
 
     def _publish(self) -> None:
@@ -205,7 +205,7 @@ class DriverRelay(Relay):
             if stamp_ns % sample.period_ns == 0:
                 send(stamp_ns)
 
-        self.listen(truth, answer)
+        self.subscribe(truth, answer)
 
 
 class ControllerRelay(Relay):
@@ -219,7 +219,7 @@ class ControllerRelay(Relay):
         self._state = self.sender(CONTROLLER_STATE)
         self._log = self.sender(BLUETOOTH_TX)
         for topic in INPUT_READERS:
-            self.listen(topic, self._input_callback(topic.name))
+            self.subscribe(topic, self._input_callback(topic.name))
 
     def _input_callback(self, name: str) -> Callable[[int], None]:
         def receive(stamp_ns: int) -> None:

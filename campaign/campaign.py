@@ -215,8 +215,8 @@ class Campaign:
         return ended
 
     def _keep(self, process: TrialProcess, verdict: Verdict) -> None:
-        for complaint in verdict.complaints:
-            self._console.print(f'         {complaint}', markup=False, soft_wrap=True)
+        for failure in verdict.failures:
+            self._console.print(f'         {failure}', markup=False, soft_wrap=True)
         self._output.mkdir(parents=True, exist_ok=True)
         shutil.copytree(process.folder, self._output / process.folder.name, dirs_exist_ok=True)
         words = ['scripts/campaign', '--seed', str(self._seed), '--only', process.trial.fault.name]
@@ -288,7 +288,7 @@ class TrialProcess:
         try:
             found = json.loads(last)
             attempt = found.pop('attempt')
-            return attempt, Verdict(tuple(found.pop('complaints')), **found)
+            return attempt, Verdict(tuple(found.pop('failures')), **found)
         except (ValueError, AttributeError, KeyError, TypeError):
             how = f'trial {self.trial.number} ended with status {self._process.returncode}: {last}'
             return 'no verdict', Verdict((how,), self.age_s, LIMIT_S)

@@ -66,9 +66,9 @@ class DamagedRecording:
         return f'{(self.damage.__doc__ or "").rstrip(".").lower()}, drawn with seed {self.seed}'
 
     @classmethod
-    def draw(cls, generator: random.Random, turn: int) -> DamagedRecording:
+    def draw(cls, generator: random.Random, index: int) -> DamagedRecording:
         """Draw one; the kinds of damage alternate."""
-        return cls(DAMAGES[turn % len(DAMAGES)], generator.getrandbits(32))
+        return cls(DAMAGES[index % len(DAMAGES)], generator.getrandbits(32))
 
     def carry_out(self, site: Site) -> Verdict:
         """Record, damage, read."""
@@ -111,7 +111,7 @@ class FuzzedInput:
         return f'scenario {self.scenario!r}, --set {" --set ".join(self.assignments)}'
 
     @classmethod
-    def draw(cls, generator: random.Random, turn: int) -> FuzzedInput:
+    def draw(cls, generator: random.Random, index: int) -> FuzzedInput:
         """Draw a scenario and one or two assignments."""
         text = SCENARIO.encode()
         for _ in range(generator.randint(1, 2)):
@@ -160,21 +160,21 @@ def swap(generator: random.Random, data: bytes) -> bytes:
 
 def run_commands(site: Site, commands: dict[str, tuple[str | Path, ...]]) -> Verdict:
     """Run commands one after the other; each must end in time, with a status and no crash."""
-    complaints = []
+    failures = []
     longest_s = 0.0
     for name, words in commands.items():
         program = site.start(name, *BALLBOT, *words)
         end = site.await_end(program, COMMAND_BOUND_S)
         longest_s = max(longest_s, end.took_s)
-        complaints += [f'{name}: {each}' for each in judge_command(program, end.status)]
-    return Verdict(tuple(complaints), longest_s, COMMAND_BOUND_S)
+        failures += [f'{name}: {each}' for each in judge_command(program, end.status)]
+    return Verdict(tuple(failures), longest_s, COMMAND_BOUND_S)
 
 
 def judge_command(program: Program, status: int | None) -> list[str]:
     """Return the broken guarantees of a command that received nonsense."""
     if status is None:
         return [f'not ended after {COMMAND_BOUND_S:.0f} s']
-    complaints = judge_printed(program.text)
+    failures = judge_printed(program.text)
     if status not in STATUSES:
-        complaints.append(f'status {status}')
-    return complaints
+        failures.append(f'status {status}')
+    return failures

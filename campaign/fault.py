@@ -15,7 +15,7 @@ class Verdict(NamedTuple):
 
     Attributes
     ----------
-    complaints : tuple of str
+    failures : tuple of str
         The broken guarantees; empty if all held.
     took_s : float
         Available processor time from the fault to the end of all affected processes [s].
@@ -23,14 +23,14 @@ class Verdict(NamedTuple):
         Upper bound of that time [s].
     """
 
-    complaints: tuple[str, ...]
+    failures: tuple[str, ...]
     took_s: float
     bound_s: float
 
     @property
     def holds(self) -> bool:
         """Whether everything held."""
-        return not self.complaints
+        return not self.failures
 
 
 class Attempt(Protocol):

@@ -59,9 +59,9 @@ class Restarts:
         )
 
     @classmethod
-    def draw(cls, generator: random.Random, turn: int) -> Restarts:
+    def draw(cls, generator: random.Random, index: int) -> Restarts:
         """Draw one to three; in four consecutive trials each driver comes first once."""
-        drivers = [DRIVERS[turn % len(DRIVERS)]]
+        drivers = [DRIVERS[index % len(DRIVERS)]]
         drivers += generator.choices(DRIVERS, k=generator.randrange(3))
         return cls(
             [Restart(d, generator.uniform(0.0, 1.5), generator.uniform(0.0, 1.0)) for d in drivers]
@@ -89,27 +89,27 @@ class Restarts:
             time.sleep(restart.away_s)
             nodes[restart.driver] = site.start_node(restart.driver, number)
             lives.append(nodes[restart.driver])
-        complaints = []
-        while nodes[PLANT].status is None and watch.look(site.alive()) < BOUND_S:
+        failures = []
+        while nodes[PLANT].status is None and watch.update(site.alive()) < BOUND_S:
             time.sleep(0.05)
         if nodes[PLANT].status is None:
-            complaints.append(f'had not ended {BOUND_S:.0f} s after the first kill')
+            failures.append(f'had not ended {BOUND_S:.0f} s after the first kill')
         took_s = watch.elapsed_s
-        complaints += _end(site, [nodes[name] for name in NODES if name != PLANT])
-        complaints += judge_printed(''.join(life.text for life in lives))
+        failures += _end(site, [nodes[name] for name in NODES if name != PLANT])
+        failures += judge_printed(''.join(life.text for life in lives))
         if nodes[PLANT].status == 0:
             expected = undisturbed(site, ticks_of(DURATION_S))
             if load_trajectory(account)[1]['duty_sha256'] != expected.duty_sha256:
-                complaints.append('other duties than those of an undisturbed run')
+                failures.append('other duties than those of an undisturbed run')
             # A driver killed between its two readers may cost the recording a sample, which the
             # file then reports.
             remains = read_remains(recording, site.folder)
             if not remains or not remains.finished or len(remains.duties) != expected.ticks:
-                complaints.append(f'of {expected.ticks} duties the recording has {remains}')
+                failures.append(f'of {expected.ticks} duties the recording has {remains}')
         elif nodes[PLANT].status is not None:
             last = nodes[PLANT].text.strip().rpartition('\n')[2]
-            complaints.append(f'{PLANT} ended with status {nodes[PLANT].status}: {last}')
-        return Verdict(tuple(complaints), took_s, BOUND_S)
+            failures.append(f'{PLANT} ended with status {nodes[PLANT].status}: {last}')
+        return Verdict(tuple(failures), took_s, BOUND_S)
 
 
 def _end(site: Site, nodes: Sequence[Program]) -> list[str]:
@@ -117,10 +117,10 @@ def _end(site: Site, nodes: Sequence[Program]) -> list[str]:
     for node in nodes:
         node.send(Signals.SIGINT)
     watch = Stopwatch()
-    while (alive := site.alive()) and watch.look(alive) < END_S:
+    while (alive := site.alive()) and watch.update(alive) < END_S:
         time.sleep(0.05)
     wrong = {node.name: node.status for node in nodes if node.status}
-    complaints = [f'status of {name} after SIGINT: {status}' for name, status in wrong.items()]
+    failures = [f'status of {name} after SIGINT: {status}' for name, status in wrong.items()]
     if alive:
-        complaints.append(f'SIGINT does not end {", ".join(alive.values())}')
-    return complaints
+        failures.append(f'SIGINT does not end {", ".join(alive.values())}')
+    return failures

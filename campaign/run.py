@@ -190,29 +190,29 @@ def judge_end(end: End, bound_s: float) -> list[str]:
 
 def judge_completed(run: RunEnd, duty_sha256: str) -> list[str]:
     """Judge whether a completed run has the duties of an undisturbed one, all recorded."""
-    complaints = []
+    failures = []
     if run.result.get('outcome') != 'passed' or run.end.status != 0:
         outcome = run.result.get('outcome', 'no result')
-        complaints.append(f'status {run.end.status}, {outcome}: {run.reason}')
+        failures.append(f'status {run.end.status}, {outcome}: {run.reason}')
     elif run.result.get('duty_sha256') != duty_sha256:
-        complaints.append('completed with other duties than an undisturbed run')
+        failures.append('completed with other duties than an undisturbed run')
     recorded = len(run.remains.duties) if run.remains else 0
-    if not complaints and recorded != run.ticks:
-        complaints.append(f'recorded {recorded} duties of {run.ticks}')
+    if not failures and recorded != run.ticks:
+        failures.append(f'recorded {recorded} duties of {run.ticks}')
     if run.remains and run.remains.motors_off:
-        complaints.append('completed, and yet the motors are off')
-    return complaints
+        failures.append('completed, and yet the motors are off')
+    return failures
 
 
 def judge_failed(run: RunEnd, named: Collection[str], status: int = 1) -> list[str]:
     """Judge whether a run has failed with this status, for a reason with one of these names."""
-    complaints = []
+    failures = []
     outcome = run.result.get('outcome', 'no result')
     if run.end.status != status or outcome != 'failed':
-        complaints.append(f'status {run.end.status}, {outcome}, instead of {status}, failed')
+        failures.append(f'status {run.end.status}, {outcome}, instead of {status}, failed')
     if not any(name in run.reason for name in named):
-        complaints.append(f'the reason does not name {" or ".join(named)}: {run.reason!r}')
-    return complaints
+        failures.append(f'the reason does not name {" or ".join(named)}: {run.reason!r}')
+    return failures
 
 
 def judge_recording(
@@ -245,19 +245,19 @@ def judge_recording(
         return [f'no recording of {run.ticks} ticks'] if run.ticks > lost_ticks else []
     if remains.problem:
         return [f'the recording can not be read: {remains.problem}']
-    complaints = []
+    failures = []
     if must_be_finished and not remains.finished:
-        complaints.append('the recording is not finished')
+        failures.append('the recording is not finished')
     if must_be_finished and remains.missing:
-        complaints.append(f'the recording lacks something: {remains.missing}')
+        failures.append(f'the recording lacks something: {remains.missing}')
     if remains.strange and not beside_stranger:
-        complaints.append(f'{remains.strange} recorded duties are not of the next tick')
+        failures.append(f'{remains.strange} recorded duties are not of the next tick')
     duties, expected = remains.duties, list(undisturbed)
     if len(duties) < run.ticks - lost_ticks:
-        complaints.append(f'recorded {len(duties)} duties of {run.ticks}')
+        failures.append(f'recorded {len(duties)} duties of {run.ticks}')
     wrong = [tick for tick, pair in enumerate(duties) if pair != expected[tick]]
     if wrong:
-        complaints.append(f'other duties than those of an undisturbed run from tick {wrong[0]} on')
+        failures.append(f'other duties than those of an undisturbed run from tick {wrong[0]} on')
     if motors_off and duties and not remains.motors_off:
-        complaints.append(f'the last recorded duty is {duties[-1]}: the motors are not off')
-    return complaints
+        failures.append(f'the last recorded duty is {duties[-1]}: the motors are not off')
+    return failures

@@ -37,7 +37,7 @@ def main(words: Sequence[str]) -> None:
     for name, content, period_s in zip(*[iter(words)] * 3, strict=True):
         topic = next(topic for topic in (*OPEN_TOPICS, *LOOP_TOPICS) if topic.name == name)
         kind = topic.message_class
-        qos = reliable_qos(1, latched=topic.keeps > 0)
+        qos = reliable_qos(1, latched=topic.latched_depth > 0)
         publisher = node.create_publisher(kind, topic.name, qos)
         data = MAKERS[Content(content)](kind)
         node.create_timer(float(period_s), partial(publisher.publish, data))

@@ -92,13 +92,13 @@ class NodeSignal:
     def draw(
         cls,
         generator: random.Random,
-        turn: int,
+        index: int,
         *,
         moment: Moment,
         signals: tuple[Signals, ...],
     ) -> NodeSignal:
         """Draw one; in seven consecutive trials each node is the victim once."""
-        victim = NODES[turn % len(NODES)]
+        victim = NODES[index % len(NODES)]
         return cls(victim, generator.choice(signals), moment, moment.delay_s(generator))
 
     @property
@@ -130,8 +130,8 @@ class NodeSignal:
                 os.kill(victim, self.number)
         end = run.await_end(self.bound_s)
         expected = undisturbed_duties(site, end.most_ticks)
-        complaints = self.judge(end, expected, undisturbed(site, ticks_of(SHORT_S)).duty_sha256)
-        return Verdict(tuple(complaints), end.end.took_s, self.bound_s)
+        failures = self.judge(end, expected, undisturbed(site, ticks_of(SHORT_S)).duty_sha256)
+        return Verdict(tuple(failures), end.end.took_s, self.bound_s)
 
     def judge(
         self, run: RunEnd, expected: list[tuple[float, float]], short_sha256: str
@@ -146,23 +146,23 @@ class NodeSignal:
         short_sha256 : str
             Hash of the duties of a short run.
         """
-        complaints = judge_printed(run.text) + judge_end(run.end, self.bound_s)
+        failures = judge_printed(run.text) + judge_end(run.end, self.bound_s)
         if run.end.status is None:
-            return complaints
+            return failures
         completed = self.moment is Moment.END and run.completed
         if completed:
-            complaints += judge_completed(run, short_sha256)
+            failures += judge_completed(run, short_sha256)
         else:
-            complaints += judge_failed(run, [self.victim])
+            failures += judge_failed(run, [self.victim])
         of_recorder = self.victim == RECORDER
-        complaints += judge_recording(
+        failures += judge_recording(
             run,
             expected,
             lost_ticks=LOSS_TICKS if of_recorder and not completed else 0,
             must_be_finished=not of_recorder,
             motors_off=not (of_recorder or completed or _has_every_tick(run)),
         )
-        return complaints
+        return failures
 
 
 @dataclass(frozen=True)
@@ -186,10 +186,10 @@ class CommandSignal:
 
     @classmethod
     def draw(
-        cls, generator: random.Random, turn: int, *, signals: tuple[Signals, ...]
+        cls, generator: random.Random, index: int, *, signals: tuple[Signals, ...]
     ) -> CommandSignal:
         """Draw one; the moments alternate."""
-        moment = list(Moment)[turn % len(Moment)]
+        moment = list(Moment)[index % len(Moment)]
         return cls(generator.choice(signals), moment, moment.delay_s(generator))
 
     def carry_out(self, site: Site) -> Verdict:
@@ -203,35 +203,35 @@ class CommandSignal:
         run.program.send(self.number)
         end = run.await_end(STOP_S)
         expected = undisturbed_duties(site, end.most_ticks)
-        complaints = self.judge(end, expected, undisturbed(site, ticks_of(SHORT_S)).duty_sha256)
-        return Verdict(tuple(complaints), end.end.took_s, STOP_S)
+        failures = self.judge(end, expected, undisturbed(site, ticks_of(SHORT_S)).duty_sha256)
+        return Verdict(tuple(failures), end.end.took_s, STOP_S)
 
     def judge(
         self, run: RunEnd, expected: list[tuple[float, float]], short_sha256: str
     ) -> list[str]:
         """Return the broken guarantees; arguments as for a node's signal."""
         killed = self.number == Signals.SIGKILL
-        complaints = judge_printed(run.text)
+        failures = judge_printed(run.text)
         if killed:
             # Its nodes end by themselves.
             if run.end.took_s > STOP_S:
-                complaints.append(f'nodes still there {STOP_S:.0f} s after the command was killed')
+                failures.append(f'nodes still there {STOP_S:.0f} s after the command was killed')
         else:
-            complaints += judge_end(run.end, STOP_S)
+            failures += judge_end(run.end, STOP_S)
         if run.end.status is None:
-            return complaints
+            return failures
         completed = run.completed and self.moment is Moment.END
         if completed:
-            complaints += judge_completed(run, short_sha256)
+            failures += judge_completed(run, short_sha256)
         elif run.end.status not in (128 + self.number, -self.number):
-            complaints.append(f'status {run.end.status} instead of {128 + self.number}')
-        complaints += judge_recording(
+            failures.append(f'status {run.end.status} instead of {128 + self.number}')
+        failures += judge_recording(
             run,
             expected,
             must_be_finished=not killed,
             motors_off=not (completed or _has_every_tick(run)),
         )
-        return complaints
+        return failures
 
 
 def _has_every_tick(run: RunEnd) -> bool:

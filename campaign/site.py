@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from ballbot_ros.nodes.processes import children, threads_by_process
 from ballbot_ros.parameters import NODES
-from ballbot_ros.simulation.silence_timer import LOOK_S, Threads, available_s
+from ballbot_ros.simulation.silence_timer import MAX_POLL_GAP_S, Threads, available_s
 
 MARK = 'BALLBOT_CAMPAIGN_TRIAL'
 """Environment variable that identifies the processes of a trial, including leftover ones."""
@@ -44,10 +44,10 @@ class Stopwatch:
 
     def __init__(self) -> None:
         self.elapsed_s = 0.0
-        self._looked_at_s = time.monotonic()
+        self._polled_at_s = time.monotonic()
         self._known: dict[int, Threads] = {}
 
-    def look(self, processes: Iterable[int]) -> float:
+    def update(self, processes: Iterable[int]) -> float:
         """Add the time since the last update that was available to the most delayed process.
 
         Parameters
@@ -61,8 +61,8 @@ class Stopwatch:
             :attr:`elapsed_s`.
         """
         now_s = time.monotonic()
-        span_s = min(now_s - self._looked_at_s, LOOK_S)
-        self._looked_at_s = now_s
+        span_s = min(now_s - self._polled_at_s, MAX_POLL_GAP_S)
+        self._polled_at_s = now_s
         before, self._known = self._known, threads_by_process(processes)
         had_s = [
             available_s(threads, before[process], span_s)
@@ -220,7 +220,7 @@ class Site:
                 survivors = tuple(alive.values())
             if survivors is not None and not alive:
                 return End(status, watch.elapsed_s, survivors)
-            if watch.look(alive) > bound_s:
+            if watch.update(alive) > bound_s:
                 end_all(self.folder)
                 return End(status, watch.elapsed_s, tuple(alive.values()))
             time.sleep(_POLL_S)
@@ -236,7 +236,7 @@ def wait_until(condition: Callable[[], bool], what: str) -> None:
     """
     watch = Stopwatch()
     while not condition():
-        if watch.look([os.getpid()]) > START_S:
+        if watch.update([os.getpid()]) > START_S:
             raise CampaignError(f'{what} did not come within {START_S:.0f} s')
         time.sleep(_POLL_S)
 

@@ -16,7 +16,7 @@ from ballbot_ros.messages.topics import (
     DIAGNOSTICS,
     JOY,
     LCD,
-    LOCKSTEP,
+    LOCKSTEP_PUBLISHERS,
     OPERATING_STATE,
     PUSH,
     SOUND,
@@ -45,7 +45,7 @@ OPEN_TOPICS = (
 )  # fmt: skip
 """Topics open to all: nonsense on them must neither end nor change a run."""
 
-LOOP_TOPICS = tuple(sorted(LOCKSTEP))
+LOOP_TOPICS = tuple(sorted(LOCKSTEP_PUBLISHERS))
 """Topics reserved for the participants."""
 
 DURATION_S = 3.0
@@ -122,10 +122,10 @@ class Stranger:
         return f'after {self.delay_s:.3f} s: {", ".join(map(str, self.sends))}'
 
     @classmethod
-    def draw(cls, generator: random.Random, turn: int, *, in_the_loop: bool) -> Stranger:
+    def draw(cls, generator: random.Random, index: int, *, in_the_loop: bool) -> Stranger:
         """Draw one; the first topics alternate."""
         topics = LOOP_TOPICS if in_the_loop else OPEN_TOPICS
-        chosen = [topics[turn % len(topics)]]
+        chosen = [topics[index % len(topics)]]
         if not in_the_loop:
             chosen += generator.sample([topic for topic in topics if topic not in chosen], k=2)
         sends = [Nonsense.draw(generator, topic) for topic in chosen]
@@ -142,8 +142,8 @@ class Stranger:
         if end.end.status is not None and stranger.status is not None:
             raise CampaignError(f'the stranger has ended: {stranger.text}')
         sha256 = undisturbed(site, ticks_of(DURATION_S)).duty_sha256
-        complaints = self.judge(end, undisturbed_duties(site, end.most_ticks), sha256)
-        return Verdict(tuple(complaints), end.end.took_s, BOUND_S)
+        failures = self.judge(end, undisturbed_duties(site, end.most_ticks), sha256)
+        return Verdict(tuple(failures), end.end.took_s, BOUND_S)
 
     def judge(self, run: RunEnd, expected: list[tuple[float, float]], sha256: str) -> list[str]:
         """Return the broken guarantees.
@@ -156,16 +156,16 @@ class Stranger:
         sha256 : str
             Hash of those duties.
         """
-        complaints = judge_printed(run.text) + judge_end(run.end, BOUND_S)
+        failures = judge_printed(run.text) + judge_end(run.end, BOUND_S)
         if run.end.status is None:
-            return complaints
+            return failures
         if run.completed or not self.in_the_loop:
-            return complaints + judge_completed(run, sha256)
+            return failures + judge_completed(run, sha256)
         if CLOCK in [each.topic for each in self.sends] and run.end.status == REFUSED:
             # A clock that exists before the run counts as another plant's.
-            return complaints + judge_failed(run, [CLOCK.name], REFUSED)
+            return failures + judge_failed(run, [CLOCK.name], REFUSED)
         return (
-            complaints
+            failures
             + judge_failed(run, [STRANGER])
             + judge_recording(run, expected, motors_off=True, beside_stranger=True)
         )

@@ -80,9 +80,9 @@ class FullDisk:
         return f'{self.size_kb} KiB for {self.disk.value}'
 
     @classmethod
-    def draw(cls, generator: random.Random, turn: int) -> FullDisk:
+    def draw(cls, generator: random.Random, index: int) -> FullDisk:
         """Draw one that is full at once, or after some seconds; the disks alternate."""
-        disk = list(Disk)[turn % len(Disk)]
+        disk = list(Disk)[index % len(Disk)]
         sizes = (4, 16, 64, 256, 1024) if disk is Disk.RECORDING else (4, 8, 16, 32)
         return cls(disk, generator.choice(sizes) + generator.choice((0, 4)))
 
@@ -95,18 +95,18 @@ class FullDisk:
             run = Run(site, duration, output=output / 'run', real_time_factor=0.0)
             end = run.await_end(DISK_BOUND_S)
         expected = undisturbed_duties(site, end.most_ticks)
-        complaints = judge_printed(end.text) + judge_end(end.end, DISK_BOUND_S)
+        failures = judge_printed(end.text) + judge_end(end.end, DISK_BOUND_S)
         if end.completed and not is_of_recording:
             sha256 = undisturbed(site, ticks_of(SHORT_S)).duty_sha256
-            complaints += judge_completed(end, sha256)
+            failures += judge_completed(end, sha256)
         elif end.result:
             # A picture that can't be written either says nothing about the cause.
             named = f'{run.recording.name}: {NO_SPACE}' if is_of_recording else NO_SPACE
-            complaints += judge_failed(end, [named])
+            failures += judge_failed(end, [named])
         elif end.end.status not in (1, 2) or NO_SPACE not in end.text:
-            complaints.append(f'status {end.end.status}, and {NO_SPACE!r} is not mentioned')
-        complaints += judge_recording(end, expected, lost_ticks=end.ticks, must_be_finished=False)
-        return Verdict(tuple(complaints), end.end.took_s, DISK_BOUND_S)
+            failures.append(f'status {end.end.status}, and {NO_SPACE!r} is not mentioned')
+        failures += judge_recording(end, expected, lost_ticks=end.ticks, must_be_finished=False)
+        return Verdict(tuple(failures), end.end.took_s, DISK_BOUND_S)
 
 
 @dataclass(frozen=True)
@@ -117,14 +117,14 @@ class BusyMachine:
         return f'{RUNS_AT_ONCE} simultaneous runs next to {BUSY_LOOPS} busy loops'
 
     @classmethod
-    def draw(cls, generator: random.Random, turn: int) -> BusyMachine:
+    def draw(cls, generator: random.Random, index: int) -> BusyMachine:
         """Return it; it has no random choices."""
         return cls()
 
     def carry_out(self, site: Site) -> Verdict:
         """Keep the machine busy, and judge each run."""
         sha256 = undisturbed(site, ticks_of(SHORT_S)).duty_sha256
-        complaints = []
+        failures = []
         with ExitStack() as stack:
             loops = [subprocess.Popen([sys.executable, '-c', LOOP]) for _ in range(BUSY_LOOPS)]
             for loop in loops:
@@ -137,9 +137,9 @@ class BusyMachine:
             ]
             ends = [run.await_end(BUSY_BOUND_S, beside=busy) for run in runs]
         for end in ends:
-            complaints += judge_printed(end.text) + judge_completed(end, sha256)
+            failures += judge_printed(end.text) + judge_completed(end, sha256)
         took_s = max(end.end.took_s for end in ends)
-        return Verdict(tuple(complaints), took_s, BUSY_BOUND_S)
+        return Verdict(tuple(failures), took_s, BUSY_BOUND_S)
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ class Leftovers:
         return f'broken ports {ports}, and leftovers of a killed graph'
 
     @classmethod
-    def draw(cls, generator: random.Random, turn: int) -> Leftovers:
+    def draw(cls, generator: random.Random, index: int) -> Leftovers:
         """Draw some broken ports, relative to those of a domain's first participant."""
         ports = tuple(sorted(generator.sample(range(PORTS), k=generator.randint(1, 6))))
         sizes = (0, 1, MIN_PORT_BYTES - 1, MIN_PORT_BYTES, 4 * MIN_PORT_BYTES)
@@ -186,9 +186,9 @@ class Leftovers:
         run = Run(site, SHORT_S, name='second')
         end = run.await_end(LEFT_BOUND_S)
         duties = undisturbed_duties(site, ticks_of(SHORT_S))
-        complaints = judge_printed(end.text) + judge_end(end.end, LEFT_BOUND_S)
-        complaints += judge_completed(end, undisturbed(site, len(duties)).duty_sha256)
-        complaints += judge_recording(end, duties)
+        failures = judge_printed(end.text) + judge_end(end.end, LEFT_BOUND_S)
+        failures += judge_completed(end, undisturbed(site, len(duties)).duty_sha256)
+        failures += judge_recording(end, duties)
         still = {(path.name, path.stat().st_ino) for path in SHARED_MEMORY.glob('*fastrtps*')}
-        complaints += [f'{name} is still there' for name, _ in sorted(left & still)]
-        return Verdict(tuple(complaints), end.end.took_s, LEFT_BOUND_S)
+        failures += [f'{name} is still there' for name, _ in sorted(left & still)]
+        return Verdict(tuple(failures), end.end.took_s, LEFT_BOUND_S)

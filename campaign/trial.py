@@ -30,7 +30,7 @@ def judge_shared_memory() -> tuple[str, ...]:
     while True:
         sweep(older_than_s=0.0)
         left = sorted(SHARED_MEMORY.glob('*fastrtps*'))
-        if not left or watch.look([os.getpid()]) > SWEPT_S:
+        if not left or watch.update([os.getpid()]) > SWEPT_S:
             return tuple(f'{path} is left, and is not swept' for path in left)
         time.sleep(0.05)
 
@@ -45,7 +45,7 @@ def main(words: list[str]) -> int:
         except CampaignError as error:
             verdict = Verdict((str(error),), 0.0, START_S)
     if OWN_MEMORY in words:
-        verdict = verdict._replace(complaints=verdict.complaints + judge_shared_memory())
+        verdict = verdict._replace(failures=verdict.failures + judge_shared_memory())
     print(json.dumps({'attempt': str(attempt), **verdict._asdict()}))
     return 0
 

@@ -138,7 +138,7 @@ class FakeGraph:
         self.is_listening = False
 
 
-class FakeMachine:
+class FakeProcessObserver:
     """Processes that always have all the processor time that they want."""
 
     def __init__(self, world):
@@ -184,7 +184,7 @@ class LockstepWorld:
         self.done = []
         self.calls_s = {event: self.now_s + period for event, period in self.periods_s.items()}
         self.master = self.kind(
-            self.graph, FakeMachine(self), TOPICS, self._set_up, 'token', self.now_s
+            self.graph, FakeProcessObserver(self), TOPICS, self._set_up, 'token', self.now_s
         )
 
     def _set_up(self, start_ns):
@@ -219,7 +219,7 @@ class LockstepWorld:
 
     # The master
 
-    def tell(self, event, *what, **details):
+    def dispatch(self, event, *what, **details):
         """Tell the master of an event; return the actions that follow."""
         actions = event(self.now_s, *what, **details)
         for action in actions:
@@ -300,7 +300,7 @@ class LockstepWorld:
 
     def receive(self, event, *what):
         """Hand a message to whom it is for."""
-        self.tell(event, *what)
+        self.dispatch(event, *what)
 
     def wait(self, seconds=WATCH_S):
         """Let time pass: messages arrive, and the master is called when it is due."""
@@ -321,7 +321,7 @@ class LockstepWorld:
         self.now_s = max(self.now_s, self.calls_s.pop(event))
         if event in self.periods_s:
             self.calls_s[event] = self.now_s + self.periods_s[event]
-        self.tell(getattr(self.master, event))
+        self.dispatch(getattr(self.master, event))
 
     def advance(self, ticks):
         """Deliver messages until the run has made so many ticks."""

@@ -29,7 +29,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
 )
 from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.lockstep import LockstepTicks, Step
+from ballbot_ros.simulation.lockstep import LockstepTicks, SampleReaction
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.task_releases import DueTick
 from ballbot_ros.timing import (
@@ -138,15 +138,15 @@ class Brick:
             self._timers[task].next_ns += TICK_NS // 2
 
     def on_sample(self, name, stamp_ns, reading):
-        step = self._ticks.take(name, stamp_ns, repr(reading), reading)
-        if step is Step.LACKS_RELEASES:
+        reaction = self._ticks.take(name, stamp_ns, repr(reading), reading)
+        if reaction is SampleReaction.FORCE_RELEASES:
             waits = any(timer.is_ready(self._now_ns) for timer in self._timers.values())
-            step = self._ticks.force(callback_waits=waits)
-        if isinstance(step, DueTick):
-            self._run(step)
-        elif step is Step.ANSWER_AGAIN:
+            reaction = self._ticks.force(callback_waits=waits)
+        if isinstance(reaction, DueTick):
+            self._run(reaction)
+        elif reaction is SampleReaction.RESEND:
             self._answer(stamp_ns, self._answers[stamp_ns])
-        assert step not in (Step.OBJECT, Step.MISSED_START)
+        assert reaction not in (SampleReaction.OBJECT, SampleReaction.MISSED_START)
 
     def _run(self, tick):
         if self._now_ns == tick.time_ns:
@@ -221,10 +221,10 @@ class RobotWorld(LockstepWorld):
         def answer(stamp_ns, duty):
             self.nodes[CONTROLLER].samples.add(stamp_ns)
             data = data_of(stamp_ns, duty)
-            self.send(self.master.on_duty, stamp_ns, duty, data, way=(CONTROLLER, PLANT))
+            self.send(self.master.on_duty, stamp_ns, duty, data, route=(CONTROLLER, PLANT))
 
         def call_back(event, task):
-            self.send(event, task, way=(CONTROLLER, CONTROLLER, task))
+            self.send(event, task, route=(CONTROLLER, CONTROLLER, task))
 
         return Brick(self.parameter_set.of(ControllerParameters), answer, call_back)
 
@@ -241,36 +241,38 @@ class RobotWorld(LockstepWorld):
 
     # Messages
 
-    def send(self, event, *what, way=()):
-        """Send a message on its way: sender, reader and topic."""
-        self.in_flight.append((event, (way, *what)))
+    def send(self, event, *what, route=()):
+        """Send a message on its route: sender, reader and topic."""
+        self.in_flight.append((event, (route, *what)))
 
-    def receive(self, event, way, *what):
+    def receive(self, event, route, *what):
         if isinstance(event.__self__, LockstepMaster):
-            self.tell(event, *what)
+            self.dispatch(event, *what)
         else:
             event(*what)
 
     def arriving(self):
         first = {}
         hung = {role for role, node in self.nodes.items() if node.is_hung}
-        for index, (event, (way, *_)) in enumerate(self.in_flight):
-            if not hung.intersection(way):
-                first.setdefault((event, way), index)
+        for index, (event, (route, *_)) in enumerate(self.in_flight):
+            if not hung.intersection(route):
+                first.setdefault((event, route), index)
         return self._chance.choice(list(first.values())) if first else None
 
     def _sample(self, topic, stamp_ns, reading, sender):
-        way = (sender, CONTROLLER, topic.name)
+        route = (sender, CONTROLLER, topic.name)
         brick = self.robot.get(CONTROLLER)
         if brick:
-            self.send(brick.on_sample, topic.name, stamp_ns, reading, way=way)
+            self.send(brick.on_sample, topic.name, stamp_ns, reading, route=route)
 
     def _carry_out(self, action):
         super()._carry_out(action)
         if isinstance(action, do.PublishTruth):
             stamp_ns = action.truth.stamp_ns
             if CONTROLLER in self.robot:
-                self.send(self.robot[CONTROLLER].on_clock, stamp_ns, way=('', CONTROLLER, 'clock'))
+                self.send(
+                    self.robot[CONTROLLER].on_clock, stamp_ns, route=('', CONTROLLER, 'clock')
+                )
             if stamp_ns % BATTERY_PERIOD_NS == 0:
                 reading = battery_mv(action.truth.battery_voltage)
                 self._sample(BATTERY_STATE, stamp_ns, reading, '')
@@ -278,4 +280,4 @@ class RobotWorld(LockstepWorld):
     def _answer(self, truth):
         for role, part in self.robot.items():
             if role != CONTROLLER:
-                self.send(part.on_truth, truth, way=('', role, 'truth'))
+                self.send(part.on_truth, truth, route=('', role, 'truth'))

@@ -33,7 +33,7 @@ from ballbot_ros.messages.topics import (
     RUN_STATUS,
     Topic,
 )
-from ballbot_ros.plant.truth import Push
+from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.recording.batch import RawMessage
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader

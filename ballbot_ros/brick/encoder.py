@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ballbot_ros.brick.units import degrees_of
+from ballbot_ros.brick.units import radians_to_degrees
 
 
 class Encoder:
@@ -10,4 +10,4 @@ class Encoder:
 
     def read(self, angles: tuple[float, float], stamp_ns: int) -> tuple[int, int]:
         """Return the counts [deg] for the shaft angles [rad] of planes x and y, at any time."""
-        return degrees_of(angles[0]), degrees_of(angles[1])
+        return radians_to_degrees(angles[0]), radians_to_degrees(angles[1])

@@ -19,17 +19,17 @@ def quantise(value: float) -> int:
     return math.floor(value + 0.5)
 
 
-def degrees_of(radians: float) -> int:
+def radians_to_degrees(radians: float) -> int:
     """Return the whole degrees (or deg/s) nearest to rad (or rad/s)."""
     return quantise(radians * _DEGREES_PER_RADIAN)
 
 
-def radians_of(degrees: float) -> float:
+def degrees_to_radians(degrees: float) -> float:
     """Return degrees (or deg/s) in rad (or rad/s)."""
     return degrees * _RADIANS_PER_DEGREE
 
 
-def metres_of(sonar_cm: int) -> float:
+def sonar_cm_to_metres(sonar_cm: int) -> float:
     """Return a sonar reading in m: +inf for no echo, NaN for no data yet (REP 117)."""
     if sonar_cm == NO_ECHO_CM:
         return math.inf
@@ -38,8 +38,8 @@ def metres_of(sonar_cm: int) -> float:
     return sonar_cm / 100.0
 
 
-def centimetres_of(range_m: float) -> int:
-    """Return the sonar reading that :func:`metres_of` made `range_m` from."""
+def metres_to_sonar_cm(range_m: float) -> int:
+    """Return the sonar reading that :func:`sonar_cm_to_metres` made `range_m` from."""
     if math.isnan(range_m):
         return NO_DATA_CM
     if math.isinf(range_m):

@@ -68,7 +68,7 @@ def play_file(parameters: PlayerParameters) -> int:
                 f'{"   paused" if playback.paused else ""}'
             )
 
-        player.every(KEYS_S, attend)
+        player.create_wall_timer(KEYS_S, attend)
         return player
 
     with _Terminal() as terminal:

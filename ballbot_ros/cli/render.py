@@ -53,11 +53,11 @@ def command(recording: Path, view: str, output: Path, moment: float | None) -> N
     # Imported only here: viser takes a second.
     try:
         with defer_sigint():
-            from ballbot_ros.viewer.render import render
+            from ballbot_ros.viewer.render import render_to_file
     except ImportError as error:
         raise ViewerError(
             f'package not found ({error}): install it with `pip install "ballbot_ros[viewer]"`'
         ) from None
     with file_progress(output.name) as progress:
-        render(run, view, output, run.end if moment is None else moment, progress)
+        render_to_file(run, view, output, run.end if moment is None else moment, progress)
     click.echo(f'picture  {output}')

@@ -46,7 +46,7 @@ def command(recording: Path, other: Path | None, host: str, port: int) -> int:
         from ballbot_ros.viewer.recording_page import RecordingPage
 
     page = Page(runs[0].dimensions, ' and '.join(run.name for run in runs), host, port)
-    player = RecordingPage(page, runs)
+    recording_page = RecordingPage(page, runs)
     if warning := network_warning(host):
         click.echo(f'warning: {warning}', err=True)
     click.echo(f'viewer  {page.address}')
@@ -55,8 +55,8 @@ def command(recording: Path, other: Path | None, host: str, port: int) -> int:
         while not stop.signal:
             time.sleep(UPDATE_S)
             now = time.monotonic()
-            if page.is_watched:
-                player.update(now - last)
+            if page.has_clients:
+                recording_page.update(now - last)
             last = now
     page.stop()
     return 0

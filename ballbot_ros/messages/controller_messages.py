@@ -45,32 +45,32 @@ class ControllerMessages:
         self._sound = make(SOUND)
         self._lcd = make(LCD)
 
-    def tick(self, now: int, outputs: DeviceOutputs, program: Program) -> None:
-        """Send the results of a tick at `now` [ns]."""
+    def tick(self, now_ns: int, outputs: DeviceOutputs, program: Program) -> None:
+        """Send the results of a tick at `now_ns` [ns]."""
         # Messages without a stamp go first, so that no reader sees them after the next tick.
         if program.operating_state != self.operating_state:
             self.operating_state = program.operating_state.value
             self._operating_state.message.data = program.operating_state.value
-            self._operating_state.send(now)
+            self._operating_state.send(now_ns)
         for packet in outputs.log:
             fill_log(self._log.message, packet)
-            self._log.send(now)
+            self._log.send(now_ns)
         for tone in outputs.tones:
-            fill_tone(self._sound.message, now, tone)
-            self._sound.send(now)
+            fill_tone(self._sound.message, now_ns, tone)
+            self._sound.send(now_ns)
         for page in outputs.pages:
             self._lcd.message.data = page
-            self._lcd.send(now)
-        fill_duty(self._duty.message, now, outputs.duty)
-        self._duty.send(now)
-        fill_controller_state(self._state.message, now, program.x, program.y)
-        self._state.send(now)
+            self._lcd.send(now_ns)
+        fill_duty(self._duty.message, now_ns, outputs.duty)
+        self._duty.send(now_ns)
+        fill_controller_state(self._state.message, now_ns, program.x, program.y)
+        self._state.send(now_ns)
 
     def begin(self) -> None:
         """Begin a run: its first operating state counts as a change."""
         self.operating_state = ''
 
-    def repeat(self, stamp_ns: int) -> None:
+    def resend(self, stamp_ns: int) -> None:
         """Send the periodic messages of the previous tick again, with `stamp_ns`."""
         self._duty.send(stamp_ns)
         self._state.send(stamp_ns)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.brick.brick import Tone
-from ballbot_ros.brick.units import quantise, radians_of
+from ballbot_ros.brick.units import degrees_to_radians, quantise
 from ballbot_ros.controller.interface import PlaneEstimates
 from ballbot_ros.messages.message_types import (
     BatteryState,
@@ -35,7 +35,7 @@ from ballbot_ros.messages.message_types import (
     WrenchStamped,
 )
 from ballbot_ros.numerics.elementary import sine_cosine
-from ballbot_ros.plant.truth import GroundTruth, Pair, Push
+from ballbot_ros.plant.ground_truth import GroundTruth, Pair, Push
 from ballbot_ros.timing import SECOND_NS
 
 if TYPE_CHECKING:
@@ -233,7 +233,7 @@ def fill_controller_state(
 
 
 def _radians(angles: Iterable[SupportsFloat]) -> list[float]:
-    return [radians_of(float(angle)) for angle in angles]
+    return [degrees_to_radians(float(angle)) for angle in angles]
 
 
 def fill_log(message: Bytes, packet: LogPacket) -> None:

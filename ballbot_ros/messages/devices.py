@@ -12,10 +12,10 @@ from typing import Any, Generic, TypeAlias
 from ballbot_ros.brick.units import (
     NO_DATA_CM,
     NO_ECHO_CM,
-    centimetres_of,
-    degrees_of,
-    metres_of,
-    radians_of,
+    degrees_to_radians,
+    metres_to_sonar_cm,
+    radians_to_degrees,
+    sonar_cm_to_metres,
 )
 from ballbot_ros.messages.conversions import (
     MOTOR_NAMES,
@@ -82,21 +82,23 @@ def fill_gyro(message: Imu, stamp_ns: int, counts: tuple[int, int]) -> None:
     """Write ``gyro``: the readings in rad/s, with their zero-rate offset."""
     fill_header(message.header, stamp_ns, 'base_link')
     rate = message.angular_velocity
-    rate.y, rate.x = radians_of(counts[0]), radians_of(counts[1])
+    rate.y, rate.x = degrees_to_radians(counts[0]), degrees_to_radians(counts[1])
     message.orientation_covariance[0] = -1.0  # not provided
     message.linear_acceleration_covariance[0] = -1.0
 
 
 def gyro_counts(message: Imu) -> tuple[int, int]:
     """Return the readings [deg/s + offset] of gyros S1 and S2 from ``gyro``."""
-    return degrees_of(message.angular_velocity.y), degrees_of(message.angular_velocity.x)
+    return radians_to_degrees(message.angular_velocity.y), radians_to_degrees(
+        message.angular_velocity.x
+    )
 
 
 def fill_encoders(message: JointState, stamp_ns: int, counts: tuple[int, int]) -> None:
     """Write ``joint_states``: whole degrees as rad."""
     fill_header(message.header, stamp_ns, '')
     message.name = MOTOR_NAMES
-    message.position = [radians_of(counts[0]), radians_of(counts[1])]
+    message.position = [degrees_to_radians(counts[0]), degrees_to_radians(counts[1])]
 
 
 def encoder_counts(message: JointState) -> tuple[int, int]:
@@ -106,7 +108,7 @@ def encoder_counts(message: JointState) -> tuple[int, int]:
     """
     if message.name != MOTOR_NAMES:
         raise ValueError(f'joints {message.name}, not {MOTOR_NAMES}')
-    return degrees_of(message.position[0]), degrees_of(message.position[1])
+    return radians_to_degrees(message.position[0]), radians_to_degrees(message.position[1])
 
 
 def describe_sonar(message: Range, parameters: SonarParameters) -> None:
@@ -114,21 +116,21 @@ def describe_sonar(message: Range, parameters: SonarParameters) -> None:
     message.radiation_type = ULTRASOUND
     message.field_of_view = parameters.cone_angle
     message.min_range = 0.0
-    message.max_range = metres_of(NO_ECHO_CM - 1)
+    message.max_range = sonar_cm_to_metres(NO_ECHO_CM - 1)
 
 
 def fill_sonar(message: Range, stamp_ns: int, sonar_cm: int) -> None:
     """Write ``sonar``."""
     fill_header(message.header, stamp_ns, 'sonar')
-    message.range = metres_of(sonar_cm)
+    message.range = sonar_cm_to_metres(sonar_cm)
 
 
-def sonar_reading(message: Range) -> int:
+def sonar_range_cm(message: Range) -> int:
     """Return the reading [cm] from ``sonar``.
 
     ValueError if the sensor's register can't hold it.
     """
-    reading = centimetres_of(message.range)
+    reading = metres_to_sonar_cm(message.range)
     if not NO_DATA_CM <= reading <= NO_ECHO_CM:
         raise ValueError(f'{reading} cm is not within 0 … {NO_ECHO_CM}')
     return reading
@@ -153,7 +155,7 @@ DEVICE_MESSAGES: tuple[AnyDeviceMessages, ...] = (
         ball_position,
         SONAR_RANGE,
         fill_sonar,
-        sonar_reading,
+        sonar_range_cm,
         describe_sonar,
     ),
 )

@@ -63,11 +63,11 @@ def place_marker(
     message: Any,
     stamp_ns: int,
     position: Sequence[float],
-    turn: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+    rotation: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
 ) -> None:
-    """Write the pose of a marker in ``map`` at `stamp_ns`; `turn` is w, x, y, z."""
+    """Write the pose of a marker in ``map`` at `stamp_ns`; `rotation` is w, x, y, z."""
     fill_header(message.header, stamp_ns, 'map')
-    _fill_place(message.pose.position, message.pose.orientation, position, turn)
+    _fill_place(message.pose.position, message.pose.orientation, position, rotation)
 
 
 def fill_points(message: Any, points: Iterable[Sequence[float]]) -> None:
@@ -82,16 +82,16 @@ def fill_transform(
     parent: str,
     child: str,
     position: Sequence[float],
-    turn: Sequence[float],
+    rotation: Sequence[float],
 ) -> None:
     """Write a ``geometry_msgs/TransformStamped``: the pose of `child` in `parent`."""
     fill_header(message.header, stamp_ns, parent)
     message.child_frame_id = child
-    _fill_place(message.transform.translation, message.transform.rotation, position, turn)
+    _fill_place(message.transform.translation, message.transform.rotation, position, rotation)
 
 
 def _fill_place(
-    point: Any, quaternion: Any, position: Sequence[float], turn: Sequence[float]
+    point: Any, quaternion: Any, position: Sequence[float], rotation: Sequence[float]
 ) -> None:
     point.x, point.y, point.z = position
-    quaternion.w, quaternion.x, quaternion.y, quaternion.z = turn
+    quaternion.w, quaternion.x, quaternion.y, quaternion.z = rotation

@@ -26,7 +26,7 @@ from ballbot_ros.messages.topics import (
     RUN,
     WALL_HIT,
 )
-from ballbot_ros.plant.truth import GroundTruth, Push
+from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.timing import BATTERY_PERIOD_NS
 from ballbot_ros.world.exports import occupancy_grid
 from ballbot_ros.world.world import World
@@ -78,37 +78,37 @@ class PlantMessages:
             fill_accepted_push(self._accepted_push.message, stamp, push, number, acts=acts)
             self._accepted_push.send(stamp)
 
-    def truth(self, truth: GroundTruth, *, wall_hit: bool, again: bool = False) -> bool:
+    def truth(self, truth: GroundTruth, *, wall_hit: bool, is_resend: bool = False) -> bool:
         """Send the truth of a tick; return whether `wall_hit` has changed.
 
-        When a tick is sent `again`, so is the newest battery sample, because a controller that has
+        With `is_resend`, also send the newest battery sample again, because a controller that has
         just joined waits for it.
         """
-        now = truth.stamp_ns
-        fill_clock(self._clock.message, now)
-        self._clock.send(now)
+        stamp_ns = truth.stamp_ns
+        fill_clock(self._clock.message, stamp_ns)
+        self._clock.send(stamp_ns)
         # Before the drivers' inputs: for the controller, the run begins with it.
-        if now % BATTERY_PERIOD_NS == 0:
+        if stamp_ns % BATTERY_PERIOD_NS == 0:
             fill_battery(self._battery.message, truth)
-        if again or now % BATTERY_PERIOD_NS == 0:
-            self._battery.send(now)
-        self.ask(truth)
+        if is_resend or stamp_ns % BATTERY_PERIOD_NS == 0:
+            self._battery.send(stamp_ns)
+        self.send_to_drivers(truth)
         hit = self._wall_hit.message
         if hit.data == wall_hit:
             return False
         hit.data = wall_hit
-        self._wall_hit.send(now)
+        self._wall_hit.send(stamp_ns)
         return True
 
-    def ask(self, truth: GroundTruth) -> None:
+    def send_to_drivers(self, truth: GroundTruth) -> None:
         """Send the topics that the drivers answer."""
-        now = truth.stamp_ns
+        stamp_ns = truth.stamp_ns
         fill_body(self._body.message, truth)
-        self._body.send(now)
+        self._body.send(stamp_ns)
         fill_motors(self._motors.message, truth)
-        self._motors.send(now)
+        self._motors.send(stamp_ns)
         fill_odometry(self._odometry.message, truth, self.ball_radius)
-        self._odometry.send(now)
+        self._odometry.send(stamp_ns)
 
     def stop_motors(self, last_ns: int) -> None:
         """Publish that the motors are off from the tick after the last one."""

@@ -15,7 +15,7 @@ from ballbot_ros.messages.outputs import EncodedOutput, Sink
 from ballbot_ros.messages.plant_messages import PlantMessages
 from ballbot_ros.messages.topics import GAMEPAD_JOY
 from ballbot_ros.parameters import ParameterSet, PlantParameters
-from ballbot_ros.plant.truth import GroundTruth, Push
+from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.simulation.closed_loop import Tick
 from ballbot_ros.teleop.arbiter import SCENARIO
 from ballbot_ros.world.world import World
@@ -63,17 +63,17 @@ class RunMessages:
 
     def tick(self, tick: Tick, program: Program, source: str = SCENARIO) -> None:
         """Create the messages of a tick; `source` names the input in command."""
-        now = tick.truth.stamp_ns
+        now_ns = tick.truth.stamp_ns
         self.truth(tick.truth, wall_hit=tick.wall_hit)
-        self._drivers(now, tick.inputs, source)
-        self._controller.tick(now, tick.outputs, program)
+        self._drivers(now_ns, tick.inputs, source)
+        self._controller.tick(now_ns, tick.outputs, program)
 
-    def _drivers(self, now: int, inputs: DeviceInputs, source: str) -> None:
+    def _drivers(self, now_ns: int, inputs: DeviceInputs, source: str) -> None:
         for reading_of, fill, output in self._devices:
             reading = reading_of(inputs)
             if reading is not None:
-                fill(output.message, now, reading)
-                output.send(now)
+                fill(output.message, now_ns, reading)
+                output.send(now_ns)
         if inputs.sticks is not None:
-            fill_sticks(self._gamepad.message, now, inputs.sticks, source)
-            self._gamepad.send(now)
+            fill_sticks(self._gamepad.message, now_ns, inputs.sticks, source)
+            self._gamepad.send(now_ns)

@@ -3,7 +3,7 @@
 from ballbot_ros.messages.raw import has_stamp, same_content
 from ballbot_ros.messages.topics import (
     CLOCK,
-    LOCKSTEP,
+    LOCKSTEP_PUBLISHERS,
     MOTOR_DUTY,
     PARTICIPANTS,
     PUSH,
@@ -17,8 +17,8 @@ RUN_TOPICS = RunTopics(
     push=PUSH.name,
     ack=RECORDER_ACK.name,
     participants=PARTICIPANTS.name,
-    owners={topic.name: roles for topic, roles in LOCKSTEP.items()},
-    stamped=frozenset(topic.name for topic in LOCKSTEP if has_stamp(topic.type_name)),
-    periodic=frozenset(topic.name for topic in LOCKSTEP if topic.period_ns),
+    owners={topic.name: roles for topic, roles in LOCKSTEP_PUBLISHERS.items()},
+    stamped=frozenset(topic.name for topic in LOCKSTEP_PUBLISHERS if has_stamp(topic.type_name)),
+    periodic=frozenset(topic.name for topic in LOCKSTEP_PUBLISHERS if topic.period_ns),
     is_same_duty=same_content(MOTOR_DUTY.type_name),
 )

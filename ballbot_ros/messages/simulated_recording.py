@@ -9,7 +9,7 @@ from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import Topic
 from ballbot_ros.parameters import ParameterSet
-from ballbot_ros.plant.truth import GroundTruth, Push
+from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.recording import rosbag2
 from ballbot_ros.recording.attachments import OUTCOME_KEYS, media_type
 from ballbot_ros.recording.writer import RecordingWriter

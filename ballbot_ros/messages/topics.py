@@ -37,7 +37,7 @@ class Topic(NamedTuple):
         The only node that publishes it; None if several may.
     period_ns : int
         In lockstep, period of its messages [ns]; 0 for a topic of events.
-    keeps : int
+    latched_depth : int
         Number of messages that a publisher keeps for late subscribers: the newest of a state, which
         holds until the next one; none of a stream or of events.
     has_history : bool
@@ -49,13 +49,13 @@ class Topic(NamedTuple):
     type_name: str
     publisher: str | None
     period_ns: int = 0
-    keeps: int = 0
+    latched_depth: int = 0
     has_history: bool = False
 
     @property
     def history(self) -> Topic:
         """The hidden topic that keeps the newest :data:`HISTORY` messages for late subscribers."""
-        return self._replace(name=f'{self.name}/_history', keeps=HISTORY, has_history=False)
+        return self._replace(name=f'{self.name}/_history', latched_depth=HISTORY, has_history=False)
 
     @property
     def message_class(self) -> Any:
@@ -73,16 +73,20 @@ def _samples_of(driver: type[DriverParameters], name: str, type_name: str) -> To
 
 
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', PLANT, TICK_NS)
-RUN = Topic('plant/run', 'std_msgs/msg/Header', PLANT, keeps=1, has_history=True)
-ROLL_CALL = Topic('plant/roll_call', 'std_msgs/msg/Header', PLANT, keeps=1, has_history=True)
+RUN = Topic('plant/run', 'std_msgs/msg/Header', PLANT, latched_depth=1, has_history=True)
+ROLL_CALL = Topic(
+    'plant/roll_call', 'std_msgs/msg/Header', PLANT, latched_depth=1, has_history=True
+)
 RUN_STATUS = Topic(
     'plant/run_status',
     'diagnostic_msgs/msg/DiagnosticStatus',
     PLANT,
-    keeps=1,
+    latched_depth=1,
     has_history=True,
 )
-PARTICIPANTS = Topic('participants', 'diagnostic_msgs/msg/DiagnosticStatus', None, keeps=HISTORY)
+PARTICIPANTS = Topic(
+    'participants', 'diagnostic_msgs/msg/DiagnosticStatus', None, latched_depth=HISTORY
+)
 PLANT_JOINT_STATES = Topic('plant/joint_states', 'sensor_msgs/msg/JointState', PLANT, TICK_NS)
 PLANT_IMU = Topic('plant/imu', 'sensor_msgs/msg/Imu', PLANT, TICK_NS)
 PLANT_ODOM = Topic('plant/odom', 'nav_msgs/msg/Odometry', PLANT, TICK_NS)
@@ -91,11 +95,11 @@ BATTERY_STATE = Topic(
     'sensor_msgs/msg/BatteryState',
     PLANT,
     BATTERY_PERIOD_NS,
-    keeps=1,
+    latched_depth=1,
     has_history=True,
 )
-WALL_HIT = Topic('wall_hit', 'std_msgs/msg/Bool', PLANT, keeps=1, has_history=True)
-MAP = Topic('map', 'nav_msgs/msg/OccupancyGrid', PLANT, keeps=1)
+WALL_HIT = Topic('wall_hit', 'std_msgs/msg/Bool', PLANT, latched_depth=1, has_history=True)
+MAP = Topic('map', 'nav_msgs/msg/OccupancyGrid', PLANT, latched_depth=1)
 PUSH = Topic('plant/push', 'geometry_msgs/msg/WrenchStamped', None)
 ACCEPTED_PUSH = Topic(
     'plant/accepted_push', 'geometry_msgs/msg/WrenchStamped', PLANT, has_history=True
@@ -111,17 +115,17 @@ CMD_VEL_STAMPED = Topic('cmd_vel', 'geometry_msgs/msg/TwistStamped', None)
 MOTOR_DUTY = Topic('motor_duty', 'geometry_msgs/msg/Vector3Stamped', CONTROLLER, TICK_NS)
 CONTROLLER_STATE = Topic('controller/state', 'sensor_msgs/msg/JointState', CONTROLLER, TICK_NS)
 OPERATING_STATE = Topic(
-    'operating_state', 'std_msgs/msg/String', CONTROLLER, keeps=1, has_history=True
+    'operating_state', 'std_msgs/msg/String', CONTROLLER, latched_depth=1, has_history=True
 )
 BLUETOOTH_TX = Topic('bluetooth/tx', 'std_msgs/msg/UInt8MultiArray', CONTROLLER, has_history=True)
 SOUND = Topic('sound', 'geometry_msgs/msg/Vector3Stamped', CONTROLLER, has_history=True)
-LCD = Topic('lcd', 'std_msgs/msg/String', CONTROLLER, keeps=1, has_history=True)
+LCD = Topic('lcd', 'std_msgs/msg/String', CONTROLLER, latched_depth=1, has_history=True)
 RECORDER_ACK = Topic('recorder/ack', 'std_msgs/msg/Header', RECORDER)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None)
-ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', VISUALIZER, keeps=1)
-MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', VISUALIZER, keeps=1)
+ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', VISUALIZER, latched_depth=1)
+MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', VISUALIZER, latched_depth=1)
 TF = Topic('/tf', 'tf2_msgs/msg/TFMessage', None)
-TF_STATIC = Topic('/tf_static', 'tf2_msgs/msg/TFMessage', None, keeps=1)
+TF_STATIC = Topic('/tf_static', 'tf2_msgs/msg/TFMessage', None, latched_depth=1)
 
 TOPICS = (
     CLOCK, RUN, ROLL_CALL, RUN_STATUS,
@@ -139,7 +143,7 @@ _PUBLISHERS = {
     for topic in TOPICS
     if topic.publisher and (topic.period_ns or topic in (RUN, ROLL_CALL, RUN_STATUS, RECORDER_ACK))
 } | {PARTICIPANTS: NODES, MOTOR_DUTY: (CONTROLLER, PLANT)}
-LOCKSTEP = _PUBLISHERS | {
+LOCKSTEP_PUBLISHERS = _PUBLISHERS | {
     topic.history: roles for topic, roles in _PUBLISHERS.items() if topic.has_history
 }
 """Topics reserved for the participants of a run, and the roles that publish on each."""

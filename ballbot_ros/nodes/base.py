@@ -51,15 +51,15 @@ def reliable_qos(depth: int, *, latched: bool) -> QoSProfile:
 
 def offered_qos(topic: Topic) -> QoSProfile:
     """Return the QoS that publishers offer, with a deep history for their existing readers."""
-    return reliable_qos(topic.keeps or HISTORY, latched=topic.keeps > 0)
+    return reliable_qos(topic.latched_depth or HISTORY, latched=topic.latched_depth > 0)
 
 
 def requested_qos(topic: Topic, depth: int) -> QoSProfile:
     """Return the QoS that subscriptions request; topics open to any tool are never latched."""
-    return reliable_qos(depth, latched=topic.keeps > 0 and topic.publisher is not None)
+    return reliable_qos(depth, latched=topic.latched_depth > 0 and topic.publisher is not None)
 
 
-class Output:
+class TopicPublisher:
     """A topic's publishers and its reusable :class:`ballbot_ros.messages.outputs.Output` message.
 
     Parameters
@@ -83,7 +83,7 @@ class Output:
         qos = offered_qos(topic)
         self._publishers.append(self._node.create_publisher(kind, topic.name, qos))
 
-    def renew(self) -> None:
+    def recreate_publishers(self) -> None:
         """Publish from new publishers, which keep no earlier messages."""
         for publisher in self._publishers:
             self._node.destroy_publisher(publisher)
@@ -99,7 +99,7 @@ class Output:
             publisher.publish(message)
 
     @property
-    def is_watched(self) -> bool:
+    def has_subscribers(self) -> bool:
         """Whether the topic has a subscriber."""
         return bool(self._publishers[-1].get_subscription_count())
 
@@ -149,9 +149,9 @@ class BallbotNode(ParameterNode[P]):
         self._level = DiagnosticStatus.OK
         self._problem = ''
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._own_outputs: dict[Topic, Output] = {}
+        self._own_outputs: dict[Topic, TopicPublisher] = {}
         self._diagnostics = self.output(DIAGNOSTICS)
-        self.every(DIAGNOSTICS_PERIOD_S, self.report)
+        self.create_wall_timer(DIAGNOSTICS_PERIOD_S, self.report)
 
     @property
     def program(self) -> str:
@@ -168,31 +168,31 @@ class BallbotNode(ParameterNode[P]):
         if not self.finished:
             self.done.set_result(None)
 
-    def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
+    def create_wall_timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
         """Call `callback` periodically on the wall clock."""
         return self.create_timer(period_s, callback, clock=self._steady)
 
-    def output(self, topic: Topic) -> Output:
+    def output(self, topic: Topic) -> TopicPublisher:
         """Return the publisher of `topic` with its reusable message."""
-        output = self._own_outputs[topic] = Output(self, topic)
+        output = self._own_outputs[topic] = TopicPublisher(self, topic)
         return output
 
-    def renew_outputs(self, but: Topic) -> None:
-        """Keep no messages of an earlier run for late subscribers, except on the topic `but`."""
+    def recreate_publishers(self, exclude: Topic) -> None:
+        """Keep no messages of an earlier run for late subscribers, except on `exclude`."""
         for topic, output in self._own_outputs.items():
-            if topic is not but and (topic.keeps or topic.has_history):
-                output.renew()
+            if topic is not exclude and (topic.latched_depth or topic.has_history):
+                output.recreate_publishers()
 
-    def forget(self, topic: Topic) -> None:
+    def drop_latched(self, topic: Topic) -> None:
         """Keep no messages of a topic for late subscribers."""
-        self._own_outputs[topic].renew()
+        self._own_outputs[topic].recreate_publishers()
 
     def flush(self, *topics: Topic) -> None:
         """Wait until the last messages on `topics` have reached their readers."""
         for topic in topics:
             self._own_outputs[topic].flush()
 
-    def listen(
+    def subscribe(
         self, topic: Topic, callback: Callable[..., None], *, depth: int = 1, raw: bool = False
     ) -> Subscription:
         """Subscribe to `topic`; with `raw` the callback receives the serialised message.
@@ -210,7 +210,7 @@ class BallbotNode(ParameterNode[P]):
                 try:
                     message = decode(data)
                 except ValueError as error:
-                    self.ignore(topic, error)
+                    self.warn_malformed(topic, error)
                     return
                 callback(message)
 
@@ -219,7 +219,7 @@ class BallbotNode(ParameterNode[P]):
             qos.durability = DurabilityPolicy.VOLATILE
         return self.create_subscription(topic.message_class, topic.name, receive, qos, raw=True)
 
-    def ignore(self, topic: Topic, error: Exception) -> None:
+    def warn_malformed(self, topic: Topic, error: Exception) -> None:
         """Warn of a malformed message, which only a stranger can have sent."""
         self.get_logger().warning(
             f'{topic.name}: message ignored: {one_line(error)}', throttle_duration_sec=1.0
@@ -245,7 +245,7 @@ class BallbotNode(ParameterNode[P]):
         if self._level != DiagnosticStatus.ERROR:
             self._level, self._problem = DiagnosticStatus.WARN, problem
 
-    def alarm(self, problem: str) -> None:
+    def report_error(self, problem: str) -> None:
         """Log an error and show it in the diagnostics at once, until :meth:`clear_error`."""
         self.get_logger().error(problem)
         self._level, self._problem = DiagnosticStatus.ERROR, problem
@@ -253,7 +253,7 @@ class BallbotNode(ParameterNode[P]):
 
     def fail(self, problem: str) -> None:
         """Log an error and report it at once; the node's exit status becomes 1."""
-        self.alarm(problem)
+        self.report_error(problem)
         self.failure, self.exit_status = problem, 1
 
     def clear_warning(self) -> None:

@@ -28,7 +28,7 @@ from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 from ballbot_ros.simulation.free_running_ticks import FreeRunningTicks
-from ballbot_ros.simulation.lockstep import LockstepTicks, Run, Step
+from ballbot_ros.simulation.lockstep import LockstepTicks, Run, SampleReaction
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.sample_history import DEPTH
 from ballbot_ros.simulation.task_releases import DueTick
@@ -74,17 +74,17 @@ class Controller(BallbotNode[ControllerParameters]):
         # Deep enough to receive each of several samples of one tick.
         depth = DEPTH if self._lockstep else 1
         for topic, reader in INPUT_READERS.items():
-            self.listen(topic, self._input_callback(topic, reader), depth=depth, raw=True)
+            self.subscribe(topic, self._input_callback(topic, reader), depth=depth, raw=True)
 
     def check(self, parameters: ControllerParameters) -> None:
         """Check that everything the control program needs is available."""
         # Not built here: that takes seconds, and a run would wait. The next run builds it.
         require_implementation(parameters.implementation)
 
-    def take_values(self) -> None:
+    def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
         before = self.parameters
-        super().take_values()
+        super().apply_parameters()
         if self.parameters != before:
             self._make_program = program_maker(self.parameters)
             self._set_timers()
@@ -115,8 +115,8 @@ class Controller(BallbotNode[ControllerParameters]):
 
         def release() -> None:
             if self._lockstep:
-                now = self.get_clock().now().nanoseconds
-                tick = self._lockstep_ticks.on_timer(task, now)
+                now_ns = self.get_clock().now().nanoseconds
+                tick = self._lockstep_ticks.on_timer(task, now_ns)
             else:
                 tick = self._free_ticks.on_timer(task, time.monotonic_ns())
             if tick:
@@ -154,35 +154,35 @@ class Controller(BallbotNode[ControllerParameters]):
                 timer.cancel()
 
     def _take(self, name: str, stamp: int, data: bytes, reading: Any) -> None:
-        step = self._lockstep_ticks.take(name, stamp, data, reading)
-        if isinstance(step, DueTick):
-            self._run(step)
-        elif step is Step.ANSWER_AGAIN:
+        reaction = self._lockstep_ticks.take(name, stamp, data, reading)
+        if isinstance(reaction, DueTick):
+            self._run(reaction)
+        elif reaction is SampleReaction.RESEND:
             self._resends += 1
-            self._messages.repeat(stamp)
-        elif step is Step.LACKS_RELEASES:
+            self._messages.resend(stamp)
+        elif reaction is SampleReaction.FORCE_RELEASES:
             tick = self._lockstep_ticks.force(callback_waits=self._callback_waits())
             if tick:
                 self._run(tick)
-        elif step is Step.OBJECT:
-            self._participation.object(Objection.to_sample(name, stamp))
-        elif step is Step.MISSED_START:
-            self._start_late(stamp)
+        elif reaction is SampleReaction.OBJECT:
+            self._participation.raise_objection(Objection.to_sample(name, stamp))
+        elif reaction is SampleReaction.MISSED_START:
+            self._on_missed_start(stamp)
 
-    def _start_late(self, stamp: int) -> None:
+    def _on_missed_start(self, stamp: int) -> None:
         """Start in mid-run, which only `rejoin` allows."""
-        step = self._lockstep_ticks.start_late(
+        reaction = self._lockstep_ticks.on_missed_start(
             stamp, now_ns=self.get_clock().now().nanoseconds, rejoin=self.parameters.rejoin
         )
         at = f'in mid-run, at {stamp / SECOND_NS:.3f} s'
-        if step is Step.BEGIN_AFRESH:
+        if reaction is SampleReaction.RESTART:
             self.get_logger().warning(f'restarts {at}')
-        elif step is Step.GIVE_UP:
+        elif reaction is SampleReaction.ABORT:
             problem = (
                 f'{CONTROLLER} started {at}, without the state of earlier ticks (rejoin: true '
                 'allows a restart)'
             )
-            self._participation.object(Objection(problem))
+            self._participation.raise_objection(Objection(problem))
             self.finish()
             self.fail(problem)
 

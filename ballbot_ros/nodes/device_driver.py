@@ -35,7 +35,7 @@ class DeviceDriver(BallbotNode[P]):
         self._output = self.output(self._messages.sample)
         self._messages.describe(self._output.message, self.parameters)
         self._participation = Participation(self, self._on_run)
-        self.listen(self._messages.truth, self._on_truth, raw=True)
+        self.subscribe(self._messages.truth, self._on_truth, raw=True)
 
     @property
     def program(self) -> str:
@@ -52,16 +52,16 @@ class DeviceDriver(BallbotNode[P]):
 
     def _on_truth(self, truth: bytes) -> None:
         try:
-            now = stamp_of(truth)
-            if now % self._period_ns or not self._participation.includes(now):
+            now_ns = stamp_of(truth)
+            if now_ns % self._period_ns or not self._participation.includes(now_ns):
                 return
-            reading = self._read(self._messages.measured(self._decode(truth)), now)
+            reading = self._read(self._messages.measured(self._decode(truth)), now_ns)
         except NO_SAMPLE as error:
-            self.ignore(self._messages.truth, error)
+            self.warn_malformed(self._messages.truth, error)
             return
-        self._messages.fill(self._output.message, now, reading)
-        self._output.send(now)
-        self.count_sample(now)
+        self._messages.fill(self._output.message, now_ns, reading)
+        self._output.send(now_ns)
+        self.count_sample(now_ns)
 
 
 def messages_of(cls: type[DriverParameters]) -> AnyDeviceMessages:

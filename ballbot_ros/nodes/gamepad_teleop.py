@@ -62,9 +62,9 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         self.terminal: TeleopTerminal | None = None
         self._set_terminal()
         self._set_log()
-        self.every(FLUSH_S, self._flush_log)
+        self.create_wall_timer(FLUSH_S, self._flush_log)
         self._participation = Participation(self, self._on_run)
-        self.listen(PLANT_JOINT_STATES, self._on_truth, raw=True)
+        self.subscribe(PLANT_JOINT_STATES, self._on_truth, raw=True)
 
     def check(self, parameters: GamepadParameters) -> None:
         """Check that scenario, terminal and gamepad are available, and that the log file is new."""
@@ -78,18 +78,18 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         if parameters.device not in ('', ANY):
             SdlBackend()
 
-    def take_values(self) -> None:
+    def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
         before = self.parameters
-        super().take_values()
+        super().apply_parameters()
         if self.parameters == before:
             return
         self._scenario = scenario_of(self.parameters.scenario)
-        self._inputs.take_values()
+        self._inputs.apply_parameters()
         if self.parameters.keyboard != before.keyboard:
             self._set_terminal()
         elif self.terminal:
-            self.terminal.take_values()
+            self.terminal.apply_parameters()
         if self.parameters.log_csv != before.log_csv:
             self._close_log()
             try:
@@ -108,7 +108,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         if self.parameters.log_csv:
             self._log = CsvLog(Path(self.parameters.log_csv))
             if self._log_subscription is None:
-                self._log_subscription = self.listen(BLUETOOTH_TX, self._on_log, depth=HISTORY)
+                self._log_subscription = self.subscribe(BLUETOOTH_TX, self._on_log, depth=HISTORY)
 
     def _on_run(self, run: Run) -> None:
         self._start_ns = run.start_ns
@@ -117,9 +117,9 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             self._log.begin_run(run.start_ns // MILLISECOND_NS)
 
     def _on_truth(self, truth: bytes) -> None:
-        now = stamp_of(truth)
-        if now % SLOW_PERIOD_NS == 0 and self._participation.includes(now):
-            self._answer(now)
+        now_ns = stamp_of(truth)
+        if now_ns % SLOW_PERIOD_NS == 0 and self._participation.includes(now_ns):
+            self._answer(now_ns)
 
     def _answer(self, now_ns: int) -> None:
         # A repeated request gets the same answer, whatever the live inputs are now.
@@ -150,7 +150,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             self._log.write(log_packet(message))
             self._input_errors.clear(BLUETOOTH_TX.name)
         except PacketError as error:
-            self._inputs.complain(BLUETOOTH_TX.name, f'{error}; packet skipped')
+            self._inputs.report_input_error(BLUETOOTH_TX.name, f'{error}; packet skipped')
         except TeleopError as error:
             self._give_up_log(error)
 
@@ -168,7 +168,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
     def report(self) -> None:
         """Publish the diagnostics; cleared input errors are left out of the next ones."""
         super().report()
-        self._input_errors.reported()
+        self._input_errors.remove_cleared()
         if str(self._input_errors):
             self.warn(str(self._input_errors))
         else:

@@ -19,7 +19,7 @@ from ballbot_ros.simulation.participants import Publisher
 _PREFIX = 24
 """Number of hexadecimal digits shared by all identifiers of one DDS participant."""
 
-_LOOK_S = 1.0
+_LIST_PERIOD_S = 1.0
 
 UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 """The middleware's name for the node of a publisher that it has not discovered yet."""
@@ -42,7 +42,7 @@ class GraphObserver:
         self._subscriptions: dict[str, Subscription] = {}
         self._counts: list[int] = []
         self._found: dict[str, list[Publisher]] = {}
-        self._looked_at = 0.0
+        self._listed_at = 0.0
 
     def publishers(self) -> dict[str, list[Publisher]]:
         """Return the publishers of each topic by its name.
@@ -50,12 +50,12 @@ class GraphObserver:
         Counting them is five times cheaper. While the counts stay the same, they are listed once a
         second.
         """
-        now = time.monotonic()
+        now_s = time.monotonic()
         counts = [self._node.count_publishers(name) for name in self._topics]
         is_known = all(publisher.node for found in self._found.values() for publisher in found)
-        if counts == self._counts and is_known and now - self._looked_at < _LOOK_S:
+        if counts == self._counts and is_known and now_s - self._listed_at < _LIST_PERIOD_S:
             return self._found
-        self._counts, self._looked_at = counts, now
+        self._counts, self._listed_at = counts, now_s
         self._found = {
             name: [
                 Publisher(bytes(offer.endpoint_gid), _full_name(offer))

@@ -18,12 +18,12 @@ from rclpy.parameter import Parameter as RosParameter
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.parameters import (
     TABLE,
-    Acts,
     NodeParameters,
     Parameter,
     ParameterError,
-    nearest,
+    TakesEffect,
     parameters_of,
+    suggest_names,
 )
 
 SIM_TIME = 'use_sim_time'
@@ -103,7 +103,7 @@ class ParameterNode(Node, Generic[P]):
     def _declare(self, row: Parameter) -> Any:
         descriptor = ParameterDescriptor(
             description=f'{row.description} [{row.unit}]' if row.unit else row.description,
-            read_only=row.acts is Acts.NEVER,
+            read_only=row.takes_effect is TakesEffect.READ_ONLY,
         )
         if row.choices:
             descriptor.additional_constraints = f'one of {row.choices_text}'
@@ -129,7 +129,7 @@ class ParameterNode(Node, Generic[P]):
         for name in self._parameter_overrides:
             if name not in known and not name.startswith('qos_overrides.'):
                 raise ParameterError(
-                    f'{self.get_name()} has no parameter {name!r}; {nearest(name, self.role)}'
+                    f'{self.get_name()} has no parameter {name!r}; {suggest_names(name, self.role)}'
                 )
 
     def _in_own_type(self, parameter: RosParameter) -> RosParameter:
@@ -169,7 +169,7 @@ class ParameterNode(Node, Generic[P]):
         result = super().set_parameters_atomically([self._in_own_type(each) for each in changes])
         if result.successful:
             self._requested = requested
-            result.reason = self._take_live(each.name for each in changes)
+            result.reason = self._apply_live(each.name for each in changes)
         return result
 
     def _is_kept(self, parameter: RosParameter) -> bool:
@@ -179,7 +179,7 @@ class ParameterNode(Node, Generic[P]):
             return False
         return bool(self._in_own_type(parameter).value == self.get_parameter(name).value)
 
-    def _take_live(self, names: Iterable[str]) -> str:
+    def _apply_live(self, names: Iterable[str]) -> str:
         """Apply the live parameters among these; return what to report about the others."""
         waiting: list[str] = []
         live: list[str] = []
@@ -187,14 +187,14 @@ class ParameterNode(Node, Generic[P]):
             row = self._rows.get(name)
             if row is None or getattr(self.parameters, name) == getattr(self._requested, name):
                 continue
-            (live if row.acts is Acts.AT_ONCE else waiting).append(name)
+            (live if row.takes_effect is TakesEffect.IMMEDIATELY else waiting).append(name)
         if live:
             changes = {name: getattr(self._requested, name) for name in live}
             self.parameters = replace(self.parameters, **changes)
-            self.on_live_values()
+            self.on_parameters_changed()
         return NEXT_RUN if waiting else ''
 
-    def take_values(self) -> None:
+    def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
         self.parameters = self._requested
 
@@ -207,7 +207,7 @@ class ParameterNode(Node, Generic[P]):
             If they are not.
         """
 
-    def on_live_values(self) -> None:
+    def on_parameters_changed(self) -> None:
         """React to live parameters that have taken effect."""
 
 

@@ -8,7 +8,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 
-class OneShot:
+class OneShotTimer:
     """Calls back once after each :meth:`start`, on the wall clock.
 
     Parameters

@@ -94,13 +94,13 @@ class Participation:
         self._publisher = node.output(PARTICIPANTS)
         self.run: Run | None = None
         node.awaits = 'a run'
-        node.listen(ROLL_CALL, self._on_roll_call)
+        node.subscribe(ROLL_CALL, self._on_roll_call)
 
     def includes(self, stamp_ns: int) -> bool:
         """Return whether a sample can belong to the run that the node has joined."""
         return self.run is not None and stamp_ns >= self.run.start_ns
 
-    def object(self, objection: Objection) -> None:
+    def raise_objection(self, objection: Objection) -> None:
         """Report to the plant a sample that can't belong to its run."""
         if objection != self._objection:
             self._objection = objection
@@ -115,11 +115,11 @@ class Participation:
 
     def _join(self, run: Run) -> None:
         if self.run and run.plant != self.run.plant:
-            self._node.renew_outputs(but=PARTICIPANTS)
+            self._node.recreate_publishers(exclude=PARTICIPANTS)
         self.run = run
         self._objection = None
         self._node.now_ns = 0
-        self._node.take_values()
+        self._node.apply_parameters()
         self._participant = with_parameters(self._participant, self._node.parameters)
         self._node.get_logger().info(f'takes part in run {run.number}')
         self._on_new_run(run)

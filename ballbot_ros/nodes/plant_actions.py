@@ -10,7 +10,7 @@ from ballbot_ros.messages.participation import encode_announcement, encode_run_s
 from ballbot_ros.messages.plant_messages import PlantMessages
 from ballbot_ros.messages.run_summary import run_status
 from ballbot_ros.messages.topics import MAP, PARTICIPANTS, ROLL_CALL, RUN_STATUS
-from ballbot_ros.nodes.one_shot import OneShot
+from ballbot_ros.nodes.one_shot import OneShotTimer
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.participants import Announcement
 
@@ -24,11 +24,11 @@ class PlantActions:
     Parameters
     ----------
     node : PlantSim
-    wake : OneShot
+    wake : OneShotTimer
         Timer that wakes the master.
     """
 
-    def __init__(self, node: PlantSim, wake: OneShot) -> None:
+    def __init__(self, node: PlantSim, wake: OneShotTimer) -> None:
         self._node, self._wake = node, wake
         self._messages = PlantMessages(node.output)
         self._participants = node.output(PARTICIPANTS)
@@ -47,12 +47,12 @@ class PlantActions:
     @_carry_out.register
     def _(self, action: do.PublishTruth) -> None:
         truth = action.truth
-        self._messages.truth(truth, wall_hit=action.wall_hit, again=action.is_resend)
+        self._messages.truth(truth, wall_hit=action.wall_hit, is_resend=action.is_resend)
         self._node.count_sample(truth.stamp_ns)
 
     @_carry_out.register
     def _(self, action: do.ResendToDrivers) -> None:
-        self._messages.ask(action.truth)
+        self._messages.send_to_drivers(action.truth)
 
     @_carry_out.register
     def _(self, action: do.WakeIn) -> None:
@@ -79,7 +79,7 @@ class PlantActions:
 
     @_carry_out.register
     def _(self, action: do.ClearMap) -> None:
-        self._node.forget(MAP)
+        self._node.drop_latched(MAP)
 
     @_carry_out.register
     def _(self, action: do.BeginRun) -> None:
@@ -114,7 +114,7 @@ class PlantActions:
 
     @_carry_out.register
     def _(self, action: do.RaiseError) -> None:
-        self._node.alarm(action.text)
+        self._node.report_error(action.text)
 
     @_carry_out.register
     def _(self, action: do.ClearError) -> None:

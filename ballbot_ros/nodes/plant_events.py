@@ -45,12 +45,12 @@ class PlantEvents:
         self._decode_duty = decoder(MOTOR_DUTY.type_name)
         # Deep enough to receive each of several duties of one tick.
         depth = DEPTH if self._master.is_lockstep else 1
-        node.listen(MOTOR_DUTY, self._on_duty, depth=depth, raw=True)
-        node.listen(RECORDER_ACK, self._on_ack)
-        node.listen(PUSH, self._on_push, depth=10)
-        node.listen(PARTICIPANTS, self._on_announcement, depth=HISTORY, raw=True)
+        node.subscribe(MOTOR_DUTY, self._on_duty, depth=depth, raw=True)
+        node.subscribe(RECORDER_ACK, self._on_ack)
+        node.subscribe(PUSH, self._on_push, depth=10)
+        node.subscribe(PARTICIPANTS, self._on_announcement, depth=HISTORY, raw=True)
         for topic in (RUN, ROLL_CALL):
-            node.listen(topic, self._run_callback(topic), depth=HISTORY)
+            node.subscribe(topic, self._run_callback(topic), depth=HISTORY)
         for name, kind, callback in (
             ('reset', Trigger, self._reset),
             ('pause', SetBool, self._pause),
@@ -63,34 +63,34 @@ class PlantEvents:
             duty = duty_values(self._decode_duty(data))
         except ValueError:
             duty = None
-        self._node.tell(self._master.on_duty, stamp_of(data), duty, data, is_stop=is_stop(data))
+        self._node.dispatch(self._master.on_duty, stamp_of(data), duty, data, is_stop=is_stop(data))
 
     def _on_ack(self, header: Header) -> None:
-        self._node.tell(self._master.on_ack, time_ns(header.stamp))
+        self._node.dispatch(self._master.on_ack, time_ns(header.stamp))
 
     def _on_push(self, message: WrenchStamped) -> None:
-        self._node.tell(self._master.on_push, stamp_ns(message), *push_forces(message))
+        self._node.dispatch(self._master.on_push, stamp_ns(message), *push_forces(message))
 
     def _on_announcement(self, data: bytes) -> None:
         try:
             announcement = decode_announcement(data)
         except ValueError as error:
             self._node.get_logger().warning(f'{error}; ignored')
-            self._node.tell(self._master.on_unreadable_announcement)
+            self._node.dispatch(self._master.on_unreadable_announcement)
             return
-        self._node.tell(self._master.on_announcement, announcement)
+        self._node.dispatch(self._master.on_announcement, announcement)
 
     def _run_callback(self, topic: Topic) -> Callable[[Header], None]:
-        return lambda header: self._node.tell(self._master.on_run, header.frame_id, topic.name)
+        return lambda header: self._node.dispatch(self._master.on_run, header.frame_id, topic.name)
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._node.tell(self._master.reset)
+        self._node.dispatch(self._master.reset)
         response.success = True
         response.message = 'a new run begins'
         return response
 
     def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._node.tell(self._master.set_paused, is_paused=request.data)
+        self._node.dispatch(self._master.set_paused, is_paused=request.data)
         response.success = True
         response.message = 'paused' if request.data else 'running'
         return response
@@ -98,5 +98,5 @@ class PlantEvents:
     def _step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self._master.pause.is_paused
         response.message = 'one tick' if response.success else 'pause the plant first'
-        self._node.tell(self._master.step)
+        self._node.dispatch(self._master.step)
         return response

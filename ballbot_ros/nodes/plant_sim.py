@@ -16,7 +16,7 @@ from ballbot_ros.messages.run_topics import RUN_TOPICS
 from ballbot_ros.messages.topics import (
     CLOCK,
     DIAGNOSTICS,
-    LOCKSTEP,
+    LOCKSTEP_PUBLISHERS,
     MOTOR_DUTY,
     PLANT_IMU,
     PLANT_JOINT_STATES,
@@ -27,11 +27,11 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.graph_observer import GraphObserver
-from ballbot_ros.nodes.one_shot import OneShot
+from ballbot_ros.nodes.one_shot import OneShotTimer
 from ballbot_ros.nodes.participation import participant_of, with_parameters
 from ballbot_ros.nodes.plant_actions import PlantActions
 from ballbot_ros.nodes.plant_events import PlantEvents
-from ballbot_ros.nodes.processes import LocalMachine
+from ballbot_ros.nodes.processes import LocalProcessObserver
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.library import scenario_of
@@ -60,43 +60,43 @@ class PlantSim(BallbotNode[PlantParameters]):
         self._scenario = scenario_of(self.parameters.scenario)
         self._world = World.of(self.parameters)
         self._own = participant_of(self)
-        self._actions = PlantActions(self, OneShot(self, self._on_wake))
+        self._actions = PlantActions(self, OneShotTimer(self, self._on_wake))
         master = LockstepMaster if self.parameters.lockstep else FreeRunningMaster
         self.master: RunMaster = master(
-            GraphObserver(self, tuple(LOCKSTEP)),
-            LocalMachine(),
+            GraphObserver(self, tuple(LOCKSTEP_PUBLISHERS)),
+            LocalProcessObserver(),
             RUN_TOPICS,
             self._set_up,
             f'{time.time_ns():x}',
             time.monotonic(),
         )
         PlantEvents(self)
-        self.every(RESEND_S, self._on_time)
+        self.create_wall_timer(RESEND_S, self._on_time)
         self._free_timer = None
         if isinstance(self.master, FreeRunningMaster):
             on_tick = self.master.on_tick
-            self._free_timer = self.every(self._tick_s, lambda: self.tell(on_tick))
+            self._free_timer = self.create_wall_timer(self._tick_s, lambda: self.dispatch(on_tick))
 
-    def tell(self, event: Callable[..., Actions], *what: object, **details: object) -> None:
+    def dispatch(self, event: Callable[..., Actions], *what: object, **details: object) -> None:
         """Pass an event to the master with the current time, and carry out the actions."""
         self._actions.carry_out(event(time.monotonic(), *what, **details))
 
     def _on_time(self) -> None:
-        self.tell(self.master.on_time)
+        self.dispatch(self.master.on_time)
 
     def _on_wake(self) -> None:
-        self.tell(self.master.on_wake)
+        self.dispatch(self.master.on_wake)
 
     def check(self, parameters: PlantParameters) -> None:
         """Check that the scenario and the map exist, and that the robot can start there."""
         scenario_of(parameters.scenario)
         World.of(parameters)
 
-    def on_live_values(self) -> None:
+    def on_parameters_changed(self) -> None:
         """Change the pace."""
         if self._free_timer is not None:
             self._free_timer.timer_period_ns = round(self._tick_s * SECOND_NS)
-        self.tell(self.master.on_settings, RunSettings.from_parameters(self.parameters))
+        self.dispatch(self.master.on_settings, RunSettings.from_parameters(self.parameters))
 
     @property
     def _tick_s(self) -> float:
@@ -106,7 +106,7 @@ class PlantSim(BallbotNode[PlantParameters]):
     def _set_up(self, start_ns: int) -> RunSetup:
         """Apply the parameters of a new run, and create its plant."""
         before = self.parameters
-        self.take_values()
+        self.apply_parameters()
         if self.parameters != before:
             self._scenario = scenario_of(self.parameters.scenario)
             self._world = World.of(self.parameters)
@@ -146,7 +146,7 @@ class PlantSim(BallbotNode[PlantParameters]):
 
     def stop(self) -> None:
         """End the run because the node is asked to stop."""
-        self.tell(self.master.stop)
+        self.dispatch(self.master.stop)
 
     def close(self) -> None:
         """Save the trajectory, and wait until the last messages have reached their readers."""

@@ -76,9 +76,9 @@ class Player(BallbotNode[PlayerParameters]):
         name = self.get_name()
         self.create_service(SetBool, f'{name}/pause', self._pause)
         self.create_subscription(Float64, f'{name}/seek', self._seek, 10)
-        self.every(POLL_S, self._play)
+        self.create_wall_timer(POLL_S, self._play)
         if self._lock:
-            self.every(WATCH_S, self._watch)
+            self.create_wall_timer(WATCH_S, self._watch)
 
     def _publisher(self, name: str, type_name: str) -> Publisher:
         try:

@@ -86,8 +86,8 @@ def children(parent: int) -> list[int]:
     return found
 
 
-class LocalMachine:
-    """The processes of this machine, for a liveness monitor."""
+class LocalProcessObserver:
+    """Observes the processes of this machine, for a liveness monitor."""
 
     def observe(self, processes: Iterable[int]) -> Observation:
         """Return the processor time that some processes have received so far."""

@@ -79,7 +79,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._histories: set[str] = set()
         for topic in TOPICS:
             # A topic with a history keeps its messages there; foreign nodes need not have one.
-            latched = topic.keeps > 0 and not topic.has_history
+            latched = topic.latched_depth > 0 and not topic.has_history
             self._subscribe(topic, reliable_qos(HISTORY, latched=latched))
         self._gate = RecordingGate(self)
         self._run: str | None = None
@@ -97,9 +97,9 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._ack = self.output(RECORDER_ACK)
         self._participation = Participation(self, self._on_run, self._repeat_ack)
         self.get_logger().info(f'records to {path}')
-        self.every(POLL_S, self._poll)
-        self.every(FLUSH_S, self._flush)
-        self.every(DISCOVERY_S, self._discover)
+        self.create_wall_timer(POLL_S, self._poll)
+        self.create_wall_timer(FLUSH_S, self._flush)
+        self.create_wall_timer(DISCOVERY_S, self._discover)
 
     def _subscribe(self, topic: Topic, qos: QoSProfile) -> None:
         subscription = raw_subscription(self._inbox, topic, qos)
@@ -179,10 +179,10 @@ class Recorder(BallbotNode[RecorderParameters]):
         if stream.period_ns:
             self.count_sample(self._gate.now_ns)
 
-    def object(self, stream: Stream, stamp_ns: int) -> None:
+    def raise_objection(self, stream: Stream, stamp_ns: int) -> None:
         """Object to a sample that can't belong to the plant's run."""
         topic = self._channels[stream.name].topic
-        self._participation.object(Objection.to_sample(topic.name, stamp_ns))
+        self._participation.raise_objection(Objection.to_sample(topic.name, stamp_ns))
 
     def report_loss(self, stream: Stream, sequence: int) -> None:
         """Count and report lost messages."""
@@ -232,7 +232,7 @@ class Recorder(BallbotNode[RecorderParameters]):
 
     def _fail(self, error: RecordingError) -> None:
         """End, and report the reason to the plant, which may require a recorder."""
-        self._participation.object(Objection(str(error)))
+        self._participation.raise_objection(Objection(str(error)))
         self.finish()
         self.fail(str(error))
 
@@ -301,7 +301,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         try:
             if self.exit_status == 0:
                 self._write_stop()
-                self._write_account()
+                self._write_metadata()
             self._writer.close()
         except RecordingError as error:
             self._fail(error)
@@ -311,7 +311,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         self.flush(PARTICIPANTS)
         self._inbox.destroy_node()
 
-    def _write_account(self) -> None:
+    def _write_metadata(self) -> None:
         """Write the participants, the outcome, and whether messages are missing."""
         if self._members:
             self._writer.add_metadata(RUN_PARTICIPANTS, self._members)

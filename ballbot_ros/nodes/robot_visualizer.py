@@ -28,7 +28,7 @@ from ballbot_ros.nodes.latest_messages import LatestMessages
 from ballbot_ros.parameters import Dimensions, VisualizerParameters
 from ballbot_ros.plant.model import Bodies
 from ballbot_ros.viewer.markers import RobotMarkers
-from ballbot_ros.viewer.transforms import MOVING, PARENTS, SONAR, Frames, Transform, in_map
+from ballbot_ros.viewer.transforms import MOVING, PARENTS, SONAR, Frames, Transform, poses_in_map
 from ballbot_ros.viewer.urdf import robot_description
 from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
@@ -57,7 +57,7 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
         self._time = self._whole_at = -math.inf
         self._floor: FloorMap | None = None
         self._newest = LatestMessages(self, _DRAWN)
-        self.every(1.0 / self.parameters.rate, self._update)
+        self.create_wall_timer(1.0 / self.parameters.rate, self._update)
 
     def _describe(self) -> None:
         """Publish the description of the robot, and draw this shape from now on."""
@@ -68,39 +68,41 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
         self._description.message.data = text
         self._description.publish(self._description.message)
 
-    def take_values(self) -> None:
+    def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
         before = self.parameters
-        super().take_values()
+        super().apply_parameters()
         if self.parameters != before:
             self._describe()
             if self._transforms is not None:
                 self._transforms.fix(self._frames.at((0.0, 0.0), (0.0, 0.0)))
 
     def _update(self) -> None:
-        now, changed = self._newest.take()
-        if now is None:
+        snapshot, changed = self._newest.take()
+        if snapshot is None:
             return
         if RUN in changed:
-            self.take_values()
+            self.apply_parameters()
             self._floor = None  # it belongs to an earlier run
         if MAP in changed:
             self._floor = floor_map_of(map_grid(self._newest[MAP]))
-        if RUN in changed or MAP in changed or now.time < self._time:
+        if RUN in changed or MAP in changed or snapshot.time < self._time:
             self._markers.begin(self._floor)
-        if now.time != self._time:
-            self._time = now.time
+        if snapshot.time != self._time:
+            self._time = snapshot.time
             self.count_sample(stamp_ns(self._newest[PLANT_ODOM]))
-            self._markers.follow(now)
+            self._markers.follow(snapshot)
             if self._transforms is not None:
-                self._transforms.publish(self.now_ns, self._frames.at(now.position, now.psi))
+                self._transforms.publish(
+                    self.now_ns, self._frames.at(snapshot.position, snapshot.psi)
+                )
         is_whole = time.monotonic() - self._whole_at >= WHOLE_S
-        if (changed or is_whole) and self._markers_output.is_watched:
+        if (changed or is_whole) and self._markers_output.has_subscribers:
             if is_whole:
                 self._whole_at = time.monotonic()
-            places = in_map(self._frames.at(now.position, now.psi))
+            poses = poses_in_map(self._frames.at(snapshot.position, snapshot.psi))
             message = self._markers_output.message
-            message.markers = self._markers.at(now, places, whole=is_whole)
+            message.markers = self._markers.at(snapshot, poses, whole=is_whole)
             self._markers_output.publish(message)
 
     def close(self) -> None:
@@ -146,8 +148,8 @@ def _fill(
     names: tuple[str, ...], message: Any, stamp_ns: int, frames: dict[str, Transform]
 ) -> None:
     for name, each in zip(names, message.transforms, strict=True):
-        place = (part.tolist() for part in frames[name])
-        fill_transform(each, stamp_ns, PARENTS[name], name, *place)
+        pose = (part.tolist() for part in frames[name])
+        fill_transform(each, stamp_ns, PARENTS[name], name, *pose)
 
 
 def main() -> None:

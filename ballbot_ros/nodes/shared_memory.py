@@ -41,7 +41,7 @@ INITIALISED, CORRUPTED = (2).to_bytes(4, 'little'), (3).to_bytes(4, 'little')
 MIN_PORT_BYTES = 1024 * 20
 """Minimum size of a port with the state of 1024 readers. Opening a smaller one crashes."""
 
-PORT_HEAD = 1024 * 64
+PORT_HEADER = 1024 * 64
 """Size of the part of a port that includes the states of its readers."""
 
 READERS, READER_SIZE = 1024, 20
@@ -282,7 +282,7 @@ def _find_idle_readers(path: Path) -> list[int]:
     """Return the offsets of the states of readers that do not wait for a message."""
     try:
         with path.open('rb', buffering=0) as file:
-            port = file.read(PORT_HEAD)
+            port = file.read(PORT_HEADER)
     except OSError:  # removed, or another user's
         return []
     first = find_reader_states(port)

@@ -25,7 +25,7 @@ from ballbot_ros.teleop.sdl import SdlBackend
 from ballbot_ros.teleop.sticks import Sticks
 from ballbot_ros.teleop.velocity import VelocityMapping
 
-LOOK_S = 0.2
+TYPE_POLL_S = 0.2
 """Interval for looking up the type of ``cmd_vel``."""
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -53,7 +53,7 @@ class TeleopInputs:
         self._listen_to_joy(VIEWER_JOY, arbiter.VIEWER, lambda: self._screen_mapping)
         self._cmd_vel: Topic | None = None
         self._cmd_vel_subscription: Subscription | None = None
-        node.every(LOOK_S, self._look_for_cmd_vel)
+        node.create_wall_timer(TYPE_POLL_S, self._look_for_cmd_vel)
         self._device: str = node.parameters.device
         self._gamepad = self._open_gamepad()
 
@@ -62,7 +62,7 @@ class TeleopInputs:
         """Name of the gamepad that is read directly; '' for none."""
         return self._gamepad.name if self._gamepad else ''
 
-    def take_values(self) -> None:
+    def apply_parameters(self) -> None:
         """Apply the parameters of a run that begins."""
         self._set_mappings()
         if self._node.parameters.device != self._device:
@@ -87,7 +87,7 @@ class TeleopInputs:
             values = sticks()
         except TeleopError as error:
             self._sources.release(source)
-            self.complain(name, str(error))
+            self.report_input_error(name, str(error))
             return
         self._input_errors.clear(name)
         if values is None:
@@ -95,7 +95,7 @@ class TeleopInputs:
         else:
             self._sources.report(source, values, time.monotonic())
 
-    def complain(self, name: str, text: str) -> None:
+    def report_input_error(self, name: str, text: str) -> None:
         """Log an error of an input, and show it in the diagnostics."""
         if self._input_errors.add(name, text):
             self._node.warn(str(self._input_errors))
@@ -133,7 +133,7 @@ class TeleopInputs:
             return
         known = [topic for topic in (CMD_VEL, CMD_VEL_STAMPED) if topic.type_name in types]
         if len(types) > 1 or not known:
-            self.complain(
+            self.report_input_error(
                 f'{CMD_VEL.name} type',
                 f'published as {", ".join(sorted(types))}; '
                 f'{known[0].type_name if known else "none of them"} is read',
@@ -158,7 +158,7 @@ class TeleopInputs:
             self._cmd_vel = topic
         except RuntimeError as error:
             # Another node of this process reads it with another type.
-            self.complain(f'{CMD_VEL.name} type', one_line(error))
+            self.report_input_error(f'{CMD_VEL.name} type', one_line(error))
 
     def _open_gamepad(self) -> Gamepad | None:
         wanted = self._device
@@ -180,5 +180,5 @@ class TeleopInputs:
             backend,
             on_state=take,
             on_disconnected=lambda: self._sources.release(arbiter.DEVICE),
-            on_problem=lambda text: self.complain('device', text),
+            on_problem=lambda text: self.report_input_error('device', text),
         )

@@ -41,7 +41,7 @@ class TeleopTerminal:
         self._node, self._sources, self._command = node, sources, command
         self._state = ''
         self.is_closed = False
-        self._subscription = node.listen(OPERATING_STATE, self._on_state)
+        self._subscription = node.subscribe(OPERATING_STATE, self._on_state)
         self._reset = node.create_client(Trigger, f'{PLANT}/reset')
         # A terminal that disappears is a lost input, not the end of the node.
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
@@ -55,7 +55,7 @@ class TeleopTerminal:
             on_closed=self._on_closed,
         )
 
-    def take_values(self) -> None:
+    def apply_parameters(self) -> None:
         """Apply the parameters of a run that begins."""
         self._keys.full = self._node.parameters.gp_max
 

@@ -71,37 +71,37 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._updates = 0
         self._is_driving = False
         self._joy = self.output(VIEWER_JOY)
-        self.every(UPDATE_S, self._update)
-        self.every(_STICK_PERIOD_S, self._drive)
+        self.create_wall_timer(UPDATE_S, self._update)
+        self.create_wall_timer(_STICK_PERIOD_S, self._drive)
         if warning := network_warning(host):
             self.get_logger().warning(warning)
         print(f'viewer  {self._page.address}', flush=True)
 
     def _update(self) -> None:
-        self._requests.make()
-        now, changed = self._newest.take()
-        if now is None:
+        self._requests.send_queued()
+        snapshot, changed = self._newest.take()
+        if snapshot is None:
             return
         if self._requests.lost_plant:
-            now = now._replace(state='run ended')
+            snapshot = snapshot._replace(state='run ended')
         if RUN in changed or MAP in changed:
-            self._begin(now, self._newest[MAP] if MAP in changed else None)
+            self._begin(snapshot, self._newest[MAP] if MAP in changed else None)
         if PLANT_ODOM in changed:
             self.count_sample(stamp_ns(self._newest[PLANT_ODOM]))
-            self._history.add(now)
+            self._history.add(snapshot)
         if SOUND in changed:
             self._sound()
         self._updates += 1
-        if not self._page.is_watched:
+        if not self._page.has_clients:
             return
-        self._robot.show(now)
-        self._page.look(now)
+        self._robot.show(snapshot)
+        self._page.update_cameras(snapshot)
         if self._updates % self._panel_period == 0:
-            self._robot.trace(self._history.way())
-            self._panel.show(now, self._history.trace(), self._factor(now.time))
+            self._robot.show_trail(self._history.trail())
+            self._panel.show(snapshot, self._history.trace(), self._factor(snapshot.time))
             self._controls.offer_scenarios(offer=self._requests.can_start)
 
-    def _begin(self, now: Snapshot, published: OccupancyGridMessage | None) -> None:
+    def _begin(self, snapshot: Snapshot, published: OccupancyGridMessage | None) -> None:
         """Show the floor of a new run, and discard the previous run.
 
         `published` is the map published with the run, if any. It has no lines; the plant's
@@ -109,14 +109,14 @@ class Viewer(BallbotNode[ViewerParameters]):
         """
         self._history.clear()
         before = Dimensions.from_parameters(self.parameters)
-        self.take_values()
+        self.apply_parameters()
         dimensions = Dimensions.from_parameters(self.parameters)
         if dimensions != before:
             self._robot = self._page.show_robot(dimensions)
         floor = self._floor = self._load_floor()
         if floor is None and published is not None:
             floor = floor_map_of(map_grid(published))
-        self._page.show_floor(floor, _start(now))
+        self._page.show_floor(floor, _start(snapshot))
         self._requests.plant_parameters(_ASKED, self._take_parameters)
 
     def check(self, parameters: ViewerParameters) -> None:
@@ -134,14 +134,14 @@ class Viewer(BallbotNode[ViewerParameters]):
         dimensions = Dimensions.from_parameters(parameters)
         if dimensions != self._page.dimensions:
             self._robot = self._page.show_robot(dimensions)
-        now = snapshot_of(self._newest)
-        if now is None:
+        snapshot = snapshot_of(self._newest)
+        if snapshot is None:
             return
         try:
             floor = load_map(parameters.map) if parameters.map else None
         except WorldError:  # the file is on another machine
             return
-        self._page.show_floor(floor, _start(now))
+        self._page.show_floor(floor, _start(snapshot))
 
     def _sound(self) -> None:
         """Play a tone of the current run if it is not too old."""
@@ -151,14 +151,14 @@ class Viewer(BallbotNode[ViewerParameters]):
 
     def _factor(self, sim_time: float) -> float:
         """Return the real-time factor over the last second."""
-        now = time.monotonic()
+        now_s = time.monotonic()
         if self._ticks and sim_time < self._ticks[-1][1]:
             self._ticks.clear()  # another run, or a player that has jumped back
-        self._ticks.append((now, sim_time))
-        while now - self._ticks[0][0] > _FACTOR_SPAN_S:
+        self._ticks.append((now_s, sim_time))
+        while now_s - self._ticks[0][0] > _FACTOR_SPAN_S:
             self._ticks.pop(0)
         wall, sim = self._ticks[0]
-        return (sim_time - sim) / (now - wall) if now > wall else 0.0
+        return (sim_time - sim) / (now_s - wall) if now_s > wall else 0.0
 
     def _drive(self) -> None:
         """Publish the on-screen sticks while they are held, and once after their release."""
@@ -174,9 +174,9 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._page.stop()
 
 
-def _start(now: Snapshot) -> tuple[float, float]:
+def _start(snapshot: Snapshot) -> tuple[float, float]:
     """Return x and y in ``map`` [m]."""
-    return now.position[0], -now.position[1]
+    return snapshot.position[0], -snapshot.position[1]
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ from ballbot_ros.messages.topics import PUSH, RUN
 from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.graph_observer import UNKNOWN_NODE
 from ballbot_ros.parameters import PLANT, SUPERVISOR, PlantParameters
-from ballbot_ros.plant.truth import Pair
+from ballbot_ros.plant.ground_truth import Pair
 
 _SERVICES = {
     f'{PLANT}/pause': SetBool,
@@ -30,37 +30,37 @@ _SERVICES = {
 }
 _PARAMETER_SERVICES = {SetParameters: 'set_parameters', GetParameters: 'get_parameters'}
 
-ASK_AGAIN_S = 1.0
+QUERY_RETRY_S = 1.0
 PARAMETERS_OF_PLANT = f'parameters of {PLANT}'
 
 
-class _Question(NamedTuple):
+class _ParameterQuery(NamedTuple):
     """A query for parameters of the plant, and the function that receives their values."""
 
     names: Sequence[str]
-    then: Callable[[PlantParameters], None]
+    on_parameters: Callable[[PlantParameters], None]
 
 
 class ViewerRequests:
-    """Queues requests from the page's threads; the node's thread makes them.
+    """Queues requests from the page's threads; the node's thread sends them.
 
     Parameters
     ----------
     node : BallbotNode
-    tell : callable
+    notify : callable
         Shows a message to the viewers.
     """
 
-    def __init__(self, node: AnyNode, tell: Callable[[str], None]) -> None:
+    def __init__(self, node: AnyNode, notify: Callable[[str], None]) -> None:
         self._node = node
-        self._tell = tell
+        self._notify = notify
         self._waiting: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._clients = {name: node.create_client(kind, name) for name, kind in _SERVICES.items()}
         self._plant_parameters = _ParameterClients(node)
         self._push = node.output(PUSH)
         self._had_plant = False
-        self._question: _Question | None = None
-        self._asked_at = -math.inf
+        self._query: _ParameterQuery | None = None
+        self._queried_at = -math.inf
 
     @property
     def lost_plant(self) -> bool:
@@ -74,22 +74,26 @@ class ViewerRequests:
         """Whether the graph can start another scenario."""
         return bool(self._clients[f'{SUPERVISOR}/start'].service_is_ready())
 
-    def make(self) -> None:
-        """Make the queued requests."""
+    def send_queued(self) -> None:
+        """Send the queued requests."""
         while not self._waiting.empty():
             self._waiting.get()()
-        self._ask()
+        self._send_query()
 
     def _call(
-        self, name: str, request: Any, then: Callable[[Any], None] = lambda response: None
+        self, name: str, request: Any, on_response: Callable[[Any], None] = lambda response: None
     ) -> None:
-        self._send(self._clients[name], name, request, then)
+        self._send(self._clients[name], name, request, on_response)
 
-    def _send(self, client: Any, name: str, request: Any, then: Callable[[Any], None]) -> None:
+    def _send(
+        self, client: Any, name: str, request: Any, on_response: Callable[[Any], None]
+    ) -> None:
         if client is not None and client.service_is_ready():
-            client.call_async(request).add_done_callback(lambda future: then(future.result()))
+            client.call_async(request).add_done_callback(
+                lambda future: on_response(future.result())
+            )
         else:
-            self._tell(f'{name}: service not available')
+            self._notify(f'{name}: service not available')
 
     def pause(self, pause: bool) -> None:
         """Pause the plant, or resume."""
@@ -103,20 +107,20 @@ class ViewerRequests:
         """Begin a new run."""
         self._waiting.put(lambda: self._call(f'{PLANT}/reset', Trigger.Request()))
 
-    def pace(self, factor: float) -> None:
+    def set_real_time_factor(self, factor: float) -> None:
         """Set the real-time factor; 0 is as fast as possible."""
         request = _setting('real_time_factor', factor)
 
         def send() -> None:
             client = self._plant_parameters.find(SetParameters)
-            self._send(client, PARAMETERS_OF_PLANT, request, self._tell_refusal)
+            self._send(client, PARAMETERS_OF_PLANT, request, self._notify_refusal)
 
         self._waiting.put(send)
 
-    def _tell_refusal(self, response: SetParameters.Response) -> None:
+    def _notify_refusal(self, response: SetParameters.Response) -> None:
         for result in response.results:
             if not result.successful:
-                self._tell(f'{PARAMETERS_OF_PLANT}: {result.reason}')
+                self._notify(f'{PARAMETERS_OF_PLANT}: {result.reason}')
 
     def push(self, force: Pair) -> None:
         """Push the body with a force [N] in plane signs."""
@@ -131,44 +135,44 @@ class ViewerRequests:
         """End the run, and start one of another scenario."""
 
         def begin(_: Any) -> None:
-            self._call(f'{SUPERVISOR}/start', Trigger.Request(), tell)
+            self._call(f'{SUPERVISOR}/start', Trigger.Request(), report)
 
-        def tell(answer: Trigger.Response) -> None:
-            self._tell(f'{scenario} begins' if answer.success else answer.message)
+        def report(answer: Trigger.Response) -> None:
+            self._notify(f'{scenario} begins' if answer.success else answer.message)
 
         request = _setting('scenario', scenario)
         self._waiting.put(lambda: self._call(f'{SUPERVISOR}/set_parameters', request, begin))
 
     def plant_parameters(
-        self, names: Sequence[str], then: Callable[[PlantParameters], None]
+        self, names: Sequence[str], on_parameters: Callable[[PlantParameters], None]
     ) -> None:
-        """Query parameters of the plant until it answers, and pass them to `then`.
+        """Query parameters of the plant until it answers, and pass them to `on_parameters`.
 
         The others have their defaults.
         """
-        self._question, self._asked_at = _Question(names, then), -math.inf
+        self._query, self._queried_at = _ParameterQuery(names, on_parameters), -math.inf
 
-    def _ask(self) -> None:
+    def _send_query(self) -> None:
         """Repeat unanswered queries: a plant's topics may appear before its services."""
-        question, now = self._question, time.monotonic()
-        if question is None or now - self._asked_at < ASK_AGAIN_S:
+        query, now_s = self._query, time.monotonic()
+        if query is None or now_s - self._queried_at < QUERY_RETRY_S:
             return
         client = self._plant_parameters.find(GetParameters)
         if client is None or not client.service_is_ready():
             return
-        self._asked_at = now
+        self._queried_at = now_s
 
         def take(response: GetParameters.Response) -> None:
-            if question is not self._question:
+            if query is not self._query:
                 return
-            self._question = None
+            self._query = None
             # A player announces runs, too, but has none of the plant's parameters.
-            if len(response.values) == len(question.names):
+            if len(response.values) == len(query.names):
                 values = map(parameter_value_to_python, response.values)
-                parameters = dict(zip(question.names, values, strict=True))
-                question.then(PlantParameters(**parameters))
+                answered = dict(zip(query.names, values, strict=True))
+                query.on_parameters(PlantParameters(**answered))
 
-        request = GetParameters.Request(names=question.names)
+        request = GetParameters.Request(names=query.names)
         self._send(client, PARAMETERS_OF_PLANT, request, take)
 
 

@@ -8,19 +8,18 @@ from ballbot_ros.parameters.devices import (
     SonarParameters,
 )
 from ballbot_ros.parameters.parameter import (
-    Acts,
     DriverParameters,
     NodeParameters,
     Parameter,
     ParameterError,
     Subset,
+    TakesEffect,
     Value,
 )
 from ballbot_ros.parameters.parameter_set import ParameterSet
 from ballbot_ros.parameters.plant import PlantParameters
 from ballbot_ros.parameters.shared import Dimensions
 from ballbot_ros.parameters.table import (
-    AGREED,
     ALL_NODES,
     CONTROLLER,
     DRIVER_PERIODS_NS,
@@ -35,14 +34,15 @@ from ballbot_ros.parameters.table import (
     PLANT,
     PLAYER,
     RECORDER,
+    SHARED_PARAMETERS,
     SIMULATED,
     SONAR,
     SUPERVISOR,
     TABLE,
     VIEWER,
     VISUALIZER,
-    nearest,
     parameters_of,
+    suggest_names,
 )
 from ballbot_ros.parameters.teleop import GamepadParameters
 from ballbot_ros.parameters.tools import (
@@ -54,12 +54,12 @@ from ballbot_ros.parameters.tools import (
 )
 
 __all__ = [
-    'AGREED', 'ALL_NODES', 'CONTROLLER', 'DEVICES', 'DRIVERS', 'DRIVER_PERIODS_NS', 'ENCODER',
-    'EXECUTABLES', 'GAMEPAD', 'GYRO', 'NODES', 'OPTIONAL_NODES', 'PATHS', 'PLANT', 'PLAYER',
-    'RECORDER', 'SIMULATED', 'SONAR', 'SUPERVISOR', 'TABLE', 'VIEWER', 'VISUALIZER', 'Acts',
+    'ALL_NODES', 'CONTROLLER', 'DEVICES', 'DRIVERS', 'DRIVER_PERIODS_NS', 'ENCODER', 'EXECUTABLES',
+    'GAMEPAD', 'GYRO', 'NODES', 'OPTIONAL_NODES', 'PATHS', 'PLANT', 'PLAYER', 'RECORDER',
+    'SHARED_PARAMETERS', 'SIMULATED', 'SONAR', 'SUPERVISOR', 'TABLE', 'VIEWER', 'VISUALIZER',
     'ControllerParameters', 'Dimensions', 'DriverParameters', 'EncoderParameters',
     'GamepadParameters', 'GyroParameters', 'Implementation', 'NodeParameters', 'Parameter',
     'ParameterError', 'ParameterSet', 'PlantParameters', 'PlayerParameters', 'RecorderParameters',
-    'SonarParameters', 'Subset', 'SupervisorParameters', 'Value', 'ViewerParameters',
-    'VisualizerParameters', 'nearest', 'parameters_of',
+    'SonarParameters', 'Subset', 'SupervisorParameters', 'TakesEffect', 'Value', 'ViewerParameters',
+    'VisualizerParameters', 'parameters_of', 'suggest_names',
 ]  # fmt: skip

@@ -23,12 +23,12 @@ class ParameterError(BallbotError):
     """An unknown parameter, or a value of the wrong type or out of bounds."""
 
 
-class Acts(Enum):
+class TakesEffect(Enum):
     """When a new value takes effect in a running node."""
 
-    AT_ONCE = 'at once'
+    IMMEDIATELY = 'at once'
     NEXT_RUN = 'next run'
-    NEVER = 'never'
+    READ_ONLY = 'never'
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Parameter:
         Whether it is, or may be, the path of a file or folder.
     choices : tuple
         Allowed words for a text, or values for an integer; empty for any.
-    acts : Acts
+    takes_effect : TakesEffect
         When a new value takes effect in a running node; never for a read-only parameter.
     """
 
@@ -66,7 +66,7 @@ class Parameter:
     choices: tuple[str | int, ...]
     description: str
     source: str
-    acts: Acts
+    takes_effect: TakesEffect
 
     def check(self, value: object, where: str) -> Value:
         """Return `value` in the parameter's own type.
@@ -177,25 +177,31 @@ def quantity(
     source: str,
     *,
     or_zero: bool = False,
-    acts: Acts = Acts.NEXT_RUN,
+    takes_effect: TakesEffect = TakesEffect.NEXT_RUN,
 ) -> _Value:
     """Declare a number, or several of a kind; for the arguments see :class:`Parameter`."""
     return _declared(
         default, unit=unit, bounds=bounds, or_zero=or_zero,
-        description=description, source=source, acts=acts,
+        description=description, source=source, takes_effect=takes_effect,
     )  # fmt: skip
 
 
 def setting(
-    default: _Value, description: str, source: str, *, acts: Acts = Acts.NEXT_RUN
+    default: _Value,
+    description: str,
+    source: str,
+    *,
+    takes_effect: TakesEffect = TakesEffect.NEXT_RUN,
 ) -> _Value:
     """Declare a switch or a text; the choices of a text are the Literal of the field's type."""
-    return _declared(default, description=description, source=source, acts=acts)
+    return _declared(default, description=description, source=source, takes_effect=takes_effect)
 
 
-def path(description: str, source: str, *, acts: Acts = Acts.NEXT_RUN) -> str:
+def path(description: str, source: str, *, takes_effect: TakesEffect = TakesEffect.NEXT_RUN) -> str:
     """Declare the path of a file or folder, or the name of a shipped one; empty by default."""
-    return _declared('', description=description, source=source, acts=acts, is_path=True)
+    return _declared(
+        '', description=description, source=source, takes_effect=takes_effect, is_path=True
+    )
 
 
 def _declared(
@@ -203,7 +209,7 @@ def _declared(
     *,
     description: str,
     source: str,
-    acts: Acts,
+    takes_effect: TakesEffect,
     unit: str = '',
     bounds: _Bounds | None = None,
     or_zero: bool = False,
@@ -211,7 +217,7 @@ def _declared(
 ) -> _Value:
     metadata = {
         'unit': unit, 'bounds': bounds, 'or_zero': or_zero, 'is_path': is_path,
-        'description': description, 'source': source, 'acts': acts,
+        'description': description, 'source': source, 'takes_effect': takes_effect,
     }  # fmt: skip
     return field(default=default, metadata=metadata)
 

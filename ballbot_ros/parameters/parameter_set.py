@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TypeVar
 
 from ballbot_ros.parameters.parameter import NodeParameters, ParameterError, Value
-from ballbot_ros.parameters.table import ALL_NODES, CLASSES, nearest, parameters_of
+from ballbot_ros.parameters.table import ALL_NODES, CLASSES, parameters_of, suggest_names
 
 _Node = TypeVar('_Node', bound=NodeParameters)
 
@@ -44,7 +44,7 @@ class ParameterSet:
             row = parameters_of(each).get(name)
             if row is None:
                 raise ParameterError(
-                    f'{prefix}{each} has no parameter {name!r}; {nearest(name, each)}'
+                    f'{prefix}{each} has no parameter {name!r}; {suggest_names(name, each)}'
                 )
             checked = row.check(value, f'{prefix}{each}.')
             # A shared parameter has one value, on which its nodes must agree.

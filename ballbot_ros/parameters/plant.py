@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from ballbot_ros.parameters.parameter import Acts, NodeParameters, path, quantity, setting
+from ballbot_ros.parameters.parameter import NodeParameters, TakesEffect, path, quantity, setting
 from ballbot_ros.parameters.shared import (
     Dimensions,
     LockstepChoice,
@@ -95,7 +95,12 @@ class PlantParameters(
         0.1, 'A', (0.0, 10.0), 'current of the brick, draining model', 'project'
     )
     push_duration: float = quantity(
-        0.1, 's', (1e-3, 10.0), 'duration of a plant/push', 'project', acts=Acts.AT_ONCE
+        0.1,
+        's',
+        (1e-3, 10.0),
+        'duration of a plant/push',
+        'project',
+        takes_effect=TakesEffect.IMMEDIATELY,
     )
     real_time_factor: float = quantity(
         1.0,
@@ -104,7 +109,7 @@ class PlantParameters(
         'pace against the wall clock; 0: as fast as possible',
         'project',
         or_zero=True,
-        acts=Acts.AT_ONCE,
+        takes_effect=TakesEffect.IMMEDIATELY,
     )
     duration: float = quantity(
         0.0, 's', (0.0, 1e6), 'length of the run; 0: until stopped', 'project'

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ballbot_ros.parameters.parameter import Acts, Subset, path, quantity, setting
+from ballbot_ros.parameters.parameter import Subset, TakesEffect, path, quantity, setting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,7 @@ class LockstepChoice:
         True,
         'true: each tick waits for its inputs; false: wall-clock timers, newest sample wins',
         'project',
-        acts=Acts.NEVER,
+        takes_effect=TakesEffect.READ_ONLY,
     )
 
 

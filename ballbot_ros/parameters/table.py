@@ -40,13 +40,13 @@ PARTICIPANTS: tuple[type[NodeParameters], ...] = (
     GamepadParameters,
     RecorderParameters,
 )
-TOOLS: tuple[type[NodeParameters], ...] = (
+OPTIONAL_CLASSES: tuple[type[NodeParameters], ...] = (
     PlayerParameters,
     ViewerParameters,
     VisualizerParameters,
     SupervisorParameters,
 )
-CLASSES = {cls.node: cls for cls in PARTICIPANTS + TOOLS}
+CLASSES = {cls.node: cls for cls in PARTICIPANTS + OPTIONAL_CLASSES}
 """The class of each node's parameters, by node name."""
 
 PLANT = PlantParameters.node
@@ -77,7 +77,7 @@ VIEWER = ViewerParameters.node
 VISUALIZER = VisualizerParameters.node
 SUPERVISOR = SupervisorParameters.node
 
-OPTIONAL_NODES = tuple(cls.node for cls in TOOLS)
+OPTIONAL_NODES = tuple(cls.node for cls in OPTIONAL_CLASSES)
 """Nodes that a run does not need."""
 
 ALL_NODES = NODES + OPTIONAL_NODES
@@ -85,13 +85,13 @@ ALL_NODES = NODES + OPTIONAL_NODES
 EXECUTABLES = tuple(node for node in ALL_NODES if node != SUPERVISOR)
 """Nodes that are programs; the supervisor is part of ``ballbot run --viewer``."""
 
-TABLE = table(PARTICIPANTS + TOOLS)
+TABLE = table(PARTICIPANTS + OPTIONAL_CLASSES)
 """Every parameter of every node, with one row for a shared parameter."""
 
 PATHS = frozenset(row.name for row in TABLE if row.is_path)
 """Parameters that are, or may be, paths of files or folders."""
 
-AGREED = tuple(
+SHARED_PARAMETERS = tuple(
     row.name for row in TABLE if len(set(row.nodes) & set(NODES)) > 1 and row.name != 'scenario'
 )
 """Parameters on which the participants of a run must agree. A scenario is not among them: it may be
@@ -107,7 +107,7 @@ def parameters_of(node: str) -> Mapping[str, Parameter]:
     return _BY_NODE[node]
 
 
-def nearest(name: str, node: str) -> str:
+def suggest_names(name: str, node: str) -> str:
     """Return a hint about a misspelt `name`, or the parameters of `node`."""
     known = sorted(_BY_NODE[node])
     close = get_close_matches(name, known)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ballbot_ros.parameters.parameter import Acts, NodeParameters, path, quantity, setting
+from ballbot_ros.parameters.parameter import NodeParameters, TakesEffect, path, quantity, setting
 from ballbot_ros.parameters.shared import Dimensions, MapChoice, Masses
 
 
@@ -15,9 +15,13 @@ class RecorderParameters(NodeParameters):
 
     node: ClassVar[str] = 'recorder'
 
-    output: str = path('file to write; empty: a new one under runs/', 'project', acts=Acts.NEVER)
+    output: str = path(
+        'file to write; empty: a new one under runs/', 'project', takes_effect=TakesEffect.READ_ONLY
+    )
     attachments: str = path(
-        'folder whose files are attached to the recording; empty: none', 'project', acts=Acts.NEVER
+        'folder whose files are attached to the recording; empty: none',
+        'project',
+        takes_effect=TakesEffect.READ_ONLY,
     )
 
 
@@ -27,16 +31,31 @@ class PlayerParameters(NodeParameters):
 
     node: ClassVar[str] = 'player'
 
-    file: str = path('recording to play', 'project', acts=Acts.NEVER)
+    file: str = path('recording to play', 'project', takes_effect=TakesEffect.READ_ONLY)
     rate: float = quantity(
-        1.0, '1', (0.01, 100.0), 'speed in multiples of real time', 'project', acts=Acts.AT_ONCE
+        1.0,
+        '1',
+        (0.01, 100.0),
+        'speed in multiples of real time',
+        'project',
+        takes_effect=TakesEffect.IMMEDIATELY,
     )
     start: float = quantity(
-        0.0, 's', (0.0, 1e9), 'start, counted from the first message', 'project', acts=Acts.NEVER
+        0.0,
+        's',
+        (0.0, 1e9),
+        'start, counted from the first message',
+        'project',
+        takes_effect=TakesEffect.READ_ONLY,
     )
-    loop: bool = setting(False, 'true: restarts at the end', 'project', acts=Acts.NEVER)
+    loop: bool = setting(
+        False, 'true: restarts at the end', 'project', takes_effect=TakesEffect.READ_ONLY
+    )
     topics: str = setting(
-        '', 'topics to play, separated by commas; empty: all', 'project', acts=Acts.NEVER
+        '',
+        'topics to play, separated by commas; empty: all',
+        'project',
+        takes_effect=TakesEffect.READ_ONLY,
     )
 
 
@@ -50,10 +69,15 @@ class ViewerParameters(Dimensions, MapChoice, NodeParameters):
         '127.0.0.1',
         'address that serves the page: all who reach it can watch, those with the token can steer',
         'project',
-        acts=Acts.NEVER,
+        takes_effect=TakesEffect.READ_ONLY,
     )
     port: int = quantity(
-        8080, '1', (0, 65535), 'port of the page; 0: a free one', 'project', acts=Acts.NEVER
+        8080,
+        '1',
+        (0, 65535),
+        'port of the page; 0: a free one',
+        'project',
+        takes_effect=TakesEffect.READ_ONLY,
     )
 
 
@@ -69,7 +93,7 @@ class VisualizerParameters(Dimensions, Masses, NodeParameters):
         (1.0, 250.0),
         'maximum rate of markers and transforms',
         'project',
-        acts=Acts.NEVER,
+        takes_effect=TakesEffect.READ_ONLY,
     )
 
 
@@ -82,5 +106,5 @@ class SupervisorParameters(NodeParameters):
     scenario: str = path(
         'scenario (name or file) of the run that supervisor/start begins',
         'project',
-        acts=Acts.AT_ONCE,
+        takes_effect=TakesEffect.IMMEDIATELY,
     )

@@ -61,18 +61,20 @@ def effective_duty(duty: int, dead_zone: float) -> float:
     return 0.0
 
 
-def motor_current(voltage: float, omega: float, rho: float, back_emf: float, ohms: float) -> float:
+def motor_current(
+    voltage: float, theta_dot: float, psi_dot: float, back_emf: float, ohms: float
+) -> float:
     """Return the motor current [A], (3.16).
 
     Parameters
     ----------
     voltage : float
         Motor voltage [V].
-    omega, rho : float
+    theta_dot, psi_dot : float
         theta_dot and psi_dot [rad/s].
     back_emf : float
         k Kb [V·s/rad]: the motor's constant, seen from the ball.
     ohms : float
         Resistance of the motor Rm [Ohm].
     """
-    return (voltage - back_emf * (omega - rho)) / ohms
+    return (voltage - back_emf * (theta_dot - psi_dot)) / ohms

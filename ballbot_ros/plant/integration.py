@@ -12,19 +12,19 @@ from ballbot_ros.numerics.discretisation import zero_order_hold
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.plant.model import PhysicalParameters, mass_matrix, state_space
 
-State = tuple[float, float, float, float]
+PlaneState = tuple[float, float, float, float]
 """theta, psi [rad], theta_dot, psi_dot [rad/s] of one plane."""
 
-Step = Callable[[State, float, float, float], State]
+StepFunction = Callable[[PlaneState, float, float, float], PlaneState]
 """(state, voltage [V], force on theta [N·m], force on psi [N·m]) -> state one step later."""
 
-Free = tuple[
+TransitionCoefficients = tuple[
     float, float, float, float, float, float, float, float,
     float, float, float, float, float, float, float, float,
 ]  # fmt: skip
 """Coefficients of psi, theta_dot, psi_dot and the voltage for each element of the next state."""
 
-Forced = tuple[float, float, float, float, float, float, float, float]
+ForceCoefficients = tuple[float, float, float, float, float, float, float, float]
 """Coefficients of the forces on theta and psi for each element of the next state."""
 
 Equations = tuple[float, float, float, float, float, float, float, float, float, float]
@@ -34,27 +34,31 @@ A plain tuple, which Python unpacks several times faster than a named one.
 """
 
 
-def linear_step(p: PhysicalParameters, dt: float) -> Step:
+def linear_step(p: PhysicalParameters, dt: float) -> StepFunction:
     """Return the exact step of the linear model under inputs held for `dt` seconds."""
-    free, forced = discrete_matrices(p, dt)
+    transition, force_coefficients = discrete_matrices(p, dt)
 
-    def step(state: State, voltage: float, on_theta: float, on_psi: float) -> State:
-        return advance_linear(free, forced, state, voltage, on_theta, on_psi)
+    def step(state: PlaneState, voltage: float, force_theta: float, force_psi: float) -> PlaneState:
+        return advance_linear(
+            transition, force_coefficients, state, voltage, force_theta, force_psi
+        )
 
     return step
 
 
-def nonlinear_step(p: PhysicalParameters, dt: float) -> Step:
+def nonlinear_step(p: PhysicalParameters, dt: float) -> StepFunction:
     """Return a classical fourth-order Runge-Kutta step of (3.11)-(3.12)."""
     equations, alpha = equations_of(p), p.alpha
 
-    def step(state: State, voltage: float, on_theta: float, on_psi: float) -> State:
-        return advance_nonlinear(equations, alpha, dt, state, voltage, on_theta, on_psi)
+    def step(state: PlaneState, voltage: float, force_theta: float, force_psi: float) -> PlaneState:
+        return advance_nonlinear(equations, alpha, dt, state, voltage, force_theta, force_psi)
 
     return step
 
 
-def discrete_matrices(p: PhysicalParameters, dt: float) -> tuple[Free, Forced]:
+def discrete_matrices(
+    p: PhysicalParameters, dt: float
+) -> tuple[TransitionCoefficients, ForceCoefficients]:
     """Return the matrices of the linear model's step of `dt` seconds."""
     transition, held = zero_order_hold(*state_space(p), dt)
     # theta is a pure integral: its column of the transition matrix is that of the identity.
@@ -70,40 +74,45 @@ def equations_of(p: PhysicalParameters) -> Equations:
 
 
 def advance_linear(
-    free: Free, forced: Forced, state: State, voltage: float, on_theta: float, on_psi: float
-) -> State:
+    transition: TransitionCoefficients,
+    force_coefficients: ForceCoefficients,
+    state: PlaneState,
+    voltage: float,
+    force_theta: float,
+    force_psi: float,
+) -> PlaneState:
     """Return the state of a plane one step later, by the linear model (3.24).
 
     Parameters
     ----------
-    free, forced : tuple of float
+    transition, force_coefficients : tuple of float
         Result of :func:`discrete_matrices`.
     state : tuple of float
         theta, psi [rad], theta_dot, psi_dot [rad/s].
     voltage : float
         Motor voltage [V].
-    on_theta, on_psi : float
+    force_theta, force_psi : float
         Generalised forces [N·m].
     """
-    a01, a02, a03, b00, a11, a12, a13, b10, a21, a22, a23, b20, a31, a32, a33, b30 = free
-    theta, psi, omega, rho = state
-    if on_theta or on_psi:
-        b01, b02, b11, b12, b21, b22, b31, b32 = forced
+    a01, a02, a03, b00, a11, a12, a13, b10, a21, a22, a23, b20, a31, a32, a33, b30 = transition
+    theta, psi, theta_dot, psi_dot = state
+    if force_theta or force_psi:
+        b01, b02, b11, b12, b21, b22, b31, b32 = force_coefficients
         return (
-            theta + a01 * psi + a02 * omega + a03 * rho
-            + b00 * voltage + b01 * on_theta + b02 * on_psi,
-            a11 * psi + a12 * omega + a13 * rho
-            + b10 * voltage + b11 * on_theta + b12 * on_psi,
-            a21 * psi + a22 * omega + a23 * rho
-            + b20 * voltage + b21 * on_theta + b22 * on_psi,
-            a31 * psi + a32 * omega + a33 * rho
-            + b30 * voltage + b31 * on_theta + b32 * on_psi,
+            theta + a01 * psi + a02 * theta_dot + a03 * psi_dot
+            + b00 * voltage + b01 * force_theta + b02 * force_psi,
+            a11 * psi + a12 * theta_dot + a13 * psi_dot
+            + b10 * voltage + b11 * force_theta + b12 * force_psi,
+            a21 * psi + a22 * theta_dot + a23 * psi_dot
+            + b20 * voltage + b21 * force_theta + b22 * force_psi,
+            a31 * psi + a32 * theta_dot + a33 * psi_dot
+            + b30 * voltage + b31 * force_theta + b32 * force_psi,
         )  # fmt: skip
     return (
-        theta + a01 * psi + a02 * omega + a03 * rho + b00 * voltage,
-        a11 * psi + a12 * omega + a13 * rho + b10 * voltage,
-        a21 * psi + a22 * omega + a23 * rho + b20 * voltage,
-        a31 * psi + a32 * omega + a33 * rho + b30 * voltage,
+        theta + a01 * psi + a02 * theta_dot + a03 * psi_dot + b00 * voltage,
+        a11 * psi + a12 * theta_dot + a13 * psi_dot + b10 * voltage,
+        a21 * psi + a22 * theta_dot + a23 * psi_dot + b20 * voltage,
+        a31 * psi + a32 * theta_dot + a33 * psi_dot + b30 * voltage,
     )
 
 
@@ -111,11 +120,11 @@ def advance_nonlinear(
     equations: Equations,
     alpha: float,
     dt: float,
-    state: State,
+    state: PlaneState,
     voltage: float,
-    on_theta: float,
-    on_psi: float,
-) -> State:
+    force_theta: float,
+    force_psi: float,
+) -> PlaneState:
     """Return the state of a plane `dt` seconds later, by the nonlinear model (3.11)-(3.12).
 
     Parameters
@@ -130,41 +139,48 @@ def advance_nonlinear(
         theta, psi [rad], theta_dot, psi_dot [rad/s].
     voltage : float
         Motor voltage [V].
-    on_theta, on_psi : float
+    force_theta, force_psi : float
         Generalised forces [N·m].
     """
     half, sixth = dt / 2.0, dt / 6.0
-    theta, psi, omega, rho = state
+    theta, psi, theta_dot, psi_dot = state
     motor = alpha * voltage
-    on_theta += motor
-    on_psi -= motor
-    a1, c1 = accelerations(equations, psi, omega, rho, on_theta, on_psi)
-    w2, r2 = omega + half * a1, rho + half * c1
-    a2, c2 = accelerations(equations, psi + half * rho, w2, r2, on_theta, on_psi)
-    w3, r3 = omega + half * a2, rho + half * c2
-    a3, c3 = accelerations(equations, psi + half * r2, w3, r3, on_theta, on_psi)
-    w4, r4 = omega + dt * a3, rho + dt * c3
-    a4, c4 = accelerations(equations, psi + dt * r3, w4, r4, on_theta, on_psi)
+    force_theta += motor
+    force_psi -= motor
+    a1, c1 = accelerations(equations, psi, theta_dot, psi_dot, force_theta, force_psi)
+    w2, r2 = theta_dot + half * a1, psi_dot + half * c1
+    a2, c2 = accelerations(equations, psi + half * psi_dot, w2, r2, force_theta, force_psi)
+    w3, r3 = theta_dot + half * a2, psi_dot + half * c2
+    a3, c3 = accelerations(equations, psi + half * r2, w3, r3, force_theta, force_psi)
+    w4, r4 = theta_dot + dt * a3, psi_dot + dt * c3
+    a4, c4 = accelerations(equations, psi + dt * r3, w4, r4, force_theta, force_psi)
     return (
-        theta + sixth * (omega + 2.0 * (w2 + w3) + w4),
-        psi + sixth * (rho + 2.0 * (r2 + r3) + r4),
-        omega + sixth * (a1 + 2.0 * (a2 + a3) + a4),
-        rho + sixth * (c1 + 2.0 * (c2 + c3) + c4),
+        theta + sixth * (theta_dot + 2.0 * (w2 + w3) + w4),
+        psi + sixth * (psi_dot + 2.0 * (r2 + r3) + r4),
+        theta_dot + sixth * (a1 + 2.0 * (a2 + a3) + a4),
+        psi_dot + sixth * (c1 + 2.0 * (c2 + c3) + c4),
     )
 
 
 def accelerations(
-    equations: Equations, psi: float, omega: float, rho: float, on_theta: float, on_psi: float
+    equations: Equations,
+    psi: float,
+    theta_dot: float,
+    psi_dot: float,
+    force_theta: float,
+    force_psi: float,
 ) -> tuple[float, float]:
     """Return theta_ddot and psi_ddot [rad/s²] of (3.11)-(3.12)."""
     m11, m22, coupling, drive, det, det_1, det_2, weight, beta, fs = equations
     sine, cosine = sine_cosine(psi)
     m12 = coupling * cosine - drive
-    friction = beta * (omega - rho)
-    force_theta = on_theta - friction - fs * omega + coupling * rho * rho * sine
-    force_psi = on_psi + friction + weight * sine
+    friction = beta * (theta_dot - psi_dot)
+    total_force_theta = (
+        force_theta - friction - fs * theta_dot + coupling * psi_dot * psi_dot * sine
+    )
+    total_force_psi = force_psi + friction + weight * sine
     determinant = det + cosine * (det_1 - det_2 * cosine)
     return (
-        (m22 * force_theta - m12 * force_psi) / determinant,
-        (m11 * force_psi - m12 * force_theta) / determinant,
+        (m22 * total_force_theta - m12 * total_force_psi) / determinant,
+        (m11 * total_force_psi - m12 * total_force_theta) / determinant,
     )

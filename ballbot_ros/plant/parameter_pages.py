@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import yaml
 
-from ballbot_ros.parameters.parameter import Acts, Parameter, Value
+from ballbot_ros.parameters.parameter import Parameter, TakesEffect, Value
 from ballbot_ros.parameters.plant import PlantParameters
 from ballbot_ros.parameters.table import ALL_NODES, TABLE
 from ballbot_ros.plant.model import PhysicalParameters
@@ -33,7 +33,7 @@ def default_file() -> str:
     return '\n'.join(lines) + '\n'
 
 
-_NOTES = {Acts.AT_ONCE: ' (*at once*)', Acts.NEVER: ' (*read-only*)'}
+_NOTES = {TakesEffect.IMMEDIATELY: ' (*at once*)', TakesEffect.READ_ONLY: ' (*read-only*)'}
 
 
 def reference_page() -> str:
@@ -56,7 +56,7 @@ def reference_page() -> str:
             '|---|---|---|---|---|---|',
         ]
         for row in _rows_of(nodes):
-            note = _NOTES.get(row.acts, '')
+            note = _NOTES.get(row.takes_effect, '')
             lines.append(
                 f'| `{row.name}` | {_text(row.default)} | {row.unit} | {_allowed(row)} '
                 f'| {row.description}{note} | {row.source} |'

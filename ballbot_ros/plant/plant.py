@@ -8,16 +8,16 @@ from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.actuator import Actuator, motor_current
 from ballbot_ros.plant.battery import Battery, BatteryParameters
-from ballbot_ros.plant.integration import State, linear_step, nonlinear_step
+from ballbot_ros.plant.ground_truth import GroundTruth, Pair, Push
+from ballbot_ros.plant.integration import PlaneState, linear_step, nonlinear_step
 from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.plant.truth import GroundTruth, Pair, Push
 from ballbot_ros.plant.wall_contact import Floor, WallContact, WallHit
 from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK
 
 _FLOAT32 = struct.Struct('<f')
 
 
-def fallen_state(state: State, fall_angle: float) -> State:
+def state_after_fall(state: PlaneState, fall_angle: float) -> PlaneState:
     """Return the state of a fallen plane at rest, at a pitch of at most `fall_angle` [rad]."""
     return state[0], max(-fall_angle, min(fall_angle, state[1])), 0.0, 0.0
 
@@ -35,9 +35,9 @@ def shaft_angle(shaft: float, wheel: float, half_play: float) -> float:
     return min(wheel + half_play, max(wheel - half_play, shaft))
 
 
-def pushed_forces(
-    on_theta: float,
-    on_psi: float,
+def add_push_forces(
+    force_theta: float,
+    force_psi: float,
     force: float,
     torque: float,
     psi: float,
@@ -48,7 +48,7 @@ def pushed_forces(
 
     Parameters
     ----------
-    on_theta, on_psi : float
+    force_theta, force_psi : float
         The other forces [N·m].
     force, torque : float
         Horizontal force at the body's centre [N] and torque [N·m] of the push.
@@ -58,10 +58,10 @@ def pushed_forces(
         Rs and L [m].
     """
     _, cosine = sine_cosine(psi)
-    on_theta += force * ball_radius
-    on_psi += force * body_height * cosine
-    on_psi += torque
-    return on_theta, on_psi
+    force_theta += force * ball_radius
+    force_psi += force * body_height * cosine
+    force_psi += torque
+    return force_theta, force_psi
 
 
 class Plant:
@@ -103,7 +103,7 @@ class Plant:
         self._half_play: float = parameters.backlash / 2.0
         self._start = (parameters.start_position_x, parameters.start_position_y)
         self._start_psi: Pair = (parameters.start_pitch_x, parameters.start_pitch_y)
-        self._planes: list[State] = [(0.0, psi, 0.0, 0.0) for psi in self._start_psi]
+        self._planes: list[PlaneState] = [(0.0, psi, 0.0, 0.0) for psi in self._start_psi]
         self._shaft = [0.0, 0.0]
         self._voltage = (0.0, 0.0)
         self._pushes: list[Push] = []
@@ -137,7 +137,7 @@ class Plant:
                 self._move()
             self.time_ns += STEP_NS
         if self._contact:
-            self._contact.sample(self.time_ns)
+            self._contact.update_contact(self.time_ns)
             if self._contact.in_contact and self._stops_at_hit:
                 self.stopped = True
                 self._voltage = (0.0, 0.0)
@@ -170,11 +170,11 @@ class Plant:
             y = self._step(y, voltage_y, 0.0, 0.0)
         if self._contact:
             before = self._planes[0], self._planes[1]
-            x, y = self._contact.stop(before, (x, y), self.time_ns + STEP_NS)
+            x, y = self._contact.resolve(before, (x, y), self.time_ns + STEP_NS)
         limit = self._fall_angle
         if not (-limit < x[1] < limit and -limit < y[1] < limit):
             self.fallen = True
-            x, y = fallen_state(x, limit), fallen_state(y, limit)
+            x, y = state_after_fall(x, limit), state_after_fall(y, limit)
         self._planes = [x, y]
         if self._half_play:
             self._turn_shafts()
@@ -191,20 +191,24 @@ class Plant:
     def _pushed(self, plane: int) -> Pair:
         """Return the generalised forces [N·m] on theta and psi of the active pushes."""
         self._pushes = [push for push in self._pushes if push.end_ns > self.time_ns]
-        on_theta = on_psi = 0.0
+        force_theta = force_psi = 0.0
         for push in self._pushes:
             if push.start_ns <= self.time_ns:
-                on_theta, on_psi = pushed_forces(
-                    on_theta, on_psi, push.force[plane], push.torque[plane],
+                force_theta, force_psi = add_push_forces(
+                    force_theta, force_psi, push.force[plane], push.torque[plane],
                     self._planes[plane][1], self._physical.ball_radius, self._physical.body_height,
                 )  # fmt: skip
-        return on_theta, on_psi
+        return force_theta, force_psi
 
     def _current(self, plane: int) -> float:
         """Return the motor current [A], (3.16)."""
-        _, _, omega, rho = self._planes[plane]
+        _, _, theta_dot, psi_dot = self._planes[plane]
         return motor_current(
-            self._voltage[plane], omega, rho, self._back_emf, self._physical.motor_resistance
+            self._voltage[plane],
+            theta_dot,
+            psi_dot,
+            self._back_emf,
+            self._physical.motor_resistance,
         )
 
     def _supply_current(self, duties: tuple[int, int]) -> float:
@@ -214,7 +218,9 @@ class Plant:
         """Return the current state of the robot."""
         p = self._physical
         ratio, radius = self._ratio, p.ball_radius
-        (theta_x, psi_x, omega_x, rho_x), (theta_y, psi_y, omega_y, rho_y) = self._planes
+        (theta_x, psi_x, theta_dot_x, psi_dot_x), (theta_y, psi_y, theta_dot_y, psi_dot_y) = (
+            self._planes
+        )
         if self._half_play:
             angle = (self._shaft[0], self._shaft[1])
         else:
@@ -224,11 +230,11 @@ class Plant:
         return GroundTruth(
             self.time_ns,
             angle,
-            (ratio * (omega_x - rho_x), ratio * (omega_y - rho_y)),
+            (ratio * (theta_dot_x - psi_dot_x), ratio * (theta_dot_y - psi_dot_y)),
             (kt * self._current(0), kt * self._current(1)),
             (psi_x, psi_y),
-            (rho_x, rho_y),
+            (psi_dot_x, psi_dot_y),
             (self._start[0] + radius * theta_x, self._start[1] + radius * theta_y),
-            (radius * omega_x, radius * omega_y),
+            (radius * theta_dot_x, radius * theta_dot_y),
             volts,
         )

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-from ballbot_ros.plant.integration import State
+from ballbot_ros.plant.ground_truth import Pair
+from ballbot_ros.plant.integration import PlaneState
 from ballbot_ros.plant.model import MassMatrix, PhysicalParameters, impulse_ratio, mass_matrix
-from ballbot_ros.plant.truth import Pair
 from ballbot_ros.timing import SLOW_PERIOD_NS
 
-Planes = tuple[State, State]
+Planes = tuple[PlaneState, PlaneState]
 
 
 class Floor(Protocol):
@@ -50,7 +50,9 @@ class WallHit(NamedTuple):
         )
 
 
-def stopped_state(before: State, after: State, mass: MassMatrix, linear: bool) -> State:
+def state_after_impact(
+    before: PlaneState, after: PlaneState, mass: MassMatrix, linear: bool
+) -> PlaneState:
     """Return the state of a plane stopped by an inelastic impulse at the ball's centre.
 
     The impulse acts on theta alone, so the second row of M Δ(theta', psi') = (impulse, 0) couples
@@ -65,11 +67,11 @@ def stopped_state(before: State, after: State, mass: MassMatrix, linear: bool) -
     linear : bool
         Whether the plane follows the linear model.
     """
-    theta, psi, omega, rho = after
-    if (theta > before[0]) == (omega > 0.0):
-        rho += omega * impulse_ratio(mass, 0.0 if linear else psi)
-        omega = 0.0
-    return before[0], psi, omega, rho
+    theta, psi, theta_dot, psi_dot = after
+    if (theta > before[0]) == (theta_dot > 0.0):
+        psi_dot += theta_dot * impulse_ratio(mass, 0.0 if linear else psi)
+        theta_dot = 0.0
+    return before[0], psi, theta_dot, psi_dot
 
 
 class WallContact:
@@ -104,12 +106,12 @@ class WallContact:
         self.in_contact = False
         self.newest: WallHit | None = None
 
-    def stop(self, before: Planes, after: Planes, time_ns: int) -> Planes:
+    def resolve(self, before: Planes, after: Planes, time_ns: int) -> Planes:
         """Return the planes after a step, stopped if the body would be in a wall.
 
         Parameters
         ----------
-        before, after : tuple of State
+        before, after : tuple of PlaneState
             The planes before and, without walls, after the step.
         time_ns : int
             Sim time at the end of the step [ns].
@@ -119,7 +121,7 @@ class WallContact:
             return after
         x, y = after
         stopped_x, stopped_y = (
-            stopped_state(*states, self._mass, self._linear)
+            state_after_impact(*states, self._mass, self._linear)
             for states in zip(before, after, strict=True)
         )
         for planes in ((x, stopped_y), (stopped_x, y)):
@@ -133,7 +135,7 @@ class WallContact:
         self._since_sample = True
         return planes
 
-    def sample(self, time_ns: int) -> None:
+    def update_contact(self, time_ns: int) -> None:
         """At multiples of 20 ms, note whether there was a contact since the last one."""
         if time_ns % SLOW_PERIOD_NS == 0:
             self.in_contact, self._since_sample = self._since_sample, False

@@ -25,11 +25,11 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.run.graph import graph_parameters, ros
-from ballbot_ros.run.graph_monitor import GraphMonitor
 from ballbot_ros.run.node_process import NodeProcess, stop_all
 from ballbot_ros.run.node_thread import NodeThread
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.output_folder import output_files
+from ballbot_ros.run.plant_monitor import PlantMonitor
 from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.run.separate_processes import start_nodes, watch
 from ballbot_ros.run.spec import RunSpec, check_reserved_parameters, resolve_map
@@ -159,7 +159,7 @@ def _run_graph(
     parameter_file = scratch / 'parameters.yaml'
     write_parameter_file(parameter_file, parameters, ALL_NODES)
     processes: dict[str, NodeProcess] = {}
-    with StopRequest() as stop, ros('INFO'), GraphMonitor() as monitor:
+    with StopRequest() as stop, ros('INFO'), PlantMonitor() as monitor:
         gamepad = GamepadTeleop(parameters.of(GamepadParameters))
         thread = NodeThread(gamepad)
         if no_keyboard:

@@ -20,7 +20,7 @@ GRACE_S = 1.5
 LAST_GRACE_S = 5.0
 """Longer, since it waits for the recording."""
 
-_LOOK_S = 0.05
+_POLL_S = 0.05
 _ERROR = 'error: '
 """Start of the last line of a node that ended with an error."""
 
@@ -158,6 +158,6 @@ def _await_end(processes: Collection[NodeProcess], grace_s: float) -> None:
         for process in running:
             if timer.silence_s(process.pid) > grace_s:
                 process.kill()
-        running[0].wait(_LOOK_S)
+        running[0].wait(_POLL_S)
     for process in processes:
         process.forward_remaining_output()

@@ -76,7 +76,7 @@ class _OfflineRun:
         factor = self._plant_parameters.real_time_factor
         if delay_s := self._pacer.delay_s(factor, time.monotonic()):
             time.sleep(delay_s)
-        self._pacer.ticked(factor, time.monotonic())
+        self._pacer.on_tick(factor, time.monotonic())
 
     def summary(self, failure: str) -> RunSummary:
         """Return the summary of the run, which has failed if there is a reason."""

@@ -41,7 +41,7 @@ def run_in_one_process(
             if recording:
                 recorder = Recorder(parameters.of(RecorderParameters))
                 nodes.append(recorder)
-            plant.every(
+            plant.create_wall_timer(
                 PROGRESS_PERIOD_S, lambda: observer.update(plant.log.ticks * TICK_NS / SECOND_NS)
             )
             with StopRequest() as stop:

@@ -13,9 +13,9 @@ from ballbot_ros.nodes.shared_memory import SETTLED_S, sweep
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.run.graph import graph_parameters, ros
-from ballbot_ros.run.graph_monitor import GraphMonitor
 from ballbot_ros.run.node_process import NodeProcess, stop_all
 from ballbot_ros.run.observer import RunObserver
+from ballbot_ros.run.plant_monitor import PlantMonitor
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.simulation.outcome import Outcome
@@ -57,7 +57,7 @@ def run_in_separate_processes(
     with StopRequest() as stop, ros():
         try:
             start_nodes(names, parameter_file, observer.notice, processes)
-            with GraphMonitor() as monitor:
+            with PlantMonitor() as monitor:
 
                 def should_stop() -> bool:
                     return bool(stop.signal) or is_replaced()
@@ -100,7 +100,7 @@ def start_nodes(
 
 def watch(
     processes: dict[str, NodeProcess],
-    monitor: GraphMonitor,
+    monitor: PlantMonitor,
     observer: RunObserver,
     should_stop: Callable[[], bool],
 ) -> str:

@@ -20,7 +20,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     parameters_of,
 )
-from ballbot_ros.plant.truth import FORCE_LIMIT
+from ballbot_ros.plant.ground_truth import FORCE_LIMIT
 from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from ballbot_ros.parameters import ParameterSet
-from ballbot_ros.plant.truth import Push
+from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.scenario.signal import StickSignal
 
 

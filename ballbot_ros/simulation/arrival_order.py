@@ -22,37 +22,37 @@ class ArrivalOrder(Generic[Message]):
     """
 
     def __init__(self) -> None:
-        self._looked_ns = 0.0
+        self._cutoff_ns = 0.0
         self._late: dict[str, list[Arrival[Message]]] = {}
 
     def merge(
-        self, taken: Mapping[str, Iterable[Arrival[Message]]], looked_ns: float
+        self, unmerged: Mapping[str, Iterable[Arrival[Message]]], cutoff_ns: float
     ) -> list[Message]:
         """Return the messages that had arrived when the pass began, in order of arrival.
 
         Parameters
         ----------
-        taken : mapping
+        unmerged : mapping
             For each topic name, the messages read in this pass, oldest first.
-        looked_ns : float
+        cutoff_ns : float
             Start of the pass by the system clock [ns]; infinite to hold nothing back.
         """
         before: list[Arrival[Message]] = []
         waiting, self._late = self._late, {}
-        is_set_back = looked_ns < self._looked_ns
-        self._looked_ns = looked_ns
+        is_set_back = cutoff_ns < self._cutoff_ns
+        self._cutoff_ns = cutoff_ns
         if is_set_back:
             # The clock was set: old and new times can't be compared, and all waiting messages are
             # old.
             before, waiting = sorted(chain(*waiting.values()), key=itemgetter(0)), {}
-            looked_ns = math.inf
+            cutoff_ns = math.inf
         come: list[Arrival[Message]] = []
-        for topic, arrivals in taken.items():
+        for topic, arrivals in unmerged.items():
             newest_ns = 0
             for received_ns, message in chain(waiting.get(topic, ()), arrivals):
                 if received_ns > newest_ns:
                     newest_ns = received_ns
-                if newest_ns <= looked_ns:
+                if newest_ns <= cutoff_ns:
                     come.append((newest_ns, message))
                 else:
                     self._late.setdefault(topic, []).append((newest_ns, message))

@@ -18,8 +18,8 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
+from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.plant.plant import Plant
-from ballbot_ros.plant.truth import GroundTruth, Push
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.devices import DEVICES, AnyDevice, Read
 from ballbot_ros.timing import (
@@ -43,7 +43,7 @@ class Tick(NamedTuple):
     outputs: DeviceOutputs
 
 
-class Inputs(Protocol):
+class ExternalInputs(Protocol):
     """External inputs of a run, from a scenario or a recording."""
 
     def sticks_at(self, time: float) -> tuple[int, int]:
@@ -55,19 +55,19 @@ class Inputs(Protocol):
         ...
 
 
-class _Sampled(NamedTuple):
+class _SampledDevice(NamedTuple):
     """A device, unpacked for the loop: its period [ns] and its index in the inputs of a tick."""
 
     period_ns: int
-    place: int
+    input_index: int
     measured: Callable[[GroundTruth], Any]
     read: Read[Any, Any]
 
     @classmethod
-    def of(cls, device: AnyDevice, parameters: ParameterSet) -> _Sampled:
-        place = DeviceInputs._fields.index(device.field)
+    def of(cls, device: AnyDevice, parameters: ParameterSet) -> _SampledDevice:
+        input_index = DeviceInputs._fields.index(device.field)
         read = device.make(parameters.of(device.parameters))
-        return cls(device.period_ns, place, device.measured, read)
+        return cls(device.period_ns, input_index, device.measured, read)
 
 
 class ClosedLoop:
@@ -76,7 +76,7 @@ class ClosedLoop:
     Parameters
     ----------
     parameters : ParameterSet
-    scenario : Scenario or Inputs, or None
+    scenario : Scenario or ExternalInputs, or None
         Stick signals and pushes; None for a neutral stick and no push.
     start_ns : int
         Sim time of the first tick [ns].
@@ -100,13 +100,13 @@ class ClosedLoop:
     def __init__(
         self,
         parameters: ParameterSet,
-        scenario: Inputs | None = None,
+        scenario: ExternalInputs | None = None,
         start_ns: int = FIRST_TICK_NS,
     ) -> None:
         self._start_ns = start_ns
         self.world = World.of(parameters.of(PlantParameters))
         self.plant = Plant(parameters.of(PlantParameters), self._start_ns, self.world)
-        self._devices = [_Sampled.of(each, parameters) for each in DEVICES]
+        self._devices = [_SampledDevice.of(each, parameters) for each in DEVICES]
         self._no_samples = [None] * len(DeviceInputs._fields)
         self.program = program_maker(parameters.of(ControllerParameters))()
         self._scenario = scenario or Scenario()
@@ -124,17 +124,17 @@ class ClosedLoop:
     def tick(self) -> Tick:
         """Run one tick: sample the devices, run the due tasks, advance the plant by 4 ms."""
         truth, wall_hit = self.plant.truth(), self.plant.wall_hit
-        now = truth.stamp_ns
-        elapsed = now - self._start_ns
+        now_ns = truth.stamp_ns
+        elapsed_ns = now_ns - self._start_ns
         samples: list[Any] = self._no_samples.copy()
-        for period_ns, place, measured, read in self._devices:
-            if now % period_ns == 0:
-                samples[place] = read(measured(truth), now)
-        if now % BATTERY_PERIOD_NS == 0:
+        for period_ns, input_index, measured, read in self._devices:
+            if now_ns % period_ns == 0:
+                samples[input_index] = read(measured(truth), now_ns)
+        if now_ns % BATTERY_PERIOD_NS == 0:
             samples[_BATTERY] = battery_mv(truth.battery_voltage)
-        if now % GamepadParameters.period_ns == 0:
-            samples[_STICKS] = self._scenario.sticks_at(elapsed * 1e-9)
+        if now_ns % GamepadParameters.period_ns == 0:
+            samples[_STICKS] = self._scenario.sticks_at(elapsed_ns * 1e-9)
         inputs = DeviceInputs._make(samples)
-        outputs = self.program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, inputs)
+        outputs = self.program.tick(elapsed_ns // MILLISECOND_NS, now_ns // MILLISECOND_NS, inputs)
         self.plant.tick(*outputs.duty)
         return Tick(truth, wall_hit, inputs, outputs)

@@ -15,7 +15,7 @@ from ballbot_ros.parameters import (
     GyroParameters,
     SonarParameters,
 )
-from ballbot_ros.plant.truth import GroundTruth, Pair
+from ballbot_ros.plant.ground_truth import GroundTruth, Pair
 from ballbot_ros.world.sonar_beam import SonarBeam
 
 P = TypeVar('P', bound=DriverParameters)
@@ -42,7 +42,7 @@ class Device(Generic[P, Measured, Reading]):
     field : str
         Field of :class:`~ballbot_ros.brick.brick.DeviceInputs` that holds its readings.
     measured : callable
-        Returns the measured quantity from a :class:`~ballbot_ros.plant.truth.GroundTruth`.
+        Returns the measured quantity from a :class:`~ballbot_ros.plant.ground_truth.GroundTruth`.
     make : callable
         Creates a device from its parameters and returns its read function. A reading depends only
         on the measured quantity and the stamp, never on earlier readings. Raises BallbotError if

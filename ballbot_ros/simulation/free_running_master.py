@@ -20,14 +20,18 @@ class FreeRunningMaster(RunMaster):
         if self._phase is not Phase.TICKING:
             return
         if self.log.ticks == 0 and self._awaits_first_duty():
-            if self._now_s - self._sent_s > RESEND_S:
+            if self._now_s - self._waiting_since_s > RESEND_S:
                 self._publish_truth(is_resend=True)
             return
         is_paused = self.pause.is_paused
         if not self.pause.take_step():
             return
         period_s = TICK_S / (self._settings.real_time_factor or 1.0)
-        if self.log.ticks and not is_paused and self._now_s - self._sent_s > 2.0 * period_s:
+        if (
+            self.log.ticks
+            and not is_paused
+            and self._now_s - self._waiting_since_s > 2.0 * period_s
+        ):
             self._late_ticks += 1
         is_silent = self._duty_s is None or self._now_s - self._duty_s > FREE_RUNNING_SILENCE_S
         self._tick((0, 0) if is_silent else self._duty)
@@ -66,7 +70,7 @@ class FreeRunningMaster(RunMaster):
 
     def _continue(self) -> None:
         # Silence during the pause does not count.
-        self._sent_s = self._now_s
+        self._waiting_since_s = self._now_s
         if self._duty_s is not None:
             self._duty_s = self._now_s
 

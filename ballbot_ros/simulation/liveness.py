@@ -10,8 +10,8 @@ from ballbot_ros.simulation.participants import Participant, Roster
 from ballbot_ros.simulation.silence_timer import Observation, SilenceTimer
 
 
-class Machine(Protocol):
-    """The processes of this machine."""
+class ProcessObserver(Protocol):
+    """Observes the processes of this machine."""
 
     def observe(self, processes: Iterable[int]) -> Observation:
         """Return the processor time that some processes have received so far."""
@@ -27,13 +27,13 @@ class LivenessMonitor:
     ----------
     roster : Roster
         The participants, and the roll calls that each has answered.
-    machine : Machine
+    process_observer : ProcessObserver
     host : str
         Name of this machine.
     """
 
-    def __init__(self, roster: Roster, machine: Machine, host: str) -> None:
-        self._roster, self._machine, self._host = roster, machine, host
+    def __init__(self, roster: Roster, process_observer: ProcessObserver, host: str) -> None:
+        self._roster, self._process_observer, self._host = roster, process_observer, host
         self._timer = SilenceTimer()
         self._siblings: Collection[int] = ()
         self._since_call: int | None = None
@@ -43,7 +43,7 @@ class LivenessMonitor:
         """Start over with a run whose participants are still joining."""
         # A command starts its nodes together; other nodes are unknown until they announce
         # themselves.
-        self._siblings = self._machine.siblings()
+        self._siblings = self._process_observer.siblings()
         self.reset()
 
     def reset(self) -> None:
@@ -53,7 +53,7 @@ class LivenessMonitor:
     def call(self) -> None:
         """Note that a roll call is about to be made because of a silence."""
         if self._since_call is None:
-            seen = self._machine.observe(self._participants())
+            seen = self._process_observer.observe(self._participants())
             self._since_call, self._called_s = self._roster.calls, seen.now_s
             self._timer.update(seen.now_s, *seen)
 
@@ -104,7 +104,7 @@ class LivenessMonitor:
 
     def _poll(self, since_s: float, processes: Iterable[int]) -> Collection[int]:
         """Update the silence; return the processes that still exist."""
-        seen = self._machine.observe(processes)
+        seen = self._process_observer.observe(processes)
         self._timer.update(since_s, *seen)
         return seen.threads.keys()
 

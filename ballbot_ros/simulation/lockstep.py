@@ -11,7 +11,7 @@ from enum import Enum, auto
 from typing import Any
 
 from ballbot_ros.brick.schedule import TaskTiming
-from ballbot_ros.simulation.sample_history import Sample, SampleHistory
+from ballbot_ros.simulation.sample_history import SampleHistory, SampleStatus
 from ballbot_ros.simulation.task_releases import DueTick, TaskReleases
 
 
@@ -91,17 +91,17 @@ class Run:
         return self.name.partition(' ')[2]
 
 
-class Step(Enum):
+class SampleReaction(Enum):
     """The controller's reaction to a sample that starts no tick."""
 
     IGNORE = auto()
-    KEEP = auto()
-    ANSWER_AGAIN = auto()
-    LACKS_RELEASES = auto()
+    STORE = auto()
+    RESEND = auto()
+    FORCE_RELEASES = auto()
     OBJECT = auto()
     MISSED_START = auto()
-    BEGIN_AFRESH = auto()
-    GIVE_UP = auto()
+    RESTART = auto()
+    ABORT = auto()
 
 
 class LockstepTicks:
@@ -156,7 +156,7 @@ class LockstepTicks:
         self.releases.begin(start_ns, tasks)
         self._start_ns, self._next_ns, self._is_open = start_ns, None, False
 
-    def take(self, name: str, stamp_ns: int, data: bytes, value: Any) -> Step | DueTick:
+    def take(self, name: str, stamp_ns: int, data: bytes, value: Any) -> SampleReaction | DueTick:
         """Decide what a sample leads to.
 
         Parameters
@@ -172,37 +172,39 @@ class LockstepTicks:
 
         Returns
         -------
-        Step or DueTick
+        SampleReaction or DueTick
             A tick if this sample completed its inputs.
         """
         if self._start_ns is None or stamp_ns < self._start_ns:
-            return Step.IGNORE
+            return SampleReaction.IGNORE
         self._is_open = self._is_open or name == self._first
         if not self._is_open:
-            return Step.IGNORE
+            return SampleReaction.IGNORE
         if self._next_ns is None and stamp_ns > self._start_ns and name != self._first:
-            return Step.MISSED_START if name == self._every_tick else Step.IGNORE
+            return (
+                SampleReaction.MISSED_START if name == self._every_tick else SampleReaction.IGNORE
+            )
         if self._next_ns is not None and stamp_ns > self._next_ns:
-            return Step.OBJECT
-        sample = self._histories[name].judge(stamp_ns, data)
-        if sample is Sample.CONTRADICTING:
-            return Step.OBJECT
-        if sample is Sample.REPEATED:
+            return SampleReaction.OBJECT
+        sample = self._histories[name].classify(stamp_ns, data)
+        if sample is SampleStatus.CONFLICTING:
+            return SampleReaction.OBJECT
+        if sample is SampleStatus.DUPLICATE:
             return self._answer_repeated(stamp_ns)
-        if sample is Sample.OLD:
-            return Step.IGNORE
+        if sample is SampleStatus.OLD:
+            return SampleReaction.IGNORE
         self.gate.put(name, stamp_ns, value)
         if self._next_ns is None and name == self._every_tick:
             self._next_ns = stamp_ns
-        return self._due_tick() or Step.KEEP
+        return self._due_tick() or SampleReaction.STORE
 
-    def _answer_repeated(self, stamp_ns: int) -> Step:
+    def _answer_repeated(self, stamp_ns: int) -> SampleReaction:
         """Decide about a repeated sample: the plant has not received the answer."""
         if self._next_ns == stamp_ns + self._tick_ns:
-            return Step.ANSWER_AGAIN
+            return SampleReaction.RESEND
         if self._next_ns == stamp_ns and self.gate.ready(stamp_ns):
-            return Step.LACKS_RELEASES
-        return Step.IGNORE
+            return SampleReaction.FORCE_RELEASES
+        return SampleReaction.IGNORE
 
     def force(self, *, callback_waits: bool) -> DueTick | None:
         """Force the releases that a tick is still missing after all its inputs have arrived.
@@ -229,7 +231,7 @@ class LockstepTicks:
         self.releases.release(task, now_ns)
         return self._due_tick()
 
-    def start_late(self, stamp_ns: int, *, now_ns: int, rejoin: bool) -> Step:
+    def on_missed_start(self, stamp_ns: int, *, now_ns: int, rejoin: bool) -> SampleReaction:
         """Decide what follows from a missed start of the run.
 
         Parameters
@@ -243,11 +245,11 @@ class LockstepTicks:
             Whether the controller may start from its initial state in mid-run.
         """
         if stamp_ns != now_ns:
-            return Step.IGNORE
+            return SampleReaction.IGNORE
         if not rejoin:
-            return Step.GIVE_UP
+            return SampleReaction.ABORT
         self._next_ns = stamp_ns
-        return Step.BEGIN_AFRESH
+        return SampleReaction.RESTART
 
     def _due_tick(self) -> DueTick | None:
         """Return the next tick and advance to the following one, if nothing is missing."""

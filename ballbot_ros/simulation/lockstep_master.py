@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Collection
 
 from ballbot_ros.parameters import RECORDER
-from ballbot_ros.plant.truth import GroundTruth
+from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recorder_flow import RecorderFlow
@@ -19,7 +19,7 @@ from ballbot_ros.simulation.run_master import (
     Phase,
     RunMaster,
 )
-from ballbot_ros.simulation.sample_history import Sample, SampleHistory
+from ballbot_ros.simulation.sample_history import SampleHistory, SampleStatus
 from ballbot_ros.timing import MAX_LEAD_TICKS, RESEND_S, SECOND_NS
 
 WARN_S = 0.3
@@ -41,26 +41,30 @@ class LockstepMaster(RunMaster):
             return
         now_ns = self._plant.time_ns
         is_ahead = stamp_ns > now_ns
-        if is_ahead or self._duties.judge(stamp_ns, data) is Sample.CONTRADICTING:
-            self._participants.object(Objection.to_sample(self._topics.duty, stamp_ns, 'duty'))
+        if is_ahead or self._duties.classify(stamp_ns, data) is SampleStatus.CONFLICTING:
+            self._participants.add_objection(
+                Objection.to_sample(self._topics.duty, stamp_ns, 'duty')
+            )
             return
         if self._duty is not None or stamp_ns != now_ns or self._phase is Phase.DRAINING:
             return
         self._duty = duty
         self._answered_s = self._now_s
         if self._settings.duration_ns:
-            self._round_trips_s.append(self._now_s - self._asked_s)
+            self._round_trips_s.append(self._now_s - self._last_sent_s)
         self._advance()
 
     def _take_ack(self, stamp_ns: int) -> None:
         if stamp_ns > self._plant.time_ns:
             topic = self._topics.ack
-            self._participants.object(Objection(f'{topic!r} is ahead of the run', topic, stamp_ns))
+            self._participants.add_objection(
+                Objection(f'{topic!r} is ahead of the run', topic, stamp_ns)
+            )
             return
         self._recorder.ack_ns = stamp_ns
         self._advance()
-        if self._is_behind() and self._asked_for.stamp_ns <= stamp_ns and not self._is_ended:
-            self._ask_again()
+        if self._is_behind() and self._last_sent.stamp_ns <= stamp_ns and not self._is_ended:
+            self._resend()
 
     # Conduct of a run
 
@@ -71,7 +75,8 @@ class LockstepMaster(RunMaster):
         self._duty = None
         self._answered_s = self._now_s
         self._recorder = RecorderFlow(start_ns)
-        self._asked_for = self._truth
+        # The tick that was sent last: after a resend, it may be older than the newest.
+        self._last_sent = self._truth
 
     def _open(self) -> None:
         self._recorder.begin(self._participants.member(RECORDER))
@@ -79,7 +84,7 @@ class LockstepMaster(RunMaster):
 
     def _publish_truth(self, *, is_resend: bool = False) -> None:
         super()._publish_truth(is_resend=is_resend)
-        self._asked_for = self._truth
+        self._last_sent = self._truth
         if not is_resend:
             self._recent.append(self._truth)
 
@@ -98,13 +103,13 @@ class LockstepMaster(RunMaster):
             return
         if not self.pause.take_step():
             return
-        self._pacer.ticked(factor, self._now_s)
+        self._pacer.on_tick(factor, self._now_s)
         duty, self._duty = self._duty, None
         self._tick(duty)
 
     def _continue(self) -> None:
         # Silence during the pause does not count.
-        self._answered_s = self._sent_s = self._now_s
+        self._answered_s = self._waiting_since_s = self._now_s
         self._participants.liveness.reset()
         self._pacer.restart()
         self._advance()
@@ -123,12 +128,12 @@ class LockstepMaster(RunMaster):
         awaits_recorder = self._awaits_recorder()
         if awaits_recorder and self._recorder_left():
             return
-        since_s = self._answered_s if awaits_recorder else self._sent_s
+        since_s = self._answered_s if awaits_recorder else self._waiting_since_s
         silent = self._find_silent(since_s, awaits_recorder=awaits_recorder)
-        if self._now_s - self._asked_s > RESEND_S:
+        if self._now_s - self._last_sent_s > RESEND_S:
             if self._duty is not None:
                 self._participants.call_roll()
-            self._ask_again()
+            self._resend()
         if silent:
             self._give_up(silent)
         elif self._now_s - since_s > WARN_S:
@@ -145,7 +150,7 @@ class LockstepMaster(RunMaster):
         if self._now_s - since_s <= min(WARN_S if self.log.ticks else STARTUP_WARN_S, limit_s):
             return []
         silences_s = self._participants.liveness.silences_s(
-            since_s, self._asked_for.stamp_ns, awaits_recorder=awaits_recorder
+            since_s, self._last_sent.stamp_ns, awaits_recorder=awaits_recorder
         )
         silent = [role for role, silence_s in silences_s.items() if silence_s > limit_s]
         self._participants.call_roll()
@@ -177,22 +182,22 @@ class LockstepMaster(RunMaster):
 
     # Resends
 
-    def _ask_again(self) -> None:
+    def _resend(self) -> None:
         """Ask again for the first incomplete tick; the silence continues.
 
         The recorder may lack samples that the controller has received from a driver that was then
         killed: the middleware discards unread samples of a dead process.
         """
-        sent_s = self._sent_s
+        waiting_since_s = self._waiting_since_s
         self.resends += 1
         self._recorder.require_ack(self._plant.time_ns)
         missing = self._first_missing()
         if missing.stamp_ns < self._plant.time_ns:
             self._act(ResendToDrivers(missing))
-            self._asked_for, self._asked_s = missing, self._now_s
+            self._last_sent, self._last_sent_s = missing, self._now_s
         else:
             self._publish_truth(is_resend=True)
-        self._sent_s = sent_s
+        self._waiting_since_s = waiting_since_s
 
     def _first_missing(self) -> GroundTruth:
         """Return the first tick that the recorder lacks, or else the newest tick.
@@ -208,7 +213,7 @@ class LockstepMaster(RunMaster):
     def _is_behind(self) -> bool:
         """Return whether a tick earlier than the newest is requested."""
         has_recorder = self._recorder.recorder is not None
-        return has_recorder and self._asked_for.stamp_ns < self._truth.stamp_ns
+        return has_recorder and self._last_sent.stamp_ns < self._truth.stamp_ns
 
     # Participants
 
@@ -227,7 +232,7 @@ class LockstepMaster(RunMaster):
     def _resume(self) -> None:
         self._answered_s = self._now_s
         if self._duty is None and self._phase is Phase.TICKING:
-            self._ask_again()
+            self._resend()
         else:
             self._advance()
 

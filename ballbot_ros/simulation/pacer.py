@@ -33,7 +33,7 @@ class Pacer:
             return 0.0
         return max(0.0, self._due_s - now_s)
 
-    def ticked(self, factor: float, now_s: float) -> None:
+    def on_tick(self, factor: float, now_s: float) -> None:
         """Note a tick at `now_s`; the next one is due a period later."""
         if factor == 0.0:
             self._due_s = None

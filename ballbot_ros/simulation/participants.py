@@ -19,7 +19,7 @@ ANSWER_CALLS = 5
 GONE_S = 2.0
 """Time for which a departed publisher can still explain an objection."""
 
-LOOK_S = 0.5
+MAX_POLL_GAP_S = 0.5
 """Upper limit of the time counted between two looks at the graph. While nobody looks, nobody
 notices who leaves."""
 
@@ -134,7 +134,7 @@ class Publisher(NamedTuple):
     node: str
 
 
-class State(Enum):
+class ReadinessState(Enum):
     """Whether the run may continue."""
 
     COMPLETE = auto()
@@ -146,11 +146,11 @@ class State(Enum):
 class Readiness:
     """Whether a run may continue, and if not, the reason."""
 
-    state: State
+    state: ReadinessState
     reason: str = ''
 
 
-_COMPLETE = Readiness(State.COMPLETE)
+_COMPLETE = Readiness(ReadinessState.COMPLETE)
 
 
 class Membership(NamedTuple):
@@ -244,7 +244,7 @@ class Roster:
         self._owners = owners
         self._publishers: dict[bytes, str] = {}
         self._first_seen_s: dict[bytes, float] = {}
-        self._looked_at_s: float | None = None
+        self._polled_at_s: float | None = None
         self._now_s = 0.0
         self._calls = 0
         self._run = _Run('')
@@ -291,11 +291,11 @@ class Roster:
         objection = announcement.objection
         # The run continues without a participant that it does not require.
         if objection and (objection.topic or participant.role in self._required):
-            self.object(objection)
+            self.add_objection(objection)
         if len(self._claimants(participant.role)) > 1:
             run.contests.setdefault(participant.role, self._calls)
 
-    def object(self, objection: Objection) -> None:
+    def add_objection(self, objection: Objection) -> None:
         """Record an objection of a participant or of the plant itself."""
         if all(objection != known for _, known in self._run.objections):
             self._run.objections.append((self._calls, objection))
@@ -313,9 +313,9 @@ class Roster:
             Time of this look at the graph, on a monotonic clock [s].
         """
         run = self._run
-        if self._looked_at_s is not None:
-            self._now_s += min(now_s - self._looked_at_s, LOOK_S)
-        self._looked_at_s = now_s
+        if self._polled_at_s is not None:
+            self._now_s += min(now_s - self._polled_at_s, MAX_POLL_GAP_S)
+        self._polled_at_s = now_s
         there = set()
         for topic, found in publishers.items():
             gids = {publisher.gid for publisher in found}
@@ -380,7 +380,7 @@ class Roster:
         if not (problem or run.contests):
             problem = self._judge_objections() or self._disagreement()
         if problem:
-            return Readiness(State.REFUSED, problem)
+            return Readiness(ReadinessState.REFUSED, problem)
         waits = [*self.missing(), *(f'a single {role}' for role in run.contests)]
         waits += [f'a roll call because {objection.text}' for _, objection in run.objections]
         self._time_suspects(are_alone=not waits)
@@ -388,7 +388,11 @@ class Roster:
             f'{each.node or "a new node"} on {each.topic!r} to take part or to leave'
             for each in run.suspects.values()
         ]
-        return Readiness(State.WAITING, f'waiting for {", ".join(waits)}') if waits else _COMPLETE
+        return (
+            Readiness(ReadinessState.WAITING, f'waiting for {", ".join(waits)}')
+            if waits
+            else _COMPLETE
+        )
 
     def _time_suspects(self, *, are_alone: bool) -> None:
         """Accuse a suspect that outlasts a dead process's lease while nothing else is wrong."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol
 
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.sample_history import Sample, SampleHistory
+from ballbot_ros.simulation.sample_history import SampleHistory, SampleStatus
 from ballbot_ros.timing import SECOND_NS, TICK_NS
 
 MAX_AHEAD_NS = SECOND_NS
@@ -92,15 +92,15 @@ class Stream:
         if self._history:
             self._history.clear()
 
-    def judge(self, stamp_ns: int, data: bytes, sequence: int) -> Sample:
+    def classify(self, stamp_ns: int, data: bytes, sequence: int) -> SampleStatus:
         """Return how a message relates to the earlier ones."""
         if self._history is None:
-            return Sample.NEW
-        sample = self._history.judge(stamp_ns, data)
-        if sample is Sample.NEW:
+            return SampleStatus.NEW
+        sample = self._history.classify(stamp_ns, data)
+        if sample is SampleStatus.NEW:
             self.newest_ns = stamp_ns
         # A stranger's copies have sequence numbers of their own.
-        elif sample is Sample.REPEATED and not self._numbers.has_gap(sequence):
+        elif sample is SampleStatus.DUPLICATE and not self._numbers.has_gap(sequence):
             self._numbers.note(sequence)
         return sample
 
@@ -126,7 +126,7 @@ class Writer(Protocol):
     def keep(self, stream: Stream, log_ns: int, data: bytes, sequence: int) -> None:
         """Write a message with a log time [ns]."""
 
-    def object(self, stream: Stream, stamp_ns: int) -> None:
+    def raise_objection(self, stream: Stream, stamp_ns: int) -> None:
         """Object to a sample that can't belong to the run."""
 
     def report_loss(self, stream: Stream, sequence: int) -> None:
@@ -214,7 +214,7 @@ class RecordingGate:
         elif stream.is_clock:
             self._take_time(message)
         elif self._is_ahead(message):
-            self._writer.object(stream, stamp_ns)
+            self._writer.raise_objection(stream, stamp_ns)
         elif self.now_ns == 0 or (self._run and stream.period_ns and stamp_ns > self.now_ns):
             self._held.append(message)
         else:
@@ -224,7 +224,7 @@ class RecordingGate:
         is_ahead = self.now_ns and message.stamp_ns > self.now_ns + MAX_AHEAD_NS
         # Jumps come from a player; a clock next to the plant's belongs to another simulation.
         if is_ahead and self._run and self._writer.has_several_publishers(message.stream):
-            self._writer.object(message.stream, message.stamp_ns)
+            self._writer.raise_objection(message.stream, message.stamp_ns)
             return
         begins = self.now_ns == 0
         self.now_ns = max(self.now_ns, message.stamp_ns)
@@ -250,10 +250,10 @@ class RecordingGate:
         stream, stamp_ns, data, sequence = message
         is_expected = bool(self.is_lockstep and self.takes_part and self._run and stream.period_ns)
         is_missed = is_expected and self._is_missed_before(message)
-        sample = stream.judge(stamp_ns, data, sequence)
-        if sample is Sample.CONTRADICTING and self.is_lockstep:
-            self._writer.object(stream, stamp_ns)
-        elif sample is not Sample.NEW:
+        sample = stream.classify(stamp_ns, data, sequence)
+        if sample is SampleStatus.CONFLICTING and self.is_lockstep:
+            self._writer.raise_objection(stream, stamp_ns)
+        elif sample is not SampleStatus.NEW:
             return
         else:
             has_gap = stream.has_lost_before(sequence)

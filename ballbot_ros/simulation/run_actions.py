@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum, auto
 
-from ballbot_ros.plant.truth import GroundTruth, Push
+from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Membership, Participant
@@ -213,7 +213,8 @@ class RunSummary:
     late_ticks : int
         Ticks that came more than a period late.
     resends : int
-        Number of times that a tick was sent again.
+        Number of times that an unanswered tick was sent again in lockstep, without the repeated
+        truths of a halted plant.
     round_trips_s : tuple of float
         Times from publishing a truth to receiving its duties [s]; empty if not measured.
     start_ns : int

@@ -13,12 +13,12 @@ from enum import Enum, auto
 from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
 
-from ballbot_ros.plant.truth import Pair, Push
-from ballbot_ros.simulation.liveness import Machine
+from ballbot_ros.plant.ground_truth import Pair, Push
+from ballbot_ros.simulation.liveness import ProcessObserver
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.pacer import Pacer
-from ballbot_ros.simulation.participants import Announcement, Membership, Readiness, State
+from ballbot_ros.simulation.participants import Announcement, Membership, Readiness, ReadinessState
 from ballbot_ros.simulation.pause_control import PauseControl
 from ballbot_ros.simulation.run_actions import (
     Action,
@@ -98,7 +98,7 @@ class RunMaster(ABC):
     Parameters
     ----------
     graph : Graph
-    machine : Machine
+    process_observer : ProcessObserver
     topics : RunTopics
     set_up : callable
         Returns the :class:`RunSetup` of a run for the stamp of its first tick [ns].
@@ -113,7 +113,8 @@ class RunMaster(ABC):
         What the current run has done so far.
     pause : PauseControl
     resends : int
-        Number of times that a tick was sent again, in all runs.
+        Number of times that an unanswered tick was sent again in lockstep, in all runs. Repeated
+        truths of a halted plant, or of a free-running one before its first duty, do not count.
     summary : RunSummary or None
         The outcome, once the run has ended.
     """
@@ -123,7 +124,7 @@ class RunMaster(ABC):
     def __init__(
         self,
         graph: Graph,
-        machine: Machine,
+        process_observer: ProcessObserver,
         topics: RunTopics,
         set_up: Callable[[int], RunSetup],
         token: str,
@@ -141,7 +142,7 @@ class RunMaster(ABC):
         self._prepare(FIRST_TICK_NS)
         self._participants = RunParticipants(
             graph,
-            machine,
+            process_observer,
             self._setup.participant.host,
             topics,
             is_lockstep=self.is_lockstep,
@@ -306,7 +307,7 @@ class RunMaster(ABC):
         self._number += 1
         self._run = Run(f'{self._number} {self._token}', self._run.start_ns)
         self._phase = Phase.GATHERING
-        self._sent_s = self._now_s
+        self._waiting_since_s = self._now_s
         self._participants.gather(
             self._run,
             self._setup.participant,
@@ -342,7 +343,8 @@ class RunMaster(ABC):
         if is_hit != self._is_hit:
             self._is_hit = is_hit
             self._report_wall_hit()
-        self._asked_s = self._sent_s = self._now_s
+        # A resend changes only the first of the two: see LockstepMaster._resend.
+        self._last_sent_s = self._waiting_since_s = self._now_s
 
     def _report_wall_hit(self) -> None:
         """Raise or clear the error of a wall hit; a hit that ends the run becomes its reason."""
@@ -422,9 +424,9 @@ class RunMaster(ABC):
         With `calls_roll`, call the roll while this is undecided.
         """
         standing = self._participants.readiness(self._plant.time_ns, self._now_s)
-        if standing.state is State.REFUSED:
+        if standing.state is ReadinessState.REFUSED:
             self._end(Outcome.FAILED, standing.reason, 1)
-        elif standing.state is State.WAITING:
+        elif standing.state is ReadinessState.WAITING:
             self._is_held = self._can_be_held
             if calls_roll:
                 self._wait(standing)
@@ -432,13 +434,13 @@ class RunMaster(ABC):
             self._open()
         else:
             self._release()
-        return standing.state is State.COMPLETE
+        return standing.state is ReadinessState.COMPLETE
 
     def _release(self) -> None:
         """Continue if the run was held."""
         if self._is_held:
             self._is_held = False
-            self._sent_s = self._now_s
+            self._waiting_since_s = self._now_s
             self._clear_warning()
             self._participants.liveness.reset()
             self._resume()
@@ -446,7 +448,7 @@ class RunMaster(ABC):
     def _wait(self, standing: Readiness) -> None:
         """Call the roll until the participants are clear; before the first tick, within limits."""
         self._participants.call_roll()
-        waited_s = self._participants.liveness.waited_s(self._sent_s)
+        waited_s = self._participants.liveness.waited_s(self._waiting_since_s)
         missing = self._participants.missing()
         if missing and missing != self._missing:
             self._missing = missing
@@ -461,7 +463,7 @@ class RunMaster(ABC):
         elif waited_s > settings.startup_timeout_s and missing and not settings.waits_for_silent:
             limit = f'{settings.startup_timeout_s:g} s before the first tick'
             self._end(Outcome.FAILED, f'{", ".join(missing)} silent for {limit}', 1)
-        elif self._now_s - self._sent_s > STARTUP_WARN_S:
+        elif self._now_s - self._waiting_since_s > STARTUP_WARN_S:
             self._warn(standing.reason)
 
     # Differences between lockstep and free running
@@ -558,5 +560,5 @@ class RunMaster(ABC):
 
     def _repeat_truth(self) -> None:
         """Repeat the truth of the halted plant, for late subscribers."""
-        if self._now_s - self._asked_s > STILL_S:
+        if self._now_s - self._last_sent_s > STILL_S:
             self._publish_truth(is_resend=True)

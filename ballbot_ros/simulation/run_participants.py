@@ -6,8 +6,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from ballbot_ros.parameters import AGREED, CONTROLLER, DRIVERS, RECORDER
-from ballbot_ros.simulation.liveness import LivenessMonitor, Machine
+from ballbot_ros.parameters import CONTROLLER, DRIVERS, RECORDER, SHARED_PARAMETERS
+from ballbot_ros.simulation.liveness import LivenessMonitor, ProcessObserver
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import (
     MAP_HASH,
@@ -17,8 +17,8 @@ from ballbot_ros.simulation.participants import (
     Participant,
     Publisher,
     Readiness,
+    ReadinessState,
     Roster,
-    State,
 )
 from ballbot_ros.simulation.run_actions import Action, CallRoll, PublishStatus, RunSummary
 from ballbot_ros.timing import SECOND_NS
@@ -77,7 +77,7 @@ class RunParticipants:
     Parameters
     ----------
     graph : Graph
-    machine : Machine
+    process_observer : ProcessObserver
     host : str
         The name of this machine.
     topics : RunTopics
@@ -93,7 +93,7 @@ class RunParticipants:
     def __init__(
         self,
         graph: Graph,
-        machine: Machine,
+        process_observer: ProcessObserver,
         host: str,
         topics: RunTopics,
         *,
@@ -102,9 +102,9 @@ class RunParticipants:
     ) -> None:
         self._graph, self._topics, self._is_lockstep, self._act = graph, topics, is_lockstep, act
         self._roster = Roster(
-            shared=(*AGREED, MAP_HASH), stateless=DRIVERS, owners=dict(topics.owners)
+            shared=(*SHARED_PARAMETERS, MAP_HASH), stateless=DRIVERS, owners=dict(topics.owners)
         )
-        self.liveness = LivenessMonitor(self._roster, machine, host)
+        self.liveness = LivenessMonitor(self._roster, process_observer, host)
         self._run: Run | None = None
         self._plant: Participant | None = None
 
@@ -141,11 +141,13 @@ class RunParticipants:
             The topic of the announcement.
         """
         if self._run and Run(name, 0).plant != self._run.plant:
-            self.object(Objection(f'another run, {name!r}, is announced on {topic!r}', topic))
+            self.add_objection(
+                Objection(f'another run, {name!r}, is announced on {topic!r}', topic)
+            )
 
-    def object(self, objection: Objection) -> None:
+    def add_objection(self, objection: Objection) -> None:
         """Record an objection of the plant itself."""
-        self._roster.object(objection)
+        self._roster.add_objection(objection)
 
     def readiness(self, now_ns: int, now_s: float) -> Readiness:
         """Check the graph; return whether the run may continue.
@@ -166,7 +168,7 @@ class RunParticipants:
                 if not start_ns <= stamp_ns <= now_ns:
                     self._roster.note_foreign_message(topic)
         standing = self._roster.readiness(now_ns)
-        if standing.state is State.COMPLETE:
+        if standing.state is ReadinessState.COMPLETE:
             self._graph.stop_listening()
         return standing
 

@@ -1,4 +1,4 @@
-"""Distinguishes repeated samples from contradictory ones."""
+"""Distinguishes repeated samples from conflicting ones."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from enum import Enum, auto
 DEPTH = 16
 
 
-class Sample(Enum):
+class SampleStatus(Enum):
     """How a sample relates to earlier ones on its topic."""
 
     NEW = auto()
-    REPEATED = auto()
-    CONTRADICTING = auto()
+    DUPLICATE = auto()
+    CONFLICTING = auto()
     OLD = auto()
 
 
@@ -35,20 +35,24 @@ class SampleHistory:
         """Forget the samples: another run begins."""
         self._samples.clear()
 
-    def judge(self, stamp_ns: int, data: bytes) -> Sample:
+    def classify(self, stamp_ns: int, data: bytes) -> SampleStatus:
         """Classify a sample, and store a new one.
 
         Returns
         -------
-        Sample
+        SampleStatus
             NEW if it is newer than all others; OLD if it is older and its stamp is not stored;
             otherwise, whether it equals the stored sample with its stamp.
         """
         samples = self._samples
         if not samples or stamp_ns > samples[-1][0]:
             samples.append((stamp_ns, data))
-            return Sample.NEW
+            return SampleStatus.NEW
         for known_ns, known in reversed(samples):
             if known_ns == stamp_ns:
-                return Sample.REPEATED if self._is_same(known, data) else Sample.CONTRADICTING
-        return Sample.OLD
+                return (
+                    SampleStatus.DUPLICATE
+                    if self._is_same(known, data)
+                    else SampleStatus.CONFLICTING
+                )
+        return SampleStatus.OLD

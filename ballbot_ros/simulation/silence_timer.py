@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-LOOK_S = 0.2
+MAX_POLL_GAP_S = 0.2
 """Upper limit of the time counted between two looks: a process that could not look has received
 nothing."""
 
@@ -29,7 +29,7 @@ class ThreadTime:
     queued_s: float
     is_runnable: bool
 
-    def held_up_s(self, before: ThreadTime, span_s: float) -> float:
+    def starved_s(self, before: ThreadTime, span_s: float) -> float:
         """Return how much of the last `span_s` it spent waiting for a processor [s].
 
         Parameters
@@ -74,9 +74,9 @@ def available_s(threads: Threads, before: Threads, span_s: float) -> float:
         Length of this time [s].
     """
     known = threads.keys() & before.keys()
-    held_up = (threads[each].held_up_s(before[each], span_s) for each in known)
+    starved = (threads[each].starved_s(before[each], span_s) for each in known)
     used_s = max((threads[each].cpu_s - before[each].cpu_s for each in known), default=0.0)
-    return min(max(span_s - max(held_up, default=0.0), used_s, 0.0), span_s)
+    return min(max(span_s - max(starved, default=0.0), used_s, 0.0), span_s)
 
 
 class SilenceTimer:
@@ -87,7 +87,7 @@ class SilenceTimer:
     """
 
     def __init__(self) -> None:
-        self._since_s = self._looked_at_s = self._elapsed_s = 0.0
+        self._since_s = self._polled_at_s = self._elapsed_s = 0.0
         self._known: dict[int, Threads] = {}
         self._silences_s: dict[int, float] = {}
 
@@ -104,12 +104,12 @@ class SilenceTimer:
             The local processes that could end the silence, by process id.
         """
         if since_s != self._since_s:
-            self._since_s = self._looked_at_s = since_s
+            self._since_s = self._polled_at_s = since_s
             self._elapsed_s = 0.0
             self._known.clear()
             self._silences_s.clear()
-        span_s = min(now_s - self._looked_at_s, LOOK_S)
-        self._looked_at_s = now_s
+        span_s = min(now_s - self._polled_at_s, MAX_POLL_GAP_S)
+        self._polled_at_s = now_s
         self._elapsed_s += span_s
         for process in self._silences_s.keys() | processes.keys():
             threads, before = processes.get(process), self._known.get(process)

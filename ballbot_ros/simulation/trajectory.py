@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.plant.truth import GroundTruth
+from ballbot_ros.plant.ground_truth import GroundTruth
 
 _INT8 = 0xFF
 

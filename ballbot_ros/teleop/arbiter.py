@@ -57,28 +57,28 @@ class Arbiter:
         self._in_command = SCENARIO
         self._neutral_since: float | None = None
 
-    def report(self, source: str, sticks: Sticks, now: float) -> None:
+    def report(self, source: str, sticks: Sticks, now_s: float) -> None:
         """Store the sticks of a live source."""
         with self._lock:
-            self._reports[source] = (sticks, now)
+            self._reports[source] = (sticks, now_s)
 
     def release(self, source: str) -> None:
         """Remove a live source that is disconnected or unusable."""
         with self._lock:
             self._reports.pop(source, None)
 
-    def select(self, now: float, scenario: Sticks) -> Command:
-        """Return the command at `now`, given the scenario's sticks."""
+    def select(self, now_s: float, scenario: Sticks) -> Command:
+        """Return the command at `now_s`, given the scenario's sticks."""
         with self._lock:
-            wanted = next((s for s in LIVE_SOURCES if self._sticks(s, now) != NEUTRAL), SCENARIO)
+            wanted = next((s for s in LIVE_SOURCES if self._sticks(s, now_s) != NEUTRAL), SCENARIO)
             if _RANK[wanted] > _RANK[self._in_command]:
                 if self._neutral_since is None:
-                    self._neutral_since = now
-                if now - self._neutral_since < TAKEOVER_DELAY_S:
+                    self._neutral_since = now_s
+                if now_s - self._neutral_since < TAKEOVER_DELAY_S:
                     return Command(self._in_command, NEUTRAL)
             self._in_command, self._neutral_since = wanted, None
-            return Command(wanted, scenario if wanted == SCENARIO else self._sticks(wanted, now))
+            return Command(wanted, scenario if wanted == SCENARIO else self._sticks(wanted, now_s))
 
-    def _sticks(self, source: str, now: float) -> Sticks:
-        sticks, at = self._reports.get(source, (NEUTRAL, now))
-        return NEUTRAL if now - at > SILENCE_S else sticks
+    def _sticks(self, source: str, now_s: float) -> Sticks:
+        sticks, at = self._reports.get(source, (NEUTRAL, now_s))
+        return NEUTRAL if now_s - at > SILENCE_S else sticks

@@ -8,7 +8,7 @@ import time
 from ballbot_ros.teleop.gamepad import NO_MAPPING, Backend, GamepadDevice, OpenGamepad
 from ballbot_ros.teleop.sdl import SdlBackend
 
-LOOK_S = 0.3
+SCAN_S = 0.3
 """Time for SDL to find all devices."""
 
 REFRESH_S = 0.05
@@ -32,7 +32,7 @@ def list_devices() -> None:
 
 def wait_for_devices(backend: Backend) -> list[GamepadDevice]:
     """Return the connected devices, after enough time to find them."""
-    deadline = time.monotonic() + LOOK_S
+    deadline = time.monotonic() + SCAN_S
     while not backend.devices() and time.monotonic() < deadline:
         backend.pump()
         time.sleep(REFRESH_S)

@@ -119,11 +119,11 @@ class Gamepad:
             self._pad, self.name = None, ''
             self._on_disconnected()
         if self._pad is None:
-            self._look()
+            self._scan()
         if self._pad is not None:
             self._on_state(self._pad.read())
 
-    def _look(self) -> None:
+    def _scan(self) -> None:
         present = self._backend.devices()
         self._refused.intersection_update(present)
         for device in present:

@@ -13,11 +13,11 @@ class InputErrors:
 
     def __init__(self) -> None:
         self._texts: dict[str, str] = {}
-        self._healed: set[str] = set()
+        self._cleared: set[str] = set()
 
     def add(self, source: str, text: str) -> bool:
         """Store an error as the newest of its source; return whether the source had none."""
-        self._healed.discard(source)
+        self._cleared.discard(source)
         is_first = source not in self._texts
         self._texts[source] = f'{source}: {text}'
         return is_first
@@ -25,12 +25,12 @@ class InputErrors:
     def clear(self, source: str) -> None:
         """Note that the source works again."""
         if source in self._texts:
-            self._healed.add(source)
+            self._cleared.add(source)
 
-    def reported(self) -> None:
+    def remove_cleared(self) -> None:
         """Drop the errors of working sources, which have now been reported."""
-        while self._healed:
-            self._texts.pop(self._healed.pop(), None)
+        while self._cleared:
+            self._texts.pop(self._cleared.pop(), None)
 
     def __str__(self) -> str:
         """Return all errors on one line."""

@@ -45,16 +45,16 @@ class KeyboardSticks:
         """Whether the current direction is held without a key."""
         return math.inf in self._until
 
-    def arrow(self, name: str, now: float) -> None:
+    def arrow(self, name: str, now_s: float) -> None:
         """Process an arrow key: ``up``, ``down``, ``left`` or ``right``."""
         if self.holds:
             self.stop()
         stick, sign = _ARROWS[name]
-        self._signs[stick], self._until[stick] = sign, now + HELD_S
+        self._signs[stick], self._until[stick] = sign, now_s + HELD_S
 
-    def hold(self, now: float) -> None:
+    def hold(self, now_s: float) -> None:
         """Hold the current direction until the next arrow or :meth:`stop`."""
-        self._until = [math.inf if now <= until else until for until in self._until]
+        self._until = [math.inf if now_s <= until else until for until in self._until]
 
     def stop(self) -> None:
         """Return the sticks to neutral."""
@@ -66,11 +66,11 @@ class KeyboardSticks:
         speed = self.speed_percent + steps * SPEED_STEP_PERCENT
         self.speed_percent = min(100, max(SPEED_STEP_PERCENT, speed))
 
-    def sticks(self, now: float) -> Sticks:
-        """Return the sticks at `now`."""
+    def sticks(self, now_s: float) -> Sticks:
+        """Return the sticks at `now_s`."""
         value = quantise(self.full * self.speed_percent / 100)
         vertical, horizontal = (
-            sign * value if now <= until else 0
+            sign * value if now_s <= until else 0
             for sign, until in zip(self._signs, self._until, strict=True)
         )
         return vertical, horizontal

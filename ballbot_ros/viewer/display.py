@@ -1,4 +1,4 @@
-"""The brick's display as a picture."""
+"""The brick's display as an image."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _font() -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(findfont('DejaVu Sans Mono'), 24)
 
 
-def picture(page: str) -> NDArray[np.uint8]:
+def lcd_image(page: str) -> NDArray[np.uint8]:
     """Return the display with a page of text, shape (rows, columns, 3)."""
     size = (COLUMNS * _CELL[0] + 2 * _MARGIN, ROWS * _CELL[1] + 2 * _MARGIN)
     image = Image.new('RGB', size, _PAPER)

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import viser
 
-from ballbot_ros.plant.truth import Pair
+from ballbot_ros.plant.ground_truth import Pair
 
 PAUSE, STEP, RUN, RESET = TIME_BUTTONS = ('Pause', 'Step', 'Run', 'Reset')
 SPEEDS = {'0.1×': 0.1, '0.5×': 0.5, '1×': 1.0, 'max': 0.0}
@@ -26,8 +26,8 @@ _RELEASE_S = 0.3
 """A stick counts as released when the page has been silent for this long."""
 
 
-class Actions(Protocol):
-    """The actions of the controls; called from the page's threads."""
+class PlantControls(Protocol):
+    """What a page can ask of the plant; called from the page's threads."""
 
     def pause(self, pause: bool) -> None:
         """Pause the plant, or resume."""
@@ -38,7 +38,7 @@ class Actions(Protocol):
     def reset(self) -> None:
         """Begin a new run."""
 
-    def pace(self, factor: float) -> None:
+    def set_real_time_factor(self, factor: float) -> None:
         """Set the real-time factor; 0 is as fast as possible."""
 
     def push(self, force: Pair) -> None:
@@ -48,7 +48,7 @@ class Actions(Protocol):
         """End the run, and start one of another scenario."""
 
 
-class Sticks:
+class OnScreenSticks:
     """The on-screen sticks, held as long as the page keeps reporting them.
 
     A single report does not count: a browser slows a hidden page down to one report a second, and a
@@ -56,19 +56,19 @@ class Sticks:
     """
 
     def __init__(self) -> None:
-        self._told: dict[str, tuple[float, float]] = {}
+        self._last_held: dict[str, tuple[float, float]] = {}
 
-    def hold(self, direction: str, now: float) -> None:
-        """Note that a direction is held at `now` [s]."""
-        _, last = self._told.get(direction, (-math.inf, -math.inf))
-        self._told[direction] = last, now
+    def hold(self, direction: str, now_s: float) -> None:
+        """Note that a direction is held at `now_s` [s]."""
+        _, last = self._last_held.get(direction, (-math.inf, -math.inf))
+        self._last_held[direction] = last, now_s
 
-    def value(self, now: float) -> Pair | None:
+    def value(self, now_s: float) -> Pair | None:
         """Return forward and rightward, each −1 ... 1; None while no stick is held."""
         held = [
             DIRECTIONS[direction]
-            for direction, (before, last) in self._told.copy().items()
-            if now - last < _RELEASE_S and last - before < _RELEASE_S
+            for direction, (before, last) in self._last_held.copy().items()
+            if now_s - last < _RELEASE_S and last - before < _RELEASE_S
         ]
         if not held:
             return None
@@ -82,38 +82,38 @@ class LiveControls:
     Parameters
     ----------
     gui : viser.GuiApi
-    actions : Actions
+    plant : PlantControls
     scenarios : sequence of str
         The scenarios to choose from.
 
     Attributes
     ----------
-    sticks : Sticks
+    sticks : OnScreenSticks
     """
 
-    def __init__(self, gui: viser.GuiApi, actions: Actions, scenarios: Sequence[str]) -> None:
-        self.sticks = Sticks()
+    def __init__(self, gui: viser.GuiApi, plant: PlantControls, scenarios: Sequence[str]) -> None:
+        self.sticks = OnScreenSticks()
         acts: dict[str, Callable[[], None]] = {
-            PAUSE: lambda: actions.pause(True),
-            STEP: actions.step,
-            RUN: lambda: actions.pause(False),
-            RESET: actions.reset,
+            PAUSE: lambda: plant.pause(True),
+            STEP: plant.step,
+            RUN: lambda: plant.pause(False),
+            RESET: plant.reset,
         }
         with gui.add_folder('Time', order=1.0):
             self._on_press(gui.add_button_group('Run', TIME_BUTTONS), lambda name: acts[name]())
             speed = gui.add_button_group('Speed', tuple(SPEEDS))
-            self._on_press(speed, lambda name: actions.pace(SPEEDS[name]))
+            self._on_press(speed, lambda name: plant.set_real_time_factor(SPEEDS[name]))
         self._chooser = gui.add_folder('Scenario', order=1.5, visible=False)
         with self._chooser:
             self._next: Any = gui.add_dropdown('Next', tuple(scenarios))
-            gui.add_button('Start').on_click(lambda _: actions.start(self._next.value))
+            gui.add_button('Start').on_click(lambda _: plant.start(self._next.value))
         with gui.add_folder('Push', order=2.0, expand_by_default=False):
             size = gui.add_slider('Force [N]', 0.1, 3.0, 0.1, 1.0)
             push = gui.add_button_group('Direction', tuple(DIRECTIONS))
 
             def give(name: str) -> None:
                 x, y = DIRECTIONS[name]
-                actions.push((x * size.value, y * size.value))
+                plant.push((x * size.value, y * size.value))
 
             self._on_press(push, give)
         with gui.add_folder('Sticks (hold)', order=3.0, expand_by_default=False):
@@ -142,9 +142,9 @@ class LiveControls:
         def _(_: Any) -> None:
             self.sticks.hold(direction, time.monotonic())
 
-    def drive(self, now: float) -> Pair | None:
+    def drive(self, now_s: float) -> Pair | None:
         """Return the sticks forward and rightward, each −1 ... 1; None while no stick is held."""
-        value = self.sticks.value(now)
+        value = self.sticks.value(now_s)
         if value is None:
             return None
         strength = self._strength.value / 100.0

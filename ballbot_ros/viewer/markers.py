@@ -25,13 +25,13 @@ from ballbot_ros.viewer.floor import walls
 from ballbot_ros.viewer.robot import (
     BODY,
     LINKS,
-    MIN_CONE_ANGLE,
     TRAIL_STEP,
     Vector,
+    cone_slope,
     parts,
 )
 from ballbot_ros.viewer.snapshot import Snapshot
-from ballbot_ros.viewer.transforms import SONAR, Transform, turn_of
+from ballbot_ros.viewer.transforms import SONAR, Transform, quaternion_from_rpy
 from ballbot_ros.world.exports import WALL_HEIGHT_CM
 from ballbot_ros.world.floor_map import FloorMap
 
@@ -65,18 +65,18 @@ class RobotMarkers:
                 self._make(link, number, part.shape, part.size, part.colour)
                 for number, part in enumerate(pieces)
             ]
-            places = Transform(
+            poses = Transform(
                 np.array([part.position for part in pieces]).reshape(-1, 3),
-                np.array([turn_of(part.turn) for part in pieces]).reshape(-1, 4),
+                np.array([quaternion_from_rpy(part.rpy) for part in pieces]).reshape(-1, 4),
             )
-            self._links[link] = markers, places
+            self._links[link] = markers, poses
         self._beam = self._make(SONAR, 0, 'triangles', (), colours.BEAM, colours.BEAM_OPACITY)
         self._trail = self._make('trail', 0, 'line', (_TRAIL_WIDTH,), colours.TRAIL)
         self._text = self._make('text', 0, 'text', (_LETTER_HEIGHT,), colours.WHITE)
         self._text_height = 2.0 * dimensions.body_height + _TEXT_ABOVE
         self._erase = new_marker()
         self._erase.action = DELETE_ALL
-        self._way: deque[Vector] = deque(maxlen=TRAIL_POINTS)
+        self._trail_points: deque[Vector] = deque(maxlen=TRAIL_POINTS)
         self._walls: list[Any] = []
         self.begin(None)
 
@@ -95,7 +95,7 @@ class RobotMarkers:
 
     def begin(self, floor: FloorMap | None) -> None:
         """Start over with a new run, on a floor with or without walls."""
-        self._way.clear()
+        self._trail_points.clear()
         self._walls = []
         height = WALL_HEIGHT_CM / 100.0
         for number, (left, bottom, right, top) in enumerate(walls(floor) if floor else ()):
@@ -105,20 +105,20 @@ class RobotMarkers:
             self._walls.append(wall)
         self._is_new = self._is_longer = True
 
-    def follow(self, now: Snapshot) -> None:
+    def follow(self, snapshot: Snapshot) -> None:
         """Extend the trail."""
-        point = (now.position[0], -now.position[1], _TRAIL_HEIGHT)
-        if not self._way or math.dist(point, self._way[-1]) >= TRAIL_STEP:
-            self._way.append(point)
+        point = (snapshot.position[0], -snapshot.position[1], _TRAIL_HEIGHT)
+        if not self._trail_points or math.dist(point, self._trail_points[-1]) >= TRAIL_STEP:
+            self._trail_points.append(point)
             self._is_longer = True
 
-    def at(self, now: Snapshot, places: dict[str, Transform], *, whole: bool) -> list[Any]:
+    def at(self, snapshot: Snapshot, poses: dict[str, Transform], *, whole: bool) -> list[Any]:
         """Return the changed markers, or all of them.
 
         Parameters
         ----------
-        now : Snapshot
-        places : dict of Transform
+        snapshot : Snapshot
+        poses : dict of Transform
             Each frame in ``map``.
         whole : bool
             Whether to include unchanged markers.
@@ -129,15 +129,15 @@ class RobotMarkers:
             The same objects each time, updated; at the start of a run, first a marker that deletes
             all.
         """
-        stamp_ns = round(now.time * SECOND_NS)
+        stamp_ns = round(snapshot.time * SECOND_NS)
         markers = [self._erase] if self._is_new else []
         for link, (pieces, local) in self._links.items():
-            position, turn = places[link].place(local)
-            for piece, *place in zip(pieces, position.tolist(), turn.tolist(), strict=True):
-                place_marker(piece, stamp_ns, *place)
+            position, rotation = poses[link].compose(local)
+            for piece, *pose in zip(pieces, position.tolist(), rotation.tolist(), strict=True):
+                place_marker(piece, stamp_ns, *pose)
             markers += pieces
-        self._show_beam(stamp_ns, now, places[SONAR])
-        self._show_text(stamp_ns, now, places[BODY])
+        self._show_beam(stamp_ns, snapshot, poses[SONAR])
+        self._show_text(stamp_ns, snapshot, poses[BODY])
         markers += [self._beam, self._text]
         if self._is_new or whole:
             markers += self._walls
@@ -147,21 +147,21 @@ class RobotMarkers:
         self._is_new = self._is_longer = False
         return markers
 
-    def _show_beam(self, stamp_ns: int, now: Snapshot, sensor: Transform) -> None:
+    def _show_beam(self, stamp_ns: int, snapshot: Snapshot, sensor: Transform) -> None:
         """Show the sonar's cone up to the measured distance; hide it without an echo."""
-        reach = now.sonar
+        reach = snapshot.sonar
         place_marker(self._beam, stamp_ns, *(each.tolist() for each in sensor))
         self._beam.action = ADD if math.isfinite(reach) and reach > 0.0 else DELETE
         if self._beam.action == ADD:
-            radius = reach * math.tan(max(now.cone_angle, MIN_CONE_ANGLE) / 2.0)
+            radius = reach * cone_slope(snapshot.cone_angle)
             angles = [2.0 * math.pi * side / _BEAM_SIDES for side in range(_BEAM_SIDES + 1)]
             rim = [(reach, radius * math.cos(a), radius * math.sin(a)) for a in angles]
             tip = (0.0, 0.0, 0.0)
             fill_points(self._beam, (point for a, b in pairwise(rim) for point in (tip, a, b)))
 
-    def _show_text(self, stamp_ns: int, now: Snapshot, body: Transform) -> None:
+    def _show_text(self, stamp_ns: int, snapshot: Snapshot, body: Transform) -> None:
         """Show operating state and display above the robot."""
-        lines = [now.state, *now.lcd.split('\n')]
+        lines = [snapshot.state, *snapshot.lcd.split('\n')]
         self._text.text = '\n'.join(line.rstrip() for line in lines if line.strip())
         self._text.action = ADD if self._text.text else DELETE
         x, y, z = body.position.tolist()
@@ -169,6 +169,6 @@ class RobotMarkers:
 
     def _show_trail(self, stamp_ns: int) -> None:
         """Show the trail of the ball; a line needs two points."""
-        self._trail.action = ADD if len(self._way) > 1 else DELETE
-        fill_points(self._trail, self._way)
+        self._trail.action = ADD if len(self._trail_points) > 1 else DELETE
+        fill_points(self._trail, self._trail_points)
         place_marker(self._trail, stamp_ns, (0.0, 0.0, 0.0))

@@ -102,7 +102,7 @@ class Page:
         return self._dimensions
 
     @property
-    def is_watched(self) -> bool:
+    def has_clients(self) -> bool:
         """Whether a browser is connected."""
         return bool(self._views)
 
@@ -134,10 +134,10 @@ class Page:
             'View', labels, initial_value=labels[names.index(VISTA)], order=-1.0
         )
 
-        def choose(_: Any) -> None:
-            self.choose(client.client_id, names[labels.index(chooser.value)])
+        def on_choice(_: Any) -> None:
+            self.set_view(client.client_id, names[labels.index(chooser.value)])
 
-        chooser.on_update(choose)
+        chooser.on_update(on_choice)
         for number, label in enumerate(labels, 1):
             command = client.gui.add_command(label, hotkey=str(number))  # type: ignore[arg-type]
 
@@ -145,9 +145,9 @@ class Page:
             def _(_: Any, label: str = label) -> None:
                 chooser.value = label
 
-        self.choose(client.client_id, VISTA)
+        self.set_view(client.client_id, VISTA)
 
-    def choose(self, client_id: int, view: str) -> None:
+    def set_view(self, client_id: int, view: str) -> None:
         """Select the view of a browser."""
         with self._lock:
             self._views[client_id] = view
@@ -158,18 +158,18 @@ class Page:
             self._views.pop(client.client_id, None)
             self._aspects.pop(client.client_id, None)
 
-    def look(self, now: Snapshot) -> None:
+    def update_cameras(self, snapshot: Snapshot) -> None:
         """Point the cameras: tracking ones always, others only if something relevant has changed.
 
         That is the view, the floor, or the aspect ratio of the window.
         """
         for client in self.server.get_clients().values():
             try:
-                self._point(client, now)
+                self._update_camera(client, snapshot)
             except (ArithmeticError, AssertionError, TypeError, ValueError):
                 self._forget(client)  # it sent an invalid camera
 
-    def _point(self, client: viser.ClientHandle, now: Snapshot) -> None:
+    def _update_camera(self, client: viser.ClientHandle, snapshot: Snapshot) -> None:
         number, aspect = client.client_id, client.camera.aspect
         with self._lock:
             view = self._views.get(number, _ORBIT)
@@ -177,7 +177,7 @@ class Page:
                 return
             self._aspects[number] = aspect
             area = self._area
-        to = camera(view, now, self._dimensions, area, aspect)
+        to = camera(view, snapshot, self._dimensions, area, aspect)
         with client.atomic():
             client.camera.up_direction = np.array(to.up)
             client.camera.position = np.array(to.position)

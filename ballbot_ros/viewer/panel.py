@@ -50,12 +50,14 @@ class Panel:
                 gui.add_html(_caption(title, labels))
                 self._plots.append(_plot(gui, len(columns)))
 
-    def show(self, now: Snapshot, trace: NDArray[np.float64], factor: float | None = None) -> None:
+    def show(
+        self, snapshot: Snapshot, trace: NDArray[np.float64], factor: float | None = None
+    ) -> None:
         """Show the state and the last seconds.
 
         Parameters
         ----------
-        now : Snapshot
+        snapshot : Snapshot
         trace : ndarray, shape (n, 8)
             Columns as of :meth:`ballbot_ros.viewer.snapshot.History.trace`.
         factor : float or None
@@ -63,11 +65,12 @@ class Panel:
         """
         if time.monotonic() > self._tone_end:
             self._sound.content = ''  # not for browsers that connect later
-        rows = [('state', now.state or '–'), ('sim time', f'{now.time:.2f} s')]
+        rows = [('state', snapshot.state or '–'), ('sim time', f'{snapshot.time:.2f} s')]
         if factor is not None:
             rows.append(('real-time factor', f'{factor:.2f}'))
-        rows.append(('battery', f'{now.battery:.2f} V' if now.battery == now.battery else '–'))
-        self._status.content = _status(rows, now.lcd)
+        battery = snapshot.battery
+        rows.append(('battery', '–' if math.isnan(battery) else f'{battery:.2f} V'))
+        self._status.content = _status(rows, snapshot.lcd)
         if len(trace) < 2:
             return
         times = trace[:, 0]
@@ -75,7 +78,7 @@ class Panel:
             # A plot can't show an infinite distance: no echo becomes a gap.
             values = np.where(np.isfinite(trace), trace * scale, np.nan)
             plot.data = (times, *(values[:, column] for column in columns))
-            plot.scales = _scales(now.time, _range(values[:, columns], least))
+            plot.scales = _scales(snapshot.time, _range(values[:, columns], least))
 
     def play(self, tone: Tone) -> None:
         """Play a tone."""
@@ -92,8 +95,8 @@ def _range(values: NDArray[np.float64], least: float) -> tuple[float, float]:
     return float(low - margin), float(high + margin)
 
 
-def _scales(now: float, heights: tuple[float, float]) -> dict[str, uplot.Scale]:
-    end = max(now, WINDOW_S)
+def _scales(now_s: float, heights: tuple[float, float]) -> dict[str, uplot.Scale]:
+    end = max(now_s, WINDOW_S)
     return {
         'x': uplot.Scale(time=False, auto=False, range=(end - WINDOW_S, end)),
         'y': uplot.Scale(auto=False, range=heights),

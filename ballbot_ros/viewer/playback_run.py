@@ -125,7 +125,7 @@ class PlaybackRun:
         step = max(1, math.ceil((last - first) / _SAMPLES))
         return np.arange(first, last + 1, step)
 
-    def way(self, time: float) -> list[tuple[float, float]]:
+    def trail(self, time: float) -> list[tuple[float, float]]:
         """Return the trail from the start to `time`, x and y in ``map`` [m]."""
         points = self._run.trajectory.position[self._ticks(0, self._tick(time))].tolist()
         return [(x, -y) for x, y in points]

@@ -100,13 +100,13 @@ class RecordingPage:
 
     def show(self, time: float, *, panel: bool) -> None:
         """Show the robots at `time` [s]; with `panel`, also update the panel."""
-        now = self._runs[0].snapshot(time)
+        snapshot = self._runs[0].snapshot(time)
         for robot, run in zip(self._robots, self._runs, strict=True):
             robot.show(run.snapshot(time))
-        self._page.look(now)
+        self._page.update_cameras(snapshot)
         if panel:
             for robot, run in zip(self._robots, self._runs, strict=True):
-                robot.trace(run.way(time))
-            self._panel.show(now, self._runs[0].trace(time))
+                robot.show_trail(run.trail(time))
+            self._panel.show(snapshot, self._runs[0].trace(time))
             self._slider.value = round(time, 2)
             self._button.label = 'Pause' if self.clock.is_playing else 'Play'

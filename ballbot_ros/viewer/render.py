@@ -29,11 +29,11 @@ _CONNECT_S = 60.0
 _FRAME_S = 60.0
 _SETTLE_S = 1.0
 
-Picture = NDArray[np.uint8]
+Image = NDArray[np.uint8]
 """Shape (:data:`HEIGHT`, :data:`WIDTH`, 3)."""
 
 
-def pictures(run: PlaybackRun, shots: Sequence[tuple[str, float]]) -> Iterator[Picture]:
+def frames(run: PlaybackRun, shots: Sequence[tuple[str, float]]) -> Iterator[Image]:
     """Yield a picture of the run for each view and time [s].
 
     Raises
@@ -44,16 +44,16 @@ def pictures(run: PlaybackRun, shots: Sequence[tuple[str, float]]) -> Iterator[P
     with browser_page(WIDTH, HEIGHT) as browser:
         page = Page(run.dimensions, run.name, '127.0.0.1', 0)
         try:
-            player = RecordingPage(page, [run])
+            recording_page = RecordingPage(page, [run])
             browser.goto(page.address)
             client = _client(page)
-            player.show(shots[0][1], panel=True)
-            _picture(client)  # makes the browser load the meshes first
+            recording_page.show(shots[0][1], panel=True)
+            _render_image(client)  # makes the browser load the meshes first
             time.sleep(_SETTLE_S)
             for view, moment in shots:
-                page.choose(client.client_id, view)
-                player.show(moment, panel=True)
-                yield _picture(client)
+                page.set_view(client.client_id, view)
+                recording_page.show(moment, panel=True)
+                yield _render_image(client)
         finally:
             page.stop()
 
@@ -67,7 +67,7 @@ def _client(page: Page) -> viser.ClientHandle:
     raise ViewerError(f'the browser did not show the page within {_CONNECT_S:g} s')
 
 
-def _picture(client: viser.ClientHandle) -> Picture:
+def _render_image(client: viser.ClientHandle) -> Image:
     try:
         image = client.get_render(HEIGHT, WIDTH, timeout=_FRAME_S)
     except (RuntimeError, TimeoutError) as error:
@@ -75,7 +75,7 @@ def _picture(client: viser.ClientHandle) -> Picture:
     return np.asarray(image[..., :3], np.uint8)
 
 
-def render(
+def render_to_file(
     run: PlaybackRun,
     view: str,
     output: Path,
@@ -98,8 +98,8 @@ def render(
         with TemporaryDirectory(prefix='.ballbot_', dir=output.parent) as folder:
             unfinished = Path(folder) / output.name
             with _writer(unfinished, rate) as writer:
-                for number, picture in enumerate(pictures(run, shots), 1):
-                    writer.append_data(picture)
+                for number, frame in enumerate(frames(run, shots), 1):
+                    writer.append_data(frame)
                     progress(number, len(shots))
             unfinished.replace(output)
     except (OSError, ImportError, ValueError) as error:

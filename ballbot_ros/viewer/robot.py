@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot_ros.parameters import Dimensions
-from ballbot_ros.plant.truth import Pair
+from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.colours import BLACK, BLUE, DARK, LIGHT, ORANGE, WHITE, Colour
 
 Vector = tuple[float, float, float]
@@ -58,7 +58,7 @@ class Part(NamedTuple):
         Sides of a box; radius and length of a cylinder; radius of a sphere.
     position : tuple of float
         Position of its centre in the link.
-    turn : tuple of float
+    rpy : tuple of float
         Roll, pitch and yaw in the link, as in URDF [rad].
     colour : tuple of int
     """
@@ -67,7 +67,7 @@ class Part(NamedTuple):
     shape: str
     size: tuple[float, ...]
     position: Vector
-    turn: Vector
+    rpy: Vector
     colour: Colour
 
 
@@ -119,8 +119,8 @@ def _body(dimensions: Dimensions) -> Iterator[Part]:
     depth, breadth = dimensions.body_depth, dimensions.body_width
     radius, width = dimensions.wheel_radius, dimensions.wheel_width
 
-    def box(size: Vector, at: Vector, colour: Colour, turn: Vector = Z_AXIS) -> Part:
-        return Part(BODY, 'box', size, at, turn, colour)
+    def box(size: Vector, at: Vector, colour: Colour, rpy: Vector = Z_AXIS) -> Part:
+        return Part(BODY, 'box', size, at, rpy, colour)
 
     def rod(size: Pair, at: Vector, axis: Vector, colour: Colour) -> Part:
         return Part(BODY, 'cylinder', size, at, axis, colour)
@@ -182,9 +182,14 @@ def _brick(dimensions: Dimensions) -> Iterator[Part]:
         yield Part(BODY, 'box', size, at, Z_AXIS, colour)
 
 
-def rotate(turn: ArrayLike, vector: ArrayLike) -> NDArray[np.float64]:
+def cone_slope(cone_angle: float) -> float:
+    """Return the drawn radius of the sonar's cone per length, for its opening [rad]."""
+    return math.tan(max(cone_angle, MIN_CONE_ANGLE) / 2.0)
+
+
+def rotate_vector(quaternion: ArrayLike, vector: ArrayLike) -> NDArray[np.float64]:
     """Rotate one vector or many by a unit quaternion, shape (3,) or (n, 3)."""
-    w, x, y, z = np.asarray(turn).tolist()
+    w, x, y, z = np.asarray(quaternion).tolist()
     matrix = np.array(
         [
             [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
@@ -211,11 +216,11 @@ class RollingOrientation:
         """Roll the ball to `position` [m]; return its orientation."""
         if self._from is not None:
             dx, dy = position[0] - self._from[0], self._from[1] - position[1]
-            way = math.hypot(dx, dy)
-            if way > 0.0:
-                half = way / self._dimensions.ball_radius / 2.0
-                axis = np.array([-dy, dx, 0.0]) * (math.sin(half) / way)
-                turned = product(np.array([math.cos(half), *axis]), self._ball)
+            distance = math.hypot(dx, dy)
+            if distance > 0.0:
+                half = distance / self._dimensions.ball_radius / 2.0
+                axis = np.array([-dy, dx, 0.0]) * (math.sin(half) / distance)
+                turned = quaternion_multiply(np.array([math.cos(half), *axis]), self._ball)
                 self._ball = turned / np.linalg.norm(turned)
         self._from = position
         w, x, y, z = self._ball.tolist()
@@ -228,13 +233,13 @@ class RollingOrientation:
         """
         ratio = self._dimensions.ball_radius / self._dimensions.wheel_radius
         x, y = (
-            -ratio * (place / self._dimensions.ball_radius - lean) / 2.0
-            for place, lean in zip(position, psi, strict=True)
+            -ratio * (coordinate / self._dimensions.ball_radius - pitch) / 2.0
+            for coordinate, pitch in zip(position, psi, strict=True)
         )
         return (math.cos(x), 0.0, math.sin(x), 0.0), (math.cos(y), math.sin(y), 0.0, 0.0)
 
 
-def product(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
+def quaternion_multiply(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
     """Return the product a·b of a quaternion and one or many others: `b` is applied first.
 
     Parameters

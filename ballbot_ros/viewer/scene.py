@@ -11,16 +11,16 @@ from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.viewer import colours, floor, shapes
 from ballbot_ros.viewer.colours import WHITE, Colour
-from ballbot_ros.viewer.display import picture
+from ballbot_ros.viewer.display import lcd_image
 from ballbot_ros.viewer.robot import (
     BALL,
     BODY,
     LCD_SIZE,
     LINKS,
-    MIN_CONE_ANGLE,
     WHEEL_X,
     WHEEL_Y,
     RollingOrientation,
+    cone_slope,
     lcd_position,
     parts,
     sonar_position,
@@ -135,7 +135,7 @@ class Robot:
                 receive_shadow=False, position=sonar_position(dimensions), visible=False,
             )  # fmt: skip
             self._display = api.add_image(
-                f'/{name}/body/lcd', picture(''), *LCD_SIZE, format='png', cast_shadow=False,
+                f'/{name}/body/lcd', lcd_image(''), *LCD_SIZE, format='png', cast_shadow=False,
                 receive_shadow=False, position=lcd_position(dimensions), wxyz=_FACES_FORWARD,
             )  # fmt: skip
         self._page = ''
@@ -143,7 +143,7 @@ class Robot:
             f'/{name}_trail', np.zeros((0, 2, 3)), colours.GHOST_TRAIL if ghost else colours.TRAIL,
             thickness=0.006,
         )  # fmt: skip
-        self._way: list[tuple[float, float]] = []
+        self._trail_points: list[tuple[float, float]] = []
 
     def _add_meshes(self, api: SceneApi, paths: dict[str, str], *, ghost: bool) -> None:
         opacity = GHOST_OPACITY if ghost else None
@@ -161,29 +161,29 @@ class Robot:
                 opacity=opacity, cast_shadow=not ghost,
             )  # fmt: skip
 
-    def show(self, now: Snapshot) -> None:
+    def show(self, snapshot: Snapshot) -> None:
         """Update the pose of the robot."""
         self._root.visible = True
-        ball = now.position[0], -now.position[1], self._dimensions.ball_radius
+        ball = snapshot.position[0], -snapshot.position[1], self._dimensions.ball_radius
         self._links[BALL].position = self._links[BODY].position = ball
-        self._links[BALL].wxyz = self._orientation.ball(now.position)
-        self._links[BODY].wxyz = body_orientation(now.psi)
-        turns = self._orientation.wheels(now.position, now.psi)
-        for link, turn in zip((WHEEL_X, WHEEL_Y), turns, strict=True):
-            self._links[link].wxyz = turn
+        self._links[BALL].wxyz = self._orientation.ball(snapshot.position)
+        self._links[BODY].wxyz = body_orientation(snapshot.psi)
+        rotations = self._orientation.wheels(snapshot.position, snapshot.psi)
+        for link, rotation in zip((WHEEL_X, WHEEL_Y), rotations, strict=True):
+            self._links[link].wxyz = rotation
         if self._cone is not None:
-            self._cone.visible = echo = math.isfinite(now.sonar) and now.sonar > 0.0
+            self._cone.visible = echo = math.isfinite(snapshot.sonar) and snapshot.sonar > 0.0
             if echo:
-                width = math.tan(max(now.cone_angle, MIN_CONE_ANGLE) / 2.0)
-                self._cone.scale = (now.sonar, now.sonar * width, now.sonar * width)
-        if self._display is not None and now.lcd != self._page:
-            self._page = now.lcd
-            self._display.image = picture(now.lcd)
+                width = cone_slope(snapshot.cone_angle)
+                self._cone.scale = (snapshot.sonar, snapshot.sonar * width, snapshot.sonar * width)
+        if self._display is not None and snapshot.lcd != self._page:
+            self._page = snapshot.lcd
+            self._display.image = lcd_image(snapshot.lcd)
 
-    def trace(self, way: list[tuple[float, float]]) -> None:
-        """Show `way`, x and y in ``map`` [m], as the trail; all points are sent again."""
-        if way == self._way:
+    def show_trail(self, trail: list[tuple[float, float]]) -> None:
+        """Show the trail, x and y in ``map`` [m]; all points are sent again."""
+        if trail == self._trail_points:
             return
-        self._way = way
-        points = np.array([(x, y, 2 * _LIFT) for x, y in way], np.float32).reshape(-1, 3)
+        self._trail_points = trail
+        points = np.array([(x, y, 2 * _LIFT) for x, y in trail], np.float32).reshape(-1, 3)
         self._trail.points = np.stack([points[:-1], points[1:]], axis=1)

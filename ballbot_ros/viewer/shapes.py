@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from trimesh import transformations
 
 from ballbot_ros.viewer.colours import Colour
 from ballbot_ros.viewer.floor import Rectangle
-from ballbot_ros.viewer.robot import Part
+from ballbot_ros.viewer.robot import Part, Vector, rotate_vector
+from ballbot_ros.viewer.transforms import quaternion_from_rpy
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 """Vertices, shape (n, 3), and faces, shape (m, 3)."""
@@ -26,9 +26,7 @@ def link_meshes(parts: Iterable[Part]) -> dict[tuple[str, Colour], Mesh]:
     pieces: dict[tuple[str, Colour], list[Any]] = defaultdict(list)
     for part in parts:
         mesh = _primitive(part)
-        pose = _turn(*part.turn)
-        pose[:3, 3] = part.position
-        mesh.apply_transform(pose)
+        mesh.apply_transform(_pose(part.rpy, part.position))
         pieces[part.link, part.colour].append(mesh)
     return {key: _mesh(trimesh.util.concatenate(meshes)) for key, meshes in pieces.items()}
 
@@ -41,9 +39,12 @@ def _primitive(part: Part) -> Any:
     return trimesh.creation.icosphere(3, part.size[0])
 
 
-def _turn(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
-    matrix = transformations.euler_matrix(roll, pitch, yaw)  # type: ignore[no-untyped-call]
-    return np.asarray(matrix, np.float64)
+def _pose(rpy: Vector, position: Vector = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
+    """Return the homogeneous matrix of a pose, shape (4, 4)."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotate_vector(quaternion_from_rpy(rpy), np.eye(3)).T
+    matrix[:3, 3] = position
+    return matrix
 
 
 def ball_sectors(radius: float) -> tuple[Mesh, Mesh]:
@@ -70,7 +71,7 @@ def unit_cone() -> Mesh:
     mesh = trimesh.creation.cone(1.0, 1.0, sections=_SIDES)
     # trimesh puts it on its base: move the tip to the origin, and turn the axis to +x.
     mesh.apply_translation((0.0, 0.0, -1.0))
-    mesh.apply_transform(_turn(0.0, -np.pi / 2.0, 0.0))
+    mesh.apply_transform(_pose((0.0, -np.pi / 2.0, 0.0)))
     return _mesh(mesh)
 
 

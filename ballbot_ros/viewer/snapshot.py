@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.plant.truth import Pair
+from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.robot import TRAIL_STEP
 
 WINDOW_S = 10.0
@@ -60,32 +60,34 @@ class History:
 
     def __init__(self) -> None:
         self._rows: deque[tuple[float, ...]] = deque()
-        self._way: deque[tuple[float, float]] = deque(maxlen=TRAIL_POINTS)
+        self._trail: deque[tuple[float, float]] = deque(maxlen=TRAIL_POINTS)
 
     def clear(self) -> None:
         """Start over with a new run."""
         self._rows.clear()
-        self._way.clear()
+        self._trail.clear()
 
-    def add(self, now: Snapshot) -> None:
+    def add(self, snapshot: Snapshot) -> None:
         """Add a sample, unless there is one with the same time.
 
         A sample with an earlier time restarts the history: a player has jumped back.
         """
-        if self._rows and now.time == self._rows[-1][0]:
+        if self._rows and snapshot.time == self._rows[-1][0]:
             return
-        if self._rows and now.time < self._rows[-1][0]:
+        if self._rows and snapshot.time < self._rows[-1][0]:
             self.clear()
-        self._rows.append((now.time, *now.psi, *now.position, *now.duty, now.sonar))
-        while self._rows[0][0] < now.time - WINDOW_S:
+        self._rows.append(
+            (snapshot.time, *snapshot.psi, *snapshot.position, *snapshot.duty, snapshot.sonar)
+        )
+        while self._rows[0][0] < snapshot.time - WINDOW_S:
             self._rows.popleft()
-        point = now.position[0], -now.position[1]
-        if not self._way or math.dist(point, self._way[-1]) > TRAIL_STEP:
-            self._way.append(point)
+        point = snapshot.position[0], -snapshot.position[1]
+        if not self._trail or math.dist(point, self._trail[-1]) > TRAIL_STEP:
+            self._trail.append(point)
 
-    def way(self) -> list[tuple[float, float]]:
+    def trail(self) -> list[tuple[float, float]]:
         """Return the trail, x and y in ``map`` [m]."""
-        return list(self._way)
+        return list(self._trail)
 
     def trace(self) -> NDArray[np.float64]:
         """Return time [s], ψ x, y [rad], position x, y [m], duty x, y [%], sonar [m]; (n, 8)."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
-from ballbot_ros.plant.truth import Pair
+from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.robot import (
     BALL,
     BODY,
@@ -17,8 +17,8 @@ from ballbot_ros.viewer.robot import (
     WHEEL_Y,
     RollingOrientation,
     Vector,
-    product,
-    rotate,
+    quaternion_multiply,
+    rotate_vector,
     sonar_position,
     wheel_centres,
 )
@@ -31,7 +31,7 @@ PARENTS = {BODY: MAP, BALL: BODY, WHEEL_X: BODY, WHEEL_Y: BODY, SONAR: BODY}
 MOVING = (BODY, BALL, WHEEL_X, WHEEL_Y)
 """The frames that move in their parents; the others are fixed."""
 
-_NO_TURN = (1.0, 0.0, 0.0, 0.0)
+IDENTITY_ROTATION = (1.0, 0.0, 0.0, 0.0)
 
 
 class Transform(NamedTuple):
@@ -41,28 +41,29 @@ class Transform(NamedTuple):
     ----------
     position : ndarray
         Shape (3,) or (n, 3) [m].
-    turn : ndarray
+    rotation : ndarray
         Unit quaternion w, x, y, z; shape (4,) or (n, 4).
     """
 
     position: NDArray[np.float64]
-    turn: NDArray[np.float64]
+    rotation: NDArray[np.float64]
 
-    def place(self, inner: Transform) -> Transform:
-        """Return the pose in the outer frame of an object at `inner` in this frame."""
+    def compose(self, child: Transform) -> Transform:
+        """Return the pose in the outer frame of an object at `child` in this frame."""
         return Transform(
-            self.position + rotate(self.turn, inner.position), product(self.turn, inner.turn)
+            self.position + rotate_vector(self.rotation, child.position),
+            quaternion_multiply(self.rotation, child.rotation),
         )
 
 
-def turn_of(angles: Vector) -> NDArray[np.float64]:
+def quaternion_from_rpy(rpy: Vector) -> NDArray[np.float64]:
     """Return the quaternion of roll, pitch and yaw as in URDF [rad]: about x, then y, then z."""
-    turn = np.array(_NO_TURN)
-    for axis, angle in enumerate(angles):
+    rotation = np.array(IDENTITY_ROTATION)
+    for axis, angle in enumerate(rpy):
         step = np.zeros(4)
         step[0], step[axis + 1] = np.cos(angle / 2.0), np.sin(angle / 2.0)
-        turn = product(step, turn)
-    return turn
+        rotation = quaternion_multiply(step, rotation)
+    return rotation
 
 
 class Frames:
@@ -94,19 +95,20 @@ class Frames:
         """
         body = np.array(body_orientation(psi))
         wheel_x, wheel_y = self._orientation.wheels(position, psi)
-        turns = {
+        rotations = {
             BALL: body * (1.0, -1.0, -1.0, -1.0),
             WHEEL_X: np.array(wheel_x),
             WHEEL_Y: np.array(wheel_y),
-            SONAR: np.array(_NO_TURN),
+            SONAR: np.array(IDENTITY_ROTATION),
         }
         centre = np.array([position[0], -position[1], self._height])
         return {BODY: Transform(centre, body)} | {
-            frame: Transform(self._origins[frame], turn) for frame, turn in turns.items()
+            frame: Transform(self._origins[frame], rotation)
+            for frame, rotation in rotations.items()
         }
 
 
-def in_map(frames: dict[str, Transform]) -> dict[str, Transform]:
+def poses_in_map(frames: dict[str, Transform]) -> dict[str, Transform]:
     """Return every frame of :meth:`Frames.at` in ``map``."""
     body = frames[BODY]
-    return {frame: place if frame == BODY else body.place(place) for frame, place in frames.items()}
+    return {frame: pose if frame == BODY else body.compose(pose) for frame, pose in frames.items()}

@@ -60,7 +60,7 @@ def robot_description(dimensions: Dimensions, bodies: Bodies) -> str:
     _add_inertials(links, dimensions, bodies)
     for part in parts(dimensions):
         visual = SubElement(links[part.link], 'visual')
-        _add_shape(visual, part.shape, part.size, part.position, part.turn)
+        _add_shape(visual, part.shape, part.size, part.position, part.rpy)
         SubElement(visual, 'material', name=NAMES[part.colour])
     _add_collisions(links, dimensions)
     centres = wheel_centres(dimensions)
@@ -99,20 +99,20 @@ def _add_collisions(links: dict[str, Element], dimensions: Dimensions) -> None:
     deck = dimensions.wheel_radius + DECK_ABOVE_WHEEL
     height = 2.0 * dimensions.body_height - deck
     box = (dimensions.body_depth, dimensions.body_width, height)
-    for link, shape, size, centre, turn in (
+    for link, shape, size, centre, rpy in (
         (BALL, 'sphere', (dimensions.ball_radius,), _ORIGIN, Z_AXIS),
         (WHEEL_X, 'cylinder', tire, _ORIGIN, Y_AXIS),
         (WHEEL_Y, 'cylinder', tire, _ORIGIN, X_AXIS),
         (BODY, 'box', box, (0.0, 0.0, deck + height / 2.0), Z_AXIS),
     ):
         if min(size) > 0.0:
-            _add_shape(SubElement(links[link], 'collision'), shape, size, centre, turn)
+            _add_shape(SubElement(links[link], 'collision'), shape, size, centre, rpy)
 
 
 def _add_shape(
-    parent: Element, shape: str, size: Sequence[float], position: Vector, turn: Vector
+    parent: Element, shape: str, size: Sequence[float], position: Vector, rpy: Vector
 ) -> None:
-    SubElement(parent, 'origin', xyz=_text(position), rpy=_text(turn))
+    SubElement(parent, 'origin', xyz=_text(position), rpy=_text(rpy))
     geometry = SubElement(parent, 'geometry')
     if shape == 'box':
         SubElement(geometry, 'box', size=_text(size))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.viewer.floor import Area
-from ballbot_ros.viewer.robot import rotate, sonar_position
+from ballbot_ros.viewer.robot import rotate_vector, sonar_position
 from ballbot_ros.viewer.snapshot import Snapshot
 
 TOP, VISTA, CHASER_1, CHASER_2, ROBOT = VIEWS = ('top', 'vista', 'chaser1', 'chaser2', 'robot')
@@ -41,7 +41,9 @@ class Camera(NamedTuple):
     fov: float
 
 
-def camera(view: str, now: Snapshot, dimensions: Dimensions, area: Area, aspect: float) -> Camera:
+def camera(
+    view: str, snapshot: Snapshot, dimensions: Dimensions, area: Area, aspect: float
+) -> Camera:
     """Return the camera of a view for a picture with the aspect ratio `aspect` (width/height)."""
     x, y = area.middle
     if view == TOP:
@@ -52,12 +54,16 @@ def camera(view: str, now: Snapshot, dimensions: Dimensions, area: Area, aspect:
         far = 1.16 * math.hypot(area.half_x, area.half_y) * max(1.0, 1.5 / aspect)
         away = (x - 0.95 * far, y - 1.0 * far, 1.05 * far)
         return Camera(away, (x, y, -0.10 * far), _UP, _NARROW)
-    ball = np.array([now.position[0], -now.position[1], dimensions.ball_radius])
+    ball = np.array([snapshot.position[0], -snapshot.position[1], dimensions.ball_radius])
     if view == ROBOT:
-        turn = body_orientation(now.psi)
-        eye = ball + rotate(turn, sonar_position(dimensions)) + rotate(turn, (0.01, 0.0, 0.0))
-        ahead = eye + rotate(turn, (1.0, 0.0, 0.0))
-        return Camera(_vector(eye), _vector(ahead), _vector(rotate(turn, _UP)), _WIDE)
+        rotation = body_orientation(snapshot.psi)
+        eye = (
+            ball
+            + rotate_vector(rotation, sonar_position(dimensions))
+            + rotate_vector(rotation, (0.01, 0.0, 0.0))
+        )
+        ahead = eye + rotate_vector(rotation, (1.0, 0.0, 0.0))
+        return Camera(_vector(eye), _vector(ahead), _vector(rotate_vector(rotation, _UP)), _WIDE)
     target = ball + np.array([0.0, 0.0, _CHASED_HEIGHT])
     return Camera(_vector(target + _CHASERS[view]), _vector(target), _UP, _NARROW)
 

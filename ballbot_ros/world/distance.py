@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.numerics.elementary import sine_cosine
-from ballbot_ros.plant.truth import Pair
+from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.world.floor_map import FloorMap
 
 MAX_RAY_CELLS = 255

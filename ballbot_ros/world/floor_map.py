@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.plant.truth import Pair
+from ballbot_ros.plant.ground_truth import Pair
 
 FLOOR, WALL, LINE = 255, 128, 0
 """Gray values of the map image (Appendix B.2)."""
@@ -59,12 +59,12 @@ class FloorMap:
         """Return the points of many positions, each of shape (n, 2)."""
         return positions * CELLS_PER_METRE + np.array([self.columns, self.rows]) / 2.0
 
-    def holds(self, point: Pair) -> bool:
+    def contains(self, point: Pair) -> bool:
         """Return whether a point (u, v) [cells] is on the map."""
         return 0.0 <= point[0] < self.columns and 0.0 <= point[1] < self.rows
 
     def is_wall(self, point: Pair) -> bool:
         """Return whether a point (u, v) [cells] is in a wall; there are no walls off the map."""
-        return self.holds(point) and bool(
+        return self.contains(point) and bool(
             self.cells[math.floor(point[1]), math.floor(point[0])] == WALL
         )

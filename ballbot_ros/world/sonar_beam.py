@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ballbot_ros.parameters import SonarParameters
-from ballbot_ros.plant.truth import Pair
+from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.world.distance import RAYS
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import CELL_M

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.plant.truth import Pair
+from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.world.distance import wall_distance
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap
@@ -72,7 +72,7 @@ class World:
         """
         x, y = position[0], -position[1] + 0.0
         where = f'the start position x {x:g} m, y {y:g} m (map)'
-        if not self.map.holds(self.map.point(position)):
+        if not self.map.contains(self.map.point(position)):
             x_end, y_end = self.map.columns * CELL_M / 2.0, self.map.rows * CELL_M / 2.0
             raise WorldError(f'{where} is off the map, x ±{x_end:g} m, y ±{y_end:g} m')
         if self.blocked(position):

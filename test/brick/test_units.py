@@ -13,11 +13,11 @@ from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.units import (
     NO_DATA_CM,
     NO_ECHO_CM,
-    centimetres_of,
-    degrees_of,
-    metres_of,
+    degrees_to_radians,
+    metres_to_sonar_cm,
     quantise,
-    radians_of,
+    radians_to_degrees,
+    sonar_cm_to_metres,
 )
 from ballbot_ros.messages.conversions import fill_sticks, stick_values
 
@@ -46,28 +46,28 @@ def test_whole_numbers_round_to_themselves(value):
 @example(-(2**31))
 @example(2**31 - 1)
 def test_every_angle_in_degrees_comes_back_from_radians(degrees):
-    assert degrees_of(radians_of(degrees)) == degrees
+    assert radians_to_degrees(degrees_to_radians(degrees)) == degrees
 
 
 def test_every_gyro_reading_and_every_encoder_angle_of_a_run_comes_back():
     for degrees in range(-100_000, 100_000):
-        assert degrees_of(radians_of(degrees)) == degrees
+        assert radians_to_degrees(degrees_to_radians(degrees)) == degrees
 
 
 def test_a_turn_is_two_pi():
-    assert radians_of(360) == pytest.approx(2.0 * math.pi, rel=1e-15)
+    assert degrees_to_radians(360) == pytest.approx(2.0 * math.pi, rel=1e-15)
 
 
 @pytest.mark.parametrize('precision', [np.float32, np.float64])
 def test_every_sonar_reading_comes_back_through_a_message(precision):
     for reading in range(-1, 256):
-        assert centimetres_of(float(precision(metres_of(reading)))) == reading
+        assert metres_to_sonar_cm(float(precision(sonar_cm_to_metres(reading)))) == reading
 
 
 def test_what_is_no_distance_is_told_as_rep_117_has_it():
-    assert metres_of(NO_ECHO_CM) == math.inf
-    assert math.isnan(metres_of(NO_DATA_CM))
-    assert metres_of(254) == 2.54
+    assert sonar_cm_to_metres(NO_ECHO_CM) == math.inf
+    assert math.isnan(sonar_cm_to_metres(NO_DATA_CM))
+    assert sonar_cm_to_metres(254) == 2.54
 
 
 def test_every_stick_value_comes_back_through_a_joy_message():

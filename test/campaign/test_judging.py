@@ -50,7 +50,7 @@ def test_a_run_that_failed_as_it_should_holds():
 
 
 @pytest.mark.parametrize(
-    ('run', 'complaint'),
+    ('run', 'failure'),
     [
         (replace(FAILED, end=ENDED._replace(status=None)), 'had not ended 15 s after'),
         (replace(FAILED, end=ENDED._replace(survivors=('controller',))), 'left processes behind'),
@@ -70,9 +70,9 @@ def test_a_run_that_failed_as_it_should_holds():
         (with_remains(FAILED, duties=((5.0, 5.0), *DUTIES[1:500], (0.0, 0.0))), 'from tick 0 on'),
     ],
 )  # fmt: skip
-def test_what_a_lost_node_must_not_cost(run, complaint):
-    complaints = judge(run)
-    assert any(complaint in each for each in complaints), complaints
+def test_what_a_lost_node_must_not_cost(run, failure):
+    failures = judge(run)
+    assert any(failure in each for each in failures), failures
 
 
 def test_only_near_its_end_a_run_may_complete_all_the_same():
@@ -110,8 +110,8 @@ def test_a_lost_recorder_may_cost_a_second():
 def test_the_status_tells_the_signal_that_ended_the_command(number, status, holds):
     attempt = CommandSignal(number, Moment.MIDDLE, 0.1)
     stopped = replace(FAILED, end=ENDED._replace(status=status), result={'outcome': 'stopped'})
-    complaints = attempt.judge(stopped, DUTIES, SHA)
-    assert (complaints == []) == holds, complaints
+    failures = attempt.judge(stopped, DUTIES, SHA)
+    assert (failures == []) == holds, failures
 
 
 def test_nodes_may_outlive_a_killed_command_for_a_while_only():
@@ -154,5 +154,5 @@ def test_nonsense_may_end_a_run_only_in_the_loop():
         (COMPLETED, True, True), (COMPLETED, False, True), (named, True, True),
         (named, False, False), (FAILED, True, False),
     ):  # fmt: skip
-        complaints = Stranger(sends, 0.1, in_the_loop).judge(run, DUTIES, SHA)
-        assert (complaints == []) == holds, complaints
+        failures = Stranger(sends, 0.1, in_the_loop).judge(run, DUTIES, SHA)
+        assert (failures == []) == holds, failures

@@ -53,10 +53,10 @@ def test_a_trial_that_keeps_the_machine_busy_is_alone():
 
 
 def test_attempts_are_drawn_from_seed_fault_and_number():
-    drawing = Fault('x', lambda generator, turn: (generator.random(), turn), 1.0)
-    (first, turn), (second, next_turn) = drawing.attempt(1, 2), drawing.attempt(1, 3)
+    drawing = Fault('x', lambda generator, index: (generator.random(), index), 1.0)
+    (first, index), (second, next_index) = drawing.attempt(1, 2), drawing.attempt(1, 3)
     assert first == random.Random('1 x 2').random() != second
-    assert next_turn == turn + 1
+    assert next_index == index + 1
 
 
 def test_the_table_tells_what_was_tried_what_held_and_the_worst():

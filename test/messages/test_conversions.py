@@ -26,7 +26,7 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
 )
 from ballbot_ros.parameters import SonarParameters
-from ballbot_ros.plant.truth import GroundTruth
+from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.world.exports import occupancy_grid
 
@@ -89,13 +89,13 @@ def test_a_distance_that_no_register_holds_is_refused(range_m):
     message, _ = through_rosbags(SONAR_RANGE, devices.fill_sonar, STAMP, 0)
     message.range = range_m
     with pytest.raises(ValueError, match='not within 0 … 255'):
-        devices.sonar_reading(message)
+        devices.sonar_range_cm(message)
 
 
 @pytest.mark.parametrize('sonar_cm', range(-1, 256))
 def test_every_sonar_reading_comes_back(sonar_cm):
     message, _ = through_rosbags(SONAR_RANGE, devices.fill_sonar, STAMP, sonar_cm)
-    assert devices.sonar_reading(message) == sonar_cm
+    assert devices.sonar_range_cm(message) == sonar_cm
 
 
 @pytest.mark.parametrize('cone_angle', [0.0, 0.52])

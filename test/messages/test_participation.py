@@ -17,9 +17,14 @@ from ballbot_ros.messages.participation import (
     membership_text,
 )
 from ballbot_ros.messages.raw import same_content
-from ballbot_ros.messages.topics import LOCKSTEP, PARTICIPANTS, PLANT_JOINT_STATES, TOPICS
+from ballbot_ros.messages.topics import (
+    LOCKSTEP_PUBLISHERS,
+    PARTICIPANTS,
+    PLANT_JOINT_STATES,
+    TOPICS,
+)
 from ballbot_ros.parameters import NODES
-from ballbot_ros.plant.truth import GroundTruth
+from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
@@ -140,8 +145,8 @@ def test_the_gaps_that_align_a_number_do_not_count():
 
 
 def test_the_lockstep_is_what_periodic_samples_and_the_run_go_through():
-    names = {topic.name for topic in LOCKSTEP}
+    names = {topic.name for topic in LOCKSTEP_PUBLISHERS}
     assert {topic.name for topic in TOPICS if topic.period_ns} <= names
     assert {'plant/run', 'plant/roll_call', 'recorder/ack', 'participants'} <= names
     assert not {'joy', 'cmd_vel', 'plant/push', '/diagnostics'} & names
-    assert set(NODES) == set(LOCKSTEP[PARTICIPANTS])
+    assert set(NODES) == set(LOCKSTEP_PUBLISHERS[PARTICIPANTS])

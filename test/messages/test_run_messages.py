@@ -16,7 +16,7 @@ from ballbot_ros.messages.topics import (
     WALL_HIT,
 )
 from ballbot_ros.parameters import ParameterSet
-from ballbot_ros.plant.truth import Push
+from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.timing import TICK_NS
 

@@ -28,7 +28,7 @@ from ballbot_ros.messages.topics import (
     SOUND,
     WALL_HIT,
 )
-from ballbot_ros.nodes.base import Output, reliable_qos
+from ballbot_ros.nodes.base import TopicPublisher, reliable_qos
 from ballbot_ros.recording.reader import RecordingReader
 
 pytestmark = pytest.mark.graph
@@ -78,7 +78,7 @@ def test_every_change_is_recorded_that_comes_while_the_recorder_is_stopped(
 ):
     path = tmp_path / 'changes.mcap'
     recorder = start_node('recorder', output=path)
-    clock, hit = Output(client.node, CLOCK), Output(client.node, WALL_HIT)
+    clock, hit = TopicPublisher(client.node, CLOCK), TopicPublisher(client.node, WALL_HIT)
     lcd = client.node.create_publisher(
         LCD.message_class, LCD.name, reliable_qos(HISTORY, latched=False)
     )

@@ -22,7 +22,7 @@ from ballbot_ros.parameters import (
     PLANT,
     RECORDER,
     SONAR,
-    Acts,
+    TakesEffect,
     parameters_of,
 )
 
@@ -82,12 +82,12 @@ def test_every_parameter_acts_when_the_table_says(make, role):
             continue
         before = getattr(node.parameters, name)
         result = set_one(node, name, value)
-        if row.acts is Acts.NEVER:
+        if row.takes_effect is TakesEffect.READ_ONLY:
             assert not result.successful
             assert 'read-only' in result.reason
             continue
         assert result.successful, (name, result.reason)
-        at_once = row.acts is Acts.AT_ONCE
+        at_once = row.takes_effect is TakesEffect.IMMEDIATELY
         assert getattr(node.parameters, name) == (row.check(value, '') if at_once else before)
         assert ('takes effect in the next run' in result.reason) == (not at_once)
         assert set_one(node, name, list(before) if isinstance(before, tuple) else before).successful
@@ -119,7 +119,7 @@ def test_what_acts_from_the_next_run_on_does_so_together(make):
     assert set_one(node, 'noise', 2.5).successful
     assert set_one(node, 'seed', 7).successful
     assert (node.parameters.noise, node.parameters.seed) == (0.0, 1)
-    node.take_values()
+    node.apply_parameters()
     assert (node.parameters.noise, node.parameters.seed) == (2.5, 7)
 
 
@@ -189,10 +189,10 @@ def test_a_log_that_can_not_be_made_at_the_next_run_does_not_end_the_driving(mak
     node = make(GAMEPAD)
     path = tmp_path / 'none' / 'log.csv'
     assert set_one(node, 'log_csv', str(path)).successful
-    node.take_values()
+    node.apply_parameters()
     assert node.exit_status == 1
     assert set_one(node, 'log_csv', str(tmp_path / 'log.csv')).successful
-    node.take_values()
+    node.apply_parameters()
     assert (tmp_path / 'log.csv').exists()
 
 

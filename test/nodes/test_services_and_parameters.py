@@ -30,7 +30,7 @@ from ballbot_ros.parameters import (  # noqa: E402
     NODES,
     PLANT,
     RECORDER,
-    Acts,
+    TakesEffect,
     parameters_of,
 )
 
@@ -144,7 +144,7 @@ def test_every_parameter_is_described_with_its_range(client):
         response = client.call(DescribeParameters, f'{name}/describe_parameters', request)
         for row, descriptor in zip(rows.values(), response.descriptors, strict=True):
             assert row.description in descriptor.description
-            assert descriptor.read_only == (row.acts is Acts.NEVER)
+            assert descriptor.read_only == (row.takes_effect is TakesEffect.READ_ONLY)
             is_range = row.bounds and not row.choices
             scalar = is_range and not row.or_zero and not isinstance(row.default, tuple)
             told = row.choices_text if row.choices else row.bounds_text if is_range else ''

@@ -11,7 +11,7 @@ from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS
 from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
 from ballbot_ros.nodes import controller
 from ballbot_ros.nodes.controller import Controller
-from ballbot_ros.nodes.one_shot import OneShot
+from ballbot_ros.nodes.one_shot import OneShotTimer
 from ballbot_ros.parameters import CONTROLLER, NODES, PLANT, RECORDER, PlantParameters
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
@@ -78,7 +78,7 @@ class Late(Tampered):
         release = super()._release_callback(task)
         if task != TS2:
             return release
-        later = OneShot(self, release)
+        later = OneShotTimer(self, release)
         return lambda: later.start(LATE_S)
 
 

@@ -197,7 +197,7 @@ def test_an_input_of_no_use_is_released_at_once():
     node = SimpleNamespace(
         parameters=GamepadParameters(device=''),
         create_subscription=lambda kind, name, take, *rest, **_: callbacks.update({name: take}),
-        every=lambda *_: None,
+        create_wall_timer=lambda *_: None,
         warn=reported.append,
     )
     sources, began = Arbiter(), time.monotonic()

@@ -10,7 +10,7 @@ from rcl_interfaces.srv import SetParameters
 from ros_client import Client
 
 from ballbot_ros.messages.topics import RUN
-from ballbot_ros.nodes.base import Output, reliable_qos
+from ballbot_ros.nodes.base import TopicPublisher, reliable_qos
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import PlantParameters
 
@@ -19,17 +19,17 @@ pytestmark = pytest.mark.graph
 
 def test_the_plant_is_asked_by_whatever_name_it_has_until_it_answers(domain):
     with contextlib.closing(Client(domain)) as client:
-        client.node.output = lambda topic: Output(client.node, topic)
+        client.node.output = lambda topic: TopicPublisher(client.node, topic)
         requests = ViewerRequests(client.node, print)
         answers = []
         requests.plant_parameters(['map'], answers.append)
-        requests.make()
+        requests.send_queued()
         # Who announces runs is the plant.
         client.node.declare_parameter('map', 'the map')
         client.node.create_publisher(RUN.message_class, RUN.name, reliable_qos(1, latched=True))
 
         def is_answered():
-            requests.make()
+            requests.send_queued()
             return answers
 
         client.spin_until(is_answered)
@@ -38,7 +38,7 @@ def test_the_plant_is_asked_by_whatever_name_it_has_until_it_answers(domain):
 
 def test_a_player_announces_runs_but_has_no_parameters_of_a_plant(domain):
     with contextlib.closing(Client(domain)) as client:
-        client.node.output = lambda topic: Output(client.node, topic)
+        client.node.output = lambda topic: TopicPublisher(client.node, topic)
         told, answers = [], []
         requests = ViewerRequests(client.node, told.append)
         client.node.create_publisher(RUN.message_class, RUN.name, reliable_qos(1, latched=True))
@@ -49,9 +49,9 @@ def test_a_player_announces_runs_but_has_no_parameters_of_a_plant(domain):
             return found and found.service_is_ready()
 
         client.spin_until(is_found)
-        requests.pace(0.5)
-        client.spin_until(lambda: requests.make() or told)
+        requests.set_real_time_factor(0.5)
+        client.spin_until(lambda: requests.send_queued() or told)
         assert told[0].startswith('parameters of plant_sim: ')
         requests.plant_parameters(['scenario', 'use_sim_time'], answers.append)
-        client.spin_until(lambda: requests.make() or requests._question is None)
+        client.spin_until(lambda: requests.send_queued() or requests._query is None)
         assert answers == []

@@ -14,7 +14,7 @@ from robot import physical, values_of
 from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.gyro import gyro_reading
 from ballbot_ros.brick.sonar import sonar_reading
-from ballbot_ros.brick.units import degrees_of
+from ballbot_ros.brick.units import radians_to_degrees
 from ballbot_ros.controller.axis import (
     calibrated_offset,
     constants_of,
@@ -34,8 +34,8 @@ from ballbot_ros.plant.integration import (
     nonlinear_step,
 )
 from ballbot_ros.plant.model import mass_matrix
-from ballbot_ros.plant.plant import fallen_state, pushed_forces, shaft_angle
-from ballbot_ros.plant.wall_contact import stopped_state
+from ballbot_ros.plant.plant import add_push_forces, shaft_angle, state_after_fall
+from ballbot_ros.plant.wall_contact import state_after_impact
 
 COUNT = 5000
 DT = 1e-3
@@ -161,7 +161,7 @@ def test_the_steps_of_the_plant(model, changes):
 @pytest.mark.parametrize('linear', [True, False])
 def test_walls(linear):
     matrix = mass_matrix(physical())
-    assert_same_bits(stopped_state, draws(plane, plane, choice(matrix), choice(linear)))
+    assert_same_bits(state_after_impact, draws(plane, plane, choice(matrix), choice(linear)))
 
 
 duties, volts = integer(-100, 100), uniform(0.0, 10.0)
@@ -174,11 +174,11 @@ duties, volts = integer(-100, 100), uniform(0.0, 10.0)
         (motor_voltage, [duties, choice(0.0), choice(0.0), choice(1.089e-3), choice(-0.625)]),
         (motor_current, [uniform(-9, 9), uniform(-50, 50), uniform(-50, 50), volts, uniform(1, 9)]),
         (terminal_voltage, [uniform(0, 1e4), uniform(0, 5), volts, uniform(0, 1e-2), volts]),
-        (pushed_forces, [*4 * [uniform(-1, 1)], uniform(-4, 4), volts, volts]),
-        (fallen_state, [plane, choice(0.6, 1.5)]),
+        (add_push_forces, [*4 * [uniform(-1, 1)], uniform(-4, 4), volts, volts]),
+        (state_after_fall, [plane, choice(0.6, 1.5)]),
         (shaft_angle, [uniform(-1, 1), uniform(-1, 1), choice(0.0, 0.1)]),
         (shaft_angle, [choice(0.0, -0.0), choice(0.0, -0.0), choice(0.0)]),
-        (degrees_of, [uniform(-1e4, 1e4)]),
+        (radians_to_degrees, [uniform(-1e4, 1e4)]),
         (battery_mv, [uniform(-1.0, 20.0)]),
     ],
 )  # fmt: skip

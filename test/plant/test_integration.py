@@ -17,10 +17,10 @@ numbers = st.floats(-1.0, 1.0)
 states = st.tuples(numbers, numbers, numbers, numbers)
 
 
-def run(step, state, count, voltage=0.0, on_theta=0.0, on_psi=0.0):
+def run(step, state, count, voltage=0.0, force_theta=0.0, force_psi=0.0):
     path = [state]
     for _ in range(count):
-        path.append(step(path[-1], voltage, on_theta, on_psi))
+        path.append(step(path[-1], voltage, force_theta, force_psi))
     return np.array(path)
 
 
@@ -37,21 +37,21 @@ def test_linear_step_is_the_zero_order_hold_discretisation(dt):
 
 
 @given(states, st.floats(-9.0, 9.0), numbers, numbers, st.sampled_from([2, 3, 10]))
-def test_linear_step_is_the_same_in_parts(state, voltage, on_theta, on_psi, parts):
+def test_linear_step_is_the_same_in_parts(state, voltage, force_theta, force_psi, parts):
     p = physical()
-    whole = linear_step(p, 4e-3)(state, voltage, on_theta, on_psi)
-    split = run(linear_step(p, 4e-3 / parts), state, parts, voltage, on_theta, on_psi)[-1]
+    whole = linear_step(p, 4e-3)(state, voltage, force_theta, force_psi)
+    split = run(linear_step(p, 4e-3 / parts), state, parts, voltage, force_theta, force_psi)[-1]
     np.testing.assert_allclose(split, whole, rtol=1e-10, atol=1e-11)
 
 
 @pytest.mark.parametrize('make', STEPPERS)
 @given(states, st.floats(-9.0, 9.0), numbers, numbers)
 def test_the_mirrored_motion_is_the_motion_of_the_mirrored_state(
-    make, state, voltage, on_theta, on_psi
+    make, state, voltage, force_theta, force_psi
 ):
     step = make(physical(), 1e-3)
-    after = step(state, voltage, on_theta, on_psi)
-    mirrored = step(tuple(-x for x in state), -voltage, -on_theta, -on_psi)
+    after = step(state, voltage, force_theta, force_psi)
+    mirrored = step(tuple(-x for x in state), -voltage, -force_theta, -force_psi)
     assert tuple(-x for x in mirrored) == after
 
 

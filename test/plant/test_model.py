@@ -62,8 +62,8 @@ def test_the_linear_equations_are_the_tangent_of_the_nonlinear_ones():
     a, b = state_space(p)
     step = 1e-6
 
-    def slope(state, voltage=0.0, on_theta=0.0, on_psi=0.0):
-        inputs = (voltage, on_theta, on_psi)
+    def slope(state, voltage=0.0, force_theta=0.0, force_psi=0.0):
+        inputs = (voltage, force_theta, force_psi)
         after = nonlinear_step(p, step)(tuple(state), *inputs)
         before = nonlinear_step(p, -step)(tuple(state), *inputs)
         return (np.array(after) - np.array(before)) / (2.0 * step)
@@ -110,14 +110,14 @@ def gradient(function, at):
 
 
 @given(states, st.floats(-9.0, 9.0), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))
-def test_lagranges_equations_hold_along_the_motion(state, voltage, on_theta, on_psi):
+def test_lagranges_equations_hold_along_the_motion(state, voltage, force_theta, force_psi):
     p = physical(ball_friction=0.002)
     dt = 1e-6
 
     def momenta(at):
         return gradient(lambda q_dot: lagrangian(p, at[:2], q_dot), at[2:])
 
-    inputs = (voltage, on_theta, on_psi)
+    inputs = (voltage, force_theta, force_psi)
     after = nonlinear_step(p, dt)(state, *inputs)
     before = nonlinear_step(p, -dt)(state, *inputs)
     inertial = (momenta(after) - momenta(before)) / (2.0 * dt)
@@ -125,5 +125,5 @@ def test_lagranges_equations_hold_along_the_motion(state, voltage, on_theta, on_
 
     _, _, theta_dot, psi_dot = state
     motor = ALPHA * voltage - BETA * (theta_dot - psi_dot)
-    forces = np.array([motor - 0.002 * theta_dot + on_theta, -motor + on_psi])
+    forces = np.array([motor - 0.002 * theta_dot + force_theta, -motor + force_psi])
     np.testing.assert_allclose(inertial - potential, forces, atol=1e-6)

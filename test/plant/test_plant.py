@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from laws import given
 from robot import START_NS, make_plant, run_plant
 
-from ballbot_ros.plant.truth import Push
+from ballbot_ros.plant.ground_truth import Push
 
 MODELS = ['linear', 'nonlinear']
 RATIO = 0.026 / 0.021

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from laws import given
 from robot import START_NS, make_plant, run_plant
 
-from ballbot_ros.plant.truth import Push
+from ballbot_ros.plant.ground_truth import Push
 
 MODELS = ['linear', 'nonlinear']
 FREE = {'gravity': 0.0, 'back_emf_constant': 0.0, 'motor_friction': 0.0}
@@ -86,13 +86,13 @@ def test_a_torque_tips_the_body_the_way_it_points(model):
 
 
 @given(forces, st.floats(-1.0, 1.0))
-def test_a_force_acts_at_the_height_of_the_leaning_bodys_centre(force, lean):
+def test_a_force_acts_at_the_height_of_the_leaning_bodys_centre(force, pitch):
     x, _ = rates_after(
-        push((force, 0.0)), plant_model='nonlinear', start_pitch_x=lean, fall_angle=1.5, **FREE
+        push((force, 0.0)), plant_model='nonlinear', start_pitch_x=pitch, fall_angle=1.5, **FREE
     )
     seconds = 4e-3
-    momenta = [force * RADIUS * seconds, force * HEIGHT * math.cos(lean) * seconds]
-    np.testing.assert_allclose(mass_matrix(lean) @ x, momenta, rtol=0.01, atol=1e-9)
+    momenta = [force * RADIUS * seconds, force * HEIGHT * math.cos(pitch) * seconds]
+    np.testing.assert_allclose(mass_matrix(pitch) @ x, momenta, rtol=0.01, atol=1e-9)
 
 
 @given(st.integers(0, 16), st.integers(0, 16))

@@ -11,10 +11,10 @@ from robot import START_NS, physical, run_plant, values_of
 
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.plant import model as equations
-from ballbot_ros.plant.integration import State
+from ballbot_ros.plant.ground_truth import Push
+from ballbot_ros.plant.integration import PlaneState
 from ballbot_ros.plant.model import energy, impulse_ratio, linear_matrices
 from ballbot_ros.plant.plant import Plant
-from ballbot_ros.plant.truth import Push
 from ballbot_ros.plant.wall_contact import WallContact, WallHit
 from ballbot_ros.world.world import World
 
@@ -78,32 +78,35 @@ def test_the_ratio_is_that_of_the_mass_matrix(model, psi):
 @pytest.mark.parametrize('model', MODELS)
 @given(states(20.0))
 def test_the_impact_is_an_impulse_at_the_balls_centre_that_stops_it(model, after):
-    before: State = (after[0] - math.copysign(0.01, after[2]), 0.0, 0.0, 0.0)
+    before: PlaneState = (after[0] - math.copysign(0.01, after[2]), 0.0, 0.0, 0.0)
     still = (0.0, 0.0, 0.0, 0.0)
     blocked_x = Wall(-math.inf)
-    (theta, psi, omega, rho), other = contact_of(blocked_x, model).stop(
+    (theta, psi, theta_dot, psi_dot), other = contact_of(blocked_x, model).resolve(
         (before, still), (after, still), START_NS
     )
     assert other == still
-    assert (theta, psi, omega) == (before[0], after[1], 0.0)
+    assert (theta, psi, theta_dot) == (before[0], after[1], 0.0)
     m = mass_matrix(after[1], model)
-    leap = np.array([omega - after[2], rho - after[3]])
+    leap = np.array([theta_dot - after[2], psi_dot - after[3]])
     impulse_on_theta, impulse_on_psi = m @ leap
     assert impulse_on_psi == pytest.approx(0.0, abs=1e-12)
     # It pushes the ball back, and takes energy away.
     assert impulse_on_theta * after[2] <= 0.0
-    rates, stopped = np.array(after[2:]), np.array([omega, rho])
+    rates, stopped = np.array(after[2:]), np.array([theta_dot, psi_dot])
     assert stopped @ m @ stopped <= rates @ m @ rates + 1e-12
     if model == 'nonlinear':
         moved = (before[0], psi, after[2], after[3])
-        assert energy(physical(), (theta, psi, omega, rho)) <= energy(physical(), moved) + 1e-12
+        assert (
+            energy(physical(), (theta, psi, theta_dot, psi_dot))
+            <= energy(physical(), moved) + 1e-12
+        )
 
 
 @given(states(20.0))
 def test_a_wall_does_not_pull(after):
     leaving = (after[0] + math.copysign(0.01, after[2]), 0.0, 0.0, 0.0)
     still = (0.0, 0.0, 0.0, 0.0)
-    stopped, _ = contact_of(Wall(-math.inf), 'linear').stop(
+    stopped, _ = contact_of(Wall(-math.inf), 'linear').resolve(
         (leaving, still), (after, still), START_NS
     )
     assert stopped == (leaving[0], *after[1:])

@@ -5,7 +5,7 @@ import math
 import pytest
 from robot import step
 
-from ballbot_ros.plant.truth import Push
+from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush
 

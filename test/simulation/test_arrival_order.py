@@ -12,8 +12,8 @@ SECOND = 1_000_000_000
 
 def test_messages_of_several_topics_come_in_the_order_of_their_times():
     order = ArrivalOrder()
-    taken = {'a': [(1, 'a1'), (4, 'a4')], 'b': [(2, 'b2'), (3, 'b3')], 'c': []}
-    assert order.merge(taken, 10) == ['a1', 'b2', 'b3', 'a4']
+    unmerged = {'a': [(1, 'a1'), (4, 'a4')], 'b': [(2, 'b2'), (3, 'b3')], 'c': []}
+    assert order.merge(unmerged, 10) == ['a1', 'b2', 'b3', 'a4']
     assert order.merge({'a': [], 'b': [], 'c': []}, 11) == []
 
 
@@ -27,8 +27,8 @@ def test_what_comes_during_the_look_waits_for_the_next():
 def test_nothing_waits_for_a_clock_that_was_set_back():
     order = ArrivalOrder()
     assert order.merge({'a': [], 'b': [(1001, 'b1')]}, 1000) == []
-    taken = {'a': [(1002, 'a2'), (3, 'a3')], 'b': [(4, 'b4')]}
-    assert order.merge(taken, 5) == ['b1', 'b4', 'a2', 'a3']
+    unmerged = {'a': [(1002, 'a2'), (3, 'a3')], 'b': [(4, 'b4')]}
+    assert order.merge(unmerged, 5) == ['b1', 'b4', 'a2', 'a3']
     assert order.merge({'a': [(6, 'a6')], 'b': []}, 7) == ['a6']
 
 

@@ -23,7 +23,7 @@ def begun(**values):
 
 
 def send_duty(world, duty=(10, -20), stamp_ns=START_NS):
-    world.tell(world.master.on_duty, stamp_ns, duty, data_of(stamp_ns, duty))
+    world.dispatch(world.master.on_duty, stamp_ns, duty, data_of(stamp_ns, duty))
 
 
 def test_it_waits_for_the_first_duty_and_asks_for_it_again_and_again():
@@ -49,14 +49,14 @@ def test_a_newer_duty_acts_and_a_silence_switches_off():
     world = begun()
     send_duty(world)
     world.wait(1.0)
-    world.tell(world.master.stop)
+    world.dispatch(world.master.stop)
     sha256 = world.summary.duty_sha256
     other = begun()
     send_duty(other)
     other.wait(FREE_RUNNING_SILENCE_S + 0.1)
     send_duty(other)
     other.wait(1.0 - FREE_RUNNING_SILENCE_S - 0.1)
-    other.tell(other.master.stop)
+    other.dispatch(other.master.stop)
     assert other.summary.ticks == world.summary.ticks
     assert other.summary.duty_sha256 != sha256
 
@@ -92,14 +92,14 @@ def test_a_paused_plant_makes_single_steps_and_no_tick_is_late():
     world = begun()
     send_duty(world)
     world.wait(0.1)
-    world.tell(world.master.set_paused, is_paused=True)
+    world.dispatch(world.master.set_paused, is_paused=True)
     ticks = world.ticks
     world.wait(3)
     assert world.ticks == ticks
-    world.tell(world.master.step)
+    world.dispatch(world.master.step)
     world.wait(1)
     assert world.ticks == ticks + 1
-    world.tell(world.master.set_paused, is_paused=False)
+    world.dispatch(world.master.set_paused, is_paused=False)
     world.wait(0.1)
     assert world.ticks > ticks + 20
     assert world.master.late_ticks == 0
@@ -110,7 +110,7 @@ def test_a_reset_waits_for_a_duty_of_the_new_run():
     send_duty(world)
     world.wait(10)
     now_ns = world.truths[-1]
-    world.tell(world.master.reset)
+    world.dispatch(world.master.reset)
     start_ns = world.truths[-1]
     assert start_ns > now_ns
     world.wait(1)
@@ -123,8 +123,8 @@ def test_a_reset_waits_for_a_duty_of_the_new_run():
 def test_nobody_waits_for_a_recorder():
     world = begun()
     send_duty(world)
-    world.tell(world.master.on_ack, START_NS)
-    world.tell(world.master.on_ack, 10**18)
+    world.dispatch(world.master.on_ack, START_NS)
+    world.dispatch(world.master.on_ack, 10**18)
     world.wait(1)
     assert world.ticks > 200
     assert world.summary is None

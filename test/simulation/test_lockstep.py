@@ -10,8 +10,8 @@ from laws import settings
 
 from ballbot_ros.brick.schedule import Schedule
 from ballbot_ros.controller.tasks import task_timings
-from ballbot_ros.simulation.lockstep import InputGate, LockstepTicks, Run, Step
-from ballbot_ros.simulation.sample_history import DEPTH, Sample, SampleHistory
+from ballbot_ros.simulation.lockstep import InputGate, LockstepTicks, Run, SampleReaction
+from ballbot_ros.simulation.sample_history import DEPTH, SampleHistory, SampleStatus
 from ballbot_ros.simulation.task_releases import DueTick
 
 MS = 1_000_000
@@ -111,7 +111,7 @@ class Ticks:
         """Return the step, TICK for a tick that runs, None for a callback that leads to nothing."""
         if name in PERIODS:
             result = self.ticks.take(name, time_ms * MS, data, data)
-            if result is Step.LACKS_RELEASES:
+            if result is SampleReaction.FORCE_RELEASES:
                 assert self.ticks.force(callback_waits=True) is None
                 result = self.ticks.force(callback_waits=False)
         else:
@@ -141,10 +141,11 @@ TICK = 'tick'
 FIRST = (('battery', 1000), ('gyro', 1000), ('sonar', 1000))
 TS1_FIRED = (TS1, 1004)
 SECOND = (TS1_FIRED, ('gyro', 1004))
-IGNORE, KEEP, AGAIN, OBJECT, MISSED = (
-    Step.IGNORE, Step.KEEP, Step.ANSWER_AGAIN, Step.OBJECT, Step.MISSED_START,
+IGNORE, STORE, RESEND, OBJECT, MISSED = (
+    SampleReaction.IGNORE, SampleReaction.STORE, SampleReaction.RESEND, SampleReaction.OBJECT,
+    SampleReaction.MISSED_START,
 )  # fmt: skip
-BEGUN = (KEEP, KEEP, TICK)
+BEGUN = (STORE, STORE, TICK)
 
 
 @pytest.mark.parametrize(
@@ -160,11 +161,11 @@ BEGUN = (KEEP, KEEP, TICK)
         ((*FIRST, ('gyro', 1000, b'other')), (*BEGUN, OBJECT)),
         ((*FIRST, ('sonar', 1000, b'other')), (*BEGUN, OBJECT)),
         ((*FIRST, ('battery', 1000, b'other')), (*BEGUN, OBJECT)),
-        ((*FIRST[:2], ('gyro', 1000, b'other')), (KEEP, KEEP, OBJECT)),
+        ((*FIRST[:2], ('gyro', 1000, b'other')), (STORE, STORE, OBJECT)),
         ((*FIRST, *SECOND, ('gyro', 1000, b'other')), (*BEGUN, None, TICK, OBJECT)),
         # Asked again, it answers again, but only for the tick before.
-        ((*FIRST, ('gyro', 1000)), (*BEGUN, AGAIN)),
-        ((*FIRST, TS1_FIRED, ('gyro', 1000)), (*BEGUN, None, AGAIN)),
+        ((*FIRST, ('gyro', 1000)), (*BEGUN, RESEND)),
+        ((*FIRST, TS1_FIRED, ('gyro', 1000)), (*BEGUN, None, RESEND)),
         ((*FIRST, *SECOND, ('gyro', 1000)), (*BEGUN, None, TICK, IGNORE)),
         ((*FIRST, *SECOND, ('sonar', 1000)), (*BEGUN, None, TICK, IGNORE)),
         # Nobody is ahead of the plant.
@@ -172,23 +173,23 @@ BEGUN = (KEEP, KEEP, TICK)
         ((*FIRST, ('sonar', 10**12)), (*BEGUN, OBJECT)),
         ((*FIRST, ('gyro', 0), ('gyro', 996)), (*BEGUN, IGNORE, IGNORE)),
         # A controller that comes later has missed the start.
-        ((('gyro', 1400), ('battery', 1400), ('gyro', 1404)), (IGNORE, KEEP, MISSED)),
-        ((('battery', 1000), ('gyro', 1004)), (KEEP, MISSED)),
+        ((('gyro', 1400), ('battery', 1400), ('gyro', 1404)), (IGNORE, STORE, MISSED)),
+        ((('battery', 1000), ('gyro', 1004)), (STORE, MISSED)),
         # One of another clock is not kept in the place of the first one.
-        ((('battery', 1000), ('gyro', 5000), *FIRST[1:]), (KEEP, MISSED, KEEP, TICK)),
-        ((('battery', 1000), ('sonar', 10**12), *FIRST[1:]), (KEEP, IGNORE, KEEP, TICK)),
+        ((('battery', 1000), ('gyro', 5000), *FIRST[1:]), (STORE, MISSED, STORE, TICK)),
+        ((('battery', 1000), ('sonar', 10**12), *FIRST[1:]), (STORE, IGNORE, STORE, TICK)),
         # A tick waits for its timers, in whatever order they come.
-        ((*FIRST, ('gyro', 1004), TS1_FIRED), (*BEGUN, KEEP, TICK)),
-        ((*FIRST, ('gyro', 1004), (TS1, 1000), (TS1, 1008)), (*BEGUN, KEEP, None, None)),
-        ((*FIRST, ('gyro', 1004), (TS1, 1003), TS1_FIRED), (*BEGUN, KEEP, None, TICK)),
-        ((*FIRST, ('gyro', 1004), (TS2, 1004), TS1_FIRED), (*BEGUN, KEEP, None, TICK)),
-        ((*FIRST, *SECOND, TS1_FIRED, ('gyro', 1008)), (*BEGUN, None, TICK, None, KEEP)),
+        ((*FIRST, ('gyro', 1004), TS1_FIRED), (*BEGUN, STORE, TICK)),
+        ((*FIRST, ('gyro', 1004), (TS1, 1000), (TS1, 1008)), (*BEGUN, STORE, None, None)),
+        ((*FIRST, ('gyro', 1004), (TS1, 1003), TS1_FIRED), (*BEGUN, STORE, None, TICK)),
+        ((*FIRST, ('gyro', 1004), (TS2, 1004), TS1_FIRED), (*BEGUN, STORE, None, TICK)),
+        ((*FIRST, *SECOND, TS1_FIRED, ('gyro', 1008)), (*BEGUN, None, TICK, None, STORE)),
         # Asked again with all inputs in, it does without them.
-        ((*FIRST, ('gyro', 1004), ('gyro', 1004)), (*BEGUN, KEEP, TICK)),
-        ((*FIRST, ('gyro', 1004), ('gyro', 1000)), (*BEGUN, KEEP, AGAIN)),
+        ((*FIRST, ('gyro', 1004), ('gyro', 1004)), (*BEGUN, STORE, TICK)),
+        ((*FIRST, ('gyro', 1004), ('gyro', 1000)), (*BEGUN, STORE, RESEND)),
         # The first tick needs no timer, and is not disturbed by one.
         (((TS1, 1000), (TS2, 996), *FIRST), (None, None, *BEGUN)),
-        ((FIRST[0], (TS1, 1000), *FIRST[1:], (TS2, 1000)), (KEEP, None, KEEP, TICK, None)),
+        ((FIRST[0], (TS1, 1000), *FIRST[1:], (TS2, 1000)), (STORE, None, STORE, TICK, None)),
     ],
 )
 def test_what_an_event_leads_to(events, steps):
@@ -218,7 +219,7 @@ def test_a_tick_comes_with_the_last_of_its_inputs_and_releases_in_every_order():
             ticks.tick(now_ms)
         *results, last = ticks.feed_all(*((name, 1100) for name in order))
         assert last == TICK
-        assert set(results) == {KEEP, None}
+        assert set(results) == {STORE, None}
         assert ticks.ran[-1] == DueTick(1100 * MS, (TS1, TS2, TS3), ())
 
 
@@ -230,7 +231,7 @@ def test_a_dropped_callback_stalls_the_tick_until_the_plant_asks_again(dropped, 
     for now_ms in range(1004, 1100, 4):
         ticks.tick(now_ms)
     ticks.feed_all(*((task, 1100) for task in (TS1, TS2, TS3) if task not in dropped))
-    assert ticks.feed_all(*((each, 1100) for each in PERIODS)) == [KEEP] * 3
+    assert ticks.feed_all(*((each, 1100) for each in PERIODS)) == [STORE] * 3
     assert ticks.forced == 0
     assert ticks.feed(name, 1100) == TICK
     assert ticks.ran[-1] == DueTick(1100 * MS, (TS1, TS2, TS3), dropped)
@@ -246,8 +247,8 @@ def test_nothing_is_forced_while_an_input_is_missing():
     ticks.feed_all(*FIRST)
     for now_ms in range(1004, 1020, 4):
         ticks.tick(now_ms)
-    assert ticks.feed_all(('gyro', 1020), ('gyro', 1020)) == [KEEP, IGNORE]
-    assert ticks.feed_all(('sonar', 1020), (TS2, 1020), (TS1, 1020)) == [KEEP, None, TICK]
+    assert ticks.feed_all(('gyro', 1020), ('gyro', 1020)) == [STORE, IGNORE]
+    assert ticks.feed_all(('sonar', 1020), (TS2, 1020), (TS1, 1020)) == [STORE, None, TICK]
     assert ticks.forced == 0
 
 
@@ -268,32 +269,32 @@ def test_another_run_begins_with_nothing_of_the_one_before(start_ms):
     assert steps == [IGNORE, *BEGUN]
     assert ticks.times_ms[ran:] == [start_ms]
     # A release of the run before is none of this one.
-    assert ticks.feed('gyro', start_ms + 4, b'another') == KEEP
+    assert ticks.feed('gyro', start_ms + 4, b'another') == STORE
     assert ticks.feed(TS1, start_ms + 4) == TICK
 
 
 @pytest.mark.parametrize(
-    ('now_ms', 'rejoin', 'step'),
+    ('now_ms', 'rejoin', 'reaction'),
     [
-        (1520, True, Step.BEGIN_AFRESH),
-        (1520, False, Step.GIVE_UP),
+        (1520, True, SampleReaction.RESTART),
+        (1520, False, SampleReaction.ABORT),
         (1524, True, IGNORE),
         (1524, False, IGNORE),
     ],
 )
-def test_who_has_missed_the_start_begins_at_the_tick_of_now_if_at_all(now_ms, rejoin, step):
+def test_who_has_missed_the_start_begins_at_the_tick_of_now_if_at_all(now_ms, rejoin, reaction):
     ticks = Ticks()
-    assert ticks.feed_all(('battery', 1500), ('gyro', 1520)) == [KEEP, MISSED]
-    assert ticks.ticks.start_late(1520 * MS, now_ns=now_ms * MS, rejoin=rejoin) is step
-    is_afresh = step is Step.BEGIN_AFRESH
-    assert ticks.feed('sonar', 1520) is (KEEP if is_afresh else IGNORE)
+    assert ticks.feed_all(('battery', 1500), ('gyro', 1520)) == [STORE, MISSED]
+    assert ticks.ticks.on_missed_start(1520 * MS, now_ns=now_ms * MS, rejoin=rejoin) is reaction
+    restarts = reaction is SampleReaction.RESTART
+    assert ticks.feed('sonar', 1520) is (STORE if restarts else IGNORE)
 
 
-def test_who_begins_afresh_does_without_the_timers_at_first_and_counts_it():
+def test_a_restarted_controller_does_without_the_timers_at_first_and_counts_it():
     ticks = Ticks()
     ticks.feed_all(('battery', 1500), ('gyro', 1520))
-    ticks.ticks.start_late(1520 * MS, now_ns=1520 * MS, rejoin=True)
-    assert ticks.feed_all(('sonar', 1520), ('gyro', 1520), ('sonar', 1520)) == [KEEP, KEEP, TICK]
+    ticks.ticks.on_missed_start(1520 * MS, now_ns=1520 * MS, rejoin=True)
+    assert ticks.feed_all(('sonar', 1520), ('gyro', 1520), ('sonar', 1520)) == [STORE, STORE, TICK]
     assert ticks.ran == [DueTick(1520 * MS, (TS1, TS2), (TS1, TS2))]
     assert ticks.forced == 2
     assert ticks.tick(1524) == [None, TICK]
@@ -317,7 +318,7 @@ def test_whatever_is_repeated_left_over_or_reordered_the_ticks_are_the_same(seed
         events = [*inputs[1:], *chance.choices(inputs[1:] or [TS1], k=2), *timers, *timers]
         chance.shuffle(events)
         for name in [*events, inputs[0], *chance.choices(inputs, k=chance.randrange(3))]:
-            assert ticks.feed(name, now) in (KEEP, TICK, AGAIN, IGNORE, None)
+            assert ticks.feed(name, now) in (STORE, TICK, RESEND, IGNORE, None)
             take_something_of_another_run()
     assert ticks.times_ms == list(range(1000, 1200, 4))
     assert ticks.forced == 0
@@ -374,7 +375,7 @@ class Disturbed(RuleBasedStateMachine):
     def an_old_sample_comes(self, name, age):
         period_ms = PERIODS[name] // MS
         stamp_ms = self.now_ms - self.now_ms % period_ms - age * period_ms
-        assert self.ticks.feed(name, stamp_ms) in (IGNORE, AGAIN)
+        assert self.ticks.feed(name, stamp_ms) in (IGNORE, RESEND)
 
     @rule(task=st.sampled_from(list(PERIODS_MS)))
     def a_timer_calls_back(self, task):
@@ -445,22 +446,26 @@ def test_the_name_of_a_run_tells_its_plant():
     assert Run('1', START).plant == ''
 
 
-def test_a_sample_is_new_repeated_contradicting_or_old():
+def test_a_sample_is_new_duplicate_conflicting_or_old():
     history = SampleHistory(bare)
-    assert history.judge(20, b'a') is Sample.NEW
-    assert history.judge(20, b'a') is Sample.REPEATED
-    assert history.judge(20, b'b') is Sample.CONTRADICTING
-    assert history.judge(10, b'c') is Sample.OLD
-    assert history.judge(30, b'b') is Sample.NEW
-    assert history.judge(20, b'b') is Sample.CONTRADICTING
-    assert history.judge(20, b'a') is Sample.REPEATED
+    assert history.classify(20, b'a') is SampleStatus.NEW
+    assert history.classify(20, b'a') is SampleStatus.DUPLICATE
+    assert history.classify(20, b'b') is SampleStatus.CONFLICTING
+    assert history.classify(10, b'c') is SampleStatus.OLD
+    assert history.classify(30, b'b') is SampleStatus.NEW
+    assert history.classify(20, b'b') is SampleStatus.CONFLICTING
+    assert history.classify(20, b'a') is SampleStatus.DUPLICATE
     history.clear()
-    assert history.judge(10, b'c') is Sample.NEW
+    assert history.classify(10, b'c') is SampleStatus.NEW
 
 
 def test_a_history_forgets_what_is_long_ago():
     history = SampleHistory(bare)
     for stamp in range(100):
-        history.judge(stamp, b'a')
-    assert history.judge(99, b'b') is history.judge(99 - DEPTH + 1, b'b') is Sample.CONTRADICTING
-    assert history.judge(99 - DEPTH, b'b') is Sample.OLD
+        history.classify(stamp, b'a')
+    assert (
+        history.classify(99, b'b')
+        is history.classify(99 - DEPTH + 1, b'b')
+        is SampleStatus.CONFLICTING
+    )
+    assert history.classify(99 - DEPTH, b'b') is SampleStatus.OLD

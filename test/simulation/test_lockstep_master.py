@@ -76,7 +76,7 @@ def test_news_are_looked_at_at_once():
     world.start(CONTROLLER)
     node = world.nodes[CONTROLLER]
     node.run = world.actions(do.AnnounceRun)[-1].run.name
-    world.tell(world.master.on_announcement, node.announcement())
+    world.dispatch(world.master.on_announcement, node.announcement())
     assert world.truths == [START_NS]
 
 
@@ -119,14 +119,14 @@ def test_before_the_first_run_there_is_time_to_find_another_plant():
 @pytest.mark.parametrize('name', ['7 other', '1 other', 'nonsense'])
 def test_another_plants_run_ends_ours(name):
     world = begun()
-    world.tell(world.master.on_run, name, 'plant/run')
+    world.dispatch(world.master.on_run, name, 'plant/run')
     world.wait(2)
     assert world.summary.reason.startswith(f'another run, {name!r}, is announced on ')
 
 
 def test_an_earlier_run_of_our_own_is_none_of_anothers():
     world = begun()
-    world.tell(world.master.on_run, '0 token', 'plant/run')
+    world.dispatch(world.master.on_run, '0 token', 'plant/run')
     world.wait(1).advance(100)
     assert world.summary is None
 
@@ -134,13 +134,13 @@ def test_an_earlier_run_of_our_own_is_none_of_anothers():
 def test_a_plant_that_is_told_to_stop_stops_the_motors():
     world = begun(10)
     last_ns = world.truths[-1]
-    world.tell(world.master.stop)
+    world.dispatch(world.master.stop)
     assert [each.last_ns for each in world.actions(do.StopMotors)] == [last_ns]
     assert (world.summary.outcome, world.summary.ticks) == ('stopped', 10)
     before = list(world.done)
     world.wait(5)
     for event in (world.master.reset, world.master.stop, world.master.step):
-        world.tell(event)
+        world.dispatch(event)
     assert world.done == before
 
 
@@ -150,7 +150,7 @@ def test_a_plant_that_is_told_to_stop_stops_the_motors():
 def test_a_repeated_duty_changes_nothing():
     world = begun(5)
     for stamp_ns in (world.truths[-1] - TICK_NS, world.truths[0]):
-        world.tell(
+        world.dispatch(
             world.master.on_duty, stamp_ns, duty_of(stamp_ns), data_of(stamp_ns, duty_of(stamp_ns))
         )
     assert world.ticks == 5
@@ -159,10 +159,10 @@ def test_a_repeated_duty_changes_nothing():
 
 
 @pytest.mark.parametrize('offset', [TICK_NS, 0, -TICK_NS, 10**12])
-def test_a_contradicting_duty_or_one_ahead_ends_the_run(offset):
+def test_a_conflicting_duty_or_one_ahead_ends_the_run(offset):
     world = begun(5)
     stamp_ns = world.truths[-1] + offset
-    world.tell(world.master.on_duty, stamp_ns, (99, 99), b'another')
+    world.dispatch(world.master.on_duty, stamp_ns, (99, 99), b'another')
     world.wait(2)
     assert world.summary.outcome == 'failed'
     assert "'motor_duty' has a second duty of" in world.summary.reason
@@ -172,7 +172,7 @@ def test_a_contradicting_duty_or_one_ahead_ends_the_run(offset):
 def test_a_duty_that_is_none_is_not_taken(duty):
     world = begun()
     world.in_flight.clear()
-    world.tell(world.master.on_duty, START_NS, duty, b'')
+    world.dispatch(world.master.on_duty, START_NS, duty, b'')
     assert world.ticks == 0
     assert 'not whole numbers within' in world.logged[-1]
 
@@ -182,7 +182,7 @@ def test_a_duty_that_is_none_is_not_taken(duty):
 )
 def test_a_duty_of_no_tick_of_the_run_is_ignored(before):
     world = LockstepWorld() if before == 'run' else begun()
-    world.tell(world.master.on_duty, START_NS - TICK_NS, (99, 99), b'another')
+    world.dispatch(world.master.on_duty, START_NS - TICK_NS, (99, 99), b'another')
     world.start().wait(2)
     assert world.logged[-1].startswith('run 1 completed') or world.summary is None
 
@@ -190,7 +190,7 @@ def test_a_duty_of_no_tick_of_the_run_is_ignored(before):
 def test_a_controller_that_leaves_switches_off_but_answers_no_tick():
     world = begun()
     world.in_flight.clear()
-    world.tell(world.master.on_duty, START_NS, (0, 0), b'stop', is_stop=True)
+    world.dispatch(world.master.on_duty, START_NS, (0, 0), b'stop', is_stop=True)
     assert world.ticks == 0
     world.wait(1)
     assert world.summary is None
@@ -306,7 +306,7 @@ def test_two_controllers_are_refused():
     for _ in range(3 * ANSWER_CALLS):
         for node in (first, second):
             node.run = world.actions(do.AnnounceRun)[-1].run.name
-            world.tell(world.master.on_announcement, node.announcement())
+            world.dispatch(world.master.on_announcement, node.announcement())
         world.wait(0.1)
     assert world.summary.reason.startswith("two nodes publish on 'motor_duty' as controller: ")
 
@@ -341,7 +341,7 @@ def test_an_objection_of_a_participant_ends_the_run():
     world = begun(7)
     node = world.nodes[GYRO]
     node.objection = Objection('broken')
-    world.tell(world.master.on_announcement, node.announcement())
+    world.dispatch(world.master.on_announcement, node.announcement())
     world.wait(0.2)
     assert world.summary.reason == 'broken'
 
@@ -399,7 +399,7 @@ def test_a_recorder_that_comes_late_begins_at_a_multiple_of_20_ms():
     world.start(RECORDER)
     world.nodes[RECORDER].is_hung = True
     world.nodes[RECORDER].run = world.actions(do.AnnounceRun)[-1].run.name
-    world.tell(world.master.on_announcement, world.nodes[RECORDER].announcement())
+    world.dispatch(world.master.on_announcement, world.nodes[RECORDER].announcement())
     world.wait(0.1)
     assert (world.truths[-1] - START_NS) % 20_000_000 == 0
     ticks = world.ticks
@@ -415,7 +415,7 @@ def test_a_recorder_that_comes_late_begins_at_a_multiple_of_20_ms():
 def test_a_recorder_may_come_while_the_plant(meanwhile, ticks):
     world = LockstepWorld(timeout=60.0).start().advance(ticks)
     if meanwhile == 'is paused':
-        world.tell(world.master.set_paused, is_paused=True)
+        world.dispatch(world.master.set_paused, is_paused=True)
     else:
         world.nodes[GYRO].is_hung = True
     world.wait(1.0)
@@ -423,7 +423,7 @@ def test_a_recorder_may_come_while_the_plant(meanwhile, ticks):
     world.start(RECORDER).wait(1.0)
     assert world.nodes[RECORDER].run
     assert world.truths[-1] == stopped_ns
-    world.tell(world.master.set_paused, is_paused=False)
+    world.dispatch(world.master.set_paused, is_paused=False)
     world.nodes[GYRO].is_hung = False
     world.wait(1.0)
     assert world.summary.outcome == 'completed'
@@ -434,7 +434,7 @@ def test_a_recorder_may_come_while_the_plant(meanwhile, ticks):
 
 def test_an_ack_ahead_of_the_run_ends_it():
     world = recorded(10)
-    world.tell(world.master.on_ack, world.truths[-1] + TICK_NS)
+    world.dispatch(world.master.on_ack, world.truths[-1] + TICK_NS)
     world.wait(1)
     assert "'recorder/ack' is ahead of the run" in world.summary.reason
 
@@ -455,16 +455,16 @@ def test_what_the_recorder_lacks_is_asked_for_before_the_newest():
 
 def test_a_paused_plant_keeps_the_duty_and_makes_single_steps():
     world = begun(7)
-    world.tell(world.master.set_paused, is_paused=True)
+    world.dispatch(world.master.set_paused, is_paused=True)
     world.wait(0.1)
     ticks = world.ticks
     world.wait(10)
     assert (world.ticks, world.summary) == (ticks, None)
     for step in range(1, 4):
-        world.tell(world.master.step)
+        world.dispatch(world.master.step)
         world.wait(0.1)
         assert world.ticks == ticks + step
-    world.tell(world.master.set_paused, is_paused=False)
+    world.dispatch(world.master.set_paused, is_paused=False)
     world.wait(0.1)
     assert world.ticks > ticks + 10
     assert [text for text in world.logged if text in ('paused', 'resumed')] == ['paused', 'resumed']
@@ -473,25 +473,25 @@ def test_a_paused_plant_keeps_the_duty_and_makes_single_steps():
 def test_steps_that_were_not_made_are_forgotten_with_the_pause():
     world = begun()
     world.in_flight.clear()
-    world.tell(world.master.set_paused, is_paused=True)
-    world.tell(world.master.step)
-    world.tell(world.master.set_paused, is_paused=False)
-    world.tell(world.master.set_paused, is_paused=True)
+    world.dispatch(world.master.set_paused, is_paused=True)
+    world.dispatch(world.master.step)
+    world.dispatch(world.master.set_paused, is_paused=False)
+    world.dispatch(world.master.set_paused, is_paused=True)
     world.wait(1)
     assert world.ticks == 0
 
 
 def test_a_step_of_a_plant_that_is_not_paused_is_none():
     world = begun()
-    world.tell(world.master.step)
-    world.tell(world.master.set_paused, is_paused=True)
+    world.dispatch(world.master.step)
+    world.dispatch(world.master.set_paused, is_paused=True)
     world.wait(0.5)
     assert world.ticks == 0
 
 
 def test_a_standing_robot_is_shown_to_late_subscribers_once_a_second():
     world = begun(7)
-    world.tell(world.master.set_paused, is_paused=True)
+    world.dispatch(world.master.set_paused, is_paused=True)
     world.wait(1)
     before = len(world.actions(do.PublishTruth))
     world.wait(11)
@@ -516,7 +516,7 @@ def test_another_pace_acts_at_once():
     assert world.wake_s > world.now_s + 0.3
     world.parameters = replace(world.parameters, real_time_factor=0.0)
     ticks = world.ticks
-    world.tell(world.master.on_settings, world.run_settings())
+    world.dispatch(world.master.on_settings, world.run_settings())
     assert world.wake_s is None
     assert world.ticks == ticks + 1
 
@@ -533,7 +533,7 @@ def test_a_reset_begins_another_run_at_the_next_multiple_of_100_ms(ticks):
     world = begun(ticks)
     world.in_flight.clear()
     now_ns = world.truths[-1]
-    world.tell(world.master.reset)
+    world.dispatch(world.master.reset)
     start_ns = next_start_ns(now_ns)
     assert [each.run.start_ns for each in world.actions(do.AnnounceRun)] == [START_NS, start_ns]
     assert [each.run.number for each in world.actions(do.AnnounceRun)] == ['1', '2']
@@ -545,10 +545,10 @@ def test_a_reset_begins_another_run_at_the_next_multiple_of_100_ms(ticks):
 def test_what_is_left_of_the_run_before_changes_nothing():
     world = begun(30)
     late = [*world.in_flight]
-    world.tell(world.master.reset)
+    world.dispatch(world.master.reset)
     world.in_flight.extendleft(late)
     stamp_ns = world.truths[-1]
-    world.tell(world.master.on_duty, stamp_ns, duty_of(stamp_ns), b'late')
+    world.dispatch(world.master.on_duty, stamp_ns, duty_of(stamp_ns), b'late')
     world.advance(10).wait(0.1)
     assert world.summary is None
     assert world.ticks > 10
@@ -557,7 +557,7 @@ def test_what_is_left_of_the_run_before_changes_nothing():
 def test_a_push_acts_and_is_published():
     world = begun(3, push_duration=0.1)
     now_ns = world.truths[-1]
-    world.tell(world.master.on_push, 0, (1.0, 0.0), (0.0, 0.0))
+    world.dispatch(world.master.on_push, 0, (1.0, 0.0), (0.0, 0.0))
     (push,) = world.actions(do.PublishPush)
     assert (push.number, push.push.start_ns) == (1, now_ns)
     assert push.push.end_ns - push.push.start_ns == 100_000_000
@@ -573,7 +573,7 @@ def test_a_push_acts_and_is_published():
 )
 def test_a_push_that_can_not_be_is_ignored(push, reason):
     world = begun()
-    world.tell(world.master.on_push, *push)
+    world.dispatch(world.master.on_push, *push)
     assert world.actions(do.PublishPush) == []
     assert reason in world.logged[-1]
 
@@ -581,14 +581,14 @@ def test_a_push_that_can_not_be_is_ignored(push, reason):
 def test_there_may_be_a_hundred_pushes():
     world = begun()
     for _ in range(101):
-        world.tell(world.master.on_push, 0, (0.0, 0.0), (0.0, 0.0))
+        world.dispatch(world.master.on_push, 0, (0.0, 0.0), (0.0, 0.0))
     assert len(world.actions(do.PublishPush)) == 100
     assert 'there are already 100' in world.logged[-1]
 
 
 def test_before_the_first_truth_no_push_is_taken():
     world = LockstepWorld()
-    world.tell(world.master.on_push, 0, (1.0, 0.0), (0.0, 0.0))
+    world.dispatch(world.master.on_push, 0, (1.0, 0.0), (0.0, 0.0))
     assert world.done == []
 
 
@@ -655,16 +655,16 @@ class TroubledRun(RuleBasedStateMachine):
 
     @rule(is_paused=st.booleans())
     def pause(self, is_paused):
-        self.world.tell(self.world.master.set_paused, is_paused=is_paused)
+        self.world.dispatch(self.world.master.set_paused, is_paused=is_paused)
 
     @rule()
     def step(self):
-        self.world.tell(self.world.master.step)
+        self.world.dispatch(self.world.master.step)
 
     @rule(factor=st.sampled_from([0.0, 1.0, 1000.0]))
     def change_pace(self, factor):
         self.world.parameters = replace(self.world.parameters, real_time_factor=factor)
-        self.world.tell(self.world.master.on_settings, self.world.run_settings())
+        self.world.dispatch(self.world.master.on_settings, self.world.run_settings())
 
     @invariant()
     def each_tick_has_its_own_duty(self):
@@ -692,8 +692,8 @@ class TroubledRun(RuleBasedStateMachine):
         for node in world.nodes.values():
             node.is_hung = False
         world.parameters = replace(world.parameters, real_time_factor=0.0)
-        world.tell(world.master.on_settings, world.run_settings())
-        world.tell(world.master.set_paused, is_paused=False)
+        world.dispatch(world.master.on_settings, world.run_settings())
+        world.dispatch(world.master.set_paused, is_paused=False)
         world.wait(10)
         assert world.summary.outcome == 'completed'
         assert world.summary.duty_sha256 == duties_sha256(self.TICKS)

@@ -14,7 +14,7 @@ class PacedLoop:
 
     def tick(self, factor):
         self.now_s += self.pacer.delay_s(factor, self.now_s)
-        self.pacer.ticked(factor, self.now_s)
+        self.pacer.on_tick(factor, self.now_s)
 
     @property
     def elapsed_s(self):

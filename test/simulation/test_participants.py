@@ -15,8 +15,8 @@ from ballbot_ros.simulation.participants import (
     Objection,
     Participant,
     Publisher,
+    ReadinessState,
     Roster,
-    State,
 )
 
 RUN = '1 abc'
@@ -105,7 +105,7 @@ class World:
         """Look and call the roll as the plant does, until it is clear; return the standing."""
         for _ in range(calls):
             standing = self.look()
-            if standing.state is not State.WAITING:
+            if standing.state is not ReadinessState.WAITING:
                 return standing
             self.roster.note_roll_call()
             self.now_s += CALL_S
@@ -117,7 +117,7 @@ class World:
         return self.watch(round(seconds / CALL_S))
 
     def begin(self):
-        assert self.watch().state is State.COMPLETE
+        assert self.watch().state is ReadinessState.COMPLETE
         self.roster.confirm()
         self.now_ns += 400_000_000
         return self
@@ -128,7 +128,7 @@ def world(*participants):
 
 
 def is_refused(standing, *words):
-    assert standing.state is State.REFUSED, standing
+    assert standing.state is ReadinessState.REFUSED, standing
     assert '\n' not in standing.reason
     for word in words:
         assert word in standing.reason
@@ -139,20 +139,20 @@ def test_a_run_is_complete_when_every_role_has_joined_it():
     empty = World()
     for index, role in enumerate(ROLES):
         standing = empty.watch()
-        assert standing.state is State.WAITING
+        assert standing.state is ReadinessState.WAITING
         assert all(missing in standing.reason for missing in ROLES[index:])
         assert empty.roster.missing() == list(ROLES[index:])
         empty.join(a(role))
-    assert empty.watch().state is State.COMPLETE
+    assert empty.watch().state is ReadinessState.COMPLETE
     assert [member.participant.role for member in empty.roster.history] == ['plant_sim', *ROLES]
     assert empty.roster.periodic_topics == ('gyro', 'sonar', 'motor_duty')
 
 
 def test_who_takes_part_in_another_run_does_not_take_part_in_this_one():
     other = World().join(*map(a, ROLES), run='1 of another plant')
-    assert other.look().state is State.WAITING
+    assert other.look().state is ReadinessState.WAITING
     assert other.roster.missing() == list(ROLES)
-    assert other.watch().state is State.COMPLETE  # with the answers to the roll call
+    assert other.watch().state is ReadinessState.COMPLETE  # with the answers to the roll call
 
 
 def test_a_node_of_another_name_in_a_role_is_as_good_as_ours():
@@ -180,7 +180,7 @@ def test_all_roles_doubled_are_one_line():
 def test_a_killed_driver_is_replaced_by_its_like_while_its_publishers_are_still_there(role):
     run = world().begin()
     run.kill(a(role)).join(a(role, 'its successor'))
-    assert run.watch().state is State.COMPLETE
+    assert run.watch().state is ReadinessState.COMPLETE
     *first, last = run.roster.history
     assert (last.participant, last.since_ns, last.is_successor) == (
         a(role, 'its successor'), run.now_ns, True,
@@ -193,7 +193,7 @@ def test_all_drivers_may_be_replaced_at_once_and_again():
     for generation in ('second', 'third'):
         victims = [each for each in run.living.values() if each.role in ROLES[:2]]
         run.kill(*victims).join(*(a(each.role, f'{generation} {each.role}') for each in victims))
-        assert run.watch().state is State.COMPLETE
+        assert run.watch().state is ReadinessState.COMPLETE
 
 
 @pytest.mark.parametrize('change', [{'parameters': '01'}, {'implementation': 'theirs'}])
@@ -205,9 +205,9 @@ def test_a_driver_is_not_replaced_by_a_different_one(change):
 
 def test_before_the_run_begins_anybody_may_be_replaced_by_anybody():
     run = world()
-    assert run.watch().state is State.COMPLETE
+    assert run.watch().state is ReadinessState.COMPLETE
     run.kill(a('gyro_driver')).join(a('gyro_driver', 'the other', parameters='01'))
-    assert run.watch().state is State.COMPLETE
+    assert run.watch().state is ReadinessState.COMPLETE
     instances = [member.participant.instance for member in run.roster.history]
     assert 'the other' in instances
     assert a('gyro_driver').instance not in instances
@@ -216,7 +216,7 @@ def test_before_the_run_begins_anybody_may_be_replaced_by_anybody():
 def test_a_controller_that_begins_afresh_is_a_successor_whatever_its_parameters():
     run = world().begin()
     run.kill(a('controller')).join(a('controller', 'afresh', parameters='rejoin'))
-    assert run.watch().state is State.COMPLETE
+    assert run.watch().state is ReadinessState.COMPLETE
     assert run.roster.history[-1].is_successor
 
 
@@ -224,7 +224,7 @@ def test_one_who_was_thought_dead_and_comes_back_beside_its_successor_is_refused
     run = world().begin()
     asleep = a('gyro_driver')
     run.kill(asleep).join(a('gyro_driver', 'its successor'))
-    assert run.watch().state is State.COMPLETE
+    assert run.watch().state is ReadinessState.COMPLETE
     run.join(asleep)
     assert is_refused(run.watch(), '/gyro_driver', 'gyro')
 
@@ -234,14 +234,14 @@ def test_a_newcomer_whose_name_is_not_known_yet_is_waited_for():
     run.kill(a('gyro_driver'))
     newcomer = a('gyro_driver', 'its successor')
     run.appear(newcomer, name='')
-    assert run.watch().state is State.WAITING
+    assert run.watch().state is ReadinessState.WAITING
     run.living[newcomer.instance] = newcomer
-    assert run.watch().state is State.COMPLETE
+    assert run.watch().state is ReadinessState.COMPLETE
 
 
 def test_without_a_prefix_a_publisher_is_told_by_the_name_of_its_node():
     plain = [dataclasses.replace(a(role), guid_prefix='') for role in ROLES]
-    assert world(*plain).begin().look().state is State.COMPLETE
+    assert world(*plain).begin().look().state is ReadinessState.COMPLETE
 
 
 @pytest.mark.parametrize('has_begun', [False, True])
@@ -251,7 +251,7 @@ def test_a_stranger_that_is_heard_is_refused_by_name(has_begun, topic):
     if has_begun:
         run.begin()
     run.stranger(topic)
-    assert run.look().state is State.WAITING
+    assert run.look().state is ReadinessState.WAITING
     assert run.roster.suspected_topics == {topic}
     run.roster.note_foreign_message(topic)
     assert is_refused(run.watch(), '/talker', repr(topic))
@@ -261,7 +261,7 @@ def test_a_stranger_that_is_heard_before_its_name_is_known_is_refused_when_it_is
     run = world().begin().stranger('gyro', name='')
     run.look()
     run.roster.note_foreign_message('gyro')
-    assert run.watch().state is State.WAITING
+    assert run.watch().state is ReadinessState.WAITING
     assert is_refused(run.stranger('gyro').watch(), '/talker')
 
 
@@ -285,23 +285,23 @@ def test_a_silent_stranger_is_waited_for_as_long_as_it_may_be_a_dead_process(has
     if has_begun:
         run.begin()
     run.stranger('gyro')
-    assert run.watch_for(LEASE_S - 1.0).state is State.WAITING
+    assert run.watch_for(LEASE_S - 1.0).state is ReadinessState.WAITING
     assert is_refused(run.watch_for(2.0), '/talker', 'gyro')
 
 
 def test_a_dead_stranger_that_leaves_the_graph_is_no_offence():
     run = World().stranger('gyro')
     # It dies late, while a participant is still missing.
-    assert run.watch_for(30.0).state is State.WAITING
+    assert run.watch_for(30.0).state is ReadinessState.WAITING
     run.join(*map(a, ROLES))
-    assert run.watch_for(LEASE_S - 1.0).state is State.WAITING
-    assert run.vanish('stranger').watch().state is State.COMPLETE
+    assert run.watch_for(LEASE_S - 1.0).state is ReadinessState.WAITING
+    assert run.vanish('stranger').watch().state is ReadinessState.COMPLETE
 
 
 def test_an_objection_names_the_stranger_on_its_topic_and_no_other():
     run = world().begin().stranger('sonar', '/of_the_sonar', 'x').stranger('gyro')
     run.look()
-    run.roster.object(Objection('two samples', 'gyro', run.now_ns))
+    run.roster.add_objection(Objection('two samples', 'gyro', run.now_ns))
     assert is_refused(run.watch(), '/talker', 'gyro')
 
 
@@ -309,7 +309,7 @@ def test_an_objection_names_a_stranger_that_has_gone():
     run = world().begin().stranger('gyro')
     run.look()
     run.vanish('stranger')
-    run.roster.object(Objection('two samples', 'gyro', run.now_ns))
+    run.roster.add_objection(Objection('two samples', 'gyro', run.now_ns))
     assert is_refused(run.watch(), '/talker', 'gyro')
 
 
@@ -317,11 +317,11 @@ def test_a_stranger_that_left_long_ago_is_not_to_blame():
     run = world().begin().stranger('sonar', '/dead_sonar')
     run.watch_for(3.0)
     run.vanish('stranger')
-    assert run.watch().state is State.COMPLETE
+    assert run.watch().state is ReadinessState.COMPLETE
     for _ in range(30):
         run.look()
         run.now_s += CALL_S
-    run.roster.object(Objection('two samples', 'gyro', run.now_ns))
+    run.roster.add_objection(Objection('two samples', 'gyro', run.now_ns))
     standing = run.watch()
     assert is_refused(standing, 'two samples')
     assert 'dead_sonar' not in standing.reason
@@ -346,7 +346,7 @@ def test_a_newcomer_that_was_suspected_because_of_a_stranger_does_not_shield_it(
     run.look()
     run.roster.note_foreign_message('gyro')
     run.join(newcomer)
-    assert run.watch().state is State.COMPLETE
+    assert run.watch().state is ReadinessState.COMPLETE
     run.stranger('gyro')
     run.look()
     run.roster.note_foreign_message('gyro')
@@ -357,8 +357,8 @@ def test_who_could_not_look_for_a_while_accuses_nobody_of_having_stayed():
     run = world().begin().stranger('gyro')
     run.look()
     run.now_s += 10 * LEASE_S
-    assert run.look().state is State.WAITING
-    assert run.vanish('stranger').look().state is State.COMPLETE
+    assert run.look().state is ReadinessState.WAITING
+    assert run.vanish('stranger').look().state is ReadinessState.COMPLETE
 
 
 def test_an_objection_to_a_participant_itself_is_the_reason():
@@ -371,7 +371,7 @@ def test_an_objection_to_a_participant_itself_is_the_reason():
 
 def test_a_participant_that_can_not_go_on_ends_the_run_at_once():
     run = world().begin()
-    run.roster.object(Objection('started in mid-run'))
+    run.roster.add_objection(Objection('started in mid-run'))
     assert is_refused(run.look(), 'started in mid-run')
 
 
@@ -383,26 +383,26 @@ def test_a_recorder_that_can_not_go_on_ends_only_a_run_that_requires_it():
     run = world().join(a('recorder')).begin()
     assert run.roster.reported_failure('recorder') == ''
     run.roster.on_announcement(full)
-    assert run.watch().state is State.COMPLETE
+    assert run.watch().state is ReadinessState.COMPLETE
     assert run.roster.reported_failure('recorder') == 'x.mcap: No space left on device'
 
 
 def test_two_answers_to_the_tick_at_which_a_driver_was_replaced_are_no_offence():
     run = world().begin()
     run.kill(a('gyro_driver')).join(a('gyro_driver', 'its successor'))
-    run.roster.object(Objection('two samples', 'gyro', run.now_ns))
-    run.roster.object(Objection('two samples', 'gyro', run.now_ns - 40_000_000))
-    assert run.watch().state is State.COMPLETE
-    run.roster.object(Objection('two samples', 'gyro', run.now_ns + 4_000_000))
+    run.roster.add_objection(Objection('two samples', 'gyro', run.now_ns))
+    run.roster.add_objection(Objection('two samples', 'gyro', run.now_ns - 40_000_000))
+    assert run.watch().state is ReadinessState.COMPLETE
+    run.roster.add_objection(Objection('two samples', 'gyro', run.now_ns + 4_000_000))
     assert is_refused(run.watch(), 'two samples')
 
 
 def test_a_recorder_may_come_leave_and_be_replaced():
     run = world().begin().join(a('recorder'))
-    assert run.watch().state is State.COMPLETE
+    assert run.watch().state is ReadinessState.COMPLETE
     assert run.roster.history[-1].participant == a('recorder')
     run.kill(a('recorder')).join(a('recorder', 'another one', parameters='another file'))
-    assert run.watch().state is State.COMPLETE
+    assert run.watch().state is ReadinessState.COMPLETE
 
 
 def test_what_gives_itself_out_as_a_participant_is_refused():
@@ -415,7 +415,7 @@ def test_what_gives_itself_out_as_a_participant_is_refused():
 def test_a_forged_announcement_that_answers_no_roll_call_is_not_believed():
     run = world().begin()
     run.roster.on_announcement(Announcement(a('gyro_driver', 'forged', '/forger'), RUN))
-    assert run.watch().state is State.COMPLETE
+    assert run.watch().state is ReadinessState.COMPLETE
     assert run.roster.history[-1].participant == a('controller')
 
 
@@ -436,7 +436,7 @@ def test_what_participants_share_has_to_be_the_same(gyro, sonar, controller, rea
     if reason:
         assert is_refused(standing, reason)
     else:
-        assert standing.state is State.COMPLETE
+        assert standing.state is ReadinessState.COMPLETE
 
 
 def test_a_successor_has_to_share_it_too():
@@ -450,19 +450,19 @@ def test_a_role_that_is_none_changes_nothing():
     run.roster.on_announcement(
         Announcement(dataclasses.replace(a('gyro_driver', 'x'), role='cook'), RUN)
     )
-    assert run.look().state is State.COMPLETE
+    assert run.look().state is ReadinessState.COMPLETE
 
 
 def test_the_next_run_gathers_everybody_again_and_knows_the_dead():
     run = world().begin()
     run.kill(a('gyro_driver')).join(a('gyro_driver', 'its successor'))
-    assert run.watch().state is State.COMPLETE
+    assert run.watch().state is ReadinessState.COMPLETE
     run.roster.gather('2 abc', PLANT, ROLES)
-    assert run.look().state is State.WAITING
+    assert run.look().state is ReadinessState.WAITING
     for participant in run.living.values():
         run.roster.on_announcement(Announcement(participant, '2 abc'))
     # The publishers of the dead one are still in the graph.
-    assert run.look().state is State.COMPLETE
+    assert run.look().state is ReadinessState.COMPLETE
     assert not any(member.is_successor for member in run.roster.history)
 
 
@@ -569,10 +569,10 @@ class AnyHistory(RuleBasedStateMachine):
     @rule()
     def time_passes(self):
         standing = self.world.watch()
-        if standing.state is State.REFUSED:
+        if standing.state is ReadinessState.REFUSED:
             assert self.refusable, standing
             self.start()
-        elif standing.state is State.COMPLETE:
+        elif standing.state is ReadinessState.COMPLETE:
             assert not self.strangers
             for role in ROLES:
                 assert len(self.of(role)) <= 1, role
@@ -587,8 +587,8 @@ class AnyHistory(RuleBasedStateMachine):
             standing = self.world.watch_for(LEASE_S + 2.0)
             doubled = any(len(self.of(role)) > 1 for role in ROLES)
             if doubled or self.strangers:
-                assert standing.state is State.REFUSED
-            elif standing.state is State.REFUSED:
+                assert standing.state is ReadinessState.REFUSED
+            elif standing.state is ReadinessState.REFUSED:
                 assert self.refusable
 
 

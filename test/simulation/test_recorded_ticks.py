@@ -28,7 +28,7 @@ class Recorded:
         self.ticks.require(self.streams.values())
 
     def take(self, name, number):
-        self.streams[name].judge(tick(number), b'', number)
+        self.streams[name].classify(tick(number), b'', number)
         return self.ticks.advance()
 
 

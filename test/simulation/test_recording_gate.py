@@ -41,7 +41,7 @@ class File:
     def keep(self, stream, log_ns, data, sequence):
         self.kept.append((stream.name, log_ns // MS, data))
 
-    def object(self, stream, stamp_ns):
+    def raise_objection(self, stream, stamp_ns):
         self.objections.append((stream.name, stamp_ns // MS))
 
     def report_loss(self, stream, sequence):

@@ -173,17 +173,17 @@ class TroubledRobot(RuleBasedStateMachine):
 
     @rule(is_paused=st.booleans())
     def pause(self, is_paused):
-        self.world.tell(self.world.master.set_paused, is_paused=is_paused)
+        self.world.dispatch(self.world.master.set_paused, is_paused=is_paused)
 
     @rule()
     def step(self):
-        self.world.tell(self.world.master.step)
+        self.world.dispatch(self.world.master.step)
 
     def teardown(self):
         world = self.world
         for node in world.nodes.values():
             node.is_hung = False
-        world.tell(world.master.set_paused, is_paused=False)
+        world.dispatch(world.master.set_paused, is_paused=False)
         world.wait(120)
         assert world.summary.outcome == 'completed'
         assert world.summary.duty_sha256 == undisturbed_sha256(world.parameter_set, self.TICKS)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot_ros.simulation.silence_timer import LOOK_S, SilenceTimer, ThreadTime
+from ballbot_ros.simulation.silence_timer import MAX_POLL_GAP_S, SilenceTimer, ThreadTime
 
 WAITING = ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)
 IDLE = {1: WAITING}
@@ -69,7 +69,7 @@ def test_of_who_has_just_come_only_that_counts():
 
 
 def test_who_did_not_look_has_heard_nothing():
-    assert timer_after((0.1, {}), (100.0, {})).silence_s() == pytest.approx(0.1 + LOOK_S)
+    assert timer_after((0.1, {}), (100.0, {})).silence_s() == pytest.approx(0.1 + MAX_POLL_GAP_S)
 
 
 def test_another_silence_begins_at_nothing():

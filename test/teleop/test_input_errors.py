@@ -1,18 +1,18 @@
-"""InputErrors about inputs: each is seen at least once, and none twice at a time."""
+"""Errors of inputs: each is seen at least once, and none twice at a time."""
 
 from ballbot_ros.teleop.input_errors import InputErrors
 
 
-def test_a_complaint_stays_until_it_is_healed_and_was_reported():
+def test_an_error_stays_until_it_is_cleared_and_was_reported():
     errors = InputErrors()
     assert errors.add('joy', 'axis 1 is nan')
     assert not errors.add('joy', 'axis 1 is inf')
     assert str(errors) == 'joy: axis 1 is inf'
-    errors.reported()
+    errors.remove_cleared()
     assert str(errors) == 'joy: axis 1 is inf'
     errors.clear('joy')
     assert str(errors) == 'joy: axis 1 is inf'
-    errors.reported()
+    errors.remove_cleared()
     assert str(errors) == ''
     assert errors.add('joy', 'axis 1 is inf')
 
@@ -23,5 +23,5 @@ def test_what_goes_wrong_again_before_the_report_stays():
     errors.clear('joy')
     errors.add('joy', 'axis 1 is nan')
     errors.add('cmd_vel', 'linear.x is nan')
-    errors.reported()
+    errors.remove_cleared()
     assert str(errors) == 'joy: axis 1 is nan; cmd_vel: linear.x is nan'

@@ -149,7 +149,7 @@ def test_a_client_without_the_token_changes_nothing(served, query, monkeypatch):
         wait_for(lambda: ('step',) in served.robot.asked, what='the step')
         assert served.robot.asked == [('step',)]
         assert (force.value, drive.label) == before
-        assert not served.controls.sticks._told
+        assert not served.controls.sticks._last_held
         assert not shared
         own(served.set('Force [N]', value=3.0))
         assert force.value == 3.0
@@ -158,11 +158,11 @@ def test_a_client_without_the_token_changes_nothing(served, query, monkeypatch):
 @pytest.mark.filterwarnings('ignore:.*does not match annotation')
 @pytest.mark.parametrize('changes', [{'image_height': 0}, {'image_width': 0}, {'position': ()}])
 def test_a_camera_that_is_none_ends_nothing(served, changes):
-    now = Snapshot(0.0, (0.0, 0.0), (0.0, 0.0))
+    snapshot = Snapshot(0.0, (0.0, 0.0), (0.0, 0.0))
     with client(served) as hostile, client(served):
         wait_for(lambda: len(served.page._views) == 2, what='the welcome')
         hostile(**changes)
-        served.page.look(now)
+        served.page.update_cameras(snapshot)
         assert len(served.page._aspects) == 1  # the other's camera is pointed
 
 

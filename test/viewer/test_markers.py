@@ -34,8 +34,8 @@ from ballbot_ros.viewer.transforms import (
     PARENTS,
     SONAR,
     Frames,
-    in_map,
-    turn_of,
+    poses_in_map,
+    quaternion_from_rpy,
 )
 from ballbot_ros.world.floor_map import FLOOR, WALL, FloorMap
 
@@ -51,12 +51,12 @@ def new_marker():
     return new_message('visualization_msgs/msg/Marker')
 
 
-def markers_at(markers, now, *, whole=False):
+def markers_at(markers, snapshot, *, whole=False):
     """Return the markers as they come off the wire, by namespace and number."""
-    markers.follow(now)
-    places = in_map(FRAMES.at(now.position, now.psi))
+    markers.follow(snapshot)
+    poses = poses_in_map(FRAMES.at(snapshot.position, snapshot.psi))
     message = new_message(ARRAY)
-    message.markers = markers.at(now, places, whole=whole)
+    message.markers = markers.at(snapshot, poses, whole=whole)
     sent = decoder(ARRAY)(encoder(ARRAY)(message)).markers
     found = {(marker.ns, marker.id): marker for marker in sent}
     assert len(found) == len(sent)
@@ -71,8 +71,8 @@ def matrix_of(point, quaternion):
     return matrix
 
 
-def placed(position, turn):
-    matrix = transformations.quaternion_matrix(turn)
+def placed(position, rotation):
+    matrix = transformations.quaternion_matrix(rotation)
     matrix[:3, 3] = position
     return matrix
 
@@ -100,13 +100,13 @@ MARKERS = RobotMarkers(DIMENSIONS, new_marker)
 @given(positions, pitches)
 def test_parts_are_where_the_scene_has_them(position, psi):
     links = scene(position, psi)
-    now = Snapshot(1.0, position, psi)
-    sent = MARKERS.at(now, in_map(FRAMES.at(position, psi)), whole=False)
+    snapshot = Snapshot(1.0, position, psi)
+    sent = MARKERS.at(snapshot, poses_in_map(FRAMES.at(position, psi)), whole=False)
     found = {(marker.ns, marker.id): marker for marker in sent}
     for link in LINKS:
         for number, part in enumerate(p for p in parts(DIMENSIONS) if p.link == link):
             marker = found[link, number]
-            expected = transformations.euler_matrix(*part.turn)
+            expected = transformations.euler_matrix(*part.rpy)
             expected[:3, 3] = part.position
             assert matrix_of(marker.pose.position, marker.pose.orientation) == pytest.approx(
                 links[link] @ expected, abs=1e-9
@@ -136,8 +136,8 @@ def test_transforms_chain_to_the_same_places(position, psi):
 
 
 @given(st.tuples(*[st.floats(-math.pi, math.pi)] * 3))
-def test_turns_are_those_of_urdf(angles):
-    assert transformations.quaternion_matrix(turn_of(angles)) == pytest.approx(
+def test_rotations_are_those_of_urdf(angles):
+    assert transformations.quaternion_matrix(quaternion_from_rpy(angles)) == pytest.approx(
         transformations.euler_matrix(*angles), abs=1e-9
     )
 
@@ -210,14 +210,14 @@ def test_the_text_tells_state_and_display():
 def test_the_trail_follows_the_ball_and_is_bounded():
     markers = RobotMarkers(DIMENSIONS, new_marker)
     assert markers_at(markers, still(1.0))['trail', 0].action == DELETE  # a point is no line
-    way = [(0.02 * step, 0.01 * step) for step in range(TRAIL_POINTS + 50)]
-    for position in way:
+    positions = [(0.02 * step, 0.01 * step) for step in range(TRAIL_POINTS + 50)]
+    for position in positions:
         markers.follow(Snapshot(1.0, position, (0.0, 0.0)))
-    end = Snapshot(1.0, way[-1], (0.0, 0.0))
+    end = Snapshot(1.0, positions[-1], (0.0, 0.0))
     trail = markers_at(markers, end)['trail', 0]
     assert trail.action == ADD
     assert len(trail.points) == TRAIL_POINTS
-    assert (trail.points[-1].x, trail.points[-1].y) == (way[-1][0], -way[-1][1])
+    assert (trail.points[-1].x, trail.points[-1].y) == (positions[-1][0], -positions[-1][1])
     # It is told again only when it has grown, or when everything is.
     assert ('trail', 0) not in markers_at(markers, end)
     assert ('trail', 0) in markers_at(markers, end, whole=True)

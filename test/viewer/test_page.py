@@ -299,10 +299,10 @@ def test_a_browser_that_stops_reading_holds_up_nobody(recording):
     """Its connection is full: what is shown goes on, and only the newest of it is kept."""
     run = PlaybackRun(recording)
     page = Page(run.dimensions, 'test', '127.0.0.1', 0)
-    player = RecordingPage(page, [run])
+    recording_page = RecordingPage(page, [run])
     with unread(page.server.get_port()):
         for number in range(600):
-            player.show(number / 60.0, panel=number % 12 == 0)
+            recording_page.show(number / 60.0, panel=number % 12 == 0)
             time.sleep(0.001)
         waiting = len(page.server._websock_server._broadcast_buffer.message_from_id)
         assert page.server._websock_server._live_connections

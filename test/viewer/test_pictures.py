@@ -25,7 +25,7 @@ TOLERANCE = 4.0
 def pictures(recording):
     from ballbot_ros.viewer import render
 
-    made = render.pictures(PlaybackRun(recording), [(view, 9.0) for view in VIEWS])
+    made = render.frames(PlaybackRun(recording), [(view, 9.0) for view in VIEWS])
     return {
         view: Image.fromarray(picture).resize(SIZE)
         for view, picture in zip(VIEWS, made, strict=True)
@@ -58,7 +58,7 @@ def test_a_run_becomes_a_film(suffix, tmp_path, recording, monkeypatch):
     monkeypatch.setattr(render, 'FRAMES_PER_SECOND', {'.mp4': 0.2, '.gif': 0.2})
     if suffix == '.gif':  # from the same browser as the other
         noise = np.random.default_rng(1).integers(0, 255, (2, 132, 240, 3), np.uint8)
-        monkeypatch.setattr(render, 'pictures', lambda run, shots: iter(noise[: len(shots)]))
+        monkeypatch.setattr(render, 'frames', lambda run, shots: iter(noise[: len(shots)]))
     output = tmp_path / f'run{suffix}'
-    render.render(PlaybackRun(recording), 'vista', output, 1.0)
+    render.render_to_file(PlaybackRun(recording), 'vista', output, 1.0)
     assert output.stat().st_size > 5000

@@ -11,7 +11,7 @@ from ballbot_ros.brick.brick import Tone
 from ballbot_ros.cli.recordings import read_playback_run
 from ballbot_ros.viewer.address import check_address, network_warning, url_authority
 from ballbot_ros.viewer.errors import ViewerError
-from ballbot_ros.viewer.live_controls import Sticks
+from ballbot_ros.viewer.live_controls import OnScreenSticks
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.recording_page import PlaybackClock
 from ballbot_ros.viewer.snapshot import WINDOW_S
@@ -59,7 +59,7 @@ def test_plots_end_at_the_cursor(run):
     trace = run.trace(9.5)
     assert trace[-1, 0] == pytest.approx(9.5, abs=0.02)
     assert trace[-1, 0] - trace[0, 0] <= WINDOW_S
-    assert len(run.way(9.5)) <= 601
+    assert len(run.trail(9.5)) <= 601
 
 
 def test_a_file_that_ends_early_is_shown_up_to_there(recording, tmp_path, capsys):
@@ -87,7 +87,7 @@ def test_the_clock_stops_at_the_end_and_begins_again():
 
 
 def test_sticks_count_while_they_are_held():
-    sticks = Sticks()
+    sticks = OnScreenSticks()
     assert sticks.value(0.0) is None
     for time in (0.0, 0.05):
         sticks.hold('forward', time)
@@ -99,7 +99,7 @@ def test_sticks_count_while_they_are_held():
 
 def test_a_page_that_tells_once_a_second_does_not_drive():
     """So browsers hold back a page that nobody sees; whether it is still held nobody knows."""
-    sticks = Sticks()
+    sticks = OnScreenSticks()
     for tenth in range(50):
         if tenth % 10 == 0:
             sticks.hold('forward', tenth / 10)
@@ -179,15 +179,15 @@ def test_a_film_that_is_interrupted_leaves_what_was_there(run, tmp_path, monkeyp
         yield np.zeros((render.HEIGHT, render.WIDTH, 3), np.uint8)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(render, 'pictures', interrupted)
+    monkeypatch.setattr(render, 'frames', interrupted)
     output = tmp_path / 'run.gif'
     output.write_text('another')
     with pytest.raises(KeyboardInterrupt):
-        render.render(run, 'top', output, 1.0)
+        render.render_to_file(run, 'top', output, 1.0)
     assert output.read_text() == 'another'
     assert list(tmp_path.iterdir()) == [output]
     with pytest.raises(ViewerError, match=r'nowhere/run.gif: No such file or directory$'):
-        render.render(run, 'top', tmp_path / 'nowhere/run.gif', 1.0)
+        render.render_to_file(run, 'top', tmp_path / 'nowhere/run.gif', 1.0)
 
 
 def test_without_viser_there_is_a_hint(monkeypatch, capsys, recording):

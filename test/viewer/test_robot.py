@@ -13,7 +13,7 @@ from ballbot_ros.viewer.robot import (
     LINKS,
     RollingOrientation,
     parts,
-    rotate,
+    rotate_vector,
 )
 from ballbot_ros.viewer.snapshot import TRAIL_POINTS, WINDOW_S, History, Snapshot
 from ballbot_ros.viewer.views import CHASER_1, CHASER_2, ROBOT, TOP, TRACKING, VIEWS, camera
@@ -21,7 +21,7 @@ from ballbot_ros.viewer.views import CHASER_1, CHASER_2, ROBOT, TOP, TRACKING, V
 DIMENSIONS = Dimensions.from_parameters(ParameterSet().of(ViewerParameters))
 
 
-def now(position=(0.0, 0.0), psi=(0.0, 0.0), time=1.0):
+def snapshot(position=(0.0, 0.0), psi=(0.0, 0.0), time=1.0):
     return Snapshot(time, position, psi)
 
 
@@ -35,33 +35,33 @@ def test_orientation_is_the_one_that_the_imu_message_tells():
 
 def test_a_forward_lean_brings_the_head_forward_and_a_rightward_lean_right():
     head = (0.0, 0.0, 1.0)
-    assert rotate(body_orientation((0.3, 0.0)), head)[0] > 0.0
-    assert rotate(body_orientation((0.0, 0.3)), head)[1] < 0.0
+    assert rotate_vector(body_orientation((0.3, 0.0)), head)[0] > 0.0
+    assert rotate_vector(body_orientation((0.0, 0.3)), head)[1] < 0.0
 
 
 def test_a_ball_that_has_rolled_its_circumference_looks_as_before():
-    motion = RollingOrientation(DIMENSIONS)
-    for way in np.linspace(0.0, 2.0 * math.pi * DIMENSIONS.ball_radius, 50):
-        turn = motion.ball((way, 0.0))
-    assert abs(turn[0]) == pytest.approx(1.0)
+    orientation = RollingOrientation(DIMENSIONS)
+    for distance in np.linspace(0.0, 2.0 * math.pi * DIMENSIONS.ball_radius, 50):
+        rotation = orientation.ball((distance, 0.0))
+    assert abs(rotation[0]) == pytest.approx(1.0)
 
 
 def test_the_top_of_a_rolling_ball_moves_where_it_rolls():
     for step, axis, sign in (((1e-3, 0.0), 0, 1.0), ((0.0, 1e-3), 1, -1.0)):
-        motion = RollingOrientation(DIMENSIONS)
-        motion.ball((0.0, 0.0))
-        assert sign * rotate(motion.ball(step), (0.0, 0.0, 1.0))[axis] > 0.0
+        orientation = RollingOrientation(DIMENSIONS)
+        orientation.ball((0.0, 0.0))
+        assert sign * rotate_vector(orientation.ball(step), (0.0, 0.0, 1.0))[axis] > 0.0
 
 
 def test_wheels_turn_without_slip():
     """Where wheel and ball touch, both move alike: at the ball's equator, up or down."""
     angle = 1e-4
-    motion = RollingOrientation(DIMENSIONS)
+    orientation = RollingOrientation(DIMENSIONS)
     place = angle * DIMENSIONS.ball_radius
-    wheel, _ = motion.wheels((place, 0.0), (0.0, 0.0))
-    motion.ball((0.0, 0.0))
-    ball = rotate(motion.ball((place, 0.0)), (-DIMENSIONS.ball_radius, 0.0, 0.0))
-    tyre = rotate(wheel, (DIMENSIONS.wheel_radius, 0.0, 0.0))
+    wheel, _ = orientation.wheels((place, 0.0), (0.0, 0.0))
+    orientation.ball((0.0, 0.0))
+    ball = rotate_vector(orientation.ball((place, 0.0)), (-DIMENSIONS.ball_radius, 0.0, 0.0))
+    tyre = rotate_vector(wheel, (DIMENSIONS.wheel_radius, 0.0, 0.0))
     assert ball[2] == pytest.approx(tyre[2], rel=1e-3)
     assert ball[2] > 0.0
 
@@ -83,7 +83,7 @@ def test_tracking_views_go_with_the_robot_and_the_others_do_not():
     area = Area.of(None)
     for view in VIEWS:
         here, there = (
-            np.array(camera(view, now(position), DIMENSIONS, area, 1.5).position)
+            np.array(camera(view, snapshot(position), DIMENSIONS, area, 1.5).position)
             for position in ((0.0, 0.0), (0.5, 0.25))
         )
         moved = (0.5, -0.25, 0.0) if view in TRACKING else (0.0, 0.0, 0.0)
@@ -92,7 +92,7 @@ def test_tracking_views_go_with_the_robot_and_the_others_do_not():
 
 def test_each_view_stands_where_the_document_says():
     area = Area.of(None)
-    seen = {view: camera(view, now(), DIMENSIONS, area, 1.5) for view in VIEWS}
+    seen = {view: camera(view, snapshot(), DIMENSIONS, area, 1.5) for view in VIEWS}
     assert seen[TOP].position[2] > 2.0
     assert seen[CHASER_1].position[1] > 0.5  # on the left
     assert seen[CHASER_2].position[0] > 0.5  # in front
@@ -103,8 +103,8 @@ def test_each_view_stands_where_the_document_says():
 def test_the_history_holds_the_last_seconds():
     history = History()
     for tick in range(3000):
-        history.add(now(time=tick * 0.004))
-        history.add(now(time=tick * 0.004))
+        history.add(snapshot(time=tick * 0.004))
+        history.add(snapshot(time=tick * 0.004))
     trace = history.trace()
     assert abs(len(trace) - WINDOW_S / 0.004) <= 1
     assert trace[-1, 0] - trace[0, 0] == pytest.approx(WINDOW_S, abs=0.005)
@@ -114,18 +114,18 @@ def test_the_history_holds_the_last_seconds():
 
 def test_the_trail_goes_on_however_long_it_is():
     history = History()
-    history.add(now(time=0.5))
-    history.add(now((0.001, 0.0), time=0.6))
-    assert history.way() == [(0.0, 0.0)]
+    history.add(snapshot(time=0.5))
+    history.add(snapshot((0.001, 0.0), time=0.6))
+    assert history.trail() == [(0.0, 0.0)]
     for step in range(1, TRAIL_POINTS + 51):
-        history.add(now((0.02 * step, 0.01 * step), time=float(step)))
-    assert len(history.way()) == TRAIL_POINTS
-    assert history.way()[-1] == (0.02 * step, -0.01 * step)
+        history.add(snapshot((0.02 * step, 0.01 * step), time=float(step)))
+    assert len(history.trail()) == TRAIL_POINTS
+    assert history.trail()[-1] == (0.02 * step, -0.01 * step)
 
 
 def test_a_leap_back_begins_anew():
     history = History()
     for time in (5.0, 6.0, 2.0, 3.0):
-        history.add(now((time, 0.0), time=time))
+        history.add(snapshot((time, 0.0), time=time))
     assert history.trace()[:, 0].tolist() == [2.0, 3.0]
-    assert history.way() == [(2.0, 0.0), (3.0, 0.0)]
+    assert history.trail() == [(2.0, 0.0), (3.0, 0.0)]

@@ -57,7 +57,7 @@ def shape_of(geometry):
 
 
 def pose(part):
-    matrix = transformations.euler_matrix(*part.turn)
+    matrix = transformations.euler_matrix(*part.rpy)
     matrix[:3, 3] = part.position
     return matrix
 
@@ -102,14 +102,14 @@ def test_motor_angles_turn_the_wheels_as_the_motion_does(position, psi):
     """With the angles of ``plant/joint_states``: θm = k (θ − ψ)."""
     ratio = DIMENSIONS.ball_radius / DIMENSIONS.wheel_radius
     angles = [
-        ratio * (place / DIMENSIONS.ball_radius - lean)
-        for place, lean in zip(position, psi, strict=True)
+        ratio * (coordinate / DIMENSIONS.ball_radius - pitch)
+        for coordinate, pitch in zip(position, psi, strict=True)
     ]
     ROBOT.update_cfg(dict(zip(MOTOR_NAMES, angles, strict=True)))
-    turns = RollingOrientation(DIMENSIONS).wheels(position, psi)
-    for link, turn in zip((WHEEL_X, WHEEL_Y), turns, strict=True):
+    rotations = RollingOrientation(DIMENSIONS).wheels(position, psi)
+    for link, rotation in zip((WHEEL_X, WHEEL_Y), rotations, strict=True):
         found = ROBOT.get_transform(link, BODY)[:3, :3]
-        assert found == pytest.approx(transformations.quaternion_matrix(turn)[:3, :3], abs=1e-6)
+        assert found == pytest.approx(transformations.quaternion_matrix(rotation)[:3, :3], abs=1e-6)
 
 
 def test_masses_and_inertias_are_those_of_the_model():

@@ -1,4 +1,4 @@
-"""Observation of a running graph without slowing it down."""
+"""Watches the plant of a running graph without slowing it down."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PLANT_BUSY_S = 30.0
 since it saves the result."""
 
 
-class Liveness:
+class PlantWatchdog:
     """Distinguishes a plant that hangs from one that is starved of processor time.
 
     Parameters
@@ -46,13 +46,13 @@ class Liveness:
         self._has_ended = False
         self._timer, self._busy_timer = SilenceTimer(), SilenceTimer()
 
-    def hear(self, now_s: float, *, has_ended: bool = False) -> None:
+    def feed(self, now_s: float, *, has_ended: bool = False) -> None:
         """Note a sign of life, and whether it reports the end of the run."""
         self._heard_s = now_s
         self._has_ended = self._has_ended or has_ended
         self._limit_s = PLANT_BUSY_S if self._has_ended else PLANT_SILENCE_S
 
-    def hangs(
+    def is_hung(
         self, now_s: float, process: int, threads: Mapping[int, Threads], *, is_waiting: bool
     ) -> bool:
         """Return whether the plant, in this process, has been silent for too long."""
@@ -65,7 +65,7 @@ class Liveness:
         ) > max(self._limit_s, PLANT_WAIT_S)
 
 
-class GraphMonitor:
+class PlantMonitor:
     """Sim time and the plant's signs of life.
 
     No executor spins its node: the cost is per poll, not per tick.
@@ -76,7 +76,7 @@ class GraphMonitor:
         The newest sim time [ns]; 0 before the first tick.
     """
 
-    def __enter__(self) -> GraphMonitor:
+    def __enter__(self) -> PlantMonitor:
         self._node = hidden_node('ballbot_monitor')
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._clock = self._node.create_subscription(
@@ -84,7 +84,7 @@ class GraphMonitor:
         )
         self._diagnostics = raw_subscription(self._node, DIAGNOSTICS, QoSProfile(depth=_REPORTS))
         self.now_ns = 0
-        self._liveness = Liveness(time.monotonic())
+        self._watchdog = PlantWatchdog(time.monotonic())
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -94,7 +94,7 @@ class GraphMonitor:
         """Process the messages that have arrived since the last poll."""
         for clock, _ in islice(drain(self._clock), 1):
             self.now_ns = time_ns(clock.clock)
-            self._liveness.hear(time.monotonic())
+            self._watchdog.feed(time.monotonic())
         # No more than are waiting, and only the bytes of messages that can't be the plant's: others
         # may publish there faster than they can be read.
         for data, _ in islice(drain(self._diagnostics), _REPORTS):
@@ -107,11 +107,11 @@ class GraphMonitor:
             for status in report.status:
                 keys = {value.key: value.value for value in status.values}
                 if keys.get('role') == PLANT:
-                    self._liveness.hear(time.monotonic(), has_ended='outcome' in keys)
+                    self._watchdog.feed(time.monotonic(), has_ended='outcome' in keys)
 
     def plant_hangs(self, process: int) -> bool:
         """Return whether the plant, in this process, hangs."""
-        return self._liveness.hangs(
+        return self._watchdog.is_hung(
             time.monotonic(),
             process,
             threads_by_process([process]),

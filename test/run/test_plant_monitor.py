@@ -12,9 +12,9 @@ from graph import wait_for
 
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
 from ballbot_ros.nodes.processes import is_waiting
-from ballbot_ros.run import graph_monitor
+from ballbot_ros.run import plant_monitor
 from ballbot_ros.run.graph import ros
-from ballbot_ros.run.graph_monitor import PLANT_WAIT_S, GraphMonitor, Liveness
+from ballbot_ros.run.plant_monitor import PLANT_WAIT_S, PlantMonitor, PlantWatchdog
 from ballbot_ros.simulation.silence_timer import ThreadTime
 
 pytestmark = pytest.mark.graph
@@ -24,13 +24,13 @@ pytestmark = pytest.mark.graph
 def monitor(domain, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    with ros(), GraphMonitor() as monitor:
+    with ros(), PlantMonitor() as monitor:
         yield monitor
 
 
 @pytest.fixture
 def short_patience(monkeypatch):
-    monkeypatch.setattr(graph_monitor, 'PLANT_BUSY_S', 0.2)
+    monkeypatch.setattr(plant_monitor, 'PLANT_BUSY_S', 0.2)
 
 
 IDLE = {1: ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)}
@@ -41,9 +41,9 @@ def test_a_plant_that_is_never_heard_hangs(
     short_patience, monitor, monkeypatch, is_stopped, patience_s
 ):
     times_s = count(time.monotonic(), 0.1)
-    monkeypatch.setattr(graph_monitor, 'time', SimpleNamespace(monotonic=lambda: next(times_s)))
+    monkeypatch.setattr(plant_monitor, 'time', SimpleNamespace(monotonic=lambda: next(times_s)))
     # Its real processor time would not match the made-up clock.
-    monkeypatch.setattr(graph_monitor, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE))
+    monkeypatch.setattr(plant_monitor, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE))
     with subprocess.Popen(['sleep', '60']) as plant:
         wait_for(lambda: is_waiting(plant.pid), what='its sleep')
         if is_stopped:
@@ -76,23 +76,23 @@ def test_a_look_ends_however_much_is_sent_to_it(monitor, monkeypatch):
         DIAGNOSTICS.name: b'bytes that are no report of plant_sim',
     }
     monkeypatch.setattr(
-        graph_monitor, 'drain', lambda subscription: repeat((flood[subscription.topic_name], {}))
+        plant_monitor, 'drain', lambda subscription: repeat((flood[subscription.topic_name], {}))
     )
     monitor.poll()
 
 
 def test_a_plant_that_has_not_begun_and_one_that_saves_have_long():
-    liveness = Liveness(0.0)
+    watchdog = PlantWatchdog(0.0)
     for now in range(301):
-        assert not liveness.hangs(0.1 * now, 1, {1: IDLE}, is_waiting=False)
-    assert liveness.hangs(30.2, 1, {1: IDLE}, is_waiting=False)
-    liveness.hear(31.0)
-    assert not liveness.hangs(31.2, 1, {1: IDLE}, is_waiting=False)
-    liveness.hear(31.9, has_ended=True)
-    liveness.hear(32.0)  # a clock that was under way
+        assert not watchdog.is_hung(0.1 * now, 1, {1: IDLE}, is_waiting=False)
+    assert watchdog.is_hung(30.2, 1, {1: IDLE}, is_waiting=False)
+    watchdog.feed(31.0)
+    assert not watchdog.is_hung(31.2, 1, {1: IDLE}, is_waiting=False)
+    watchdog.feed(31.9, has_ended=True)
+    watchdog.feed(32.0)  # a clock that was under way
     for now in range(320, 620):
-        assert not liveness.hangs(0.1 * now, 1, {1: IDLE}, is_waiting=False)
-    assert liveness.hangs(62.2, 1, {1: IDLE}, is_waiting=False)
+        assert not watchdog.is_hung(0.1 * now, 1, {1: IDLE}, is_waiting=False)
+    assert watchdog.is_hung(62.2, 1, {1: IDLE}, is_waiting=False)
 
 
 @pytest.mark.parametrize(
@@ -101,12 +101,12 @@ def test_a_plant_that_has_not_begun_and_one_that_saves_have_long():
     ids=['stopped', 'computes without an end', 'waits, perhaps for a killed process'],
 )
 def test_a_plant_that_has_its_time_and_says_nothing_hangs_soon(is_spinning, is_waiting, ends_s):
-    liveness = Liveness(0.0)
-    liveness.hear(10.0)
+    watchdog = PlantWatchdog(0.0)
+    watchdog.feed(10.0)
     ends = [
         0.1 * look
         for look in range(100, 170)
-        if liveness.hangs(
+        if watchdog.is_hung(
             0.1 * look,
             1,
             {1: {1: ThreadTime(0.1 * look if is_spinning else 1.0, 0.0, is_spinning)}},
@@ -117,27 +117,27 @@ def test_a_plant_that_has_its_time_and_says_nothing_hangs_soon(is_spinning, is_w
 
 
 def test_a_plant_that_waits_again_and_again_has_long():
-    liveness = Liveness(0.0)
-    liveness.hear(10.0)
+    watchdog = PlantWatchdog(0.0)
+    watchdog.feed(10.0)
     waits = {look: look % 10 != 0 for look in range(200, 400)}
     ends = [
         0.05 * look
         for look in waits
-        if liveness.hangs(0.05 * look, 1, {1: IDLE}, is_waiting=waits[look])
+        if watchdog.is_hung(0.05 * look, 1, {1: IDLE}, is_waiting=waits[look])
     ]
     assert 15.95 < ends[0] < 16.15
 
 
 def test_a_plant_that_the_machine_keeps_waiting_does_not_hang():
-    liveness = Liveness(0.0)
-    liveness.hear(0.0)
+    watchdog = PlantWatchdog(0.0)
+    watchdog.feed(0.0)
     for look in range(2000):
         now = 0.1 * look
-        assert not liveness.hangs(
+        assert not watchdog.is_hung(
             now,
             1,
             {1: {1: ThreadTime(0.02 * now, 0.98 * now, is_runnable=True)}},
             is_waiting=False,
         )
         if look == 1000:
-            liveness.hear(now)
+            watchdog.feed(now)
