@@ -173,7 +173,7 @@ def run_commands(site: Site, commands: dict[str, tuple[str | Path, ...]]) -> Ver
 def judge_command(program: Program, status: int | None) -> list[str]:
     """Return the broken guarantees of a command that received nonsense."""
     if status is None:
-        return [f'not ended after {COMMAND_BOUND_S:.0f} s']
+        return [f'still running after {COMMAND_BOUND_S:.0f} s']
     complaints = judge_printed(program.text)
     if status not in STATUSES:
         complaints.append(f'status {status}')

@@ -215,7 +215,7 @@ class CommandSignal:
         if killed:
             # Its nodes end by themselves.
             if run.end.took_s > STOP_S:
-                complaints.append(f'nodes still there {STOP_S:.0f} s after the command was killed')
+                complaints.append(f'nodes still alive {STOP_S:.0f} s after the command was killed')
         else:
             complaints += judge_end(run.end, STOP_S)
         if run.end.status is None:
@@ -224,7 +224,7 @@ class CommandSignal:
         if completed:
             complaints += judge_completed(run, short_sha256)
         elif run.end.status not in (128 + self.number, -self.number):
-            complaints.append(f'status {run.end.status} instead of {128 + self.number}')
+            complaints.append(f'status {run.end.status}, expected {128 + self.number}')
         complaints += judge_recording(
             run,
             expected,

@@ -237,7 +237,7 @@ def wait_until(condition: Callable[[], bool], what: str) -> None:
     watch = Stopwatch()
     while not condition():
         if watch.look([os.getpid()]) > START_S:
-            raise CampaignError(f'{what} did not come within {START_S:.0f} s')
+            raise CampaignError(f'{what} did not appear within {START_S:.0f} s')
         time.sleep(_POLL_S)
 
 

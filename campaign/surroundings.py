@@ -81,7 +81,7 @@ class FullDisk:
 
     @classmethod
     def draw(cls, generator: random.Random, turn: int) -> FullDisk:
-        """Draw one that is full at once, or after some seconds; the disks alternate."""
+        """Draw a disk that is full at once or after some seconds; the two disks alternate."""
         disk = list(Disk)[turn % len(Disk)]
         sizes = (4, 16, 64, 256, 1024) if disk is Disk.RECORDING else (4, 8, 16, 32)
         return cls(disk, generator.choice(sizes) + generator.choice((0, 4)))
@@ -104,7 +104,7 @@ class FullDisk:
             named = f'{run.recording.name}: {NO_SPACE}' if is_of_recording else NO_SPACE
             complaints += judge_failed(end, [named])
         elif end.end.status not in (1, 2) or NO_SPACE not in end.text:
-            complaints.append(f'status {end.end.status}, and {NO_SPACE!r} is not mentioned')
+            complaints.append(f'status {end.end.status}, without mentioning {NO_SPACE!r}')
         complaints += judge_recording(end, expected, lost_ticks=end.ticks, must_be_finished=False)
         return Verdict(tuple(complaints), end.end.took_s, DISK_BOUND_S)
 
@@ -190,5 +190,5 @@ class Leftovers:
         complaints += judge_completed(end, undisturbed(site, len(duties)).duty_sha256)
         complaints += judge_recording(end, duties)
         still = {(path.name, path.stat().st_ino) for path in SHARED_MEMORY.glob('*fastrtps*')}
-        complaints += [f'{name} is still there' for name, _ in sorted(left & still)]
+        complaints += [f'{name} was not removed' for name, _ in sorted(left & still)]
         return Verdict(tuple(complaints), end.end.took_s, LEFT_BOUND_S)

@@ -159,7 +159,10 @@ def gyro_offset_error_x_deg_s(run: RunData) -> float:
     return _offset_error(run, 0)
 
 
-@RUN_METRICS.metric('the same for plane y')
+@RUN_METRICS.metric(
+    'root mean square of the error of the estimated gyro offset (reading minus estimated pitch '
+    'rate, against reading minus true rate, 1 s mean), plane y'
+)
 def gyro_offset_error_y_deg_s(run: RunData) -> float:
     return _offset_error(run, 1)
 

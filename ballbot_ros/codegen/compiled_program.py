@@ -95,7 +95,9 @@ class CompiledProgram:
             )
         )
         if answer.faults:
-            raise CodegenError(f'the compiled controller misuses the brick: {answer.faults:#x}')
+            raise CodegenError(
+                f'the compiled controller made invalid device calls: faults {answer.faults:#x}'
+            )
         brick.duty = answer.duty
         if answer.log:
             brick.log(*answer.log)

@@ -40,7 +40,7 @@ def require_controllable(a: ArrayLike, b: ArrayLike) -> None:
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     if a.ndim != 2 or a.shape[0] != a.shape[1] or b.shape[:1] != a.shape[:1]:
-        raise DesignError(f'A {a.shape} and B {b.shape} are not the matrices of one system')
+        raise DesignError(f'A must be square, with as many rows as B: got A {a.shape}, B {b.shape}')
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
         raise DesignError('A and B must be finite')
     inputs = b * (np.linalg.norm(a) or 1.0) / (np.linalg.norm(b) or 1.0)

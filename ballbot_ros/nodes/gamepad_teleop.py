@@ -138,7 +138,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         scenario = self._scenario.sticks_at(elapsed_s)
         self._command = self._sources.decide(time.monotonic(), scenario)
         if self._driver() != before:
-            self.get_logger().info(f'in command: {self._driver()}, before: {before}')
+            self.get_logger().info(f'in command: {self._driver()} (was {before})')
 
     def _driver(self) -> str:
         return self._command.driver(self.parameters.scenario)

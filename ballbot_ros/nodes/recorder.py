@@ -187,7 +187,7 @@ class Recorder(BallbotNode[RecorderParameters]):
     def report_loss(self, stream: Stream, sequence: int) -> None:
         """Count and report lost messages."""
         self._lost += 1
-        self.warn(f'{stream.name}: messages before number {sequence} were lost')
+        self.warn(f'{stream.name}: messages before sequence number {sequence} were lost')
 
     def has_several_publishers(self, stream: Stream) -> bool:
         """Return whether a topic has more than one publisher."""

@@ -107,9 +107,9 @@ class NodeProcess:
         """Description of how it ended."""
         status = self.exit_status
         if status is None:
-            return 'runs'
+            return 'is still running'
         if status < 0:
-            return f'died of {signal.Signals(-status).name}'
+            return f'was killed by {signal.Signals(-status).name}'
         return f'ended with status {status}'
 
     @property

@@ -161,7 +161,7 @@ class LockstepMaster(RunMaster):
         who, when = ', '.join(silent), f'{self._sim_time_s:.3f} s'
         problem = f'{who} silent for {self._limit_s:g} s at sim time {when}'
         if self._settings.waits_for_silent:
-            self._warn(f'{problem}: waiting for it')
+            self._warn(f'{problem}; still waiting')
         else:
             self._end(Outcome.FAILED, problem, 1)
 

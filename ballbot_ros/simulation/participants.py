@@ -101,8 +101,8 @@ class Objection:
     def to_sample(cls, topic: str, stamp_ns: int, kind: str = 'sample') -> Objection:
         """Return the objection to a sample that no participant can have sent."""
         text = (
-            f'{topic!r} has a second {kind} of {stamp_ns / SECOND_NS:.3f} s, or one ahead of the '
-            'run'
+            f'{topic!r} has a second {kind} stamped {stamp_ns / SECOND_NS:.3f} s, or one ahead of '
+            'the run'
         )
         return cls(text, topic, stamp_ns)
 
@@ -385,7 +385,7 @@ class Roster:
         waits += [f'a roll call because {objection.text}' for _, objection in run.objections]
         self._time_suspects(are_alone=not waits)
         waits += [
-            f'{each.node or "a new node"} on {each.topic!r} to take part or to leave'
+            f'{each.node or "a new node"} on {each.topic!r} to join the run or to leave'
             for each in run.suspects.values()
         ]
         return Readiness(State.WAITING, f'waiting for {", ".join(waits)}') if waits else _COMPLETE

@@ -209,7 +209,7 @@ class RunMaster(ABC):
         if not self._is_open or stamp_ns < self._run.start_ns:
             return
         if duty is None:
-            text = f'{self._topics.duty}: not whole numbers within -100 … 100 %'
+            text = f'{self._topics.duty}: duty ignored: not whole numbers within -100 … 100 %'
             self._act(Log(text, Severity.WARNING))
         else:
             self._take_duty(stamp_ns, duty, data, is_stop=is_stop)
@@ -238,7 +238,7 @@ class RunMaster(ABC):
         push = Push(start_ns, start_ns + self._settings.push_ns, force, torque)
         problem = push.problem(now_ns)
         if not problem and self._plant.pushes >= MAX_PUSHES:
-            problem = f'there are already {MAX_PUSHES}'
+            problem = f'{MAX_PUSHES} pushes are already active or pending'
         if problem:
             text = f'{self._topics.push}: push ignored: {problem}'
             self._act(Log(text, Severity.WARNING, is_throttled=True))
@@ -554,7 +554,7 @@ class RunMaster(ABC):
     def _progress(self) -> str:
         if self.log.ticks == 0:
             return 'before its first tick'
-        return f'after {self.log.ticks} ticks, duties {self.log.duty_sha256[:12]}'
+        return f'after {self.log.ticks} ticks, duty_sha256 {self.log.duty_sha256[:12]}…'
 
     def _repeat_truth(self) -> None:
         """Repeat the truth of the halted plant, for late subscribers."""

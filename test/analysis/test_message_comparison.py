@@ -70,9 +70,9 @@ def test_a_message_without_counterpart_counts_only_where_the_recording_is_comple
 def test_a_message_that_is_missing_in_the_middle_is_told_as_missing():
     comparison = compared([1, None, 3, 4], [1, 2, 3, 4])
     difference = comparison.first_difference(complete=True)
-    assert (difference.stamp_ns, difference.what) == (TICK, 'replayed, and not recorded')
+    assert (difference.stamp_ns, difference.what) == (TICK, 'replayed but not recorded')
     difference = compared([1, 2, 3], [1, None, 3]).first_difference(complete=True)
-    assert (difference.stamp_ns, difference.what) == (TICK, 'recorded, and not replayed')
+    assert (difference.stamp_ns, difference.what) == (TICK, 'recorded but not replayed')
 
 
 def test_of_one_tick_the_cause_comes_before_its_effect():

@@ -124,7 +124,7 @@ def test_a_program_that_misuses_the_brick_is_refused(tmp_path, parameters, few_s
     codegen.generate(tmp_path / 'c', parameters, None)
     path = tmp_path / 'c/ballbot_controller.c'
     path.write_text(path.read_text().replace('#define BRAKE 1', '#define BRAKE 0'))
-    with pytest.raises(CodegenError, match='misuses the brick: 0x2'):
+    with pytest.raises(CodegenError, match='made invalid device calls: faults 0x2'):
         codegen.check(tmp_path / 'c')
 
 

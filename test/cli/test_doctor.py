@@ -32,7 +32,7 @@ def test_a_machine_with_the_golden_hashes_passes(only_arithmetic, capsys):
     ('changes', 'named'),
     [
         ({'arithmetic': '0123456789'}, 'the arithmetic has the hash '),
-        ({'scenarios': {'stationary': '0123456789'}}, 'the run stationary has the hash '),
+        ({'scenarios': {'stationary': '0123456789'}}, 'the scenario stationary has the hash '),
     ],
 )
 def test_a_machine_with_another_hash_fails_with_both_hashes(
@@ -43,7 +43,7 @@ def test_a_machine_with_another_hash_fails_with_both_hashes(
     assert doctor.examine() == 1
     [line] = capsys.readouterr().out.splitlines()
     assert line.startswith(f'FAIL arithmetic {named}')
-    assert 'here and 01234567… elsewhere' in line
+    assert 'here, but 01234567… on other machines' in line
 
 
 @pytest.mark.parametrize('text', [None, '', 'scenarios: 3', '{', 'arithmetic: x'])
@@ -119,7 +119,7 @@ def test_a_broken_port_is_found_and_mended_and_never_hangs_the_command(domain):
     )  # fmt: skip
     found, mended = done.stdout.split('ended with 1\n')
     assert 'FAIL leftovers  /dev/shm/fastrtps_port7000 blocks every node: ' in found
-    assert 'FAIL discovery  the middleware does not respond within ' in found
+    assert 'FAIL discovery  the middleware did not respond within ' in found
     assert 'FAIL' not in mended, mended
     assert done.returncode == 0
 

@@ -92,7 +92,7 @@ MISTAKES = {
     ),
     'start off the map': (
         lambda tmp_path: ['stationary', *AT_TRACK, '--set=plant_sim.start_position_y=3'],
-        'x 0 m, y -3 m (map) is off the map, x ±1 m, y ±1 m',
+        'x 0 m, y -3 m (map) is off the map, which spans x ±1 m, y ±1 m',
     ),
     'even cone': (lambda tmp_path: ['stationary', '--set=sonar_driver.cone_rays=4'], '4 is even'),
     'another scenario': (

@@ -151,7 +151,7 @@ def test_a_file_of_somebody_else_is_kept_and_one_of_before_is_written_anew(tmp_p
     (tmp_path / 'README.md').write_text('# My robot\n')
     parameters = (tmp_path / 'ballbot_parameters.c').read_text()
     with pytest.raises(
-        CodegenError, match=r'README\.md: kept, because it was not written by ballbot codegen'
+        CodegenError, match=r'README\.md: not overwritten, because ballbot codegen did not write it'
     ):
         write_application(tmp_path, VALUES)
     assert (tmp_path / 'README.md').read_text() == '# My robot\n'

@@ -64,7 +64,7 @@ def test_a_program_that_dies_is_told(target):
 def test_a_value_that_no_device_gives_is_refused():
     need('c')
     program = program_maker(values_of(CONTROLLER, implementation='c'))()
-    with pytest.raises(CodegenError, match='a reading that no device of the brick can give'):
+    with pytest.raises(CodegenError, match="a reading is out of its device's range"):
         program.tick(0, 1000, AT_REST._replace(battery_mv=70000))
 
 

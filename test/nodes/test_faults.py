@@ -57,7 +57,7 @@ def test_whoever_hangs_or_dies_is_named_and_a_run_that_waits_goes_on_with_who_co
     for name in (SONAR, CONTROLLER):
         since = len(terminal.screen)
         os.kill(pids[name], signal.SIGKILL)
-        terminal.wait_for_match(rf'{name} died of SIGKILL', since)
+        terminal.wait_for_match(rf'{name} was killed by SIGKILL', since)
     run.process.send_signal(signal.SIGINT)
     assert run.finish() == 128 + signal.SIGINT
     assert not any(alive(pid) for pid in pids.values())

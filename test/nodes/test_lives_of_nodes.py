@@ -23,7 +23,7 @@ DRIVERS = [name for name in NODES if name not in ('plant_sim', 'recorder')]
 def lines_of(output):
     """What was logged at info level, without times and hashes."""
     found = re.findall(r'^\[INFO\] \[[\d.]+\] \[[\w.]+\]: (.*)$', output, re.MULTILINE)
-    return [re.sub(r'\d+ ticks, duties \w{12}', 'N ticks', line) for line in found]
+    return [re.sub(r'\d+ ticks, duty_sha256 \w{12}…', 'N ticks', line) for line in found]
 
 
 def test_nodes_tell_what_happens_in_their_lives(start_node, client, tmp_path):

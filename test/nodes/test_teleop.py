@@ -208,13 +208,13 @@ def test_an_input_of_no_use_is_released_at_once():
         message.axes = np.array(axes, np.float32)
         callbacks[JOY.name](encode(message))
         assert sources.decide(began, (0, 0)).sticks == sticks
-    assert reported == ['joy: axis 1 not found, only 1 axes']
+    assert reported == ['joy: axis 1 not found: the input has only 1 axes']
 
 
 def test_joy_of_no_use_is_reported(driver):
     with driver.sending('viewer/joy', Joy(axes=[0.0])):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.WARN)
-        assert driver.status().message == 'viewer/joy: axis 1 not found, only 1 axes'
+        assert driver.status().message == 'viewer/joy: axis 1 not found: the input has only 1 axes'
     with driver.sending('viewer/joy', joy()):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.OK)
 

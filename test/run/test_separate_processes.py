@@ -29,7 +29,8 @@ def process(name, exit_status=0):
     [
         ('completed', '', {}, 0, ('completed', '', 0)),
         ('completed', SILENT, {'plant_sim': -9}, 0, ('completed', '', 0)),
-        ('completed', 'gyro_driver died of SIGKILL', {'gyro_driver': -9}, 0, ('completed', '', 0)),
+        ('completed', 'gyro_driver was killed by SIGKILL', {'gyro_driver': -9}, 0,
+         ('completed', '', 0)),
         ('completed', '', {'recorder': 1}, 0, ('failed', f'recorder: {FULL}', 1)),
         ('failed', '', {'plant_sim': 1, 'sonar_driver': 1}, 0, ('failed', f'plant_sim: {FULL}', 1)),
         ('failed', SILENT, {'plant_sim': -9}, 0, ('failed', SILENT, 1)),
@@ -71,7 +72,7 @@ def ended(outcome, failure, ends, signal, *, is_replaced=False):
 def watched(victim, now_ns, *, plant_hangs=False):
     """What the watch says of a graph in which one node has died, after a few looks."""
     running = SimpleNamespace(running=True, died=False, exit_status=None, pid=1, kill=lambda: None)
-    end = 'died of SIGKILL'
+    end = 'was killed by SIGKILL'
     dead = SimpleNamespace(
         running=False, died=True, exit_status=-9, how_it_ended=end, failure=f'{victim} {end}',
         hand_on_the_rest=lambda: None,
@@ -82,7 +83,7 @@ def watched(victim, now_ns, *, plant_hangs=False):
     progress = SimpleNamespace(notice=notices.append, update=lambda now_s: None)
     looks = iter([False, False, True])
     reason = watch(processes, monitor, progress, lambda: next(looks))
-    assert notices[0] == f'{victim} died of SIGKILL'
+    assert notices[0] == f'{victim} was killed by SIGKILL'
     assert len(notices) == 1 + plant_hangs
     return reason
 
@@ -90,7 +91,7 @@ def watched(victim, now_ns, *, plant_hangs=False):
 @pytest.mark.parametrize('now_ns', [0, FIRST_TICK_NS])
 @pytest.mark.parametrize('victim', [name for name in NODES if name != PLANT])
 def test_a_node_that_dies_before_the_first_tick_ends_the_run_at_once(victim, now_ns):
-    assert watched(victim, now_ns) == f'{victim} died of SIGKILL'
+    assert watched(victim, now_ns) == f'{victim} was killed by SIGKILL'
 
 
 @pytest.mark.parametrize('victim', [name for name in NODES if name != PLANT])
@@ -99,7 +100,7 @@ def test_a_node_that_dies_in_mid_run_may_be_restarted(victim):
 
 
 def test_of_a_plant_that_hangs_it_is_told_who_has_died_before():
-    expected = 'plant_sim does not answer, gyro_driver died of SIGKILL'
+    expected = 'plant_sim does not answer, gyro_driver was killed by SIGKILL'
     assert watched('gyro_driver', FIRST_TICK_NS + TICK_NS, plant_hangs=True) == expected
 
 
@@ -118,7 +119,7 @@ def test_a_viewer_is_no_part_of_the_run():
 
 @pytest.mark.parametrize('now_ns', [0, FIRST_TICK_NS + TICK_NS])
 def test_without_the_plant_there_is_no_run(now_ns):
-    assert watched(PLANT, now_ns) == 'plant_sim died of SIGKILL'
+    assert watched(PLANT, now_ns) == 'plant_sim was killed by SIGKILL'
 
 
 @pytest.mark.graph

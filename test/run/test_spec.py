@@ -132,7 +132,7 @@ REFUSED = {
     ),
     'a recording elsewhere': (
         'assignments', ['recorder.output=x.mcap'],
-        '--set recorder.output=x.mcap: recorder.output can not be set: the files of a run are in',
+        '--set recorder.output=x.mcap: recorder.output can not be set: a run writes its files to',
     ),
     "attachments of one's own": (
         'assignments', ['recorder.attachments=x'], 'recorder.attachments can not be set',

@@ -67,7 +67,7 @@ def test_a_duty_that_is_none_or_of_an_earlier_run_is_not_taken():
     send_duty(world, stamp_ns=START_NS - TICK_NS)
     world.wait(1)
     assert world.ticks == 0
-    assert 'not whole numbers within' in world.logged[-1]
+    assert 'duty ignored: not whole numbers within' in world.logged[-1]
 
 
 def test_it_completes_and_keeps_its_pace():

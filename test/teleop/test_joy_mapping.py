@@ -81,12 +81,12 @@ def test_the_turbo_button_enables_with_its_own_scales():
 @pytest.mark.parametrize(
     ('given_axes', 'buttons', 'told'),
     [
-        ([0.0], BUTTONS, 'axis 1 not found, only 1 axes'),
-        ([], BUTTONS, 'axis 1 not found, only 0 axes'),
+        ([0.0], BUTTONS, 'axis 1 not found: the input has only 1 axes'),
+        ([], BUTTONS, 'axis 1 not found: the input has only 0 axes'),
         (axes(math.nan), BUTTONS, 'axis 1 is nan, not within -1 … 1'),
         (axes(0.0, math.inf), BUTTONS, 'axis 2 is inf, not within -1 … 1'),
         (axes(-1.5), BUTTONS, 'axis 1 is -1.5, not within -1 … 1'),
-        (axes(), [0, 0], 'button 9 not found, only 2 buttons'),
+        (axes(), [0, 0], 'button 9 not found: the input has only 2 buttons'),
     ],
 )
 def test_messages_of_no_use_are_refused(given_axes, buttons, told):

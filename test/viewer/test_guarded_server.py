@@ -172,7 +172,7 @@ def test_a_viser_that_serves_in_another_way_serves_nothing(monkeypatch):
         server=SimpleNamespace(**vars(_infra.websockets.asyncio.server))
     )
     monkeypatch.setattr(_infra, 'websockets', websockets)
-    with pytest.raises(ViewerError, match='can not be guarded'):
+    with pytest.raises(ViewerError, match='access control does not support viser'):
         Served()
 
 

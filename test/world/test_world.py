@@ -87,7 +87,9 @@ def test_off_the_map_the_floor_is_free(x, y):
 def test_a_start_off_the_map_or_in_a_wall_is_refused():
     world = make_world((0, 200, 150, 154))
     world.check_start((0.0, 0.0))
-    with pytest.raises(WorldError, match=r'x 1.5 m, y -0.2 m \(map\) is off the map, x ±1 m'):
+    with pytest.raises(
+        WorldError, match=r'x 1.5 m, y -0.2 m \(map\) is off the map, which spans x ±1 m'
+    ):
         world.check_start((1.5, 0.2))
     with pytest.raises(WorldError, match=r'y 0 m \(map\) puts the body in a wall: front left, '):
         world.check_start((0.45, 0.0))
