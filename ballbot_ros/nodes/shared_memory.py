@@ -7,7 +7,7 @@ or on ``…_sl`` if several readers are allowed. A port that is only written to 
 mapped. Ports are opened, created and removed under ``sem.fastrtps_port<number>_mutex``.
 
 A process killed while it creates a port leaves one whose first word is not :data:`INITIALISED`.
-Fast DDS waits for that word without a time limit, deaf to signals.
+Fast DDS waits for that word without a time limit, and ignores signals.
 
 A writer checks now and then that the readers of its ports are alive. It detects a reader that was
 killed while waiting for a message, and removes its port. It never detects one that was killed

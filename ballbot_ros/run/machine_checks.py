@@ -119,7 +119,7 @@ def _amount(files: list[Leftover]) -> str:
 
 
 def _discovery() -> str:
-    """Test discovery in a separate process, since the middleware can hang, deaf to signals."""
+    """Test discovery in a separate process, since the middleware can hang and ignore signals."""
     process = subprocess.Popen(
         [sys.executable, '-W', 'ignore', '-m', 'ballbot_ros.nodes.discovery_probe'],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
