@@ -35,8 +35,8 @@ def controllability_rank(a: ArrayLike, b: ArrayLike) -> int:
 def require_controllable(a: ArrayLike, b: ArrayLike) -> None:
     """Raise DesignError unless the pair (A, B) is controllable.
 
-    By Hautus' test, [A - sI, B] has full rank at every pole s of A: unlike the powers of A in
-    the controllability matrix it does not lose a stiff system to rounding.
+    By Hautus' test, [A - sI, B] has full rank at every pole s of A. Unlike the powers of A in
+    the controllability matrix, this test tolerates rounding even for a stiff system.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     if a.ndim != 2 or a.shape[0] != a.shape[1] or b.shape[:1] != a.shape[:1]:

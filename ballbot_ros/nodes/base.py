@@ -178,13 +178,13 @@ class BallbotNode(ParameterNode[P]):
         return output
 
     def renew_outputs(self, but: Topic) -> None:
-        """Keep no messages of an earlier run for late subscribers, except on the topic `but`."""
+        """Drop messages of an earlier run kept for late subscribers, except on the topic `but`."""
         for topic, output in self._own_outputs.items():
             if topic is not but and (topic.keeps or topic.has_history):
                 output.renew()
 
     def forget(self, topic: Topic) -> None:
-        """Keep no messages of a topic for late subscribers."""
+        """Drop the messages of a topic that are kept for late subscribers."""
         self._own_outputs[topic].renew()
 
     def flush(self, *topics: Topic) -> None:

@@ -166,7 +166,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         self.fail(f'log_csv: {error}')
 
     def report(self) -> None:
-        """Publish the diagnostics; cleared input errors are left out of the next ones."""
+        """Publish the diagnostics, then drop the input errors that were cleared."""
         super().report()
         self._input_errors.reported()
         if str(self._input_errors):

@@ -3,7 +3,7 @@
 Fast DDS (2.14) removes the port of a process that it considers dead, sometimes wrongly: several
 processes that test a lock file at once can remove that of a living reader, and on a machine that
 stalls a process for seconds, two of them may open a port at the same time. The reader then keeps
-reading a deleted file, and never hears anybody who opens the port later.
+reading a deleted file, and receives nothing from processes that open the port later.
 """
 
 from __future__ import annotations

@@ -84,7 +84,7 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
     """Remove this user's files that no living process holds, and return them.
 
     A port that has been broken for :data:`SETTLED_S` is removed even if processes hold it: they
-    wait for it in vain, and so would others. They are woken, and create another.
+    wait for it forever, and so would others. They are woken, and create a new port.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ JOINED = 'joined'
 """Name of the joined table."""
 
 LATENESS_S = 1
-"""How far behind the newest message a late one may be and still find its row [s]."""
+"""Maximum delay of a message, relative to the newest one, to be included in its row [s]."""
 
 LONGEST_GAP_S = 3600
 """Silence of all topics that indicates another clock, not a pause [s]."""

@@ -1,4 +1,4 @@
-"""Which participants of a run do not answer, on a machine that may be too busy to let them."""
+"""Finds the silent participants of a run, on a machine that may be too busy to let them answer."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class LockstepMaster(RunMaster):
         if self._is_behind() and self._asked_for.stamp_ns <= stamp_ns and not self._is_ended:
             self._ask_again()
 
-    # Conduct of a run
+    # Running
 
     def _prepare(self, start_ns: int) -> None:
         super()._prepare(start_ns)

@@ -412,12 +412,12 @@ class RunMaster(ABC):
     # Participants
 
     def _on_news(self) -> None:
-        """Check at once if the run waits for this news."""
+        """Check the participants at once if the run is waiting for them."""
         if self._phase is Phase.GATHERING:
             self._check_participants()
 
     def _check_participants(self, *, calls_roll: bool = False) -> bool:
-        """Return whether exactly the participants take part; hold or end the run if not.
+        """Return whether all participants, and no others, are present; if not, hold or end the run.
 
         With `calls_roll`, call the roll while this is undecided.
         """
@@ -444,7 +444,7 @@ class RunMaster(ABC):
             self._resume()
 
     def _wait(self, standing: Readiness) -> None:
-        """Call the roll until the participants are clear; before the first tick, within limits."""
+        """Call the roll, and report the wait; fail if a participant is missing for too long."""
         self._participants.call_roll()
         waited_s = self._participants.liveness.waited_s(self._sent_s)
         missing = self._participants.missing()

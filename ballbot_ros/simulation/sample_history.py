@@ -10,7 +10,7 @@ DEPTH = 16
 
 
 class Sample(Enum):
-    """How a sample relates to earlier ones on its topic."""
+    """Relation of a sample to earlier ones on its topic."""
 
     NEW = auto()
     REPEATED = auto()
