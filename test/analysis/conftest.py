@@ -33,12 +33,12 @@ def short(make_run):
 
 
 @pytest.fixture(scope='session')
-def driven_whole(driven):
+def driven_assessment(driven):
     return assess(read_run(driven[0]))
 
 
 @pytest.fixture(scope='session')
-def short_whole(short):
+def short_assessment(short):
     return assess(read_run(short[0]))
 
 

@@ -50,5 +50,5 @@ def test_the_legend_covers_no_curve(draw):
         assert not any(legend.get_window_extent().overlaps(each.bbox) for each in axes)
 
 
-def test_a_dollar_is_a_dollar(draw):
+def test_a_dollar_sign_is_not_mathtext(draw):
     draw(r'costs $5^ or {$6_', [Segment(r'$\forward$', ((0.5, 0.0), (1.5, 10.0)))])

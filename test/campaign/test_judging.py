@@ -45,7 +45,7 @@ def with_remains(run, **changes):
     return replace(run, remains=replace(run.remains, **changes))
 
 
-def test_a_run_that_failed_as_it_should_holds():
+def test_a_run_that_failed_as_expected_passes():
     assert judge(FAILED) == []
 
 
@@ -71,12 +71,12 @@ def test_a_run_that_failed_as_it_should_holds():
         (with_remains(FAILED, duties=((5.0, 5.0), *DUTIES[1:500], (0.0, 0.0))), 'from tick 0 on'),
     ],
 )  # fmt: skip
-def test_what_a_lost_node_must_not_cost(run, complaint):
+def test_every_broken_guarantee_is_a_complaint(run, complaint):
     complaints = judge(run)
     assert any(complaint in each for each in complaints), complaints
 
 
-def test_only_near_its_end_a_run_may_complete_all_the_same():
+def test_a_run_may_complete_despite_the_fault_only_near_its_end():
     near_the_end = NodeSignal('gyro_driver', Signals.SIGKILL, Moment.END, 1.4)
     assert judge(COMPLETED, near_the_end) == []
     assert judge(with_remains(COMPLETED, motors_off=True), near_the_end) == [
@@ -108,7 +108,7 @@ def test_a_lost_recorder_may_cost_a_second():
         (Signals.SIGKILL, -9, True), (Signals.SIGINT, 1, False), (Signals.SIGTERM, 130, False),
     ],
 )  # fmt: skip
-def test_the_status_tells_the_signal_that_ended_the_command(number, status, holds):
+def test_the_exit_status_is_that_of_the_signal(number, status, holds):
     attempt = CommandSignal(number, Moment.MIDDLE, 0.1)
     stopped = replace(FAILED, end=ENDED._replace(status=status), result={'outcome': 'stopped'})
     complaints = attempt.judge(stopped, DUTIES, SHA)
@@ -138,7 +138,7 @@ def test_a_run_that_the_plant_completed_need_not_end_with_the_motors_off():
         assert (attempt.judge(run, DUTIES, SHA) == []) == holds
 
 
-def test_a_clock_that_is_there_before_is_another_plant():
+def test_an_earlier_clock_counts_as_another_plant():
     refused = replace(FAILED, end=ENDED._replace(status=2), remains=None)
     refused = with_result(
         refused, reason='another plant publishes /clock in this ROS domain', ticks=0

@@ -57,7 +57,7 @@ def test_it_writes_the_folder(tmp_path, parameters):
     assert last.endswith(f"check with: ballbot codegen --check '{folder}'")
 
 
-def test_it_is_made_for_what_a_recorded_run_had(tmp_path):
+def test_it_uses_the_parameters_of_a_recorded_run(tmp_path):
     path, _ = record(
         tmp_path, 'stationary', '--set=plant_sim.duration=1.2', '--set=controller.k_i=-0.008'
     )
@@ -119,7 +119,7 @@ def test_a_folder_that_was_edited_differs(
     assert ' in C and ' in printed
 
 
-def test_a_program_that_misuses_the_brick_is_refused(tmp_path, parameters, few_sequences):
+def test_a_program_that_makes_invalid_device_calls_is_refused(tmp_path, parameters, few_sequences):
     need('c')
     codegen.generate(tmp_path / 'c', parameters, None)
     path = tmp_path / 'c/ballbot_controller.c'
@@ -140,7 +140,7 @@ def test_a_program_that_misuses_the_brick_is_refused(tmp_path, parameters, few_s
         (('--output', '/dev/null/c'), ['/dev/null/c', 'Not a directory']),
     ],
 )
-def test_a_mistake_is_told_in_one_line(tmp_path, monkeypatch, command, arguments, words):
+def test_a_mistake_is_reported_in_one_line(tmp_path, monkeypatch, command, arguments, words):
     monkeypatch.chdir(tmp_path)
     status, _, errors = command('codegen', *arguments)
     assert status == 2
@@ -185,7 +185,7 @@ def test_without_arm_tools_a_run_names_the_package(tools, there, package):
     assert done.stderr.endswith(f'install it with `apt install {package}`\n')
 
 
-def test_a_check_that_could_not_be_made_does_not_look_passed(
+def test_a_check_that_could_not_run_does_not_count_as_passed(
     tmp_path, parameters, few_sequences, tools, monkeypatch, capsys
 ):
     need('c')
@@ -229,7 +229,7 @@ def python_run(tmp_path_factory):
     ('processes', 'controller'),
     [('none', 'arm'), ('one', 'c'), ('separate', 'arm')],
 )
-def test_the_compiled_controller_leaves_run_and_recording_as_they_are(
+def test_the_compiled_controller_changes_neither_run_nor_recording(
     start_run, tmp_path, python_run, processes, controller
 ):
     need(controller)
@@ -261,7 +261,7 @@ def test_a_node_refuses_an_unknown_implementation(start_node):
     assert "'rust' is not one of python, c, arm" in node.output
 
 
-def test_the_result_is_the_same_json_but_for_the_speed(tmp_path):
+def test_the_json_of_the_result_differs_only_in_the_speed(tmp_path):
     need('c')
     results = []
     for name in ('python', 'c'):

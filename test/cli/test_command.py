@@ -30,7 +30,7 @@ def test_every_row_names_a_module_with_that_command(name):
 
 
 @pytest.mark.parametrize('name', COMMANDS)
-def test_the_line_of_help_is_in_the_table_alone(name):
+def test_the_help_line_is_only_in_the_table(name):
     """The group shows the table's, so another at the command would go stale unnoticed."""
     assert load_command(name).short_help is None
     shown = CliRunner().invoke(ballbot, ['--help'], terminal_width=100).output

@@ -84,12 +84,12 @@ def test_leftovers_are_counted(only_leftovers, capsys):
     assert capsys.readouterr().out.startswith('OK   leftovers  2 files (1.5 MB) left by killed')
 
 
-def test_fix_tells_what_it_removed(only_leftovers, capsys):
+def test_fix_reports_the_removed_files(only_leftovers, capsys):
     assert doctor.examine(fix=True) == 0
     assert capsys.readouterr().out == 'OK   leftovers  removed 2 files (1.5 MB) from /dev/shm\n'
 
 
-def test_fix_tells_what_it_can_not_remove(only_leftovers, monkeypatch, capsys):
+def test_fix_reports_what_it_can_not_remove(only_leftovers, monkeypatch, capsys):
     def refuse():
         raise BallbotError('remove it as root')
 
@@ -111,7 +111,7 @@ def test_a_name_in_brackets_is_printed_as_it_is(monkeypatch, capsys):
 
 @pytest.mark.graph
 @pytest.mark.slow
-def test_a_broken_port_is_found_and_mended_and_never_hangs_the_command(domain):
+def test_a_broken_port_is_found_and_removed_and_never_hangs_the_command(domain):
     both = '"$@"; echo "ended with $?"; "$@" --fix'
     done = subprocess.run(
         [*private_shared_memory(7000), 'sh', '-c', both, 'sh', *BALLBOT, 'doctor'],

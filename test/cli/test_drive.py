@@ -176,7 +176,7 @@ def test_a_terminal_that_vanishes_ends_the_drive(start_drive):
     assert ('keyboard', -0.5, 0.0) in drive.recorded()
 
 
-def test_without_a_terminal_it_says_how_to_drive(domain, tmp_path):
+def test_without_a_terminal_it_explains_how_to_drive(domain, tmp_path):
     command = [*BALLBOT, 'drive', '--device', '', '--output', str(tmp_path)]
     process = subprocess.Popen(
         command, env=environment(domain), stdin=subprocess.DEVNULL,

@@ -160,7 +160,7 @@ def test_an_existing_recording_is_left_alone(start_run, tmp_path):
     assert (tmp_path / 'stationary.mcap').read_text() == 'an older recording'
 
 
-def test_without_rclpy_there_is_a_hint_and_a_way(start_run, tmp_path, monkeypatch):
+def test_without_rclpy_the_error_names_an_alternative(start_run, tmp_path, monkeypatch):
     (tmp_path / 'rclpy.py').write_text('raise ImportError("no rclpy here")')
     monkeypatch.setenv('PYTHONPATH', str(tmp_path))
     run = start_run('stationary')

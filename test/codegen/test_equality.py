@@ -126,7 +126,7 @@ def restarted_steps(seed):
 
 @pytest.mark.parametrize('target', TARGETS)
 @pytest.mark.parametrize('parameters', range(RANDOM_SETS))
-def test_a_program_that_is_started_again_equals_a_fresh_one(built, parameters, target):
+def test_a_restarted_program_equals_a_new_one(built, parameters, target):
     made = built(target, values=random_values(parameters))
     for seed in range(SEQUENCES // 10):
         used = made.program()
@@ -196,9 +196,7 @@ def no_voltage_steps(revolution):
     ('pwm_gain', 'revolution', 'duty'), [(1.0, 0, 0), (0.0, 50, 0), (1.0, 50, 100)]
 )
 @pytest.mark.filterwarnings('ignore:divide by zero', 'ignore:invalid value')
-def test_no_voltage_gives_a_duty_and_never_what_is_not_a_number(
-    built, target, pwm_gain, revolution, duty
-):
+def test_zero_voltage_gives_a_finite_duty(built, target, pwm_gain, revolution, duty):
     made = built(target, a_b=battery_filter_for_no_voltage(), pwm_gain=pwm_gain, time_start=100)
     steps = no_voltage_steps(revolution)
     assert_equal(made, steps)
@@ -261,7 +259,7 @@ def test_a_changed_parameter_changes_both(built, target, changed):
 
 @pytest.mark.parametrize('target', TARGETS)
 @pytest.mark.parametrize('name', scenario_names())
-def test_in_the_closed_loop_the_duties_stay(target, name):
+def test_the_duties_of_the_closed_loop_are_the_golden_ones(target, name):
     need(target)
     scenario = load_scenario(name)
     if target == 'arm':

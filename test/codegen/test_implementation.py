@@ -30,7 +30,7 @@ def test_python_is_the_default():
 
 
 @pytest.mark.parametrize('target', TARGETS)
-def test_each_program_begins_afresh_and_ends_with_its_owner(target):
+def test_each_program_starts_from_the_initial_state_and_ends_with_its_owner(target):
     need(target)
     make = program_maker(values_of(CONTROLLER, implementation=target, time_start=0))
     gc.collect()
@@ -49,7 +49,7 @@ def test_each_program_begins_afresh_and_ends_with_its_owner(target):
 
 
 @pytest.mark.parametrize('target', TARGETS)
-def test_a_program_that_dies_is_told(target):
+def test_a_program_that_dies_is_reported(target):
     need(target)
     make = program_maker(values_of(CONTROLLER, implementation=target))
     before = own_children()
@@ -69,7 +69,7 @@ def test_a_value_that_no_device_gives_is_refused():
 
 
 @pytest.mark.parametrize('implementation', ['python', 'c'])
-def test_the_tasks_that_are_named_run_and_no_others(implementation):
+def test_only_the_named_tasks_run(implementation):
     if implementation in TARGETS:
         need(implementation)
     program = program_maker(values_of(CONTROLLER, implementation=implementation, time_start=0))()

@@ -41,7 +41,7 @@ def test_a_folder_that_was_built_with_the_platform_still_builds(built, tmp_path)
         ('percent = (S8)duty;', 'percent = duty;'),
     ],
 )
-def test_a_double_or_a_hidden_conversion_that_slips_in_does_not_build(
+def test_an_accidental_double_or_implicit_conversion_does_not_build(
     built, tmp_path, target, right, slip
 ):
     made = built(target)

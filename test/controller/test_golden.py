@@ -70,5 +70,5 @@ def test_every_tick_equals_the_generated_c(path):
         assert computed == expected, f'tick {n}'
 
 
-def test_there_is_golden_data():
+def test_golden_data_exist():
     assert len(GOLDEN) >= 9

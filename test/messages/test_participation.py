@@ -66,7 +66,7 @@ def test_an_announcement_comes_back(announcement):
 
 
 @given(statuses)
-def test_an_account_of_a_run_comes_back(status):
+def test_the_status_of_a_run_comes_back(status):
     assert decode_run_status(encode_run_status(status)) == status
 
 
@@ -87,17 +87,17 @@ def test_a_malformed_announcement_is_a_value_error(pairs):
 
 
 @pytest.mark.parametrize('pairs', [(), [('run', '1')], [*RUNNING, ('outcome', 'completed')]])
-def test_a_malformed_account_is_a_value_error(pairs):
+def test_a_malformed_run_status_is_a_value_error(pairs):
     with pytest.raises(ValueError, match='run_status'):
         decode_run_status(status_message(*pairs))
 
 
-def test_without_its_prefix_an_announcement_is_still_one():
+def test_an_announcement_needs_no_prefix():
     announcement = Announcement(dataclasses.replace(GYRO, guid_prefix=''), '1 abc')
     assert decode_announcement(encode_announcement(announcement)) == announcement
 
 
-def test_the_verdict_tells_of_a_participant():
+def test_the_verdict_describes_a_participant():
     start_ns = 1_000_000_000
     first, later = Membership(GYRO, 0), Membership(GYRO, 1_500_000_000, is_successor=True)
     assert membership_json(first, start_ns) == {
@@ -120,7 +120,7 @@ def test_the_verdict_tells_of_a_participant():
     assert 'since 0.500 s' in membership_text(later, start_ns)
 
 
-def test_the_gaps_that_align_a_number_do_not_count():
+def test_alignment_padding_is_ignored():
     header = 'std_msgs/msg/Header'
     message = new_message(header)
     fill_header(message, 5, 'a')
@@ -139,7 +139,7 @@ def test_the_gaps_that_align_a_number_do_not_count():
     assert not is_same(bytes(data), bytes(other))
 
 
-def test_the_lockstep_is_what_periodic_samples_and_the_run_go_through():
+def test_the_lockstep_topics_are_those_of_periodic_samples_and_the_run():
     names = {topic.name for topic in LOCKSTEP}
     assert {topic.name for topic in TOPICS if topic.period_ns} <= names
     assert {'plant/run', 'plant/roll_call', 'recorder/ack', 'participants'} <= names

@@ -42,7 +42,7 @@ def size(recording):
     return recording.stat().st_size
 
 
-def test_whoever_hangs_or_dies_is_named_and_a_run_that_waits_goes_on_with_who_comes_back(start):
+def test_a_hanging_or_dead_node_is_named_and_a_waiting_run_continues_after_its_return(start):
     terminal = Terminal()
     run, pids, recording = start(
         '--set=plant_sim.timeout=0.2', '--set=plant_sim.on_timeout=wait', stderr=terminal.side
@@ -63,7 +63,7 @@ def test_whoever_hangs_or_dies_is_named_and_a_run_that_waits_goes_on_with_who_co
     assert not any(alive(pid) for pid in pids.values())
 
 
-def test_a_lost_node_and_no_other_is_named_by_the_shortest_timeout(start):
+def test_the_shortest_timeout_blames_only_the_lost_node(start):
     run, pids, _ = start('--set=plant_sim.timeout=0.2')
     os.kill(pids[GYRO], signal.SIGKILL)
     assert run.finish() == 1

@@ -54,7 +54,7 @@ def ticking(domain):
 
 
 @pytest.mark.usefixtures('ticking')
-def test_a_recorder_that_is_killed_at_any_moment_leaves_what_it_wrote(start_node, tmp_path):
+def test_a_recorder_killed_at_any_moment_leaves_its_written_messages(start_node, tmp_path):
     chance = random.Random(20)
     paths = [tmp_path / f'{number}.mcap' for number in range(RECORDERS)]
     recorders = [start_node('recorder', output=path) for path in paths]

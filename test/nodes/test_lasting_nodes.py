@@ -95,7 +95,7 @@ def watch_run(client, start):
     return watch
 
 
-def test_a_late_subscriber_gets_the_newest_of_a_state_and_nothing_old(domain, client, watch_run):
+def test_a_late_subscriber_gets_only_the_newest_message_of_a_state(domain, client, watch_run):
     client.watch(OPERATING_STATE)
     watch_run(4.0)
     assert client.call(SetBool, 'plant_sim/pause', SetBool.Request(data=True)).success
@@ -140,7 +140,7 @@ def test_a_late_subscriber_gets_the_newest_of_a_state_and_nothing_old(domain, cl
     assert SOUND.name not in late.seen
 
 
-def test_a_recorder_may_come_while_the_plant_waits_for_a_duty(
+def test_a_recorder_may_join_while_the_plant_waits_for_a_duty(
     lasting, start, client, watch_run, tmp_path
 ):
     path = tmp_path / 'run.mcap'
@@ -175,7 +175,7 @@ def test_a_recorder_may_come_while_the_plant_waits_for_a_duty(
         assert recording.topics()['/motor_duty'].message_count > 600
 
 
-def test_a_recorder_that_comes_in_mid_run_has_everything_from_then_on(start, watch_run, tmp_path):
+def test_a_recorder_that_joins_in_mid_run_has_everything_from_then_on(start, watch_run, tmp_path):
     path = tmp_path / 'late.mcap'
     plant = watch_run(2.0, real_time_factor=1)
     recorder = start(RECORDER, output=path)
@@ -191,7 +191,7 @@ def test_a_recorder_that_comes_in_mid_run_has_everything_from_then_on(start, wat
             assert set(np.diff(stamps)) == {topic.period_ns}, topic.name
 
 
-def test_a_run_replays_whose_recorder_came_last(start, client, tmp_path):
+def test_a_run_whose_recorder_started_last_can_be_replayed(start, client, tmp_path):
     path = tmp_path / 'run.mcap'
     plant = start(
         PLANT, real_time_factor=0, duration=2, start_pitch_x=0.02, require_recorder='true'
@@ -204,7 +204,7 @@ def test_a_run_replays_whose_recorder_came_last(start, client, tmp_path):
     assert replay_recording(path, controller='python', assignments=[], as_json=False) == 0
 
 
-def test_what_nodes_share_has_to_be_the_same(start, client):
+def test_shared_parameters_must_be_equal(start, client):
     assert client.set_value(SONAR, 'map', 'track').successful
     plant = start(PLANT, duration=1)
     assert plant.finish() == 1

@@ -48,7 +48,7 @@ def test_a_port_that_nobody_has_locked_is_stale(domain, first, tmp_path):
     assert stale_participants(domain, tmp_path) == [0, 2, 3, 4]
 
 
-def test_what_is_no_participants_port_tells_nothing(domain, first, tmp_path):
+def test_ports_that_are_not_a_participants_are_ignored(domain, first, tmp_path):
     make_port(tmp_path, first + 12)
     make_port(tmp_path, first + 11 + 250)
     make_port(tmp_path, 7003)
@@ -59,7 +59,7 @@ def test_what_is_no_participants_port_tells_nothing(domain, first, tmp_path):
     assert stale_participants(domain, tmp_path / 'missing') == []
 
 
-def test_the_numbers_of_the_dead_are_held_for_as_long_as_it_takes(domain, first, tmp_path):
+def test_the_numbers_of_dead_participants_are_occupied_within_the_block(domain, first, tmp_path):
     make_port(tmp_path, first + 13)
     with avoid_stale_ports(domain, tmp_path):
         assert not can_bind(first + 12)
@@ -68,7 +68,7 @@ def test_the_numbers_of_the_dead_are_held_for_as_long_as_it_takes(domain, first,
     assert can_bind(first + 12)
 
 
-def test_two_that_start_at_once_hold_them_together(domain, first, tmp_path):
+def test_two_processes_that_start_together_share_the_occupied_numbers(domain, first, tmp_path):
     make_port(tmp_path, first + 13)
     with avoid_stale_ports(domain, tmp_path):
         with avoid_stale_ports(domain, tmp_path):
@@ -80,7 +80,7 @@ def test_two_that_start_at_once_hold_them_together(domain, first, tmp_path):
             pass
 
 
-def test_enough_numbers_are_left(domain, first, tmp_path):
+def test_enough_numbers_remain_free(domain, first, tmp_path):
     for number in range(MOST_AVOIDED + 1):
         make_port(tmp_path, first + 11 + 2 * number)
     with avoid_stale_ports(domain, tmp_path):

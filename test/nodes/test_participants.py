@@ -36,7 +36,7 @@ def counts(folder):
         return {name: topic.message_count for name, topic in reader.topics().items()}
 
 
-def test_a_run_beside_nodes_of_an_earlier_one_fails_and_names_them(start_node, start_run):
+def test_a_run_next_to_nodes_of_an_earlier_one_fails_and_names_them(start_node, start_run):
     # The old gyro is noisy: its answers are not those of the run.
     for name in OTHERS:
         start_node(name, **({'noise': 0.7} if name == GYRO else {}))
@@ -50,7 +50,7 @@ def test_a_run_beside_nodes_of_an_earlier_one_fails_and_names_them(start_node, s
     assert 'Traceback' not in run.stderr
 
 
-def test_left_nodes_and_a_restarted_one_serve_the_next_plant(start_node, tmp_path):
+def test_leftover_nodes_and_a_restarted_one_serve_the_next_plant(start_node, tmp_path):
     nodes = {name: start_node(name) for name in OTHERS}
     recorder = start_node(RECORDER, output=tmp_path / 'all.mcap')
     hashes = []

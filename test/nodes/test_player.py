@@ -89,7 +89,7 @@ def recorded(path, start_ns):
         return messages, {name: topic.type_name for name, topic in reader.topics().items()}
 
 
-def test_everything_comes_as_it_was_recorded(recording, domain, listen):
+def test_messages_are_published_as_recorded(recording, domain, listen):
     # A publisher keeps 128 messages for a listener that a busy machine holds up: at this pace, 2 s.
     expected, types = recorded(recording, 5_500_000_000)
     listener = listen(types)
@@ -172,7 +172,7 @@ def test_a_live_plant_is_left_alone(recording, domain, start_node, listen):
     assert play('--topics', '/lcd', '--rate', '10').returncode == 0
 
 
-def test_a_clock_from_elsewhere_ends_it(recording, domain, start_node, listen):
+def test_a_foreign_clock_ends_it(recording, domain, start_node, listen):
     listener = listen({})
     player = start_node('player', file=recording, loop=True)
     wait_for(lambda: listener.node.count_publishers('/clock') > 0)

@@ -43,7 +43,7 @@ def recordings(tmp_path):
     return {processes: tmp_path / processes / 'stationary.mcap' for processes in runs}
 
 
-def test_every_way_leaves_the_same_and_everyone_can_read_it(recordings):
+def test_all_ways_of_running_leave_the_same_readable_recording(recordings):
     for processes, recording in recordings.items():
         nothing_is_missing(recording, processes)
         mcap_reads_it_and_its_checksums_hold(recording, processes)

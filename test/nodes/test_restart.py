@@ -129,7 +129,9 @@ def test_restarted_drivers_and_a_second_plant_change_no_duty(
             assert reader.topics()[topic].message_count == ticks
 
 
-def test_drivers_may_be_killed_at_once_and_before_they_are_known(client, start_graph, start_node):
+def test_drivers_may_be_killed_together_and_before_they_are_discovered(
+    client, start_graph, start_node
+):
     nodes = start_graph(60.0, timeout=60.0)
     client.spin_until(lambda: PLANT_IMU.name in client.newest, what='the first tick')
     for driver in VICTIMS:
@@ -162,7 +164,9 @@ def test_a_restarted_controller_fails_the_run_and_says_so(
     assert 'controller' in nodes['plant_sim'].output
 
 
-def test_a_controller_may_be_told_to_begin_afresh(start_graph, start_node, client, tmp_path):
+def test_with_rejoin_a_restarted_controller_begins_from_its_initial_state(
+    start_graph, start_node, client, tmp_path
+):
     nodes = start_graph(5.0, timeout=60.0)
     await_recording(tmp_path / 'run.mcap')
     with held_up(nodes['recorder'], client):
@@ -178,7 +182,7 @@ def test_a_controller_may_be_told_to_begin_afresh(start_graph, start_node, clien
     assert 'restarted at' in nodes['plant_sim'].output, controller.output
 
 
-def test_a_controller_is_not_sent_what_was_answered_before_it_came(client, start_node):
+def test_a_new_controller_is_not_sent_samples_of_answered_ticks(client, start_node):
     # Samples of a run's first ticks come topic by topic, which would look like a second sample.
     start_node('controller')
     for topic in INPUTS:

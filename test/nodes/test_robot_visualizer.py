@@ -34,7 +34,7 @@ def stamp(markers):
     return stamp_ns(next(marker for marker in markers if marker.ns == 'ball'))
 
 
-def test_beside_a_player_that_begins_again(recording, domain, start_node, tmp_path):
+def test_it_follows_a_player_that_restarts(recording, domain, start_node, tmp_path):
     visualizer = start_node('robot_visualizer', body_height='0.2')
     client = Client(domain)
     try:
@@ -50,7 +50,7 @@ def test_beside_a_player_that_begins_again(recording, domain, start_node, tmp_pa
         recorder = start_node('recorder', output=again)
         start_node('player', file=recording, loop=True, rate='2.0')
 
-        def leapt_back():
+        def jumped_back():
             return any(later < earlier for earlier, later in pairwise(map(stamp, arrays())))
 
         def ball_positions():
@@ -59,7 +59,7 @@ def test_beside_a_player_that_begins_again(recording, domain, start_node, tmp_pa
             }
 
         # The first time, a busy machine may hear only the end of it.
-        client.spin_until(lambda: len(ball_positions()) > 10 and leapt_back())
+        client.spin_until(lambda: len(ball_positions()) > 10 and jumped_back())
         assert recorder.interrupt() == 0
         assert visualizer.interrupt() == 0
     finally:

@@ -44,7 +44,7 @@ def sha256_of(run):
 
 @pytest.mark.parametrize('record', [True, False], ids=['recorded', 'not recorded'])
 @pytest.mark.parametrize('processes', ['separate', 'one', 'none'])
-def test_every_way_of_running_gives_the_same_duties(
+def test_all_ways_of_running_give_the_same_duties(
     start_run, tmp_path, expected_sha256, processes, record
 ):
     where = ['--output', tmp_path] if record else ['--no-record']

@@ -81,7 +81,7 @@ def step(client):
     assert client.now_ns() == before + 4_000_000
 
 
-def test_pause_stops_time_step_moves_one_tick_and_resume_goes_on(paused):
+def test_pause_stops_time_step_runs_one_tick_and_resume_continues(paused):
     step(paused)
     stepped = paused.now_ns()
     # It takes longer than the timeout: a paused plant waits for nobody.
@@ -91,7 +91,7 @@ def test_pause_stops_time_step_moves_one_tick_and_resume_goes_on(paused):
     paused.spin_until(lambda: paused.now_ns() > stepped + 100_000_000)
 
 
-def test_a_step_while_it_runs_is_refused(client):
+def test_a_step_of_a_running_plant_is_refused(client):
     response = client.call(Trigger, 'plant_sim/step', Trigger.Request())
     assert not response.success
     assert 'pause' in response.message

@@ -31,7 +31,7 @@ def start(client, scenario):
     return client.call(Trigger, 'supervisor/start', Trigger.Request())
 
 
-def test_the_page_stays_from_run_to_run(start_run, client, tmp_path):
+def test_the_page_outlasts_its_runs(start_run, client, tmp_path):
     terminal = Terminal()
     run = start_run(
         'stationary', '--viewer', '--set', 'viewer.port=0', '--set', 'plant_sim.duration=3',

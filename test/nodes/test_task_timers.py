@@ -116,9 +116,7 @@ def expected_sha256():
     [(Tampered, 0), (Doubled, 0), (AtEveryTick, 0), (Late, 0), (DroppedOnce, 1), (ATickTooLate, 1)],
     ids=lambda value: getattr(value, '__name__', str(value)),
 )
-def test_whatever_the_timers_do_the_duties_are_the_same(
-    domain, monkeypatch, expected_sha256, kind, forced
-):
+def test_the_duties_do_not_depend_on_the_timers(domain, monkeypatch, expected_sha256, kind, forced):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.setattr(controller, 'Controller', kind)
     options = RunOptions(
@@ -132,7 +130,7 @@ def test_whatever_the_timers_do_the_duties_are_the_same(
     assert result.resends >= forced
 
 
-def test_the_timers_are_in_phase_with_every_run_of_a_controller_that_lasts(
+def test_the_timers_are_in_phase_with_every_run_of_a_lasting_controller(
     client, start_node, tmp_path, expected_sha256
 ):
     client.watch(DIAGNOSTICS, depth=100)

@@ -191,7 +191,7 @@ def test_cmd_vel_that_is_not_finite_stops_the_robot_and_is_reported(driver):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.OK)
 
 
-def test_an_input_of_no_use_is_released_at_once():
+def test_an_unusable_input_is_released_at_once():
     """By times at which no source counts as silent."""
     callbacks, reported = {}, []
     node = SimpleNamespace(
@@ -211,7 +211,7 @@ def test_an_input_of_no_use_is_released_at_once():
     assert reported == ['joy: axis 1 not found: the input has only 1 axes']
 
 
-def test_joy_of_no_use_is_reported(driver):
+def test_an_unusable_joy_message_is_reported(driver):
     with driver.sending('viewer/joy', Joy(axes=[0.0])):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.WARN)
         assert driver.status().message == 'viewer/joy: axis 1 not found: the input has only 1 axes'
@@ -220,7 +220,7 @@ def test_joy_of_no_use_is_reported(driver):
 
 
 @pytest.mark.parametrize(('topic', 'kind'), [('joy', Joy), ('viewer/joy', Joy), ('cmd_vel', Twist)])
-def test_bytes_that_are_no_message_are_reported(driver, topic, kind):
+def test_malformed_bytes_are_reported(driver, topic, kind):
     with driver.sending(topic, b'\0\1\0\0' + bytes(5), kind=kind):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.WARN)
         told = driver.status().message
@@ -243,7 +243,7 @@ def test_priorities_over_topics(driver):
         driver.await_command('cmd_vel', (-100, 0))
 
 
-def test_a_tick_that_is_asked_for_again_gets_the_same_sticks(domain, start_node):
+def test_a_repeated_request_for_a_tick_gets_the_same_sticks(domain, start_node):
     """Up to the oldest that the recorder may lack."""
     start_node(GAMEPAD, device="''")
     with contextlib.closing(Client(domain)) as client:
@@ -313,7 +313,7 @@ def test_the_recorded_sticks_give_the_same_duties_again(domain, start_run, tmp_p
     assert log.duty_sha256 == run.result['duty_sha256']
 
 
-def test_a_keyboard_without_a_terminal_and_a_log_that_is_there_are_mistakes(start_node, tmp_path):
+def test_a_keyboard_without_a_terminal_and_an_existing_log_are_mistakes(start_node, tmp_path):
     node = start_node(GAMEPAD, keyboard='true')
     assert node.finish() == 2
     assert node.output == 'error: keyboard: standard input and output are not a terminal\n'
@@ -324,7 +324,7 @@ def test_a_keyboard_without_a_terminal_and_a_log_that_is_there_are_mistakes(star
     assert node.output == f'error: {path}: already exists; choose another file\n'
 
 
-def test_list_devices_tells_that_there_is_none():
+def test_list_devices_reports_that_none_was_found():
     pytest.importorskip('pygame')
     for command in ([sys.executable, '-m', 'ballbot_ros.nodes', GAMEPAD], [*BALLBOT, 'drive']):
         assert subprocess.check_output([*command, '--list-devices']) == b'no gamepad found\n'

@@ -17,7 +17,7 @@ from ballbot_ros.parameters import PlantParameters
 pytestmark = pytest.mark.graph
 
 
-def test_the_plant_is_asked_by_whatever_name_it_has_until_it_answers(domain):
+def test_a_plant_of_any_name_is_queried_until_it_answers(domain):
     with contextlib.closing(Client(domain)) as client:
         client.node.output = lambda topic: Output(client.node, topic)
         requests = ViewerRequests(client.node, print)

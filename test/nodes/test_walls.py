@@ -65,7 +65,7 @@ def hits(run):
     return [message.data for _, message in recorded(run, '/wall_hit')]
 
 
-def test_a_hit_ends_the_run_alike_in_every_way(make_runs, tmp_path):
+def test_a_hit_ends_the_run_in_the_same_way_with_and_without_the_graph(make_runs, tmp_path):
     runs = make_runs('stop', ['separate', 'one', 'none'])
     expected = runs['none']
     for processes, run in runs.items():
@@ -153,7 +153,7 @@ def the_sonar_reads_what_the_map_says(run, tmp_path, processes):
     assert len({message.range for _, message in readings}) > 3, processes
 
 
-def test_a_hit_that_is_reported_lets_the_run_go_on(make_runs):
+def test_with_on_wall_hit_report_the_run_continues(make_runs):
     runs = make_runs('report', ['separate', 'none'])
     for processes, run in runs.items():
         assert run.status == 0, (processes, run.stderr)
@@ -173,7 +173,7 @@ def test_a_hit_that_is_reported_lets_the_run_go_on(make_runs):
         ({'map': 'nowhere'}, 'shipped: corridor, track'),
     ],
 )
-def test_a_plant_that_can_not_start_there_says_so(start_node, settings, hint):
+def test_a_blocked_start_position_is_reported(start_node, settings, hint):
     node = start_node('plant_sim', **{'map': 'track', **settings})
     assert node.finish() == 2
     assert hint in node.output
@@ -181,7 +181,7 @@ def test_a_plant_that_can_not_start_there_says_so(start_node, settings, hint):
     assert len([line for line in node.output.splitlines() if 'error' in line]) == 1
 
 
-def test_a_sonar_with_an_even_cone_says_so(start_node):
+def test_an_even_number_of_cone_rays_is_reported(start_node):
     node = start_node('sonar_driver', cone_rays=4)
     assert node.finish() == 2
     assert 'cone_rays: 4 is even' in node.output

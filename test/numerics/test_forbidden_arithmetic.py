@@ -103,7 +103,7 @@ def forbidden(source):
 
 
 @pytest.mark.parametrize('path', sorted(FILES), ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_the_sources_use_none_of_it(path):
+def test_the_sources_use_no_forbidden_arithmetic(path):
     assert not forbidden(path.read_text(encoding='utf-8'))
 
 

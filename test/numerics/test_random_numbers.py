@@ -105,7 +105,7 @@ def test_the_farthest_tail_is_beyond_eight_sigma():
     assert math.isfinite(normal(2**53 - 1))
 
 
-def test_numbers_in_a_row_are_distributed_as_they_should(drawn):
+def test_consecutive_numbers_have_the_right_distribution(drawn):
     uniforms = [uniform(bits) for bits in drawn]
     normals = [normal(bits) for bits in drawn]
     assert stats.kstest(uniforms, 'uniform').pvalue > 0.001

@@ -46,7 +46,7 @@ def package_of(path):
     return path.relative_to(ROOT).parts[0]
 
 
-def test_every_package_has_a_floor():
+def test_every_package_has_a_layer():
     assert {package_of(path) for path in MODULES} == FLOOR.keys()
 
 
@@ -64,7 +64,7 @@ def test_imports_go_down(package):
     assert upward == []
 
 
-def test_ros_is_known_to_nodes_and_what_runs_them_alone():
+def test_only_nodes_and_the_code_that_runs_them_import_ros():
     found = {
         path.relative_to(ROOT)
         for path in MODULES

@@ -50,12 +50,12 @@ def test_a_misspelt_argument_is_an_error(launch_file, given, words):
     assert words in str(error.value)
 
 
-def test_its_own_arguments_and_those_of_the_command_are_none(launch_file):
+def test_its_own_arguments_and_those_of_ros2_launch_are_accepted(launch_file):
     names = [*launch_file.ARGUMENTS, 'launch-prefix']
     launch_file.check_names(SimpleNamespace(argv=[f'{name}:=x' for name in names]))
 
 
-def test_a_file_that_includes_it_may_have_arguments_of_its_own(launch_file, monkeypatch):
+def test_a_file_that_includes_it_may_have_other_arguments(launch_file, monkeypatch):
     monkeypatch.setattr(sys, 'argv', ['ros2', 'launch', 'my_package', 'my.launch.py'])
     launch_file.check_names(SimpleNamespace(argv=['scenaro:=stationary']))
 

@@ -144,7 +144,7 @@ def test_every_node_is_a_program(setup):
     assert scripts == ['ballbot = ballbot_ros.cli.main:main', *nodes.values()]
 
 
-def test_the_nodes_are_known_without_any_dependency():
+def test_the_list_of_nodes_needs_no_dependency():
     code = "import sys; sys.path.insert(0, '.'); from ballbot_ros.parameters import EXECUTABLES"
     bare = [sys.executable, '-I', '-S', '-c', code]
     done = subprocess.run(bare, cwd=ROOT, capture_output=True, text=True, check=False)

@@ -152,7 +152,7 @@ def test_python_without_ros_wheels(machine, version):
     assert_hint(machine.run('run'), 'Python 3.10 to 3.13', version.rpartition('.')[0])
 
 
-def test_second_python_is_taken_where_the_first_will_not_do(machine):
+def test_second_python_is_used_if_the_first_does_not_qualify(machine):
     machine.python(version='3.9.18')
     machine.python('python3.12', version='3.12.1', venv=False)
     machine.python('python3.10', version='3.10.13')
@@ -231,7 +231,7 @@ def test_arguments_are_passed_on(machine):
     assert arguments(machine.run('run', *words)) == words
 
 
-def test_standard_output_is_the_commands_alone(machine):
+def test_standard_output_has_only_the_commands_output(machine):
     machine.python()
     process = machine.run('run')
     assert process.output.startswith('<run>')
@@ -292,7 +292,7 @@ def test_failed_update_leaves_the_environment_as_it_was(machine):
     assert machine.run('run').errors == ''
 
 
-def test_other_python_makes_the_environment_anew(machine):
+def test_other_python_recreates_the_environment(machine):
     machine.python()
     machine.run('run')
     (machine.venv / 'stale').touch()
@@ -302,7 +302,7 @@ def test_other_python_makes_the_environment_anew(machine):
     assert not (machine.venv / 'stale').exists()
 
 
-def test_vanished_python_makes_the_environment_anew(machine):
+def test_vanished_python_recreates_the_environment(machine):
     machine.python()
     machine.run('run')
     (machine.venv / 'bin/python').unlink()
@@ -311,7 +311,7 @@ def test_vanished_python_makes_the_environment_anew(machine):
     assert not (machine.venv / 'bin/python').is_symlink()
 
 
-def test_moved_project_makes_the_environment_anew(machine):
+def test_moved_project_recreates_the_environment(machine):
     machine.python()
     machine.run('run')
     machine.project = machine.project.rename(machine.folder / 'elsewhere')
@@ -327,7 +327,7 @@ def test_missing_command_is_installed_again(machine):
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_interrupted_set_up_is_made_anew(machine, number):
+def test_interrupted_set_up_is_repeated(machine, number):
     machine.python()
     machine.pip('exec sleep 60')
     process = machine.start('run')
@@ -340,7 +340,7 @@ def test_interrupted_set_up_is_made_anew(machine, number):
     assert [call.split()[1] for call in machine.calls] == ['venv', 'pip'] * 2
 
 
-def test_interrupted_update_is_done_again(machine):
+def test_interrupted_update_is_repeated(machine):
     machine.python()
     machine.run('run')
     machine.pip('exec sleep 60')
@@ -388,7 +388,7 @@ def test_other_virtual_environment_does_not_leak(machine):
     assert variable(process, 'VIRTUAL_ENV') is None
 
 
-def test_activated_environment_is_not_made_with_its_own_python(machine):
+def test_activated_environment_is_not_recreated_with_its_own_python(machine):
     machine.python()
     machine.run('run')
     machine.environment['PATH'] = f'{machine.venv}/bin:{machine.environment["PATH"]}'
@@ -414,7 +414,7 @@ def sourced(distribution, prefix):
     }
 
 
-def test_sourced_jazzy_is_used_in_an_environment_of_its_own(machine):
+def test_sourced_jazzy_is_used_in_a_separate_environment(machine):
     machine.python(rclpy=True)
     environment = sourced('jazzy', '/overlay')
     process = machine.run('run', **environment)
@@ -438,7 +438,7 @@ def test_sourced_jazzy_without_its_rclpy_falls_back_to_the_wheels(machine):
     assert machine.venv.exists()
 
 
-def test_other_sourced_ros_is_noted_and_left(machine):
+def test_other_sourced_ros_is_reported_and_not_used(machine):
     machine.python()
     process = machine.run('run', **sourced('humble', '/overlay'), RMW_IMPLEMENTATION='rmw_other')
     notes = process.errors.splitlines()

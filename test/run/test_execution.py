@@ -45,7 +45,7 @@ def stationary(tmp_path_factory):
     return spec, execute(spec, notes), notes
 
 
-def test_a_run_gives_its_result_and_its_files(stationary):
+def test_a_run_returns_its_result_and_files(stationary):
     spec, result, notes = stationary
     assert result.passed
     assert (result.verdict, result.reason, result.exit_status) == (Verdict.PASSED, '', 0)
@@ -100,7 +100,7 @@ def test_a_graph_is_run_without_the_command(processes, domain, monkeypatch, tmp_
 
 
 @pytest.mark.graph
-def test_a_plant_that_refuses_the_domain_is_the_mistake_of_the_user(domain, monkeypatch):
+def test_a_plant_that_refuses_the_domain_is_a_mistake_of_the_user(domain, monkeypatch):
     pytest.importorskip('rclpy')
     from ballbot_ros.run import one_process
 
@@ -166,7 +166,7 @@ def test_an_interrupted_run_leaves_its_recording_but_no_picture(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ['stationary.mcap']
 
 
-def test_a_wall_hit_is_told_also_where_the_recording_fails(tmp_path, monkeypatch):
+def test_a_wall_hit_is_reported_even_if_the_recording_fails(tmp_path, monkeypatch):
     def fail(writer):
         raise RecordingError(f'{writer.path}: full')
 

@@ -57,7 +57,7 @@ def test_a_completed_run_is_completed(outcome, failure, ends, signal, expected):
         ('stopped', '', 2, ('stopped', '', 130)),
     ],
 )
-def test_a_run_that_makes_way_for_another_has_not_failed(outcome, failure, signal, expected):
+def test_a_run_replaced_by_another_has_not_failed(outcome, failure, signal, expected):
     result = ended(outcome, failure, {}, signal, is_replaced=True)
     assert (result.outcome, result.reason, result.exit_status) == expected
 
@@ -99,13 +99,15 @@ def test_a_node_that_dies_in_mid_run_may_be_restarted(victim):
     assert watched(victim, FIRST_TICK_NS + TICK_NS) == ''
 
 
-def test_of_a_plant_that_hangs_it_is_told_who_has_died_before():
+def test_with_a_hanging_plant_the_node_that_died_before_is_named():
     expected = 'plant_sim does not answer, gyro_driver was killed by SIGKILL'
     assert watched('gyro_driver', FIRST_TICK_NS + TICK_NS, plant_hangs=True) == expected
 
 
 @pytest.mark.parametrize(('now_ns', 'sweeps'), [(0, True), (FIRST_TICK_NS + TICK_NS, False)])
-def test_what_nodes_may_wait_for_is_removed_until_the_first_tick(monkeypatch, now_ns, sweeps):
+def test_ports_that_nodes_may_wait_for_are_removed_until_the_first_tick(
+    monkeypatch, now_ns, sweeps
+):
     swept = []
     monkeypatch.setattr(separate_processes, 'SETTLED_S', -1.0)
     monkeypatch.setattr(separate_processes, 'sweep', lambda: swept.append(now_ns))
@@ -123,7 +125,7 @@ def test_without_the_plant_there_is_no_run(now_ns):
 
 
 @pytest.mark.graph
-def test_a_node_that_refuses_to_start_tells_why(domain, monkeypatch, tmp_path):
+def test_a_node_that_refuses_to_start_gives_the_reason(domain, monkeypatch, tmp_path):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     file = tmp_path / 'parameters.yaml'
@@ -138,6 +140,6 @@ def test_a_node_that_refuses_to_start_tells_why(domain, monkeypatch, tmp_path):
     assert node.failure == f'recorder: {file}/x.mcap: File exists'
 
 
-def test_a_node_that_dies_says_nothing_of_it():
+def test_a_node_that_dies_gives_no_reason():
     process = SimpleNamespace(name='recorder', _last_words='waits', died=True, how_it_ended='died')
     assert NodeProcess.failure.fget(process) == 'recorder died'

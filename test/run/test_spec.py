@@ -63,7 +63,7 @@ def test_each_level_overrides_the_one_before(tmp_path, scenario):
     assert (assigned.noise, assigned.seed) == (1.0, 5)
 
 
-def test_the_pace_is_that_of_whoever_sets_it(tmp_path):
+def test_the_pace_comes_from_the_highest_level_that_sets_it(tmp_path):
     def factor(**options):
         return RunSpec.of_scenario('stationary', RunOptions(**options)).plant.real_time_factor
 
@@ -90,7 +90,7 @@ def test_another_profile_is_that_of_the_attached_scenario(tmp_path):
     assert attachments_of(unchanged)[SCENARIO].decode() == shipped.text
 
 
-def test_a_run_is_made_again_from_its_attached_parameters(tmp_path):
+def test_a_run_can_be_repeated_from_its_attached_parameters(tmp_path):
     """They name every parameter of every node, also those that a scenario does not let be set."""
     words = ('controller.pwm_gain=0.9', 'plant_sim.duration=1')
     options = RunOptions(processes=Processes.NONE, record=False, seed=7, assignments=words)
@@ -103,7 +103,7 @@ def test_a_run_is_made_again_from_its_attached_parameters(tmp_path):
     assert again.parameters.of(ControllerParameters).pwm_gain == 0.9
 
 
-def test_without_a_scenario_the_robot_balances_without_end():
+def test_without_a_scenario_the_robot_balances_endlessly():
     spec = RunSpec.compose(None, RunOptions(profile='hardware'))
     assert spec.plant.duration == 0.0
     assert spec.parameters.of(GamepadParameters) == GamepadParameters()
@@ -188,7 +188,7 @@ def test_a_run_without_end_is_refused(tmp_path):
     assert RunSpec.compose('stationary', RunOptions(parameter_file=file)).plant.duration == 0.0
 
 
-def test_a_profile_that_there_is_not_is_refused_whatever_the_profile_of_the_run(tmp_path):
+def test_a_scenario_with_an_unknown_profile_is_refused_for_any_profile_of_the_run(tmp_path):
     """Each node reads the file of the scenario itself."""
     path = tmp_path / 'typo.yaml'
     path.write_text('purpose: a typo\nduration: 1\nprofile: nope\n')

@@ -65,7 +65,7 @@ def load(tmp_path_factory):
     return load_text
 
 
-def test_a_scenario_sets_all_that_it_names(load):
+def test_a_scenario_sets_everything_that_it_names(load):
     scenario = load(FULL)
     assert (scenario.name, scenario.purpose) == ('mine', 'everything at once')
     assert scenario.text == FULL
@@ -140,7 +140,7 @@ def test_the_hardware_profile_has_all_the_faults_of_the_devices():
 
 
 @pytest.mark.parametrize('name', ['', 'nothing', 'Stationary', 'two\nlines', '..'])
-def test_an_unknown_scenario_is_told_with_the_known_ones(name):
+def test_the_error_for_an_unknown_scenario_lists_the_known_ones(name):
     with pytest.raises(ScenarioError) as error:
         load_scenario(name)
     assert '\n' not in str(error.value)
@@ -149,13 +149,13 @@ def test_an_unknown_scenario_is_told_with_the_known_ones(name):
 
 
 @pytest.mark.parametrize('name', ['nothing.yaml', './nothing', 'a/b.yml', '/'])
-def test_a_missing_file_is_told_by_its_path(name):
+def test_a_missing_file_is_named_by_its_path(name):
     with pytest.raises(BallbotError, match=r'^[^\n]+: [^\n]+$'):
         load_scenario(name)
 
 
 @pytest.mark.parametrize('name', ['', 'real', 'two\nlines', '../ballbot'])
-def test_an_unknown_profile_is_told_with_the_known_ones(name):
+def test_the_error_for_an_unknown_profile_lists_the_known_ones(name):
     with pytest.raises(ScenarioError, match='ideal') as error:
         load_profile(name)
     assert '\n' not in str(error.value)
@@ -281,7 +281,7 @@ def test_an_unknown_profile_is_told_with_the_known_ones(name):
         (HEAD + 'start: {\n', 4, 'not YAML'),
     ],
 )
-def test_mistakes_are_told_in_one_line_with_file_and_line(load, text, line, told):
+def test_mistakes_are_reported_in_one_line_with_file_and_line(load, text, line, told):
     with pytest.raises(BallbotError) as error:
         load(text)
     message = str(error.value)
@@ -301,7 +301,7 @@ def test_mistakes_are_told_in_one_line_with_file_and_line(load, text, line, told
         'expectations: {{peak_pitch_deg: {{max: {}}}}}',
     ],
 )
-def test_a_number_beyond_all_floats_is_refused_like_any_other(load, key, number):
+def test_a_number_beyond_the_range_of_floats_is_refused(load, key, number):
     with pytest.raises(BallbotError, match=r'^[^\n]*mine\.yaml:3: [^\n]*$'):
         load(HEAD + key.format(number) + '\n')
 
@@ -352,10 +352,10 @@ FRAGMENTS = [
 
 
 @given(st.lists(st.sampled_from(FRAGMENTS), max_size=30).map(''.join) | st.text(max_size=60))
-def test_whatever_the_text_it_is_read_or_refused_in_one_line(load, text):
+def test_any_text_is_read_or_refused_in_one_line(load, text):
     assert is_read_or_refused_in_one_line(load, text)
 
 
 @given(st.text(st.characters(exclude_categories=('Cc', 'Cs')), max_size=300))
-def test_whatever_the_name_it_is_found_or_refused_in_one_line(name):
+def test_any_name_is_found_or_refused_in_one_line(name):
     assert is_read_or_refused_in_one_line(load_scenario, name)

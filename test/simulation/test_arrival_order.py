@@ -17,14 +17,14 @@ def test_messages_of_several_topics_come_in_the_order_of_their_times():
     assert order.merge({'a': [], 'b': [], 'c': []}, 11) == []
 
 
-def test_what_comes_during_the_look_waits_for_the_next():
+def test_messages_that_arrive_during_a_pass_wait_for_the_next():
     order = ArrivalOrder()
     assert order.merge({'a': [(1, 'a1')], 'b': [(12, 'b12'), (15, 'b15')]}, 10) == ['a1']
     assert order.merge({'a': [(11, 'a11')], 'b': [(16, 'b16')]}, 14) == ['a11', 'b12']
     assert order.merge({'a': [], 'b': []}, math.inf) == ['b15', 'b16']
 
 
-def test_nothing_waits_for_a_clock_that_was_set_back():
+def test_messages_do_not_wait_for_a_clock_that_was_set_back():
     order = ArrivalOrder()
     assert order.merge({'a': [], 'b': [(1001, 'b1')]}, 1000) == []
     taken = {'a': [(1002, 'a2'), (3, 'a3')], 'b': [(4, 'b4')]}

@@ -19,7 +19,7 @@ PERIODS = {'gyro': 4 * MS, 'sonar': 20 * MS, 'battery': 100 * MS}
 START = 1000 * MS
 
 
-def test_the_gate_opens_when_all_that_is_due_is_in_whatever_the_order():
+def test_the_gate_opens_when_all_due_samples_have_arrived_in_any_order():
     for order in itertools.permutations(PERIODS):
         gate = InputGate(PERIODS)
         for name in order:
@@ -30,7 +30,7 @@ def test_the_gate_opens_when_all_that_is_due_is_in_whatever_the_order():
         assert [gate.newest(name) for name in PERIODS] == ['GYRO', 'SONAR', 'BATTERY']
 
 
-def test_only_what_is_due_is_waited_for():
+def test_only_due_samples_are_awaited():
     gate = InputGate(PERIODS)
     gate.put('gyro', START + 4 * MS, 1)
     assert gate.ready(START + 4 * MS)
@@ -39,7 +39,7 @@ def test_only_what_is_due_is_waited_for():
     assert gate.missing(START + 100 * MS) == ['gyro', 'sonar', 'battery']
 
 
-def test_a_sample_that_comes_again_changes_nothing():
+def test_a_repeated_sample_changes_nothing():
     gate = InputGate(PERIODS)
     assert gate.put('gyro', START, 'first')
     assert not gate.put('gyro', START, 'again')
@@ -191,13 +191,13 @@ BEGUN = (KEEP, KEEP, TICK)
         ((FIRST[0], (TS1, 1000), *FIRST[1:], (TS2, 1000)), (KEEP, None, KEEP, TICK, None)),
     ],
 )
-def test_what_an_event_leads_to(events, steps):
+def test_each_event_has_its_reaction(events, steps):
     ticks = Ticks()
     assert ticks.feed_all(*events) == list(steps)
     assert ticks.times_ms == [1000, 1004][: steps.count(TICK)]
 
 
-def test_a_tick_runs_what_is_due_and_says_which_timers_have_not_released_it():
+def test_a_tick_runs_the_due_tasks_and_names_those_not_released_by_their_timers():
     ticks = Ticks()
     ticks.feed_all(*FIRST)
     assert ticks.ran == [DueTick(1000 * MS, (INIT, TS1, TS2, TS3, LCD), (TS1, TS2, TS3, LCD))]
@@ -251,12 +251,12 @@ def test_nothing_is_forced_while_an_input_is_missing():
     assert ticks.forced == 0
 
 
-def test_before_a_run_is_known_nothing_counts():
+def test_before_a_run_is_known_everything_is_ignored():
     assert set(Ticks(None).feed_all(*FIRST, (TS1, 1000))) == {IGNORE, None}
 
 
 @pytest.mark.parametrize('start_ms', [1000, 1100, 1500])
-def test_another_run_begins_with_nothing_of_the_one_before(start_ms):
+def test_another_run_begins_without_anything_of_the_previous_one(start_ms):
     ticks = Ticks()
     ticks.feed_all(*FIRST, *SECOND, (TS1, 1008), ('gyro', 1008))
     ticks.ticks.begin(start_ms * MS, TASKS)
@@ -281,7 +281,9 @@ def test_another_run_begins_with_nothing_of_the_one_before(start_ms):
         (1524, False, IGNORE),
     ],
 )
-def test_who_has_missed_the_start_begins_at_the_tick_of_now_if_at_all(now_ms, rejoin, step):
+def test_after_a_missed_start_the_controller_begins_at_the_current_tick_or_not_at_all(
+    now_ms, rejoin, step
+):
     ticks = Ticks()
     assert ticks.feed_all(('battery', 1500), ('gyro', 1520)) == [KEEP, MISSED]
     assert ticks.ticks.start_late(1520 * MS, now_ns=now_ms * MS, rejoin=rejoin) is step
@@ -289,7 +291,7 @@ def test_who_has_missed_the_start_begins_at_the_tick_of_now_if_at_all(now_ms, re
     assert ticks.feed('sonar', 1520) is (KEEP if is_afresh else IGNORE)
 
 
-def test_who_begins_afresh_does_without_the_timers_at_first_and_counts_it():
+def test_a_late_start_forces_the_first_releases_and_counts_them():
     ticks = Ticks()
     ticks.feed_all(('battery', 1500), ('gyro', 1520))
     ticks.ticks.start_late(1520 * MS, now_ns=1520 * MS, rejoin=True)
@@ -301,7 +303,7 @@ def test_who_begins_afresh_does_without_the_timers_at_first_and_counts_it():
 
 
 @pytest.mark.parametrize('seed', range(30))
-def test_whatever_is_repeated_left_over_or_reordered_the_ticks_are_the_same(seed):
+def test_repeated_leftover_or_reordered_messages_do_not_change_the_ticks(seed):
     chance = random.Random(seed)
     ticks = Ticks()
 
@@ -439,7 +441,7 @@ TestDisturbed = Disturbed.TestCase
 TestDisturbed.settings = settings()
 
 
-def test_the_name_of_a_run_tells_its_plant():
+def test_the_name_of_a_run_identifies_its_plant():
     assert Run('3 18ab', START).plant == Run('4 18ab', START).plant == '18ab'
     assert Run('3 18ab', START).plant != Run('3 18ac', START).plant
     assert Run('1', START).plant == ''
@@ -458,7 +460,7 @@ def test_a_sample_is_new_repeated_contradicting_or_old():
     assert history.judge(10, b'c') is Sample.NEW
 
 
-def test_a_history_forgets_what_is_long_ago():
+def test_a_history_forgets_old_samples():
     history = SampleHistory(bare)
     for stamp in range(100):
         history.judge(stamp, b'a')

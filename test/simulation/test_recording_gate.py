@@ -91,7 +91,7 @@ def test_a_sample_that_overtakes_the_clock_waits_for_it():
     assert file.of('/gyro') == [(1000, b'true'), (1004, b'true')]
 
 
-def test_what_is_left_of_an_earlier_run_does_not_pass():
+def test_leftover_messages_of_an_earlier_run_do_not_pass():
     file = File()
     file.take(file.gyro, 5000, b'left')
     file.take(file.state, 0, b'left')
@@ -103,7 +103,7 @@ def test_what_is_left_of_an_earlier_run_does_not_pass():
     assert file.objections == []
 
 
-def test_who_comes_later_gets_what_was_kept_for_it():
+def test_a_late_recorder_gets_the_messages_kept_for_it():
     file = File()
     file.take(file.state, 0, b'calibration')
     file.take(file.gyro, 1400)
@@ -115,7 +115,7 @@ def test_who_comes_later_gets_what_was_kept_for_it():
 
 
 @pytest.mark.parametrize('is_first', [False, True])
-def test_a_contradiction_is_objected_to_and_costs_the_run_nothing(is_first):
+def test_a_contradiction_causes_an_objection_and_loses_nothing_of_the_run(is_first):
     file = File()
     file.tick(1000)
     file.take(file.clock, 1004)
@@ -127,7 +127,7 @@ def test_a_contradiction_is_objected_to_and_costs_the_run_nothing(is_first):
 
 
 @pytest.mark.parametrize('stamp_ms', [1000 + MOST_AHEAD_NS // MS + 4, WALL_NS // MS])
-def test_a_stamp_of_another_clock_is_objected_to_and_left_out(stamp_ms):
+def test_a_stamp_of_another_clock_causes_an_objection_and_is_omitted(stamp_ms):
     file = File()
     file.tick(1000)
     file.take(file.gyro, stamp_ms, b'stranger', sequence=1)
@@ -137,7 +137,7 @@ def test_a_stamp_of_another_clock_is_objected_to_and_left_out(stamp_ms):
     assert file.objections == [('/gyro', stamp_ms)]
 
 
-def test_a_guess_of_what_is_to_come_does_not_take_its_place():
+def test_a_forged_future_sample_does_not_replace_the_genuine_one():
     file = File()
     file.tick(1000)
     file.take(file.gyro, 1012, b'guess')
@@ -150,7 +150,7 @@ def test_a_guess_of_what_is_to_come_does_not_take_its_place():
 
 
 @pytest.mark.parametrize(('crowded', 'objections'), [(True, [('/clock', 90_000)]), (False, [])])
-def test_a_leap_of_the_clock_is_a_player_s_or_another_simulation_s(crowded, objections):
+def test_a_jump_of_the_clock_is_a_players_or_another_simulations(crowded, objections):
     file = File()
     file.tick(1000)
     file.crowded = {'/clock'} if crowded else set()
@@ -177,7 +177,7 @@ def test_a_leap_of_the_clock_is_a_player_s_or_another_simulation_s(crowded, obje
         ([('joy', 0, 5), ('joy', 0, 9)], []),
     ],
 )
-def test_a_gap_in_a_publisher_s_numbers_is_a_lost_message(events, lost):
+def test_a_gap_in_the_sequence_numbers_of_a_publisher_is_a_lost_message(events, lost):
     file = File()
     file.tick(1000)
     for name, stamp, number in events:
@@ -187,7 +187,7 @@ def test_a_gap_in_a_publisher_s_numbers_is_a_lost_message(events, lost):
 
 
 @pytest.mark.parametrize(('takes_part', 'is_lockstep'), [(False, True), (True, False)])
-def test_where_stamps_may_be_left_out_every_number_counts(takes_part, is_lockstep):
+def test_if_stamps_may_be_skipped_every_sequence_number_counts(takes_part, is_lockstep):
     file = File()
     file.gate.takes_part, file.gate.is_lockstep = takes_part, is_lockstep
     file.tick(1000)
@@ -209,9 +209,7 @@ def test_where_stamps_may_be_left_out_every_number_counts(takes_part, is_lockste
         ((1400, 1404), (1420,), []),
     ],
 )
-def test_a_stamp_that_is_leapt_over_is_a_lost_message_whoever_sends_the_next(
-    stamps_ms, sonar_ms, lost
-):
+def test_a_skipped_stamp_is_a_lost_message_for_any_next_sender(stamps_ms, sonar_ms, lost):
     file = File()
     for now in range(1000, 1500, 4):
         file.take(file.clock, now)
@@ -254,7 +252,7 @@ def test_strangers_on_a_topic_of_events_are_no_lost_messages():
         ((*range(40, 0, -1), 2, 3, 12), [12]),
     ],
 )
-def test_each_publisher_s_numbers_are_its_own(numbers, lost):
+def test_sequence_numbers_belong_to_their_publisher(numbers, lost):
     file = File()
     file.tick(1000)
     for number in numbers:
@@ -262,7 +260,7 @@ def test_each_publisher_s_numbers_are_its_own(numbers, lost):
     assert file.lost == [('/operating_state', number) for number in lost]
 
 
-def test_the_next_run_of_a_plant_goes_on_and_the_last_messages_of_the_one_before_still_pass():
+def test_the_next_run_of_a_plant_begins_while_the_last_messages_of_the_previous_one_still_pass():
     file = File()
     file.tick(1000)
     file.take(file.clock, 1004)
@@ -273,7 +271,7 @@ def test_the_next_run_of_a_plant_goes_on_and_the_last_messages_of_the_one_before
     assert file.lost == []
 
 
-def test_another_plant_begins_anew_at_an_earlier_time():
+def test_another_plant_begins_again_at_an_earlier_time():
     file = File()
     for now in range(1000, 1040, 4):
         file.tick(now)
@@ -296,7 +294,7 @@ def test_without_a_run_everything_passes_in_its_order():
     assert [stamp for stamp, _ in file.of('/gyro')] == [500, 504, 508]
 
 
-def test_until_the_run_of_a_plant_is_known_nothing_passes_and_nothing_is_lost():
+def test_nothing_passes_or_is_lost_until_the_run_of_a_plant_is_known():
     file = File(run=None)
     file.gate.awaits_run = True
     file.take(file.gyro, 5000, b'left')
@@ -309,7 +307,7 @@ def test_until_the_run_of_a_plant_is_known_nothing_passes_and_nothing_is_lost():
     assert file.gyro.complete_ns == 1008 * MS
 
 
-def test_a_recorder_that_comes_in_mid_run_has_each_tick_once():
+def test_a_recorder_that_joins_in_mid_run_has_each_tick_once():
     file = File(run=None)
     file.gate.awaits_run = True
     for now in (1400, 1404):
@@ -320,7 +318,7 @@ def test_a_recorder_that_comes_in_mid_run_has_each_tick_once():
     assert file.clock.complete_ns == 1404 * MS
 
 
-def test_what_waits_for_the_clock_of_a_dead_plant_is_not_the_next_one_s():
+def test_messages_waiting_for_the_clock_of_a_dead_plant_do_not_reach_the_next_one():
     file = File()
     file.tick(1000)
     file.take(file.gyro, 1004, b'of the dead plant')
@@ -333,7 +331,7 @@ def test_what_waits_for_the_clock_of_a_dead_plant_is_not_the_next_one_s():
     assert file.objections == []
 
 
-def test_free_running_a_second_sample_of_a_stamp_is_left_out():
+def test_in_free_running_mode_a_second_sample_of_a_stamp_is_omitted():
     file = File()
     file.gate.is_lockstep = False
     file.tick(1000)
@@ -350,7 +348,7 @@ def test_an_event_of_another_clock_is_logged_with_the_time_of_the_run(stamp_ms):
     assert file.of('/operating_state') == [(1000, b'x')]
 
 
-def test_an_event_may_be_told_of_before_it_happens():
+def test_an_event_may_be_announced_before_it_happens():
     file = File()
     file.tick(1000)
     file.take(file.state, 8000, b'push')
@@ -358,7 +356,7 @@ def test_an_event_may_be_told_of_before_it_happens():
 
 
 @pytest.mark.parametrize('seed', range(30))
-def test_whatever_strangers_send_the_run_s_own_samples_are_all_there_in_order(seed):
+def test_all_samples_of_the_run_are_recorded_in_order_despite_strangers(seed):
     chance = random.Random(seed)
     file = File()
     for now in range(1000, 1400, 4):

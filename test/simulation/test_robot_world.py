@@ -55,7 +55,7 @@ def test_messages_in_any_order_give_the_duties_of_the_loop(seed):
 
 
 @pytest.mark.parametrize('seed', range(4))
-def test_nodes_that_stop_and_go_on_at_random_change_no_duty(seed):
+def test_nodes_that_pause_and_resume_at_random_change_no_duty(seed):
     world = RobotWorld(parameters_of_runs(TICKS, timeout=60.0), SCENARIO, seed).start()
     choose = random.Random(seed)
     while world.summary is None:
@@ -83,7 +83,7 @@ def test_a_restarted_driver_changes_no_duty(role, leave):
 
 
 @pytest.mark.parametrize('lost', ['on_duty', 'on_clock', 'on_truth', 'on_sample', 'on_timer'])
-def test_a_message_that_is_lost_comes_again(lost):
+def test_a_lost_message_is_repeated(lost):
     """So is an answer to it, and whoever has answered answers the same again."""
     world = RobotWorld(parameters_of_runs(TICKS), SCENARIO).start()
     for ticks in (10, 105, 330):
@@ -97,7 +97,7 @@ def test_a_message_that_is_lost_comes_again(lost):
 
 
 @pytest.mark.parametrize('task', TASKS)
-def test_a_tick_waits_for_a_callback_that_is_lost_until_the_plant_asks_again(task):
+def test_a_tick_waits_for_a_lost_callback_until_the_plant_asks_again(task):
     world = RobotWorld(parameters_of_runs(TICKS), SCENARIO).start()
     world.advance(10)
     brick = world.robot[CONTROLLER]

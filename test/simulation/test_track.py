@@ -28,7 +28,7 @@ def drive(start, **settings):
 
 
 @pytest.mark.parametrize('start', STARTS)
-def test_with_a_cone_and_a_far_threshold_it_goes_round_the_inner_wall(start):
+def test_with_a_cone_and_a_far_threshold_it_drives_around_the_inner_wall(start):
     loop, ticks, states = drive(start, sonar_driver__cone_angle=0.52, controller__dst_thr=50)
     assert not loop.plant.stopped
     assert states == ['calibration', 'balance', 'forward', 'rightward', 'forward', 'rightward']

@@ -118,7 +118,7 @@ def test_a_pad_is_chosen_by_name_or_number(open_gamepad, listener, wanted, name)
     assert gamepad.name == name
 
 
-def test_a_pad_that_is_not_wanted_is_left_alone(open_gamepad, listener):
+def test_an_unwanted_pad_is_left_alone(open_gamepad, listener):
     backend = FakeBackend(PAD)
     open_gamepad('plain', backend)
     wait_for(lambda: backend.polls > 5)
@@ -129,7 +129,7 @@ def test_a_pad_that_is_not_wanted_is_left_alone(open_gamepad, listener):
     ('device', 'broken', 'told'),
     [(UNKNOWN, (), f'Strange Thing: {NO_MAPPING}'), (PAD, (PAD,), 'Fancy Pad: permission denied')],
 )
-def test_a_pad_that_cannot_be_used_is_named_once_and_another_is_taken(
+def test_an_unusable_pad_is_reported_once_and_another_is_opened(
     open_gamepad, listener, device, broken, told
 ):
     backend = FakeBackend(device, broken=broken)
@@ -140,7 +140,7 @@ def test_a_pad_that_cannot_be_used_is_named_once_and_another_is_taken(
     wait_for(lambda: listener.states)
 
 
-def test_the_list_tells_number_name_and_mapping():
+def test_the_list_shows_number_name_and_mapping():
     assert device_list.describe([]) == ['no gamepad found']
     assert device_list.describe([UNKNOWN, OTHER]) == [
         f'0  Strange Thing  {NO_MAPPING}',

@@ -3,7 +3,7 @@
 from ballbot_ros.teleop.input_errors import InputErrors
 
 
-def test_a_complaint_stays_until_it_is_healed_and_was_reported():
+def test_an_error_stays_until_it_is_cleared_and_was_reported():
     errors = InputErrors()
     assert errors.add('joy', 'axis 1 is nan')
     assert not errors.add('joy', 'axis 1 is inf')
@@ -17,7 +17,7 @@ def test_a_complaint_stays_until_it_is_healed_and_was_reported():
     assert errors.add('joy', 'axis 1 is inf')
 
 
-def test_what_goes_wrong_again_before_the_report_stays():
+def test_an_error_that_recurs_before_the_report_stays():
     errors = InputErrors()
     errors.add('joy', 'axis 1 is nan')
     errors.clear('joy')

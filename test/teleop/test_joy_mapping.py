@@ -89,11 +89,11 @@ def test_the_turbo_button_enables_with_its_own_scales():
         (axes(), [0, 0], 'button 9 not found: the input has only 2 buttons'),
     ],
 )
-def test_messages_of_no_use_are_refused(given_axes, buttons, told):
+def test_unusable_messages_are_refused(given_axes, buttons, told):
     with pytest.raises(TeleopError) as raised:
         mapping(require_enable_button=True).sticks(given_axes, buttons)
     assert str(raised.value) == told
 
 
-def test_what_is_not_used_may_be_missing():
+def test_unused_axes_and_buttons_may_be_missing():
     assert mapping(axis_rightward=-1).sticks([0.0, 1.0], []) == (-100, 0)

@@ -10,7 +10,7 @@ from graph import LAST_RESORT_S
 pytest.importorskip('prompt_toolkit')
 
 
-def test_a_terminal_that_vanishes_in_the_midst_of_a_line_is_gone():
+def test_a_terminal_that_vanishes_in_the_middle_of_a_line_is_detected():
     program = Path(__file__).with_name('vanishing_terminal.py')
     done = subprocess.run(
         [sys.executable, program],

@@ -15,7 +15,7 @@ FULL = MAPPING.full_speed
 finite = st.floats(allow_nan=False, allow_infinity=False)
 
 
-def test_the_full_stick_is_the_speed_that_the_controller_makes_of_it():
+def test_a_full_stick_is_the_controllers_full_speed():
     assert pytest.approx(0.1724, abs=1e-4) == FULL
 
 
@@ -36,7 +36,7 @@ def test_velocities_become_sticks(forward, left, sticks):
 
 
 @given(finite, finite)
-def test_no_velocity_asks_for_more_than_a_full_stick(forward, left):
+def test_no_velocity_exceeds_a_full_stick(forward, left):
     assert all(abs(value) <= 100 for value in MAPPING.sticks(forward, left))
 
 
@@ -49,12 +49,12 @@ def test_the_direction_stays(speed, angle):
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
-def test_what_is_not_finite_is_refused(value):
+def test_velocities_that_are_not_finite_are_refused(value):
     with pytest.raises(TeleopError, match=rf'linear.x is {value:g}, not a finite number'):
         MAPPING.sticks(value, 0.0)
     with pytest.raises(TeleopError, match=rf'linear.y is {value:g}, not a finite number'):
         MAPPING.sticks(0.0, value)
 
 
-def test_a_controller_that_makes_nothing_of_a_stick_gets_none():
+def test_with_zero_speed_gain_the_sticks_stay_neutral():
     assert VelocityMapping(0.0, 0.026, 100).sticks(1.0, 1.0) == (0, 0)

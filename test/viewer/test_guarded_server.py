@@ -131,7 +131,7 @@ def test_foreign_pages_are_refused(served):
 
 
 @pytest.mark.parametrize('query', ['', '?token=', '?token=wrong'])
-def test_a_client_without_the_token_changes_nothing(served, query, monkeypatch):
+def test_a_client_without_the_token_can_not_change_anything(served, query, monkeypatch):
     shared = []
     monkeypatch.setattr(served.server, 'request_share_url', lambda: shared.append('shared'))
     force, drive = served.inputs['Force [N]'], served.inputs['Drive forward']
@@ -157,7 +157,7 @@ def test_a_client_without_the_token_changes_nothing(served, query, monkeypatch):
 
 @pytest.mark.filterwarnings('ignore:.*does not match annotation')
 @pytest.mark.parametrize('changes', [{'image_height': 0}, {'image_width': 0}, {'position': ()}])
-def test_a_camera_that_is_none_ends_nothing(served, changes):
+def test_an_invalid_camera_does_not_end_the_server(served, changes):
     now = Snapshot(0.0, (0.0, 0.0), (0.0, 0.0))
     with client(served) as hostile, client(served):
         wait_for(lambda: len(served.page._views) == 2, what='the welcome')
@@ -166,7 +166,7 @@ def test_a_camera_that_is_none_ends_nothing(served, changes):
         assert len(served.page._aspects) == 1  # the other's camera is pointed
 
 
-def test_a_viser_that_serves_in_another_way_serves_nothing(monkeypatch):
+def test_a_viser_with_another_server_start_is_refused(monkeypatch):
     websockets = SimpleNamespace(**vars(_infra.websockets))
     websockets.asyncio = SimpleNamespace(
         server=SimpleNamespace(**vars(_infra.websockets.asyncio.server))
@@ -241,7 +241,7 @@ def test_no_foreign_page_in_a_browser_steers(served, foreign_site, foreign_brows
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_with_the_token_a_page_steers_without_it_only_shows(served, needs_browser):
+def test_a_page_steers_with_the_token_and_only_shows_without_it(served, needs_browser):
     with browsing(served.address) as browser:
         browser.press('Pause')
         wait_until(lambda: served.robot.asked == [('pause', True)], browser)
@@ -263,7 +263,7 @@ def test_with_the_token_a_page_steers_without_it_only_shows(served, needs_browse
         assert len(served.robot.asked) == 2
 
 
-def test_what_is_no_message_costs_its_sender_the_connection_and_a_line(served, caplog):
+def test_invalid_data_closes_the_connection_with_one_line(served, caplog):
     with client(served) as other:
         with connect(f'ws://{served.place}/', subprotocols=[PROTOCOL]) as socket:
             socket.send(b'\xc1')
@@ -288,7 +288,7 @@ class WaitersByThread(collections.deque):
         return super().__iter__()
 
 
-def test_a_message_wakes_connections_in_the_loop_of_the_server_alone(served):
+def test_connections_are_woken_only_in_the_event_loop(served):
     """A thread that went through those that wait met one that left, and the viewer ended."""
     server = served.server._websock_server
     with client(served), client(served):

@@ -66,7 +66,7 @@ def unread(port):
         yield
 
 
-class GroundTruth:
+class GraphRecorder:
     """What the graph tells while the browser is busy."""
 
     def __init__(self, domain):
@@ -177,7 +177,7 @@ def shows_what_it_should(browser, view):
 @pytest.mark.graph
 @pytest.mark.timeout(600)
 def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
-    with running(domain, *DRIVE), GroundTruth(domain) as truth:
+    with running(domain, *DRIVE), GraphRecorder(domain) as truth:
         viewer, address = start_viewer(start_node, port=0)
         port = urlsplit(address).port
         # What stands still is not drawn, so pages load sooner.
@@ -295,7 +295,7 @@ def test_a_recorded_run_follows_its_slider(recording, domain):
         assert process.wait(LAST_RESORT_S) == 0
 
 
-def test_a_browser_that_stops_reading_holds_up_nobody(recording):
+def test_a_browser_that_stops_reading_does_not_block_others(recording):
     """Its connection is full: what is shown goes on, and only the newest of it is kept."""
     run = ShownRun(recording)
     page = Page(run.dimensions, 'test', '127.0.0.1', 0)

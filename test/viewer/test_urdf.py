@@ -62,7 +62,7 @@ def pose(part):
     return matrix
 
 
-def test_every_part_is_there_where_the_table_has_it():
+def test_every_part_is_where_the_table_has_it():
     robot = load()
     for link in LINKS:
         visuals = robot.link_map[link].visuals
@@ -142,7 +142,7 @@ def test_the_two_planes_are_alike():
         assert abs(swap @ a.origin[:3, 2]) == pytest.approx(abs(b.origin[:3, 2]))
 
 
-def test_collisions_enclose_what_is_seen_of_ball_and_tires():
+def test_collision_shapes_enclose_the_visible_ball_and_tires():
     links = load().link_map
     for link in (BALL, WHEEL_X, WHEEL_Y):
         (collision,), first = links[link].collisions, links[link].visuals[0]

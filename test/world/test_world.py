@@ -95,7 +95,7 @@ def test_a_start_off_the_map_or_in_a_wall_is_refused():
         world.check_start((0.45, 0.0))
 
 
-def test_the_parameters_name_the_world(tmp_path):
+def test_the_world_is_created_from_the_parameters(tmp_path):
     assert World.of(values_of(PLANT)) is None
     path = save(with_walls(100, 100, (0, 100, 90, 100)), tmp_path / 'map.png')
     assert World.of(values_of(PLANT, map=str(path))).map.columns == 100
