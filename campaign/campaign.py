@@ -284,7 +284,7 @@ class TrialProcess:
     def verdict(self) -> tuple[str, Verdict]:
         """Return a description of the trial, and the verdict.
 
-        Without a verdict nothing is known, so the trial failed.
+        A trial without a verdict counts as failed.
         """
         last = self._output.read_text(errors='replace').strip().rpartition('\n')[2]
         try:

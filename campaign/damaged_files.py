@@ -1,4 +1,4 @@
-"""Files and arguments that no recorder and no user would write."""
+"""Damaged recordings, and invalid scenarios and arguments."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class DamagedRecording:
 
     @classmethod
     def draw(cls, generator: random.Random, turn: int) -> DamagedRecording:
-        """Draw one; the kinds of damage alternate."""
+        """Draw a damaged recording; the kinds of damage alternate."""
         return cls(DAMAGES[turn % len(DAMAGES)], generator.getrandbits(32))
 
     def carry_out(self, site: Site) -> Verdict:
@@ -129,7 +129,7 @@ class FuzzedInput:
         scenario.write_bytes(self.scenario)
         whole = write_scenario(site.folder)
         words = ['--processes=none', '--no-record']
-        # Last, so that it takes effect: whatever the errors, the run is short.
+        # Last, so that it takes effect: the run is short in any case.
         short = ['--real-time-factor=0', '--set', f'{PLANT}.duration=0.1']
         sets = [word for each in self.assignments for word in ('--set', each)]
         return run_commands(

@@ -60,7 +60,7 @@ class Restarts:
 
     @classmethod
     def draw(cls, generator: random.Random, turn: int) -> Restarts:
-        """Draw one to three; in four consecutive trials each driver comes first once."""
+        """Draw one to three restarts; in four consecutive trials each driver comes first once."""
         drivers = [DRIVERS[turn % len(DRIVERS)]]
         drivers += generator.choices(DRIVERS, k=generator.randrange(3))
         return cls(

@@ -37,7 +37,7 @@ CRASH = re.compile(
 
 @dataclass(frozen=True)
 class RunEnd:
-    """Everything that a run has left.
+    """The remains of a run.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class RunEnd:
 
     @property
     def completed(self) -> bool:
-        """Whether it reached its end nevertheless."""
+        """Whether it reached its end despite the fault."""
         return self.result.get('outcome') == 'passed'
 
 

@@ -53,7 +53,7 @@ class Stopwatch:
         Parameters
         ----------
         processes : iterable of int
-            The living ones.
+            The living processes.
 
         Returns
         -------
@@ -74,7 +74,7 @@ class Stopwatch:
 
 
 class End(NamedTuple):
-    """How the processes of a trial ended.
+    """End of the processes of a trial.
 
     Attributes
     ----------

@@ -100,7 +100,7 @@ class FullDisk:
             sha256 = undisturbed(site, ticks_of(SHORT_S)).duty_sha256
             complaints += judge_completed(end, sha256)
         elif end.result:
-            # A picture that can't be written either says nothing about the cause.
+            # A picture that can't be written either does not change the cause.
             named = f'{run.recording.name}: {NO_SPACE}' if is_of_recording else NO_SPACE
             complaints += judge_failed(end, [named])
         elif end.end.status not in (1, 2) or NO_SPACE not in end.text:
@@ -118,7 +118,7 @@ class BusyMachine:
 
     @classmethod
     def draw(cls, generator: random.Random, turn: int) -> BusyMachine:
-        """Return it; it has no random choices."""
+        """Return the only one; it has no random choices."""
         return cls()
 
     def carry_out(self, site: Site) -> Verdict:

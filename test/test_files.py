@@ -1,4 +1,4 @@
-"""What is no regular file is refused before it is opened; what can't be written is named."""
+"""Files that are not regular are refused before they are opened; unwritable ones are named."""
 
 import os
 import signal
@@ -21,7 +21,7 @@ from ballbot_ros.files import (
 
 @pytest.fixture(autouse=True)
 def bounded():
-    """End a test that waits at a FIFO."""
+    """End a test that blocks on a FIFO."""
 
     def give_up(*_):
         raise TimeoutError('it waits')

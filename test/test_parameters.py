@@ -1,4 +1,4 @@
-"""The parameter table and what it lets in."""
+"""The parameter table and its checks."""
 
 import math
 from dataclasses import asdict, dataclass, fields
@@ -30,7 +30,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.plant.model import PhysicalParameters
 
-# What the document and the author's other robot give (sections 3.1, 6 and 7).
+# Values from the document and the author's other robot (sections 3.1, 6 and 7).
 REFERENCE = {
     PLANT: {
         'gravity': 9.81, 'ball_mass': 0.013, 'ball_radius': 0.026, 'wheel_mass': 0.015,
@@ -56,7 +56,7 @@ each_number = pytest.mark.parametrize('row', numeric, ids=lambda row: row.name)
 
 
 def refusal(row, value):
-    """Return the one line with which `value` is refused."""
+    """Return the error for `value`, which must be one line."""
     with pytest.raises(ParameterError) as error:
         row.check(value, 'file.yaml:7: node.')
     line = str(error.value)

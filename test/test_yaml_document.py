@@ -67,7 +67,7 @@ def read(tmp_path_factory):
 
 
 def refusal(read, content):
-    """Return what follows the file's name in the one line of the refusal."""
+    """Return the error without the file's name; it must be one line."""
     with pytest.raises(YamlError) as error:
         read(content)
     line = str(error.value)

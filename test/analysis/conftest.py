@@ -44,7 +44,7 @@ def short_assessment(short):
 
 @pytest.fixture
 def copy(tmp_path):
-    """Write a copy of recordings, one after the other, but of their topics only those wanted."""
+    """Write a copy of recordings, one after the other, with the wanted topics only."""
 
     def write(
         *paths, wanted=lambda topic: True, attachments=True, types=None, edit=None, extra=None

@@ -1,4 +1,4 @@
-"""Whose parameters count for a run, and what is no parameter."""
+"""The parameters of a run, as its participants announce them; invalid values."""
 
 import hashlib
 

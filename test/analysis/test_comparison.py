@@ -1,4 +1,4 @@
-"""Runs side by side, and the gate."""
+"""Comparison of runs, and the gate against regressions."""
 
 import csv
 import json
@@ -10,7 +10,7 @@ from ballbot_ros.analysis.report import MEANINGS
 
 @pytest.fixture(scope='module')
 def other(make_run):
-    """As `short`, but started at a smaller pitch."""
+    """Like `short`, but started at a smaller pitch."""
     path, _ = make_run(
         'stationary', '--set=plant_sim.duration=3', '--set=plant_sim.start_pitch_x=0.05'
     )

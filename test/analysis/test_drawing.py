@@ -1,4 +1,4 @@
-"""What figures consist of: the same thing looks the same in all of them."""
+"""Elements of figures, which look the same in all of them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a report takes of memory and work grows with the ticks, and how much is bounded."""
+"""The memory and work of a report: bounded for each tick."""
 
 import tracemalloc
 from dataclasses import replace
@@ -17,10 +17,10 @@ from ballbot_ros.timing import TICK_NS
 TICKS = 100_000
 
 KEPT = 140
-"""Bytes that may be kept of a tick: an hour has 900 000, and a report of it 300 MB."""
+"""Bytes that a tick may occupy: with the 900 000 ticks of an hour, a report may take 300 MB."""
 
 ON_THE_WAY = 64
-"""Bytes a tick that may be needed besides at any time."""
+"""Additional bytes per tick that may be needed at any time."""
 
 
 def test_stamped_messages_are_not_decoded_one_by_one(driven, monkeypatch):
@@ -48,7 +48,7 @@ def test_a_tick_takes_few_bytes_of_memory(driven):
 
 @pytest.fixture(scope='module')
 def long(short_assessment):
-    """A run of many ticks, its numbers at random."""
+    """A run of many ticks with random numbers."""
     random = np.random.default_rng(1)
     run = short_assessment.run
     stamps = 10**9 + TICK_NS * np.arange(TICKS)
@@ -66,7 +66,7 @@ def long(short_assessment):
 
 
 def needed(function, run):
-    """Return the bytes that a function needs besides what there is before it."""
+    """Return the additional bytes that a function needs."""
     tracemalloc.start()
     try:
         function(run)

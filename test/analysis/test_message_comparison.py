@@ -1,4 +1,4 @@
-"""Recorded messages beside those of a run that is made again."""
+"""Comparison of recorded messages with those of a replay."""
 
 import math
 import struct
@@ -20,7 +20,7 @@ def duty(stamp, x):
 
 
 def compared(recorded, replayed):
-    """Compare the duties of plane x of ticks 0, 1, 2 ...; None leaves a message out."""
+    """Compare the duties of plane x at ticks 0, 1, 2 ...; None means no message."""
     comparison = Comparison([MOTOR_DUTY])
     for take, values in ((comparison.recorded, recorded), (comparison.replayed, replayed)):
         for tick, value in enumerate(values):

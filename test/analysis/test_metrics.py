@@ -18,7 +18,7 @@ TICK = 0.004
 
 
 def trajectory(pitch_deg=(0.0,), position=(0.0,), duty=(0,), pitch_y_deg=None, position_y=None):
-    """Return a trajectory of plane x, and of plane y where it is given; short lists are padded."""
+    """Return a trajectory of plane x, and of plane y if given; short lists are padded."""
     columns = [pitch_deg, pitch_y_deg or [0.0], position, position_y or [0.0], duty]
     count = max(map(len, columns))
     padded = [[*column, *[column[-1]] * (count - len(column))] for column in columns]

@@ -1,4 +1,4 @@
-"""Which control program takes the place of a recorded one, and why."""
+"""The choice of the control program for a replay, and its reason."""
 
 import pytest
 

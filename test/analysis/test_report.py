@@ -1,4 +1,4 @@
-"""The report: a page that is whole by itself, its figures, its numbers."""
+"""The report: a self-contained page, its figures and numbers."""
 
 import base64
 import csv
@@ -28,7 +28,7 @@ VOID = {'meta', 'img', 'br', 'link'}
 
 
 class Page(HTMLParser):
-    """Reads a page, and fails where its elements are not nested."""
+    """Parses a page, and fails if its elements are not nested."""
 
     def __init__(self, text):
         super().__init__()

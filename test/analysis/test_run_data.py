@@ -1,4 +1,4 @@
-"""What is read of recordings: whole ones, pieces of them, and others."""
+"""Reading runs from recordings: complete, damaged and foreign ones."""
 
 import math
 
@@ -21,7 +21,7 @@ from ballbot_ros.simulation.trajectory import Trajectory
 
 
 def same(one, other):
-    """Equal numbers, but for the rounding of a quaternion's angle."""
+    """Return whether numbers are equal up to the rounding of a quaternion's angle."""
     return one == pytest.approx(other, rel=1e-9, abs=1e-12, nan_ok=True)
 
 
@@ -54,7 +54,7 @@ def test_the_run_is_complete_and_has_its_attachments(driven_assessment):
 
 
 def _is_true_of_the_beginning(part, whole):
-    """Assert that what a part of a recording says is true of the whole run."""
+    """Assert that everything in a part of a recording is also true of the complete run."""
     trajectory = part.run.trajectory
     count = len(trajectory.time)
     beginning = Trajectory(*(column[:count] for column in vars(whole.run.trajectory).values()))
@@ -68,7 +68,7 @@ def _is_true_of_the_beginning(part, whole):
 
 
 def assessed(path):
-    """Return what is to be seen in a file, or nothing where it is refused in one line."""
+    """Return the assessment of a file; None if it is refused in one line."""
     found = []
     assert is_read_or_refused_in_one_line(lambda: found.append(assess(read_run(path))))
     return found

@@ -29,7 +29,7 @@ def series(*columns):
 
 @pytest.fixture
 def metrics(short_assessment):
-    """Measure the run `short` with the series given instead of its own."""
+    """Measure the run `short` with the given series instead of its own."""
 
     def measure(given=None, **changes):
         return RUN_METRICS.measure(replace(short_assessment.run, series=given or {}, **changes))

@@ -1,4 +1,4 @@
-"""The brick: what tasks see of the inputs, and what leaves as outputs."""
+"""The brick: the inputs as the tasks see them, and the outputs of a tick."""
 
 from ballbot_ros.brick.brick import Brick, DeviceInputs, DeviceOutputs, Tone
 

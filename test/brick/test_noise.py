@@ -1,4 +1,4 @@
-"""Noise is a function of seed, device and sample, and of nothing else."""
+"""Noise is a function of seed, device and sample only."""
 
 import random
 import zlib

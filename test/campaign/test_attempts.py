@@ -1,4 +1,4 @@
-"""What a trial does follows from seed and number alone."""
+"""The actions of a trial depend on seed and number only."""
 
 import random
 

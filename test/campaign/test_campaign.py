@@ -1,4 +1,4 @@
-"""What the campaign prints and keeps, with trials that only claim to have run."""
+"""Output and files of the campaign, with simulated trials."""
 
 import pytest
 from click.testing import CliRunner
@@ -10,7 +10,7 @@ FAULT = 'leftovers in /dev/shm'
 
 
 class EndedTrial:
-    """A trial that has ended with the verdict that it is told."""
+    """A trial that has ended with a given verdict."""
 
     told = None
     age_s = 7.0

@@ -1,4 +1,4 @@
-"""What counts as held: each thing that must hold is missed if it alone does not."""
+"""The judgement of a trial: each broken guarantee alone is noticed."""
 
 from dataclasses import replace
 from signal import Signals

@@ -1,4 +1,4 @@
-"""What is read of a recording that was finished, cut off, or never begun."""
+"""The remains of a recording that was finished, cut off, or never begun."""
 
 import pytest
 from graph import record

@@ -1,4 +1,4 @@
-"""Which trial is next, and the table."""
+"""The order of the trials, and the table of their results."""
 
 import io
 import random

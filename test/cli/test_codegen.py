@@ -81,7 +81,7 @@ def test_an_untouched_folder_is_equal_and_is_measured(tmp_path, parameters, few_
         if len(words) > 3 and words[1].startswith('task_')
     }
     assert list(counts) == ['task_init', 'task_ts1', 'task_ts2', 'task_ts3', 'task_lcd']
-    # Two planes of some thirty soft-float operations, each tens of instructions or more.
+    # Two planes with about thirty soft-float operations each, of at least ten instructions.
     assert 2000 < counts['task_ts1'] < 20000
     assert 100 < counts['task_ts3'] < 2000
     sizes = {name: int(size) for name, size in re.findall(r'(\w+) (\d+) B\b', text)}
@@ -152,7 +152,7 @@ def test_a_mistake_is_reported_in_one_line(tmp_path, monkeypatch, command, argum
 
 @pytest.fixture
 def tools(tmp_path):
-    """A folder for PATH with some commands only."""
+    """Return a folder for PATH that contains some commands only."""
 
     def make(*commands):
         folder = tmp_path / 'bin'
@@ -200,20 +200,20 @@ def test_a_check_that_could_not_run_does_not_count_as_passed(
 
 
 def result_of(run):
-    assert run.finish() in (0, 1), run.stderr  # so short a run may miss the expectations
+    assert run.finish() in (0, 1), run.stderr  # such a short run may miss the expectations
     assert run.result['ticks'] == 500
     return run.result['duty_sha256'], run.result['recording']
 
 
 def messages(path):
-    """Return the controller's messages: each topic's, in order."""
+    """Return the controller's messages by topic, in order."""
     topics = ('controller/state', 'motor_duty', 'operating_state', 'bluetooth/tx', 'sound', 'lcd')
     with RecordingReader(path) as reader:
         found = {topic: [] for topic in topics}
         for message in reader.raw_messages():
             topic = message.topic.lstrip('/')
             if topic in found:
-                # The middleware pads a message to whole words.
+                # The middleware pads a message to full words.
                 found[topic].append(message.data + bytes(-len(message.data) % 4))
     return found
 

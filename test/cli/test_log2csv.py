@@ -1,4 +1,4 @@
-"""`ballbot log2csv`: the data log of a recording, and what is refused."""
+"""`ballbot log2csv`: the data log of a recording, and refused files."""
 
 import subprocess
 
@@ -17,7 +17,7 @@ def log2csv(*arguments):
 
 
 def write_recording(path, events, prefix=''):
-    """Write runs, given by their start in s, and packets, given as bytes."""
+    """Write runs, given by their start [s], and packets, given as bytes."""
     header, array = new_message('std_msgs/msg/Header'), new_message('std_msgs/msg/UInt8MultiArray')
     writer = RecordingWriter(path)
     run = writer.add_topic(f'{prefix}/plant/run', 'std_msgs/msg/Header')

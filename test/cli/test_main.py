@@ -11,7 +11,7 @@ from ballbot_ros.recording.reader import RecordingReader
 
 
 class InterruptedImport:
-    """Ctrl-C comes as the next module is looked for."""
+    """Simulates Ctrl-C while the next module is searched for."""
 
     def find_spec(self, *arguments):
         raise KeyboardInterrupt
@@ -46,14 +46,14 @@ def test_a_closed_standard_output_is_not_an_error():
 @pytest.mark.graph
 @pytest.mark.parametrize('processes', ['none', 'separate'])
 def test_a_run_needs_no_standard_streams(tmp_path, domain, processes):
-    """Without them the recording would be what libraries print to."""
+    """Without them, libraries would print into the recording."""
     pytest.importorskip('rclpy')
     words = ['run', 'stationary', '--set', 'plant_sim.duration=0.1', '--processes', processes]
     done = subprocess.run(
         ['sh', '-c', '"$@" <&- >&- 2>&-', 'sh', *BALLBOT, *words, '--output', tmp_path],
         env=environment(domain), check=False,
     )  # fmt: skip
-    assert done.returncode == 1  # too short for what is expected
+    assert done.returncode == 1  # too short to meet the expectations
     with RecordingReader(tmp_path / 'stationary.mcap') as recording:
         assert recording.damage is None
         assert sum(1 for _ in recording.raw_messages(['/motor_duty'])) == 25

@@ -1,4 +1,4 @@
-"""info, repair, export and play as a user meets them: what is printed, and the exit status."""
+"""info, repair, export and play as a user sees them: output and exit status."""
 
 import csv
 import json

@@ -51,9 +51,9 @@ def push(tmp_path_factory):
 
 
 def copy(recording, path, change, also=()):
-    """Copy a recording; `change` takes topic, stamp and data and returns the data, or None.
+    """Copy a recording; `change` takes topic, stamp and data, and returns data, or None to drop it.
 
-    Before that it gets topic, stamp and data of what it is `also` to have.
+    The messages `also`, given as topic, stamp and data, come first.
     """
     with RecordingReader(recording) as reader, RecordingWriter(path) as writer:
         for name, file in reader.attachments().items():
@@ -133,7 +133,7 @@ def test_a_changed_sample_is_distinguished_from_a_wrong_duty(push, tmp_path, rep
                 other = next(
                     m for m in reader.raw_messages(['/gyro']) if m.stamp_ns > 2_900_000_000
                 )
-            # The reading of another tick under the stamp of this one.
+            # The reading of another tick with the stamp of this one.
             return data[:12] + other.data[12:]
         return data
 
@@ -150,7 +150,7 @@ def test_a_changed_sample_is_distinguished_from_a_wrong_duty(push, tmp_path, rep
 @pytest.mark.parametrize(
     ('name', 'byte', 'bit', 'told'),
     [
-        ('/motor_duty', 27, 6, 'infinity'),  # of ±1 the exponent
+        ('/motor_duty', 27, 6, 'infinity'),  # the exponent of ±1
         ('/gamepad', 28, 1, 'not a valid sensor_msgs/msg/Joy'),  # two axes become none
         ('/gyro', 15, 6, 'Invalid string length'),
         ('/sonar', 38, 7, 'not within 0 … 255'),  # no echo becomes 1.7e38 m
@@ -178,7 +178,7 @@ def test_an_impossible_input_is_reported_in_one_line(push, tmp_path, name, byte,
 
 @pytest.fixture
 def push_by(push, tmp_path):
-    """The same run as if another implementation of the controller had made it."""
+    """Return the same run as if another implementation of the controller had recorded it."""
 
     def change(name):
         path = tmp_path / f'{name}.mcap'
@@ -247,7 +247,7 @@ def test_a_missing_message_is_found(push, tmp_path, replay):
 
 @pytest.mark.parametrize('start_ns', [500_000_000, 60_000_000_000], ids=['before', 'after'])
 def test_a_run_without_any_answered_tick_is_not_a_difference(push, tmp_path, replay, start_ns):
-    """It was reset before; what the plant has told of it has no stamp."""
+    """The run was reset before the answer; its messages from the plant have no stamp."""
     run, clock = new_message('std_msgs/msg/Header'), new_message('rosgraph_msgs/msg/Clock')
     fill_header(run, start_ns, '2')
     fill_time(clock.clock, start_ns)
@@ -267,8 +267,8 @@ def test_a_run_without_any_answered_tick_is_not_a_difference(push, tmp_path, rep
 def two_plants(push, tmp_path):
     """The runs of two plants, as a leftover recorder writes them: both begin at 1 s.
 
-    The first one is stopped early; `change` takes number of the plant, topic, stamp and data of
-    each message, and returns the data, or None for no message.
+    The first plant is stopped early. `change` takes the number of the plant, and topic, stamp and
+    data of a message; it returns the data, or None to drop the message.
     """
 
     def write(change=lambda plant, topic, stamp, data: data):

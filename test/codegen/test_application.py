@@ -1,4 +1,4 @@
-"""The generated folder: complete, deterministic, and made from the one truth of each thing."""
+"""The generated folder: complete, deterministic, and consistent with the Python program."""
 
 import re
 from functools import partial
@@ -26,7 +26,7 @@ CONSTANT = re.compile(r'^const \w+ (\w+)(?:\[\d+\])? = \{?([^;}]+)\}?;', re.MULT
 
 
 def constants(values):
-    """Return the constants of the C file, by name, as the numbers that stand there."""
+    """Return the constants of the C file by name, as they are written there."""
     text = application_files(values)['ballbot_parameters.c']
     return {
         name: [word.strip().rstrip('fU') for word in value.split(',')]
@@ -75,7 +75,7 @@ def test_every_constant_is_exactly_the_single_or_integer_of_the_python_program(s
     written = constants(values)
     assert written.pop('ts1') == ['4.0']
     written['sound_freq'] = written.pop('sound_frq')
-    periods = {'ts2_period', 'ts3_period'}  # they stand in the OIL file
+    periods = {'ts2_period', 'ts3_period'}  # they are in the OIL file
     assert written.keys() | periods == ProgramConstants.__annotations__.keys()
     for name, texts in written.items():
         value = getattr(typed, name)

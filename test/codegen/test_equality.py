@@ -41,7 +41,7 @@ AT_REST = DeviceInputs(
 
 @pytest.fixture(scope='module')
 def built(tmp_path_factory):
-    """Build the application for a target, or return what was built for it with these parameters."""
+    """Build the application for a target, or return an earlier build with these parameters."""
     known = {}
 
     def make(target, *, flags=(), values=None, **changes):
@@ -103,7 +103,7 @@ def test_every_shipped_scenario(built, target, name):
 @pytest.mark.parametrize('path', GOLDEN, ids=lambda path: path.stem)
 def test_the_golden_inputs(built, target, path):
     values, steps = golden_values_and_steps(path)
-    # What is written as a float and as an integer must have the table's types.
+    # The members written as floats and as integers must have the types in the table.
     made = built(target, values=values_of(CONTROLLER, **values))
     assert assert_equal(made, steps) == len(steps)
 
@@ -118,7 +118,7 @@ def test_a_thousand_random_sequences(built, parameters, target):
 
 
 def restarted_steps(seed):
-    """Yield the inputs of a run whose first tick brings a packet, as none waits after a start."""
+    """Yield the inputs of a run with a packet at the first tick, as none waits after a start."""
     for step in random_steps(seed, TICKS, wild=seed % 2 == 1):
         sticks = step.inputs.sticks or (0, 0) if step.elapsed_ms == 0 else step.inputs.sticks
         yield step._replace(inputs=step.inputs._replace(sticks=sticks))
@@ -164,7 +164,7 @@ def test_with_fused_multiply_add_in_the_processor(built):
 
 
 def test_fused_operations_would_be_noticed(built):
-    """The test above can fail: with contraction allowed the states differ."""
+    """Prove that the test above can fail: with contraction allowed, the states differ."""
     if ' fma ' not in Path('/proc/cpuinfo').read_text():
         pytest.skip('this processor has no FMA')
     made = built('c', flags=('-O2', '-mfma', '-ffp-contract=fast'))
@@ -173,7 +173,7 @@ def test_fused_operations_would_be_noticed(built):
 
 
 def battery_filter_for_no_voltage():
-    """Return a_b with which 573 and then 574 mV average to a motor voltage of exactly zero."""
+    """Return the a_b for which 573 and then 574 mV average to a motor voltage of exactly zero."""
     coefficient = np.float32(574) - VOLTAGE_OFFSET / VOLTAGE_SLOPE
     for _ in range(2000):
         average = (np.float32(1) - coefficient) * np.float32(574) + coefficient * np.float32(573)
@@ -272,7 +272,7 @@ def test_the_duties_of_the_closed_loop_are_the_golden_ones(target, name):
 
 
 def branch_counts(made, source):
-    """Return how often each branch of a source was taken, by line and number."""
+    """Return the execution count of each branch of a source, by line and number."""
     done = subprocess.run(
         ['gcov', '--json-format', '--stdout', '-b', source.replace('.c', '.o')],
         cwd=made.scratch, capture_output=True, text=True, check=True,
@@ -297,7 +297,7 @@ def test_the_inputs_reach_the_branches_of_the_generated_c(built, capsys):
             program = made.program()
             for step in steps:
                 program.tick(*step)
-            del program  # it writes its counts when it ends
+            del program  # the counts are written at the end of the process
         for source in ('ballbot_controller.c', 'ballbot_app.c'):
             reached.update(branch_counts(made, source))
     taken = sum(count > 0 for count in reached.values())

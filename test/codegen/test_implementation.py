@@ -1,4 +1,4 @@
-"""The compiled program as the nodes and the closed loop get it."""
+"""The compiled program as nodes and closed loop use it."""
 
 import gc
 import os
@@ -20,7 +20,7 @@ AT_REST = DeviceInputs((600, 600), (0, 0), 255, 8003, (0, 0))
 
 
 def own_children():
-    """Return the numbers of this process's children."""
+    """Return the process ids of this process's children."""
     tasks = Path('/proc/self/task').glob('*/children')
     return {int(pid) for task in tasks for pid in task.read_text().split()}
 

@@ -1,4 +1,4 @@
-"""STOP and RUN on the brick: task_init on a program that has run."""
+"""STOP and RUN on the brick: task_init in a program that has run before."""
 
 from generated import random_values
 from hypothesis import strategies as st

@@ -22,7 +22,7 @@ def servo():
 
 @pytest.fixture(scope='module')
 def loop(servo):
-    """The plant with the integral of theta, and what the controller feeds back."""
+    """The plant with the integral of theta, and the feedback of the controller."""
     a = np.zeros((5, 5))
     a[:4, :4] = servo.a
     a[4, 0] = 1.0

@@ -1,4 +1,4 @@
-"""Each device has one entry in each table, and they agree."""
+"""Each device has one entry in each table, and the tables agree."""
 
 import pytest
 

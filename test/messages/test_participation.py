@@ -1,4 +1,4 @@
-"""Announcements and accounts come back as they were sent; what is malformed is a ValueError."""
+"""Announcements and run statuses decode as they were encoded; malformed ones are a ValueError."""
 
 import dataclasses
 
@@ -129,7 +129,7 @@ def test_alignment_padding_is_ignored():
     fill_motors(motors, GroundTruth(5, *[(1.0, 2.0)] * 7, battery_voltage=8.0))
     data = bytearray(encoder(PLANT_JOINT_STATES.type_name)(motors))
     is_same = same_content(PLANT_JOINT_STATES.type_name)
-    # The frame, an empty string, ends one byte behind its length; the next number is aligned.
+    # The frame, an empty string, ends one byte after its length; the next number is aligned.
     gap = 4 + 8 + 4 + 1
     assert data[gap : gap + 3] == b'\0\0\0'
     other = bytearray(data)

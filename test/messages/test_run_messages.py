@@ -1,4 +1,4 @@
-"""The messages of a run without a graph: their order, and what is sent only at a change."""
+"""The messages of a run without a graph: their order, and messages sent only at changes."""
 
 from collections import defaultdict
 
@@ -30,7 +30,7 @@ def loop():
 
 @pytest.fixture(scope='module')
 def sent(loop):
-    """Return the topics by stamp, in the order in which their messages came."""
+    """Return the topics by stamp, in the order of their messages."""
     found = defaultdict(list)
     messages = RunMessages(lambda topic, stamp, data: found[stamp].append(topic), ParameterSet())
     start = loop.plant.time_ns

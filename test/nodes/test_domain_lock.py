@@ -1,4 +1,4 @@
-"""One plant a domain on this machine, whatever stands in the way of files."""
+"""One plant per domain on this machine, whatever files exist."""
 
 import tempfile
 

@@ -1,4 +1,4 @@
-"""A node that dies or hangs in the run: who it was, and what is left of run and recording."""
+"""A node that dies or hangs during a run is named, and the recording remains readable."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ ENDLESS = '--set=plant_sim.duration=600'
 
 
 def the_motors_are_off(duties):
-    """The last duty, and no other, tells that the run has ended and nothing drives."""
+    """Assert that the last duty, and no other, is a motor stop."""
     *answers, last = duties
     assert (last.header.frame_id, last.vector.x, last.vector.y) == ('stop', 0.0, 0.0)
     assert all(answer.header.frame_id == '' for answer in answers)
@@ -26,7 +26,7 @@ def the_motors_are_off(duties):
 
 @pytest.fixture
 def start(start_run, tmp_path):
-    """Start a run that is recorded; return it with its nodes when the first ticks are on disk."""
+    """Start a recorded run; return it with its nodes when the first ticks are on disk."""
 
     def start(*settings, **popen):
         run = start_run('stationary', '--output', tmp_path, ENDLESS, *settings, **popen)

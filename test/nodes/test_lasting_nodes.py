@@ -1,4 +1,4 @@
-"""Nodes that last: plants, recorders, subscribers and strangers that come to them and leave."""
+"""Lasting nodes: plants, recorders, subscribers and strangers join them and leave."""
 
 import signal
 import time
@@ -53,7 +53,7 @@ def domain():
 
 @pytest.fixture(scope='module', autouse=True)
 def lasting(domain):
-    """The nodes of all tests of this module."""
+    """The nodes shared by all tests of this module."""
     nodes = {name: Node(domain, name) for name in LASTING}
     yield nodes
     for node in nodes.values():
@@ -62,9 +62,9 @@ def lasting(domain):
 
 @pytest.fixture
 def start(lasting, start_node):
-    """Start a node beside those that last; it takes its leave after the test.
+    """Start a node next to the lasting ones; it leaves after the test.
 
-    One that is killed stays in the graph for a while, in which the next run would wait for it.
+    A killed node would stay in the graph for a while, and the next run would wait for it.
     """
     guests = []
 
@@ -82,7 +82,7 @@ def start(lasting, start_node):
 
 @pytest.fixture
 def watch_run(client, start):
-    """Start a plant, and wait for a time of its run [s]."""
+    """Start a plant, and wait until its run has reached a time [s]."""
 
     def watch(until_s, **parameters):
         plant = start(PLANT, **{'real_time_factor': 0, 'timeout': 60, **parameters})
@@ -110,13 +110,13 @@ def test_a_late_subscriber_gets_only_the_newest_message_of_a_state(domain, clien
                 lambda message, name=topic.name: late.seen.setdefault(name, []).append(message),
                 reliable_qos(HISTORY, latched=False),
             )
-        # What stands still is told again, and only that.
+        # Only unchanged messages are repeated.
         named = {topic.name for topic in (*STATES, *STREAMS) if topic is not SOUND}
         late.spin_until(lambda: named <= set(late.seen), what=f'{named}')
         late.spin_until(lambda: len(late.seen[PLANT_IMU.name]) > 3, what='the tick again')
         for topic in (*STATES, *STREAMS):
             offers = late.node.get_publishers_info_by_topic(topic.name)
-            # The plant, too, may switch off the motors.
+            # The plant may switch off the motors, too.
             assert len(offers) == 1 + (topic is MOTOR_DUTY), topic.name
             assert {offer.qos_profile.reliability for offer in offers} == {
                 ReliabilityPolicy.RELIABLE
@@ -196,7 +196,7 @@ def test_a_run_whose_recorder_started_last_can_be_replayed(start, client, tmp_pa
     plant = start(
         PLANT, real_time_factor=0, duration=2, start_pitch_x=0.02, require_recorder='true'
     )
-    # By then it has announced itself to whoever was there.
+    # By then it has announced itself to all nodes present.
     client.spin_until(lambda: RUN.name in client.newest)
     recorder = start(RECORDER, output=path)
     assert plant.finish() == 0

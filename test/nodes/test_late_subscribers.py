@@ -1,4 +1,4 @@
-"""Who comes late gets exactly the newest of a state and nothing old; the recorder gets it all."""
+"""A late subscriber gets exactly the newest message of a state; the recorder gets all of them."""
 
 import contextlib
 import os
@@ -102,5 +102,5 @@ def test_changes_while_the_recorder_is_stopped_are_recorded(start_node, client, 
         pages = [message.data for _, _, message in recording.messages(['/lcd'])]
         assert not [name for name in recording.topics() if '_history' in name]
     assert hits == [True, False] * 5
-    # Of a node of somebody's own, which has no history, too.
+    # Also those of a foreign node, which has no history.
     assert pages == [f'page {number}' for number in range(10)]

@@ -1,4 +1,4 @@
-"""How nodes begin and end, and what they tell of their lives."""
+"""Start and end of nodes, and their log."""
 
 import re
 import signal
@@ -21,7 +21,7 @@ DRIVERS = [name for name in NODES if name not in ('plant_sim', 'recorder')]
 
 
 def lines_of(output):
-    """What was logged at info level, without times and hashes."""
+    """Return the lines logged at info level, without times and hashes."""
     found = re.findall(r'^\[INFO\] \[[\d.]+\] \[[\w.]+\]: (.*)$', output, re.MULTILINE)
     return [re.sub(r'\d+ ticks, duty_sha256 \w{12}…', 'N ticks', line) for line in found]
 
@@ -51,7 +51,7 @@ def test_nodes_log_the_events_of_their_lives(start_node, client, tmp_path):
     assert plant.interrupt() == 0
     everybody = 'gyro_driver, encoder_driver, sonar_driver, gamepad_teleop, controller, recorder'
     assert lines_of(''.join(head)) == ['started', f'run 1 waits for {everybody}']
-    # As they come, there are fewer.
+    # Fewer are missing as they join.
     told = [line for line in lines_of(plant.output) if ' waits for ' not in line]
     pattern = [
         r'run 1 begins at sim time 1\.000 s', r'paused',

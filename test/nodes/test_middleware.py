@@ -1,4 +1,4 @@
-"""Nodes find each other soon, also those that start at different times."""
+"""Nodes discover each other fast, even if they start at different times."""
 
 import contextlib
 import os
@@ -28,11 +28,11 @@ PARTICIPANT = slice(8, 20)  # of an RTPS message
 
 @pytest.mark.graph
 def test_a_node_announces_itself_four_times_a_second(domain, start_node, monkeypatch):
-    """By its diagnostics, once a second; what a busy machine holds up, it holds up both."""
+    """Compared with its diagnostics, once a second: a busy machine delays both."""
     pytest.importorskip('rclpy')
     from ros_client import Client
 
-    # Where a participant with that number would listen.
+    # The port on which a participant with that number would listen.
     port = 7400 + 250 * domain + 10 + 2 * LAST_PEER
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer,

@@ -1,4 +1,4 @@
-"""What a running node makes of parameters that it is given."""
+"""Setting the parameters of a running node."""
 
 import contextlib
 import gc
@@ -39,7 +39,7 @@ VALUES = {
 
 @pytest.fixture
 def make(domain, monkeypatch, tmp_path):
-    """Make nodes in this process; they go with the test."""
+    """Create nodes in this process, until the end of the test."""
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.chdir(tmp_path)
     with contextlib.ExitStack() as stack:
@@ -54,7 +54,7 @@ def make(domain, monkeypatch, tmp_path):
             return node
 
         yield make
-    gc.collect()  # a node that can't be made lives on in the traceback
+    gc.collect()  # a node that can't be created stays alive in the traceback
 
 
 def set_one(node, name, value):
@@ -97,7 +97,7 @@ OTHER_TEXTS = {'map': 'corridor', 'scenario': 'square', 'output': 'x.mcap', 'att
 
 
 def another(row, value):
-    """Another value that is allowed, for what needs no file or device."""
+    """Return another allowed value, for parameters that need no file or device."""
     if isinstance(value, bool):
         return None if row.name == 'keyboard' else not value
     if row.choices:

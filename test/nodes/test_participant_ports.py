@@ -1,4 +1,4 @@
-"""Which ports a new participant is kept off."""
+"""Keeping a new participant off the ports of dead ones."""
 
 import fcntl
 import signal
@@ -18,7 +18,7 @@ from ballbot_ros.nodes.participant_ports import (
 
 @pytest.fixture
 def first(domain):
-    """RTPS: port base and domain gain; a participant's own ports are 10 and 11 + 2 * its number."""
+    """Return a domain's first port; RTPS adds 10 and 11 + 2 * its number for each participant."""
     return 7400 + 250 * domain
 
 
@@ -76,7 +76,7 @@ def test_two_processes_that_start_together_share_the_occupied_numbers(domain, fi
         assert not can_bind(first + 12)
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as other:
         other.bind(('127.0.0.1', first + 12))
-        with avoid_stale_ports(domain, tmp_path):  # what is taken need not be held
+        with avoid_stale_ports(domain, tmp_path):  # a port in use need not be occupied
             pass
 
 
@@ -112,7 +112,7 @@ def test_a_restarted_node_takes_another_number_than_the_killed_one(domain, first
     port = f'fastrtps_port{first + 11 + 2 * int(numbers[0])}'
     maps = Path(f'/proc/{nodes[1].process.pid}/maps')
     wait_for(lambda: port in maps.read_text(), what='that somebody writes to its port')
-    # Or it might find out in time that nobody reads there any more.
+    # Otherwise it might notice in time that the port has no reader any more.
     nodes[1].process.send_signal(signal.SIGSTOP)
     nodes[0].kill()
     again = start_node('gyro_driver')

@@ -1,4 +1,4 @@
-"""What the system tells of processes."""
+"""Information from the system about processes."""
 
 import contextlib
 import os

@@ -29,7 +29,7 @@ ONLY_IN_THE_GRAPH = {
 
 @pytest.fixture
 def recordings(tmp_path):
-    """The recordings of the same run in every way, made at the same time."""
+    """The recordings of the same run in all arrangements of processes, made at the same time."""
     with contextlib.ExitStack() as stack:
         runs = {}
         for processes in ('separate', 'one', 'none'):

@@ -1,4 +1,4 @@
-"""The robot for other tools: described once for whoever comes, drawn as it moves, not recorded."""
+"""The robot for other tools: its description, also for late subscribers, and its drawing."""
 
 import subprocess
 from importlib.util import find_spec
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.graph
 
 @pytest.fixture
 def recording(tmp_path):
-    """Three seconds before a wall, during which the ball rolls."""
+    """Three seconds near a wall, during which the ball rolls."""
     words = ['run', 'stationary', '--processes', 'none', '--output', tmp_path]
     settings = {'duration': 3.0, 'map': 'corridor', 'start_pitch_x': 0.05}
     options = [f'--set=plant_sim.{name}={value}' for name, value in settings.items()]
@@ -58,7 +58,7 @@ def test_it_follows_a_player_that_restarts(recording, domain, start_node, tmp_pa
                 each.pose.position.x for array in arrays() for each in array if each.ns == 'ball'
             }
 
-        # The first time, a busy machine may hear only the end of it.
+        # On a busy machine, only the end of the first pass may be received.
         client.spin_until(lambda: len(ball_positions()) > 10 and jumped_back())
         assert recorder.interrupt() == 0
         assert visualizer.interrupt() == 0

@@ -1,4 +1,4 @@
-"""What killed processes leave in shared memory goes, and what a living one holds stays."""
+"""Leftovers of killed processes in shared memory are removed; files in use stay."""
 
 import ctypes
 import json
@@ -76,7 +76,7 @@ def acquire(mutex):
 
 
 def make_port(folder):
-    """A port with all of its files."""
+    """Create a port with all its files."""
     make(folder, PORT, WHOLE_PORT)
     make(folder, f'{PORT}_el')
     make(folder, f'{PORT}_sl')
@@ -89,7 +89,7 @@ def names(folder):
 
 @contextmanager
 def held(path, how):
-    """Have another process hold a file."""
+    """Let another process hold a file."""
     script = (
         f'import fcntl, mmap, sys; path = {str(path)!r}; {HOLD[how]}; print(); sys.stdin.read()'
     )
@@ -185,7 +185,7 @@ def test_a_process_that_opens_a_port_after_the_first_look_finds_its_lock_free(
     monkeypatch.setattr(shared_memory.fcntl, 'flock', note_and_lock)
     with held(tmp_path / MUTEX, 'mapping'):
         assert sweep(tmp_path, older_than_s=0) == []
-    assert locked == ['']  # the folder's, against another sweep
+    assert locked == ['']  # the lock of the folder, against another sweep
 
 
 @pytest.mark.parametrize(('name', 'how'), [(f'{PORT}_el', 'lock'), (PORT, 'mapping')])
@@ -281,7 +281,7 @@ def test_a_broken_port_is_found_and_is_removed_once_it_is_old(tmp_path, content)
     make(tmp_path, f'{PORT}1', WHOLE_PORT, age_s=YOUNG_S)
     make(tmp_path, SEGMENT, age_s=YOUNG_S)
     assert find_broken_ports(tmp_path) == [port]
-    with held(tmp_path / MUTEX, 'mapping'):  # by its maker, or by one that waits for it
+    with held(tmp_path / MUTEX, 'mapping'):  # by its creator, or by a process that waits for it
         assert sweep(tmp_path) == []
         set_age(port, OLD_S)
         sweep(tmp_path)
@@ -322,7 +322,7 @@ assert sweep()
 
 @pytest.mark.graph
 def test_a_process_waiting_for_a_broken_port_continues_when_the_port_is_removed(domain):
-    """As one does that begins before the port is old enough to be known for broken."""
+    """Such a process began before the port was old enough to be recognised as broken."""
     pytest.importorskip('rclpy')
     script = """
     truncate -s 100000 /dev/shm/fastrtps_port7000
@@ -438,7 +438,7 @@ def test_a_running_node_checks_for_dead_readers(domain):
 @pytest.mark.graph
 @needs_layout_of_ports
 def test_a_publisher_continues_after_its_reader_is_killed_while_taking_a_message(domain):
-    """Unless its reader is marked, Fast DDS 2.14 waits for ever."""
+    """Unless its reader is marked, Fast DDS 2.14 waits forever."""
     pytest.importorskip('rclpy')
     program = Path(__file__).with_name('killed_reader.py')
     done = subprocess.run(
@@ -450,7 +450,7 @@ def test_a_publisher_continues_after_its_reader_is_killed_while_taking_a_message
 
 
 def run_privately(domain, *command, broken_ports=()):
-    """Return the result of a run that sees shared memory of its own."""
+    """Return the result of a run with private shared memory."""
     run = [*command, 'run', 'stationary', '--no-record', '--json']
     done = subprocess.run(
         [*private_shared_memory(*broken_ports), *run],
@@ -465,7 +465,8 @@ def test_a_run_is_not_held_up_by_broken_ports(domain):
     assert run_privately(domain, *BALLBOT, broken_ports=(7000, 7004))['outcome'] == 'passed'
 
 
-# Half a second, as a file that a process has made but not mapped yet is not to count as lost.
+# Half a second, so that a file which a process has created but not mapped yet does not count as a
+# leftover.
 SWEPT = """
 import os, pathlib, subprocess, sys
 from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, sweep

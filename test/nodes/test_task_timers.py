@@ -1,4 +1,4 @@
-"""The timers of the controller release its tasks: with some of their callbacks tampered with."""
+"""The timers of the controller, with some of their callbacks manipulated."""
 
 import pytest
 
@@ -28,7 +28,7 @@ LATE_S = 0.01
 
 
 class Tampered(Controller):
-    """A controller whose diagnostics are kept when it closes, with all of its timers."""
+    """A controller with unchanged timers, which keeps its diagnostics when it closes."""
 
     def __init__(self, parameters):
         self.late = []
@@ -54,7 +54,7 @@ class Doubled(Tampered):
 
 
 class AtEveryTick(Tampered):
-    """The callback of task_ts2 comes off its schedule, too."""
+    """The callback of task_ts2 also runs off its schedule."""
 
     def _release_callback(self, task):
         release = super()._release_callback(task)
@@ -71,7 +71,7 @@ class AtEveryTick(Tampered):
 
 
 class Late(Tampered):
-    """The callback of task_ts2 comes later by the wall clock."""
+    """The callback of task_ts2 runs late, by the wall clock."""
 
     def _release_callback(self, task):
         release = super()._release_callback(task)
@@ -126,7 +126,7 @@ def test_the_duties_do_not_depend_on_the_timers(domain, monkeypatch, expected_sh
     assert result.ticks == round(DURATION_S * 250), result.reason
     assert result.duty_sha256 == expected_sha256
     assert kind.counts['forced releases'] == forced
-    # What the timers leave out, the plant has to ask for.
+    # The plant has to ask for releases that the timers omit.
     assert result.resends >= forced
 
 
@@ -138,7 +138,7 @@ def test_the_timers_are_in_phase_with_every_run_of_a_lasting_controller(
         if name not in (PLANT, RECORDER):
             start_node(name)
     start_pitch = load_scenario('stationary').parameters.of(PlantParameters).start_pitch_x
-    # The timer of the display has 500 ms, and runs begin at multiples of 100 ms.
+    # The timer of the display has a period of 500 ms, and runs begin at multiples of 100 ms.
     for number, resets_ms in enumerate(([], [1112, 1560], [1720])):
         path = tmp_path / f'{number}.npz'
         client.newest.clear()

@@ -1,4 +1,4 @@
-"""Live inputs over topics: they drive, they are arbitrated, and their end is the robot's rest."""
+"""Live inputs over topics: they drive, they are arbitrated, and the robot stops when they end."""
 
 import contextlib
 import itertools
@@ -70,7 +70,7 @@ rclpy.spin(node)
 
 
 class Driver(Client):
-    """Publishes what drives, and looks at what comes of it."""
+    """Publishes inputs, and observes the resulting sticks."""
 
     def __init__(self, domain):
         super().__init__(domain)
@@ -80,7 +80,7 @@ class Driver(Client):
 
     @contextlib.contextmanager
     def sending(self, topic, message, qos=10, kind=None):
-        """Publish a message, or bytes in the place of one, every PERIOD_S within the block."""
+        """Publish a message, or bytes instead of one, every PERIOD_S within the block."""
         publisher = self.node.create_publisher(kind or type(message), topic, qos)
 
         timer = self.node.create_timer(PERIOD_S, lambda: publisher.publish(message))
@@ -127,7 +127,7 @@ def twist(forward=0.0, left=0.0, stamped=False):
 
 @pytest.fixture(scope='module')
 def graph():
-    """A graph for all tests of this module, whose inputs go by the wall clock."""
+    """A graph for all tests of this module; its inputs use the wall clock."""
     parameters = {GAMEPAD: {'device': "''"}, PLANT: {'real_time_factor': 0.4, 'on_timeout': 'wait'}}
     with contextlib.ExitStack() as stack:
         domain = stack.enter_context(free_domain())
@@ -153,7 +153,7 @@ def test_joy_drives_the_robot_forward_and_silence_stops_it(driver):
     with driver.sending('joy', joy(forward=1.0), qos_profile_sensor_data):
         driver.await_command('joy', (-100, 0))
         driver.spin_until(lambda: ball_position(driver.newest[PLANT_ODOM.name])[0] > start + 0.05)
-    # For how long a silence counts as driving: test_arbiter.py.
+    # test_arbiter.py tests how long a silence counts as driving.
     driver.spin_until(lambda: driver.sticks == (0, 0))
 
 
@@ -192,7 +192,7 @@ def test_cmd_vel_that_is_not_finite_stops_the_robot_and_is_reported(driver):
 
 
 def test_an_unusable_input_is_released_at_once():
-    """By times at which no source counts as silent."""
+    """That is, before the source could count as silent."""
     callbacks, reported = {}, []
     node = SimpleNamespace(
         parameters=GamepadParameters(device=''),
@@ -239,12 +239,12 @@ def test_priorities_over_topics(driver):
             with driver.sending('joy', joy(forward=-1.0)):
                 driver.await_command('joy', (100, 0))
             driver.await_command('viewer', (0, -100))
-        # That the sticks rest before each change to a lower priority: test_arbiter.py.
+        # test_arbiter.py tests that the sticks rest before each change to a lower priority.
         driver.await_command('cmd_vel', (-100, 0))
 
 
 def test_a_repeated_request_for_a_tick_gets_the_same_sticks(domain, start_node):
-    """Up to the oldest that the recorder may lack."""
+    """Tested up to the oldest tick that the recorder may lack."""
     start_node(GAMEPAD, device="''")
     with contextlib.closing(Client(domain)) as client:
         client.watch(GAMEPAD_JOY, depth=10)
@@ -296,7 +296,7 @@ def test_the_recorded_sticks_give_the_same_duties_again(domain, start_run, tmp_p
         assert reader.complete
         messages = list(reader.messages({'/gamepad'}))
         assert reader.topics()['/joy'].message_count > 50
-        # They come from elsewhere, with stamps of another clock or none.
+        # They come from other programs, with stamps of another clock or without stamps.
         stamps = [stamp for _, stamp, _ in reader.messages({'/joy'})]
     assert 1e9 <= min(stamps) <= max(stamps) <= 6e9
     assert 'joy' in {message.header.frame_id for _, _, message in messages}

@@ -1,4 +1,4 @@
-"""What the page asks of a graph that is not all there yet."""
+"""Requests of the page to a graph that is not complete yet."""
 
 import contextlib
 
@@ -24,7 +24,7 @@ def test_a_plant_of_any_name_is_queried_until_it_answers(domain):
         answers = []
         requests.plant_parameters(['map'], answers.append)
         requests.make()
-        # Who announces runs is the plant.
+        # The node that announces runs is the plant.
         client.node.declare_parameter('map', 'the map')
         client.node.create_publisher(RUN.message_class, RUN.name, reliable_qos(1, latched=True))
 

@@ -1,4 +1,4 @@
-"""The world in the graph: map, sonar and wall hits are the same however the run is made."""
+"""The world in the graph: the same map, sonar and wall hits in all arrangements of processes."""
 
 import contextlib
 import math
@@ -22,8 +22,8 @@ from ballbot_ros.world.sonar_beam import SonarBeam
 
 pytestmark = pytest.mark.graph
 
-# A robot that leans forward too far to be caught drives into the wall before it, and the noisy
-# devices of the hardware profile see it.
+# A robot that leans forward too far to recover drives into the wall in front of it, and the noisy
+# devices of the hardware profile measure it.
 SCENARIO = """\
 purpose: runs into a wall
 duration: 4.0
@@ -36,7 +36,7 @@ parameters: {{plant_sim: {{map: {map}, on_wall_hit: {on_wall_hit}}}}}
 
 @pytest.fixture
 def make_runs(tmp_path):
-    """Run into the wall in several ways at the same time; return the runs by way."""
+    """Run into the wall in several arrangements of processes at once; return the runs by these."""
     with contextlib.ExitStack() as stack:
 
         def make(on_wall_hit, ways):
@@ -94,7 +94,7 @@ def test_a_hit_ends_the_run_in_the_same_way_with_and_without_the_graph(make_runs
         the_map_is_recorded_once_as_it_is(run, processes)
         the_recording_tells_nothing_of_this_machine(run, tmp_path, processes)
         the_sonar_reads_what_the_map_says(run, tmp_path, processes)
-        # What answers no tick is neither reported nor made again.
+        # A motor stop, which answers no tick, is neither reported nor replayed.
         data = read_run(run.result['recording'])
         duty = data.series[MOTOR_DUTY]
         assert duty.stamps[-1] <= end, processes

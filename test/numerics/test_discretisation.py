@@ -19,7 +19,7 @@ def exact(a, b, dt):
             [sum(block[i][j] * term[j][column] for j in range(n)) / k for column in range(n + m)]
             for i in range(n)
         ]
-        # Rounded, as the terms would grow to thousands of digits.
+        # Rounded, because the terms would grow to thousands of digits.
         term = [[Fraction(round(x * 2**400), 2**400) for x in row] for row in product]
         total = [
             [before + x for before, x in zip(*rows, strict=True)]

@@ -100,7 +100,7 @@ def test_the_logarithm_of_a_product(one, other):
 
 
 def sine_by_angle(z):
-    """Return 1 - z/6 + z^2/120 ... of a rational number to far below any rounding."""
+    """Return 1 - z/6 + z^2/120 ... of a rational number, far more accurate than any rounding."""
     term = total = Fraction(1)
     for n in range(2, 42, 2):
         term *= -z / (n * (n + 1))
@@ -109,7 +109,7 @@ def sine_by_angle(z):
 
 
 def test_the_polynomial_equals_the_sine_to_less_than_a_quarter_of_the_last_place():
-    """In exact arithmetic, so that only the coefficients count."""
+    """Computed in exact arithmetic, so that only the coefficients matter."""
     coefficients = [Fraction(c) for c in (e._S3, e._S5, e._S7, e._S9, e._S11, e._S13)]
     for n in range(1, 201):
         z = Fraction(n, 200) * Fraction(math.pi / 4) ** 2
@@ -118,7 +118,7 @@ def test_the_polynomial_equals_the_sine_to_less_than_a_quarter_of_the_last_place
 
 
 def test_the_parts_of_pi_and_of_the_logarithm_of_two_are_exact():
-    """Sums of the parts against the constants to 40 digits."""
+    """Compare the sums of the parts with the constants to 40 digits."""
     half_pi = Fraction('1.5707963267948966192313216916397514420985')
     ln_2 = Fraction('0.6931471805599453094172321214581765680755')
     parts = Fraction(e._HALF_PI_1) + Fraction(e._HALF_PI_2) + Fraction(e._HALF_PI_3)

@@ -1,4 +1,4 @@
-"""Imports go one way, and only some packages know ROS."""
+"""Imports go one way, and only some packages import ROS."""
 
 import ast
 from pathlib import Path
@@ -22,7 +22,7 @@ FLOORS = (
     ('run',),
     ('cli',),
 )
-"""From the ground up: what a package imports of the others is below it."""
+"""From the bottom up: a package imports only packages below it."""
 
 FLOOR = {package: number for number, floor in enumerate(FLOORS) for package in floor}
 WITH_ROS = {'nodes', 'run', 'cli'}
@@ -31,7 +31,7 @@ MODULES = sorted(path for path in ROOT.rglob('*.py') if path.parent != ROOT)
 
 
 def imports(path):
-    """Return the names of the modules that a file imports, wherever it does."""
+    """Return the names of the modules that a file imports, anywhere in it."""
     names = []
     for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
         if isinstance(node, ast.Import):

@@ -1,4 +1,4 @@
-"""What the launch file decides; ROS's own launch is not among the packages of the tests."""
+"""The decisions of the launch file; ROS's own launch is not installed with the tests."""
 
 import sys
 from importlib.util import module_from_spec, spec_from_file_location

@@ -1,4 +1,4 @@
-"""What setup.py, package.xml and the package's imports say of one another."""
+"""setup.py, package.xml and the package's imports agree with each other."""
 
 import ast
 import re
@@ -63,7 +63,7 @@ MODULES = {'Jinja2': 'jinja2', 'PyYAML': 'yaml', 'pillow': 'PIL', 'pygame-ce': '
 
 @pytest.fixture
 def setup(monkeypatch):
-    """Return the arguments that setup.py gives."""
+    """Return the arguments in setup.py."""
     arguments = {}
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(setuptools, 'setup', arguments.update)

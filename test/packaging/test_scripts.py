@@ -1,4 +1,4 @@
-"""scripts/run and scripts/test in a made-up machine: no network, no real interpreter."""
+"""scripts/run and scripts/test on a simulated machine: no network, no real interpreter."""
 
 import contextlib
 import os
@@ -16,8 +16,8 @@ TOOLS = (
     *('mv', 'readlink', 'rm', 'rmdir', 'sha256sum', 'sleep', 'tail', 'uname'),
 )
 
-# Answers what the scripts ask of an interpreter. It becomes the interpreter of the environments
-# that it makes, too.
+# Answers the calls of the scripts to an interpreter. It is also the interpreter of the environments
+# that it creates.
 PYTHON = r"""#!/usr/bin/env bash
 case "$*" in
   -V) echo "Python $VERSION" ;;
@@ -44,7 +44,7 @@ esac
 
 
 class Machine:
-    """A machine with a project, some tools and the interpreters put on it."""
+    """A machine with a project, some tools and the interpreters added to it."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -101,12 +101,12 @@ class Machine:
 
 
 def await_sleep(process):
-    """Wait until the made-up pip sleeps; the shell that is about to may still lose a signal."""
+    """Wait until the simulated pip sleeps, since a shell about to start it may lose a signal."""
     wait_for(lambda: 'sleep' in programs(process.pid), what='sleep')
 
 
 def programs(group):
-    """The names of the programs of a process group."""
+    """Return the names of the programs of a process group."""
     for path in Path('/proc').glob('[0-9]*/stat'):
         with contextlib.suppress(OSError):
             name, _, rest = path.read_text().partition('(')[2].rpartition(')')
@@ -130,7 +130,7 @@ def variable(process, name):
 
 
 def assert_hint(process, *parts):
-    """The last line says what is wrong; before it may stand what was under way."""
+    """Assert that the last line says what is wrong; progress lines may precede it."""
     assert process.returncode == 2, process.errors
     *progress, hint = process.errors.splitlines()
     assert len(progress) <= 1
@@ -139,7 +139,7 @@ def assert_hint(process, *parts):
     assert process.output == ''
 
 
-# --- What the machine lacks ---------------------------------------------------------------------
+# --- Missing requirements -------------------------------------------------------------------------
 
 
 def test_no_python(machine):
@@ -217,7 +217,7 @@ def test_environment_of_someone_else_is_left_alone(machine):
     assert (machine.venv / 'precious').exists()
 
 
-# --- What is run --------------------------------------------------------------------------------
+# --- The command ----------------------------------------------------------------------------------
 
 
 def test_without_arguments_the_stationary_scenario_runs(machine):
@@ -247,7 +247,7 @@ def test_test_script_runs_pytest_with_chosen_plugins(machine):
     assert variable(process, 'PWD') == str(machine.project)
 
 
-# --- When it is installed -----------------------------------------------------------------------
+# --- Installation ---------------------------------------------------------------------------------
 
 
 def test_later_runs_install_nothing(machine):
@@ -366,7 +366,7 @@ def test_scripts_started_at_once_install_once(machine):
     assert len(machine.calls) == 2
 
 
-# --- What other environments leave behind -------------------------------------------------------
+# --- Other environments ---------------------------------------------------------------------------
 
 
 def test_other_virtual_environment_does_not_leak(machine):

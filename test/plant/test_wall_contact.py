@@ -1,4 +1,4 @@
-"""Walls in the plant's way: where it stops, what the impact does, and what is told of it."""
+"""Walls: where the robot stops, the effect of the impact, and the report of a hit."""
 
 import math
 
@@ -41,7 +41,7 @@ def walled_plant(floor, **changes):
 
 
 def thrown(floor, force_x, force_y=0.0, seconds=0.4, **changes):
-    """Return the plant and the truths of a robot that is pushed hard and let go."""
+    """Return the plant and the truths of a robot after a hard push."""
     plant = walled_plant(floor, **changes)
     plant.push(Push(START_NS, START_NS + 10**8, (force_x, force_y)))
     return plant, run_plant(plant, [(0, 0)] * round(seconds * 250))
@@ -126,7 +126,7 @@ def test_along_a_wall_the_other_plane_keeps_moving(model, force_x, force_y):
     st.booleans(),
 )  # fmt: skip
 def test_the_robot_is_never_in_or_beyond_a_wall(model, force, direction, seed, pillars):
-    """In a ring of walls of one pixel, with pillars of one pixel in it, at any speed."""
+    """Tested in a ring of one-pixel walls with one-pixel pillars in it, at any speed."""
     generator = np.random.default_rng(seed)
     ring = [(94, 95, 94, 107), (106, 107, 94, 107), (94, 107, 94, 95), (94, 107, 106, 107)]
     places = [(r, r + 1, c, c + 1) for r, c in generator.integers(95, 106, (3, 2))]

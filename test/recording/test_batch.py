@@ -1,4 +1,4 @@
-"""Messages as arrays: the same messages, and the same numbers in them."""
+"""Messages as arrays, with the same numbers as the single messages."""
 
 import struct
 

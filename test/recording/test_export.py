@@ -1,4 +1,4 @@
-"""Tables: every value under a name with its unit, one table a topic or one on the ticks."""
+"""Tables: columns with units, one table per topic or one joined table."""
 
 import csv
 import math
@@ -116,7 +116,7 @@ def test_joined_rows_hold_values_until_the_next(recording):
     for stamp in stamps:
         recording.add('/fast', RANGE, stamp, range=float(stamp - 10**9))
         if stamp == stamps[2]:
-            # Late by a tick in the file, and between two ticks.
+            # One message a tick late in the file, and one between two ticks.
             recording.add('/slow', RANGE, stamps[1] + 1, range=7.0)
             recording.add('/state', STRING, stamps[1], data='balance')
     recording.add('/text', STRING, stamps[5], data='left out')

@@ -1,4 +1,4 @@
-"""Which messages are due: paced, paused, sought and repeated."""
+"""The messages due in a playback: rate, pause, seek and loop."""
 
 import pytest
 

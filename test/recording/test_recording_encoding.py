@@ -1,4 +1,4 @@
-"""Messages without a graph, against rclpy's and against their decoding."""
+"""Messages without a graph, compared with rclpy's and with their decoding."""
 
 import struct
 

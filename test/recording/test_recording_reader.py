@@ -1,4 +1,4 @@
-"""Reading: whole files, what a killed recorder leaves, and files of others."""
+"""Reading complete files, files of a killed recorder, and files of other writers."""
 
 import re
 import struct
@@ -296,7 +296,7 @@ def test_files_of_other_writers_are_read(tmp_path, options):
 
 
 def test_the_definition_in_the_file_counts(tmp_path):
-    # A String as no release of ROS has it, and a type that is not installed.
+    # A String unlike that of any ROS release, and a type that is not installed.
     for type_name in (STRING, 'a/msg/B'):
         data = b'\0\1\0\0\7\0\0\0\2\0\0\0a\0'
         path = write_foreign(

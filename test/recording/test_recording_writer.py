@@ -1,4 +1,4 @@
-"""Recordings as other readers see them, and what is left when writing fails."""
+"""Recordings as other readers see them, and the remains of a failed write."""
 
 import contextlib
 import random
@@ -425,7 +425,7 @@ def test_an_incomplete_recording_states_the_reason(tmp_path):
 
 @contextlib.contextmanager
 def room_for(size):
-    """Let no file of this process grow beyond `size`: a disk that is full, as far as it sees."""
+    """Limit the size of this process's files, as if the disk were full."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:

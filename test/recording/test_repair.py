@@ -1,4 +1,4 @@
-"""Repairing: what is whole comes back byte for byte, what is not is named, no wrong number."""
+"""Repair: intact messages are recovered byte for byte, losses are listed, no number is wrong."""
 
 import shutil
 
@@ -20,11 +20,11 @@ from ballbot_ros.recording.writer import RecordingWriter
 CHUNKS = 10
 PER_CHUNK = 28
 HEADER_END = 40
-"""Behind the first eight bytes and the header, which say that this is a recording of ROS 2."""
+"""Position after the first eight bytes and the header, which identify a recording of ROS 2."""
 
 
 def chunk_places(content):
-    """Return where each chunk begins and ends."""
+    """Return start and end of each chunk."""
     places = []
     position = 8
     while position < len(content) - 8:
@@ -148,7 +148,7 @@ def test_any_changed_byte(place, bits, content, places, sample, repair_bytes):
         assert position < HEADER_END
         return
     if found.output is None:
-        # What nobody reads, such as the magic's counterpart in a length that is skipped.
+        # Bytes that are never read, such as the length of a skipped record.
         assert found.message_count == len(sample)
         return
     messages = raw(found.output)
@@ -217,7 +217,7 @@ def test_the_loss_after_a_cut_is_estimated(tmp_path):
     found = repair(path)
     assert str(found.lost['/lcd']) == 'about 100 or more'
     assert str(found.spans[0]) == 'from 1.990 s to 2.990 s or later'
-    # With the middle one lost too, the publisher's numbers count what the rate estimates.
+    # If the middle chunk is lost, too, the publisher's sequence numbers give the exact number.
     path.write_bytes(
         flip(content[: chunk_places(content)[2][1] + 1], chunk_places(content)[1][0] + 80)
     )

@@ -1,4 +1,4 @@
-"""A run as a value: from its specification to its result, without the command."""
+"""A run as an object: from its specification to its result, without the command."""
 
 import dataclasses
 import math
@@ -21,7 +21,7 @@ from ballbot_ros.world.library import read_map_file
 
 
 class Notes:
-    """Notes what a run tells."""
+    """Stores the notices of a run."""
 
     def __init__(self):
         self.times, self.lines = [], []
@@ -138,7 +138,7 @@ def test_a_picture_that_can_not_be_written_fails_a_run_that_passed(tmp_path):
 
 
 def test_the_map_of_a_run_is_the_one_at_its_start(tmp_path):
-    """Its file may be gone, or another one, when the metrics are computed."""
+    """Its file may be removed or replaced before the metrics are computed."""
     path = tmp_path / 'floor.png'
     path.write_bytes(read_map_file('track'))
 
@@ -200,7 +200,7 @@ def test_verdict_reason_and_status_agree(result, verdict, reason, status):
 
 
 def test_a_run_needs_no_main_thread():
-    """Signals are the main thread's; whoever runs in another one stops by other means."""
+    """Only the main thread gets signals; a run in another thread is stopped by other means."""
     spec = spec_of('stationary', 'plant_sim.duration=0.5', record=False)
     results = []
     thread = threading.Thread(target=lambda: results.append(execute(spec)))

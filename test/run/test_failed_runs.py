@@ -1,4 +1,4 @@
-"""Runs whose recording or whose folder comes to nothing: the verdict says why, once."""
+"""Runs whose recording or folder can't be written: the verdict gives the reason, once."""
 
 import json
 import subprocess

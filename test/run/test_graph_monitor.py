@@ -1,4 +1,4 @@
-"""The look into a running graph."""
+"""Observation of a running graph."""
 
 import contextlib
 import signal
@@ -42,7 +42,7 @@ def test_a_plant_that_never_reports_hangs(
 ):
     times_s = count(time.monotonic(), 0.1)
     monkeypatch.setattr(graph_monitor, 'time', SimpleNamespace(monotonic=lambda: next(times_s)))
-    # Its real processor time would not match the made-up clock.
+    # Its real processor time would not match the simulated clock.
     monkeypatch.setattr(graph_monitor, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE))
     with subprocess.Popen(['sleep', '60']) as plant:
         wait_for(lambda: is_waiting(plant.pid), what='its sleep')
@@ -56,7 +56,7 @@ def test_a_plant_that_never_reports_hangs(
 
 @pytest.mark.parametrize('how', ['stopped', 'spinning'])
 def test_a_plant_that_falls_silent_hangs(monitor, start_node, how):
-    # It waits for nobody.
+    # It waits for no other process.
     plant = start_node('plant_sim', lockstep='false')
     wait_for(lambda: monitor.poll() or monitor.now_ns, what='the first tick')
     assert not monitor.plant_hangs(plant.process.pid)
@@ -89,7 +89,7 @@ def test_a_starting_plant_and_a_saving_one_have_more_time():
     liveness.hear(31.0)
     assert not liveness.hangs(31.2, 1, {1: IDLE}, is_waiting=False)
     liveness.hear(31.9, has_ended=True)
-    liveness.hear(32.0)  # a clock that was under way
+    liveness.hear(32.0)  # a clock message that was on its way
     for now in range(320, 620):
         assert not liveness.hangs(0.1 * now, 1, {1: IDLE}, is_waiting=False)
     assert liveness.hangs(62.2, 1, {1: IDLE}, is_waiting=False)

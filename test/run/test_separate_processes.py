@@ -1,4 +1,4 @@
-"""How a run of processes is watched, and the verdict on it."""
+"""Monitoring the processes of a run, and the verdict on it."""
 
 from types import SimpleNamespace
 
@@ -70,7 +70,7 @@ def ended(outcome, failure, ends, signal, *, is_replaced=False):
 
 
 def watched(victim, now_ns, *, plant_hangs=False):
-    """What the watch says of a graph in which one node has died, after a few looks."""
+    """Return the watch's result for a graph in which one node has died, after a few looks."""
     running = SimpleNamespace(running=True, died=False, exit_status=None, pid=1, kill=lambda: None)
     end = 'was killed by SIGKILL'
     dead = SimpleNamespace(
@@ -135,7 +135,7 @@ def test_a_node_that_refuses_to_start_gives_the_reason(domain, monkeypatch, tmp_
     node.wait(60.0)
     node.hand_on_the_rest()
     assert node.exit_status == 2
-    # The middleware may have something to say before.
+    # The middleware may print something before.
     assert lines[-1] == f'error: {file}/x.mcap: File exists'
     assert node.failure == f'recorder: {file}/x.mcap: File exists'
 

@@ -1,4 +1,4 @@
-"""What a scenario expects, and what it does to the robot."""
+"""The expectations of a scenario, and its effects on the robot."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The order of messages from several topics, whatever the system clock does."""
+"""The order of messages from several topics, also if the system clock is set."""
 
 import math
 
@@ -32,8 +32,8 @@ def test_messages_do_not_wait_for_a_clock_that_was_set_back():
     assert order.merge({'a': [(6, 'a6')], 'b': []}, 7) == ['a6']
 
 
-# Steps of time between what happens [ns], of the clock before it, and what happens: a message on
-# one of three topics, or a look (None).
+# Time since the previous event [ns], step of the clock before it, and the event: a message on one
+# of three topics, or a look (None).
 events = st.lists(
     st.tuples(
         st.integers(0, 5_000_000),
@@ -72,6 +72,6 @@ def test_a_clock_that_is_not_set_back_gives_the_order_of_arrival(events):
             sent.append(number)
         else:
             come += order.merge(waiting, clock)
-            assert come == sent  # nothing waits that has come before the look
+            assert come == sent  # no message that arrived before the look waits
             waiting = {'a': [], 'b': [], 'c': []}
     assert come + order.merge(waiting, math.inf) == sent

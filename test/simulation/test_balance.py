@@ -1,4 +1,4 @@
-"""The closed loop: what it balances, where it drives, when it gives up."""
+"""The closed loop: balance, drive, and stop when out of control."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The control program's states, commands, log and sound, on made-up device inputs."""
+"""The control program's states, commands, log and sound, with synthetic device inputs."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ class Clock:
 
 
 def commands(mode, sonar_cm, sticks):
-    """Return the signs of the speed references of planes x and y that are driven after 0.5 s."""
+    """Return the signs of the speed references of planes x and y after 0.5 s."""
     program = make_program(mode=mode, **SHORT)
     Clock(program).run(500, sonar_cm=sonar_cm, sticks=sticks)
     return np.sign(program.x.theta_ref_dot), np.sign(program.y.theta_ref_dot)

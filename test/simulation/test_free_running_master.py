@@ -1,4 +1,4 @@
-"""The master of a run on the wall clock: it waits for nobody."""
+"""The master of a run on the wall clock, which waits for no participant."""
 
 import pytest
 from lockstep_world import FREE_PERIODS_S, LockstepWorld, data_of
@@ -11,7 +11,7 @@ START_NS = 1_000_000_000
 
 
 class FreeRunningWorld(LockstepWorld):
-    """A world in which every 4 ms bring a tick."""
+    """A world with a tick every 4 ms."""
 
     kind = FreeRunningMaster
     periods_s = FREE_PERIODS_S

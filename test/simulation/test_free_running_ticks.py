@@ -31,7 +31,7 @@ class Ticks:
         return self.ticks.on_timer(task, round(at_ms * MS))
 
     def run(self, *tasks, at_ms):
-        """Fire timers, that of the ticks last; return the names of what runs."""
+        """Fire timers, that of the ticks last; return the names of the tasks that run."""
         for task in tasks:
             assert self.fire(task, at_ms) is None
         return self.fire(TS1, at_ms).tasks

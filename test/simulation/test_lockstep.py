@@ -1,4 +1,4 @@
-"""The gate, what the controller decides in lockstep, and the history of samples."""
+"""The gate, the controller's decisions in lockstep, and the history of samples."""
 
 import itertools
 import random
@@ -108,7 +108,7 @@ class Ticks:
             self.ticks.begin(start_ms * MS, TASKS)
 
     def feed(self, name, time_ms, data=b'true'):
-        """Return the step, TICK for a tick that runs, None for a callback that leads to nothing."""
+        """Return the step: TICK for a tick that runs, None for a callback without effect."""
         if name in PERIODS:
             result = self.ticks.take(name, time_ms * MS, data, data)
             if result is Step.LACKS_RELEASES:
@@ -125,7 +125,7 @@ class Ticks:
         return [self.feed(*event) for event in events]
 
     def tick(self, now_ms):
-        """Feed all that a tick waits for, its timers first."""
+        """Feed everything that a tick waits for, its timers first."""
         return self.feed_all(*((name, now_ms) for name in due_timers(now_ms) + due_inputs(now_ms)))
 
     @property
@@ -150,43 +150,43 @@ BEGUN = (KEEP, KEEP, TICK)
 @pytest.mark.parametrize(
     ('events', 'steps'),
     [
-        # The plant itself opens the run; what comes before that is of another one.
+        # The plant itself opens the run; earlier samples belong to another one.
         (FIRST, BEGUN),
         ((('gyro', 1000), ('sonar', 1000), *FIRST), (IGNORE, IGNORE, *BEGUN)),
         ((('gyro', 5000), ('sonar', 400), *FIRST), (IGNORE, IGNORE, *BEGUN)),
         ((('gyro', 1000, b'of another run'), *FIRST), (IGNORE, *BEGUN)),
         ((('battery', 900), ('gyro', 1000), *FIRST), (IGNORE, IGNORE, *BEGUN)),
-        # Only one sample a stamp.
+        # There is only one sample per stamp.
         ((*FIRST, ('gyro', 1000, b'other')), (*BEGUN, OBJECT)),
         ((*FIRST, ('sonar', 1000, b'other')), (*BEGUN, OBJECT)),
         ((*FIRST, ('battery', 1000, b'other')), (*BEGUN, OBJECT)),
         ((*FIRST[:2], ('gyro', 1000, b'other')), (KEEP, KEEP, OBJECT)),
         ((*FIRST, *SECOND, ('gyro', 1000, b'other')), (*BEGUN, None, TICK, OBJECT)),
-        # Asked again, it answers again, but only for the tick before.
+        # If asked again, it repeats the answer, but only to the previous tick.
         ((*FIRST, ('gyro', 1000)), (*BEGUN, AGAIN)),
         ((*FIRST, TS1_FIRED, ('gyro', 1000)), (*BEGUN, None, AGAIN)),
         ((*FIRST, *SECOND, ('gyro', 1000)), (*BEGUN, None, TICK, IGNORE)),
         ((*FIRST, *SECOND, ('sonar', 1000)), (*BEGUN, None, TICK, IGNORE)),
-        # Nobody is ahead of the plant.
+        # No sample can be ahead of the plant.
         ((*FIRST, ('gyro', 1008)), (*BEGUN, OBJECT)),
         ((*FIRST, ('sonar', 10**12)), (*BEGUN, OBJECT)),
         ((*FIRST, ('gyro', 0), ('gyro', 996)), (*BEGUN, IGNORE, IGNORE)),
-        # A controller that comes later has missed the start.
+        # A controller that joins later has missed the start.
         ((('gyro', 1400), ('battery', 1400), ('gyro', 1404)), (IGNORE, KEEP, MISSED)),
         ((('battery', 1000), ('gyro', 1004)), (KEEP, MISSED)),
-        # One of another clock is not kept in the place of the first one.
+        # A sample of another clock does not replace the first one.
         ((('battery', 1000), ('gyro', 5000), *FIRST[1:]), (KEEP, MISSED, KEEP, TICK)),
         ((('battery', 1000), ('sonar', 10**12), *FIRST[1:]), (KEEP, IGNORE, KEEP, TICK)),
-        # A tick waits for its timers, in whatever order they come.
+        # A tick waits for its timers, which may fire in any order.
         ((*FIRST, ('gyro', 1004), TS1_FIRED), (*BEGUN, KEEP, TICK)),
         ((*FIRST, ('gyro', 1004), (TS1, 1000), (TS1, 1008)), (*BEGUN, KEEP, None, None)),
         ((*FIRST, ('gyro', 1004), (TS1, 1003), TS1_FIRED), (*BEGUN, KEEP, None, TICK)),
         ((*FIRST, ('gyro', 1004), (TS2, 1004), TS1_FIRED), (*BEGUN, KEEP, None, TICK)),
         ((*FIRST, *SECOND, TS1_FIRED, ('gyro', 1008)), (*BEGUN, None, TICK, None, KEEP)),
-        # Asked again with all inputs in, it does without them.
+        # If asked again when all inputs have arrived, it forces the releases.
         ((*FIRST, ('gyro', 1004), ('gyro', 1004)), (*BEGUN, KEEP, TICK)),
         ((*FIRST, ('gyro', 1004), ('gyro', 1000)), (*BEGUN, KEEP, AGAIN)),
-        # The first tick needs no timer, and is not disturbed by one.
+        # The first tick needs no timer, and a callback does not disturb it.
         (((TS1, 1000), (TS2, 996), *FIRST), (None, None, *BEGUN)),
         ((FIRST[0], (TS1, 1000), *FIRST[1:], (TS2, 1000)), (KEEP, None, KEEP, TICK, None)),
     ],
@@ -235,7 +235,7 @@ def test_a_dropped_callback_stalls_the_tick_until_the_plant_asks_again(dropped, 
     assert ticks.feed(name, 1100) == TICK
     assert ticks.ran[-1] == DueTick(1100 * MS, (TS1, TS2, TS3), dropped)
     assert ticks.forced == len(dropped)
-    # What comes late changes nothing, and the next ticks are as ever.
+    # Late callbacks change nothing, and the next ticks run normally.
     assert ticks.feed_all(*((task, 1100) for task in dropped)) == [None] * len(dropped)
     assert ticks.tick(1104) == [None, TICK]
     assert ticks.forced == len(dropped)
@@ -267,7 +267,7 @@ def test_another_run_begins_without_anything_of_the_previous_one(start_ms):
     )
     assert steps == [IGNORE, *BEGUN]
     assert ticks.times_ms[ran:] == [start_ms]
-    # A release of the run before is none of this one.
+    # A release of the previous run does not count in this one.
     assert ticks.feed('gyro', start_ms + 4, b'another') == KEEP
     assert ticks.feed(TS1, start_ms + 4) == TICK
 
@@ -315,7 +315,7 @@ def test_repeated_leftover_or_reordered_messages_do_not_change_the_ticks(seed):
     ticks.feed('battery', 1000)
     for now in range(1000, 1200, 4):
         inputs, timers = due_inputs(now), due_timers(now)
-        # With a sample that comes again an input is waited for: it asks for nothing.
+        # While an input is missing, a repeated sample requests nothing.
         events = [*inputs[1:], *chance.choices(inputs[1:] or [TS1], k=2), *timers, *timers]
         chance.shuffle(events)
         for name in [*events, inputs[0], *chance.choices(inputs, k=chance.randrange(3))]:
@@ -326,10 +326,10 @@ def test_repeated_leftover_or_reordered_messages_do_not_change_the_ticks(seed):
 
 
 class Disturbed(RuleBasedStateMachine):
-    """A run whose samples and callbacks are dropped, doubled, shifted and reordered at will.
+    """A run whose samples and callbacks are dropped, repeated, shifted and reordered at random.
 
-    The plant's time is that of the tick which is not answered yet. What the controller has, and so
-    whether it may stand still, is kept here a second time in the simplest form.
+    The plant's time is that of the unanswered tick. This class keeps a simple second account of
+    what the controller has received, to know whether it may wait.
     """
 
     def __init__(self):

@@ -1,4 +1,4 @@
-"""The master of a run in lockstep: tables of events, and worlds in which everything goes wrong."""
+"""The master of a run in lockstep: tables of events, and runs with random faults."""
 
 import itertools
 from dataclasses import replace
@@ -29,7 +29,7 @@ def duties_sha256(ticks, start_ns=START_NS):
 
 
 def begun(ticks=0, **values):
-    """Return a world whose endless run has made some ticks."""
+    """Return a world whose endless run has done some ticks."""
     world = LockstepWorld(duration=ENDLESS, **values).start()
     while not world.truths:
         world.deliver() or world.wait()
@@ -37,7 +37,7 @@ def begun(ticks=0, **values):
 
 
 def recorded(ticks=10, **values):
-    """Return a world with a recorder, whose endless run has made some ticks."""
+    """Return a world with a recorder, whose endless run has done some ticks."""
     return LockstepWorld(duration=ENDLESS, **values).start(*ROLES, RECORDER).advance(ticks)
 
 
@@ -274,7 +274,7 @@ def test_a_waiting_plant_keeps_reporting():
     assert len(world.actions(do.Report)) - before == 50
 
 
-# Who takes part
+# Participants
 
 
 def test_replacing_a_driver_by_an_equal_one_does_not_change_the_duties():
@@ -505,7 +505,7 @@ def test_ticks_run_at_the_requested_pace(factor):
         world.wait(0.1)
     assert world.summary.real_time_factor == pytest.approx(factor, rel=0.01)
     assert world.summary.late_ticks == 0
-    # Who waits for the next tick is missed by nobody.
+    # A node that waits for the next tick is not counted as silent.
     assert world.summary.resends == 0
     assert world.warnings == []
 
@@ -592,14 +592,13 @@ def test_pushes_before_the_first_truth_are_ignored():
     assert world.done == []
 
 
-# Everything at once
+# Random faults
 
 
 class TroubledRun(RuleBasedStateMachine):
-    """A run whose messages are lost, repeated and reordered, whose nodes hang and are replaced.
+    """A run whose messages are lost, repeated and reordered, and whose nodes hang and are replaced.
 
-    Whatever happens, each tick has the duty of its own time; and once nothing goes wrong any more,
-    the run completes.
+    Nevertheless each tick has the duty of its own time; and once the faults end, the run completes.
     """
 
     TICKS = 100
@@ -649,7 +648,7 @@ class TroubledRun(RuleBasedStateMachine):
     def replace(self, role):
         self.generation += 1
         self.world.leave(role)
-        # Quicker than the roll calls tell, the two would be taken for two nodes at once.
+        # If this were faster than the roll calls, the two would count as duplicate nodes.
         self.world.wait(1.0)
         self.world.start(role, generation=self.generation)
 

@@ -1,4 +1,4 @@
-"""Pacing against a wall clock of the test's own."""
+"""Pacing against a simulated wall clock."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from ballbot_ros.simulation.pacer import Pacer
 
 
 class PacedLoop:
-    """Makes ticks as soon as the pacer lets it."""
+    """Runs ticks as soon as the pacer allows."""
 
     def __init__(self):
         self.pacer = Pacer()

@@ -1,4 +1,4 @@
-"""Who belongs to a run: tables of events, and worlds of nodes that live, die and come back."""
+"""The participants of a run: tables of events, and random histories of nodes."""
 
 import dataclasses
 
@@ -35,7 +35,7 @@ CALL_S = 0.1
 
 
 def a(role, instance='', node='', **more):
-    """A participant; two of the same words are the same one."""
+    """Return a participant; equal arguments mean the same one."""
     instance = instance or f'first {role}'
     return Participant(
         role=role,
@@ -55,7 +55,7 @@ PLANT = a('plant_sim')
 
 
 class World:
-    """Nodes around a roster: those who live answer each roll call, the dead stay in the graph."""
+    """Nodes around a roster: living ones answer each roll call, dead ones stay in the graph."""
 
     def __init__(self, required=ROLES):
         self.roster = Roster(shared=('radius', 'seed'), stateless=ROLES[:2], owners=OWNERS)
@@ -65,7 +65,7 @@ class World:
         self.appear(PLANT)
 
     def appear(self, participant, *, name=None):
-        """Show a node's publishers in the graph; `name` is '' while nobody knows it."""
+        """Show a node's publishers in the graph; `name` is '' while it is unknown."""
         name = participant.node if name is None else name
         for topic in (TOPICS[participant.role], 'participants'):
             gid = participant.instance.encode() + b'|' + topic.encode()
@@ -102,7 +102,7 @@ class World:
         return self.roster.readiness(self.now_ns)
 
     def watch(self, calls=ANSWER_CALLS + 2):
-        """Look and call the roll as the plant does, until it is clear; return the standing."""
+        """Look and call the roll as the plant does, until the result is final; return it."""
         for _ in range(calls):
             standing = self.look()
             if standing.state is not State.WAITING:
@@ -461,7 +461,7 @@ def test_the_next_run_gathers_all_participants_again_and_remembers_dead_ones():
     assert run.look().state is State.WAITING
     for participant in run.living.values():
         run.roster.on_announcement(Announcement(participant, '2 abc'))
-    # The publishers of the dead one are still in the graph.
+    # The publishers of the dead node are still in the graph.
     assert run.look().state is State.COMPLETE
     assert not any(member.is_successor for member in run.roster.history)
 
@@ -518,10 +518,10 @@ def test_an_answer_to_an_earlier_roll_call_does_not_end_this_silence():
 
 
 class AnyHistory(RuleBasedStateMachine):
-    """Nodes that live, die and come back in any order; at any time it has to come out right.
+    """Nodes that start, die and return in any order.
 
-    The roster may take its time; in the end a run goes on if and only if each role has one
-    living participant, equal to the one of the start, and no stranger is there.
+    After some time a run continues if and only if each role has one living participant, equal to
+    the one at the start, and there is no stranger.
     """
 
     @initialize()

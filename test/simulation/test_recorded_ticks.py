@@ -1,4 +1,4 @@
-"""Which ticks are complete: tables of streams, and every order in which samples come."""
+"""Detection of complete ticks: tables of streams, and samples in every order."""
 
 import itertools
 
@@ -16,7 +16,7 @@ def tick(number):
 
 
 class Recorded:
-    """Two quick streams and a slow one that a run requires."""
+    """Two fast streams and a slow one that a run requires."""
 
     def __init__(self):
         self.streams = {
@@ -42,7 +42,7 @@ def test_a_tick_is_complete_when_the_last_stream_has_it_in_any_order():
 @pytest.mark.parametrize(
     ('gyro', 'duty', 'sonar', 'acked'),
     [
-        # A slow stream has all until its next multiple of 20 ms.
+        # A slow stream lacks nothing until its next multiple of 20 ms.
         (4, 4, 0, 4),
         (5, 5, 0, 4),
         (5, 5, 5, 5),

@@ -1,4 +1,4 @@
-"""How far the plant may be ahead of the recorder: tables of ticks."""
+"""The permitted lead of the plant over the recorder: tables of ticks."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What belongs into a recording: tables of messages, and random strangers among them."""
+"""The selection of messages for a recording: tables of messages, and random strangers."""
 
 import random
 
@@ -18,7 +18,7 @@ def bare(one, other):
 
 
 class File:
-    """A recording in memory, and what the gate had to say."""
+    """A recording in memory, with the gate's objections and reports."""
 
     def __init__(self, run='1 abc', start_ns=START):
         self.clock = Stream('/clock', period_ns=TICK_NS, is_clock=True, is_live=True, is_same=bare)
@@ -164,13 +164,14 @@ def test_a_jump_of_the_clock_is_a_players_or_another_simulations(crowded, object
     [
         ([('gyro', 1004, 2), ('gyro', 1008, 3)], []),
         ([('gyro', 1008, 3)], [('/gyro', 3)]),
-        # What had the number between was a repetition: no stamp is between.
+        # The number in between was that of a repetition, since there is no stamp in between.
         ([('gyro', 1004, 3)], []),
-        # A repetition has the next number; another publisher's copy has one of its own.
+        # A repetition has the next number; the copy of another publisher has that publisher's own
+        # number.
         ([('gyro', 1000, 2), ('gyro', 1004, 3)], []),
         ([('gyro', 1000, 900), ('gyro', 1004, 2)], []),
         ([('gyro', 1000, 1), ('gyro', 1004, 2)], []),
-        # A driver that was started again counts from the beginning.
+        # A restarted driver counts from the beginning.
         ([('gyro', 1004, 1), ('gyro', 1008, 2)], []),
         ([('gyro', 1000, 1), ('gyro', 1000, 2), ('gyro', 1000, 3), ('gyro', 1004, 4)], []),
         ([('state', 0, 5), ('state', 0, 9)], [('/operating_state', 9)]),
@@ -205,7 +206,7 @@ def test_if_stamps_may_be_skipped_every_sequence_number_counts(takes_part, is_lo
         ((1000, 1004, 1008), (1000, 1020), []),
         ((1000, 1008), (1000,), [('/gyro', 1)]),
         ((1000, 1004), (1000, 1040), [('/sonar', 1)]),
-        # The first that it gets of a run in which it has come late.
+        # The first samples of a run that it joined late.
         ((1400, 1404), (1420,), []),
     ],
 )
@@ -218,7 +219,7 @@ def test_a_skipped_stamp_is_a_lost_message_for_any_next_sender(stamps_ms, sonar_
     for now in sonar_ms:
         file.take(file.sonar, now, sequence=1)
     assert file.lost == lost
-    # What the same sender leaves out is not lost, and the leap from one run to the next is none.
+    # A stamp skipped by its own sender is not lost, nor is the jump between runs a gap.
     file.take(file.gyro, 1448, sequence=2)
     assert file.lost == lost
     file.begin('2 abc', 2000 * MS)
@@ -241,14 +242,14 @@ def test_strangers_on_a_topic_of_events_are_no_lost_messages():
 @pytest.mark.parametrize(
     ('numbers', 'lost'),
     [
-        # A second plant has told of its end, and has left before the first one tells of its own.
+        # A second plant has reported its end and left before the first one reports its own.
         ((1, 2, 1, 3), []),
         ((1, 2, 1, 4), [4]),
         ((1, 2, 3, 1, 2, 4, 3, 5), []),
         ((1, 2, 3, 1, 2, 4, 3, 6), [6]),
-        # Who comes late has not heard the first ones.
+        # A late recorder has missed the first ones.
         ((7, 8, 1, 9, 2), []),
-        # However many restarts there were.
+        # After any number of restarts.
         ((*range(40, 0, -1), 2, 3, 12), [12]),
     ],
 )

@@ -1,4 +1,4 @@
-"""How much of a silence counts on a machine that has more to do."""
+"""The part of a silence that counts on a busy machine."""
 
 import pytest
 from hypothesis import given
@@ -11,7 +11,7 @@ IDLE = {1: WAITING}
 
 
 def timer_after(*looks):
-    """Return a timer after looks at a silence that began at 0 s: each a time and what it saw."""
+    """Return a timer after updates, each a time and the processes; the silence began at 0 s."""
     timer = SilenceTimer()
     for now_s, processes in looks:
         timer.update(0.0, now_s, processes)

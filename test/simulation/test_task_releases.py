@@ -55,7 +55,7 @@ def test_after_the_first_tick_the_timers_release_the_tasks():
         (TS2, 1020),  # a second one
         (TS2, 1024),  # off the schedule
         (TS2, 1016),
-        (TS2, 1000),  # of before
+        (TS2, 1000),  # of an earlier time
         (TS2, 980),
         (TS2, 20),  # of another run
         (INIT, 1020),  # of a task without a timer
@@ -82,7 +82,7 @@ def test_forced_releases_are_counted_and_their_timers_must_be_restarted(task):
     assert releases.forced == 1
     assert missing(releases, tick_ms) == []
     assert releases.take(tick_ms * MS) == DueTick(tick_ms * MS, (TS1, TS2, TS3, LCD), (task,))
-    # What comes late is of no use to the next tick.
+    # A late release does not count for the next tick.
     release(releases, (task, tick_ms))
     assert missing(releases, tick_ms + 500) == list(PERIODS_MS)
 

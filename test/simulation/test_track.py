@@ -34,7 +34,7 @@ def test_with_a_cone_and_a_far_threshold_it_drives_around_the_inner_wall(start):
     assert states == ['calibration', 'balance', 'forward', 'rightward', 'forward', 'rightward']
     positions = np.array([tick.truth.position for tick in ticks])
     assert loop.world.clearance(positions).min() > 0.04
-    # It has left the inner wall behind, and there is room before it and to its right.
+    # It has passed the inner wall, and there is room in front of it and on its right.
     assert positions[-1, 0] > 0.3
     assert loop.world.clearance(positions[-1:])[0] > 0.1
 

@@ -1,4 +1,4 @@
-"""Who is in command, and that nobody is for half a second in between."""
+"""The source in command, and the pause of half a second between sources."""
 
 import pytest
 from hypothesis import strategies as st

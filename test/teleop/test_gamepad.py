@@ -1,4 +1,4 @@
-"""A gamepad that comes and goes, by a library that is made up; and what the real one needs."""
+"""A gamepad that is connected and removed, with a fake library; and tests of the real one."""
 
 import contextlib
 import threading
@@ -53,7 +53,7 @@ class FakeBackend:
 
 
 class Listener:
-    """What a gamepad tells."""
+    """Stores the reports of a gamepad."""
 
     def __init__(self):
         self.states, self.gone, self.problems = [], 0, []
@@ -179,7 +179,7 @@ def test_a_virtual_pad_is_read_end_to_end(open_gamepad, listener):
         e.EV_ABS: [(code, axis) for code in (e.ABS_X, e.ABS_Y, e.ABS_RX, e.ABS_RY)],
         e.EV_KEY: [e.BTN_SOUTH, e.BTN_EAST, e.BTN_NORTH, e.BTN_WEST, e.BTN_TL, e.BTN_TR],
     }
-    # The identity of a pad that SDL knows.
+    # The identifier of a pad that SDL knows.
     identity = {'name': 'Microsoft X-Box 360 pad', 'vendor': 0x045E, 'product': 0x028E}
     with evdev.UInput(abilities, version=0x110, **identity) as device:
         open_gamepad('360', SdlBackend())

@@ -1,4 +1,4 @@
-"""InputErrors about inputs: each is seen at least once, and none twice at a time."""
+"""Input errors: each is reported at least once, and an input has only one at a time."""
 
 from ballbot_ros.teleop.input_errors import InputErrors
 

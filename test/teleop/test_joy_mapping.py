@@ -1,4 +1,4 @@
-"""From axes and buttons to sticks: signs, dead zone, enabling, and what is refused."""
+"""From axes and buttons to sticks: signs, dead zone, enabling, and refused messages."""
 
 import math
 
@@ -33,7 +33,7 @@ def pressed(*numbers):
         (-1.0, 0.0, (100, 0)),
         (0.0, 1.0, (0, -100)),  # left is positive in joy
         (0.0, -1.0, (0, 100)),
-        (0.525, -0.525, (-50, 50)),  # half of what the dead zone leaves
+        (0.525, -0.525, (-50, 50)),  # half of the range outside the dead zone
         (0.05, -0.05, (0, 0)),
         (1.0000001, -1.0000001, (-100, 100)),
     ],

@@ -1,4 +1,4 @@
-"""Keys that are pressed and repeated, and never seen to be released."""
+"""Keys that are pressed and repeated, without reports of their release."""
 
 import pytest
 from hypothesis import strategies as st

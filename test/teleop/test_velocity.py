@@ -1,4 +1,4 @@
-"""From a velocity to sticks, by what the controller makes of a stick."""
+"""From a velocity to sticks, the inverse of the controller's mapping."""
 
 import math
 
@@ -44,7 +44,7 @@ def test_no_velocity_exceeds_a_full_stick(forward, left):
 def test_the_direction_stays(speed, angle):
     forward, left = speed * math.cos(angle), speed * math.sin(angle)
     vertical, horizontal = MAPPING.sticks(forward, left)
-    # Two vectors point the same way within what rounding to whole sticks allows.
+    # Two vectors have the same direction within the rounding of the sticks.
     assert abs(-vertical * left - -horizontal * forward) <= 0.5 * (abs(forward) + abs(left)) + 1e-9
 
 

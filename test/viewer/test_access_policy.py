@@ -1,4 +1,4 @@
-"""Who is let in to the page, and who may steer."""
+"""Access to the page, and permission to steer."""
 
 import pytest
 from hypothesis import example, given

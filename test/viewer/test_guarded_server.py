@@ -1,4 +1,4 @@
-"""Foreign pages, and clients without the token, at a page that is served."""
+"""Foreign pages, and clients without the token, on a served page."""
 
 import collections
 import contextlib
@@ -39,7 +39,7 @@ UPGRADE = {
 FOREIGN = 'evil.example'
 FIELDS_OF_VIEW = itertools.count(0.5, 0.001)
 
-# Sends the messages; tells whether the server has answered, or has refused the connection.
+# Sends the messages; reports whether the server has answered or refused the connection.
 PRESS = """([address, protocol, messages]) => new Promise(resolve => {
   const socket = new WebSocket(address, [protocol]);
   socket.onopen = () => messages.forEach(each => socket.send(Uint8Array.from(each)));
@@ -49,7 +49,7 @@ PRESS = """([address, protocol, messages]) => new Promise(resolve => {
 
 
 class Served:
-    """A page with controls; notes what is asked of the robot."""
+    """A page with controls, which stores the requests to the robot."""
 
     def __init__(self):
         self.robot = StubRobot()
@@ -74,12 +74,12 @@ class Served:
             return connection.getresponse().status
 
     def set(self, name, /, **updates):
-        """Return the message by which a browser changes a control."""
+        """Return a browser's message that changes a control."""
         return _messages.GuiUpdateMessage(self.inputs[name]._impl.uuid, updates)
 
 
 def camera(fov, **changes):
-    """Return the message by which a browser tells its camera; it introduces itself with one."""
+    """Return a browser's message about its camera, which is also its first message."""
     message = _messages.ViewerCameraMessage(
         wxyz=(1.0, 0.0, 0.0, 0.0), position=(0.0, 0.0, 1.0), fov=fov, near=0.01, far=1000.0,
         image_height=400, image_width=600, look_at=(0.0, 0.0, 0.0), up_direction=(0.0, 0.0, 1.0),
@@ -100,7 +100,7 @@ def served():
 
 @contextlib.contextmanager
 def client(served, query=''):
-    """Connect without a browser; yield a function that sends, and returns when all is handled."""
+    """Connect without a browser; yield a function that sends messages and awaits their handling."""
 
     def send(*messages, **changes):
         fov = next(FIELDS_OF_VIEW)
@@ -201,7 +201,7 @@ def foreign_site():
 
 @pytest.fixture
 def foreign_browser(needs_browser):
-    """A browser that a foreign name leads to this machine."""
+    """A browser in which a foreign name points to this machine."""
     from playwright.sync_api import sync_playwright
 
     flags = ['--no-sandbox', f'--host-resolver-rules=MAP {FOREIGN} 127.0.0.1']
@@ -223,10 +223,10 @@ def test_no_foreign_page_in_a_browser_steers(served, foreign_site, foreign_brows
 
     for site in (f'127.0.0.1:{foreign_site}', f'{FOREIGN}:{foreign_site}'):
         page.goto(f'http://{site}/')
-        for target in ('', f'?{query}'):  # even one that has come by the token
+        for target in ('', f'?{query}'):  # even one that has obtained the token
             assert press(f'ws://{served.place}/{target}') == 'refused'
 
-    answer = page.goto(f'http://{FOREIGN}:{port}/')  # the name has come to mean this machine
+    answer = page.goto(f'http://{FOREIGN}:{port}/')  # the name now points to this machine
     assert answer.status == 403
     assert page.evaluate('location.origin') == f'http://{FOREIGN}:{port}'
     assert press(f'ws://{FOREIGN}:{port}/?{query}') == 'refused'
@@ -277,7 +277,7 @@ def test_invalid_data_closes_the_connection_with_one_line(served, caplog):
 
 
 class WaitersByThread(collections.deque):
-    """Notes which threads look for somebody to wake."""
+    """Stores the threads that look for waiters."""
 
     def __init__(self, waiters, threads):
         super().__init__(waiters)
@@ -289,7 +289,7 @@ class WaitersByThread(collections.deque):
 
 
 def test_connections_are_woken_only_in_the_event_loop(served):
-    """A thread that went through those that wait met one that left, and the viewer ended."""
+    """In another thread, iterating over the waiters could collide with one that leaves."""
     server = served.server._websock_server
     with client(served), client(served):
         own = [state.message_buffer for state in server._client_state_from_id.values()]

@@ -1,4 +1,4 @@
-"""Markers and transforms: where the viewer's scene has the parts, for tools of other makers."""
+"""Markers and transforms for other tools: the parts are where the viewer's scene has them."""
 
 import math
 
@@ -52,7 +52,7 @@ def new_marker():
 
 
 def markers_at(markers, now, *, whole=False):
-    """Return the markers as they come off the wire, by namespace and number."""
+    """Return the markers as received, by namespace and number."""
     markers.follow(now)
     places = in_map(FRAMES.at(now.position, now.psi))
     message = new_message(ARRAY)
@@ -78,7 +78,7 @@ def placed(position, turn):
 
 
 def scene(position, psi):
-    """Where the viewer's scene has each link in ``map``: the body's frames hang in the body."""
+    """Return the pose of each link in ``map``; the scene has the body's frames below the body."""
     centre = (position[0], -position[1], DIMENSIONS.ball_radius)
     body = placed(centre, body_orientation(psi))
     wheels = zip(
@@ -218,7 +218,7 @@ def test_the_trail_follows_the_ball_and_is_bounded():
     assert trail.action == ADD
     assert len(trail.points) == TRAIL_POINTS
     assert (trail.points[-1].x, trail.points[-1].y) == (way[-1][0], -way[-1][1])
-    # It is told again only when it has grown, or when everything is.
+    # It is published again only when it has grown, or together with everything.
     assert ('trail', 0) not in markers_at(markers, end)
     assert ('trail', 0) in markers_at(markers, end, whole=True)
     markers.begin(None)

@@ -1,7 +1,6 @@
-"""The five views, compared with pictures that somebody has looked at.
+"""The five views, compared with reference pictures checked by eye.
 
-To renew them after a change of the scene, delete them, run this test, and look at what it has
-made.
+To renew them after a change of the scene, delete them, run this test, and check the new ones.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Where the robot's parts are, and what the camera sees of them."""
+"""The positions of the robot's parts, and the views of the cameras."""
 
 import math
 
@@ -54,7 +54,7 @@ def test_the_top_of_a_rolling_ball_moves_where_it_rolls():
 
 
 def test_wheels_turn_without_slip():
-    """Where wheel and ball touch, both move alike: at the ball's equator, up or down."""
+    """Where they touch, at the ball's equator, wheel and ball have the same velocity."""
     angle = 1e-4
     motion = RollingOrientation(DIMENSIONS)
     place = angle * DIMENSIONS.ball_radius

@@ -1,4 +1,4 @@
-"""Recorded runs at any time, the clock that plays them, and what a user is told."""
+"""Recorded runs at any time, their playback clock, and the messages to the user."""
 
 import json
 import socket
@@ -98,7 +98,7 @@ def test_sticks_count_while_they_are_held():
 
 
 def test_a_page_that_reports_once_a_second_does_not_drive():
-    """So browsers hold back a page that nobody sees; whether it is still held nobody knows."""
+    """Browsers slow hidden pages down to this rate, which can't tell whether a stick is held."""
     sticks = Sticks()
     for tenth in range(50):
         if tenth % 10 == 0:
@@ -202,7 +202,7 @@ def test_without_viser_there_is_a_hint(monkeypatch, capsys, recording):
 
 
 def test_json_of_a_run_names_no_viewer(recording):
-    """The page is no part of what a run depends on: its parameters are not recorded."""
+    """A run does not depend on the page, so its parameters are not recorded."""
     from ballbot_ros.recording.reader import RecordingReader
 
     with RecordingReader(recording) as reader:

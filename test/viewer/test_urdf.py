@@ -99,7 +99,7 @@ pairs = st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
 
 @given(pairs, pairs)
 def test_motor_angles_turn_the_wheels_as_the_motion_does(position, psi):
-    """With the angles of ``plant/joint_states``: θm = k (θ − ψ)."""
+    """The angles are those of ``plant/joint_states``: θm = k (θ − ψ)."""
     ratio = DIMENSIONS.ball_radius / DIMENSIONS.wheel_radius
     angles = [
         ratio * (place / DIMENSIONS.ball_radius - lean)
@@ -129,7 +129,7 @@ def test_masses_and_inertias_are_those_of_the_model():
 
 
 def test_the_two_planes_are_alike():
-    """The wheels swap when x and y do, which turns the sense of rotation round, too."""
+    """Exchanging x and y exchanges the wheels, which also reverses the sense of rotation."""
     robot = load()
     swap = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     x, y = (robot.joint_map[name] for name in MOTOR_NAMES)

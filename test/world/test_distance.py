@@ -18,7 +18,7 @@ ROUNDING = 1e-6
 
 @st.composite
 def scenes(draw):
-    """A map with walls at random, a point on it and a direction."""
+    """Draw a map with random walls, a point on it and a direction."""
     generator = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     rows, columns = draw(st.tuples(st.integers(1, 60), st.integers(1, 60)))
     share = draw(st.sampled_from([0.0, 0.002, 0.02, 0.2, 0.6, 1.0]))
@@ -52,7 +52,7 @@ def thickness(floor_map, origin, direction, distance):
 def test_the_exact_distance_equals_brute_force(scene):
     found, expected = exact_ray(scene[0])(*scene[1:]), sampled_distance(*scene)
     assert found <= expected + ROUNDING
-    # A chord shorter than its step is what brute force can miss.
+    # Brute force can miss a chord shorter than its step.
     if expected - found > FINE + ROUNDING:
         assert thickness(*scene, found) < FINE
 

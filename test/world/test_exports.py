@@ -75,7 +75,7 @@ def test_each_cell_of_the_occupancy_grid_is_where_the_map_has_it(rows, columns, 
     grid = occupancy_grid(floor_map)
     assert (grid.width, grid.height) == (columns, rows)
     for row, column in np.ndindex(rows, columns):
-        # The middle of the cell, in the axes of map and in plane signs.
+        # The centre of the cell, in the axes of map and in plane signs.
         x = grid.origin[0] + (column + 0.5) * grid.resolution
         y = grid.origin[1] + (row + 0.5) * grid.resolution
         wall = floor_map.is_wall(floor_map.point((x, -y)))

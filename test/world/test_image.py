@@ -1,4 +1,4 @@
-"""Map images: what is read, and what is refused with which line."""
+"""Map images: valid ones, and the errors for refused ones."""
 
 import io
 import struct

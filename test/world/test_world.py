@@ -22,7 +22,7 @@ def make_world(*areas, depth=DEPTH, width=WIDTH):
 
 
 def pillar(x, y):
-    """A wall of one cell whose middle is at `x`, `y` of ``map`` [m]."""
+    """Return a wall of one cell whose centre is at `x`, `y` of ``map`` [m]."""
     column, row = math.floor(100 + 100 * x), math.floor(100 - 100 * y)
     return row, row + 1, column, column + 1
 
