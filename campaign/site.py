@@ -158,7 +158,7 @@ class Site:
     folder : Path
         Contains everything that the trial writes.
     domains : sequence of int
-        ROS domains that nobody else uses meanwhile.
+        ROS domains that no other program uses meanwhile.
     """
 
     def __init__(self, folder: Path, domains: Sequence[int]) -> None:

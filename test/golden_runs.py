@@ -172,9 +172,10 @@ def probes():
 
 def write():
     head = (
-        '# What every machine must compute to the bit: the arithmetic of ballbot_ros.numerics,\n'
-        '# and the duty_sha256 of each shipped scenario. A change needs a line in CHANGELOG that\n'
-        '# says why; test/golden_runs.py --write makes this file.\n'
+        '# Results that every machine must reproduce to the bit: the arithmetic of '
+        'ballbot_ros.numerics,\n'
+        '# and the duty_sha256 of each shipped scenario. Explain any change in CHANGELOG.\n'
+        '# Written by test/golden_runs.py --write.\n'
     )
     lines = [f'  {name}: {digest}\n' for name, digest in scenario_hashes().items()]
     (share_directory() / GOLDEN_FILE).write_text(

@@ -336,7 +336,7 @@ class LockstepWorld:
             pass
         return self
 
-    # What has happened
+    # History
 
     def actions(self, kind):
         return [action for action in self.done if isinstance(action, kind)]

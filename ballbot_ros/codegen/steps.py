@@ -40,7 +40,7 @@ def random_steps(seed: int, ticks: int, *, wild: bool) -> Iterator[Step]:
     ----------
     seed, ticks : int
     wild : bool
-        Whether readings jump over the whole ranges of their types, beyond those of the devices;
+        Whether readings jump over the full ranges of their types, beyond those of the devices;
         otherwise they stay near balance.
     """
     draw = random.Random(seed)

@@ -210,7 +210,7 @@ class _Run:
 
 
 class Roster:
-    """Decides whether all participants of a run are present, and nobody else.
+    """Decides whether all participants of a run, and no others, are present.
 
     Each role has one participant. If a second one announces itself, roll calls show which of the
     two are alive. If both are, the run is refused; if only the second is, it is the successor. A

@@ -48,7 +48,7 @@ def test_all_ways_of_running_leave_the_same_readable_recording(recordings):
         nothing_is_missing(recording, processes)
         mcap_reads_it_and_its_checksums_hold(recording, processes)
         rosbags_decodes_every_message(recording, processes)
-        the_file_alone_is_enough_to_run_it_again(recording, processes)
+        the_file_alone_is_enough_for_a_replay(recording, processes)
     the_graph_records_what_the_loop_without_ros_records(recordings)
 
 
@@ -89,7 +89,7 @@ def rosbags_decodes_every_message(recording, processes):
         assert count == reader.message_count, processes
 
 
-def the_file_alone_is_enough_to_run_it_again(recording, processes):
+def the_file_alone_is_enough_for_a_replay(recording, processes):
     with RecordingReader(recording) as reader:
         attached = reader.attachments()
     assert b'pitch_x_deg: 4.0' in attached['scenario.yaml'].data, processes

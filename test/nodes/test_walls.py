@@ -92,8 +92,8 @@ def test_a_hit_ends_the_run_in_the_same_way_with_and_without_the_graph(make_runs
         if processes != 'none':
             assert reported_errors(run) == {run.result['reason']}, processes
         the_map_is_recorded_once_as_it_is(run, processes)
-        the_recording_tells_nothing_of_this_machine(run, tmp_path, processes)
-        the_sonar_reads_what_the_map_says(run, tmp_path, processes)
+        the_recording_reveals_nothing_about_this_machine(run, tmp_path, processes)
+        the_sonar_reads_the_distances_of_the_map(run, tmp_path, processes)
         # A motor stop, which answers no tick, is neither reported nor replayed.
         data = read_run(run.result['recording'])
         duty = data.series[MOTOR_DUTY]
@@ -128,7 +128,7 @@ def the_map_is_recorded_once_as_it_is(run, processes):
     assert path.media_type == 'image/bmp', processes
 
 
-def the_recording_tells_nothing_of_this_machine(run, tmp_path, processes):
+def the_recording_reveals_nothing_about_this_machine(run, tmp_path, processes):
     with RecordingReader(run.result['recording']) as reader:
         attached = reader.attachments()
     parameters = yaml.safe_load(attached['parameters.yaml'].data)
@@ -138,7 +138,7 @@ def the_recording_tells_nothing_of_this_machine(run, tmp_path, processes):
     assert load_map(f'{tmp_path}/again.bmp').walls.sum() == 200, processes
 
 
-def the_sonar_reads_what_the_map_says(run, tmp_path, processes):
+def the_sonar_reads_the_distances_of_the_map(run, tmp_path, processes):
     profile = load_profile('hardware')
     image = save(with_walls(100, 100, (0, 100, 64, 66)), tmp_path / 'wall.png')
     profile.set(SONAR, 'map', str(image))

@@ -139,7 +139,7 @@ def assert_hint(process, *parts):
     assert process.output == ''
 
 
-# --- Missing requirements -------------------------------------------------------------------------
+# --- Missing requirements ------------------------------------------------------------------------
 
 
 def test_no_python(machine):
@@ -217,7 +217,7 @@ def test_environment_of_someone_else_is_left_alone(machine):
     assert (machine.venv / 'precious').exists()
 
 
-# --- The command ----------------------------------------------------------------------------------
+# --- The command ---------------------------------------------------------------------------------
 
 
 def test_without_arguments_the_stationary_scenario_runs(machine):
@@ -247,7 +247,7 @@ def test_test_script_runs_pytest_with_chosen_plugins(machine):
     assert variable(process, 'PWD') == str(machine.project)
 
 
-# --- Installation ---------------------------------------------------------------------------------
+# --- Installation --------------------------------------------------------------------------------
 
 
 def test_later_runs_install_nothing(machine):
@@ -366,7 +366,7 @@ def test_scripts_started_at_once_install_once(machine):
     assert len(machine.calls) == 2
 
 
-# --- Other environments ---------------------------------------------------------------------------
+# --- Other environments --------------------------------------------------------------------------
 
 
 def test_other_virtual_environment_does_not_leak(machine):

@@ -368,32 +368,32 @@ class Disturbed(RuleBasedStateMachine):
         return [each for each in due_timers(self.now_ms) if (each, self.now_ms) not in self.fires]
 
     @rule(name=st.sampled_from(list(PERIODS)))
-    def a_sample_comes_perhaps_again(self, name):
+    def a_new_or_repeated_sample_arrives(self, name):
         period_ms = PERIODS[name] // MS
         self.deliver(name, self.now_ms - self.now_ms % period_ms)
 
     @rule(name=st.sampled_from(list(PERIODS)), age=st.integers(1, 5))
-    def an_old_sample_comes(self, name, age):
+    def an_old_sample_arrives(self, name, age):
         period_ms = PERIODS[name] // MS
         stamp_ms = self.now_ms - self.now_ms % period_ms - age * period_ms
         assert self.ticks.feed(name, stamp_ms) in (IGNORE, AGAIN)
 
     @rule(task=st.sampled_from(list(PERIODS_MS)))
-    def a_timer_calls_back(self, task):
+    def a_timer_fires(self, task):
         self.fires.add((task, self.now_ms))
         self.take(task, self.now_ms)
 
     @rule(task=st.sampled_from(list(PERIODS_MS)), shift_ms=st.sampled_from([-1, 1, 2, 3]))
-    def a_timer_calls_back_off_the_schedule(self, task, shift_ms):
+    def a_timer_fires_off_schedule(self, task, shift_ms):
         self.take(task, self.now_ms + shift_ms)
 
     @rule(task=st.sampled_from(list(PERIODS_MS)), age=st.integers(1, 5))
-    def a_timer_calls_back_late(self, task, age):
+    def a_timer_fires_late(self, task, age):
         period_ms = PERIODS_MS[task]
         self.take(task, self.now_ms - self.now_ms % period_ms - age * period_ms)
 
     @rule(chance=st.randoms(use_true_random=False), count=st.integers(1, 60))
-    def some_ticks_are_as_ever(self, chance, count):
+    def some_ticks_run_normally(self, chance, count):
         for _ in range(count):
             now = self.now_ms
             timers = [(self.fires.add, self.take, each) for each in self.missing_timers()]
@@ -429,11 +429,11 @@ class Disturbed(RuleBasedStateMachine):
         ]
 
     @invariant()
-    def it_waits_only_for_what_is_missing(self):
+    def it_waits_only_for_missing_events(self):
         assert self.missing_inputs() or self.missing_timers()
 
     @invariant()
-    def what_was_forced_is_counted(self):
+    def forced_releases_are_counted(self):
         assert self.ticks.forced == self.forced
 
 

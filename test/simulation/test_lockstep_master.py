@@ -683,7 +683,7 @@ class TroubledRun(RuleBasedStateMachine):
             assert lead <= MAX_LEAD_TICKS + 1
 
     @invariant()
-    def no_run_fails_that_may_wait(self):
+    def no_waiting_run_fails(self):
         assert self.world.summary is None or self.world.summary.outcome == 'completed'
 
     def teardown(self):

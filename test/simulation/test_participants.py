@@ -554,7 +554,7 @@ class AnyHistory(RuleBasedStateMachine):
             self.world.join(self.new(role))
 
     @rule(topic=st.sampled_from(list(OWNERS)), is_heard=st.booleans())
-    def stranger_comes(self, topic, is_heard):
+    def stranger_appears(self, topic, is_heard):
         self.world.stranger(topic, instance=f'stranger {topic}')
         self.strangers.add(topic)
         self.world.look()
@@ -580,7 +580,7 @@ class AnyHistory(RuleBasedStateMachine):
                 assert len(self.of(role)) <= 1, role
 
     @invariant()
-    def nobody_takes_part_who_was_never_alone_in_its_role(self):
+    def no_instance_joins_twice(self):
         members = self.world.roster.history if hasattr(self, 'world') else ()
         assert len({member.participant.instance for member in members}) == len(members)
 

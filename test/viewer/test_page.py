@@ -157,7 +157,7 @@ ROBOT_PARTS = [
 ]
 
 
-def shows_what_it_should(browser, view):
+def shows_lines_robot_and_floor(browser, view):
     """Return whether lines and robot are dark and the floor is bright in the view.
 
     The robot, its shadow and the walls hide a part of the floor; the robot's bright parts hide some
@@ -186,7 +186,7 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             browser.wait_for_text('remote')
             for key, view in enumerate(VIEWS, 1):
                 browser.choose(f'{key} {TITLES[view]}')
-                wait_until(lambda view=view: shows_what_it_should(browser, view), browser)
+                wait_until(lambda view=view: shows_lines_robot_and_floor(browser, view), browser)
             browser.press('Run')
             push_makes_it_lean(browser, truth)
             stick_drives_it(browser, truth)
