@@ -191,8 +191,8 @@ def missing_ticks(run: RunData) -> float:
 
 
 @RUN_METRICS.metric(
-    'standard deviation of the sim time from duty to duty: 0 in lockstep, whatever the wall '
-    'clock did'
+    'standard deviation of the sim time from duty to duty: 0 in lockstep, regardless of the wall '
+    'clock'
 )
 def tick_jitter_ms(run: RunData) -> float:
     duty = run.series.get(MOTOR_DUTY)

@@ -134,7 +134,7 @@ def _time(instructions: int) -> tuple[str, str, str]:
 @click.option(
     '--params',
     type=PATH,
-    help='With --output: parameter file, or recording, whose last run has the parameters.  '
+    help='With --output: file with the parameters, or recording to take those of the last run.  '
     "[default: the parameters' defaults]",
 )
 @click.option(

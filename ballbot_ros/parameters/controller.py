@@ -52,12 +52,14 @@ class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
     )
     time_start: int = quantity(1000, 'ms', UINT32, 'gyro calibration time', '7.4')
     time_auto: int = quantity(5000, 'ms', UINT32, 'start of autonomous drive', '7.6')
-    time_stop: int = quantity(500, 'ms', UINT32, 'time out of control until the motors stop', '7.6')
+    time_stop: int = quantity(
+        500, 'ms', UINT32, 'time from the loss of control until the motors stop', '7.6'
+    )
     theta_diff_thr: float = quantity(
-        600.0, 'deg', (0.0, 1e6), 'wheel angle error out of control', '7.6'
+        600.0, 'deg', (0.0, 1e6), 'wheel angle error from which control counts as lost', '7.6'
     )
     psi_diff_thr: float = quantity(
-        15.0, 'deg', (0.0, 180.0), 'body pitch error out of control', '7.6'
+        15.0, 'deg', (0.0, 180.0), 'body pitch error from which control counts as lost', '7.6'
     )
     sound_freq: int = quantity(440, 'Hz', (31, 14080), 'tone after calibration', '7.6')
     sound_dur: int = quantity(

