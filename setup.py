@@ -75,7 +75,8 @@ setup(
         *shared_files('config/**/*'),
         *shared_files('launch/**/*.launch.py'),
     ],
-    # The lower bounds are what Ubuntu 24.04, the platform of ROS 2 Jazzy, offers where it does.
+    # The lower bounds are the versions in Ubuntu 24.04, the platform of ROS 2 Jazzy, for all
+    # packages that it has.
     install_requires=[
         'numpy>=1.26',
         'scipy>=1.11',
@@ -91,8 +92,8 @@ setup(
         'rich>=13.7',
     ],
     extras_require={
-        # Pinned: these wheels are built against one another, and the same names without the
-        # distribution in them are another ROS release.
+        # Pinned, because these wheels are built against one another. Names without `jazzy` are
+        # those of another ROS release.
         'ros': [
             'ros-jazzy-rclpy==7.1.6',
             'ros-jazzy-common-interfaces==5.3.6',
@@ -117,8 +118,7 @@ setup(
             'imageio-ffmpeg>=0.5',
             'playwright>=1.50',
         ],
-        # The two that judge style and types stay in one minor series, as each new one judges
-        # more strictly.
+        # ruff and mypy stay in one minor series, since newer ones are stricter.
         'test': [
             'pytest>=7.4',
             'pytest-xdist>=3.4',

@@ -19,4 +19,4 @@ def share_directory() -> Path:
         for candidate in (parent, parent / 'share' / 'ballbot_ros'):
             if (candidate / 'package.xml').is_file() and (candidate / 'config').is_dir():
                 return candidate
-    raise BallbotError('the installation of ballbot_ros has no share/ballbot_ros/config')
+    raise BallbotError('share/ballbot_ros/config not found in the installation of ballbot_ros')

@@ -22,9 +22,9 @@ class YamlError(BallbotError):
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML without aliases, which ROS refuses, too: a few lines of them could fill any memory.
+    """YAML without aliases: a few lines of them could fill any memory. ROS refuses them, too.
 
-    Numbers follow YAML 1.2: 1e3 is a number, 1:30 and 0777 in other bases are not.
+    Numbers follow YAML 1.2: 1e3 is a number, 1:30 is text (not base 60), 0777 is decimal.
     """
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:

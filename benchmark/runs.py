@@ -82,10 +82,10 @@ def run_ballbot(duration: float, *, processes: str, record: bool) -> Run:
             )
         except subprocess.TimeoutExpired as error:
             raise RunError(
-                f'ballbot run --processes {processes}: not at its end after {error.timeout:.0f} s'
+                f'ballbot run --processes {processes}: did not end within {error.timeout:.0f} s'
             ) from None
     result = json.loads(ended.stdout) if ended.stdout else {'outcome': 'failed', 'reason': ''}
-    # Whether a short run meets the scenario's expectations does not matter here.
+    # A short run may miss the scenario's expectations.
     if result['outcome'] in ('failed', 'stopped'):
         reason = result['reason'] or _last_line(ended.stderr)
         raise RunError(f'ballbot run --processes {processes}: {reason}')

@@ -55,9 +55,11 @@ POLL_S = 0.1
     type=click.FloatRange(0.1, 1440.0),
     default=10.0,
     show_default=True,
-    help='Time for trials; none begins that is not expected to end within it.',
+    help='Time for trials; a trial begins only if it is expected to end within this time.',
 )
-@click.option('--seed', type=click.IntRange(0), help='Of all that is random.  [default: a new one]')
+@click.option(
+    '--seed', type=click.IntRange(0), help='Seed of all random choices.  [default: random]'
+)
 @click.option(
     '--only',
     type=click.Choice(list(BY_NAME)),
@@ -105,7 +107,7 @@ def campaign(
             conduct.follow_one(Trial(possible[0], trial))
     console.print(table_of(wanted, conduct.verdicts, impossible))
     if conduct.failures:
-        console.print(f'{len(conduct.failures)} did not hold; their files are in {output}')
+        console.print(f'Failed trials: {len(conduct.failures)}; their files are in {output}')
         for command in conduct.failures:
             console.print(f'  {command}', soft_wrap=True, markup=False)
     return 128 + stop.signal if stop.signal else 1 if conduct.failures else 0
@@ -282,7 +284,7 @@ class TrialProcess:
     def verdict(self) -> tuple[str, Verdict]:
         """Return a description of the trial, and the verdict.
 
-        Without a verdict nothing is known, so the trial failed.
+        A trial without a verdict counts as failed.
         """
         last = self._output.read_text(errors='replace').strip().rpartition('\n')[2]
         try:

@@ -1,4 +1,4 @@
-"""Files and arguments that no recorder and no user would write."""
+"""Damaged recordings, and invalid scenarios and arguments."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class DamagedRecording:
 
     @classmethod
     def draw(cls, generator: random.Random, index: int) -> DamagedRecording:
-        """Draw one; the kinds of damage alternate."""
+        """Draw a damaged recording; the kinds of damage alternate."""
         return cls(DAMAGES[index % len(DAMAGES)], generator.getrandbits(32))
 
     def carry_out(self, site: Site) -> Verdict:
@@ -129,7 +129,7 @@ class FuzzedInput:
         scenario.write_bytes(self.scenario)
         whole = write_scenario(site.folder)
         words = ['--processes=none', '--no-record']
-        # Last, so that it takes effect: whatever the errors, the run is short.
+        # Last, so that it takes effect: the run is short in any case.
         short = ['--real-time-factor=0', '--set', f'{PLANT}.duration=0.1']
         sets = [word for each in self.assignments for word in ('--set', each)]
         return run_commands(
@@ -173,7 +173,7 @@ def run_commands(site: Site, commands: dict[str, tuple[str | Path, ...]]) -> Ver
 def judge_command(program: Program, status: int | None) -> list[str]:
     """Return the broken guarantees of a command that received nonsense."""
     if status is None:
-        return [f'not ended after {COMMAND_BOUND_S:.0f} s']
+        return [f'still running after {COMMAND_BOUND_S:.0f} s']
     failures = judge_printed(program.text)
     if status not in STATUSES:
         failures.append(f'status {status}')

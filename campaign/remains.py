@@ -69,12 +69,12 @@ def read_remains(path: Path, folder: Path) -> Remains | None:
             path = repair(path, folder / f'{path.stem}_repaired.mcap').output or path
             with RecordingReader(path) as reader:
                 if reader.corruption:
-                    return Remains(problem=f'repaired, still {reader.corruption}')
+                    return Remains(problem=f'still damaged after the repair: {reader.corruption}')
         with path.open('rb') as file:
             read_by_others = sum(1 for _ in make_reader(file).iter_messages())
         with RecordingReader(path) as reader:
             if reader.count != read_by_others:
-                problem = f'{reader.count} messages, the package mcap reads {read_by_others}'
+                problem = f'{reader.count} messages, but the package mcap reads {read_by_others}'
                 return Remains(problem=problem)
             topics = reader.topics()
             truths = topics.get(PLANT_IMU.resolved())

@@ -60,7 +60,7 @@ class Restarts:
 
     @classmethod
     def draw(cls, generator: random.Random, index: int) -> Restarts:
-        """Draw one to three; in four consecutive trials each driver comes first once."""
+        """Draw one to three restarts; in four consecutive trials each driver comes first once."""
         drivers = [DRIVERS[index % len(DRIVERS)]]
         drivers += generator.choices(DRIVERS, k=generator.randrange(3))
         return cls(
@@ -93,19 +93,21 @@ class Restarts:
         while nodes[PLANT].status is None and watch.update(site.alive()) < BOUND_S:
             time.sleep(0.05)
         if nodes[PLANT].status is None:
-            failures.append(f'had not ended {BOUND_S:.0f} s after the first kill')
+            failures.append(f'still running {BOUND_S:.0f} s after the first kill')
         took_s = watch.elapsed_s
         failures += _end(site, [nodes[name] for name in NODES if name != PLANT])
         failures += judge_printed(''.join(life.text for life in lives))
         if nodes[PLANT].status == 0:
             expected = undisturbed(site, ticks_of(DURATION_S))
             if load_trajectory(account)[1]['duty_sha256'] != expected.duty_sha256:
-                failures.append('other duties than those of an undisturbed run')
+                failures.append('the duties differ from those of an undisturbed run')
             # A driver killed between its two readers may cost the recording a sample, which the
             # file then reports.
             remains = read_remains(recording, site.folder)
             if not remains or not remains.finished or len(remains.duties) != expected.ticks:
-                failures.append(f'of {expected.ticks} duties the recording has {remains}')
+                failures.append(
+                    f'expected a finished recording of {expected.ticks} duties, got {remains}'
+                )
         elif nodes[PLANT].status is not None:
             last = nodes[PLANT].text.strip().rpartition('\n')[2]
             failures.append(f'{PLANT} ended with status {nodes[PLANT].status}: {last}')

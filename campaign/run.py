@@ -31,13 +31,13 @@ FIRST_TICKS_BYTES = 20_000
 
 CRASH = re.compile(
     r'Traceback \(most recent call last\)|Segmentation fault|core dumped|terminate called'
-    r'|Fatal Python error|died of SIG(?:SEGV|ABRT|BUS|FPE|ILL)'
+    r'|Fatal Python error|was killed by SIG(?:SEGV|ABRT|BUS|FPE|ILL)'
 )
 
 
 @dataclass(frozen=True)
 class RunEnd:
-    """Everything that a run has left.
+    """The remains of a run.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class RunEnd:
 
     @property
     def completed(self) -> bool:
-        """Whether it reached its end nevertheless."""
+        """Whether it reached its end despite the fault."""
         return self.result.get('outcome') == 'passed'
 
 
@@ -182,7 +182,7 @@ def judge_printed(text: str) -> list[str]:
 def judge_end(end: End, bound_s: float) -> list[str]:
     """Judge whether everything has ended in time, and nothing has outlived the command."""
     if end.status is None:
-        return [f'had not ended {bound_s:.0f} s after the fault']
+        return [f'still running {bound_s:.0f} s after the fault']
     if end.survivors:
         return [f'left processes behind: {", ".join(end.survivors)}']
     return []
@@ -192,24 +192,26 @@ def judge_completed(run: RunEnd, duty_sha256: str) -> list[str]:
     """Judge whether a completed run has the duties of an undisturbed one, all recorded."""
     failures = []
     if run.result.get('outcome') != 'passed' or run.end.status != 0:
-        outcome = run.result.get('outcome', 'no result')
-        failures.append(f'status {run.end.status}, {outcome}: {run.reason}')
+        outcome = run.result.get('outcome', 'none')
+        failures.append(f'outcome {outcome}, status {run.end.status}: {run.reason}')
     elif run.result.get('duty_sha256') != duty_sha256:
-        failures.append('completed with other duties than an undisturbed run')
+        failures.append('the duties differ from those of an undisturbed run')
     recorded = len(run.remains.duties) if run.remains else 0
     if not failures and recorded != run.ticks:
         failures.append(f'recorded {recorded} duties of {run.ticks}')
     if run.remains and run.remains.motors_off:
-        failures.append('completed, and yet the motors are off')
+        failures.append('completed, but with the motors off')
     return failures
 
 
 def judge_failed(run: RunEnd, named: Collection[str], status: int = 1) -> list[str]:
     """Judge whether a run has failed with this status, for a reason with one of these names."""
     failures = []
-    outcome = run.result.get('outcome', 'no result')
+    outcome = run.result.get('outcome', 'none')
     if run.end.status != status or outcome != 'failed':
-        failures.append(f'status {run.end.status}, {outcome}, instead of {status}, failed')
+        failures.append(
+            f'outcome {outcome}, status {run.end.status}; expected outcome failed, status {status}'
+        )
     if not any(name in run.reason for name in named):
         failures.append(f'the reason does not name {" or ".join(named)}: {run.reason!r}')
     return failures
@@ -249,15 +251,17 @@ def judge_recording(
     if must_be_finished and not remains.finished:
         failures.append('the recording is not finished')
     if must_be_finished and remains.missing:
-        failures.append(f'the recording lacks something: {remains.missing}')
+        failures.append(f'the recording is incomplete: {remains.missing}')
     if remains.strange and not beside_stranger:
-        failures.append(f'{remains.strange} recorded duties are not of the next tick')
+        failures.append(f'{remains.strange} recorded duties do not belong to the next tick')
     duties, expected = remains.duties, list(undisturbed)
     if len(duties) < run.ticks - lost_ticks:
         failures.append(f'recorded {len(duties)} duties of {run.ticks}')
     wrong = [tick for tick, pair in enumerate(duties) if pair != expected[tick]]
     if wrong:
-        failures.append(f'other duties than those of an undisturbed run from tick {wrong[0]} on')
+        failures.append(
+            f'from tick {wrong[0]} on, the duties differ from those of an undisturbed run'
+        )
     if motors_off and duties and not remains.motors_off:
         failures.append(f'the last recorded duty is {duties[-1]}: the motors are not off')
     return failures

@@ -13,7 +13,7 @@ from campaign.fault import Fault, Verdict
 
 
 class Trial(NamedTuple):
-    """Number `number`, counted from 0, of the trials of a fault."""
+    """Trial `number`, counted from 0, of a fault."""
 
     fault: Fault
     number: int

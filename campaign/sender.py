@@ -102,9 +102,8 @@ MAKERS: dict[Content, Callable[[Any], bytes]] = {
     Content.HALF: _half,
     Content.NOISE: _noise,
 }
-"""Functions that create the bytes to send from a message class, serialised once so that the
-stranger
-is faster than its readers."""
+"""Functions that create the bytes to send from a message class; they are serialised once, so that
+the stranger is faster than its readers."""
 
 
 if __name__ == '__main__':

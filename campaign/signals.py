@@ -35,16 +35,15 @@ HANG_AT_START_S = 30.0
 """Time after which the command gives up a plant that has never reported [s]."""
 
 STOP_S = 15.0
-"""Bound until a fault is named, the nodes are stopped, and the recording is finished: 3, 1.5 and 5
-s
-are guaranteed; the rest is for the processes to end [s]."""
+"""Time limit to name a fault, stop the nodes and finish the recording, of which 3, 1.5 and 5 s are
+guaranteed; the rest is for the end of the processes [s]."""
 
 LOSS_TICKS = SECOND_NS // TICK_NS + 50
 """Possible loss of a killed recorder: a second, and the plant's lead."""
 
 
 class Moment(Enum):
-    """When a signal is sent; its text follows the name of a fault."""
+    """The moment of a signal; its text follows the name of a fault."""
 
     START = 'before the first tick'
     MIDDLE = 'in mid-run'
@@ -97,7 +96,7 @@ class NodeSignal:
         moment: Moment,
         signals: tuple[Signals, ...],
     ) -> NodeSignal:
-        """Draw one; in seven consecutive trials each node is the victim once."""
+        """Draw a signal; in seven consecutive trials each node is the victim once."""
         victim = NODES[index % len(NODES)]
         return cls(victim, generator.choice(signals), moment, moment.delay_s(generator))
 
@@ -188,7 +187,7 @@ class CommandSignal:
     def draw(
         cls, generator: random.Random, index: int, *, signals: tuple[Signals, ...]
     ) -> CommandSignal:
-        """Draw one; the moments alternate."""
+        """Draw a signal; the moments alternate."""
         moment = list(Moment)[index % len(Moment)]
         return cls(generator.choice(signals), moment, moment.delay_s(generator))
 
@@ -215,7 +214,7 @@ class CommandSignal:
         if killed:
             # Its nodes end by themselves.
             if run.end.took_s > STOP_S:
-                failures.append(f'nodes still there {STOP_S:.0f} s after the command was killed')
+                failures.append(f'nodes still alive {STOP_S:.0f} s after the command was killed')
         else:
             failures += judge_end(run.end, STOP_S)
         if run.end.status is None:
@@ -224,7 +223,7 @@ class CommandSignal:
         if completed:
             failures += judge_completed(run, short_sha256)
         elif run.end.status not in (128 + self.number, -self.number):
-            failures.append(f'status {run.end.status} instead of {128 + self.number}')
+            failures.append(f'status {run.end.status}, expected {128 + self.number}')
         failures += judge_recording(
             run,
             expected,

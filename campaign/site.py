@@ -53,7 +53,7 @@ class Stopwatch:
         Parameters
         ----------
         processes : iterable of int
-            The living ones.
+            The living processes.
 
         Returns
         -------
@@ -74,7 +74,7 @@ class Stopwatch:
 
 
 class End(NamedTuple):
-    """How the processes of a trial ended.
+    """End of the processes of a trial.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class Site:
     folder : Path
         Contains everything that the trial writes.
     domains : sequence of int
-        ROS domains that nobody else uses meanwhile.
+        ROS domains that no other program uses meanwhile.
     """
 
     def __init__(self, folder: Path, domains: Sequence[int]) -> None:
@@ -237,7 +237,7 @@ def wait_until(condition: Callable[[], bool], what: str) -> None:
     watch = Stopwatch()
     while not condition():
         if watch.update([os.getpid()]) > START_S:
-            raise CampaignError(f'{what} did not come within {START_S:.0f} s')
+            raise CampaignError(f'{what} did not appear within {START_S:.0f} s')
         time.sleep(_POLL_S)
 
 

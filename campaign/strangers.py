@@ -123,7 +123,7 @@ class Stranger:
 
     @classmethod
     def draw(cls, generator: random.Random, index: int, *, in_the_loop: bool) -> Stranger:
-        """Draw one; the first topics alternate."""
+        """Draw a stranger; the first topics alternate."""
         topics = LOOP_TOPICS if in_the_loop else OPEN_TOPICS
         chosen = [topics[index % len(topics)]]
         if not in_the_loop:

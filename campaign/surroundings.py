@@ -81,7 +81,7 @@ class FullDisk:
 
     @classmethod
     def draw(cls, generator: random.Random, index: int) -> FullDisk:
-        """Draw one that is full at once, or after some seconds; the disks alternate."""
+        """Draw a disk that is full at once or after some seconds; the two disks alternate."""
         disk = list(Disk)[index % len(Disk)]
         sizes = (4, 16, 64, 256, 1024) if disk is Disk.RECORDING else (4, 8, 16, 32)
         return cls(disk, generator.choice(sizes) + generator.choice((0, 4)))
@@ -100,11 +100,11 @@ class FullDisk:
             sha256 = undisturbed(site, ticks_of(SHORT_S)).duty_sha256
             failures += judge_completed(end, sha256)
         elif end.result:
-            # A picture that can't be written either says nothing about the cause.
+            # A picture that can't be written either does not change the cause.
             named = f'{run.recording.name}: {NO_SPACE}' if is_of_recording else NO_SPACE
             failures += judge_failed(end, [named])
         elif end.end.status not in (1, 2) or NO_SPACE not in end.text:
-            failures.append(f'status {end.end.status}, and {NO_SPACE!r} is not mentioned')
+            failures.append(f'status {end.end.status}, without mentioning {NO_SPACE!r}')
         failures += judge_recording(end, expected, lost_ticks=end.ticks, must_be_finished=False)
         return Verdict(tuple(failures), end.end.took_s, DISK_BOUND_S)
 
@@ -118,7 +118,7 @@ class BusyMachine:
 
     @classmethod
     def draw(cls, generator: random.Random, index: int) -> BusyMachine:
-        """Return it; it has no random choices."""
+        """Return the only one; it has no random choices."""
         return cls()
 
     def carry_out(self, site: Site) -> Verdict:
@@ -190,5 +190,5 @@ class Leftovers:
         failures += judge_completed(end, undisturbed(site, len(duties)).duty_sha256)
         failures += judge_recording(end, duties)
         still = {(path.name, path.stat().st_ino) for path in SHARED_MEMORY.glob('*fastrtps*')}
-        failures += [f'{name} is still there' for name, _ in sorted(left & still)]
+        failures += [f'{name} was not removed' for name, _ in sorted(left & still)]
         return Verdict(tuple(failures), end.end.took_s, LEFT_BOUND_S)

@@ -31,7 +31,7 @@ def judge_shared_memory() -> tuple[str, ...]:
         sweep(older_than_s=0.0)
         left = sorted(SHARED_MEMORY.glob('*fastrtps*'))
         if not left or watch.update([os.getpid()]) > SWEPT_S:
-            return tuple(f'{path} is left, and is not swept' for path in left)
+            return tuple(f'{path} was not removed by the sweep' for path in left)
         time.sleep(0.05)
 
 

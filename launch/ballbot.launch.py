@@ -30,7 +30,7 @@ from ballbot_ros.share import share_directory
 ARGUMENTS = {
     'scenario': ('', 'name or file of a scenario; empty: balance until stopped'),
     'params_file': ('', 'parameter file that overrides the scenario'),
-    'real_time_factor': ('', '1: real time, 0: as fast as it can; empty: as the files say, or 1'),
+    'real_time_factor': ('', '1: real time, 0: as fast as possible; empty: as in the files, or 1'),
     'record': ('false', 'true: record the run'),
     'output': ('', 'recording to write; empty: a new one under runs/'),
     'namespace': ('', 'namespace of the nodes'),
@@ -56,7 +56,7 @@ def check_names(context):
         name = word.partition(':=')[0]
         if name not in ARGUMENTS and name not in ROS2_LAUNCH_ARGUMENTS:
             close = get_close_matches(name, ARGUMENTS)
-            hint = f'did you mean {close[0]}?' if close else f'there are {", ".join(ARGUMENTS)}'
+            hint = f'did you mean {close[0]}?' if close else f'known: {", ".join(ARGUMENTS)}'
             raise LaunchError(f'no launch argument {name!r}; {hint}')
 
 

@@ -1,10 +1,10 @@
-# Sourced by the scripts beside it and by .ci/run: makes, keeps and chooses the virtual environment.
+# Sourced by the other scripts and by .ci/run: chooses, creates and updates the virtual environment.
 #
 #   prepare_environment run|test
 #
-# sets `project` (the source tree) and `venv` (what to run it with), and clears the environment
-# variables of what other environments left there. `test` adds the test tools to what `run` has.
-# Where the machine lacks something, it ends in one line and status 2.
+# sets `project` (the source tree) and `venv` (the virtual environment), and removes the entries of
+# other environments from the environment variables. `test` installs the test tools, too. If the
+# machine lacks something, it exits with one line and status 2.
 
 project=$(dirname "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")")
 
@@ -12,7 +12,7 @@ project=$(dirname "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")")
 oldest_minor=10
 newest_minor=13
 
-# What pip says when it reaches no package index.
+# Errors of pip when it can't reach a package index.
 no_network='NewConnectionError|NameResolutionError|ConnectTimeoutError|ReadTimeoutError|ProxyError'
 no_network+='|Temporary failure in name resolution|Network is unreachable|Connection refused'
 
@@ -87,12 +87,12 @@ is_of_sourced_ros() {
 }
 
 leave_other_environments() {
-  # The ROS 2 wheels re-execute the interpreter with the LD_LIBRARY_PATH they need unless this
-  # variable says that it was done. Inherited from another environment's process, it is not true.
+  # The ROS 2 wheels re-execute the interpreter with the LD_LIBRARY_PATH that they need, unless this
+  # variable is set. If it is inherited from a process of another environment, it is wrong.
   unset _ROS_WHEELS_BOOTSTRAP_COMPLETE
   drop_entries LD_LIBRARY_PATH is_library_of_a_venv
   unset PYTHONHOME VIRTUAL_ENV
-  # An environment cannot be made anew with its own interpreter.
+  # An environment can't be recreated with its own interpreter.
   drop_entries PATH is_of_this_project
   # An installed copy, as in a sourced colcon workspace, would hide this source tree.
   drop_entries PYTHONPATH is_another_ballbot
@@ -128,8 +128,8 @@ lacks_venv() {
   fail "$1 cannot make a virtual environment: sudo apt install $(basename "$1")-venv"
 }
 
-# The sourced rclpy is built for one Python only, as a rule the system's, and another python3 may
-# stand before that on PATH.
+# The sourced rclpy is built for one Python only, usually the system's. Another python3 may come
+# first on PATH.
 find_jazzy_python() {
   local candidate
   for candidate in python3 /usr/bin/python3; do
@@ -166,15 +166,15 @@ find_wheel_python() {
 
 # --- Set-up -------------------------------------------------------------------------------------
 
-# Prints what an installation depends on. It becomes the stamp of one that has ended well; where
-# the first line no longer holds, the environment is made anew, where the second, updated.
+# Prints what an installation depends on. A completed installation keeps it as its stamp: if the
+# first line has changed, the environment is recreated; if the second, it is updated.
 wanted_stamp() {
   local minor
   minor=$(minor_version "$venv/bin/python") || return
   printf '3.%s in %s\n' "$minor" "$project"
   {
     cat "$project/setup.py" "$project/pyproject.toml"
-    # The nodes, each of which gets a command.
+    # The names of the nodes: each node has a command.
     grep -hs 'node: ClassVar' "$project"/ballbot_ros/parameters/*.py || true
   } | sha256sum
 }
@@ -193,15 +193,15 @@ is_current() {
 
 set_up() {
   local purpose=$1 extras=$2 lock
-  # Of two scripts started at once the second waits, and then finds the work done. The lock is on
-  # a file that outlives the environment.
+  # If two scripts start at once, the second waits for the first and then has nothing to do. The
+  # locked file outlives the environment.
   exec {lock}<"$project/scripts/environment.sh"
   if ! flock --nonblock "$lock"; then
     say "Waiting for another set-up of $(basename "$venv") to end ..."
     flock "$lock"
   fi
   if ! is_current "$purpose"; then
-    # pip takes an interrupt for an error of its own: end here, not with an explanation of it.
+    # pip reports an interrupt as an error: exit here, without explaining that error.
     trap 'say; exit 130' INT
     if is_reusable; then
       say "Updating $(basename "$venv") ..."
@@ -223,7 +223,7 @@ make_environment() {
     find_wheel_python
   else
     can_make_environments "$python" || lacks_venv "$python"
-    # The sourced message packages work with the numpy they were built for, the system's.
+    # The sourced message packages need the numpy that they were built for, the system's.
     options=(--system-site-packages)
   fi
   if [[ -e $venv && ! -e $venv/setup.log ]]; then
@@ -249,8 +249,8 @@ install_project() {
     constraints=(--constraint "$venv/constraints.txt")
   fi
 
-  # An interrupted installation must not pass for a whole one. One that pip itself gave up, it has
-  # undone.
+  # An interrupted installation must not look complete, so the stamp loses its second line. If pip
+  # itself fails, it undoes the installation, and the stamp is restored.
   if [[ -e $venv/setup.stamp ]]; then
     cp "$venv/setup.stamp" "$venv/setup.stamp.before"
     printf '%s\n' "${stamp[0]}" >"$venv/setup.stamp"

@@ -1,4 +1,4 @@
-"""Looking at a page as a user does."""
+"""Using a page as a user does."""
 
 import contextlib
 import io
@@ -13,7 +13,7 @@ from PIL import Image
 from ballbot_ros.viewer.browser import browser_page
 
 SIZE = (760, 520)
-"""Of a page [px]."""
+"""Size of a page [px]."""
 
 
 @contextlib.contextmanager
@@ -48,12 +48,12 @@ def serving(domain, *arguments):
 
 
 class Browser:
-    """A browser at that address; what it complains of is kept."""
+    """A browser at that address; its errors are kept."""
 
     def __init__(self, page, address):
         self.page = page
         width, height = page.viewport_size.values()
-        # What the panel and the notice about missing graphics hardware leave free of the page.
+        # The part of the page without the panel and the notice about missing graphics hardware.
         self.scene = {'x': 0, 'y': 160, 'width': width - 360, 'height': height - 160}
         self.errors = []
         page.set_default_timeout(LAST_RESORT_S * 1e3)
@@ -69,7 +69,7 @@ class Browser:
         self.page.get_by_role('button', name=name, exact=True).click()
 
     def choose(self, view):
-        """Choose a view by its key; before the page is ready one is not heard."""
+        """Choose a view by its key, repeatedly: the page ignores keys until it is ready."""
 
         def is_chosen():
             self.page.keyboard.press(view[0])
@@ -88,12 +88,12 @@ class Browser:
         self.page.mouse.down()
 
     def let_go(self):
-        """Let go of a button, beside it."""
+        """Release the mouse next to a button."""
         self.page.mouse.move(self.scene['width'] / 2, self.scene['y'] + 10)
         self.page.mouse.up()
 
     def picture(self):
-        """Return the gray values of the scene, as far as nothing lies over it."""
+        """Return the gray values of the uncovered part of the scene."""
         data = self.page.screenshot(clip=self.scene)
         return np.asarray(Image.open(io.BytesIO(data)).convert('L'), float)
 
@@ -103,26 +103,26 @@ class Browser:
         return box['width'], box['height']
 
     def tones(self):
-        """Return how many tones the page has been told to play."""
+        """Return the number of tones that the page was told to play."""
         tones = self.page.locator('audio').evaluate_all('all => all.map(a => a.dataset.number)')
         return int(tones[0]) if tones else 0
 
     def has_moved(self, seconds=1.0):
-        """Tell whether pictures a while apart differ in more than single pixels."""
+        """Return whether two successive pictures differ in more than single pixels."""
         before = self.picture()
         self.page.wait_for_timeout(seconds * 1e3)
         return bool((np.abs(self.picture() - before) > 30.0).sum() > 40)
 
     def text(self):
-        """Return all that is written on the page."""
+        """Return all text on the page."""
         return self.page.inner_text('body')
 
     def inputs(self):
-        """Return what is chosen and typed on the page."""
+        """Return the values of the inputs on the page."""
         return [each.input_value() for each in self.page.locator('input').all()]
 
     def shown_time(self):
-        """Return the sim time beside the scene; None while there is none."""
+        """Return the sim time next to the scene; None while there is none."""
         found = re.search(r'sim time\s*([\d.]+) s', self.text())
         return float(found[1]) if found else None
 
@@ -134,7 +134,7 @@ def browsing(address):
 
 
 class StubRobot:
-    """Notes what the page asks for."""
+    """Records the page's requests."""
 
     def __init__(self):
         self.asked = []
@@ -144,7 +144,7 @@ class StubRobot:
 
 
 def another(browser, address):
-    """Open one more page; it ends with the first."""
+    """Open another page, which closes with the first."""
     page = browser.page
     return Browser(page.context.browser.new_page(viewport=page.viewport_size), address)
 

@@ -1,4 +1,4 @@
-"""Compiling the project's functions as they stand."""
+"""Compiling the project's functions without changes."""
 
 from types import FunctionType
 
@@ -6,7 +6,7 @@ import numba
 
 
 def compiled(function, **options):
-    """Return a function compiled by numba, and so what it calls of this project.
+    """Return a function compiled by numba, with the functions of this project that it calls.
 
     Parameters
     ----------

@@ -13,22 +13,22 @@ from ballbot_ros.nodes.shared_memory import SETTLED_S, find_leftovers, sweep
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
 
-# The graphs under test are no business of other machines on the network, and what tests make of
-# ROS themselves is to be found as soon as the nodes are.
+# Keep graphs under test off the network, and let the tests' own ROS nodes be discovered as fast as
+# those of the graph.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 prepare_middleware()
 
-# A suite that a shell runs in the background ignores SIGINT, one under nohup SIGHUP, and so would
-# all that it starts.
+# A suite that a shell runs in the background ignores SIGINT, one under nohup ignores SIGHUP; all
+# processes that it starts would inherit this.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def pytest_sessionfinish(session):
-    """Leave shared memory without what the processes that tests kill leave there."""
+    """Remove the leftovers of killed processes from shared memory."""
     is_last = not hasattr(session.config, 'workerinput')  # pytest-xdist's workers have ended
     if is_last and find_leftovers(older_than_s=0):
-        time.sleep(SETTLED_S)  # what is young may be another graph's that is just beginning
+        time.sleep(SETTLED_S)  # young files may belong to another graph that is just starting
         sweep()
 
 
@@ -63,7 +63,7 @@ def domain():
 
 @pytest.fixture
 def start_run(domain):
-    """Start `ballbot run`; whatever is left of it is ended after the test."""
+    """Start `ballbot run`; its remaining processes are ended after the test."""
     with contextlib.ExitStack() as stack:
 
         def start(*arguments, **popen):
@@ -76,7 +76,7 @@ def start_run(domain):
 
 @pytest.fixture
 def start_node(domain):
-    """Start a node on its own; it is ended after the test."""
+    """Start a node alone; it is ended after the test."""
     with contextlib.ExitStack() as stack:
 
         def start(name, **parameters):

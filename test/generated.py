@@ -1,4 +1,4 @@
-"""Applications generated and built for tests, and parameters to build them for."""
+"""Applications generated and built for tests, and their parameters."""
 
 import random
 import shutil
@@ -39,7 +39,7 @@ def need_command(command, package):
 
 
 def random_values(seed):
-    """Return controller parameters from all over their ranges, with times short enough to end."""
+    """Return random controller parameters over their full ranges, but with short times."""
     draw = random.Random(seed)
     coefficient = lambda: draw.choice((0.0, 1.0, draw.random()))  # noqa: E731
     return values_of(

@@ -1,10 +1,10 @@
-"""Runs whose results must be the same on every machine; also a program of its own.
+"""Runs whose results must be the same on every machine; also a program.
 
     python golden_runs.py            print the probes and the hashes of all runs as JSON
     python golden_runs.py --probe    print the probes only
     python golden_runs.py --write    make this machine's hashes the expected ones
 
-It needs no more than numpy, scipy, Pillow and PyYAML, so that it runs under other releases of
+It needs only numpy, scipy, Pillow and PyYAML, so that it runs under other releases of
 Python and numpy than the test suite does.
 """
 
@@ -43,10 +43,11 @@ SETS = 200
 TICKS = 60
 STARTS = {'': (0.0, 0.0), 'track': (-0.7, -0.55), 'corridor': (0.5, 0.0)}
 
-# Bits of the C library's sine differ with these, of the OpenBLAS kernels with OPENBLAS_CORETYPE.
+# These settings change bits of the C library's sine; OPENBLAS_CORETYPE those of the OpenBLAS
+# kernels.
 WITHOUT_FMA = {'GLIBC_TUNABLES': 'glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2,-AVX2_Usable,-AVX2_USABLE'}
 
-# What would end the run before it has begun, or is no arithmetic.
+# Parameters that would end the run before it begins, or that involve no arithmetic.
 _LEFT_ALONE = {
     'duration', 'timeout', 'startup_timeout', 'real_time_factor', 'hold_time', 'push_duration',
     'start_position_x', 'start_position_y', 'body_width', 'body_depth', 'cone_rays',
@@ -55,7 +56,7 @@ _LEFT_ALONE = {
 
 
 class Draw:
-    """Uniform numbers from a seed: the random module does not promise its integers for ever."""
+    """Uniform numbers from a seed; other versions of the random module may have other integers."""
 
     def __init__(self, seed):
         self._seed, self._count = np.uint64(seed), 0
@@ -75,7 +76,8 @@ _DRAWN_FIRST = (
     'wheel_radius', 'wheel_width', 'body_width', 'body_height', 'ball_mass', 'wheel_mass',
     'body_mass',
 )  # fmt: skip
-"""What several nodes have; the rest is drawn as it is declared. The hashes hang on the order."""
+"""Parameters of several nodes; the others are drawn in the order of their declaration. The hashes
+depend on the order."""
 
 
 def _order_of_draws(name):
@@ -83,7 +85,7 @@ def _order_of_draws(name):
 
 
 def random_run(seed, model):
-    """Return parameters and scenario of a random run; every other one has values from anywhere."""
+    """Return parameters and scenario of a random run, every second one over the full ranges."""
     draw, parameters = Draw(seed), ParameterSet()
     wild = seed % 2 == 1
     for node in (PLANT, GYRO, SONAR, CONTROLLER):
@@ -121,7 +123,7 @@ def random_value(draw, row, wild):
     for default in defaults:
         share = draw.number()
         if wild and draw.number() < 0.2:
-            # Most bounds reach over many powers of ten: most often near the lower one.
+            # Most bounds span many powers of ten: draw mostly near the lower one.
             value = low + (high - low) * share * share * share * share * share * share
         elif default:
             value = default * (0.7 + 0.6 * share)
@@ -155,7 +157,7 @@ def scenario_hashes():
 
 
 def probes():
-    """Return what shows which kernels, C library and releases compute here."""
+    """Return values that identify the kernels, the C library and the releases used here."""
     draw = Draw(0)
     matrix = np.array([[draw.number(-0.3, 0.3) for _ in range(7)] for _ in range(7)])
     sines = [math.sin(draw.number(-10.0, 10.0)) for _ in range(5000)]
@@ -170,9 +172,10 @@ def probes():
 
 def write():
     head = (
-        '# What every machine must compute to the bit: the arithmetic of ballbot_ros.numerics,\n'
-        '# and the duty_sha256 of each shipped scenario. A change needs a line in CHANGELOG that\n'
-        '# says why; test/golden_runs.py --write makes this file.\n'
+        '# Results that every machine must reproduce to the bit: the arithmetic of '
+        'ballbot_ros.numerics,\n'
+        '# and the duty_sha256 of each shipped scenario. Explain any change in CHANGELOG.\n'
+        '# Written by test/golden_runs.py --write.\n'
     )
     lines = [f'  {name}: {digest}\n' for name, digest in scenario_hashes().items()]
     (share_directory() / GOLDEN_FILE).write_text(
@@ -182,7 +185,7 @@ def write():
 
 
 def main(arguments):
-    # Parameters from all over their bounds overflow here and there.
+    # Parameters over their full ranges sometimes overflow.
     warnings.simplefilter('ignore')
     np.seterr(all='ignore')
     if arguments == ['--write']:

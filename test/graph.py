@@ -1,4 +1,4 @@
-"""Starting runs and nodes as real processes, and looking at them."""
+"""Starting runs and nodes as real processes, and observing them."""
 
 import contextlib
 import fcntl
@@ -20,15 +20,15 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 
 BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
-# Those whose UDP ports the system does not hand out to others meanwhile: beyond 101 most domains
-# lie among its ephemeral ports, where a participant now and then finds its own taken.
+# Domains whose UDP ports the system does not assign to other programs: beyond 101 most domains use
+# ephemeral ports, where a participant sometimes finds its ports occupied.
 DOMAINS = (*range(215, 232), *range(50, 101))
 LAST_RESORT_S = 120.0
-"""What has not happened by then hangs, however busy the machine; no test judges by it."""
+"""Time after which a wait counts as hung, even on a busy machine; no test measures with it."""
 
 
 def record(folder, scenario, *arguments):
-    """Run a scenario without nodes; return the recording and what the run printed as JSON."""
+    """Run a scenario without nodes; return the recording and the JSON that the run printed."""
     words = ['run', scenario, '--processes=none', '--json', '--output', folder, *arguments]
     done = subprocess.run([*BALLBOT, *map(str, words)], capture_output=True, check=False)
     assert done.stderr == b''
@@ -46,7 +46,7 @@ def participants(domain):
 
 @contextlib.contextmanager
 def free_domain():
-    """A ROS domain that no other test on this machine uses meanwhile, nor anybody else."""
+    """Yield a ROS domain that no other test or program on this machine uses meanwhile."""
     for domain in DOMAINS:
         if participants(domain):
             continue
@@ -57,7 +57,7 @@ def free_domain():
             except BlockingIOError:
                 continue
             yield domain
-            # The next test is not to meet what this one has told to end.
+            # The next test must not meet processes that this one has told to end.
             wait_for(
                 lambda domain=domain: not participants(domain),
                 what=f'the end of all in domain {domain}',
@@ -76,9 +76,9 @@ def environment(domain):
 
 
 def private_shared_memory(*broken_ports):
-    """The beginning of a command that sees shared memory of its own, with ports that are broken.
+    """Return the start of a command that gets private shared memory, with broken ports.
 
-    They hold up no other graph on this machine. The test is skipped where this can't be had.
+    They do not affect other graphs on this machine. The test is skipped if this is not possible.
     """
     as_root = [] if os.geteuid() == 0 else ['--map-root-user']
     breaking = [f'touch -d @0 /dev/shm/fastrtps_port{port}' for port in broken_ports]
@@ -90,7 +90,7 @@ def private_shared_memory(*broken_ports):
 
 
 def wait_for(condition, what='it'):
-    """Return the condition's first true value; looking again is cheap, so look often."""
+    """Wait for a true value of the condition, and return it; checking must be cheap."""
     deadline = time.monotonic() + LAST_RESORT_S
     while time.monotonic() < deadline:
         value = condition()
@@ -101,7 +101,7 @@ def wait_for(condition, what='it'):
 
 
 def await_recording(path, topic='/motor_duty', count=20, run=None):
-    """Wait until so many messages of a topic are on disk; fail at once if their run has ended."""
+    """Wait until this many messages of a topic are on disk; fail at once if the run has ended."""
     looked_at = 0
 
     def is_there():
@@ -120,7 +120,7 @@ def await_recording(path, topic='/motor_duty', count=20, run=None):
 
 
 def state(pid):
-    """Return the letter of a process's state, S if it waits, Z if it has ended; nothing if gone."""
+    """Return the letter of a process's state: S if it waits, Z if it has ended, '' if gone."""
     try:
         return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0]
     except OSError:
@@ -132,7 +132,7 @@ def alive(pid):
 
 
 def children(pid):
-    """The node processes below a run: name -> pid."""
+    """Return the node processes of a run: pid by name."""
     found = {}
     for child in processes.children(pid):
         with contextlib.suppress(OSError):
@@ -163,7 +163,7 @@ class Run:
             raise AssertionError(f'the run has ended: {self.stdout}{self.stderr}')
 
     def nodes(self, expected=NODES):
-        """Wait until the nodes are there; return their pids."""
+        """Wait until the nodes have started; return their pids."""
 
         def look():
             self.assert_running()
@@ -192,7 +192,7 @@ class Run:
 
 
 class Node:
-    """A node as a process of its own, as `ros2 run` starts it."""
+    """A node as a separate process, as `ros2 run` starts it."""
 
     def __init__(self, domain, name, remap='', **parameters):
         words = [f'{key}:={value}' for key, value in parameters.items()]

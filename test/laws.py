@@ -1,4 +1,4 @@
-"""Property-based tests that draw the same examples in every run, however slow the machine."""
+"""Property-based tests with the same examples in every run, without time limits."""
 
 from hypothesis import given, settings
 
@@ -11,7 +11,7 @@ settings.load_profile('laws')
 
 
 def is_read_or_refused_in_one_line(read, *arguments):
-    """Tell whether reading gave no error, or one of our own with a text of one line."""
+    """Return whether reading gave no error, or one of our own with a text of one line."""
     try:
         read(*arguments)
     except BallbotError as error:

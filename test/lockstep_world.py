@@ -1,7 +1,7 @@
-"""A graph without ROS around the master of a run: nodes that answer, hang, die and come back.
+"""A graph without ROS around the master of a run: nodes that answer, hang, die and return.
 
 Messages are in flight until they are delivered, so that a test can reorder, repeat or lose them.
-Time passes only when a test says so.
+Time passes only if a test lets it pass.
 """
 
 import dataclasses
@@ -36,19 +36,19 @@ ROLES = (*DRIVERS, CONTROLLER)
 WATCH_S = 0.1
 FREE_PERIODS_S = {'on_time': WATCH_S, 'on_tick': TICK_NS / 1e9}
 LATENCY_S = 2e-4
-"""Each message arrives so long after the one before."""
+"""Time from the arrival of one message to the next."""
 
 WAITING = {1: ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)}
 
 
 def duty_of(stamp_ns):
-    """Return what the controller of this world answers at a tick."""
+    """Return the duty of this world's controller at a tick."""
     tick = stamp_ns // TICK_NS
     return tick % 7 - 3, tick % 5 - 2
 
 
 def is_due(role, stamp_ns):
-    """Tell whether a driver has a sample of a stamp."""
+    """Return whether a driver has a sample at a stamp."""
     return stamp_ns % DRIVER_PERIODS_NS[role] == 0
 
 
@@ -89,7 +89,7 @@ class FakeNode:
 
 
 def make_participant(role, generation=0, **changes):
-    """Return a participant; another generation is another process."""
+    """Return a participant; each generation is another process."""
     return Participant(
         role=role,
         node=f'/{role}',
@@ -105,7 +105,7 @@ def make_participant(role, generation=0, **changes):
 
 
 class FakeGraph:
-    """What the master can find out about the nodes of a world."""
+    """The graph of a world's nodes, as the master sees it."""
 
     def __init__(self, world):
         self._world = world
@@ -139,7 +139,7 @@ class FakeGraph:
 
 
 class FakeProcessObserver:
-    """Processes that always have all the processor time that they want."""
+    """Processes that always get all the processor time that they need."""
 
     def __init__(self, world):
         self._world = world
@@ -154,12 +154,12 @@ class FakeProcessObserver:
 
 
 class LockstepWorld:
-    """The master, its nodes, and what is in flight between them.
+    """The master, its nodes, and the messages in flight between them.
 
     Attributes
     ----------
     done : list of Action
-        All that the master has done so far.
+        All actions of the master so far.
     in_flight : deque of callable
         Messages to the master that are still to be delivered.
     """
@@ -213,14 +213,14 @@ class LockstepWorld:
         self.nodes[role].is_alive = False
 
     def leave(self, role):
-        """End a node in order: its publishers leave the graph."""
+        """End a node in an orderly way: its publishers leave the graph."""
         self.nodes[role].is_alive = False
         self.in_graph.remove(self.nodes[role])
 
     # The master
 
     def dispatch(self, event, *what, **details):
-        """Tell the master of an event; return the actions that follow."""
+        """Pass an event to the master; return the resulting actions."""
         actions = event(self.now_s, *what, **details)
         for action in actions:
             self._carry_out(action)
@@ -251,7 +251,7 @@ class LockstepWorld:
         self.send(self.master.on_announcement, announcement)
 
     def _answer(self, truth):
-        """Have the nodes answer a tick, as far as they can."""
+        """Let the nodes answer a tick, as far as they can."""
         stamp_ns = truth.stamp_ns
         for role in DRIVERS:
             node = self.nodes.get(role)
@@ -284,11 +284,11 @@ class LockstepWorld:
     # Time
 
     def arriving(self):
-        """Return the index of the message that arrives next, None if none does."""
+        """Return the index of the next message to arrive, None if there is none."""
         return 0 if self.in_flight else None
 
     def deliver(self):
-        """Deliver one message, which takes its time; return whether there was one."""
+        """Deliver one message, which takes time; return whether there was one."""
         index = self.arriving()
         if index is None:
             return False
@@ -299,11 +299,11 @@ class LockstepWorld:
         return True
 
     def receive(self, event, *what):
-        """Hand a message to whom it is for."""
+        """Pass a message to its receiver."""
         self.dispatch(event, *what)
 
     def wait(self, seconds=WATCH_S):
-        """Let time pass: messages arrive, and the master is called when it is due."""
+        """Let time pass: messages arrive, and the master is called when due."""
         end_s = self.now_s + seconds
         while True:
             event = min(self.calls_s, key=self.calls_s.__getitem__)
@@ -317,33 +317,33 @@ class LockstepWorld:
                 return self
 
     def _call(self, event):
-        """Call the master at the time at which it is due, and set when it is called again."""
+        """Call the master at its due time, and schedule the next call."""
         self.now_s = max(self.now_s, self.calls_s.pop(event))
         if event in self.periods_s:
             self.calls_s[event] = self.now_s + self.periods_s[event]
         self.dispatch(getattr(self.master, event))
 
     def advance(self, ticks):
-        """Deliver messages until the run has made so many ticks."""
+        """Deliver messages until the run has done this many ticks."""
         while self.ticks < ticks:
             if not self.deliver():
                 self.wait()
         return self
 
     def settle(self):
-        """Deliver messages until none follows any more."""
+        """Deliver messages until there are no more."""
         while self.deliver():
             pass
         return self
 
-    # What has happened
+    # History
 
     def actions(self, kind):
         return [action for action in self.done if isinstance(action, kind)]
 
     @property
     def truths(self):
-        """Stamps of the truths that were published for the first time [ns]."""
+        """Stamps of the truths published for the first time [ns]."""
         return [each.truth.stamp_ns for each in self.actions(do.PublishTruth) if not each.is_resend]
 
     @property

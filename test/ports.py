@@ -1,4 +1,4 @@
-"""The ports of Fast DDS 2.14 in shared memory, for tests that bring them out of order."""
+"""The ports of Fast DDS 2.14 in shared memory, for tests that break them."""
 
 import ctypes
 import mmap
@@ -38,7 +38,7 @@ class Port(ctypes.Structure):
 
 
 def find_data_port(process):
-    """Return the file of the port in which a process reads data.
+    """Return the file of the port from which a process reads data.
 
     The ports for discovery, from 7000 on, are common to all domains.
     """

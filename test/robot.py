@@ -1,4 +1,4 @@
-"""Parts of the robot with the table's parameters, but for those that a test names."""
+"""Parts of the robot with default parameters, except those that a test sets."""
 
 import math
 

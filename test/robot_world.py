@@ -1,7 +1,7 @@
-"""The whole robot without ROS: the master of the run, the devices, the controller and its timers.
+"""The complete robot without ROS: master of the run, devices, controller and its timers.
 
 Messages of one topic to one reader keep their order; between topics and readers any order is
-possible, and a topic may be held up for as long as a test likes.
+possible, and a test may delay a topic for any time.
 """
 
 import operator
@@ -57,7 +57,7 @@ class Driver:
 
 
 class Timer:
-    """A timer on the controller's clock, as rcl has them."""
+    """A timer on the controller's clock, with the behaviour of rcl's timers."""
 
     def __init__(self, period_ms):
         self.period_ns = period_ms * MILLISECOND_NS
@@ -70,21 +70,21 @@ class Timer:
         self.next_ns = now_ns + self.period_ns
 
     def call(self, now_ns):
-        """Take a callback; those that were due before it are left out."""
+        """Take a callback; earlier ones that are overdue are skipped."""
         self.next_ns += self.period_ns
         if self.next_ns <= now_ns:
             self.next_ns += -(-(now_ns - self.next_ns) // self.period_ns) * self.period_ns
 
 
 class Brick:
-    """The controller, whose timers go by the plant's clock.
+    """The controller, whose timers use the plant's clock.
 
     Attributes
     ----------
     dropped : set of str
-        Tasks whose next callback gets lost.
+        Tasks whose next callback is lost.
     forced : int
-        Releases that no timer has given.
+        Number of releases made without a timer.
     """
 
     def __init__(self, parameters, answer, call_back):
@@ -159,17 +159,17 @@ class Brick:
 
 
 class RobotWorld(LockstepWorld):
-    """A run of the robot whose messages take as long as chance will have it.
+    """A run of the robot whose messages have random delays.
 
-    A node that hangs neither sends nor receives; what was on its way arrives when it goes on. With
-    one that leaves, that is lost.
+    A node that hangs neither sends nor receives; messages on their way arrive when it resumes. If
+    it leaves, they are lost.
 
     Parameters
     ----------
     parameters : ParameterSet
     scenario : Scenario
     seed : int
-        Of the order in which messages arrive.
+        Seed of the order in which messages arrive.
     """
 
     def __init__(self, parameters, scenario=None, seed=0):
@@ -187,7 +187,7 @@ class RobotWorld(LockstepWorld):
 
     @property
     def makers(self):
-        """What makes the robot's part of each role."""
+        """The function that creates the robot's part of each role."""
         return {
             **{each.sample.publisher: partial(self._make_device, each) for each in DEVICE_MESSAGES},
             GAMEPAD: self._make_gamepad,

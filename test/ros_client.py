@@ -1,4 +1,4 @@
-"""A node of a test's own beside the graph; needs rclpy."""
+"""A test node next to the graph; needs rclpy."""
 
 import time
 
@@ -22,7 +22,7 @@ def header(stamp_ns, frame_id=''):
 
 
 class Client:
-    """A node of the test's own beside the graph."""
+    """A test node next to the graph."""
 
     def __init__(self, domain):
         self.context = rclpy.Context()
@@ -39,7 +39,7 @@ class Client:
         self.context.try_shutdown()
 
     def watch(self, topic, depth=1, *, kept=False):
-        """Note the messages of a topic; with `kept` those that its publishers keep, too."""
+        """Store the messages of a topic; with `kept`, also those that its publishers keep."""
 
         def keep(message):
             self.newest[topic.name] = message
@@ -49,7 +49,7 @@ class Client:
         self.node.create_subscription(topic.message_class, topic.name, keep, qos)
 
     def publish(self, topic, make, period_s=0.05):
-        """Publish what `make` returns again and again while the client is spun."""
+        """Publish the result of `make` repeatedly while the client is spun."""
         publisher = self.node.create_publisher(
             topic.message_class, topic.name, reliable_qos(1, latched=True)
         )
@@ -80,7 +80,7 @@ class Client:
         return self.call(SetParameters, f'{node}/set_parameters', request).results[0]
 
     def await_diagnosis(self, role, key, is_meant=lambda value: True):
-        """Wait for the next report of a node that says what is meant of `key`; return the value."""
+        """Wait for a report of a node with an accepted value of `key`; return the value."""
 
         def values():
             statuses = (report.status[0] for report in self.seen[DIAGNOSTICS.name])
@@ -92,7 +92,7 @@ class Client:
         return values()[0]
 
     def await_standstill(self, times=3):
-        """Wait until the newest tick has come several times, as the plant repeats it then."""
+        """Wait until the newest tick has arrived several times, since a halted plant repeats it."""
 
         def stands_still():
             stamps = [stamp_ns(message) for message in self.seen[PLANT_IMU.name][-times:]]

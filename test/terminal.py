@@ -1,4 +1,4 @@
-"""A terminal that a test holds, and what appears on it."""
+"""A pseudo terminal held by a test, and its output."""
 
 import contextlib
 import fcntl
@@ -13,7 +13,7 @@ from graph import wait_for
 
 
 class Terminal:
-    """A pseudo terminal of 24 by 100 characters; a process gets its `side`."""
+    """A pseudo terminal of 24 by 100 characters, whose `side` is for a process."""
 
     def __init__(self):
         self._ours, self.side = pty.openpty()

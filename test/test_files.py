@@ -1,4 +1,4 @@
-"""What is no regular file is refused before it is opened; what can't be written is named."""
+"""Files that are not regular are refused before they are opened; unwritable ones are named."""
 
 import os
 import signal
@@ -21,7 +21,7 @@ from ballbot_ros.files import (
 
 @pytest.fixture(autouse=True)
 def bounded():
-    """End a test that waits at a FIFO."""
+    """End a test that blocks on a FIFO."""
 
     def give_up(*_):
         raise TimeoutError('it waits')
@@ -47,7 +47,7 @@ def test_a_regular_file_is_read_also_through_a_link(tmp_path):
     assert read_text(tmp_path / 'link') == 'ψ\n'
 
 
-def test_what_is_no_regular_file_is_refused(fifo, tmp_path):
+def test_a_file_that_is_not_regular_is_refused(fifo, tmp_path):
     (tmp_path / 'link').symlink_to(fifo)
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(str(tmp_path / 'socket'))
@@ -76,7 +76,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize('name', COMMANDS)
-def test_no_command_waits_at_a_fifo(fifo, tmp_path, name):
+def test_no_command_blocks_on_a_fifo(fifo, tmp_path, name):
     paths = {'FIFO': str(fifo), 'OUTPUT': str(tmp_path / 'output')}
     words = [paths.get(word, word.replace('FIFO', str(fifo))) for word in COMMANDS[name]]
     error = CliRunner().invoke(ballbot, words).exception
@@ -87,13 +87,13 @@ def test_no_command_waits_at_a_fifo(fifo, tmp_path, name):
 
 @pytest.mark.parametrize('command', ['info', 'report', 'repair', 'log2csv'])
 @pytest.mark.parametrize('folder', ['.', '/'])
-def test_a_folder_is_no_recording(command, folder):
+def test_a_folder_is_not_a_recording(command, folder):
     done = CliRunner().invoke(ballbot, [command, folder])
     assert done.exit_code == 2
     assert f'{folder}: is a folder; name a recording' in done.output
 
 
-def test_without_a_place_for_temporary_files_there_is_one_line(tmp_path, monkeypatch):
+def test_a_missing_folder_for_temporary_files_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'no'))
     with pytest.raises(BallbotError, match=rf'^{tmp_path}/no: No such file or dir.*; set TMPDIR'):
         temporary_folder()

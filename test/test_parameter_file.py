@@ -73,18 +73,18 @@ def test_a_file_sets_what_it_names(read):
 
 
 @pytest.mark.parametrize('key', ['gyro_driver', '/gyro_driver', '/**/gyro_driver', '/**'])
-def test_a_node_may_be_named_in_every_form_that_ros_knows(read, key):
+def test_every_form_of_a_node_name_in_ros_is_accepted(read, key):
     parameters = read(f'{key}: {{ros__parameters: {{noise: 0.7}}}}\n')
     assert list(parameters) == [(GYRO, 'noise', 0.7)]
 
 
-def test_a_name_for_every_node_reaches_all_that_have_it(read):
+def test_a_wildcard_parameter_reaches_all_nodes_that_have_it(read):
     parameters = read('/**: {ros__parameters: {seed: 42}}\n')
     assert sorted(parameters) == [(GYRO, 'seed', 42), (SONAR, 'seed', 42)]
 
 
 @given(st.lists(assignments, max_size=8))
-def test_what_is_written_is_read(read, chosen):
+def test_a_written_file_reads_back(read, chosen):
     parameters = ParameterSet()
     for row, value in chosen:
         parameters.set(row.nodes[0], row.name, value)
@@ -136,7 +136,7 @@ def test_the_shipped_file_holds_the_defaults():
         ('a: [\n', 2, 'not YAML'),
     ],
 )
-def test_mistakes_are_told_in_one_line_with_file_and_line(read, text, line, told):
+def test_mistakes_are_reported_in_one_line_with_file_and_line(read, text, line, told):
     with pytest.raises(BallbotError) as error:
         read(text)
     message = str(error.value)
@@ -194,12 +194,12 @@ FRAGMENTS = [
 
 
 @given(st.lists(st.sampled_from(FRAGMENTS), max_size=30).map(''.join) | st.text(max_size=60))
-def test_whatever_the_text_it_is_read_or_refused_in_one_line(read, text):
+def test_any_text_is_read_or_refused_in_one_line(read, text):
     assert is_read_or_refused_in_one_line(read, text)
 
 
 @given(st.sampled_from(TABLE), st.text(max_size=20))
-def test_whatever_the_value_it_is_read_or_refused_in_one_line(read, row, value):
+def test_any_value_is_read_or_refused_in_one_line(read, row, value):
     text = f'{row.nodes[0]}:\n  ros__parameters:\n    {row.name}: {value}\n'
     assert is_read_or_refused_in_one_line(read, text)
 

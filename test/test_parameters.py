@@ -1,4 +1,4 @@
-"""The parameter table and what it lets in."""
+"""The parameter table and its checks."""
 
 import math
 from dataclasses import asdict, dataclass, fields
@@ -33,7 +33,7 @@ from ballbot_ros.parameters.controller import Period
 from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.timing import BATTERY_PERIOD_NS, MILLISECOND_NS, TICK_NS
 
-# What the document and the author's other robot give (sections 3.1, 6 and 7).
+# Values from the document and the author's other robot (sections 3.1, 6 and 7).
 REFERENCE = {
     PLANT: {
         'gravity': 9.81, 'ball_mass': 0.013, 'ball_radius': 0.026, 'wheel_mass': 0.015,
@@ -59,7 +59,7 @@ each_number = pytest.mark.parametrize('row', numeric, ids=lambda row: row.name)
 
 
 def refusal(row, value):
-    """Return the one line with which `value` is refused."""
+    """Return the error for `value`, which must be one line."""
     with pytest.raises(ParameterError) as error:
         row.check(value, 'file.yaml:7: node.')
     line = str(error.value)
@@ -85,7 +85,7 @@ def test_every_parameter_is_described(row):
     ('value', 'what'),
     [(1, 'text'), (None, 'text'), (['a'], 'text'), ('a\udcff', 'UTF-8'), ('a\0b', 'UTF-8')],
 )
-def test_what_ros_can_not_carry_as_text_is_refused(value, what):
+def test_text_that_ros_can_not_carry_is_refused(value, what):
     line = refusal(parameters_of(RECORDER)['output'], value)
     assert line.endswith(f'{value!r} is not {what}')
 
@@ -119,19 +119,19 @@ def test_the_bounds_belong_to_the_range_and_what_is_beyond_does_not(row):
 
 @each_number
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, '1', None, True, [], {}])
-def test_what_is_no_number_is_refused(row, value):
+def test_a_value_that_is_not_a_number_is_refused(row, value):
     refusal(row, value)
     refusal(row, example(row, value))
 
 
 @each_number
-def test_the_units_of_a_refused_number_are_told(row):
+def test_the_error_for_a_refused_number_has_its_unit(row):
     if row.unit != '1':
         assert row.unit in refusal(row, example(row, row.bounds[1] * 2 + 1))
 
 
 @pytest.mark.parametrize('value', ['', 'Linear', 'line', 1, None, ['linear']])
-def test_text_is_one_of_its_words(value):
+def test_text_must_be_one_of_the_choices(value):
     row = parameters_of(PLANT)['plant_model']
     line = refusal(row, value)
     if isinstance(value, str):
@@ -158,13 +158,13 @@ def test_a_number_may_be_written_without_a_point():
 
 
 @pytest.mark.parametrize('value', [[1.0] * 3, [1.0] * 5, 1.0, [], 'abcd', {1, 2, 3, 4}])
-def test_a_list_has_its_length(value):
+def test_a_list_must_have_its_length(value):
     assert 'is not a list of 4 numbers' in refusal(parameters_of(CONTROLLER)['k_f'], value)
 
 
 @pytest.mark.parametrize('value', [10**400, -(10**400)], ids=['large', 'small'])
 @pytest.mark.parametrize('name', ['k_i', 'time_start', 'mode', 'rejoin'])
-def test_a_number_beyond_all_floats_is_refused_like_any_other(name, value):
+def test_a_number_beyond_the_range_of_floats_is_refused(name, value):
     refusal(parameters_of(CONTROLLER)[name], value)
 
 
@@ -174,7 +174,7 @@ def test_the_defaults_are_the_documents(node):
     assert {name: getattr(values, name) for name in REFERENCE[node]} == REFERENCE[node]
 
 
-def test_a_name_means_one_thing_in_a_node():
+def test_a_name_occurs_once_in_a_node():
     for node in ALL_NODES:
         names = [row.name for row in TABLE if node in row.nodes]
         assert len(names) == len(set(names))
@@ -193,7 +193,7 @@ def test_unset_parameters_have_their_defaults():
     assert list(ParameterSet()) == []
 
 
-def test_what_is_set_is_what_is_listed():
+def test_iteration_yields_the_set_parameters():
     parameters = ParameterSet()
     parameters.set(PLANT, 'gravity', 1.62)
     parameters.set(CONTROLLER, 'k_f', [-1, -2, -3, -4])
@@ -270,7 +270,7 @@ anything = st.recursive(
 
 
 @given(st.sampled_from(TABLE), anything)
-def test_whatever_comes_in_is_checked_or_refused(row, value):
+def test_any_value_is_converted_or_refused(row, value):
     def check():
         checked = row.check(value, '')
         assert type(checked) is type(row.default)

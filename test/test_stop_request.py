@@ -29,21 +29,21 @@ def test_a_hangup_is_noted_unless_it_is_ignored():
         signal.signal(signal.SIGHUP, before)
 
 
-def test_what_an_outer_block_has_noted_counts_within_an_inner_one():
+def test_a_signal_noted_by_an_outer_block_counts_in_an_inner_one():
     with StopRequest() as outer:
         signal.raise_signal(signal.SIGINT)
         with StopRequest() as inner:
             assert inner.signal == outer.signal == signal.SIGINT
 
 
-def test_the_handlers_of_before_come_back():
+def test_the_previous_handlers_are_restored():
     before = signal.getsignal(signal.SIGTERM)
     with StopRequest():
         assert signal.getsignal(signal.SIGTERM) != before
     assert signal.getsignal(signal.SIGTERM) == before
 
 
-def test_an_interruption_that_the_block_would_swallow_counts_after_it():
+def test_an_interruption_within_the_block_is_raised_after_it():
     def interrupted():
         with defer_sigint():
             try:

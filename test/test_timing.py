@@ -1,4 +1,4 @@
-"""When runs begin."""
+"""The start times of runs."""
 
 from hypothesis import strategies as st
 from laws import given

@@ -67,7 +67,7 @@ def read(tmp_path_factory):
 
 
 def refusal(read, content):
-    """Return what follows the file's name in the one line of the refusal."""
+    """Return the error without the file's name; it must be one line."""
     with pytest.raises(YamlError) as error:
         read(content)
     line = str(error.value)
@@ -93,7 +93,7 @@ def test_every_part_knows_its_line(read):
         assert document.where(*keys) == f'{document.path}:{line}'
 
 
-def test_a_part_that_is_not_there_is_looked_for_at_its_parent(read):
+def test_a_missing_part_has_the_line_of_its_parent(read):
     document = read('a: 1\nc:\n  d: 2\n')
     assert document.where('c', 'x', 'y') == f'{document.path}:2'
     assert document.where('x') == f'{document.path}:1'
@@ -132,7 +132,7 @@ def test_keys_are_plain_and_unique(read, content, line, told):
 
 
 @pytest.mark.parametrize('content', [b'a: \xff\n', b'\xfe\xff\x00a'])
-def test_what_is_not_utf_8_is_refused(read, content):
+def test_text_that_is_not_utf_8_is_refused(read, content):
     assert 'not UTF-8' in refusal(read, content)
 
 
@@ -155,7 +155,7 @@ def test_control_characters_are_refused(read):
     ],
     ids=lambda content: content[5:30],
 )
-def test_a_value_that_is_not_what_it_looks_like_is_refused_with_its_line(read, content):
+def test_a_value_that_does_not_fit_its_type_is_refused_with_its_line(read, content):
     assert refusal(read, content).startswith('2: ')
 
 
@@ -175,12 +175,12 @@ def test_a_file_that_can_not_be_read_is_refused_by_its_name(tmp_path, name):
 
 
 @given(texts)
-def test_whatever_the_text_it_is_read_or_refused_in_one_line(read, text):
+def test_any_text_is_read_or_refused_in_one_line(read, text):
     assert is_read_or_refused_in_one_line(read, text.encode(errors='replace'))
 
 
 @given(st.binary(max_size=60))
-def test_whatever_the_bytes_they_are_read_or_refused_in_one_line(read, data):
+def test_any_bytes_are_read_or_refused_in_one_line(read, data):
     assert is_read_or_refused_in_one_line(read, data)
 
 

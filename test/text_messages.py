@@ -1,4 +1,4 @@
-"""Encoded texts, the plainest messages to write."""
+"""Encoded texts, the simplest messages to write."""
 
 from ballbot_ros.recording.encoding import encoder, new_message
 

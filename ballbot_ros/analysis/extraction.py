@@ -351,7 +351,5 @@ def _wanted(topics: RobotTopics, notices: list[str]) -> dict[str, Topic]:
         elif name in topics.by_name:
             wanted[name] = topic
         elif topic in STAMPED_TOPICS:
-            notices.append(
-                f'There is no topic {name}; figures and metrics that need it are missing.'
-            )
+            notices.append(f'Topic {name} not found; figures and metrics that need it are missing.')
     return wanted

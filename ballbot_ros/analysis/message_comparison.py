@@ -16,7 +16,7 @@ from ballbot_ros.messages.topics import SONAR_RANGE, Topic
 _NOT_COMPARED = {SONAR_RANGE.name: frozenset({'field_of_view'})}
 """Fields that do not depend on the run: older versions published 30° whatever `cone_angle` was."""
 
-_EXTRA, _MISSING = 'recorded, and not replayed', 'replayed, and not recorded'
+_EXTRA, _MISSING = 'recorded but not replayed', 'replayed but not recorded'
 
 
 class MessageDifference(NamedTuple):
@@ -171,7 +171,7 @@ def first_difference(
     if _same(recorded, replayed):
         return ''
     plain = [each.item() if isinstance(each, np.generic) else each for each in (recorded, replayed)]
-    bits = ', in other bits' if repr(plain[0]) == repr(plain[1]) else ''  # of a NaN
+    bits = ' (different bits)' if repr(plain[0]) == repr(plain[1]) else ''  # of a NaN
     return f'{path}: recorded {plain[0]!r}, replayed {plain[1]!r}{bits}'
 
 

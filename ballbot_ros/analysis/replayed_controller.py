@@ -1,4 +1,4 @@
-"""Which control program replays a recorded run."""
+"""The choice of the control program that replays a recorded run."""
 
 from __future__ import annotations
 

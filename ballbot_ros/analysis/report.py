@@ -104,7 +104,7 @@ def banner(run: RunData) -> list[str]:
     """Return the warnings that a reader needs before any number."""
     lines = list(run.notices)
     if run.damage:
-        lines.insert(0, f'This recording is damaged: {run.damage}. The report covers what stands '
+        lines.insert(0, f'This recording is damaged: {run.damage}. The report covers the part '
                         f'before the damage, up to {run.end:.3f} s.')  # fmt: skip
     if run.missing_ticks:
         lines.append(f'{run.missing_ticks} ticks are missing.')

@@ -92,5 +92,7 @@ def robot_namespace(reader: RecordingReader, marks: Iterable[Topic]) -> str | No
     }
     if len(spaces) > 1:
         names = ', '.join(sorted(space or '/' for space in spaces))
-        raise RecordingError(f'{reader.path}: recording of several robots: {names}')
+        raise RecordingError(
+            f'{reader.path}: recording of several robots, in the namespaces {names}'
+        )
     return next(iter(spaces), None)

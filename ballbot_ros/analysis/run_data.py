@@ -153,7 +153,7 @@ class RunData:
         return self.intact and self.reached_end and self.damage is None
 
     def balancing(self, time: Floats) -> NDArray[np.bool_]:
-        """Return at which `time` [s] the controller was calibrated and not out of control."""
+        """Return a mask of the times [s] at which the controller was calibrated and in control."""
         calibrated = self.attached.parameters.of(ControllerParameters).time_start * 1e-3
         runs = np.asarray(time >= calibrated)
         for each in self.states:

@@ -163,7 +163,10 @@ def gyro_offset_error_x_deg_per_s(run: RunData) -> float:
     return _offset_error(run, 0)
 
 
-@RUN_METRICS.metric('the same for plane y')
+@RUN_METRICS.metric(
+    'root mean square of the error of the estimated gyro offset (reading minus estimated pitch '
+    'rate, against reading minus true rate, 1 s mean), plane y'
+)
 def gyro_offset_error_y_deg_per_s(run: RunData) -> float:
     return _offset_error(run, 1)
 
@@ -192,8 +195,8 @@ def missing_ticks(run: RunData) -> float:
 
 
 @RUN_METRICS.metric(
-    'standard deviation of the sim time from duty to duty: 0 in lockstep, whatever the wall '
-    'clock did'
+    'standard deviation of the sim time from duty to duty: 0 in lockstep, regardless of the wall '
+    'clock'
 )
 def tick_jitter_ms(run: RunData) -> float:
     duty = run.series.get(MOTOR_DUTY)

@@ -39,7 +39,7 @@ def gyro_reading(constants: GyroConstants, rate: float, error: float, stamp_ns: 
     offset, limit, sigma, drift, drift_period_ns, drift_phase = constants
     value = max(-limit, min(limit, rate * _DEGREES)) + offset
     if drift:
-        # Computed in periods, without the whole ones, which is exact.
+        # Only the fraction of the current period counts; the remainder of integers is exact.
         phase = stamp_ns % drift_period_ns / drift_period_ns
         value += drift * sine_cosine(TWO_PI * (phase + drift_phase))[0]
     if sigma:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class TaskTiming(NamedTuple):
-    """When a task runs.
+    """Priority and period of a task.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class TaskTiming(NamedTuple):
 
 
 class Schedule:
-    """Which tasks are due at a time, highest priority first; all alarms start in phase.
+    """Determines the tasks due at a time, highest priority first; all alarms start in phase.
 
     A tick is much longer than its tasks, so each runs to its end before the next.
 

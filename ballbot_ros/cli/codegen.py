@@ -52,7 +52,7 @@ def _read(path: Path) -> ParameterSet:
 
     attached = read_run(path).attached
     if not attached.has_parameters:
-        raise RecordingError(f'{path}: has no parameters')
+        raise RecordingError(f'{path}: no parameters found, neither attached nor announced')
     return attached.parameters
 
 
@@ -134,13 +134,13 @@ def _time(instructions: int) -> tuple[str, str, str]:
 @click.option(
     '--params',
     type=PATH,
-    help='Parameter file, or recording whose last run had the controller values, with '
-    "--output.  [default: the parameters' defaults]",
+    help='With --output: file with the parameters, or recording to take those of the last run.  '
+    "[default: the parameters' defaults]",
 )
 @click.option(
     '--mode',
     type=click.Choice(['remote', 'autonomous']),
-    help="Drive mode, with --output.  [default: the parameter file's, or remote]",
+    help="With --output: drive mode.  [default: the parameter file's, or remote]",
 )
 @click.option(
     '--check',
@@ -160,7 +160,9 @@ def command(
     if (output is None) == (checked is None):
         raise click.UsageError('give either --output DIR or --check DIR')
     if checked and (params or mode):
-        raise click.UsageError('--params and --mode require --output; a folder has its own')
+        raise click.UsageError(
+            "--params and --mode require --output; --check uses the folder's own parameters"
+        )
     if checked:
         return check(checked)
     assert output

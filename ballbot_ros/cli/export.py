@@ -91,7 +91,7 @@ def command(
     for table in exporter.files:
         print(table)
     if not exporter.files:
-        console.print(f'{file}: no messages, no tables')
+        console.print(f'{file}: no messages to export')
 
 
 def _chosen(reader: RecordingReader, topics: Sequence[str], console: Console) -> list[str]:

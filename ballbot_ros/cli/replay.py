@@ -56,7 +56,7 @@ def replay_recording(
 def print_results(
     results: Sequence[ReplayResult], controllers: Sequence[ReplayedController]
 ) -> None:
-    """Print what was identical, and the first difference of everything else."""
+    """Print the identical parts, and the first difference of every other part."""
     console = Console(highlight=False, markup=False)
     runs = len(controllers)
     _print_controllers(console, controllers)

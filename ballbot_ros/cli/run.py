@@ -125,7 +125,7 @@ def command(
         profile=profile,
         parameter_file=parameter_file,
         real_time_factor=real_time_factor,
-        # Somebody watches it.
+        # In real time, since somebody watches the page.
         default_real_time_factor=1.0 if viewer else 0.0,
         seed=seed,
         assignments=assignments,

@@ -108,7 +108,10 @@ def write_application(folder: Path, parameters: ControllerParameters) -> list[Pa
         folder.mkdir(parents=True, exist_ok=True)
         for path in files:
             if path.exists() and _STAMP not in read_bytes(path):
-                raise CodegenError(f'{path}: kept, because it was not written by ballbot codegen')
+                raise CodegenError(
+                    f'{path}: not overwritten, because ballbot codegen did not write it; choose '
+                    'another folder'
+                )
         for path, text in files.items():
             path.write_text(text, encoding='utf-8')
     except OSError as error:

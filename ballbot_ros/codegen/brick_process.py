@@ -100,7 +100,7 @@ def encode_request(
             sticks is not None, *(sticks or (0, 0)), len(due), bytes(due),
         )  # fmt: skip
     except struct.error as error:
-        raise CodegenError(f'a reading that no device of the brick can give: {error}') from None
+        raise CodegenError(f"a reading is out of its device's range: {error}") from None
 
 
 class BrickProcess:

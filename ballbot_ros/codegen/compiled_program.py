@@ -32,8 +32,8 @@ class Plane:
 class CompiledProgram:
     """The generated C, with the interface of the Python ``ControlProgram``.
 
-    It uses the same :class:`Brick`, which stands for the firmware: the other fields of the log
-    packet and the text of the display are not the program's.
+    It uses the same :class:`Brick`, which here stands for the firmware: the brick, not the program,
+    writes the other fields of the log packet and the text of the display.
 
     Parameters
     ----------
@@ -97,7 +97,9 @@ class CompiledProgram:
             )
         )
         if answer.faults:
-            raise CodegenError(f'the compiled controller misuses the brick: {answer.faults:#x}')
+            raise CodegenError(
+                f'the compiled controller made invalid device calls: faults {answer.faults:#x}'
+            )
         brick.duty = answer.duty
         if answer.log:
             brick.log(*answer.log)

@@ -77,7 +77,7 @@ def read_folder_parameters(folder: Path) -> ParameterSet:
     """
     file = folder / PARAMETER_FILE
     if not file.is_file():
-        raise CodegenError(f'{file}: not found; not a folder of ballbot codegen')
+        raise CodegenError(f'{file}: not found; the folder was not written by ballbot codegen')
     return read_parameter_file(file)
 
 

@@ -42,7 +42,7 @@ def random_steps(seed: int, ticks: int, *, out_of_range: bool) -> Iterator[Progr
     ----------
     seed, ticks : int
     out_of_range : bool
-        Whether readings jump over the whole ranges of their types, beyond those of the devices;
+        Whether readings jump over the full ranges of their types, beyond those of the devices;
         otherwise they stay near balance.
     """
     draw = random.Random(seed)

@@ -35,12 +35,12 @@ def controllability_rank(a: ArrayLike, b: ArrayLike) -> int:
 def require_controllable(a: ArrayLike, b: ArrayLike) -> None:
     """Raise DesignError unless the pair (A, B) is controllable.
 
-    By Hautus' test, [A - sI, B] has full rank at every pole s of A: unlike the powers of A in
-    the controllability matrix it does not lose a stiff system to rounding.
+    By Hautus' test, [A - sI, B] has full rank at every pole s of A. Unlike the powers of A in
+    the controllability matrix, this test tolerates rounding even for a stiff system.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     if a.ndim != 2 or a.shape[0] != a.shape[1] or b.shape[:1] != a.shape[:1]:
-        raise DesignError(f'A {a.shape} and B {b.shape} are not the matrices of one system')
+        raise DesignError(f'A must be square, with as many rows as B: got A {a.shape}, B {b.shape}')
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
         raise DesignError('A and B must be finite')
     inputs = b * (np.linalg.norm(a) or 1.0) / (np.linalg.norm(b) or 1.0)

@@ -178,13 +178,13 @@ class BallbotNode(ParameterNode[P]):
         return output
 
     def recreate_publishers(self, exclude: Topic) -> None:
-        """Keep no messages of an earlier run for late subscribers, except on `exclude`."""
+        """Drop messages of an earlier run kept for late subscribers, except on `exclude`."""
         for topic, output in self._own_outputs.items():
             if topic is not exclude and (topic.latched_depth or topic.has_history):
                 output.recreate_publishers()
 
     def drop_latched(self, topic: Topic) -> None:
-        """Keep no messages of a topic for late subscribers."""
+        """Drop the messages of a topic that are kept for late subscribers."""
         self._own_outputs[topic].recreate_publishers()
 
     def flush(self, *topics: Topic) -> None:

@@ -148,7 +148,7 @@ class Controller(BallbotNode[ControllerParameters]):
         self._messages.begin()
         ticks = self._lockstep_ticks if self._lockstep else self._free_ticks
         ticks.begin(run.start_ns, self._tasks)
-        # Their phase belongs to another run, or to none.
+        # They are not in phase with the new run.
         for name, timer in self._timers_of_tasks.items():
             if not self._makes_ticks(name):
                 timer.cancel()
@@ -206,8 +206,8 @@ class Controller(BallbotNode[ControllerParameters]):
     def _start_timers(self, tick: DueTick) -> None:
         """Restart the timers that have not released their tasks, one period from this tick."""
         if self._lockstep and self.get_clock().now().nanoseconds != tick.time_ns:
-            # Timers count from /clock, which has not reached the tick: restart when they are
-            # missed.
+            # Timers count from /clock, which has not reached the tick yet: restart them later,
+            # at a tick for which they have failed to release a task.
             return
         for name in tick.untimed:
             self._timers_of_tasks[name].reset()

@@ -138,7 +138,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         scenario = self._scenario.sticks_at(elapsed_s)
         self._command = self._sources.select(time.monotonic(), scenario)
         if self._source_name() != before:
-            self.get_logger().info(f'in command: {self._source_name()}, before: {before}')
+            self.get_logger().info(f'in command: {self._source_name()} (was {before})')
 
     def _source_name(self) -> str:
         return self._command.source_name(self.parameters.scenario)
@@ -166,7 +166,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         self.fail(f'log_csv: {error}')
 
     def report(self) -> None:
-        """Publish the diagnostics; cleared input errors are left out of the next ones."""
+        """Publish the diagnostics, then drop the input errors that were cleared."""
         super().report()
         self._input_errors.remove_cleared()
         if str(self._input_errors):

@@ -1,9 +1,9 @@
 """The shared memory ports that this process reads, and their repair.
 
-Fast DDS (2.14) removes the port of a process that it considers dead, sometimes wrongly: several
-processes that test a lock file at once can remove that of a living reader, and on a machine that
-stalls a process for seconds, two of them may open a port at the same time. The reader then keeps
-reading a deleted file, and never hears anybody who opens the port later.
+Fast DDS (2.14) removes the port of a process that it considers dead, sometimes wrongly. If several
+processes test a lock file at once, they can remove the port of a living reader; if the machine
+stalls a process for seconds, two processes may open a port at the same time. The reader then keeps
+reading a deleted file, and receives nothing from processes that open the port later.
 """
 
 from __future__ import annotations

@@ -142,7 +142,8 @@ class Recorder(BallbotNode[RecorderParameters]):
         elif channel.topic is RUN_STATUS:
             self._note_status(data)
         elif channel.topic is MOTOR_DUTY and is_stop(data):
-            # A controller that leaves in mid-run sends it, too: the end of the run decides.
+            # A controller that leaves in mid-run sends a stop, too: record it only if the run
+            # does not complete.
             self._stop = self._stop or (channel.stream, data, sequence)
             return
         stamp = stamp_of(data) if channel.is_stamped else 0
@@ -187,7 +188,7 @@ class Recorder(BallbotNode[RecorderParameters]):
     def report_loss(self, stream: Stream, sequence: int) -> None:
         """Count and report lost messages."""
         self._lost += 1
-        self.warn(f'{stream.name}: messages before number {sequence} were lost')
+        self.warn(f'{stream.name}: messages before sequence number {sequence} were lost')
 
     def has_several_publishers(self, stream: Stream) -> bool:
         """Return whether a topic has more than one publisher."""
@@ -251,7 +252,7 @@ class Recorder(BallbotNode[RecorderParameters]):
             offers = [offer for offer in offers if _node_of(offer) not in drawing]
             if not offers:
                 continue
-            # Types unknown here are left out, although somebody might like to read them.
+            # Messages whose type is not installed here are not recorded.
             topic = Topic(name, offers[0].topic_type, None)
             try:
                 message_class(topic.type_name)

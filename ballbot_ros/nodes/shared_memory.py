@@ -7,7 +7,7 @@ or on ``…_sl`` if several readers are allowed. A port that is only written to 
 mapped. Ports are opened, created and removed under ``sem.fastrtps_port<number>_mutex``.
 
 A process killed while it creates a port leaves one whose first word is not :data:`INITIALISED`.
-Fast DDS waits for that word without a time limit, deaf to signals.
+Fast DDS waits for that word without a time limit, and ignores signals.
 
 A writer checks now and then that the readers of its ports are alive. It detects a reader that was
 killed while waiting for a message, and removes its port. It never detects one that was killed
@@ -84,7 +84,7 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
     """Remove this user's files that no living process holds, and return them.
 
     A port that has been broken for :data:`SETTLED_S` is removed even if processes hold it: they
-    wait for it in vain, and so would others. They are woken, and create another.
+    wait for it forever, and so would others. They are woken, and create a new port.
 
     Parameters
     ----------

@@ -133,10 +133,14 @@ class TeleopInputs:
             return
         known = [topic for topic in (CMD_VEL, CMD_VEL_STAMPED) if topic.type_name in types]
         if len(types) > 1 or not known:
+            supported = CMD_VEL.type_name, CMD_VEL_STAMPED.type_name
+            advice = (
+                f'only {known[0].type_name} is read: publish a single type'
+                if known
+                else f'not supported: publish {" or ".join(supported)}'
+            )
             self.report_input_error(
-                f'{CMD_VEL.name} type',
-                f'published as {", ".join(sorted(types))}; '
-                f'{known[0].type_name if known else "none of them"} is read',
+                f'{CMD_VEL.name} type', f'published as {", ".join(sorted(types))}; {advice}'
             )
         if self._cmd_vel in known or not known:
             return

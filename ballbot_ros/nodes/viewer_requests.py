@@ -177,7 +177,7 @@ class ViewerRequests:
 
 
 class _ParameterClients:
-    """Clients of the plant's parameter services, which carry its node's name, whatever it is."""
+    """Clients of the plant's parameter services, whose names begin with the plant's node name."""
 
     def __init__(self, node: AnyNode) -> None:
         self._node = node

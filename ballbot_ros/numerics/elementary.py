@@ -33,9 +33,10 @@ _LN2_2 = float.fromhex('0x1.a39ef35793c76p-33')
 def sine_cosine(angle: float) -> tuple[float, float]:
     """Return sine and cosine of an angle [rad], to about one unit in the last place.
 
-    A polynomial up to an eighth of a turn, where the cosine follows from the sine without loss,
-    behind a reduction by quarters of a turn (Cody and Waite). Beyond 2^20 rad a double says little
-    of an angle: it is first reduced by the double nearest to 2 pi. Infinite angles give NaN.
+    Angles are reduced by quarters of a turn (Cody and Waite) to at most an eighth of a turn. There,
+    a polynomial gives the sine, and the cosine follows from it without loss. Angles beyond
+    2^20 rad, which a double resolves coarsely, are first reduced by the double nearest to 2 pi.
+    Infinite angles give NaN.
     """
     if -_QUARTER_PI <= angle <= _QUARTER_PI:
         quarters, x = 0, angle

@@ -27,7 +27,7 @@ class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
 
     implementation: Implementation = setting(
         'python',
-        'what computes: the Python program, the generated C, or that on an emulated ARM',
+        'control program: in Python, the generated C, or that C on an emulated ARM',
         'project',
     )
     mode: Literal['remote', 'autonomous'] = setting('remote', 'drive mode (task_init)', '7.3')
@@ -48,22 +48,24 @@ class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
     pwm_offset: float = quantity(0.0, '%', (0.0, 100.0), 'friction compensator offset', '7.7')
     dst_thr: int = quantity(30, 'cm', (-1, 255), 'obstacle avoidance threshold', '7.7')
     sonar_hold: int = quantity(
-        0, 'ms', (0, 60000), 'how long the last echo counts if none returns', 'project'
+        0, 'ms', (0, 60000), 'time for which the last echo stays valid if none returns', 'project'
     )
     time_start: int = quantity(1000, 'ms', UINT32_BOUNDS, 'gyro calibration time', '7.4')
     time_auto: int = quantity(5000, 'ms', UINT32_BOUNDS, 'start of autonomous drive', '7.6')
     time_stop: int = quantity(
-        500, 'ms', UINT32_BOUNDS, 'time out of control until the motors stop', '7.6'
+        500, 'ms', UINT32_BOUNDS, 'time from the loss of control until the motors stop', '7.6'
     )
     theta_diff_thr: float = quantity(
-        600.0, 'deg', (0.0, 1e6), 'wheel angle error out of control', '7.6'
+        600.0, 'deg', (0.0, 1e6), 'wheel angle error from which control counts as lost', '7.6'
     )
     psi_diff_thr: float = quantity(
-        15.0, 'deg', (0.0, 180.0), 'body pitch error out of control', '7.6'
+        15.0, 'deg', (0.0, 180.0), 'body pitch error from which control counts as lost', '7.6'
     )
     sound_freq: int = quantity(440, 'Hz', (31, 14080), 'tone after calibration', '7.6')
-    sound_dur: int = quantity(500, 'ms', (0, 65535), 'length of that tone', '7.6')
-    sound_volume: int = quantity(70, '%', (0, 100), 'volume of that tone', '7.6')
+    sound_dur: int = quantity(
+        500, 'ms', (0, 65535), 'duration of the tone after calibration', '7.6'
+    )
+    sound_volume: int = quantity(70, '%', (0, 100), 'volume of all tones', '7.6')
     tone_gain: int = quantity(
         0, 'Hz/cm', (0, 55), 'tone proportional to the distance; 0: none', '10'
     )

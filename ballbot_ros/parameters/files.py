@@ -42,7 +42,7 @@ def read_parameter_file(path: str | Path) -> ParameterSet:
 def _mapping(document: YamlDocument, data: object, *keys: Hashable) -> dict[Hashable, object]:
     if not isinstance(data, dict):
         what = ' '.join(map(repr, keys)) or 'the file'
-        raise ParameterError(f'{document.where(*keys)}: {what} is not a mapping of names')
+        raise ParameterError(f'{document.where(*keys)}: {what} is not a mapping (`key: value`)')
     return data
 
 

@@ -165,7 +165,7 @@ class Subset:
 
     @classmethod
     def from_parameters(cls: type[_Subset], parameters: NodeParameters) -> _Subset:
-        """Return the parameters of a node that the fields of this class name."""
+        """Return the subset: for each field, the node's parameter of that name."""
         return cls(**{each.name: getattr(parameters, each.name) for each in fields(cls)})  # type: ignore[arg-type]
 
 

@@ -118,7 +118,11 @@ class PlantParameters(
         2.0, 's', (0.2, 3600.0), 'silence after which the run fails', 'project'
     )
     startup_timeout: float = quantity(
-        30.0, 's', (0.2, 3600.0), 'the same before the first tick', 'project'
+        30.0,
+        's',
+        (0.2, 3600.0),
+        'silence before the first tick after which the run fails',
+        'project',
     )
     on_timeout: Literal['end', 'wait'] = setting(
         'end', 'reaction to a silence: end with an error, or wait for the participant', 'project'

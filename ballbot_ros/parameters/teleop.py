@@ -26,14 +26,16 @@ class GamepadParameters(BallRadius, StickScale, ScenarioChoice, LockstepChoice, 
     )
     keyboard: bool = setting(False, 'true: the arrow keys of the terminal drive', 'project')
     log_csv: str = path(
-        'file for the data log as CSV, another one for each reset; empty: none', 'facts'
+        'CSV file for the data log, a new one after each reset; empty: none', 'facts'
     )
     require_enable_button: bool = setting(
         False,
-        'joy and gamepad: true: the sticks only work while the enable button is pressed',
+        'true: the sticks of joy and gamepad only work while the enable button is pressed',
         'project',
     )
-    enable_button: int = quantity(9, '1', (0, 63), 'that button; 9 is the left shoulder', 'project')
+    enable_button: int = quantity(
+        9, '1', (0, 63), 'enable button; 9 is the left shoulder', 'project'
+    )
     enable_turbo_button: int = quantity(
         -1, '1', (-1, 63), 'button for the turbo scales, which also enables; -1: none', 'project'
     )
@@ -51,10 +53,10 @@ class GamepadParameters(BallRadius, StickScale, ScenarioChoice, LockstepChoice, 
         1.0, '1', SHARE, 'share of the full stick at a full axis', 'project'
     )
     scale_forward_turbo: float = quantity(
-        1.0, '1', SHARE, 'the same with the turbo button', 'project'
+        1.0, '1', SHARE, 'share of the full stick at a full axis, turbo button', 'project'
     )
     scale_rightward_turbo: float = quantity(
-        1.0, '1', SHARE, 'the same with the turbo button', 'project'
+        1.0, '1', SHARE, 'share of the full stick at a full axis, turbo button', 'project'
     )
     invert_forward: bool = setting(False, 'true: the forward axis is reversed', 'project')
     invert_rightward: bool = setting(False, 'true: the rightward axis is reversed', 'project')

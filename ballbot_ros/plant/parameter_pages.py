@@ -1,4 +1,4 @@
-"""The documents that are made from the parameter table: default file and reference page."""
+"""The documents generated from the parameter table: default file and reference page."""
 
 from __future__ import annotations
 

@@ -131,7 +131,9 @@ class TopicColumns:
             If its joints or its number of axes differ from the first message.
         """
         if _shape(message) != self._shape:
-            raise RecordingError('the names or the number of its elements change')
+            raise RecordingError(
+                'the names or the number of its elements differ from the first message'
+            )
         return [column.read(message) for column in self.columns]
 
 

@@ -18,7 +18,7 @@ JOINED = 'joined'
 """Name of the joined table."""
 
 LATENESS_S = 1
-"""How far behind the newest message a late one may be and still find its row [s]."""
+"""Maximum delay of a message, relative to the newest one, to be included in its row [s]."""
 
 MAX_GAP_S = 3600
 """Silence of all topics that indicates another clock, not a pause [s]."""
@@ -117,7 +117,7 @@ class Exporter:
                 if not grid.put(tick, topic, [row[number] for number in taken[topic]], longest):
                     raise RecordingError(
                         f'{self.reader.path}: {topic} at {stamp_ns / _SECOND_NS:.3f} s is out of '
-                        'order: no joined table'
+                        'order, so the joined table can not be completed'
                     )
                 for ready, values in grid.rows(lateness):
                     table.add([ready * period_ns / _SECOND_NS, *values])

@@ -62,7 +62,9 @@ def _files() -> str:
 def _rclpy() -> str:
     found = find_spec('rclpy')
     if found is None or found.origin is None:
-        raise FailedCheckError('rclpy not found: source ROS 2 Jazzy, or install "ballbot_ros[ros]"')
+        raise FailedCheckError(
+            'rclpy not found: source ROS 2 Jazzy, or run `pip install "ballbot_ros[ros]"`'
+        )
     return str(Path(found.origin).parent)
 
 
@@ -119,7 +121,7 @@ def _amount(files: list[Leftover]) -> str:
 
 
 def _discovery() -> str:
-    """Test discovery in a separate process, since the middleware can hang, deaf to signals."""
+    """Test discovery in a separate process, since the middleware can hang and ignore signals."""
     process = subprocess.Popen(
         [sys.executable, '-W', 'ignore', '-m', 'ballbot_ros.nodes.discovery_probe'],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
@@ -134,7 +136,7 @@ def _discovery() -> str:
         process.wait()
     if process.returncode == -signal.SIGALRM:
         raise FailedCheckError(
-            f'the middleware does not respond within {LIMIT_S} s: run `ballbot doctor --fix`, or '
+            f'the middleware did not respond within {LIMIT_S} s: run `ballbot doctor --fix`, or '
             f'inspect {SHARED_MEMORY}'
         )
     if process.returncode:
@@ -148,13 +150,13 @@ def _arithmetic() -> str:
     results = [('the arithmetic', golden.arithmetic, arithmetic_sha256())]
     for name in GOLDEN_SCENARIOS:
         wanted = golden.scenarios.get(name, '')
-        results.append((f'the run {name}', wanted, duty_sha256(load_scenario(name))))
+        results.append((f'the scenario {name}', wanted, duty_sha256(load_scenario(name))))
     for what, wanted, got in results:
         if got != wanted:
             raise FailedCheckError(
-                f'{what} has the hash {got[:8]}… here and {wanted[:8]}… elsewhere, so recordings '
-                'from other machines will not replay as identical. Unless config/ was edited, '
-                'report this with the processor and the versions of Python and numpy'
+                f'{what} has the hash {got[:8]}… here, but {wanted[:8]}… on other machines: '
+                'their recordings will not replay as identical. Unless you edited config/, '
+                'report this with your processor and your versions of Python and numpy'
             )
     return f'{" and ".join(GOLDEN_SCENARIOS)} have the same duty_sha256 as on every machine'
 

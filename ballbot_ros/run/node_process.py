@@ -17,8 +17,10 @@ from ballbot_ros.nodes.processes import END_WITH_PARENT, threads_by_process
 from ballbot_ros.simulation.silence_timer import SilenceTimer
 
 GRACE_S = 1.5
+"""Time that a node has to end [s]."""
+
 LAST_GRACE_S = 5.0
-"""Longer, since it waits for the recording."""
+"""The same for the node that is stopped last, longer because it finishes the recording [s]."""
 
 _POLL_S = 0.05
 _ERROR = 'error: '
@@ -107,9 +109,9 @@ class NodeProcess:
         """Description of how it ended."""
         status = self.exit_status
         if status is None:
-            return 'runs'
+            return 'is still running'
         if status < 0:
-            return f'died of {signal.Signals(-status).name}'
+            return f'was killed by {signal.Signals(-status).name}'
         return f'ended with status {status}'
 
     @property
@@ -120,7 +122,7 @@ class NodeProcess:
         return f'{self.name}: {self._last_error_line}'
 
     def request_stop(self) -> None:
-        """Send SIGTERM, which also ends a node quietly that is still starting."""
+        """Send SIGTERM, which also quietly ends a node that is still starting."""
         if self.running:
             self._process.terminate()
 
@@ -150,7 +152,7 @@ def stop_all(processes: Collection[NodeProcess], last: str) -> None:
 
 
 def _await_end(processes: Collection[NodeProcess], grace_s: float) -> None:
-    """Wait until all have ended, and kill those that have had enough time."""
+    """Wait until all have ended, and kill those that take longer than `grace_s`."""
     begun, timer = time.monotonic(), SilenceTimer()
     while running := [process for process in processes if process.running]:
         threads = threads_by_process(process.pid for process in running)

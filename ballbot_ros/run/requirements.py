@@ -26,8 +26,8 @@ def require_rclpy(alternative: str = '') -> None:
         import rclpy  # noqa: F401
     except ImportError as error:
         raise BallbotError(
-            f'ROS 2 not found ({error}): source ROS 2 Jazzy, install "ballbot_ros[ros]"'
-            f'{alternative}'
+            f'ROS 2 not found ({error}): source ROS 2 Jazzy, or run '
+            f'`pip install "ballbot_ros[ros]"`{alternative}'
         ) from None
 
 

@@ -240,8 +240,8 @@ def check_reserved_parameters(
     ):
         if value:
             raise ParameterError(
-                f'{origin(node, name)}{node}.{name} can not be set: the files of a run are in '
-                '--output'
+                f'{origin(node, name)}{node}.{name} can not be set: a run writes its files '
+                'to the folder of --output'
             )
 
 

@@ -115,7 +115,7 @@ def peak_position_m(motion: Motion) -> float:
     return float(motion.distance.max())
 
 
-@METRICS.metric('how far the ball passes its final place, coming from the farthest from it')
+@METRICS.metric('how far the ball overshoots its final position, coming from its farthest point')
 def overshoot_m(motion: Motion) -> float:
     """Return how far [m] the ball overshoots its final position, from its farthest point.
 
@@ -131,12 +131,12 @@ def overshoot_m(motion: Motion) -> float:
     return float((beyond[farthest:] @ direction).max())
 
 
-@METRICS.metric("root mean square of the ball's distance from its mean place, second half")
+@METRICS.metric("root mean square of the ball's distance from its mean position, second half")
 def station_rms_m(motion: Motion) -> float:
     return _rms(motion.distance_from_mean)
 
 
-@METRICS.metric('largest distance of the ball from its mean place, second half')
+@METRICS.metric('largest distance of the ball from its mean position, second half')
 def station_radius_m(motion: Motion) -> float:
     return float(motion.distance_from_mean.max())
 

@@ -143,7 +143,7 @@ class ScenarioReader:
             for name, value in self._mapping(values, ('parameters', node)).items():
                 if name == 'scenario':
                     raise self._error(
-                        ('parameters', node, name), 'a scenario can not name another one'
+                        ('parameters', node, name), 'a scenario can not set the parameter scenario'
                     )
                 self._set(parameters, node, name, value, ('parameters', node, name))
         self._check_world(parameters)
@@ -201,13 +201,15 @@ class ScenarioReader:
         values = self._mapping(data, keys, ('name', 'from', 'to', 'value', 'points'))
         name = values.get('name')
         if not isinstance(name, str) or not name.strip():
-            raise self._error(keys, 'a segment has a name')
+            raise self._error(keys, 'a segment needs a name')
         if 'points' in values:
             if 'value' in values or 'from' in values or 'to' in values:
-                raise self._error(keys, 'a segment has points, or from, to and value')
+                raise self._error(
+                    keys, 'a segment has either points, or from, to and value, not both'
+                )
             points = self._each(values['points'], (*keys, 'points'), self._point)
             if len(points) < 2:
-                raise self._error((*keys, 'points'), 'a line has two points or more')
+                raise self._error((*keys, 'points'), 'a segment needs at least two points')
             for index in range(1, len(points)):
                 if points[index][0] < points[index - 1][0]:
                     raise self._error(
@@ -218,7 +220,7 @@ class ScenarioReader:
             return Segment(name, tuple(points))
         for required in ('from', 'value'):
             if required not in values:
-                raise self._error(keys, f'{name!r} has neither {required!r} nor points')
+                raise self._error(keys, f'{name!r} needs {required!r}, or points')
         start = self._time(values['from'], (*keys, 'from'))
         end = self._time(values['to'], (*keys, 'to')) if 'to' in values else math.inf
         if end <= start:
@@ -255,14 +257,14 @@ class ScenarioReader:
         values = self._mapping(data, keys, names)
         for required in names:
             if required not in values:
-                raise self._error(keys, f'a push has a {required}')
+                raise self._error(keys, f'a push needs a {required}')
         force = self._number(values['force'], (*keys, 'force'))
         if not 0.0 <= force <= FORCE_LIMIT:
             raise self._error((*keys, 'force'), f'{force:g} is not within 0 … {FORCE_LIMIT:g} N')
         forward, rightward = self._direction(values['direction'], (*keys, 'direction'))
         lasting = self._time(values['duration'], (*keys, 'duration'))
         if lasting == 0.0:
-            raise self._error((*keys, 'duration'), 'a push lasts longer than 0 s')
+            raise self._error((*keys, 'duration'), 'a push must last longer than 0 s')
         return ScheduledPush(
             self._time(values['time'], (*keys, 'time')),
             lasting,
@@ -274,7 +276,9 @@ class ScenarioReader:
         if isinstance(value, str):
             if value not in _PUSH_DIRECTIONS:
                 words = ', '.join(_PUSH_DIRECTIONS)
-                raise self._error(keys, f'{value!r} is not one of {words}, or degrees')
+                raise self._error(
+                    keys, f'{value!r} is neither one of {words} nor a number of degrees'
+                )
             return _PUSH_DIRECTIONS[value]
         # Counterclockwise from forward (REP 103); plane y is positive to the right.
         sine, cosine = sine_cosine(math.radians(self._number(value, keys)))
@@ -318,7 +322,9 @@ class ScenarioReader:
         duration = plant.duration
         if not 0.0 <= start < min(end, duration) or duration < end < math.inf:
             raise self._error(
-                keys, f'{metric}: {start:g} … {end:g} s is not a window in a run of {duration:g} s'
+                keys,
+                f'{metric}: the window {start:g} … {end:g} s is empty or not within the run, '
+                f'0 … {duration:g} s',
             )
         if end < plant.hold_time:
             raise self._error(
@@ -330,7 +336,7 @@ class ScenarioReader:
         self, data: object, keys: Keys, allowed: Collection[str] | None = None
     ) -> Mapping[str, object]:
         if not isinstance(data, dict):
-            raise self._error(keys, f'{_label(keys)} is not a mapping of names')
+            raise self._error(keys, f'{_label(keys)} is not a mapping (`key: value`)')
         for key in data:
             if allowed is not None and key not in allowed:
                 words = ', '.join(sorted(allowed))

@@ -44,7 +44,7 @@ class FreeRunningMaster(RunMaster):
     def _take_ack(self, stamp_ns: int) -> None:
         pass  # The recorder does not hold up a free-running plant.
 
-    # Conduct of a run
+    # Running
 
     def _prepare(self, start_ns: int) -> None:
         super()._prepare(start_ns)

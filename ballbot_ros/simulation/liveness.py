@@ -1,4 +1,4 @@
-"""Which participants of a run do not answer, on a machine that may be too busy to let them."""
+"""Finds the silent participants of a run, on a machine that may be too busy to let them answer."""
 
 from __future__ import annotations
 
@@ -71,8 +71,8 @@ class LivenessMonitor:
         tick_ns : int
             The unanswered tick [ns].
         awaits_recorder : bool
-            Whether the plant waits for the recorder instead of the controller. If everybody else
-            has answered, the one it waits for is to blame.
+            Whether the plant waits for the recorder instead of the controller. If all others have
+            answered, the one that it waits for counts as silent.
 
         Returns
         -------

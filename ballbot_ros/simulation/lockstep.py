@@ -105,7 +105,7 @@ class SampleReaction(Enum):
 
 
 class LockstepTicks:
-    """Decides, in lockstep, what each sample and each timer callback leads to.
+    """Decides, in lockstep, the reaction to each sample and each timer callback.
 
     Samples count from the plant's own first one on. The plant sends it when every participant has
     joined the run, so no sample of an earlier run can follow. A repeated sample or callback changes
@@ -157,7 +157,7 @@ class LockstepTicks:
         self._start_ns, self._next_ns, self._is_open = start_ns, None, False
 
     def take(self, name: str, stamp_ns: int, data: bytes, value: Any) -> SampleReaction | DueTick:
-        """Decide what a sample leads to.
+        """Decide the reaction to a sample.
 
         Parameters
         ----------
@@ -232,7 +232,7 @@ class LockstepTicks:
         return self._due_tick()
 
     def on_missed_start(self, stamp_ns: int, *, now_ns: int, rejoin: bool) -> SampleReaction:
-        """Decide what follows from a missed start of the run.
+        """Decide the reaction to a missed start of the run.
 
         Parameters
         ----------

@@ -66,7 +66,7 @@ class LockstepMaster(RunMaster):
         if self._is_behind() and self._last_sent.stamp_ns <= stamp_ns and not self._is_ended:
             self._resend()
 
-    # Conduct of a run
+    # Running
 
     def _prepare(self, start_ns: int) -> None:
         super()._prepare(start_ns)
@@ -166,7 +166,7 @@ class LockstepMaster(RunMaster):
         who, when = ', '.join(silent), f'{self._sim_time_s:.3f} s'
         problem = f'{who} silent for {self._limit_s:g} s at sim time {when}'
         if self._settings.waits_for_silent:
-            self._warn(f'{problem}: waiting for it')
+            self._warn(f'{problem}; still waiting')
         else:
             self._end(Outcome.FAILED, problem, 1)
 

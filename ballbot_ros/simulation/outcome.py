@@ -1,4 +1,4 @@
-"""How a run ended."""
+"""The outcome of a run."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from ballbot_ros.text_enum import TextEnum
 
 
 class Outcome(TextEnum):
-    """How a run ended; the values appear in its status, recording and JSON."""
+    """Outcome of a run; the values appear in its status, recording and JSON."""
 
     COMPLETED = 'completed'
     FAILED = 'failed'

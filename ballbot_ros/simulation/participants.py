@@ -1,4 +1,4 @@
-"""Who takes part in a run in lockstep, and who must not.
+"""The participants of a run in lockstep, and the detection of strangers.
 
 Free of ROS: the plant's node passes in announcements, roll calls and the publishers in the graph,
 and acts on the :class:`Readiness` that results.
@@ -20,21 +20,19 @@ GONE_S = 2.0
 """Time for which a departed publisher can still explain an objection."""
 
 MAX_POLL_GAP_S = 0.5
-"""Upper limit of the time counted between two looks at the graph. While nobody looks, nobody
-notices who leaves."""
+"""Upper limit of the time counted between two looks at the graph: a publisher that leaves is
+noticed only at the next look."""
 
 NAME_S = 5.0
 """Time within which the middleware reports the node name of a publisher, if at all."""
 
 LEASE_S = 21.0
-"""The middleware's lease keeps a killed process in the graph for 20 s. A publisher that stays
-longer
-was alive while the run waited for it to leave."""
-
+"""Age from which a suspect counts as alive. The middleware's lease keeps a killed process in the
+graph for 20 s; a publisher that stays longer was alive while the run waited for it to leave."""
 
 MAP_HASH = 'map_sha256'
-"""Parameter that identifies the map by its content: the same file may have another path
-elsewhere."""
+"""Parameter that identifies the map by its content, since the same file may have another path on
+another machine."""
 
 
 @dataclass(frozen=True)
@@ -101,8 +99,8 @@ class Objection:
     def to_sample(cls, topic: str, stamp_ns: int, kind: str = 'sample') -> Objection:
         """Return the objection to a sample that no participant can have sent."""
         text = (
-            f'{topic!r} has a second {kind} of {stamp_ns / SECOND_NS:.3f} s, or one ahead of the '
-            'run'
+            f'{topic!r} has a second {kind} stamped {stamp_ns / SECOND_NS:.3f} s, or one ahead of '
+            'the run'
         )
         return cls(text, topic, stamp_ns)
 
@@ -196,7 +194,7 @@ class _Suspect:
 
 @dataclass
 class _Run:
-    """What is known about one run."""
+    """The state of a run's participants."""
 
     name: str
     heard: dict[str, _Heard] = field(default_factory=dict)
@@ -212,7 +210,7 @@ class _Run:
 
 
 class Roster:
-    """Decides whether exactly the participants of a run take part in it.
+    """Decides whether all participants of a run, and no others, are present.
 
     Each role has one participant. If a second one announces itself, roll calls show which of the
     two are alive. If both are, the run is refused; if only the second is, it is the successor. A
@@ -385,7 +383,7 @@ class Roster:
         waits += [f'a roll call because {objection.text}' for _, objection in run.objections]
         self._time_suspects(are_alone=not waits)
         waits += [
-            f'{each.node or "a new node"} on {each.topic!r} to take part or to leave'
+            f'{each.node or "a new node"} on {each.topic!r} to join the run or to leave'
             for each in run.suspects.values()
         ]
         return (
@@ -395,7 +393,7 @@ class Roster:
         )
 
     def _time_suspects(self, *, are_alone: bool) -> None:
-        """Accuse a suspect that outlasts a dead process's lease while nothing else is wrong."""
+        """Treat a suspect as a stranger if it outlasts the lease while nothing else is wrong."""
         run = self._run
         if not (are_alone and run.suspects):
             run.waits_only_for_suspects_since_s = None
@@ -408,7 +406,7 @@ class Roster:
                 self.note_foreign_message(suspect.topic)
 
     def _stranger_problem(self) -> str:
-        """Return what an active stranger has done, once it can't be a newcomer that is joining."""
+        """Return the problem with an active stranger, once it can't be a node that is joining."""
         heard = [
             suspect
             for suspect in self._run.strangers.values()
@@ -419,7 +417,7 @@ class Roster:
         return self._likeliest(heard).problem if heard else ''
 
     def _likeliest(self, suspects: Sequence[_Suspect]) -> _Suspect:
-        """Return the most likely of several suspects: if possible, no participant's namesake."""
+        """Return the most likely suspect: if possible, one not named like a participant."""
         names = {participant.node for participant in self._run.members.values()}
         return min(suspects, key=lambda suspect: (not suspect.node, suspect.node in names))
 
@@ -541,7 +539,7 @@ class Roster:
         due_ns: Mapping[str, int],
         silence_s: Callable[[Participant | None], float],
     ) -> dict[str, float]:
-        """Return the roles whose participant does not answer, and for how long [s].
+        """Return the roles of silent participants, and the length of each silence [s].
 
         Parameters
         ----------
@@ -556,9 +554,9 @@ class Roster:
         Returns
         -------
         dict of str to float
-            The participants that have answered no roll call since, each with its own silence. If
-            all have answered, those whose newest sample is older than due: one may wait for
-            another.
+            The participants that have answered no roll call since then, each with its own
+            silence. If all have answered, the participants whose newest sample is older than due;
+            some of these may be waiting for others.
         """
         run = self._run
         found = {}

@@ -1,4 +1,4 @@
-"""Which ticks of a run the recorder has received completely."""
+"""Detects the ticks of a run that the recorder has received completely."""
 
 from __future__ import annotations
 

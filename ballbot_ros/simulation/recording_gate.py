@@ -1,4 +1,4 @@
-"""Which messages belong in the recording of a run, and in which order."""
+"""Selects the messages that belong in the recording of a run, and orders them."""
 
 from __future__ import annotations
 
@@ -147,8 +147,8 @@ class RecordingGate:
     """Passes each message of the runs exactly once, and no other message.
 
     A sample passes when the clock has reached its stamp; before that, no participant can have sent
-    it. If a sample with the same stamp and other content follows, it passes, too, and is objected
-    to: the recording then has the genuine one, whichever came first.
+    it. If a sample with the same stamp but other content follows, the gate objects to it, and lets
+    it pass as well: the recording then has the genuine one, whichever came first.
 
     Parameters
     ----------

@@ -210,7 +210,7 @@ class RunMaster(ABC):
         if not self._is_open or stamp_ns < self._run.start_ns:
             return
         if duty is None:
-            text = f'{self._topics.duty}: not whole numbers within -100 … 100 %'
+            text = f'{self._topics.duty}: duty ignored: not whole numbers within -100 … 100 %'
             self._act(Log(text, Severity.WARNING))
         else:
             self._take_duty(stamp_ns, duty, data, is_stop=is_stop)
@@ -239,7 +239,7 @@ class RunMaster(ABC):
         push = Push(start_ns, start_ns + self._settings.push_ns, force, torque)
         problem = push.problem(now_ns)
         if not problem and self._plant.pushes >= MAX_PUSHES:
-            problem = f'there are already {MAX_PUSHES}'
+            problem = f'{MAX_PUSHES} pushes are already active or pending'
         if problem:
             text = f'{self._topics.push}: push ignored: {problem}'
             self._act(Log(text, Severity.WARNING, is_throttled=True))
@@ -414,12 +414,12 @@ class RunMaster(ABC):
     # Participants
 
     def _on_news(self) -> None:
-        """Check at once if the run waits for this news."""
+        """Check the participants at once if the run is waiting for them."""
         if self._phase is Phase.GATHERING:
             self._check_participants()
 
     def _check_participants(self, *, calls_roll: bool = False) -> bool:
-        """Return whether exactly the participants take part; hold or end the run if not.
+        """Return whether all participants, and no others, are present; if not, hold or end the run.
 
         With `calls_roll`, call the roll while this is undecided.
         """
@@ -446,7 +446,7 @@ class RunMaster(ABC):
             self._resume()
 
     def _wait(self, standing: Readiness) -> None:
-        """Call the roll until the participants are clear; before the first tick, within limits."""
+        """Call the roll, and report the wait; fail if a participant is missing for too long."""
         self._participants.call_roll()
         waited_s = self._participants.liveness.waited_s(self._waiting_since_s)
         missing = self._participants.missing()
@@ -556,7 +556,7 @@ class RunMaster(ABC):
     def _progress(self) -> str:
         if self.log.ticks == 0:
             return 'before its first tick'
-        return f'after {self.log.ticks} ticks, duties {self.log.duty_sha256[:12]}'
+        return f'after {self.log.ticks} ticks, duty_sha256 {self.log.duty_sha256[:12]}…'
 
     def _repeat_truth(self) -> None:
         """Repeat the truth of the halted plant, for late subscribers."""

@@ -1,4 +1,4 @@
-"""What a run consists of, and how it is conducted."""
+"""The components and settings of a run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ballbot_ros.world.world import World
 
 @dataclass(frozen=True)
 class RunSettings:
-    """How a run is conducted.
+    """Settings of a run.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class RunSettings:
 
 @dataclass(frozen=True)
 class RunSetup:
-    """What a run consists of.
+    """Components of a run.
 
     Attributes
     ----------

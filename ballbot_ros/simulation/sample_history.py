@@ -10,7 +10,7 @@ DEPTH = 16
 
 
 class SampleStatus(Enum):
-    """How a sample relates to earlier ones on its topic."""
+    """Relation of a sample to earlier ones on its topic."""
 
     NEW = auto()
     DUPLICATE = auto()

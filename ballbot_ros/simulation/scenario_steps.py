@@ -1,4 +1,4 @@
-"""Device inputs to test another control program with: scenarios and random sequences."""
+"""Device inputs for testing another control program: scenarios and random sequences."""
 
 from __future__ import annotations
 

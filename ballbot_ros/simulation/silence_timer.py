@@ -1,4 +1,4 @@
-"""How long a process has been silent, on a machine that may be too busy to let it answer."""
+"""Measures the silence of a process, on a machine that may be too busy to let it answer."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 MAX_POLL_GAP_S = 0.2
-"""Upper limit of the time counted between two looks: a process that could not look has received
-nothing."""
+"""Upper limit of the time counted between two updates: a process that could not update the
+measurement could not receive answers, either."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Observation(NamedTuple):
 
 
 def available_s(threads: Threads, before: Threads, span_s: float) -> float:
-    """Return for how much of the last `span_s` a process could run as it wanted [s].
+    """Return the part of the last `span_s` in which a process did not wait for a processor [s].
 
     Parameters
     ----------

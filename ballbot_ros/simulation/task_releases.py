@@ -1,4 +1,4 @@
-"""Which tasks of the control program have been released, and for which tick."""
+"""The releases of the control program's tasks, each for one tick."""
 
 from __future__ import annotations
 

@@ -45,10 +45,11 @@ class Command(NamedTuple):
 class Arbiter:
     """Stores the newest sticks of each source and selects one of them.
 
-    In command is the live source of the highest priority whose sticks are not neutral. When it
-    becomes neutral, is released or falls silent, the sticks are neutral at once. It, or a source of
-    higher priority, may resume at any time, one of lower priority after :data:`TAKEOVER_DELAY_S`.
-    Sources may report from any thread. All times are from one monotonic clock [s].
+    The live source of the highest priority whose sticks are not neutral is in command. When it
+    becomes neutral, is released or falls silent, the sticks are neutral at once. The same source,
+    or one of higher priority, can take command at any time; one of lower priority only after
+    :data:`TAKEOVER_DELAY_S`. Sources may report from any thread. All times are from one monotonic
+    clock [s].
     """
 
     def __init__(self) -> None:

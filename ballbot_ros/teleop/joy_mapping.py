@@ -86,7 +86,7 @@ class JoyMapping(Subset):
         if number == NOT_USED:
             return 0.0
         if number >= len(axes):
-            raise TeleopError(f'axis {number} not found, only {len(axes)} axes')
+            raise TeleopError(f'axis {number} not found: the input has only {len(axes)} axes')
         value = float(axes[number])
         if not abs(value) <= 1.0 + _ROUNDING:
             raise TeleopError(f'axis {number} is {value:g}, not within -1 … 1')
@@ -97,5 +97,7 @@ class JoyMapping(Subset):
         if number == NOT_USED:
             return False
         if number >= len(buttons):
-            raise TeleopError(f'button {number} not found, only {len(buttons)} buttons')
+            raise TeleopError(
+                f'button {number} not found: the input has only {len(buttons)} buttons'
+            )
         return bool(buttons[number])

@@ -49,7 +49,7 @@ class SdlBackend:
             self._pygame.joystick.init()
             self._controller.init()
         except self._pygame.error as error:
-            raise TeleopError(f'SDL does not start: {error}') from None
+            raise TeleopError(f'SDL failed to start: {error}') from None
         self._scan()
 
     def pump(self) -> None:

@@ -1,4 +1,4 @@
-"""Which requests the page answers, and which pages may steer."""
+"""Decides which requests the viewer answers, and which pages may steer."""
 
 from __future__ import annotations
 

@@ -94,7 +94,9 @@ class GuardedServer(viser.ViserServer):
         buffer = self._websock_server._broadcast_buffer
         if not (self._is_guarded and isinstance(buffer, _MessageBuffer)):
             self.stop()
-            raise ViewerError(f'viser {viser.__version__} can not be guarded; install viser 1.1')
+            raise ViewerError(
+                f'access control does not support viser {viser.__version__}: install viser 1.1'
+            )
 
     def may_steer(self, client_id: int) -> bool:
         """Return whether a browser has the token."""

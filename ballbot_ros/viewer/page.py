@@ -50,7 +50,7 @@ the viewer has printed, with its token.</div>"""
 
 
 class Page:
-    """The content of all browsers, who differ only in their cameras.
+    """The page, which looks the same in all browsers except for their cameras.
 
     viser keeps only the newest value of everything and sends it from its own thread as fast as each
     browser accepts it. A slow or stalled browser receives less and delays nobody.
@@ -80,7 +80,7 @@ class Page:
         self._area = Area.of(None)
         self._now: Snapshot | None = None
         self._views: dict[int, str] = {}
-        self._aspects: dict[int, float] = {}  # for which fixed cameras have been pointed
+        self._aspects: dict[int, float] = {}  # of the windows whose fixed camera has been pointed
         self._lock = threading.Lock()
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(238, 122, 40))

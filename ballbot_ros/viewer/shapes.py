@@ -69,7 +69,7 @@ def prisms(rectangles: Sequence[Rectangle], low: float, high: float) -> Mesh:
 def unit_cone() -> Mesh:
     """Return a cone of length and radius 1 m along +x with its tip in the origin."""
     mesh = trimesh.creation.cone(1.0, 1.0, sections=_SIDES)
-    # trimesh puts it on its base: move the tip to the origin, and turn the axis to +x.
+    # trimesh puts the base at the origin: move the tip there, and turn the axis to +x.
     mesh.apply_translation((0.0, 0.0, -1.0))
     mesh.apply_transform(_pose((0.0, -np.pi / 2.0, 0.0)))
     return _mesh(mesh)

@@ -70,7 +70,8 @@ class Frames:
     """Poses of the frames in their parents.
 
     ``base_link`` and ``ball`` have their origin in the ball's centre. The axes of ``ball`` stay
-    parallel to those of ``map`` (docs/frames.md), so in ``base_link`` it turns against the pitch.
+    parallel to those of ``map`` (docs/frames.md), so in ``base_link`` it rotates opposite to the
+    pitch.
 
     Parameters
     ----------

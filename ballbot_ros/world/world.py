@@ -74,7 +74,7 @@ class World:
         where = f'the start position x {x:g} m, y {y:g} m (map)'
         if not self.map.contains(self.map.point(position)):
             x_end, y_end = self.map.columns * CELL_M / 2.0, self.map.rows * CELL_M / 2.0
-            raise WorldError(f'{where} is off the map, x ±{x_end:g} m, y ±{y_end:g} m')
+            raise WorldError(f'{where} is off the map, which spans x ±{x_end:g} m, y ±{y_end:g} m')
         if self.blocked(position):
             raise WorldError(
                 f'{where} puts the body in a wall: {", ".join(self.touching(position))}'

@@ -33,18 +33,18 @@ def short(make_run):
 
 
 @pytest.fixture(scope='session')
-def driven_whole(driven):
+def driven_assessment(driven):
     return assess(read_run(driven[0]))
 
 
 @pytest.fixture(scope='session')
-def short_whole(short):
+def short_assessment(short):
     return assess(read_run(short[0]))
 
 
 @pytest.fixture
 def copy(tmp_path):
-    """Write a copy of recordings, one after the other, but of their topics only those wanted."""
+    """Write a copy of recordings, one after the other, with the wanted topics only."""
 
     def write(
         *paths, wanted=lambda topic: True, attachments=True, types=None, edit=None, extra=None

@@ -1,4 +1,4 @@
-"""Whose parameters count for a run, and what is no parameter."""
+"""The parameters of a run, as its participants announce them; invalid values."""
 
 import hashlib
 
@@ -47,7 +47,7 @@ def values(told, role, attached=None, run=RUN):
     return told.of(run, attached or ParameterSet(), FILES).of_node(role)
 
 
-def test_what_was_told_comes_before_what_is_attached():
+def test_announced_parameters_override_attached_ones():
     attached = ParameterSet()
     attached.set(CONTROLLER, 'k_i', -0.1)
     attached.set(CONTROLLER, 'a_d', 0.7)
@@ -57,7 +57,7 @@ def test_what_was_told_comes_before_what_is_attached():
 
 
 @pytest.mark.parametrize('without', range(4))
-def test_a_run_is_told_only_if_all_that_it_is_made_of_is(without):
+def test_a_run_is_announced_only_if_all_nodes_needed_for_a_replay_are(without):
     assert told(*SIMULATED).has_parameters(RUN)
     assert not told(*SIMULATED).has_parameters('2 abc')
     some = [each for number, each in enumerate(SIMULATED) if number != without]
@@ -65,18 +65,18 @@ def test_a_run_is_told_only_if_all_that_it_is_made_of_is(without):
 
 
 @pytest.mark.parametrize('order', [1, -1])
-def test_the_parameters_are_those_of_who_took_part(order):
+def test_the_parameters_are_those_of_the_participants(order):
     member, stranger = a(GYRO, 'a', noise=0.5), a(GYRO, 'b', noise=9.0)
     both = [member, stranger][::order]
     assert values(told(*both, members=[member]), GYRO).noise == 0.5
 
 
 @pytest.mark.parametrize('value', [None, 5, [1], {'a': 1}, True])
-def test_what_is_no_value_is_left_out(value):
+def test_invalid_values_are_ignored(value):
     assert values(told(a(PLANT, 'a', map=value, gravity='much', wings=2)), PLANT).map == ''
 
 
-def test_of_a_map_that_is_a_file_the_attachment_is_taken_if_it_is_that_one():
+def test_an_attached_map_file_is_used_if_its_hash_matches():
     sha = hashlib.sha256(b'a map').hexdigest()
     same = told(a(PLANT, 'a', map='hall.png', **{MAP_HASH: sha}))
     assert values(same, PLANT).map == 'map.png'
@@ -84,7 +84,7 @@ def test_of_a_map_that_is_a_file_the_attachment_is_taken_if_it_is_that_one():
     assert values(other, PLANT).map == 'hall.png'
 
 
-def test_another_scenario_is_told_from_the_first():
+def test_a_different_scenario_is_detected():
     runs = AnnouncedParameters()
     for run, scenario in (('1 x', 'push'), ('2 x', 'push'), ('3 x', 'square')):
         plant = a(PLANT, 'a', scenario=scenario, gravity=9.0)
@@ -94,14 +94,14 @@ def test_another_scenario_is_told_from_the_first():
     assert [runs.is_of_another_scenario(f'{n} x') for n in (1, 2, 3)] == [False, False, True]
 
 
-def test_what_is_malformed_tells_nothing():
+def test_malformed_announcements_are_ignored():
     runs = AnnouncedParameters()
     runs.add(PARTICIPANTS, b'')
     runs.add(RUN_STATUS, b'\x00' * 20)
     assert not runs.has_parameters('')
 
 
-def test_the_controller_of_a_run_is_known_even_if_it_tells_no_parameters():
+def test_the_controller_of_a_run_is_known_even_without_its_parameters():
     stranger, other = a(CONTROLLER, 'f'), a(CONTROLLER, 'b', k_i=-0.1)
     found = told(other, *SIMULATED[:3], stranger, members=[*SIMULATED[:3], stranger])
     assert found.controller(RUN) == stranger

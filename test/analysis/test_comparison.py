@@ -1,4 +1,4 @@
-"""Runs side by side, and the gate."""
+"""Comparison of runs, and the gate against regressions."""
 
 import csv
 import json
@@ -11,14 +11,14 @@ from ballbot_ros.former_names import FORMER_METRICS
 
 @pytest.fixture(scope='module')
 def other(make_run):
-    """As `short`, but started at a smaller pitch."""
+    """Like `short`, but started at a smaller pitch."""
     path, _ = make_run(
         'stationary', '--set=plant_sim.duration=3', '--set=plant_sim.start_pitch_x=0.05'
     )
     return path
 
 
-def test_the_same_run_has_not_changed(command, short):
+def test_a_run_compared_with_itself_has_no_changes(command, short):
     status, stdout, stderr = command(
         'compare', short[0], short[0], '--json', '--fail-if=peak_pitch_deg>0%',
         '--fail-if=peak_pitch_deg<0',
@@ -52,14 +52,14 @@ def test_a_change_that_is_too_large_is_status_1(command, short, other, condition
     assert (f'failed  {condition}' in stdout) == bool(expected)
 
 
-def test_no_number_is_cut_short_where_the_terminal_is_narrow(command, short, other, monkeypatch):
+def test_no_number_is_truncated_on_a_narrow_terminal(command, short, other, monkeypatch):
     monkeypatch.setenv('COLUMNS', '60')
     _, stdout, _ = command('compare', short[0], other, other)
     assert 'time in calibration' in stdout
     assert '…' not in stdout
 
 
-def test_an_incomplete_run_passes_no_gate(command, short, tmp_path):
+def test_an_incomplete_run_fails_every_condition(command, short, tmp_path):
     path = tmp_path / 'cut.mcap'
     content = short[0].read_bytes()
     path.write_bytes(content[: len(content) * 3 // 4])

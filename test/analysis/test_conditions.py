@@ -47,7 +47,7 @@ def test_other_forms_and_metrics_are_refused(text):
     assert repr(text) in str(refused.value)
 
 
-def test_a_slip_of_the_pen_is_told():
+def test_a_typo_gets_a_hint():
     with pytest.raises(ConditionError, match='did you mean peak_pitch_deg'):
         parse_condition('peak_pitch_degree>5', METRICS)
 
@@ -76,7 +76,7 @@ def test_when_a_condition_holds(text, reference, value, holds):
 
 
 @given(CONDITIONS, VALUES)
-def test_nothing_changed_holds_nowhere(condition, value):
+def test_no_condition_holds_without_a_change(condition, value):
     assert not condition.holds(value, value)
 
 

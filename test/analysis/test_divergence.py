@@ -1,4 +1,4 @@
-"""How far two controllers' duties are apart."""
+"""The difference between the duties of two controllers."""
 
 import pytest
 

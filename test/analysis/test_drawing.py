@@ -1,4 +1,4 @@
-"""What figures consist of: the same thing looks the same in all of them."""
+"""Elements of figures, which look the same in all of them."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_the_lines_of_a_map_are_drawn_lighter_than_its_walls(axes):
     assert (shades[floor_map.walls] == wall).all()
 
 
-def test_the_track_tells_its_ends_by_name_where_it_is_alone_and_by_its_colour_otherwise(axes):
+def test_the_ends_of_a_single_track_are_named_in_the_legend_those_of_several_have_its_colour(axes):
     table = {'map_x_cm': np.array([0.0, 9.0]), 'map_y_cm': np.array([0.0, 5.0])}
     draw_track(axes, table, Line(BLUE))
     draw_track(axes, table, Line('#009E73', label='B other'))

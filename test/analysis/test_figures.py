@@ -1,4 +1,4 @@
-"""The picture beside a recording: everything written on it can be read."""
+"""The picture of a run: all its text is legible."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ LONGEST = max((f'{name}: {load_scenario(name).purpose}' for name in scenario_nam
 
 @pytest.fixture
 def draw(tmp_path, monkeypatch):
-    """Return a function that draws a trajectory and gives back the figure as drawn."""
+    """Return a function that draws a trajectory and returns the figure."""
     drawn = []
 
     def keep(figure):
@@ -25,11 +25,11 @@ def draw(tmp_path, monkeypatch):
 
     def draw(title='', segments=()):
         time = np.linspace(0.0, 2.0, 501)
-        # Full to every corner: a curve is wherever a legend might be.
+        # Full to every corner: wherever a legend might be, there is a curve.
         waves = np.stack([np.sin(20.0 * time), np.cos(20.0 * time)], axis=1) * 0.02
         trajectory = Trajectory(time, waves, waves, (waves * 5000.0).astype(np.int8))
         figures.draw_motion(trajectory, tmp_path / 'run.png', title, 1.0, segments)
-        drawn[-1].draw_without_rendering()  # Where things are, at the figure's own resolution.
+        drawn[-1].draw_without_rendering()  # Positions at the figure's own resolution.
         return drawn[-1]
 
     return draw
@@ -50,5 +50,5 @@ def test_the_legend_covers_no_curve(draw):
         assert not any(legend.get_window_extent().overlaps(each.bbox) for each in axes)
 
 
-def test_a_dollar_is_a_dollar(draw):
+def test_a_dollar_sign_is_not_mathtext(draw):
     draw(r'costs $5^ or {$6_', [Segment(r'$\forward$', ((0.5, 0.0), (1.5, 10.0)))])

@@ -1,4 +1,4 @@
-"""What a report takes of memory and work grows with the ticks, and how much is bounded."""
+"""The memory and work of a report: bounded for each tick."""
 
 import tracemalloc
 from dataclasses import replace
@@ -17,13 +17,13 @@ from ballbot_ros.timing import TICK_NS
 TICKS = 100_000
 
 KEPT = 140
-"""Bytes that may be kept of a tick: an hour has 900 000, and a report of it 300 MB."""
+"""Bytes that a tick may occupy: with the 900 000 ticks of an hour, a report may take 300 MB."""
 
 ON_THE_WAY = 64
-"""Bytes a tick that may be needed besides at any time."""
+"""Additional bytes per tick that may be needed at any time."""
 
 
-def test_no_message_of_a_stamped_topic_is_decoded_by_itself(driven, monkeypatch):
+def test_stamped_messages_are_not_decoded_one_by_one(driven, monkeypatch):
     decoded = []
     decode = RecordingReader.decode
 
@@ -37,7 +37,7 @@ def test_no_message_of_a_stamped_topic_is_decoded_by_itself(driven, monkeypatch)
     assert sum(name in stamped for name in decoded) <= len(stamped)
 
 
-def test_a_tick_is_kept_in_few_bytes(driven):
+def test_a_tick_takes_few_bytes_of_memory(driven):
     run = read_run(driven[0])
     arrays = [
         column for each in (*run.series.values(), run.trajectory) for column in vars(each).values()
@@ -47,10 +47,10 @@ def test_a_tick_is_kept_in_few_bytes(driven):
 
 
 @pytest.fixture(scope='module')
-def long(short_whole):
-    """A run of many ticks, its numbers at random."""
+def long(short_assessment):
+    """A run of many ticks with random numbers."""
     random = np.random.default_rng(1)
-    run = short_whole.run
+    run = short_assessment.run
     stamps = 10**9 + TICK_NS * np.arange(TICKS)
     time = stamps * 1e-9 - 1.0
     values = {
@@ -66,7 +66,7 @@ def long(short_whole):
 
 
 def needed(function, run):
-    """Return the bytes that a function needs besides what there is before it."""
+    """Return the additional bytes that a function needs."""
     tracemalloc.start()
     try:
         function(run)
@@ -75,10 +75,10 @@ def needed(function, run):
         tracemalloc.stop()
 
 
-def test_measuring_takes_little_more(long):
+def test_measuring_takes_little_additional_memory(long):
     assert needed(assess, long) < ON_THE_WAY * TICKS
 
 
 @pytest.mark.parametrize('figure', FIGURES, ids=lambda figure: figure.name)
-def test_a_figure_takes_little_more(long, figure):
+def test_a_figure_takes_little_additional_memory(long, figure):
     assert needed(figure.table, long) < ON_THE_WAY * TICKS

@@ -1,4 +1,4 @@
-"""Recorded messages beside those of a run that is made again."""
+"""Comparison of recorded messages with those of a replay."""
 
 import math
 import struct
@@ -20,7 +20,7 @@ def duty(stamp, x):
 
 
 def compared(recorded, replayed):
-    """Compare the duties of plane x of ticks 0, 1, 2 ...; None leaves a message out."""
+    """Compare the duties of plane x at ticks 0, 1, 2 ...; None means no message."""
     comparator = MessageComparator([MOTOR_DUTY])
     for take, values in ((comparator.add_recorded, recorded), (comparator.add_replayed, replayed)):
         for tick, value in enumerate(values):
@@ -29,13 +29,13 @@ def compared(recorded, replayed):
     return comparator
 
 
-def test_equal_messages_are_identical_however_they_take_turns():
+def test_equal_messages_are_identical_in_any_interleaving():
     comparator = compared([1, 2, 3], [1, 2, 3])
     assert comparator.first_difference(complete=True) is None
     assert comparator.compared == 3
 
 
-def test_the_first_difference_is_told_with_its_tick_field_and_values():
+def test_the_first_difference_has_its_tick_field_and_values():
     difference = compared([1, 2, 3], [1, -2, 4]).first_difference(complete=True)
     assert difference.stamp_ns == TICK
     assert difference.topic == 'motor_duty'
@@ -58,7 +58,7 @@ def test_the_cone_that_older_versions_published_is_no_difference():
     assert difference.what == 'range: recorded 1.5, replayed 1.0'
 
 
-def test_a_message_without_counterpart_counts_only_where_the_recording_is_complete():
+def test_a_message_without_counterpart_counts_only_if_the_recording_is_complete():
     for recorded, replayed, what in (([1], [1, 2], 'not recorded'), ([1, 2], [1], 'not replayed')):
         comparator = compared(recorded, replayed)
         assert comparator.first_difference(complete=False) is None
@@ -67,15 +67,15 @@ def test_a_message_without_counterpart_counts_only_where_the_recording_is_comple
         assert what in difference.what
 
 
-def test_a_message_that_is_missing_in_the_middle_is_told_as_missing():
+def test_a_message_missing_in_the_middle_is_reported_as_missing():
     comparator = compared([1, None, 3, 4], [1, 2, 3, 4])
     difference = comparator.first_difference(complete=True)
-    assert (difference.stamp_ns, difference.what) == (TICK, 'replayed, and not recorded')
+    assert (difference.stamp_ns, difference.what) == (TICK, 'replayed but not recorded')
     difference = compared([1, 2, 3], [1, None, 3]).first_difference(complete=True)
-    assert (difference.stamp_ns, difference.what) == (TICK, 'recorded, and not replayed')
+    assert (difference.stamp_ns, difference.what) == (TICK, 'recorded but not replayed')
 
 
-def test_of_one_tick_the_cause_comes_before_its_effect():
+def test_within_a_tick_the_cause_comes_before_its_effect():
     text = new_message(LCD.type_name)
     comparator = MessageComparator([LCD, MOTOR_DUTY])
     for topic, one, other in (
@@ -118,7 +118,7 @@ def test_a_message_that_cannot_be_decoded_differs():
     )
 
 
-def test_elements_of_arrays_are_told_as_plain_numbers():
+def test_elements_of_arrays_are_shown_as_plain_numbers():
     recorded, replayed = (new_message('sensor_msgs/msg/Imu') for _ in range(2))
     recorded.orientation_covariance[5] = 0.5
     told = 'orientation_covariance[5]: recorded 0.5, replayed 0.0'

@@ -18,7 +18,7 @@ TICK = 0.004
 
 
 def trajectory(pitch_deg=(0.0,), position=(0.0,), duty=(0,), pitch_y_deg=None, position_y=None):
-    """Return a trajectory of plane x, and of plane y where it is given; short lists are padded."""
+    """Return a trajectory of plane x, and of plane y if given; short lists are padded."""
     columns = [pitch_deg, pitch_y_deg or [0.0], position, position_y or [0.0], duty]
     count = max(map(len, columns))
     padded = [[*column, *[column[-1]] * (count - len(column))] for column in columns]
@@ -43,7 +43,7 @@ def test_a_robot_at_rest_has_nothing_to_measure():
     assert set(measured.values()) == {0.0}
 
 
-def test_it_settles_when_no_pitch_leaves_the_band_any_more():
+def test_it_settles_at_the_last_time_that_a_pitch_leaves_the_band():
     pitch = [4.0] * 25 + [0.5] * 25 + [-1.5] * 25 + [0.9] * 25
     assert metrics(trajectory(pitch))['settling_time_s'] == pytest.approx(75 * TICK)
 
@@ -126,13 +126,13 @@ def test_a_run_of_one_tick_can_be_measured():
     assert measured['duty_rms_percent'] == 20.0
 
 
-def test_the_path_counts_every_way_there_and_back():
+def test_the_path_length_counts_motion_in_both_directions():
     measured = metrics(trajectory(position=[0.0, 0.3, 0.0], position_y=[0.0, 0.4, 0.0]))
     assert measured['distance_driven_m'] == pytest.approx(1.0)
     assert measured['peak_speed_m_per_s'] == pytest.approx(0.5 / TICK)
 
 
-def test_the_clearance_is_the_least_on_the_way():
+def test_the_clearance_is_the_minimum_along_the_path():
     run = trajectory(position=np.linspace(0.0, 1.0, 101).tolist())
     measured = metrics(run, clearance=lambda position: 2.0 - position[:, 0])
     assert measured['wall_clearance_m'] == pytest.approx(1.0)

@@ -68,9 +68,9 @@ def test_a_namespace_is_found_by_any_of_the_topics(reader_of, namespace):
 
 def test_several_robots_are_refused_in_one_line(reader_of):
     reader = reader_of('/motor_duty', '/b/motor_duty', '/a/plant/imu')
-    with pytest.raises(RecordingError, match=r'several robots: /, /a, /b$'):
+    with pytest.raises(RecordingError, match=r'several robots, in the namespaces /, /a, /b$'):
         robot_namespace(reader, [MOTOR_DUTY, PLANT_IMU])
-    with pytest.raises(RecordingError, match=r'several robots: /, /b$'):
+    with pytest.raises(RecordingError, match=r'several robots, in the namespaces /, /b$'):
         robot_topics(reader)
 
 
@@ -123,7 +123,7 @@ def ticks(start_ns, end_ns, *topics):
 
 
 def plant(name, end_ns, *topics):
-    """Return what a plant and others tell of a run from 1 s on."""
+    """Return the messages of a plant and others in a run from 1 s on."""
     return [(RUN, S, name), *ticks(S, end_ns, CLOCK, PLANT_IMU, *topics)]
 
 
@@ -146,7 +146,7 @@ def test_another_plant_begins_another_epoch_however_short_the_first_run_was(find
     assert epochs == [0] * len(first) + [1] * len(second)
 
 
-def test_runs_without_a_token_are_told_apart_when_time_goes_back(find):
+def test_runs_without_a_token_are_distinguished_when_time_goes_back(find):
     first, second = plant('1', 3 * S), plant('1', 2 * S)
     runs, epochs = find(*first, *second)
     assert runs == (RecordedRun(0, '1', S), RecordedRun(1, '1', S))
@@ -161,21 +161,21 @@ def test_a_run_that_is_announced_again_is_one(find):
     assert runs == (RecordedRun(0, '1 a', S),)
 
 
-def test_an_announcement_may_stand_behind_the_first_tick(find):
+def test_an_announcement_may_come_after_the_first_tick(find):
     messages = plant('1 b', 2 * S)
     messages[0], messages[1] = messages[1], messages[0]
     runs, _ = find(*plant('1 a', 3 * S), *messages)
     assert runs == (RecordedRun(0, '1 a', S), RecordedRun(1, '1 b', S))
 
 
-def test_a_topic_that_only_the_second_epoch_has_is_of_that(find):
+def test_a_topic_only_in_the_second_epoch_belongs_to_it(find):
     second = plant('1 b', 2 * S, SONAR_RANGE)
     runs, epochs = find(*plant('1 a', 3 * S), *second)
     assert len(runs) == 2
     assert epochs[-len(second) :] == [1] * len(second)
 
 
-def test_what_a_plant_tells_before_its_first_tick_is_of_its_own_run(find):
+def test_messages_of_a_plant_before_its_first_tick_belong_to_its_own_run(find):
     first = plant('1 a', 3 * S)
     between = [(RUN, S, '1 b'), (WALL_HIT, S), (LCD, 3 * S), (GYRO_IMU, 3 * S)]
     runs, epochs = find(*first, (GYRO_IMU, 3 * S - TICK), *between, *ticks(S, 2 * S, CLOCK))
@@ -183,7 +183,7 @@ def test_what_a_plant_tells_before_its_first_tick_is_of_its_own_run(find):
     assert [run.name for run in runs] == ['1 a', '1 b']
 
 
-def test_a_sample_that_is_left_of_the_plant_before_stays_with_it(find):
+def test_a_leftover_sample_stays_with_the_previous_plant(find):
     first, second = plant('1 a', 9 * S, GYRO_IMU), ticks(S, 2 * S, CLOCK, PLANT_IMU, GYRO_IMU)
     late = [(GYRO_IMU, 9 * S)]
     runs, epochs = find(*first, (RUN, S, '1 b'), *second[:2], *late, *second[2:])
@@ -192,7 +192,7 @@ def test_a_sample_that_is_left_of_the_plant_before_stays_with_it(find):
 
 
 @pytest.mark.parametrize(('ahead_ns', 'epoch'), [(MAX_AHEAD_NS, 1), (MAX_AHEAD_NS + TICK, 0)])
-def test_a_sample_that_no_node_of_the_new_run_can_have_sent_is_of_the_run_before(
+def test_a_sample_that_no_node_of_the_new_run_can_have_sent_belongs_to_the_previous_run(
     find, ahead_ns, epoch
 ):
     first = plant('1 a', S + 2 * TICK, GYRO_IMU)
@@ -211,20 +211,20 @@ def test_a_plant_may_begin_its_second_run_before_a_tick_of_its_first(find):
     )
 
 
-def test_a_tick_of_the_plant_before_does_not_make_an_announcement_void(find):
+def test_a_tick_of_the_previous_plant_does_not_cancel_an_announcement(find):
     first, late = plant('1 a', 3 * S), ticks(3 * S, 3 * S + TICK, CLOCK, PLANT_IMU)
     runs, _ = find(*first, (RUN, S, '1 b'), *late, *ticks(S, 2 * S, CLOCK, PLANT_IMU))
     assert runs == (RecordedRun(0, '1 a', S), RecordedRun(1, '1 b', S))
 
 
-def test_a_short_run_that_nobody_announces_ends_where_time_goes_back_to_its_start(find):
+def test_a_short_unannounced_run_ends_where_time_goes_back_to_its_start(find):
     first, second = ticks(S, S + 9 * TICK, PLANT_IMU), ticks(S, S + 3 * TICK, PLANT_IMU)
     runs, epochs = find(*first, *second)
     assert [(run.epoch, run.start_ns) for run in runs] == [(0, S), (1, S)]
     assert epochs == [0] * 9 + [1] * 3
 
 
-def test_a_sample_that_is_sent_again_begins_nothing(find):
+def test_a_repeated_sample_begins_no_run(find):
     again = [(GYRO_IMU, 2 * S - 9 * TICK), (PLANT_IMU, 2 * S - TICK)]
     runs, epochs = find(*plant('1 a', 2 * S, GYRO_IMU), *again, *ticks(2 * S, 3 * S, GYRO_IMU))
     assert len(runs) == 1
@@ -294,7 +294,7 @@ def test_an_input_of_another_type_is_one_line(short, copy):
         read_inputs(reader)
 
 
-def test_a_recording_that_begins_in_mid_run_can_not_be_made_again(short, copy):
+def test_a_recording_that_begins_in_mid_run_can_not_be_replayed(short, copy):
     path = copy(short[0], wanted=lambda name: name != '/plant/run')
     with RecordingReader(path) as reader, pytest.raises(RecordingError, match='in mid-run'):
         read_inputs(reader)

@@ -1,4 +1,4 @@
-"""Which control program takes the place of a recorded one, and why."""
+"""The choice of the control program for a replay, and its reason."""
 
 import pytest
 
@@ -23,14 +23,14 @@ def chosen(participant=None, attached='python', requested=None, missing=''):
 
 
 @pytest.mark.parametrize('name', ['python', 'c', 'arm'])
-def test_what_made_the_recording_replays_it(name):
+def test_the_recorded_implementation_is_used_for_the_replay(name):
     same = ReplayedController(name, name)
     assert chosen(attached=name) == same
     assert chosen(announced(implementation=name), attached='python') == same
     assert chosen(announced(), attached=name) == same
 
 
-def test_python_stands_in_for_what_can_not_run_here():
+def test_python_replaces_an_implementation_that_can_not_run_here():
     found = chosen(attached='c', missing=NO_GCC)
     assert (found.recorded, found.replayed) == ('c', 'python')
     assert NO_GCC in found.reason
@@ -44,13 +44,13 @@ def test_an_implementation_of_a_newer_version_is_named():
 
 
 @pytest.mark.parametrize('program', ['acme 2.1 Balancer', 'ballbot_ros_fork 1', ''])
-def test_somebody_elses_controller_is_named(program):
+def test_a_foreign_controller_is_named(program):
     found = chosen(announced(program, implementation='c'))
     assert (found.recorded, found.replayed) == (program, 'python')
     assert repr(program) in found.reason
 
 
-def test_what_is_asked_for_needs_no_reason():
+def test_a_requested_implementation_needs_no_reason():
     assert chosen(attached='arm', requested='c') == ReplayedController('arm', 'c')
     assert chosen(announced('acme 2.1'), requested='c') == ReplayedController('acme 2.1', 'c')
     assert chosen(attached='arm', requested='python', missing=NO_GCC).reason == ''

@@ -1,4 +1,4 @@
-"""The report: a page that is whole by itself, its figures, its numbers."""
+"""The report: a self-contained page, its figures and numbers."""
 
 import base64
 import csv
@@ -29,7 +29,7 @@ VOID = {'meta', 'img', 'br', 'link'}
 
 
 class Page(HTMLParser):
-    """Reads a page, and fails where its elements are not nested."""
+    """Parses a page, and fails if its elements are not nested."""
 
     def __init__(self, text):
         super().__init__()
@@ -54,9 +54,9 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope='module')
-def folder(driven_whole, tmp_path_factory):
+def folder(driven_assessment, tmp_path_factory):
     folder = tmp_path_factory.mktemp('report') / 'new'
-    write_report(driven_whole, folder)
+    write_report(driven_assessment, folder)
     return folder
 
 
@@ -65,7 +65,7 @@ def page(folder):
     return Page((folder / 'index.html').read_text(encoding='utf-8'))
 
 
-def test_the_page_needs_nothing_but_itself(page, folder):
+def test_the_page_is_self_contained(page, folder):
     assert not page.all('script')
     assert not page.all('link')
     assert all(each['src'].startswith('data:image/png;base64,') for each in page.all('img'))
@@ -77,7 +77,7 @@ def test_the_page_needs_nothing_but_itself(page, folder):
     assert not re.search(r'https?:|url\(|@import', style)
 
 
-def test_the_page_can_be_read_aloud(page):
+def test_the_page_is_accessible(page):
     headings = [int(tag[1]) for tag, _ in page.seen if re.fullmatch(r'h[1-6]', tag)]
     assert headings[0] == 1
     assert headings.count(1) == 1
@@ -89,7 +89,7 @@ def test_the_page_can_be_read_aloud(page):
     assert all(each['href'][1:] in targets for each in page.all('a') if each['href'][0] == '#')
 
 
-def test_every_figure_is_there_as_image_file_and_table(page, folder):
+def test_every_figure_has_an_image_file_and_a_table(page, folder):
     names = [figure.name for figure in FIGURES]
     assert [each['id'] for each in page.all('figure')] == names
     for name, image in zip(names, page.all('img'), strict=True):
@@ -105,10 +105,10 @@ def test_every_figure_is_there_as_image_file_and_table(page, folder):
         assert all(unit.fullmatch(column) or column == 'state' for column in header)
 
 
-def test_every_axis_has_a_unit(driven_whole):
+def test_every_axis_has_a_unit(driven_assessment):
     unit = re.compile(r'.* \[(s|cm|°|%|V|°/s)\]')
     for figure in FIGURES:
-        drawn = figure.draw(driven_whole.run, figure.table(driven_whole.run))
+        drawn = figure.draw(driven_assessment.run, figure.table(driven_assessment.run))
         labels = [
             label
             for axes in drawn.axes
@@ -119,7 +119,7 @@ def test_every_axis_has_a_unit(driven_whole):
         assert all(unit.fullmatch(label) for label in labels), labels
 
 
-def test_the_table_of_metrics_is_the_run_s(folder, driven):
+def test_the_table_shows_the_metrics_of_the_run(folder, driven):
     with (folder / 'metrics.csv').open(encoding='utf-8') as file:
         rows = {row['metric']: row['value'] for row in csv.DictReader(file)}
     for name in METRICS:
@@ -136,11 +136,11 @@ def test_the_page_shows_parameters_versions_and_verdicts(page):
     assert text.index('noise') < text.index('k_thetadot'), 'the changed parameters come first'
 
 
-def test_what_a_file_says_is_text_not_markup(short_whole):
+def test_text_from_a_file_is_escaped(short_assessment):
     purpose = '<script>alert("x")</script> & more'
-    attached = replace(short_whole.run.attached, scenario=Scenario(purpose=purpose))
-    run = replace(short_whole.run, attached=attached, notices=('<b>bold</b>',))
-    page = Page(report_page(replace(short_whole, run=run), []))
+    attached = replace(short_assessment.run.attached, scenario=Scenario(purpose=purpose))
+    run = replace(short_assessment.run, attached=attached, notices=('<b>bold</b>',))
+    page = Page(report_page(replace(short_assessment, run=run), []))
     assert not page.all('script')
     assert not page.all('b')
     assert purpose in ''.join(page.text)
@@ -152,12 +152,12 @@ def test_a_missing_topic_leaves_out_its_figure(short, copy):
     assert names == {figure.name for figure in FIGURES} - {'gyro', 'operating_state'}
 
 
-def test_the_track_is_drawn_over_the_recorded_map(short_whole):
+def test_the_track_is_drawn_over_the_recorded_map(short_assessment):
     cells = np.zeros((40, 60), np.int8)
     cells[:, -10:] = 100  # a wall from 20 cm to 30 cm ahead
     grid = OccupancyGrid(60, 40, 0.01, (-0.3, -0.2), cells)
     track = next(figure for figure in FIGURES if figure.name == 'track')
-    drawn = track.draw(replace(short_whole.run, grid=grid), track.table(short_whole.run))
+    drawn = track.draw(replace(short_assessment.run, grid=grid), track.table(short_assessment.run))
     (walls,) = drawn.axes[0].get_images()
     assert walls.get_extent() == pytest.approx([-30.0, 30.0, -20.0, 20.0])
     assert walls.get_array()[:, -10:].count() == cells[:, -10:].size
@@ -178,12 +178,12 @@ def test_a_long_series_keeps_its_extremes(count, seed):
 
 
 @given(st.floats(allow_nan=False))
-def test_a_number_s_text_is_that_number(value):
+def test_a_number_survives_conversion_to_text(value):
     text = number_text(value).replace('−', '-').replace('∞', 'inf')
     assert float(text) == pytest.approx(value, rel=5e-3, abs=0.0 if abs(value) < 0.1 else 6e-4)
 
 
-def test_the_command_writes_beside_the_recording_and_never_over_it(command, short, copy):
+def test_the_command_writes_next_to_the_recording_and_overwrites_nothing(command, short, copy):
     path = copy(short[0])
     status, stdout, stderr = command('report', path, '--json')
     assert (status, stderr) == (0, '')
@@ -235,9 +235,9 @@ def test_a_mistake_is_one_line_and_status_2(command, short, tmp_path):
         assert words in stderr
 
 
-def test_the_axes_of_a_plane_that_stands_still_are_not_blown_up(short_whole):
+def test_the_axes_of_a_plane_at_rest_are_not_magnified(short_assessment):
     gyro = next(figure for figure in FIGURES if figure.name == 'gyro')
-    drawn = gyro.draw(short_whole.run, gyro.table(short_whole.run))
+    drawn = gyro.draw(short_assessment.run, gyro.table(short_assessment.run))
     for axes in drawn.axes:
         low, high = axes.get_ylim()
         assert high - low >= MIN_AXIS_SPAN * 0.999

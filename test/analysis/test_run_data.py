@@ -1,4 +1,4 @@
-"""What is read of recordings: whole ones, pieces of them, and others."""
+"""Reading runs from recordings: complete, damaged and foreign ones."""
 
 import math
 
@@ -21,7 +21,7 @@ from ballbot_ros.simulation.trajectory import Trajectory
 
 
 def same(one, other):
-    """Equal numbers, but for the rounding of a quaternion's angle."""
+    """Return whether numbers are equal up to the rounding of a quaternion's angle."""
     return one == pytest.approx(other, rel=1e-9, abs=1e-12, nan_ok=True)
 
 
@@ -40,8 +40,8 @@ def test_the_metrics_are_those_that_the_run_printed(which, request):
     assert len(assessment.run.trajectory.time) == result['ticks']
 
 
-def test_the_run_is_whole_and_says_what_it_is(driven_whole):
-    run = driven_whole.run
+def test_the_run_is_complete_and_has_its_attachments(driven_assessment):
+    run = driven_assessment.run
     assert run.complete
     assert run.notices == ()
     assert (run.number, run.count) == (1, 1)
@@ -54,7 +54,7 @@ def test_the_run_is_whole_and_says_what_it_is(driven_whole):
 
 
 def _is_true_of_the_beginning(part, whole):
-    """Assert that what a part of a recording says is true of the whole run."""
+    """Assert that everything in a part of a recording is also true of the complete run."""
     trajectory = part.run.trajectory
     count = len(trajectory.time)
     beginning = Trajectory(*(column[:count] for column in vars(whole.run.trajectory).values()))
@@ -68,7 +68,7 @@ def _is_true_of_the_beginning(part, whole):
 
 
 def assessed(path):
-    """Return what is to be seen in a file, or nothing where it is refused in one line."""
+    """Return the assessment of a file; None if it is refused in one line."""
     found = []
     assert is_read_or_refused_in_one_line(lambda: found.append(assess(read_run(path))))
     return found
@@ -78,8 +78,8 @@ def assessed(path):
 @given(st.floats(0.0, 1.0))
 @example(0.5)
 @example(0.995)
-def test_a_truncated_recording_is_never_taken_for_the_run(
-    driven, driven_whole, tmp_path_factory, share
+def test_a_truncated_recording_is_never_reported_as_complete(
+    driven, driven_assessment, tmp_path_factory, share
 ):
     content = driven[0].read_bytes()
     path = tmp_path_factory.mktemp('cut') / 'cut.mcap'
@@ -88,21 +88,23 @@ def test_a_truncated_recording_is_never_taken_for_the_run(
         assert part.run.damage
         assert not part.run.complete
         assert part.outcome in ('incomplete', 'expectations not met')
-        _is_true_of_the_beginning(part, driven_whole)
+        _is_true_of_the_beginning(part, driven_assessment)
 
 
 @settings(max_examples=8)
 @given(st.floats(0.0, 1.0, exclude_max=True), st.integers(1, 255))
-def test_a_flipped_byte_is_harmless_or_told(short, short_whole, tmp_path_factory, place, value):
+def test_a_flipped_byte_is_harmless_or_reported(
+    short, short_assessment, tmp_path_factory, place, value
+):
     content = bytearray(short[0].read_bytes())
     content[int(place * len(content))] ^= value
     path = tmp_path_factory.mktemp('flip') / 'flip.mcap'
     path.write_bytes(content)
     for part in assessed(path):
         if part.run.damage is None and not part.run.notices:
-            assert same(part.metrics, short_whole.metrics)
+            assert same(part.metrics, short_assessment.metrics)
         elif part.run.attached.has_parameters:
-            _is_true_of_the_beginning(part, short_whole)
+            _is_true_of_the_beginning(part, short_assessment)
 
 
 def test_a_run_that_ends_before_the_release_proves_nothing(make_run):
@@ -112,7 +114,7 @@ def test_a_run_that_ends_before_the_release_proves_nothing(make_run):
     assert assessment.outcome not in ('passed', 'incomplete')
 
 
-def test_a_free_running_recording_says_that_its_duties_are_not_certain(make_run):
+def test_a_free_running_recording_has_a_notice_about_its_duties(make_run):
     path, _ = make_run('stationary', '--set=plant_sim.duration=2', '--set=plant_sim.lockstep=false')
     run = read_run(path)
     assert run.complete
@@ -144,10 +146,10 @@ LACKING = {
 
 
 @pytest.mark.parametrize('topic', LACKING)
-def test_a_missing_topic_takes_its_metrics_and_no_others(short, short_whole, copy, topic):
+def test_a_missing_topic_costs_only_its_own_metrics(short, short_assessment, copy, topic):
     part = assess(read_run(copy(short[0], wanted=lambda name: name != topic)))
     for name, value in part.metrics.items():
-        expected = math.nan if name in LACKING[topic] else short_whole.metrics[name]
+        expected = math.nan if name in LACKING[topic] else short_assessment.metrics[name]
         assert same(value, expected), name
     assert any(topic in notice for notice in part.run.notices)
     if topic in ('/plant/imu', '/plant/odom', '/motor_duty'):
@@ -174,7 +176,7 @@ def test_the_map_is_read_from_its_topic(short, copy):
     assert read_run(short[0]).grid is None
 
 
-def test_a_namespace_is_found(short, short_whole, tmp_path):
+def test_a_namespace_is_found(short, short_assessment, tmp_path):
     path = tmp_path / 'named.mcap'
     writer = RecordingWriter(path)
     with RecordingReader(short[0]) as reader:
@@ -185,10 +187,12 @@ def test_a_namespace_is_found(short, short_whole, tmp_path):
         for raw in reader.raw_messages():
             writer.write(topics[raw.topic], raw.stamp_ns, raw.data, raw.sequence)
     writer.close()
-    assert np.array_equal(read_run(path).trajectory.position, short_whole.run.trajectory.position)
+    assert np.array_equal(
+        read_run(path).trajectory.position, short_assessment.run.trajectory.position
+    )
 
 
-def test_a_missing_tick_is_counted_and_nothing_is_judged(short, copy):
+def test_a_missing_tick_is_counted_and_prevents_a_verdict(short, copy):
     dropped = []
 
     def lose(raw):
@@ -205,7 +209,7 @@ def test_a_missing_tick_is_counted_and_nothing_is_judged(short, copy):
     assert {each.verdict for each in part.expectations} == {'not judged'}
 
 
-def test_of_two_runs_the_last_is_reported_and_both_can_be(short, driven, driven_whole, copy):
+def test_the_last_of_two_runs_is_reported_by_default(short, driven, driven_assessment, copy):
     path = copy(driven[0], short[0])
     last = read_run(path)
     assert (last.number, last.count) == (2, 2)
@@ -213,12 +217,12 @@ def test_of_two_runs_the_last_is_reported_and_both_can_be(short, driven, driven_
     assert len(last.trajectory.time) == short[1]['ticks']
     assert [each.name for each in last.states] == ['calibration', 'remote']
     first = read_run(path, 1)
-    assert np.array_equal(first.trajectory.psi, driven_whole.run.trajectory.psi)
+    assert np.array_equal(first.trajectory.psi, driven_assessment.run.trajectory.psi)
     with pytest.raises(RecordingError, match='run 3 not found; the file has runs 1 … 2'):
         read_run(path, 3)
 
 
-def test_without_attachments_the_defaults_are_taken_and_told(short, copy):
+def test_without_attachments_the_defaults_are_used_with_a_notice(short, copy):
     part = assess(read_run(copy(short[0], attachments=False)))
     assert len(part.run.notices) == 3
     assert part.outcome == 'not judged'
@@ -231,7 +235,7 @@ def test_a_topic_of_another_type_is_left_out(short, copy):
     assert any('std_msgs/msg/String' in notice for notice in run.notices)
 
 
-def test_a_message_that_is_none_is_one_line(short, copy):
+def test_a_malformed_message_is_one_line(short, copy):
     path = copy(short[0], edit=lambda raw: raw.data[:9] if raw.topic == '/gyro' else raw.data)
     with pytest.raises(
         RecordingError, match=r'/gyro at .* is not a valid sensor_msgs/msg/Imu'

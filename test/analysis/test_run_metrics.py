@@ -30,16 +30,16 @@ def series(*columns):
 
 
 @pytest.fixture
-def metrics(short_whole):
-    """Measure the run `short` with the series given instead of its own."""
+def metrics(short_assessment):
+    """Measure the run `short` with the given series instead of its own."""
 
     def measure(given=None, **changes):
-        return RUN_METRICS.measure(replace(short_whole.run, series=given or {}, **changes))
+        return RUN_METRICS.measure(replace(short_assessment.run, series=given or {}, **changes))
 
     return measure
 
 
-def test_without_topics_there_is_nothing_but_times_and_ticks(metrics):
+def test_without_topics_only_times_and_ticks_are_measured(metrics):
     known = {name for name, value in metrics().items() if not math.isnan(value)}
     assert known == {name for name in RUN_METRICS if name.startswith('time_in')} | {'missing_ticks'}
 
@@ -51,12 +51,12 @@ def test_constant_current_at_constant_rate_takes_its_energy(metrics):
     assert metrics(given)['energy_j'] == pytest.approx(power * (COUNT - 1 - 250) * 0.004)
 
 
-def test_braking_gives_nothing_back(metrics):
+def test_braking_returns_no_energy(metrics):
     given = {PLANT_JOINT_STATES: series(-20.0, 0.0, 0.0317, 0.0)}
     assert metrics(given)['energy_j'] == 0.0
 
 
-def test_the_gyro_offset_is_reading_less_believed_rate(metrics):
+def test_the_gyro_offset_is_the_reading_minus_the_estimated_rate(metrics):
     given = {
         GYRO_IMU: series(*np.radians([600.0, 597.0])),
         PLANT_IMU: series(0.0, 0.0, *np.radians([-1.0, 0.0])),
@@ -67,7 +67,7 @@ def test_the_gyro_offset_is_reading_less_believed_rate(metrics):
     assert measured['gyro_offset_error_y_deg_per_s'] == pytest.approx(0.5)
 
 
-def test_the_estimate_is_compared_with_the_truth_where_it_is_made(metrics):
+def test_estimation_errors_count_only_while_the_controller_is_active(metrics):
     believed = np.where(np.arange(COUNT) < 250, 0.0, 0.02)
     given = {
         PLANT_IMU: series(0.0, 0.0, 0.0, 0.0),
@@ -116,7 +116,7 @@ def test_counters_are_the_last_that_the_nodes_reported(metrics, late_ticks, rese
     assert measured['tick_rate_hz'] == 240.0
 
 
-def test_the_numbers_of_the_shipped_run(short_whole):
+def test_the_numbers_of_the_shipped_run(short_assessment):
     """Golden: the document's stationary robot, for three seconds."""
     golden = {
         'settling_time_s': 1.132,
@@ -127,7 +127,7 @@ def test_the_numbers_of_the_shipped_run(short_whole):
         'missing_ticks': 0.0,
         'tick_jitter_ms': 0.0,
     }
-    measured = {name: short_whole.metrics[name] for name in golden}
+    measured = {name: short_assessment.metrics[name] for name in golden}
     assert measured == pytest.approx(golden, rel=2e-3)
-    assert 0.5 < short_whole.metrics['energy_j'] < 5.0
-    assert short_whole.metrics['position_error_rms_m'] < 1e-3
+    assert 0.5 < short_assessment.metrics['energy_j'] < 5.0
+    assert short_assessment.metrics['position_error_rms_m'] < 1e-3

@@ -1,4 +1,4 @@
-"""The bare relay graph that the robot's is compared with."""
+"""The bare relay graph, the reference for the robot's graph."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The battery reading's steps."""
+"""The steps of the battery reading."""
 
 import pytest
 from hypothesis import strategies as st

@@ -79,7 +79,7 @@ def test_log_packets_come_back(packet):
 
 
 @given(log_packets)
-def test_every_field_stands_at_its_offset(packet):
+def test_every_field_is_at_its_offset(packet):
     data = packet.encode()
     read = {
         name: int.from_bytes(data[offset : offset + size], 'little', signed=signed)

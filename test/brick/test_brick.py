@@ -1,4 +1,4 @@
-"""The brick: what tasks see of the inputs, and what leaves as outputs."""
+"""The brick: the inputs as the tasks see them, and the outputs of a tick."""
 
 from ballbot_ros.brick.brick import Brick, DeviceInputs, DeviceOutputs, Tone
 
@@ -21,14 +21,14 @@ def test_inputs_are_latched_before_the_tasks_and_outputs_taken_after():
     assert outputs.duty == (7, -8)
 
 
-def test_the_sonar_reads_what_was_there_at_the_request_before():
+def test_the_sonar_reads_the_distance_at_the_previous_request():
     brick, read = Brick(), []
     for sample in (40, 41, None, 42, 255):
         tick(brick, STILL._replace(sonar_cm=sample), lambda: read.append(brick.read_sonar()))
     assert read == [0, 40, 41, 41, 42]
 
 
-def test_samples_between_two_requests_but_the_newest_are_never_seen():
+def test_of_the_samples_between_two_requests_only_the_newest_is_seen():
     brick, read = Brick(), []
     for sample, asks in ((10, True), (20, False), (30, False), (40, True), (50, True)):
         tick(
@@ -39,7 +39,7 @@ def test_samples_between_two_requests_but_the_newest_are_never_seen():
     assert read == [0, None, None, 10, 40]
 
 
-def test_display_and_log_show_what_was_read_last():
+def test_display_and_log_show_the_last_readings():
     brick = Brick()
     assert brick.sonar_cm == -1
 

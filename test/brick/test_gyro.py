@@ -90,14 +90,14 @@ def test_drift_is_slow_and_within_its_amplitude():
 
 
 @pytest.mark.parametrize('seed', [1, 2, 3])
-def test_drift_comes_back_after_its_period(seed):
+def test_drift_repeats_after_its_period(seed):
     gyro = make_gyro(drift=5.0, drift_period=100.0, seed=seed)
     one, next_one = (readings(gyro, 1000, start=start) for start in (0, 25_000))
     assert np.abs(one - next_one).max() <= 1
     assert np.mean(one != next_one) < 0.01
 
 
-def test_both_gyros_and_every_seed_drift_in_a_phase_of_their_own():
+def test_each_gyro_and_seed_has_a_different_drift_phase():
     first = {make_gyro(drift=50.0, seed=seed).read(STILL, 0) for seed in range(20)}
     assert len(first) > 15
     assert any(x != y for x, y in first)

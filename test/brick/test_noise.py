@@ -1,4 +1,4 @@
-"""Noise is a function of seed, device and sample, and of nothing else."""
+"""Noise is a function of seed, device and sample only."""
 
 import random
 import zlib
@@ -31,7 +31,7 @@ def test_the_order_of_the_calls_changes_nothing():
 
 
 @pytest.mark.parametrize('index', [0, 255, 256, 257, 10**6, 2**32 - 1, 2**32, 2**40])
-def test_a_device_that_begins_late_draws_what_it_would_have_drawn(index):
+def test_a_device_that_starts_late_has_the_same_noise(index):
     running = DeviceNoise(7, 'sonar', uniform)
     for before in range(max(0, index - 600), index):
         running.pair(before)
@@ -66,7 +66,7 @@ def test_uniform_noise_fills_zero_to_one():
 @pytest.mark.parametrize(
     'other', [{'seed': 2}, {'seed': 2**63 - 1}, {'device': 'sonar'}, {'device': 'gyro drift'}]
 )
-def test_other_seeds_and_devices_have_noise_of_their_own(other):
+def test_other_seeds_and_devices_have_other_noise(other):
     assert correlation(pairs(), pairs(**other)) < 0.04
 
 

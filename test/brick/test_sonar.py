@@ -36,11 +36,11 @@ def test_it_rounds_to_the_nearest_centimetre(distance, reading):
 
 
 @pytest.mark.parametrize('distance', [2.55, 10.0, math.inf])
-def test_what_is_too_far_gives_no_echo(distance):
+def test_an_obstacle_out_of_range_gives_no_echo(distance):
     assert make_sonar().read(distance, 0) == NO_ECHO
 
 
-def test_the_range_is_where_the_echo_ends():
+def test_from_the_maximum_range_on_there_is_no_echo():
     sonar = make_sonar(max_range_cm=160.0)
     assert sonar.read(1.59, 0) == 159
     assert sonar.read(1.60, 0) == NO_ECHO
@@ -64,7 +64,7 @@ def test_errors_fill_their_bounds_evenly():
     assert errors.var() == pytest.approx(3.0**2 / 3 + 1 / 12, rel=0.03)
 
 
-def test_dropouts_tell_nothing_of_the_errors():
+def test_dropouts_and_errors_are_independent():
     drawn = readings(make_sonar(noise_cm=3.0, dropout_probability=0.5), 1.0)
     errors = drawn[drawn != NO_ECHO] - 100
     assert errors.min() == -3
@@ -91,7 +91,7 @@ def test_noise_depends_on_seed_and_stamp_alone():
     assert (readings(make_sonar(**settings, seed=2), 1.0, 1000) != whole).any()
 
 
-def test_an_echo_that_is_missed_leaves_those_after_it_as_they_were():
+def test_a_missed_echo_does_not_change_later_readings():
     settings = {'noise_cm': 3.0, 'dropout_probability': 0.2}
     far_first, near = make_sonar(**settings), make_sonar(**settings)
     far_first.read(math.inf, 0)
@@ -99,7 +99,7 @@ def test_an_echo_that_is_missed_leaves_those_after_it_as_they_were():
     assert far_first.read(1.0, SAMPLE_NS) == near.read(1.0, SAMPLE_NS)
 
 
-def test_below_the_least_range_half_of_the_echoes_are_missed():
+def test_below_the_minimum_range_half_of_the_echoes_are_missed():
     sonar = make_sonar(min_range_cm=7.0)
     assert np.mean(readings(sonar, 0.069) == NO_ECHO) == pytest.approx(0.5, abs=0.02)
     assert (readings(sonar, 0.07, 1000) == 7).all()
@@ -107,7 +107,7 @@ def test_below_the_least_range_half_of_the_echoes_are_missed():
     assert np.mean(readings(worse, 0.05) == NO_ECHO) == pytest.approx(0.8, abs=0.02)
 
 
-def test_what_is_near_is_missed_where_it_would_be_missed_anyway():
+def test_a_near_obstacle_is_missed_whenever_a_far_one_is():
     settings = {'noise_cm': 3.0, 'dropout_probability': 0.15}
     plain = readings(make_sonar(**settings), 0.05, 1000)
     near = readings(make_sonar(**settings, min_range_cm=7.0), 0.05, 1000)

@@ -33,7 +33,7 @@ def test_halves_round_up_on_either_side_of_zero(value, rounded):
 
 
 @given(st.floats(-1e9, 1e9))
-def test_rounding_errs_by_half_at_most(value):
+def test_the_rounding_error_is_at_most_half(value):
     assert value - 0.5 <= quantise(value) <= value + 0.5
 
 
@@ -64,7 +64,7 @@ def test_every_sonar_reading_comes_back_through_a_message(precision):
         assert metres_to_sonar_cm(float(precision(sonar_cm_to_metres(reading)))) == reading
 
 
-def test_what_is_no_distance_is_told_as_rep_117_has_it():
+def test_missing_distances_follow_rep_117():
     assert sonar_cm_to_metres(NO_ECHO_CM) == math.inf
     assert math.isnan(sonar_cm_to_metres(NO_DATA_CM))
     assert sonar_cm_to_metres(254) == 2.54

@@ -1,4 +1,4 @@
-"""What a trial does follows from seed and number alone."""
+"""The actions of a trial depend on seed and number only."""
 
 import random
 
@@ -14,7 +14,7 @@ NAMES = [fault.name for fault in FAULTS]
 OF_NODES = [fault for fault in FAULTS if ' of a node ' in fault.name or ' to a node ' in fault.name]
 
 
-def test_each_fault_has_a_name_of_its_own():
+def test_each_fault_has_a_unique_name():
     assert len(set(NAMES)) == len(NAMES)
 
 
@@ -32,12 +32,12 @@ def test_another_seed_and_another_number_draw_another_attempt(fault):
 
 
 @pytest.mark.parametrize('fault', OF_NODES, ids=lambda fault: fault.name)
-def test_of_seven_trials_in_a_row_each_node_is_the_victim_of_one(fault):
+def test_in_seven_consecutive_trials_each_node_is_the_victim_once(fault):
     victims = [fault.attempt(9, number).victim for number in range(10, 17)]
     assert sorted(victims) == sorted(NODES)
 
 
-def test_each_topic_and_driver_has_its_turn():
+def test_every_topic_and_driver_is_tried():
     attempts = {fault.name: fault.attempt for fault in FAULTS}
     for name, topics in (
         ('nonsense on open topics', OPEN_TOPICS),
@@ -51,14 +51,14 @@ def test_each_topic_and_driver_has_its_turn():
 
 
 @pytest.mark.parametrize('damage', DAMAGES, ids=lambda damage: damage.__name__)
-def test_a_damage_is_done_to_data_of_any_length(damage):
+def test_data_of_any_length_can_be_damaged(damage):
     whole = random.Random(1).randbytes(300)
     for length in (2, 300):
         done = {damage(random.Random(seed), whole[:length]) for seed in range(20)}
         assert done - {whole[:length]}
 
 
-def test_fuzzed_words_can_be_handed_to_a_process():
+def test_fuzzed_arguments_can_be_passed_to_a_process():
     for number in range(200):
         attempt = FuzzedInput.draw(random.Random(number), number)
         assert not any('\0' in word for word in attempt.assignments)

@@ -1,4 +1,4 @@
-"""What the campaign prints and keeps, with trials that only claim to have run."""
+"""Output and files of the campaign, with simulated trials."""
 
 import pytest
 from click.testing import CliRunner
@@ -9,8 +9,8 @@ from campaign.fault import Verdict
 FAULT = 'leftovers in /dev/shm'
 
 
-class Told:
-    """A trial that has ended with the verdict that it is told."""
+class EndedTrial:
+    """A trial that has ended with a given verdict."""
 
     told = None
     age_s = 7.0
@@ -30,12 +30,12 @@ class Told:
 
 @pytest.fixture
 def conduct(monkeypatch, tmp_path):
-    monkeypatch.setattr(module, 'TrialProcess', Told)
+    monkeypatch.setattr(module, 'TrialProcess', EndedTrial)
     monkeypatch.setattr(module, 'own_mounts', lambda: ['with', 'mounts'])
     monkeypatch.setattr(module.tempfile, 'tempdir', str(tmp_path))
 
     def run(verdict, *words):
-        monkeypatch.setattr(Told, 'told', verdict)
+        monkeypatch.setattr(EndedTrial, 'told', verdict)
         words = ['--seed', '5', '--output', str(tmp_path / 'kept'), *words]
         done = CliRunner().invoke(module.campaign, words, standalone_mode=False)
         assert done.exception is None, done.output
@@ -44,7 +44,7 @@ def conduct(monkeypatch, tmp_path):
     return run
 
 
-def test_what_holds_is_kept_nowhere(conduct, tmp_path):
+def test_nothing_is_kept_of_a_passed_trial(conduct, tmp_path):
     done = conduct(Verdict((), 2.0, 10.0), '--only', FAULT, '--trial', '3')
     assert done.return_value == 0
     assert 'seed 5' in done.output
@@ -53,7 +53,7 @@ def test_what_holds_is_kept_nowhere(conduct, tmp_path):
     assert not list(tmp_path.glob('ballbot_campaign_*/*'))
 
 
-def test_what_does_not_hold_is_kept_and_can_be_repeated(conduct, tmp_path):
+def test_a_failed_trial_is_kept_and_can_be_repeated(conduct, tmp_path):
     done = conduct(Verdict(('the [red] reason',), 2.0, 10.0), '--only', FAULT, '--trial', '3')
     assert done.return_value == 1
     assert 'the [red] reason' in done.output
@@ -62,7 +62,7 @@ def test_what_does_not_hold_is_kept_and_can_be_repeated(conduct, tmp_path):
     assert kept.read_text() == 'what was printed'
 
 
-def test_a_fault_that_needs_mounts_is_told_where_there_are_none(conduct, monkeypatch):
+def test_a_fault_that_needs_mounts_is_reported_as_impossible_without_them(conduct, monkeypatch):
     monkeypatch.setattr(module, 'own_mounts', list)
     done = conduct(Verdict((), 2.0, 10.0), '--only', FAULT, '--minutes', '0.1')
     assert done.return_value == 0

@@ -1,4 +1,4 @@
-"""What counts as held: each thing that must hold is missed if it alone does not."""
+"""The judgement of a trial: each broken guarantee alone is noticed."""
 
 from dataclasses import replace
 from signal import Signals
@@ -17,7 +17,7 @@ SHA = 'a' * 64
 ENDED = End(status=1, took_s=4.0, survivors=())
 FAILED = RunEnd(
     ENDED,
-    'gyro_driver died of SIGKILL',
+    'gyro_driver was killed by SIGKILL',
     {'outcome': 'failed', 'reason': 'gyro_driver silent for 2 s', 'ticks': 500},
     Remains(finished=True, truths=501, duties=tuple(DUTIES[:500]), motors_off=True),
 )
@@ -45,45 +45,46 @@ def with_remains(run, **changes):
     return replace(run, remains=replace(run.remains, **changes))
 
 
-def test_a_run_that_failed_as_it_should_holds():
+def test_a_run_that_failed_as_expected_passes():
     assert judge(FAILED) == []
 
 
 @pytest.mark.parametrize(
     ('run', 'failure'),
     [
-        (replace(FAILED, end=ENDED._replace(status=None)), 'had not ended 15 s after'),
+        (replace(FAILED, end=ENDED._replace(status=None)), 'still running 15 s after'),
         (replace(FAILED, end=ENDED._replace(survivors=('controller',))), 'left processes behind'),
-        (replace(FAILED, end=ENDED._replace(status=0)), 'status 0, failed'),
-        (replace(FAILED, end=ENDED._replace(status=-11), result={}), 'status -11, no result'),
+        (replace(FAILED, end=ENDED._replace(status=0)), 'outcome failed, status 0'),
+        (replace(FAILED, end=ENDED._replace(status=-11), result={}), 'outcome none, status -11'),
         (replace(FAILED, text='Traceback (most recent call last):'), "printed 'Traceback"),
-        (replace(FAILED, text='controller died of SIGSEGV'), "printed 'died of SIGSEGV'"),
-        (with_result(FAILED, outcome='stopped'), 'status 1, stopped'),
+        (replace(FAILED, text='controller was killed by SIGSEGV'),
+         "printed 'was killed by SIGSEGV'"),
+        (with_result(FAILED, outcome='stopped'), 'outcome stopped, status 1'),
         (with_result(FAILED, reason='controller silent for 2 s'), 'does not name gyro_driver'),
         (replace(FAILED, remains=None), 'no recording of 500 ticks'),
         (with_remains(FAILED, problem='cut off'), 'can not be read: cut off'),
         (with_remains(FAILED, finished=False), 'not finished'),
-        (with_remains(FAILED, missing='3 of /gyro'), 'lacks something: 3 of /gyro'),
-        (with_remains(FAILED, strange=2), '2 recorded duties are not of the next tick'),
+        (with_remains(FAILED, missing='3 of /gyro'), 'is incomplete: 3 of /gyro'),
+        (with_remains(FAILED, strange=2), '2 recorded duties do not belong to the next tick'),
         (with_remains(FAILED, duties=tuple(DUTIES[:499])), 'recorded 499 duties of 500'),
         (with_remains(FAILED, motors_off=False), 'the last recorded duty is (2.0, 1.0)'),
         (with_remains(FAILED, duties=((5.0, 5.0), *DUTIES[1:500], (0.0, 0.0))), 'from tick 0 on'),
     ],
 )  # fmt: skip
-def test_what_a_lost_node_must_not_cost(run, failure):
+def test_every_broken_guarantee_is_a_complaint(run, failure):
     failures = judge(run)
     assert any(failure in each for each in failures), failures
 
 
-def test_only_near_its_end_a_run_may_complete_all_the_same():
+def test_a_run_may_complete_despite_the_fault_only_near_its_end():
     near_the_end = NodeSignal('gyro_driver', Signals.SIGKILL, Moment.END, 1.4)
     assert judge(COMPLETED, near_the_end) == []
     assert judge(with_remains(COMPLETED, motors_off=True), near_the_end) == [
-        'completed, and yet the motors are off'
+        'completed, but with the motors off'
     ]
     assert judge(COMPLETED) != []
     assert judge(with_result(COMPLETED, duty_sha256='b' * 64), near_the_end) == [
-        'completed with other duties than an undisturbed run'
+        'the duties differ from those of an undisturbed run'
     ]
     short = with_remains(COMPLETED, duties=tuple(DUTIES[:490]))
     assert 'recorded 490 duties of 500' in judge(short, near_the_end)
@@ -107,7 +108,7 @@ def test_a_lost_recorder_may_cost_a_second():
         (Signals.SIGKILL, -9, True), (Signals.SIGINT, 1, False), (Signals.SIGTERM, 130, False),
     ],
 )  # fmt: skip
-def test_the_status_tells_the_signal_that_ended_the_command(number, status, holds):
+def test_the_exit_status_is_that_of_the_signal(number, status, holds):
     attempt = CommandSignal(number, Moment.MIDDLE, 0.1)
     stopped = replace(FAILED, end=ENDED._replace(status=status), result={'outcome': 'stopped'})
     failures = attempt.judge(stopped, DUTIES, SHA)
@@ -125,7 +126,7 @@ def test_nodes_may_outlive_a_killed_command_for_a_while_only():
     ]
     later = replace(killed, end=end._replace(took_s=99.0))
     assert attempt.judge(later, DUTIES, SHA) == [
-        'nodes still there 15 s after the command was killed'
+        'nodes still alive 15 s after the command was killed'
     ]
 
 
@@ -137,7 +138,7 @@ def test_a_run_that_the_plant_completed_need_not_end_with_the_motors_off():
         assert (attempt.judge(run, DUTIES, SHA) == []) == holds
 
 
-def test_a_clock_that_is_there_before_is_another_plant():
+def test_an_earlier_clock_counts_as_another_plant():
     refused = replace(FAILED, end=ENDED._replace(status=2), remains=None)
     refused = with_result(
         refused, reason='another plant publishes /clock in this ROS domain', ticks=0

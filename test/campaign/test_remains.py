@@ -1,4 +1,4 @@
-"""What is read of a recording that was finished, cut off, or never begun."""
+"""The remains of a recording that was finished, cut off, or never begun."""
 
 import pytest
 from graph import record
@@ -25,7 +25,7 @@ def test_a_finished_recording_has_the_duties_of_an_undisturbed_run(recorded, tmp
     assert expected[-1] != (0.0, 0.0)
 
 
-def test_one_that_is_cut_off_is_repaired_and_has_the_first_of_them(recorded, tmp_path):
+def test_a_truncated_recording_is_repaired_and_has_the_first_duties(recorded, tmp_path):
     data = recorded.read_bytes()
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(data[: len(data) // 2])
@@ -36,7 +36,7 @@ def test_one_that_is_cut_off_is_repaired_and_has_the_first_of_them(recorded, tmp
     assert len(remains.duties) < TICKS
 
 
-def test_what_is_no_recording_is_told(tmp_path):
+def test_an_unreadable_recording_is_reported(tmp_path):
     empty = tmp_path / 'empty.mcap'
     empty.touch()
     assert 'empty' in read_remains(empty, tmp_path).problem

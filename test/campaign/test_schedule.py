@@ -1,4 +1,4 @@
-"""Which trial is next, and the table."""
+"""The order of the trials, and the table of their results."""
 
 import io
 import random
@@ -27,7 +27,7 @@ def test_faults_take_turns():
     ]  # fmt: skip
 
 
-def test_no_trial_begins_that_is_not_expected_to_end_in_time():
+def test_a_trial_begins_only_if_it_is_expected_to_end_in_time():
     schedule = Schedule([B, A], 100.0)
     assert schedule.next(85.0, []).fault is A
     assert schedule.has_more(90.0)
@@ -35,7 +35,7 @@ def test_no_trial_begins_that_is_not_expected_to_end_in_time():
     assert not schedule.has_more(91.0)
 
 
-def test_what_took_longer_is_expected_to_do_so_again():
+def test_a_slow_trial_raises_the_expected_duration():
     schedule = Schedule([A], 100.0)
     schedule.took(A, 40.0)
     schedule.took(A, 12.0)
@@ -59,7 +59,7 @@ def test_attempts_are_drawn_from_seed_fault_and_number():
     assert next_index == index + 1
 
 
-def test_the_table_tells_what_was_tried_what_held_and_the_worst():
+def test_the_table_shows_trials_passes_and_the_worst_time():
     console = Console(width=80, file=io.StringIO())
     faults = [A, B, fault('c'), fault('d')]
     verdicts = {'a': [HELD, FAILED], 'b': [SLOW, HELD]}

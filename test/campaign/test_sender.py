@@ -1,4 +1,4 @@
-"""Every content can be made for every topic."""
+"""Every kind of content can be created for every topic."""
 
 import pytest
 

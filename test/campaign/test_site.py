@@ -23,7 +23,7 @@ def test_a_program_that_hangs_is_killed_and_has_no_status(tmp_path):
         assert site.alive() == {}
 
 
-def test_what_outlives_a_program_is_told_and_killed(tmp_path):
+def test_processes_that_outlive_a_program_are_reported_and_killed(tmp_path):
     parent = f'import subprocess, sys; subprocess.Popen([sys.executable, "-m", *{SLEEP!r}])'
     with Site(tmp_path, [1]) as site:
         program = site.start('parent', 'timeit', '-n', '1', '-r', '1', parent)
@@ -49,5 +49,5 @@ def test_other_processes_are_left_alone(tmp_path):
 @pytest.mark.parametrize(
     'words', [['--only', 'flood'], ['--trial', '3'], ['--minutes', '0'], ['--seed', '-1']]
 )
-def test_a_slip_in_the_words_is_a_mistake(words):
+def test_invalid_arguments_are_a_mistake(words):
     assert CliRunner().invoke(campaign, words).exit_code == 2

@@ -57,7 +57,7 @@ def test_it_writes_the_folder(tmp_path, parameters):
     assert last.endswith(f"check with: ballbot codegen --check '{folder}'")
 
 
-def test_it_is_made_for_what_a_recorded_run_had(tmp_path):
+def test_it_uses_the_parameters_of_a_recorded_run(tmp_path):
     path, _ = record(
         tmp_path, 'stationary', '--set=plant_sim.duration=1.2', '--set=controller.k_i=-0.008'
     )
@@ -81,7 +81,7 @@ def test_an_untouched_folder_is_equal_and_is_measured(tmp_path, parameters, few_
         if len(words) > 3 and words[1].startswith('task_')
     }
     assert list(counts) == ['task_init', 'task_ts1', 'task_ts2', 'task_ts3', 'task_lcd']
-    # Two planes of some thirty soft-float operations, each tens of instructions or more.
+    # Two planes with about thirty soft-float operations each, of at least ten instructions.
     assert 2000 < counts['task_ts1'] < 20000
     assert 100 < counts['task_ts3'] < 2000
     sizes = {name: int(size) for name, size in re.findall(r'(\w+) (\d+) B\b', text)}
@@ -119,12 +119,12 @@ def test_a_folder_that_was_edited_differs(
     assert ' in C and ' in printed
 
 
-def test_a_program_that_misuses_the_brick_is_refused(tmp_path, parameters, few_sequences):
+def test_a_program_that_makes_invalid_device_calls_is_refused(tmp_path, parameters, few_sequences):
     need('c')
     codegen.generate(tmp_path / 'c', parameters, None)
     path = tmp_path / 'c/ballbot_controller.c'
     path.write_text(path.read_text().replace('#define BRAKE 1', '#define BRAKE 0'))
-    with pytest.raises(CodegenError, match='misuses the brick: 0x2'):
+    with pytest.raises(CodegenError, match='made invalid device calls: faults 0x2'):
         codegen.check(tmp_path / 'c')
 
 
@@ -140,7 +140,7 @@ def test_a_program_that_misuses_the_brick_is_refused(tmp_path, parameters, few_s
         (('--output', '/dev/null/c'), ['/dev/null/c', 'Not a directory']),
     ],
 )
-def test_a_mistake_is_told_in_one_line(tmp_path, monkeypatch, command, arguments, words):
+def test_a_mistake_is_reported_in_one_line(tmp_path, monkeypatch, command, arguments, words):
     monkeypatch.chdir(tmp_path)
     status, _, errors = command('codegen', *arguments)
     assert status == 2
@@ -152,7 +152,7 @@ def test_a_mistake_is_told_in_one_line(tmp_path, monkeypatch, command, arguments
 
 @pytest.fixture
 def tools(tmp_path):
-    """A folder for PATH with some commands only."""
+    """Return a folder for PATH that contains some commands only."""
 
     def make(*commands):
         folder = tmp_path / 'bin'
@@ -185,7 +185,7 @@ def test_without_arm_tools_a_run_names_the_package(tools, there, package):
     assert done.stderr.endswith(f'install it with `apt install {package}`\n')
 
 
-def test_a_check_that_could_not_be_made_does_not_look_passed(
+def test_a_check_that_could_not_run_does_not_count_as_passed(
     tmp_path, parameters, few_sequences, tools, monkeypatch, capsys
 ):
     need('c')
@@ -200,20 +200,20 @@ def test_a_check_that_could_not_be_made_does_not_look_passed(
 
 
 def result_of(run):
-    assert run.finish() in (0, 1), run.stderr  # so short a run may miss the expectations
+    assert run.finish() in (0, 1), run.stderr  # such a short run may miss the expectations
     assert run.result['ticks'] == 500
     return run.result['duty_sha256'], run.result['recording']
 
 
 def messages(path):
-    """Return the controller's messages: each topic's, in order."""
+    """Return the controller's messages by topic, in order."""
     topics = ('controller/state', 'motor_duty', 'operating_state', 'bluetooth/tx', 'sound', 'lcd')
     with RecordingReader(path) as reader:
         found = {topic: [] for topic in topics}
         for message in reader.raw_messages():
             topic = message.topic.lstrip('/')
             if topic in found:
-                # The middleware pads a message to whole words.
+                # The middleware pads a message to full words.
                 found[topic].append(message.data + bytes(-len(message.data) % 4))
     return found
 
@@ -229,7 +229,7 @@ def python_run(tmp_path_factory):
     ('processes', 'controller'),
     [('none', 'arm'), ('one', 'c'), ('separate', 'arm')],
 )
-def test_the_compiled_controller_leaves_run_and_recording_as_they_are(
+def test_the_compiled_controller_changes_neither_run_nor_recording(
     start_run, tmp_path, python_run, processes, controller
 ):
     need(controller)
@@ -261,7 +261,7 @@ def test_a_node_refuses_an_unknown_implementation(start_node):
     assert "'rust' is not one of python, c, arm" in node.output
 
 
-def test_the_result_is_the_same_json_but_for_the_speed(tmp_path):
+def test_the_json_of_the_result_differs_only_in_the_speed(tmp_path):
     need('c')
     results = []
     for name in ('python', 'c'):

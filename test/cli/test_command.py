@@ -14,7 +14,7 @@ HEAVY = ('numpy', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'viser')
 
 
 def imported_by(code):
-    """Return which heavy modules are imported once `code` has run in a new process."""
+    """Return the heavy modules that are imported after `code` has run in a new process."""
     code += (
         f'\nimport sys; print(*(name for name in {HEAVY} if name in sys.modules), file=sys.stderr)'
     )
@@ -30,8 +30,8 @@ def test_every_row_names_a_module_with_that_command(name):
 
 
 @pytest.mark.parametrize('name', COMMANDS)
-def test_the_line_of_help_is_in_the_table_alone(name):
-    """The group shows the table's, so another at the command would go stale unnoticed."""
+def test_the_help_line_is_only_in_the_table(name):
+    """The group shows this line, so another one at the command would become outdated unnoticed."""
     assert load_command(name).short_help is None
     shown = CliRunner().invoke(ballbot, ['--help'], terminal_width=100).output
     assert f'  {name:<9}  {COMMANDS[name][1]}\n' in shown

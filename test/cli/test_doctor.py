@@ -1,4 +1,4 @@
-"""`ballbot doctor`: whether this machine computes what every other one does."""
+"""`ballbot doctor`: the checks of this machine."""
 
 import dataclasses
 import signal
@@ -32,7 +32,7 @@ def test_a_machine_with_the_golden_hashes_passes(only_arithmetic, capsys):
     ('changes', 'named'),
     [
         ({'arithmetic': '0123456789'}, 'the arithmetic has the hash '),
-        ({'scenarios': {'stationary': '0123456789'}}, 'the run stationary has the hash '),
+        ({'scenarios': {'stationary': '0123456789'}}, 'the scenario stationary has the hash '),
     ],
 )
 def test_a_machine_with_another_hash_fails_with_both_hashes(
@@ -43,7 +43,7 @@ def test_a_machine_with_another_hash_fails_with_both_hashes(
     assert doctor.run_checks() == 1
     [line] = capsys.readouterr().out.splitlines()
     assert line.startswith(f'FAIL arithmetic {named}')
-    assert 'here and 01234567… elsewhere' in line
+    assert 'here, but 01234567… on other machines' in line
 
 
 @pytest.mark.parametrize('text', [None, '', 'scenarios: 3', '{', 'arithmetic: x'])
@@ -62,7 +62,7 @@ def test_a_missing_or_damaged_golden_file_is_one_line(
 
 
 def test_a_sine_of_the_c_library_is_noticed(monkeypatch):
-    """Its last bits differ, which the duties of a scenario need not show."""
+    """Its last bits differ, which does not always change the duties of a scenario."""
     import math
 
     before = golden.arithmetic_sha256()
@@ -84,12 +84,12 @@ def test_leftovers_are_counted(only_leftovers, capsys):
     assert capsys.readouterr().out.startswith('OK   leftovers  2 files (1.5 MB) left by killed')
 
 
-def test_fix_tells_what_it_removed(only_leftovers, capsys):
+def test_fix_reports_the_removed_files(only_leftovers, capsys):
     assert doctor.run_checks(fix=True) == 0
     assert capsys.readouterr().out == 'OK   leftovers  removed 2 files (1.5 MB) from /dev/shm\n'
 
 
-def test_fix_tells_what_it_can_not_remove(only_leftovers, monkeypatch, capsys):
+def test_fix_reports_what_it_can_not_remove(only_leftovers, monkeypatch, capsys):
     def refuse():
         raise BallbotError('remove it as root')
 
@@ -111,7 +111,7 @@ def test_a_name_in_brackets_is_printed_as_it_is(monkeypatch, capsys):
 
 @pytest.mark.graph
 @pytest.mark.slow
-def test_a_broken_port_is_found_and_mended_and_never_hangs_the_command(domain):
+def test_a_broken_port_is_found_and_removed_and_never_hangs_the_command(domain):
     both = '"$@"; echo "ended with $?"; "$@" --fix'
     done = subprocess.run(
         [*private_shared_memory(7000), 'sh', '-c', both, 'sh', *BALLBOT, 'doctor'],
@@ -119,7 +119,7 @@ def test_a_broken_port_is_found_and_mended_and_never_hangs_the_command(domain):
     )  # fmt: skip
     found, mended = done.stdout.split('ended with 1\n')
     assert 'FAIL leftovers  /dev/shm/fastrtps_port7000 blocks every node: ' in found
-    assert 'FAIL discovery  the middleware does not respond within ' in found
+    assert 'FAIL discovery  the middleware did not respond within ' in found
     assert 'FAIL' not in mended, mended
     assert done.returncode == 0
 
@@ -132,7 +132,7 @@ def test_the_command_ends_on_sigint_while_the_middleware_hangs(domain):
     ) as process:  # fmt: skip
         children = Path(f'/proc/{process.pid}/task/{process.pid}/children')
         [child] = wait_for(lambda: discovery_processes(children), what='the check of discovery')
-        # On a busy machine it may still have to note the process that it has started.
+        # On a busy machine it may not yet have stored the process that it has started.
         wait_for(lambda: state(process.pid) == 'S', what='that it waits for the check')
         process.send_signal(signal.SIGINT)
         output, errors = process.communicate()
@@ -143,7 +143,7 @@ def test_the_command_ends_on_sigint_while_the_middleware_hangs(domain):
 
 
 def discovery_processes(children):
-    """Those that have begun to use the middleware."""
+    """Return the processes that have begun to use the middleware."""
     processes = [Path('/proc') / pid for pid in children.read_text().split()]
     return [p for p in processes if b'libfastrtps' in (p / 'maps').read_bytes()]
 

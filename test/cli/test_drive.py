@@ -1,4 +1,4 @@
-"""`ballbot drive` as a user types it, on a terminal that the test holds."""
+"""`ballbot drive` as a user types it, on a pseudo terminal."""
 
 import contextlib
 import fcntl
@@ -40,7 +40,7 @@ class Drive(Terminal):
         )
 
     def begin(self, names=CHILDREN):
-        """Wait until it can be driven; return the pids of the nodes."""
+        """Wait until the robot can be driven; return the pids of the nodes."""
         pids = wait_for(lambda: _started(self.process, names), what='the start')
         self.wait_for_text(b'remote')
         return pids
@@ -54,7 +54,7 @@ class Drive(Terminal):
             self.process.wait()
 
     def recorded(self):
-        """Return source and sticks of the recording, in order, without repetitions."""
+        """Return source and sticks in the recording, in order, without repetitions."""
         with RecordingReader(self.folder / 'drive.mcap') as reader:
             assert reader.complete
             found = []
@@ -133,7 +133,7 @@ def test_the_page_and_the_keyboard_go_together(start_drive):
         lambda: re.search(rb'viewer  (http://127.0.0.1:\d+/\?token=\S+)\r?\n', drive.screen),
         what='the address of the page',
     )
-    drive.wait_for_text(b'arrows drive', line.end())  # the panel is drawn anew below it
+    drive.wait_for_text(b'arrows drive', line.end())  # the panel is redrawn below it
     with urllib.request.urlopen(line[1].decode()) as page:
         assert page.headers.get_content_type() == 'text/html'
     drive.press(UP + b'h')
@@ -176,7 +176,7 @@ def test_a_terminal_that_vanishes_ends_the_drive(start_drive):
     assert ('keyboard', -0.5, 0.0) in drive.recorded()
 
 
-def test_without_a_terminal_it_says_how_to_drive(domain, tmp_path):
+def test_without_a_terminal_it_explains_how_to_drive(domain, tmp_path):
     command = [*BALLBOT, 'drive', '--device', '', '--output', str(tmp_path)]
     process = subprocess.Popen(
         command, env=environment(domain), stdin=subprocess.DEVNULL,
@@ -190,7 +190,7 @@ def test_without_a_terminal_it_says_how_to_drive(domain, tmp_path):
     finally:
         process.kill()
     assert process.returncode == 0
-    # Whether the run has begun by now, of which the node tells, is left to chance.
+    # The run may or may not have begun by now, which the node reports.
     assert [line for line in err.splitlines() if not line.startswith('[INFO] ')] == [
         (
             'no keyboard (standard input and output are not a terminal): '

@@ -1,4 +1,4 @@
-"""`ballbot log2csv`: the data log of a recording, and what is refused."""
+"""`ballbot log2csv`: the data log of a recording, and refused files."""
 
 import subprocess
 
@@ -17,7 +17,7 @@ def log2csv(*arguments):
 
 
 def write_recording(path, events, prefix=''):
-    """Write runs, given by their start in s, and packets, given as bytes."""
+    """Write runs, given by their start [s], and packets, given as bytes."""
     header, array = new_message('std_msgs/msg/Header'), new_message('std_msgs/msg/UInt8MultiArray')
     writer = RecordingWriter(path)
     run = writer.add_topic(f'{prefix}/plant/run', 'std_msgs/msg/Header')
@@ -53,7 +53,7 @@ def test_each_run_becomes_a_file(tmp_path, prefix):
     assert second.read_text() == f'{HEADER}\n{row(5100)}\n'
 
 
-def test_messages_that_are_no_packets_are_left_out_and_counted(tmp_path):
+def test_malformed_packets_are_skipped_and_counted(tmp_path):
     recording = tmp_path / 'drive.mcap'
     write_recording(recording, [1, packet(1100), b'short', packet(1200)])
     done = log2csv(recording, '--output', tmp_path / 'log.csv')
@@ -74,7 +74,7 @@ def test_nothing_is_overwritten(tmp_path):
     assert (tmp_path / 'drive.csv').read_text() == 'precious'
 
 
-def test_what_is_no_recording_or_has_no_log_is_named(tmp_path):
+def test_a_file_without_a_readable_log_is_named(tmp_path):
     done = log2csv(tmp_path / 'none.mcap')
     assert done.returncode == 2
     assert done.stderr == f'error: {tmp_path / "none.mcap"}: No such file or directory\n'

@@ -11,7 +11,7 @@ from ballbot_ros.recording.reader import RecordingReader
 
 
 class InterruptedImport:
-    """Ctrl-C comes as the next module is looked for."""
+    """Simulates Ctrl-C while the next module is searched for."""
 
     def find_spec(self, *arguments):
         raise KeyboardInterrupt
@@ -27,7 +27,7 @@ def test_ctrl_c_while_modules_load_ends_quietly(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize('words', [['scenarios'], ['design']], ids=' '.join)
-def test_what_can_not_be_printed_is_one_line(words):
+def test_unprintable_output_is_one_line(words):
     with Path('/dev/full').open('w') as full:
         done = subprocess.run(
             [*BALLBOT, *words], stdout=full, stderr=subprocess.PIPE, text=True, check=False
@@ -36,7 +36,7 @@ def test_what_can_not_be_printed_is_one_line(words):
     assert done.returncode == 2
 
 
-def test_a_closed_standard_output_is_no_fault():
+def test_a_closed_standard_output_is_not_an_error():
     done = subprocess.run(
         ['sh', '-c', '"$@" >&-', 'sh', *BALLBOT, 'scenarios'], capture_output=True, check=False
     )
@@ -46,20 +46,20 @@ def test_a_closed_standard_output_is_no_fault():
 @pytest.mark.graph
 @pytest.mark.parametrize('processes', ['none', 'separate'])
 def test_a_run_needs_no_standard_streams(tmp_path, domain, processes):
-    """Without them the recording would be what libraries print to."""
+    """Without them, libraries would print into the recording."""
     pytest.importorskip('rclpy')
     words = ['run', 'stationary', '--set', 'plant_sim.duration=0.1', '--processes', processes]
     done = subprocess.run(
         ['sh', '-c', '"$@" <&- >&- 2>&-', 'sh', *BALLBOT, *words, '--output', tmp_path],
         env=environment(domain), check=False,
     )  # fmt: skip
-    assert done.returncode == 1  # too short for what is expected
+    assert done.returncode == 1  # too short to meet the expectations
     with RecordingReader(tmp_path / 'stationary.mcap') as recording:
         assert recording.damage is None
         assert sum(1 for _ in recording.raw_messages(['/motor_duty'])) == 25
 
 
-def test_what_an_encoding_lacks_is_printed_by_its_code():
+def test_characters_that_the_encoding_lacks_are_escaped():
     done = subprocess.run(
         [*BALLBOT, 'design'], env={**os.environ, 'PYTHONIOENCODING': 'ascii'},
         capture_output=True, check=False,

@@ -111,7 +111,7 @@ BAD = {
 
 
 @pytest.mark.parametrize('name', BAD)
-def test_what_is_no_map_is_one_line(tmp_path, name):
+def test_a_file_that_is_not_a_map_is_one_line(tmp_path, name):
     make, hint = BAD[name]
     image = make(tmp_path)
     assert_one_line(ballbot_map(image, '--check'), image, hint)
@@ -133,7 +133,7 @@ def test_a_file_that_can_not_be_written_is_one_line(tmp_path):
 
 
 @pytest.mark.parametrize('option', ['--wrl', '--yaml'])
-def test_a_folder_is_no_file_to_write(tmp_path, option):
+def test_a_folder_can_not_be_the_file_to_write(tmp_path, option):
     done = ballbot_map('track', option, f'{tmp_path}/x/')
     assert_one_line(done, option, f'{tmp_path}/x/: is a folder; name a file')
     assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,4 @@
-"""info, repair, export and play as a user meets them: what is printed, and the exit status."""
+"""info, repair, export and play as a user sees them: output and exit status."""
 
 import csv
 import json
@@ -32,7 +32,7 @@ def cut(run, tmp_path):
     return path
 
 
-def test_info_tells_what_a_file_holds(run):
+def test_info_shows_the_content_of_a_file(run):
     result = ballbot('info', run, '--json')
     assert result.returncode == 0, result.stderr
     told = json.loads(result.stdout)
@@ -89,7 +89,7 @@ def test_export_writes_tables(run, cut, tmp_path):
     assert {'motor_duty_x_percent', 'operating_state_data', 'sonar_range_m'} <= set(rows[0])
 
 
-def test_parquet_asks_for_what_it_needs(run, tmp_path):
+def test_parquet_names_the_missing_package(run, tmp_path):
     result = ballbot('export', run, '--to', 'parquet', '--output', tmp_path / 'p')
     if find_spec('pyarrow'):
         assert result.returncode == 0, result.stderr
@@ -101,18 +101,18 @@ def test_parquet_asks_for_what_it_needs(run, tmp_path):
 @pytest.mark.parametrize(
     ('name', 'value'), [('rate', 0.0), ('rate', float('nan')), ('start', -1.0)]
 )
-def test_a_rate_or_start_out_of_bounds_is_told_with_its_bounds(run, name, value):
+def test_a_rate_or_start_out_of_bounds_is_refused_with_the_bounds(run, name, value):
     with pytest.raises(ParameterError, match=rf'^player\.{name}: .* is not within \S+ … '):
         play.main([str(run), f'--{name}', str(value)], standalone_mode=False)
 
 
-def test_keys_that_come_at_once_are_told_apart():
+def test_keys_that_arrive_together_are_separated():
     assert parse_keys('++\x1b[C\x1b[D q') == ['+', '+', '\x1b[C', '\x1b[D', ' ', 'q']
 
 
 @pytest.mark.parametrize('words', [['info'], ['repair'], ['export', '--to', 'csv'], ['play']])
 @pytest.mark.parametrize('content', [None, b'', b'SQLite format 3\0'])
-def test_what_is_no_recording_is_one_line(command, words, content, tmp_path):
+def test_a_file_that_is_not_a_recording_is_one_line(command, words, content, tmp_path):
     if words == ['play'] and not find_spec('rclpy'):
         pytest.skip('needs rclpy')
     path = tmp_path / 'other.mcap'

@@ -51,9 +51,9 @@ def push(tmp_path_factory):
 
 
 def copy(recording, path, change, also=()):
-    """Copy a recording; `change` takes topic, stamp and data and returns the data, or None.
+    """Copy a recording; `change` takes topic, stamp and data, and returns data, or None to drop it.
 
-    Before that it gets topic, stamp and data of what it is `also` to have.
+    The messages `also`, given as topic, stamp and data, come first.
     """
     with RecordingReader(recording) as reader, RecordingWriter(path) as writer:
         for name, file in reader.attachments().items():
@@ -105,7 +105,7 @@ def test_a_run_of_the_graph_is_identical(tmp_path, replay):
 @pytest.mark.parametrize(
     'assignment', ['plant_sim.map=track', 'controller.nothing=1', 'controller.k_i=x']
 )
-def test_only_the_controller_can_be_asked(push, assignment, replay):
+def test_only_the_parameters_of_the_controller_can_be_varied(push, assignment, replay):
     done = replay(push, '--set', assignment)
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
@@ -126,14 +126,14 @@ def test_one_bit_in_one_duty_is_found_at_its_tick(push, tmp_path, replay):
         assert each['first_difference']['topic'] == 'motor_duty'
 
 
-def test_a_device_that_lied_is_told_apart_from_a_controller_that_erred(push, tmp_path, replay):
+def test_a_changed_sample_is_distinguished_from_a_wrong_duty(push, tmp_path, replay):
     def change(topic, stamp, data):
         if topic == '/gyro' and stamp == 2_104_000_000:
             with RecordingReader(push) as reader:
                 other = next(
                     m for m in reader.raw_messages(['/gyro']) if m.stamp_ns > 2_900_000_000
                 )
-            # The reading of another tick under the stamp of this one.
+            # The reading of another tick with the stamp of this one.
             return data[:12] + other.data[12:]
         return data
 
@@ -150,13 +150,13 @@ def test_a_device_that_lied_is_told_apart_from_a_controller_that_erred(push, tmp
 @pytest.mark.parametrize(
     ('name', 'byte', 'bit', 'told'),
     [
-        ('/motor_duty', 27, 6, 'infinity'),  # of ±1 the exponent
+        ('/motor_duty', 27, 6, 'infinity'),  # the exponent of ±1
         ('/gamepad', 28, 1, 'not a valid sensor_msgs/msg/Joy'),  # two axes become none
         ('/gyro', 15, 6, 'Invalid string length'),
         ('/sonar', 38, 7, 'not within 0 … 255'),  # no echo becomes 1.7e38 m
     ],
 )
-def test_an_input_that_cannot_be_is_told_in_one_line(push, tmp_path, name, byte, bit, told):
+def test_an_impossible_input_is_reported_in_one_line(push, tmp_path, name, byte, bit, told):
     with RecordingReader(push) as reader:
         stamps = [
             stamp
@@ -178,7 +178,7 @@ def test_an_input_that_cannot_be_is_told_in_one_line(push, tmp_path, name, byte,
 
 @pytest.fixture
 def push_by(push, tmp_path):
-    """The same run as if another implementation of the controller had made it."""
+    """Return the same run as if another implementation of the controller had recorded it."""
 
     def change(name):
         path = tmp_path / f'{name}.mcap'
@@ -198,7 +198,9 @@ def push_by(push, tmp_path):
 
 
 @pytest.mark.parametrize('missing', ['', 'gcc not found: install it with `apt install gcc`'])
-def test_what_made_the_recording_replays_it_or_is_told(push_by, monkeypatch, capsys, missing):
+def test_the_recorded_implementation_replays_it_or_the_replacement_is_named(
+    push_by, monkeypatch, capsys, missing
+):
     path = push_by('c')
     monkeypatch.setattr(
         'ballbot_ros.analysis.recording_replay.missing_tool_for', lambda name: missing
@@ -215,7 +217,7 @@ def test_what_made_the_recording_replays_it_or_is_told(push_by, monkeypatch, cap
     assert all(note.startswith(f'note: {path}: ') and missing in note for note in notes)
 
 
-def test_the_controller_that_is_asked_for_replays_it(push_by, capsys):
+def test_the_requested_controller_replays_it(push_by, capsys):
     path = push_by('arm')
     ask = ['controller.k_i=-0.1']
     assert replay_recording(path, controller='python', assignments=ask, as_json=False) == 0
@@ -246,10 +248,8 @@ def test_a_missing_message_is_found(push, tmp_path, replay):
 
 
 @pytest.mark.parametrize('start_ns', [500_000_000, 60_000_000_000], ids=['before', 'after'])
-def test_a_run_of_which_nobody_has_answered_a_tick_is_no_difference(
-    push, tmp_path, replay, start_ns
-):
-    """It was reset before; what the plant has told of it has no stamp."""
+def test_a_run_without_any_answered_tick_is_not_a_difference(push, tmp_path, replay, start_ns):
+    """The run was reset before the answer; its messages from the plant have no stamp."""
     run, clock = new_message('std_msgs/msg/Header'), new_message('rosgraph_msgs/msg/Clock')
     fill_header(run, start_ns, '2')
     fill_time(clock.clock, start_ns)
@@ -269,8 +269,8 @@ def test_a_run_of_which_nobody_has_answered_a_tick_is_no_difference(
 def two_plants(push, tmp_path):
     """The runs of two plants, as a leftover recorder writes them: both begin at 1 s.
 
-    The first one is stopped early; `change` takes number of the plant, topic, stamp and data of
-    each message, and returns the data, or None for no message.
+    The first plant is stopped early. `change` takes the number of the plant, and topic, stamp and
+    data of a message; it returns the data, or None to drop the message.
     """
 
     def write(change=lambda plant, topic, stamp, data: data):
@@ -308,7 +308,7 @@ def test_the_runs_of_two_plants_in_one_file_are_both_replayed(two_plants, replay
         assert each['ticks'] == 500 + 1000
 
 
-def test_a_difference_in_the_first_of_two_plants_is_told_with_the_inputs_around_it(
+def test_a_difference_in_the_first_of_two_plants_is_shown_with_the_inputs_around_it(
     two_plants, replay
 ):
     def change(plant, topic, stamp, data):
@@ -348,7 +348,7 @@ def test_a_run_has_begun_once_its_own_plant_has_moved_the_clock(two_plants):
         assert [recorded.has_begun(each.run) for each in recorded.runs] == [True, False]
 
 
-def test_a_plant_that_has_only_announced_its_run_is_none(two_plants, replay):
+def test_a_plant_that_has_only_announced_its_run_does_not_count(two_plants, replay):
     def change(plant, topic, stamp, data):
         return data if plant == 1 or topic == '/plant/run' else None
 
@@ -357,7 +357,7 @@ def test_a_plant_that_has_only_announced_its_run_is_none(two_plants, replay):
     assert [each['runs'] for each in json.loads(done.stdout)] == [1, 1]
 
 
-def test_duties_before_the_first_run_are_the_rest_of_another(two_plants, replay):
+def test_duties_before_the_first_run_belong_to_another_run(two_plants, replay):
     def change(plant, topic, stamp, data):
         if plant == 1 and topic == '/plant/run':
             run = new_message('std_msgs/msg/Header')
@@ -370,7 +370,7 @@ def test_duties_before_the_first_run_are_the_rest_of_another(two_plants, replay)
     assert done.stderr.endswith(': begins in mid-run\n')
 
 
-def test_another_parameter_asks_what_would_have_been(push, replay):
+def test_another_parameter_shows_what_would_have_happened(push, replay):
     same = json.loads(replay(push, '--set=controller.dst_thr=20', '--json').stdout)
     assert [each['differing'] for each in same] == [0]
     done = replay(push, '--set=controller.k_i=-0.1', '--json')
@@ -414,7 +414,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize('mistake', MISTAKES)
-def test_what_can_not_be_replayed_is_told_in_one_line(tmp_path, mistake, replay):
+def test_an_unusable_recording_is_refused_in_one_line(tmp_path, mistake, replay):
     make, told = MISTAKES[mistake]
     path = tmp_path / 'run.mcap'
     make(path)

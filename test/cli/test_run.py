@@ -96,7 +96,7 @@ MISTAKES = {
     ),
     'start off the map': (
         lambda tmp_path: ['stationary', *AT_TRACK, '--set=plant_sim.start_position_y=3'],
-        'x 0 m, y -3 m (map) is off the map, x ±1 m, y ±1 m',
+        'x 0 m, y -3 m (map) is off the map, which spans x ±1 m, y ±1 m',
     ),
     'even cone': (lambda tmp_path: ['stationary', '--set=sonar_driver.cone_rays=4'], '4 is even'),
     'another scenario': (
@@ -164,7 +164,7 @@ def test_an_existing_recording_is_left_alone(start_run, tmp_path):
     assert (tmp_path / 'stationary.mcap').read_text() == 'an older recording'
 
 
-def test_without_rclpy_there_is_a_hint_and_a_way(start_run, tmp_path, monkeypatch):
+def test_without_rclpy_the_error_names_an_alternative(start_run, tmp_path, monkeypatch):
     (tmp_path / 'rclpy.py').write_text('raise ImportError("no rclpy here")')
     monkeypatch.setenv('PYTHONPATH', str(tmp_path))
     run = start_run('stationary')
@@ -211,7 +211,7 @@ def test_a_second_run_in_the_domain_is_refused_at_once(start_run, tmp_path):
                       '--set=plant_sim.duration=6')  # fmt: skip
     pid = first.nodes()[GYRO]
     wait_for((tmp_path / 'stationary.mcap').exists, what='recording')
-    os.kill(pid, signal.SIGSTOP)  # or it could end before the others begin
+    os.kill(pid, signal.SIGSTOP)  # otherwise it could end before the others begin
     attempts = {
         processes: start_run('stationary', '--no-record', '--processes', processes)
         for processes in ('separate', 'one')
@@ -254,14 +254,14 @@ def test_a_full_disk_is_one_line_and_a_failed_run(start_run, tmp_path, processes
                     '--set=plant_sim.duration=600', '--real-time-factor=4')  # fmt: skip
     pid = run.nodes()['recorder'] if processes == 'separate' else run.process.pid
     await_recording(recording, run=run)
-    # Files of this process may grow no further: its disk is full.
+    # Limit the size of files of this process, as if the disk were full.
     full = recording.stat().st_size + 10_000
     resource.prlimit(pid, resource.RLIMIT_FSIZE, (full, full))
     assert run.finish() == 1
     assert 'File too large' in run.stderr
     assert 'Traceback' not in run.stderr
     assert run.result['outcome'] == 'failed'
-    # A picture that does not fit either is told behind it.
+    # If the picture does not fit either, this is reported after it.
     assert run.result['reason'].startswith(f'{recording}: File too large')
     with RecordingReader(tmp_path / 'stationary.mcap') as reader:
         assert sum(1 for _ in reader.messages(['/plant/imu'])) > 10

@@ -1,4 +1,4 @@
-"""The generated folder: complete, deterministic, and made from the one truth of each thing."""
+"""The generated folder: complete, deterministic, and consistent with the Python program."""
 
 import re
 from functools import partial
@@ -26,7 +26,7 @@ CONSTANT = re.compile(r'^const \w+ (\w+)(?:\[\d+\])? = \{?([^;}]+)\}?;', re.MULT
 
 
 def constants(values):
-    """Return the constants of the C file, by name, as the numbers that stand there."""
+    """Return the constants of the C file by name, as they are written there."""
     text = application_files(values)['ballbot_parameters.c']
     return {
         name: [word.strip().rstrip('fU') for word in value.split(',')]
@@ -52,7 +52,7 @@ def test_the_same_parameters_give_the_same_bytes(tmp_path):
         assert (tmp_path / 'first' / name).read_bytes() == (tmp_path / 'second' / name).read_bytes()
 
 
-def test_every_file_is_stamped_with_version_and_parameters_and_no_date():
+def test_every_file_has_a_stamp_of_version_and_parameters_without_a_date():
     other = values_of(CONTROLLER, k_i=-0.007)
     assert parameter_hash(other) != parameter_hash(VALUES)
     for values in (VALUES, other):
@@ -62,7 +62,7 @@ def test_every_file_is_stamped_with_version_and_parameters_and_no_date():
             assert not re.search(r'20\d\d-\d\d|\d\d:\d\d', text), name
 
 
-def test_how_a_simulation_runs_does_not_change_the_files():
+def test_settings_of_the_simulation_do_not_change_the_files():
     assert application_files(values_of(CONTROLLER, implementation='c', rejoin=True)) == (
         application_files(VALUES)
     )
@@ -75,7 +75,7 @@ def test_every_constant_is_exactly_the_single_or_integer_of_the_python_program(s
     written = constants(values)
     assert written.pop('ts1') == ['4.0']
     written['sound_freq'] = written.pop('sound_frq')
-    periods = {'ts2_period', 'ts3_period'}  # they stand in the OIL file
+    periods = {'ts2_period', 'ts3_period'}  # they are in the OIL file
     assert written.keys() | periods == ProgramConstants.__annotations__.keys()
     for name, texts in written.items():
         value = getattr(typed, name)
@@ -146,12 +146,12 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path):
         write_application(tmp_path / 'file', VALUES)
 
 
-def test_a_file_of_somebody_else_is_kept_and_one_of_before_is_written_anew(tmp_path):
+def test_a_foreign_file_is_kept_and_an_earlier_output_is_replaced(tmp_path):
     write_application(tmp_path, values_of(CONTROLLER, k_i=-0.007))
     (tmp_path / 'README.md').write_text('# My robot\n')
     parameters = (tmp_path / 'ballbot_parameters.c').read_text()
     with pytest.raises(
-        CodegenError, match=r'README\.md: kept, because it was not written by ballbot codegen'
+        CodegenError, match=r'README\.md: not overwritten, because ballbot codegen did not write it'
     ):
         write_application(tmp_path, VALUES)
     assert (tmp_path / 'README.md').read_text() == '# My robot\n'

@@ -41,7 +41,7 @@ AT_REST = DeviceInputs(
 
 @pytest.fixture(scope='module')
 def built(tmp_path_factory):
-    """Build the application for a target, or return what was built for it with these parameters."""
+    """Build the application for a target, or return an earlier build with these parameters."""
     known = {}
 
     def make(target, *, flags=(), values=None, **changes):
@@ -105,7 +105,7 @@ def test_every_shipped_scenario(built, target, name):
 @pytest.mark.parametrize('path', GOLDEN, ids=lambda path: path.stem)
 def test_the_golden_inputs(built, target, path):
     values, steps = golden_values_and_steps(path)
-    # What is written as a float and as an integer must have the table's types.
+    # The members written as floats and as integers must have the types in the table.
     made = built(target, values=values_of(CONTROLLER, **values))
     assert assert_equal(made, steps) == len(steps)
 
@@ -120,7 +120,7 @@ def test_a_thousand_random_sequences(built, parameters, target):
 
 
 def restarted_steps(seed):
-    """Yield the inputs of a run whose first tick brings a packet, as none waits after a start."""
+    """Yield the inputs of a run with a packet at the first tick, as none waits after a start."""
     for step in random_steps(seed, TICKS, out_of_range=seed % 2 == 1):
         sticks = step.inputs.sticks or (0, 0) if step.elapsed_ms == 0 else step.inputs.sticks
         yield step._replace(inputs=step.inputs._replace(sticks=sticks))
@@ -128,7 +128,7 @@ def restarted_steps(seed):
 
 @pytest.mark.parametrize('target', TARGETS)
 @pytest.mark.parametrize('parameters', range(RANDOM_SETS))
-def test_a_program_that_is_started_again_equals_a_fresh_one(built, parameters, target):
+def test_a_restarted_program_equals_a_new_one(built, parameters, target):
     made = built(target, values=random_values(parameters))
     for seed in range(SEQUENCES // 10):
         used = made.program()
@@ -166,7 +166,7 @@ def test_with_fused_multiply_add_in_the_processor(built):
 
 
 def test_fused_operations_would_be_noticed(built):
-    """The test above can fail: with contraction allowed the states differ."""
+    """Prove that the test above can fail: with contraction allowed, the states differ."""
     if ' fma ' not in Path('/proc/cpuinfo').read_text():
         pytest.skip('this processor has no FMA')
     made = built('c', flags=('-O2', '-mfma', '-ffp-contract=fast'))
@@ -175,7 +175,7 @@ def test_fused_operations_would_be_noticed(built):
 
 
 def battery_filter_for_no_voltage():
-    """Return a_b with which 573 and then 574 mV average to a motor voltage of exactly zero."""
+    """Return the a_b for which 573 and then 574 mV average to a motor voltage of exactly zero."""
     coefficient = np.float32(574) - VOLTAGE_OFFSET / VOLTAGE_SLOPE
     for _ in range(2000):
         average = (np.float32(1) - coefficient) * np.float32(574) + coefficient * np.float32(573)
@@ -199,9 +199,7 @@ def no_voltage_steps(revolution):
     ('pwm_gain', 'revolution', 'duty'), [(1.0, 0, 0), (0.0, 50, 0), (1.0, 50, 100)]
 )
 @pytest.mark.filterwarnings('ignore:divide by zero', 'ignore:invalid value')
-def test_no_voltage_gives_a_duty_and_never_what_is_not_a_number(
-    built, target, pwm_gain, revolution, duty
-):
+def test_zero_voltage_gives_a_finite_duty(built, target, pwm_gain, revolution, duty):
     made = built(target, a_b=battery_filter_for_no_voltage(), pwm_gain=pwm_gain, time_start=100)
     steps = no_voltage_steps(revolution)
     assert_equal(made, steps)
@@ -264,7 +262,7 @@ def test_a_changed_parameter_changes_both(built, target, changed):
 
 @pytest.mark.parametrize('target', TARGETS)
 @pytest.mark.parametrize('name', scenario_names())
-def test_in_the_closed_loop_the_duties_stay(target, name):
+def test_the_duties_of_the_closed_loop_are_the_golden_ones(target, name):
     need(target)
     scenario = load_scenario(name)
     if target == 'arm':
@@ -277,7 +275,7 @@ def test_in_the_closed_loop_the_duties_stay(target, name):
 
 
 def branch_counts(made, source):
-    """Return how often each branch of a source was taken, by line and number."""
+    """Return the execution count of each branch of a source, by line and number."""
     done = subprocess.run(
         ['gcov', '--json-format', '--stdout', '-b', source.replace('.c', '.o')],
         cwd=made.scratch, capture_output=True, text=True, check=True,
@@ -304,7 +302,7 @@ def test_the_inputs_reach_the_branches_of_the_generated_c(built, capsys):
             program = made.program()
             for step in steps:
                 program.tick(*step)
-            del program  # it writes its counts when it ends
+            del program  # the counts are written at the end of the process
         for source in ('ballbot_controller.c', 'ballbot_app.c'):
             reached.update(branch_counts(made, source))
     taken = sum(count > 0 for count in reached.values())

@@ -1,4 +1,4 @@
-"""The compiled program as the nodes and the closed loop get it."""
+"""The compiled program as nodes and closed loop use it."""
 
 import gc
 import os
@@ -20,7 +20,7 @@ AT_REST = DeviceInputs((600, 600), (0, 0), 255, 8003, (0, 0))
 
 
 def own_children():
-    """Return the numbers of this process's children."""
+    """Return the process ids of this process's children."""
     tasks = Path('/proc/self/task').glob('*/children')
     return {int(pid) for task in tasks for pid in task.read_text().split()}
 
@@ -30,7 +30,7 @@ def test_python_is_the_default():
 
 
 @pytest.mark.parametrize('target', TARGETS)
-def test_each_program_begins_afresh_and_ends_with_its_owner(target):
+def test_each_program_starts_from_the_initial_state_and_ends_with_its_owner(target):
     need(target)
     make = program_maker(values_of(CONTROLLER, implementation=target, time_start=0))
     gc.collect()
@@ -49,7 +49,7 @@ def test_each_program_begins_afresh_and_ends_with_its_owner(target):
 
 
 @pytest.mark.parametrize('target', TARGETS)
-def test_a_program_that_dies_is_told(target):
+def test_a_program_that_dies_is_reported(target):
     need(target)
     make = program_maker(values_of(CONTROLLER, implementation=target))
     before = own_children()
@@ -64,12 +64,12 @@ def test_a_program_that_dies_is_told(target):
 def test_a_value_that_no_device_gives_is_refused():
     need('c')
     program = program_maker(values_of(CONTROLLER, implementation='c'))()
-    with pytest.raises(CodegenError, match='a reading that no device of the brick can give'):
+    with pytest.raises(CodegenError, match="a reading is out of its device's range"):
         program.tick(0, 1000, AT_REST._replace(battery_mv=70000))
 
 
 @pytest.mark.parametrize('implementation', ['python', 'c'])
-def test_the_tasks_that_are_named_run_and_no_others(implementation):
+def test_only_the_named_tasks_run(implementation):
     if implementation in TARGETS:
         need(implementation)
     program = program_maker(values_of(CONTROLLER, implementation=implementation, time_start=0))()

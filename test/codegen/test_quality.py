@@ -1,4 +1,4 @@
-"""The generated C: free of warnings, doubles and what cppcheck finds."""
+"""The generated C: no warnings, no doubles, no findings of cppcheck."""
 
 import re
 import subprocess
@@ -41,7 +41,7 @@ def test_a_folder_that_was_built_with_the_platform_still_builds(built, tmp_path)
         ('percent = (S8)duty;', 'percent = duty;'),
     ],
 )
-def test_a_double_or_a_hidden_conversion_that_slips_in_does_not_build(
+def test_an_accidental_double_or_implicit_conversion_does_not_build(
     built, tmp_path, target, right, slip
 ):
     made = built(target)
@@ -65,7 +65,7 @@ def test_the_only_doubles_round_the_logged_pitch(built):
     text = (made.folder / 'ballbot_controller.c').read_text()
     code = re.sub(r'/\*.*?\*/', '', text, flags=re.DOTALL)
     assert len(re.findall(r'\bdouble\b', code)) == 2
-    # Constants of double stand in that one function alone.
+    # Constants of type double are in this function only.
     assert re.findall(r'\b\d+\.\d+(?![\dfe])', code) == ['0.5', '32767.0', '32768.0']
 
 

@@ -1,4 +1,4 @@
-"""The control program against what the document's generated C computes for the same inputs."""
+"""The control program against the outputs of the document's generated C for the same inputs."""
 
 import json
 from pathlib import Path
@@ -32,7 +32,8 @@ def test_every_tick_equals_the_generated_c(path):
     }
     program = ControlProgram(ControllerParameters(**given))
     x, y = program.x, program.y
-    # The golden bench answers a request with the tick's own sample; the brick is a request late.
+    # The golden data answer a request with the sample of the same tick; the brick is one request
+    # late.
     program.brick.read_sonar = lambda: data['in_sonar_cm'][n]
 
     for n in range(len(data['in_systick_ms'])):
@@ -70,5 +71,5 @@ def test_every_tick_equals_the_generated_c(path):
         assert computed == expected, f'tick {n}'
 
 
-def test_there_is_golden_data():
+def test_golden_data_exist():
     assert len(GOLDEN) >= 9

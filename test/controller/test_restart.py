@@ -1,4 +1,4 @@
-"""STOP and RUN on the brick: task_init on a program that has run."""
+"""STOP and RUN on the brick: task_init in a program that has run before."""
 
 from generated import random_values
 from hypothesis import strategies as st
@@ -13,7 +13,7 @@ seeds = st.integers(0, 2**32)
 
 
 @given(seeds, seeds, seeds, st.integers(1, 150), st.booleans())
-def test_a_program_that_is_started_again_equals_a_fresh_one(parameters, past, future, ticks, wild):
+def test_a_restarted_program_equals_a_new_one(parameters, past, future, ticks, wild):
     values = random_values(parameters)
     used, fresh = ControlProgram(values), ControlProgram(values)
     for step in random_steps(past, ticks, out_of_range=wild):

@@ -22,7 +22,7 @@ def servo():
 
 @pytest.fixture(scope='module')
 def loop(servo):
-    """The plant with the integral of theta, and what the controller feeds back."""
+    """The plant with the integral of theta, and the feedback of the controller."""
     a = np.zeros((5, 5))
     a[:4, :4] = servo.a
     a[4, 0] = 1.0
@@ -80,7 +80,7 @@ def test_the_loop_is_stable_between_its_gain_margins_only(servo, loop):
     assert slowest(a - 1e4 * b @ gain) < 0.0
 
 
-def test_the_loop_bears_a_phase_lag_up_to_its_phase_margin(servo, loop):
+def test_the_loop_tolerates_a_phase_lag_up_to_its_phase_margin(servo, loop):
     a, b, gain = loop
 
     def with_lag(degrees):
@@ -90,7 +90,7 @@ def test_the_loop_bears_a_phase_lag_up_to_its_phase_margin(servo, loop):
     assert slowest(with_lag(0.99 * margin)) < 0.0 < slowest(with_lag(1.01 * margin))
 
 
-def test_the_loop_bears_a_dead_time_up_to_its_delay_margin(servo, loop):
+def test_the_loop_tolerates_a_dead_time_up_to_its_delay_margin(servo, loop):
     a, b, gain = loop
     open_loop = control.ss(a, b, gain, [[0.0]])
 
@@ -102,7 +102,7 @@ def test_the_loop_bears_a_dead_time_up_to_its_delay_margin(servo, loop):
     assert slowest_pole(0.97 * margin) < 0.0 < slowest_pole(1.03 * margin)
 
 
-def test_the_loop_bears_one_tick_of_delay(servo):
+def test_the_loop_tolerates_one_tick_of_delay(servo):
     assert servo.delay_margin_s > 4e-3
 
 
@@ -125,7 +125,7 @@ def test_weights_without_a_solution_are_refused_in_one_line(change):
 
 @pytest.mark.parametrize('name', ['gravity', 'body_mass', 'body_height', 'motor_resistance'])
 @pytest.mark.parametrize('factor', [0.5, 2.0])
-def test_another_robot_gets_a_stable_loop_of_its_own(name, factor):
+def test_the_loop_designed_for_another_robot_is_stable(name, factor):
     nominal = getattr(physical(), name)
     servo = design_servo(physical(**{name: factor * nominal}))
     assert servo.poles.real.max() < 0.0

@@ -24,7 +24,7 @@ def test_lqr_of_appendix_a():
     np.testing.assert_allclose(lqr(A, B, np.diag([100.0, 1.0]), [[1.0]]), [[8.1980, 2.1377]], 1e-4)
 
 
-def test_rank_tells_how_much_of_a_system_can_be_controlled():
+def test_the_rank_is_the_number_of_controllable_states():
     assert controllability_rank(*UNCONTROLLABLE) == 1
     assert controllability_rank(A, [[0.0], [0.0]]) == 0
     assert controllability_rank(np.eye(3), np.eye(3)) == 3
@@ -59,7 +59,7 @@ def test_an_uncontrollable_pair_is_refused_in_one_line(design):
 
 
 @pytest.mark.parametrize('poles', [[-5.0], [-5.0, -5.0], [-5.0 + 1.0j, -6.0]])
-def test_poles_that_can_not_be_had_are_refused_in_one_line(poles):
+def test_impossible_poles_are_refused_in_one_line(poles):
     with pytest.raises(DesignError, match=r'^the poles can not be placed: [^\n]+$'):
         place(A, B, poles)
 

@@ -1,6 +1,6 @@
-"""The same bits whatever processor, C library, Python, numpy and scipy there is.
+"""The same bits with any processor, C library, Python, numpy and scipy.
 
-Each row of the matrix computes the golden runs in a process of its own, and proves by the bits of
+Each row of the matrix computes the golden runs in a separate process, and proves by the bits of
 scipy's matrix exponential or of the C library's sine that its setting took effect. A row whose
 setting this machine lacks is skipped as not exercised.
 """

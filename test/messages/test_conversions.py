@@ -75,7 +75,7 @@ def test_encoder_counts_come_back(through, counts):
     assert devices.encoder_counts(message) == counts
 
 
-def test_joints_of_another_robot_are_no_encoder_counts(through):
+def test_the_joints_of_another_robot_are_refused(through):
     def fill(message):
         message.name, message.position = ['left_wheel', 'right_wheel'], [0.0, 0.0]
 
@@ -85,7 +85,7 @@ def test_joints_of_another_robot_are_no_encoder_counts(through):
 
 
 @pytest.mark.parametrize('range_m', [-0.02, 2.56, 1e38])
-def test_a_distance_that_no_register_holds_is_refused(range_m):
+def test_a_distance_beyond_the_register_is_refused(range_m):
     message, _ = through_rosbags(SONAR_RANGE, devices.fill_sonar, STAMP, 0)
     message.range = range_m
     with pytest.raises(ValueError, match='not within 0 … 255'):
@@ -185,6 +185,6 @@ def test_a_log_packet_travels_as_its_32_bytes(through):
 
 
 @pytest.mark.parametrize('data', [b'', b'\0\1\0\0', bytes(11)])
-def test_bytes_too_few_for_a_stamp_are_no_message(data):
+def test_too_few_bytes_for_a_stamp_are_not_a_message(data):
     with pytest.raises(ValueError, match='buffer'):
         stamp_of(data)

@@ -1,4 +1,4 @@
-"""Each device has one entry in each table, and they agree."""
+"""Each device has one entry in each table, and the tables agree."""
 
 import pytest
 
@@ -42,6 +42,6 @@ def test_a_driver_publishes_its_samples_and_nothing_else_in_lockstep(messages):
 
 
 @each_device
-def test_a_driver_is_told_the_truth_whenever_it_is_to_answer(messages):
+def test_a_driver_gets_a_truth_at_each_of_its_sampling_times(messages):
     assert messages.truth.period_ns == TICK_NS
     assert messages.sample.period_ns % TICK_NS == 0

@@ -15,7 +15,7 @@ duties = st.tuples(st.integers(-100, 100), st.integers(-100, 100))
 
 
 @given(stamps, duties)
-def test_a_stop_is_told_from_every_answer(stamp, duty):
+def test_a_stop_is_distinguished_from_every_answer(stamp, duty):
     message = new_message(MOTOR_DUTY.type_name)
     fill_duty(message, stamp, duty)
     assert not is_stop(encode(message))
@@ -25,11 +25,11 @@ def test_a_stop_is_told_from_every_answer(stamp, duty):
 
 
 @given(st.binary(max_size=60))
-def test_bytes_that_are_no_message_are_no_stop(data):
+def test_malformed_bytes_are_not_a_stop(data):
     assert not is_stop(data)
 
 
-def test_a_stop_is_known_as_ros_serialises_it():
+def test_a_stop_serialised_by_ros_is_recognised():
     serialization = pytest.importorskip('rclpy.serialization')
     message = MOTOR_DUTY.message_class()
     fill_stop(message, 1)

@@ -1,4 +1,4 @@
-"""Announcements and accounts come back as they were sent; what is malformed is a ValueError."""
+"""Announcements and run statuses decode as they were encoded; malformed ones are a ValueError."""
 
 import dataclasses
 
@@ -71,7 +71,7 @@ def test_an_announcement_comes_back(announcement):
 
 
 @given(statuses)
-def test_an_account_of_a_run_comes_back(status):
+def test_the_status_of_a_run_comes_back(status):
     assert decode_run_status(encode_run_status(status)) == status
 
 
@@ -92,17 +92,17 @@ def test_a_malformed_announcement_is_a_value_error(pairs):
 
 
 @pytest.mark.parametrize('pairs', [(), [('run', '1')], [*RUNNING, ('outcome', 'completed')]])
-def test_a_malformed_account_is_a_value_error(pairs):
+def test_a_malformed_run_status_is_a_value_error(pairs):
     with pytest.raises(ValueError, match='run_status'):
         decode_run_status(status_message(*pairs))
 
 
-def test_without_its_prefix_an_announcement_is_still_one():
+def test_an_announcement_needs_no_prefix():
     announcement = Announcement(dataclasses.replace(GYRO, guid_prefix=''), '1 abc')
     assert decode_announcement(encode_announcement(announcement)) == announcement
 
 
-def test_the_verdict_tells_of_a_participant():
+def test_the_verdict_describes_a_participant():
     start_ns = 1_000_000_000
     first, later = Membership(GYRO, 0), Membership(GYRO, 1_500_000_000, is_successor=True)
     assert membership_json(first, start_ns) == {
@@ -125,7 +125,7 @@ def test_the_verdict_tells_of_a_participant():
     assert 'since 0.500 s' in membership_text(later, start_ns)
 
 
-def test_the_gaps_that_align_a_number_do_not_count():
+def test_alignment_padding_is_ignored():
     header = 'std_msgs/msg/Header'
     message = new_message(header)
     fill_header(message, 5, 'a')
@@ -134,7 +134,7 @@ def test_the_gaps_that_align_a_number_do_not_count():
     fill_motors(motors, GroundTruth(5, *[(1.0, 2.0)] * 7, battery_voltage=8.0))
     data = bytearray(encoder(PLANT_JOINT_STATES.type_name)(motors))
     is_same = same_content(PLANT_JOINT_STATES.type_name)
-    # The frame, an empty string, ends one byte behind its length; the next number is aligned.
+    # The frame, an empty string, ends one byte after its length; the next number is aligned.
     gap = 4 + 8 + 4 + 1
     assert data[gap : gap + 3] == b'\0\0\0'
     other = bytearray(data)
@@ -144,7 +144,7 @@ def test_the_gaps_that_align_a_number_do_not_count():
     assert not is_same(bytes(data), bytes(other))
 
 
-def test_the_lockstep_is_what_periodic_samples_and_the_run_go_through():
+def test_the_lockstep_topics_are_those_of_periodic_samples_and_the_run():
     names = {topic.name for topic in LOCKSTEP_PUBLISHERS}
     assert {topic.name for topic in TOPICS if topic.period_ns} <= names
     assert {'plant/run', 'plant/roll_call', 'recorder/ack', 'participants'} <= names

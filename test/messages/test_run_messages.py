@@ -1,4 +1,4 @@
-"""The messages of a run without a graph: their order, and what is sent only at a change."""
+"""The messages of a run without a graph: their order, and messages sent only at changes."""
 
 from collections import defaultdict
 
@@ -30,7 +30,7 @@ def loop():
 
 @pytest.fixture(scope='module')
 def sent(loop):
-    """Return the topics by stamp, in the order in which their messages came."""
+    """Return the topics by stamp, in the order of their messages."""
     found = defaultdict(list)
     messages = RunMessages(lambda topic, stamp, data: found[stamp].append(topic), ParameterSet())
     start = loop.plant.time_ns
@@ -55,7 +55,7 @@ def test_each_periodic_topic_has_a_message_at_every_multiple_of_its_period(sent)
         assert len(set(sent[stamp])) == len(sent[stamp])
 
 
-def test_a_tick_goes_from_the_clock_to_the_duty_and_events_go_before_that(sent):
+def test_the_messages_of_a_tick_go_from_the_clock_to_the_duty_after_the_events(sent):
     stamps = sorted(sent)[:-1]
     for stamp in stamps:
         assert sent[stamp][0] is CLOCK

@@ -57,7 +57,7 @@ def test_round_trips_that_were_not_measured_are_none():
     assert not any('round trip' in word for word in summary_words(summary))
 
 
-def test_the_account_of_a_run_has_a_result_only_at_its_end():
+def test_the_status_of_a_run_has_a_result_only_at_its_end():
     action = PublishStatus(Run('1 a', START_NS), True, ('gyro',), (MEMBER,))
     begun = run_status(action)
     assert (begun.run, begun.is_lockstep, begun.periodic_topics) == ('1 a', True, ('gyro',))

@@ -7,7 +7,7 @@ from ballbot_ros.messages.topics import PLANT_IMU, RUN
 
 @pytest.fixture
 def client(domain):
-    """A node of the test's own that watches the truth and the runs."""
+    """Yield a test node that watches the truth and the runs."""
     pytest.importorskip('rclpy')
     from ros_client import Client
 

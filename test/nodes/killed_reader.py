@@ -1,9 +1,9 @@
-"""A publisher whose reader was killed while it took a message waits for a lock that it holds.
+"""Shows that a publisher deadlocks if its reader was killed while taking a message.
 
-Run this where no other process sees its shared memory. It kills a reader, holds up the publisher
-where that adds a message to the reader's port, and puts the port into the state of one whose reader
-was killed while it took a message and was found dead. Prints 'waits' when the publisher waits for
-its own lock, and 'goes on' when it publishes again after the readers have been marked.
+Run this with private shared memory. It kills a reader, stops the publisher where it adds a message
+to the reader's port, and puts the port into the state after a reader was killed while taking a
+message and was found dead. Prints 'waits' when the publisher waits for its own lock, and 'goes on'
+when it publishes again after the readers were marked.
 """
 
 import os
@@ -31,7 +31,7 @@ def publish():
     while True:
         publisher.publish(Empty())
         print(flush=True)
-        # A port holds 512 messages. Once it is full the publisher adds none, and does not wait.
+        # A port holds 512 messages. Once it is full, the publisher adds none, and does not wait.
         time.sleep(0.1)
 
 
@@ -52,7 +52,7 @@ def wait_for(condition):
 
 
 def is_blocked(process, thread):
-    """Whether a thread waits for a lock."""
+    """Return whether a thread waits for a lock."""
     return Path(f'/proc/{process}/task/{thread}/syscall').read_text().startswith(FUTEX)
 
 
@@ -60,17 +60,18 @@ def kill(reader):
     """Kill the reader; return its port, locked."""
     reader.stdout.readline()
     port = open_data_port(reader.pid)
-    # Otherwise Fast DDS looks after one second whether the reader lives, and removes the port.
+    # Otherwise Fast DDS would check after one second whether the reader is alive, and remove the
+    # port.
     port.readers_checked_ms = NEVER_MS
     LIBC.pthread_mutex_lock(port.mutex)  # so that the reader does not die with it
     reader.kill()
     reader.wait()
-    port.lock = LOCKED  # the reader may have waited for it
+    port.lock = LOCKED  # the reader may have been waiting for it
     return port
 
 
 def hold_up(publisher, port):
-    """Have the publisher find the port out of order just when it adds a message to it."""
+    """Let the publisher find the port in this state just when it adds a message."""
     wait_for(lambda: port.lock == CONTENDED)
     port.flags &= ~IS_OK
     port.first_reader = TAKES_A_MESSAGE

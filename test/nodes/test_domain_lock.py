@@ -1,4 +1,4 @@
-"""One plant a domain on this machine, whatever stands in the way of files."""
+"""One plant per domain on this machine, whatever files exist."""
 
 import tempfile
 
@@ -16,7 +16,7 @@ def test_a_second_lock_is_refused_until_the_first_is_released(domain):
     DomainLock(domain).release()
 
 
-def test_a_lock_that_was_handed_on_is_the_same(domain, monkeypatch):
+def test_an_inherited_lock_is_the_same_lock(domain, monkeypatch):
     lock = DomainLock(domain)
     monkeypatch.setenv(LOCK_FD_ENV, str(lock.file))
     assert DomainLock(domain).file == lock.file
@@ -33,7 +33,7 @@ def test_it_holds_between_terminals_with_other_folders_for_temporary_files(
     lock.release()
 
 
-def test_nothing_that_others_place_in_the_file_system_is_in_its_way(domain, tmp_path, monkeypatch):
+def test_foreign_files_do_not_block_it(domain, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
     (tmp_path / f'ballbot_ros_plant_{domain}.lock').symlink_to(tmp_path / 'no' / 'file')
     DomainLock(domain).release()

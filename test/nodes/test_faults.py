@@ -1,4 +1,4 @@
-"""A node that dies or hangs in the run: who it was, and what is left of run and recording."""
+"""A node that dies or hangs during a run is named, and the recording remains readable."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ ENDLESS = '--set=plant_sim.duration=600'
 
 
 def the_motors_are_off(duties):
-    """The last duty, and no other, tells that the run has ended and nothing drives."""
+    """Assert that the last duty, and no other, is a motor stop."""
     *answers, last = duties
     assert (last.header.frame_id, last.vector.x, last.vector.y) == ('stop', 0.0, 0.0)
     assert all(answer.header.frame_id == '' for answer in answers)
@@ -26,7 +26,7 @@ def the_motors_are_off(duties):
 
 @pytest.fixture
 def start(start_run, tmp_path):
-    """Start a run that is recorded; return it with its nodes when the first ticks are on disk."""
+    """Start a recorded run; return it with its nodes when the first ticks are on disk."""
 
     def start(*settings, **popen):
         run = start_run('stationary', '--output', tmp_path, ENDLESS, *settings, **popen)
@@ -42,7 +42,7 @@ def size(recording):
     return recording.stat().st_size
 
 
-def test_whoever_hangs_or_dies_is_named_and_a_run_that_waits_goes_on_with_who_comes_back(start):
+def test_a_hanging_or_dead_node_is_named_and_a_waiting_run_continues_after_its_return(start):
     terminal = Terminal()
     run, pids, recording = start(
         '--set=plant_sim.timeout=0.2', '--set=plant_sim.on_timeout=wait', stderr=terminal.side
@@ -57,13 +57,13 @@ def test_whoever_hangs_or_dies_is_named_and_a_run_that_waits_goes_on_with_who_co
     for name in (SONAR, CONTROLLER):
         since = len(terminal.screen)
         os.kill(pids[name], signal.SIGKILL)
-        terminal.wait_for_match(rf'{name} died of SIGKILL', since)
+        terminal.wait_for_match(rf'{name} was killed by SIGKILL', since)
     run.process.send_signal(signal.SIGINT)
     assert run.finish() == 128 + signal.SIGINT
     assert not any(alive(pid) for pid in pids.values())
 
 
-def test_a_lost_node_and_no_other_is_named_by_the_shortest_timeout(start):
+def test_the_shortest_timeout_blames_only_the_lost_node(start):
     run, pids, _ = start('--set=plant_sim.timeout=0.2')
     os.kill(pids[GYRO], signal.SIGKILL)
     assert run.finish() == 1

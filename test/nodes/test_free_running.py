@@ -10,14 +10,14 @@ pytestmark = pytest.mark.graph
 ATTEMPTS = 5
 DURATION_S = 2.5
 PACE = 0.3
-"""In times real time: what a busy machine adds to the dead time counts for as much less."""
+"""Real-time factor, low so that the dead time added by a busy machine counts less."""
 
 
 def test_the_robot_balances_on_wall_clock_timers(start_node, tmp_path):
     for name in ('gyro_driver', 'encoder_driver', 'sonar_driver'):
         start_node(name)
     start_node('gamepad_teleop', lockstep='false')
-    # At full gain the loop does not bear the dead time of a tick, which a busy machine adds.
+    # At full gain the loop does not tolerate the dead time of a tick that a busy machine adds.
     start_node('controller', lockstep='false', pwm_gain=0.75)
     for attempt in range(ATTEMPTS):
         path = tmp_path / f'{attempt}.npz'
@@ -33,11 +33,11 @@ def test_the_robot_balances_on_wall_clock_timers(start_node, tmp_path):
         trajectory, summary = load_trajectory(path)
         assert summary['ticks'] == round(DURATION_S * 250)
         if abs(trajectory.psi).max() < 0.2:
-            # Only a machine that was late may be slow.
+            # The run may be slow only if the machine was late.
             assert summary['real_time_factor'] < 1.1 * PACE
             assert summary['real_time_factor'] > 0.5 * PACE or summary['late_ticks'] > 0
             return
-        # A machine that was late may let it fall, be it the plant that it held up or another node.
+        # If the machine was late, the robot may fall, whether it delayed the plant or another node.
     raise AssertionError(f'it fell {ATTEMPTS} times')
 
 

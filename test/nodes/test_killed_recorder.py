@@ -1,4 +1,4 @@
-"""Whenever a recorder is killed, its file loses at most the last second."""
+"""A recorder killed at any moment loses at most the last second."""
 
 import random
 import subprocess
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.graph
 
 RECORDERS = 6
 
-# A /clock that shows the wall clock, in the graph's own period.
+# A /clock that shows the wall clock, with the period of the graph.
 TICKING = """
 import time
 
@@ -46,15 +46,15 @@ while True:
 
 @pytest.fixture
 def ticking(domain):
-    # A process of its own, as the middleware may never come back from publishing to a reader that
-    # was killed while it held a lock in shared memory.
+    # A separate process, since publishing to a reader that was killed while holding a lock in
+    # shared memory may never return.
     with subprocess.Popen([sys.executable, '-c', TICKING], env=environment(domain)) as process:
         yield
         process.kill()
 
 
 @pytest.mark.usefixtures('ticking')
-def test_a_recorder_that_is_killed_at_any_moment_leaves_what_it_wrote(start_node, tmp_path):
+def test_a_recorder_killed_at_any_moment_leaves_its_written_messages(start_node, tmp_path):
     chance = random.Random(20)
     paths = [tmp_path / f'{number}.mcap' for number in range(RECORDERS)]
     recorders = [start_node('recorder', output=path) for path in paths]
@@ -63,7 +63,7 @@ def test_a_recorder_that_is_killed_at_any_moment_leaves_what_it_wrote(start_node
     had = [newest_s(path, tmp_path) for path in paths]
     for path in paths:
         await_growth(path)
-    # From the first one on, nobody is sure to hear the clock any more.
+    # From the first one on, /clock may no longer arrive everywhere.
     for recorder in recorders:
         time.sleep(chance.uniform(0.0, FLUSH_S / RECORDERS))
         recorder.kill()
@@ -78,7 +78,7 @@ def await_growth(path):
 
 
 def test_a_recorder_writes_twice_a_second(domain, monkeypatch, tmp_path):
-    """So a killed one loses no more than the last second."""
+    """A killed recorder therefore loses no more than the last second."""
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     rclpy.init()
@@ -95,7 +95,7 @@ def test_a_recorder_writes_twice_a_second(domain, monkeypatch, tmp_path):
 
 
 def newest_s(path, folder):
-    """Repair a copy of what a recorder has written, and return the newest stamp of it [s]."""
+    """Repair a copy of a recorder's file, and return its newest stamp [s]."""
     cut, repaired = folder / 'cut.mcap', folder / 'repaired.mcap'
     cut.write_bytes(path.read_bytes())
     repaired.unlink(missing_ok=True)

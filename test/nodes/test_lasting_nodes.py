@@ -1,4 +1,4 @@
-"""Nodes that last: plants, recorders, subscribers and strangers that come to them and leave."""
+"""Lasting nodes: plants, recorders, subscribers and strangers join them and leave."""
 
 import signal
 import time
@@ -53,7 +53,7 @@ def domain():
 
 @pytest.fixture(scope='module', autouse=True)
 def lasting(domain):
-    """The nodes of all tests of this module."""
+    """The nodes shared by all tests of this module."""
     nodes = {name: Node(domain, name) for name in LASTING}
     yield nodes
     for node in nodes.values():
@@ -62,9 +62,9 @@ def lasting(domain):
 
 @pytest.fixture
 def start(lasting, start_node):
-    """Start a node beside those that last; it takes its leave after the test.
+    """Start a node next to the lasting ones; it leaves after the test.
 
-    One that is killed stays in the graph for a while, in which the next run would wait for it.
+    A killed node would stay in the graph for a while, and the next run would wait for it.
     """
     guests = []
 
@@ -82,7 +82,7 @@ def start(lasting, start_node):
 
 @pytest.fixture
 def watch_run(client, start):
-    """Start a plant, and wait for a time of its run [s]."""
+    """Start a plant, and wait until its run has reached a time [s]."""
 
     def watch(until_s, **parameters):
         plant = start(PLANT, **{'real_time_factor': 0, 'timeout': 60, **parameters})
@@ -95,7 +95,7 @@ def watch_run(client, start):
     return watch
 
 
-def test_a_late_subscriber_gets_the_newest_of_a_state_and_nothing_old(domain, client, watch_run):
+def test_a_late_subscriber_gets_only_the_newest_message_of_a_state(domain, client, watch_run):
     client.watch(OPERATING_STATE)
     watch_run(4.0)
     assert client.call(SetBool, 'plant_sim/pause', SetBool.Request(data=True)).success
@@ -110,13 +110,13 @@ def test_a_late_subscriber_gets_the_newest_of_a_state_and_nothing_old(domain, cl
                 lambda message, name=topic.name: late.seen.setdefault(name, []).append(message),
                 reliable_qos(HISTORY, latched=False),
             )
-        # What stands still is told again, and only that.
+        # Only unchanged messages are repeated.
         named = {topic.name for topic in (*STATES, *STREAMS) if topic is not SOUND}
         late.spin_until(lambda: named <= set(late.seen), what=f'{named}')
         late.spin_until(lambda: len(late.seen[PLANT_IMU.name]) > 3, what='the tick again')
         for topic in (*STATES, *STREAMS):
             offers = late.node.get_publishers_info_by_topic(topic.name)
-            # The plant, too, may switch off the motors.
+            # The plant may switch off the motors, too.
             assert len(offers) == 1 + (topic is MOTOR_DUTY), topic.name
             assert {offer.qos_profile.reliability for offer in offers} == {
                 ReliabilityPolicy.RELIABLE
@@ -140,7 +140,7 @@ def test_a_late_subscriber_gets_the_newest_of_a_state_and_nothing_old(domain, cl
     assert SOUND.name not in late.seen
 
 
-def test_a_recorder_may_come_while_the_plant_waits_for_a_duty(
+def test_a_recorder_may_join_while_the_plant_waits_for_a_duty(
     lasting, start, client, watch_run, tmp_path
 ):
     path = tmp_path / 'run.mcap'
@@ -175,7 +175,7 @@ def test_a_recorder_may_come_while_the_plant_waits_for_a_duty(
         assert recording.topics()['/motor_duty'].message_count > 600
 
 
-def test_a_recorder_that_comes_in_mid_run_has_everything_from_then_on(start, watch_run, tmp_path):
+def test_a_recorder_that_joins_in_mid_run_has_everything_from_then_on(start, watch_run, tmp_path):
     path = tmp_path / 'late.mcap'
     plant = watch_run(2.0, real_time_factor=1)
     recorder = start(RECORDER, output=path)
@@ -191,12 +191,12 @@ def test_a_recorder_that_comes_in_mid_run_has_everything_from_then_on(start, wat
             assert set(np.diff(stamps)) == {topic.period_ns}, topic.name
 
 
-def test_a_run_replays_whose_recorder_came_last(start, client, tmp_path):
+def test_a_run_whose_recorder_started_last_can_be_replayed(start, client, tmp_path):
     path = tmp_path / 'run.mcap'
     plant = start(
         PLANT, real_time_factor=0, duration=2, start_pitch_x=0.02, require_recorder='true'
     )
-    # By then it has announced itself to whoever was there.
+    # By then it has announced itself to all nodes present.
     client.spin_until(lambda: RUN.name in client.newest)
     recorder = start(RECORDER, output=path)
     assert plant.finish() == 0
@@ -204,7 +204,7 @@ def test_a_run_replays_whose_recorder_came_last(start, client, tmp_path):
     assert replay_recording(path, controller='python', assignments=[], as_json=False) == 0
 
 
-def test_what_nodes_share_has_to_be_the_same(start, client):
+def test_shared_parameters_must_be_equal(start, client):
     assert client.set_value(SONAR, 'map', 'track').successful
     plant = start(PLANT, duration=1)
     assert plant.finish() == 1

@@ -1,4 +1,4 @@
-"""Who comes late gets exactly the newest of a state and nothing old; the recorder gets it all."""
+"""A late subscriber gets exactly the newest message of a state; the recorder gets all of them."""
 
 import contextlib
 import os
@@ -53,7 +53,7 @@ def client(make_client):
     return client
 
 
-def test_a_map_of_an_earlier_run_is_not_that_of_one_without(start_node, client, make_client):
+def test_a_run_without_a_map_does_not_get_that_of_an_earlier_run(start_node, client, make_client):
     for name in DRIVERS:
         start_node(name, **({'map': 'corridor'} if name == 'sonar_driver' else {}))
     start_node('plant_sim', map='corridor', real_time_factor=0)
@@ -73,9 +73,7 @@ def test_a_map_of_an_earlier_run_is_not_that_of_one_without(start_node, client, 
     assert MAP.name not in late.newest
 
 
-def test_every_change_is_recorded_that_comes_while_the_recorder_is_stopped(
-    start_node, client, tmp_path
-):
+def test_changes_while_the_recorder_is_stopped_are_recorded(start_node, client, tmp_path):
     path = tmp_path / 'changes.mcap'
     recorder = start_node('recorder', output=path)
     clock, hit = TopicPublisher(client.node, CLOCK), TopicPublisher(client.node, WALL_HIT)
@@ -104,5 +102,5 @@ def test_every_change_is_recorded_that_comes_while_the_recorder_is_stopped(
         pages = [message.data for _, _, message in recording.messages(['/lcd'])]
         assert not [name for name in recording.topics() if '_history' in name]
     assert hits == [True, False] * 5
-    # Of a node of somebody's own, which has no history, too.
+    # Also those of a foreign node, which has no history.
     assert pages == [f'page {number}' for number in range(10)]

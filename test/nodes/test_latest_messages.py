@@ -1,4 +1,4 @@
-"""What a node that shows the graph makes of messages in any order."""
+"""A node that shows the graph handles messages in any order."""
 
 import contextlib
 

@@ -1,4 +1,4 @@
-"""How nodes begin and end, and what they tell of their lives."""
+"""Start and end of nodes, and their log."""
 
 import re
 import signal
@@ -21,12 +21,12 @@ DRIVERS = [name for name in NODES if name not in ('plant_sim', 'recorder')]
 
 
 def lines_of(output):
-    """What was logged at info level, without times and hashes."""
+    """Return the lines logged at info level, without times and hashes."""
     found = re.findall(r'^\[INFO\] \[[\d.]+\] \[[\w.]+\]: (.*)$', output, re.MULTILINE)
-    return [re.sub(r'\d+ ticks, duties \w{12}', 'N ticks', line) for line in found]
+    return [re.sub(r'\d+ ticks, duty_sha256 \w{12}…', 'N ticks', line) for line in found]
 
 
-def test_nodes_tell_what_happens_in_their_lives(start_node, client, tmp_path):
+def test_nodes_log_the_events_of_their_lives(start_node, client, tmp_path):
     path = tmp_path / 'life.mcap'
     plant = start_node('plant_sim', real_time_factor=0, require_recorder='true')
     head = [plant.process.stdout.readline() for _ in range(2)]
@@ -51,7 +51,7 @@ def test_nodes_tell_what_happens_in_their_lives(start_node, client, tmp_path):
     assert plant.interrupt() == 0
     everybody = 'gyro_driver, encoder_driver, sonar_driver, gamepad_teleop, controller, recorder'
     assert lines_of(''.join(head)) == ['started', f'run 1 waits for {everybody}']
-    # As they come, there are fewer.
+    # Fewer are missing as they join.
     told = [line for line in lines_of(plant.output) if ' waits for ' not in line]
     pattern = [
         r'run 1 begins at sim time 1\.000 s', r'paused',
@@ -74,7 +74,7 @@ def test_nodes_tell_what_happens_in_their_lives(start_node, client, tmp_path):
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
 @pytest.mark.parametrize('imported', ['ballbot_ros.errors', 'numpy', 'rclpy.qos'])
-def test_a_signal_ends_a_node_quietly_that_is_still_importing(domain, number, imported):
+def test_a_signal_quietly_ends_a_node_that_is_still_importing(domain, number, imported):
     node = subprocess.Popen(
         [sys.executable, '-X', 'importtime', '-m', 'ballbot_ros.nodes', 'plant_sim'],
         env=environment(domain), stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
@@ -105,7 +105,7 @@ def test_two_robots_in_two_namespaces_of_one_domain_are_refused(start_node, clie
 @pytest.mark.parametrize(
     ('arguments', 'told'), [([], 'no node given'), (['plant'], "unknown node 'plant'")]
 )
-def test_what_is_no_node_is_a_mistake(arguments, told):
+def test_an_unknown_node_is_a_mistake(arguments, told):
     done = subprocess.run(
         [sys.executable, '-m', 'ballbot_ros.nodes', *arguments],
         capture_output=True, text=True, check=False,

@@ -1,4 +1,4 @@
-"""Nodes find each other soon, also those that start at different times."""
+"""Nodes discover each other fast, even if they start at different times."""
 
 import contextlib
 import os
@@ -27,12 +27,12 @@ PARTICIPANT = slice(8, 20)  # of an RTPS message
 
 
 @pytest.mark.graph
-def test_a_node_goes_on_to_tell_of_itself_four_times_a_second(domain, start_node, monkeypatch):
-    """By its diagnostics, once a second; what a busy machine holds up, it holds up both."""
+def test_a_node_announces_itself_four_times_a_second(domain, start_node, monkeypatch):
+    """Compared with its diagnostics, once a second: a busy machine delays both."""
     pytest.importorskip('rclpy')
     from ros_client import Client
 
-    # Where a participant with that number would listen.
+    # The port on which a participant with that number would listen.
     port = 7400 + 250 * domain + 10 + 2 * LAST_PEER
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer,
@@ -61,7 +61,7 @@ def test_profiles_of_the_user_stay(monkeypatch):
 
 
 @pytest.mark.parametrize('text', ['abc', '-1', '1e2', '233', '٣', '010', '1' * 5000])
-def test_what_is_no_domain_is_told_before_ros_begins(text, monkeypatch):
+def test_an_invalid_domain_is_reported_before_ros_starts(text, monkeypatch):
     monkeypatch.setenv(DOMAIN, text)
     with pytest.raises(BallbotError, match=rf'^{DOMAIN}={text}: set a number within 0 … 232$'):
         prepare_middleware()
@@ -73,7 +73,7 @@ def test_the_domain_is_that_of_the_environment(text, domain, monkeypatch):
     assert ros_domain() == domain
 
 
-def test_a_middleware_that_is_not_there_is_told_before_it_ends_the_process(monkeypatch):
+def test_a_missing_middleware_is_reported_before_it_ends_the_process(monkeypatch):
     pytest.importorskip('rclpy')
     monkeypatch.setenv('RMW_IMPLEMENTATION', 'rmw_nosuch_cpp')
     with pytest.raises(BallbotError, match=r'^RMW_IMPLEMENTATION=rmw_nosuch_cpp does not load: '):
@@ -81,7 +81,7 @@ def test_a_middleware_that_is_not_there_is_told_before_it_ends_the_process(monke
 
 
 @pytest.mark.parametrize('name', ['', 'rmw_fastrtps_cpp'])
-def test_the_middleware_of_jazzy_is_taken_to_be_there(monkeypatch, name):
+def test_the_default_middleware_is_assumed_to_be_installed(monkeypatch, name):
     monkeypatch.setenv('RMW_IMPLEMENTATION', name)
     monkeypatch.setattr(subprocess, 'run', lambda *arguments: pytest.fail('asked'))
     require_middleware()

@@ -1,4 +1,4 @@
-"""What a running node makes of parameters that it is given."""
+"""Setting the parameters of a running node."""
 
 import contextlib
 import gc
@@ -39,7 +39,7 @@ VALUES = {
 
 @pytest.fixture
 def make(domain, monkeypatch, tmp_path):
-    """Make nodes in this process; they go with the test."""
+    """Create nodes in this process, until the end of the test."""
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.chdir(tmp_path)
     with contextlib.ExitStack() as stack:
@@ -54,7 +54,7 @@ def make(domain, monkeypatch, tmp_path):
             return node
 
         yield make
-    gc.collect()  # a node that can't be made lives on in the traceback
+    gc.collect()  # a node that can't be created stays alive in the traceback
 
 
 def set_one(node, name, value):
@@ -74,7 +74,7 @@ def test_a_node_takes_its_own_dump(make, role):
 
 
 @pytest.mark.parametrize('role', NODES)
-def test_every_parameter_acts_when_the_table_says(make, role):
+def test_every_parameter_takes_effect_as_the_table_says(make, role):
     node = make(role, **VALUES.get(role, {}))
     for name, row in parameters_of(node.role).items():
         value = another(row, getattr(node.parameters, name))
@@ -97,7 +97,7 @@ OTHER_TEXTS = {'map': 'corridor', 'scenario': 'square', 'output': 'x.mcap', 'att
 
 
 def another(row, value):
-    """Another value that is allowed, for what needs no file or device."""
+    """Return another allowed value, for parameters that need no file or device."""
     if isinstance(value, bool):
         return None if row.name == 'keyboard' else not value
     if row.choices:
@@ -114,7 +114,7 @@ def another(row, value):
     return half if half != value and half >= low else high
 
 
-def test_what_acts_from_the_next_run_on_does_so_together(make):
+def test_parameters_of_the_next_run_take_effect_together(make):
     node = make(GYRO)
     assert set_one(node, 'noise', 2.5).successful
     assert set_one(node, 'seed', 7).successful
@@ -123,7 +123,7 @@ def test_what_acts_from_the_next_run_on_does_so_together(make):
     assert (node.parameters.noise, node.parameters.seed) == (2.5, 7)
 
 
-def test_none_of_several_is_taken_if_one_is_refused(make):
+def test_if_one_of_several_values_is_refused_none_is_set(make):
     node = make(PLANT)
     pair = [Parameter('push_duration', value=0.5), Parameter('real_time_factor', value=1e-4)]
     result = node.set_parameters_atomically(pair)
@@ -155,7 +155,7 @@ def test_none_of_several_is_taken_if_one_is_refused(make):
     ],
     ids=str,
 )
-def test_what_cannot_be_is_refused_with_the_reason(make, role, name, value, words):
+def test_an_impossible_value_is_refused_with_the_reason(make, role, name, value, words):
     node = make(role)
     result = set_one(node, name, value)
     assert not result.successful
@@ -163,7 +163,7 @@ def test_what_cannot_be_is_refused_with_the_reason(make, role, name, value, word
     assert '\n' not in result.reason
 
 
-def test_a_whole_number_is_taken_for_a_float(make):
+def test_an_integer_is_accepted_for_a_float(make):
     node = make(PLANT, duration=4)
     assert node.parameters.duration == 4.0
     assert set_one(node, 'real_time_factor', 1).successful
@@ -172,7 +172,7 @@ def test_a_whole_number_is_taken_for_a_float(make):
     assert set_one(node, 'real_time_factor', 0).successful
 
 
-def test_a_number_that_yaml_takes_for_text_is_taken_for_a_float(make):
+def test_a_number_that_yaml_reads_as_text_is_accepted_for_a_float(make):
     node = make(PLANT)
     assert set_one(node, 'motor_inertia', '2e-05').successful
     assert node.get_parameter('motor_inertia').value == 2e-5
@@ -180,12 +180,12 @@ def test_a_number_that_yaml_takes_for_text_is_taken_for_a_float(make):
     assert not set_one(node, 'map', '1e-05').successful
 
 
-def test_a_whole_number_is_taken_for_a_float_on_the_command_line(make):
+def test_an_integer_is_accepted_for_a_float_on_the_command_line(make):
     node = make(GYRO, ['-p', 'noise:=1'])
     assert node.parameters.noise == 1.0
 
 
-def test_a_log_that_can_not_be_made_at_the_next_run_does_not_end_the_driving(make, tmp_path):
+def test_a_log_that_can_not_be_created_for_the_next_run_does_not_end_the_drive(make, tmp_path):
     node = make(GAMEPAD)
     path = tmp_path / 'none' / 'log.csv'
     assert set_one(node, 'log_csv', str(path)).successful
@@ -196,14 +196,14 @@ def test_a_log_that_can_not_be_made_at_the_next_run_does_not_end_the_driving(mak
     assert (tmp_path / 'log.csv').exists()
 
 
-def test_with_the_keyboard_at_work_other_parameters_are_taken(make):
+def test_parameters_can_be_set_while_the_keyboard_drives(make):
     node = make(GAMEPAD)
     # While the panel is up, standard output is a pipe.
     node.parameters = node._requested = replace(node.parameters, keyboard=True)
     assert set_one(node, 'deadzone', 0.2).successful
 
 
-def test_in_lockstep_the_controller_has_no_other_clock(make):
+def test_in_lockstep_the_controller_requires_sim_time(make):
     with pytest.raises(BallbotError, match='use_sim_time: false: in lockstep'):
         make(CONTROLLER, ['-p', 'use_sim_time:=false'])
 
@@ -214,14 +214,14 @@ def test_free_running_it_may_have_another_clock(make):
     assert set_one(node, 'use_sim_time', True).successful
 
 
-def test_the_clock_is_sim_time_unless_it_is_told_otherwise(make):
+def test_the_clock_is_sim_time_by_default(make):
     node = make(CONTROLLER)
     assert node.get_parameter('use_sim_time').value is True
     assert node.get_clock().ros_time_is_active
 
 
 @pytest.mark.parametrize('role', [PLANT, GYRO, CONTROLLER])
-def test_a_renamed_node_is_the_same_in_all_but_its_name(make, role):
+def test_a_renamed_node_keeps_its_role_and_parameters(make, role):
     node = make(role, ['-r', '__node:=another', '-r', '__ns:=/robot'])
     assert node.get_fully_qualified_name() == '/robot/another'
     assert node.role in ALL_NODES

@@ -1,4 +1,4 @@
-"""Which ports a new participant is kept off."""
+"""Keeping a new participant off the ports of dead ones."""
 
 import fcntl
 import signal
@@ -18,7 +18,7 @@ from ballbot_ros.nodes.participant_ports import (
 
 @pytest.fixture
 def first(domain):
-    """RTPS: port base and domain gain; a participant's own ports are 10 and 11 + 2 * its number."""
+    """Return a domain's first port; RTPS adds 10 and 11 + 2 * its number for each participant."""
     return 7400 + 250 * domain
 
 
@@ -48,7 +48,7 @@ def test_a_port_that_nobody_has_locked_is_stale(domain, first, tmp_path):
     assert stale_participants(domain, tmp_path) == [0, 2, 3, 4]
 
 
-def test_what_is_no_participants_port_tells_nothing(domain, first, tmp_path):
+def test_ports_that_are_not_a_participants_are_ignored(domain, first, tmp_path):
     make_port(tmp_path, first + 12)
     make_port(tmp_path, first + 11 + 250)
     make_port(tmp_path, 7003)
@@ -59,7 +59,7 @@ def test_what_is_no_participants_port_tells_nothing(domain, first, tmp_path):
     assert stale_participants(domain, tmp_path / 'missing') == []
 
 
-def test_the_numbers_of_the_dead_are_held_for_as_long_as_it_takes(domain, first, tmp_path):
+def test_the_numbers_of_dead_participants_are_occupied_within_the_block(domain, first, tmp_path):
     make_port(tmp_path, first + 13)
     with avoid_stale_ports(domain, tmp_path):
         assert not can_bind(first + 12)
@@ -68,7 +68,7 @@ def test_the_numbers_of_the_dead_are_held_for_as_long_as_it_takes(domain, first,
     assert can_bind(first + 12)
 
 
-def test_two_that_start_at_once_hold_them_together(domain, first, tmp_path):
+def test_two_processes_that_start_together_share_the_occupied_numbers(domain, first, tmp_path):
     make_port(tmp_path, first + 13)
     with avoid_stale_ports(domain, tmp_path):
         with avoid_stale_ports(domain, tmp_path):
@@ -76,11 +76,11 @@ def test_two_that_start_at_once_hold_them_together(domain, first, tmp_path):
         assert not can_bind(first + 12)
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as other:
         other.bind(('127.0.0.1', first + 12))
-        with avoid_stale_ports(domain, tmp_path):  # what is taken need not be held
+        with avoid_stale_ports(domain, tmp_path):  # a port in use need not be occupied
             pass
 
 
-def test_enough_numbers_are_left(domain, first, tmp_path):
+def test_enough_numbers_remain_free(domain, first, tmp_path):
     for number in range(MAX_AVOIDED_PARTICIPANTS + 1):
         make_port(tmp_path, first + 11 + 2 * number)
     with avoid_stale_ports(domain, tmp_path):
@@ -112,7 +112,7 @@ def test_a_restarted_node_takes_another_number_than_the_killed_one(domain, first
     port = f'fastrtps_port{first + 11 + 2 * int(numbers[0])}'
     maps = Path(f'/proc/{nodes[1].process.pid}/maps')
     wait_for(lambda: port in maps.read_text(), what='that somebody writes to its port')
-    # Or it might find out in time that nobody reads there any more.
+    # Otherwise it might notice in time that the port has no reader any more.
     nodes[1].process.send_signal(signal.SIGSTOP)
     nodes[0].kill()
     again = start_node('gyro_driver')

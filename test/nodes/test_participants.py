@@ -1,4 +1,4 @@
-"""Nodes left over, doubled, foreign or of the user's own: what a run with them comes to."""
+"""Runs with leftover, duplicate, foreign and user-written nodes."""
 
 import pytest
 
@@ -36,8 +36,8 @@ def counts(folder):
         return {name: topic.message_count for name, topic in reader.topics().items()}
 
 
-def test_a_run_beside_nodes_of_an_earlier_one_fails_and_names_them(start_node, start_run):
-    # The old gyro is noisy: its answers are not those of the run.
+def test_a_run_next_to_nodes_of_an_earlier_one_fails_and_names_them(start_node, start_run):
+    # The old gyro is noisy, so its answers differ from those of the run.
     for name in OTHERS:
         start_node(name, **({'noise': 0.7} if name == GYRO else {}))
     assert start_node(PLANT, duration=1.0, real_time_factor=0.0).finish() == 0
@@ -50,13 +50,13 @@ def test_a_run_beside_nodes_of_an_earlier_one_fails_and_names_them(start_node, s
     assert 'Traceback' not in run.stderr
 
 
-def test_left_nodes_and_a_restarted_one_serve_the_next_plant(start_node, tmp_path):
+def test_leftover_nodes_and_a_restarted_one_serve_the_next_plant(start_node, tmp_path):
     nodes = {name: start_node(name) for name in OTHERS}
     recorder = start_node(RECORDER, output=tmp_path / 'all.mcap')
     hashes = []
     for number in range(3):
         path = tmp_path / f'{number}.npz'
-        # The second one leaves at the first tick answers to another pose.
+        # The second run leaves answers for another pose at the first tick.
         pose, duration = (0.02, 0.004) if number == 1 else (0.07, 1.5)
         plant = start_node(PLANT, duration=duration, start_pitch_x=pose, real_time_factor=0.0,
                            require_recorder='true', trajectory_file=path)  # fmt: skip
@@ -80,7 +80,7 @@ def test_forged_diagnostics_change_neither_verdict_nor_recording(start_run, clie
     shortened = ('--set', 'plant_sim.duration=2')
     run = start_run('stationary', '--json', '--output', tmp_path, *shortened)
     client.spin_until(lambda: run.process.poll() is not None)
-    assert run.finish() in (0, 1)  # so short a run may miss the expectations
+    assert run.finish() in (0, 1)  # such a short run may miss the expectations
     rows = {row['role']: row for row in run.result['participants']}
     assert set(rows) == set(NODES)
     assert all(row['since_s'] == 0.0 and not row['successor'] for row in rows.values())
@@ -97,7 +97,7 @@ def test_forged_diagnostics_change_neither_verdict_nor_recording(start_run, clie
 
 
 class OwnController:
-    """The least that a controller of somebody's own has to do; it drives nothing."""
+    """A minimal foreign controller, which does not drive."""
 
     def __init__(self, node):
         self._participant = Participant(

@@ -1,4 +1,4 @@
-"""The hands of the plant's node."""
+"""Execution of the master's actions by the plant's node."""
 
 from typing import get_args
 

@@ -1,4 +1,4 @@
-"""Playing: every message as it was recorded, at the pace asked for, and never beside a plant."""
+"""Playback: every message as recorded, at the requested rate, and never next to a plant."""
 
 import math
 import subprocess
@@ -32,7 +32,7 @@ def recording(tmp_path_factory):
 
 
 class Listener:
-    """Takes what comes on some topics, byte for byte."""
+    """Stores the messages on some topics, byte for byte."""
 
     def __init__(self, domain, topics):
         self.context = Context()
@@ -62,7 +62,7 @@ class Listener:
     def close(self):
         self._done.set_result(None)
         self._thread.join()
-        self._executor.shutdown()  # with the node's subscriptions it holds its participant
+        self._executor.shutdown()  # with the node's subscriptions it keeps its participant alive
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
@@ -89,8 +89,8 @@ def recorded(path, start_ns):
         return messages, {name: topic.type_name for name, topic in reader.topics().items()}
 
 
-def test_everything_comes_as_it_was_recorded(recording, domain, listen):
-    # A publisher keeps 128 messages for a listener that a busy machine holds up: at this pace, 2 s.
+def test_messages_are_published_as_recorded(recording, domain, listen):
+    # A publisher keeps 128 messages for a listener delayed by a busy machine: at this rate, 2 s.
     expected, types = recorded(recording, 5_500_000_000)
     listener = listen(types)
     begun = time.monotonic()
@@ -111,7 +111,7 @@ def test_everything_comes_as_it_was_recorded(recording, domain, listen):
         _, errors = player.communicate()
     assert (player.returncode, errors) == (0, '')
     for name, messages in expected.items():
-        # The middleware pads a message to whole words.
+        # The middleware pads a message to full words.
         padded = [data + bytes(-len(data) % 4) for data in messages]
         assert listener.found[name] == padded, name
 
@@ -135,7 +135,7 @@ def test_pause_and_seek(recording, start_node, listen):
     wait_for(lambda: stands_still(clock), what='the standstill')
     seek = listener.node.create_publisher(Float64, '/player/seek', 10)
     wait_for(lambda: seek.get_subscription_count() > 0)
-    seek.publish(Float64(data=math.nan))  # is no place, and changes nothing
+    seek.publish(Float64(data=math.nan))  # not a position, and changes nothing
     seek.publish(Float64(data=5.0))
     wait_for(pause.call_async(SetBool.Request(data=False)).done)
     before = len(clock)
@@ -168,11 +168,11 @@ def test_a_live_plant_is_left_alone(recording, domain, start_node, listen):
         assert result.returncode == 2, options
         assert result.stderr.startswith('error: another plant or player is running')
         assert result.stderr.count('\n') == 1
-    # What no plant publishes may be played beside one.
+    # Topics that no plant publishes may be played next to one.
     assert play('--topics', '/lcd', '--rate', '10').returncode == 0
 
 
-def test_a_clock_from_elsewhere_ends_it(recording, domain, start_node, listen):
+def test_a_foreign_clock_ends_it(recording, domain, start_node, listen):
     listener = listen({})
     player = start_node('player', file=recording, loop=True)
     wait_for(lambda: listener.node.count_publishers('/clock') > 0)

@@ -1,4 +1,4 @@
-"""What the system tells of processes."""
+"""Information from the system about processes."""
 
 import contextlib
 import os
@@ -76,7 +76,7 @@ def test_a_process_that_is_stopped_neither_runs_nor_queues(start):
     assert not is_waiting(stopped.pid)
 
 
-def test_of_a_process_that_is_gone_nothing_is_told(start):
+def test_a_process_that_has_ended_has_no_threads(start):
     process = start(WAIT)
     assert process.pid in children(os.getpid())
     wait_for(lambda: threads_of(process.pid), what='its account')
@@ -91,7 +91,7 @@ def test_of_a_process_that_is_gone_nothing_is_told(start):
 
 
 @pytest.mark.parametrize('account', [None, '0 0 0'], ids=['none', 'empty'])
-def test_a_kernel_without_an_account_tells_nothing(tmp_path, monkeypatch, account):
+def test_a_kernel_without_scheduler_statistics_gives_no_threads(tmp_path, monkeypatch, account):
     thread = tmp_path / '7' / 'task' / '7'
     thread.mkdir(parents=True)
     (thread / 'stat').write_text('7 (a (node)) R 1')

@@ -29,7 +29,7 @@ ONLY_IN_THE_GRAPH = {
 
 @pytest.fixture
 def recordings(tmp_path):
-    """The recordings of the same run in every way, made at the same time."""
+    """The recordings of the same run in all arrangements of processes, made at the same time."""
     with contextlib.ExitStack() as stack:
         runs = {}
         for processes in ('separate', 'one', 'none'):
@@ -43,12 +43,12 @@ def recordings(tmp_path):
     return {processes: tmp_path / processes / 'stationary.mcap' for processes in runs}
 
 
-def test_every_way_leaves_the_same_and_everyone_can_read_it(recordings):
+def test_all_ways_of_running_leave_the_same_readable_recording(recordings):
     for processes, recording in recordings.items():
         nothing_is_missing(recording, processes)
         mcap_reads_it_and_its_checksums_hold(recording, processes)
         rosbags_decodes_every_message(recording, processes)
-        the_file_alone_is_enough_to_run_it_again(recording, processes)
+        the_file_alone_is_enough_for_a_replay(recording, processes)
     the_graph_records_what_the_loop_without_ros_records(recordings)
 
 
@@ -89,7 +89,7 @@ def rosbags_decodes_every_message(recording, processes):
         assert count == reader.message_count, processes
 
 
-def the_file_alone_is_enough_to_run_it_again(recording, processes):
+def the_file_alone_is_enough_for_a_replay(recording, processes):
     with RecordingReader(recording) as reader:
         attached = reader.attachments()
     assert b'pitch_x_deg: 4.0' in attached['scenario.yaml'].data, processes

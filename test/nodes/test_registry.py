@@ -16,7 +16,7 @@ def test_registry_and_parameter_table_have_the_same_nodes_in_one_order():
 
 
 @each_node
-def test_what_runs_a_node_is_where_the_registry_says(name):
+def test_class_and_main_of_each_node_are_where_the_registry_says(name):
     pytest.importorskip('rclpy')
     pytest.importorskip('viser')
     assert callable(REGISTRY[name].maker)
@@ -28,5 +28,5 @@ def test_each_node_is_a_function_of_the_executables(name):
     assert getattr(executables, name).args == (name,)
 
 
-def test_what_python_looks_for_in_a_module_is_no_node():
+def test_special_attributes_of_a_module_are_not_nodes():
     assert not hasattr(executables, '__path__')

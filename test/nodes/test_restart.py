@@ -1,4 +1,4 @@
-"""Nodes that are started by hand, and again in mid-run."""
+"""Nodes that are started by hand, and restarted in mid-run."""
 
 import contextlib
 import signal
@@ -24,7 +24,8 @@ BALANCING_NS = FIRST_TICK_NS + 1_100_000_000
 START_PITCH = 0.06981317007977318
 OTHERS = [name for name in NODES if name not in ('plant_sim', 'recorder')]
 VICTIMS = ['gyro_driver', 'sonar_driver']
-"""One that answers every tick, and one that does not; all: simulation/test_robot_world.py."""
+"""A driver that answers every tick, and one that does not; simulation/test_robot_world.py tests
+all."""
 
 
 @pytest.fixture
@@ -71,19 +72,20 @@ def undisturbed(ticks):
 
 
 def await_standstill(client):
-    """Wait until no tick comes any more; return the stamp of the last one [ns]."""
+    """Wait until no more ticks come; return the stamp of the last one [ns]."""
     client.await_standstill()
     return client.now_ns()
 
 
 @contextlib.contextmanager
 def held_up(recorder, client):
-    """Stop the recorder until the plant waits for it, as far ahead as it may be.
+    """Stop the recorder until the plant has its maximum lead and waits.
 
-    A second, too: so often the middleware looks who is dead, and throws away what is unread of it.
+    At least a second: in this interval the middleware finds dead processes, and discards their
+    unread samples.
     """
     recorder.process.send_signal(signal.SIGSTOP)
-    # While it waits for the recorder the plant tells again how the run stands.
+    # While it waits for the recorder, the plant repeats the status of the run.
     client.seen[RUN_STATUS.name] = []
     client.spin_until(lambda: len(client.seen[RUN_STATUS.name]) > 12, what='a second of waiting')
     yield
@@ -94,19 +96,19 @@ def test_restarted_drivers_and_a_second_plant_change_no_duty(
     client, start_graph, start_node, tmp_path
 ):
     ticks = 750
-    # Time enough for a restart on a busy machine.
+    # Enough time for a restart on a busy machine.
     nodes = start_graph(ticks * TICK_NS * 1e-9, timeout=60.0)
     restarts = {}
     client.spin_until(lambda: PLANT_IMU.name in client.newest, what='the first tick')
     client.spin_until(lambda: client.now_ns() > BALANCING_NS, what='the end of calibration')
     second = start_node('plant_sim', duration=6.0, real_time_factor=0.0)
     for victim in VICTIMS:
-        # What the victim has sent may be on its way to the recorder when it dies.
+        # Samples of the victim may be on their way to the recorder when it dies.
         with held_up(nodes['recorder'], client):
             nodes[victim].kill()
         stopped = await_standstill(client)
         restarts[victim] = (stopped - FIRST_TICK_NS) // TICK_NS
-        if victim == VICTIMS[-1]:  # the first plant can not have ended before the second
+        if victim == VICTIMS[-1]:  # the first plant can't have ended before the second
             assert second.finish() == 2
         start_node(victim)
         client.spin_until(
@@ -129,7 +131,9 @@ def test_restarted_drivers_and_a_second_plant_change_no_duty(
             assert reader.topics()[topic].message_count == ticks
 
 
-def test_drivers_may_be_killed_at_once_and_before_they_are_known(client, start_graph, start_node):
+def test_drivers_may_be_killed_together_and_before_they_are_discovered(
+    client, start_graph, start_node
+):
     nodes = start_graph(60.0, timeout=60.0)
     client.spin_until(lambda: PLANT_IMU.name in client.newest, what='the first tick')
     for driver in VICTIMS:
@@ -162,24 +166,26 @@ def test_a_restarted_controller_fails_the_run_and_says_so(
     assert 'controller' in nodes['plant_sim'].output
 
 
-def test_a_controller_may_be_told_to_begin_afresh(start_graph, start_node, client, tmp_path):
+def test_with_rejoin_a_restarted_controller_begins_from_its_initial_state(
+    start_graph, start_node, client, tmp_path
+):
     nodes = start_graph(5.0, timeout=60.0)
     await_recording(tmp_path / 'run.mcap')
     with held_up(nodes['recorder'], client):
         nodes['controller'].kill()
     client.watch(DIAGNOSTICS, depth=100)
     controller = start_node('controller', rejoin='true')
-    # Until the plant asks again for a tick of theirs, its timers have no phase.
+    # Its timers are in phase only after the plant has asked again for one of their ticks.
     client.await_diagnosis('controller', 'forced releases', lambda forced: int(forced) > 0)
     status = nodes['plant_sim'].finish()
     controller.interrupt()
-    # It came to its end, but not with the duties of one controller.
+    # The run reached its end, but with the duties of two controllers.
     assert status == 1
     assert 'restarted at' in nodes['plant_sim'].output, controller.output
 
 
-def test_a_controller_is_not_sent_what_was_answered_before_it_came(client, start_node):
-    # Samples of a run's first ticks come topic by topic, which would look like a second sample.
+def test_a_new_controller_is_not_sent_samples_of_answered_ticks(client, start_node):
+    # Samples of a run's first ticks arrive topic by topic, which could look like a second sample.
     start_node('controller')
     for topic in INPUT_READERS:
 

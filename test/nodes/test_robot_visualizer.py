@@ -1,4 +1,4 @@
-"""The robot for other tools: described once for whoever comes, drawn as it moves, not recorded."""
+"""The robot for other tools: its description, also for late subscribers, and its drawing."""
 
 import subprocess
 from importlib.util import find_spec
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.graph
 
 @pytest.fixture
 def recording(tmp_path):
-    """Three seconds before a wall, during which the ball rolls."""
+    """Three seconds near a wall, during which the ball rolls."""
     words = ['run', 'stationary', '--processes', 'none', '--output', tmp_path]
     settings = {'duration': 3.0, 'map': 'corridor', 'start_pitch_x': 0.05}
     options = [f'--set=plant_sim.{name}={value}' for name, value in settings.items()]
@@ -34,7 +34,7 @@ def stamp(markers):
     return stamp_ns(next(marker for marker in markers if marker.ns == 'ball'))
 
 
-def test_beside_a_player_that_begins_again(recording, domain, start_node, tmp_path):
+def test_it_follows_a_player_that_restarts(recording, domain, start_node, tmp_path):
     visualizer = start_node('robot_visualizer', body_height='0.2')
     client = Client(domain)
     try:
@@ -50,7 +50,7 @@ def test_beside_a_player_that_begins_again(recording, domain, start_node, tmp_pa
         recorder = start_node('recorder', output=again)
         start_node('player', file=recording, loop=True, rate='2.0')
 
-        def leapt_back():
+        def jumped_back():
             return any(later < earlier for earlier, later in pairwise(map(stamp, arrays())))
 
         def ball_positions():
@@ -58,8 +58,8 @@ def test_beside_a_player_that_begins_again(recording, domain, start_node, tmp_pa
                 each.pose.position.x for array in arrays() for each in array if each.ns == 'ball'
             }
 
-        # The first time, a busy machine may hear only the end of it.
-        client.spin_until(lambda: len(ball_positions()) > 10 and leapt_back())
+        # On a busy machine, only the end of the first pass may be received.
+        client.spin_until(lambda: len(ball_positions()) > 10 and jumped_back())
         assert recorder.interrupt() == 0
         assert visualizer.interrupt() == 0
     finally:

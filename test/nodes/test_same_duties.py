@@ -1,4 +1,4 @@
-"""The duties are a function of scenario and seed alone, however the run is made."""
+"""The duties depend on scenario and seed only, in all arrangements of processes."""
 
 import contextlib
 import os
@@ -37,14 +37,14 @@ def expected_sha256():
 
 
 def sha256_of(run):
-    assert run.finish() in (0, 1), run.stderr  # so short a run may miss the expectations
+    assert run.finish() in (0, 1), run.stderr  # such a short run may miss the expectations
     assert run.result['ticks'] == round(DURATION_S * 250)
     return run.result['duty_sha256']
 
 
 @pytest.mark.parametrize('record', [True, False], ids=['recorded', 'not recorded'])
 @pytest.mark.parametrize('processes', ['separate', 'one', 'none'])
-def test_every_way_of_running_gives_the_same_duties(
+def test_all_ways_of_running_give_the_same_duties(
     start_run, tmp_path, expected_sha256, processes, record
 ):
     where = ['--output', tmp_path] if record else ['--no-record']
@@ -54,9 +54,9 @@ def test_every_way_of_running_gives_the_same_duties(
 
 @pytest.mark.slow
 def test_every_repetition_gives_the_same_duties(tmp_path, expected_sha256):
-    """Two graphs at a time, each in a domain of its own, with one plant after the other.
+    """Run two graphs at a time, each in its own domain, with one plant after the other.
 
-    Any order of messages is tried in simulation/test_robot_world.py.
+    simulation/test_robot_world.py tests other orders of messages.
     """
     start_pitch_x = load_scenario('stationary').parameters.of(PlantParameters).start_pitch_x
     with contextlib.ExitStack() as stack:
@@ -84,7 +84,7 @@ def test_every_repetition_gives_the_same_duties(tmp_path, expected_sha256):
 
 @pytest.mark.slow
 def test_delays_in_any_node_change_no_duty(start_run, tmp_path, expected_sha256):
-    """Nodes are stopped at random, each for longer than many ticks take."""
+    """Nodes are suspended at random, each for longer than many ticks."""
     choose = random.Random(0)
     run = start_run('stationary', '--json', '--output', tmp_path, *NOISY)
     pids = run.nodes()

@@ -59,7 +59,7 @@ def graph():
 
 @pytest.fixture
 def client(graph):
-    """The client, in a run of the test's own, of which it has seen the first tick."""
+    """The client, in a new run for the test, of which it has seen the first tick."""
     before = graph.newest[RUN.name].frame_id
     assert graph.call(Trigger, 'plant_sim/reset', Trigger.Request()).success
     graph.spin_until(lambda: graph.newest[RUN.name].frame_id != before)
@@ -89,17 +89,17 @@ def step(client):
     assert client.now_ns() == before + 4_000_000
 
 
-def test_pause_stops_time_step_moves_one_tick_and_resume_goes_on(paused):
+def test_pause_stops_time_step_runs_one_tick_and_resume_continues(paused):
     step(paused)
     stepped = paused.now_ns()
-    # It takes longer than the timeout: a paused plant waits for nobody.
+    # This takes longer than the timeout, which does not apply to a paused plant.
     paused.await_standstill()
     assert paused.now_ns() == stepped
     assert paused.call(SetBool, 'plant_sim/pause', SetBool.Request(data=False)).success
     paused.spin_until(lambda: paused.now_ns() > stepped + 100_000_000)
 
 
-def test_a_step_while_it_runs_is_refused(client):
+def test_a_step_of_a_running_plant_is_refused(client):
     response = client.call(Trigger, 'plant_sim/step', Trigger.Request())
     assert not response.success
     assert 'pause' in response.message

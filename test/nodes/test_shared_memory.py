@@ -1,4 +1,4 @@
-"""What killed processes leave in shared memory goes, and what a living one holds stays."""
+"""Leftovers of killed processes in shared memory are removed; files in use stay."""
 
 import ctypes
 import json
@@ -76,7 +76,7 @@ def acquire(mutex):
 
 
 def make_port(folder):
-    """A port with all of its files."""
+    """Create a port with all its files."""
     make(folder, PORT, WHOLE_PORT)
     make(folder, f'{PORT}_el')
     make(folder, f'{PORT}_sl')
@@ -89,7 +89,7 @@ def names(folder):
 
 @contextmanager
 def held(path, how):
-    """Have another process hold a file."""
+    """Let another process hold a file."""
     script = (
         f'import fcntl, mmap, sys; path = {str(path)!r}; {HOLD[how]}; print(); sys.stdin.read()'
     )
@@ -101,7 +101,7 @@ def held(path, how):
         holder.kill()
 
 
-def test_what_nobody_holds_goes(tmp_path):
+def test_unused_files_are_removed(tmp_path):
     make_port(tmp_path)
     make(tmp_path, SEGMENT, bytes(1000))
     make(tmp_path, f'{SEGMENT}_el')
@@ -112,7 +112,7 @@ def test_what_nobody_holds_goes(tmp_path):
     assert names(tmp_path) == []
 
 
-def test_what_is_not_the_middlewares_stays(tmp_path):
+def test_files_of_other_programs_stay(tmp_path):
     for name in ('sem.other', 'fastrtps_port', 'fastrtps_port7x', f'{SEGMENT}0', f'my_{PORT}'):
         make(tmp_path, name)
     (tmp_path / PORT).mkdir()
@@ -133,7 +133,7 @@ def test_what_is_not_the_middlewares_stays(tmp_path):
         (SEGMENT, 'mapping'),
     ],
 )
-def test_what_a_process_holds_stays_with_all_that_belongs_to_it(tmp_path, name, how):
+def test_a_resource_in_use_stays_with_all_its_files(tmp_path, name, how):
     make_port(tmp_path)
     make(tmp_path, SEGMENT, bytes(1000))
     make(tmp_path, f'{SEGMENT}_el')
@@ -150,7 +150,9 @@ def test_what_a_process_holds_stays_with_all_that_belongs_to_it(tmp_path, name, 
     ('name', 'how', 'look'),
     [(f'{PORT}_el', 'lock', '_unlocked'), (PORT, 'mapping', '_unmapped')],
 )
-def test_what_a_process_takes_after_the_first_look_stays(tmp_path, monkeypatch, name, how, look):
+def test_a_file_taken_by_a_process_after_the_first_look_stays(
+    tmp_path, monkeypatch, name, how, look
+):
     make_port(tmp_path)
     second_look = getattr(shared_memory, look)
 
@@ -163,7 +165,9 @@ def test_what_a_process_takes_after_the_first_look_stays(tmp_path, monkeypatch, 
         assert sweep(tmp_path) == []
 
 
-def test_who_begins_to_open_a_port_after_the_first_look_finds_its_lock_free(tmp_path, monkeypatch):
+def test_a_process_that_opens_a_port_after_the_first_look_finds_its_lock_free(
+    tmp_path, monkeypatch
+):
     make_port(tmp_path)
     assert acquire(tmp_path / MUTEX)
     second_look, lock = shared_memory._unmapped, shared_memory.fcntl.flock
@@ -181,11 +185,11 @@ def test_who_begins_to_open_a_port_after_the_first_look_finds_its_lock_free(tmp_
     monkeypatch.setattr(shared_memory.fcntl, 'flock', note_and_lock)
     with held(tmp_path / MUTEX, 'mapping'):
         assert sweep(tmp_path, older_than_s=0) == []
-    assert locked == ['']  # the folder's, against another sweep
+    assert locked == ['']  # the lock of the folder, against another sweep
 
 
 @pytest.mark.parametrize(('name', 'how'), [(f'{PORT}_el', 'lock'), (PORT, 'mapping')])
-def test_a_sweep_takes_no_lock_of_what_a_process_holds(tmp_path, monkeypatch, name, how):
+def test_a_sweep_locks_no_resource_in_use(tmp_path, monkeypatch, name, how):
     make_port(tmp_path)
     claimed = []
     monkeypatch.setattr(shared_memory._Resource, 'claim', lambda *arguments: claimed.append(1))
@@ -196,7 +200,7 @@ def test_a_sweep_takes_no_lock_of_what_a_process_holds(tmp_path, monkeypatch, na
     assert claimed
 
 
-def test_a_port_whose_maker_died_with_the_semaphore_goes(tmp_path):
+def test_a_port_whose_creator_died_with_the_semaphore_is_removed(tmp_path):
     make_port(tmp_path)
     assert acquire(tmp_path / MUTEX)
     sweep(tmp_path, older_than_s=0)
@@ -233,7 +237,7 @@ def test_a_file_that_vanishes_meanwhile_is_not_counted(tmp_path, monkeypatch):
     assert PORT not in [leftover.path.name for leftover in sweep(tmp_path)]
 
 
-def test_a_port_that_is_made_again_meanwhile_stays(tmp_path, monkeypatch):
+def test_a_port_that_is_recreated_meanwhile_stays(tmp_path, monkeypatch):
     make_port(tmp_path)
     operate = shared_memory._semaphore
 
@@ -253,7 +257,7 @@ def test_a_port_can_not_be_opened_while_it_is_judged(tmp_path):
     assert acquire(tmp_path / MUTEX)
 
 
-def test_who_waits_for_a_removed_port_is_not_let_in(tmp_path):
+def test_a_process_waiting_for_a_removed_port_is_not_let_in(tmp_path):
     make_port(tmp_path)
     with (tmp_path / MUTEX).open('r+b', buffering=0) as waiting:
         assert sweep(tmp_path)
@@ -261,7 +265,7 @@ def test_who_waits_for_a_removed_port_is_not_let_in(tmp_path):
 
 
 @pytest.mark.parametrize('content', [WHOLE_PORT, b''], ids=['dead', 'broken'])
-def test_of_two_sweeps_at_once_one_does_the_work(tmp_path, monkeypatch, content):
+def test_of_two_simultaneous_sweeps_one_does_the_work(tmp_path, monkeypatch, content):
     port = make(tmp_path, PORT, content)
     if not content:  # a process waits for it
         monkeypatch.setattr(shared_memory, '_unmapped', lambda resources: [])
@@ -271,13 +275,13 @@ def test_of_two_sweeps_at_once_one_does_the_work(tmp_path, monkeypatch, content)
 
 
 @pytest.mark.parametrize('content', BROKEN_PORTS.values(), ids=BROKEN_PORTS)
-def test_a_broken_port_is_found_and_goes_once_it_is_old(tmp_path, content):
+def test_a_broken_port_is_found_and_is_removed_once_it_is_old(tmp_path, content):
     port = make(tmp_path, PORT, content, age_s=YOUNG_S)
     make_mutex(tmp_path)
     make(tmp_path, f'{PORT}1', WHOLE_PORT, age_s=YOUNG_S)
     make(tmp_path, SEGMENT, age_s=YOUNG_S)
     assert find_broken_ports(tmp_path) == [port]
-    with held(tmp_path / MUTEX, 'mapping'):  # by its maker, or by one that waits for it
+    with held(tmp_path / MUTEX, 'mapping'):  # by its creator, or by a process that waits for it
         assert sweep(tmp_path) == []
         set_age(port, OLD_S)
         sweep(tmp_path)
@@ -293,7 +297,7 @@ def test_a_young_broken_port_is_given_time(tmp_path, monkeypatch):
     assert names(tmp_path) == [PORT]
 
 
-def test_a_broken_port_that_stays_so_goes(tmp_path, monkeypatch):
+def test_a_permanently_broken_port_is_removed(tmp_path, monkeypatch):
     port = make(tmp_path, PORT, age_s=YOUNG_S)
     monkeypatch.setattr(shared_memory.time, 'sleep', lambda s: set_age(port, OLD_S))
     assert clear_shared_memory(tmp_path) == [(port, 0)]
@@ -317,8 +321,8 @@ assert sweep()
 
 
 @pytest.mark.graph
-def test_who_waits_for_a_broken_port_goes_on_when_it_is_removed(domain):
-    """As one does that begins before the port is old enough to be known for broken."""
+def test_a_process_waiting_for_a_broken_port_continues_when_the_port_is_removed(domain):
+    """Such a process began before the port was old enough to be recognised as broken."""
     pytest.importorskip('rclpy')
     script = """
     truncate -s 100000 /dev/shm/fastrtps_port7000
@@ -348,7 +352,7 @@ def test_a_broken_port_that_can_not_be_removed_is_one_line(tmp_path, monkeypatch
         clear_shared_memory(tmp_path)
 
 
-def test_who_begins_with_ros_clears_first_but_not_a_node_whose_command_has(monkeypatch):
+def test_starting_ros_clears_leftovers_first_unless_the_command_has_done_it(monkeypatch):
     cleared = []
     monkeypatch.setattr(middleware, 'clear_shared_memory', lambda: cleared.append(True))
     middleware.prepare_middleware()
@@ -376,7 +380,7 @@ def reader_states(port, count):
 IDLE, WAITS, TAKES = 0b001, 0b011, 0b101
 
 
-def test_readers_of_a_port_that_nobody_reads_are_marked_as_waiting(tmp_path):
+def test_readers_of_a_port_without_a_living_reader_are_marked_as_waiting(tmp_path):
     port = make_read_port(tmp_path, TAKES, 0, IDLE, WAITS)
     before = port.read_bytes()
     mark_dead_readers(tmp_path)
@@ -406,7 +410,7 @@ def test_a_port_that_is_being_opened_is_left_alone(tmp_path):
     assert reader_states(port, 1) == [TAKES]
 
 
-def test_a_port_that_is_laid_out_otherwise_is_left_alone(tmp_path):
+def test_a_port_with_another_layout_is_left_alone(tmp_path):
     port = make_read_port(tmp_path, TAKES, end=b'other')
     mark_dead_readers(tmp_path)
     assert reader_states(port, 1) == [TAKES]
@@ -433,8 +437,8 @@ def test_a_running_node_checks_for_dead_readers(domain):
 
 @pytest.mark.graph
 @needs_layout_of_ports
-def test_who_writes_to_a_reader_killed_while_it_takes_a_message_goes_on(domain):
-    """Unless its reader is marked, Fast DDS 2.14 waits for ever."""
+def test_a_publisher_continues_after_its_reader_is_killed_while_taking_a_message(domain):
+    """Unless its reader is marked, Fast DDS 2.14 waits forever."""
     pytest.importorskip('rclpy')
     program = Path(__file__).with_name('killed_reader.py')
     done = subprocess.run(
@@ -446,7 +450,7 @@ def test_who_writes_to_a_reader_killed_while_it_takes_a_message_goes_on(domain):
 
 
 def run_privately(domain, *command, broken_ports=()):
-    """Return the result of a run that sees shared memory of its own."""
+    """Return the result of a run with private shared memory."""
     run = [*command, 'run', 'stationary', '--no-record', '--json']
     done = subprocess.run(
         [*private_shared_memory(*broken_ports), *run],
@@ -461,7 +465,8 @@ def test_a_run_is_not_held_up_by_broken_ports(domain):
     assert run_privately(domain, *BALLBOT, broken_ports=(7000, 7004))['outcome'] == 'passed'
 
 
-# Half a second, as a file that a process has made but not mapped yet is not to count as lost.
+# Half a second, so that a file which a process has created but not mapped yet does not count as a
+# leftover.
 SWEPT = """
 import os, pathlib, subprocess, sys
 from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, sweep
@@ -489,6 +494,6 @@ sys.exit(run.returncode)
 
 
 @pytest.mark.graph
-def test_a_live_graph_keeps_its_files_under_a_loop_of_sweeps(domain):
+def test_a_running_graph_keeps_its_files_under_repeated_sweeps(domain):
     result = run_privately(domain, sys.executable, '-c', SWEPT, *BALLBOT)
     assert result['outcome'] == 'passed'

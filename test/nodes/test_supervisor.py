@@ -1,4 +1,4 @@
-"""The choice of the next scenario, as the page of `ballbot run --viewer` and `ros2` make it."""
+"""The choice of the next scenario, by the page of `ballbot run --viewer` and by `ros2`."""
 
 import re
 import signal
@@ -31,7 +31,7 @@ def start(client, scenario):
     return client.call(Trigger, 'supervisor/start', Trigger.Request())
 
 
-def test_the_page_stays_from_run_to_run(start_run, client, tmp_path):
+def test_the_page_outlasts_its_runs(start_run, client, tmp_path):
     terminal = Terminal()
     run = start_run(
         'stationary', '--viewer', '--set', 'viewer.port=0', '--set', 'plant_sim.duration=3',
@@ -59,7 +59,7 @@ def test_the_page_stays_from_run_to_run(start_run, client, tmp_path):
 
 
 def contents(recording):
-    """Return all that a recording holds."""
+    """Return the content of a recording."""
     with recording.open('rb') as stream:
         reader = make_reader(stream)
         return [

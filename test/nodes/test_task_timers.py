@@ -1,4 +1,4 @@
-"""The timers of the controller release its tasks: with some of their callbacks tampered with."""
+"""The timers of the controller, with some of their callbacks manipulated."""
 
 import pytest
 
@@ -29,7 +29,7 @@ LATE_S = 0.01
 
 
 class Tampered(Controller):
-    """A controller whose diagnostics are kept when it closes, with all of its timers."""
+    """A controller with unchanged timers, which keeps its diagnostics when it closes."""
 
     def __init__(self, parameters):
         self.late = []
@@ -55,7 +55,7 @@ class Doubled(Tampered):
 
 
 class AtEveryTick(Tampered):
-    """The callback of task_ts2 comes off its schedule, too."""
+    """The callback of task_ts2 also runs off its schedule."""
 
     def _release_callback(self, task):
         release = super()._release_callback(task)
@@ -72,7 +72,7 @@ class AtEveryTick(Tampered):
 
 
 class Late(Tampered):
-    """The callback of task_ts2 comes later by the wall clock."""
+    """The callback of task_ts2 runs late, by the wall clock."""
 
     def _release_callback(self, task):
         release = super()._release_callback(task)
@@ -117,9 +117,7 @@ def expected_sha256():
     [(Tampered, 0), (Doubled, 0), (AtEveryTick, 0), (Late, 0), (DroppedOnce, 1), (ATickTooLate, 1)],
     ids=lambda value: getattr(value, '__name__', str(value)),
 )
-def test_whatever_the_timers_do_the_duties_are_the_same(
-    domain, monkeypatch, expected_sha256, kind, forced
-):
+def test_the_duties_do_not_depend_on_the_timers(domain, monkeypatch, expected_sha256, kind, forced):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.setattr(controller, 'Controller', kind)
     options = RunOptions(
@@ -131,11 +129,11 @@ def test_whatever_the_timers_do_the_duties_are_the_same(
     assert kind.counts['forced releases'] == forced
     for former, name in FORMER_CONTROLLER_KEYS.items():
         assert kind.counts[former] == kind.counts[name]
-    # What the timers leave out, the plant has to ask for.
+    # The plant has to ask for releases that the timers omit.
     assert result.resends >= forced
 
 
-def test_the_timers_are_in_phase_with_every_run_of_a_controller_that_lasts(
+def test_the_timers_are_in_phase_with_every_run_of_a_lasting_controller(
     client, start_node, tmp_path, expected_sha256
 ):
     client.watch(DIAGNOSTICS, depth=100)
@@ -143,7 +141,7 @@ def test_the_timers_are_in_phase_with_every_run_of_a_controller_that_lasts(
         if name not in (PLANT, RECORDER):
             start_node(name)
     start_pitch = load_scenario('stationary').parameters.of(PlantParameters).start_pitch_x
-    # The timer of the display has 500 ms, and runs begin at multiples of 100 ms.
+    # The timer of the display has a period of 500 ms, and runs begin at multiples of 100 ms.
     for number, resets_ms in enumerate(([], [1112, 1560], [1720])):
         path = tmp_path / f'{number}.npz'
         client.newest.clear()

@@ -1,4 +1,4 @@
-"""Live inputs over topics: they drive, they are arbitrated, and their end is the robot's rest."""
+"""Live inputs over topics: they drive, they are arbitrated, and the robot stops when they end."""
 
 import contextlib
 import itertools
@@ -70,7 +70,7 @@ rclpy.spin(node)
 
 
 class Driver(Client):
-    """Publishes what drives, and looks at what comes of it."""
+    """Publishes inputs, and observes the resulting sticks."""
 
     def __init__(self, domain):
         super().__init__(domain)
@@ -80,7 +80,7 @@ class Driver(Client):
 
     @contextlib.contextmanager
     def sending(self, topic, message, qos=10, kind=None):
-        """Publish a message, or bytes in the place of one, every PERIOD_S within the block."""
+        """Publish a message, or bytes instead of one, every PERIOD_S within the block."""
         publisher = self.node.create_publisher(kind or type(message), topic, qos)
 
         timer = self.node.create_timer(PERIOD_S, lambda: publisher.publish(message))
@@ -127,7 +127,7 @@ def twist(forward=0.0, left=0.0, stamped=False):
 
 @pytest.fixture(scope='module')
 def graph():
-    """A graph for all tests of this module, whose inputs go by the wall clock."""
+    """A graph for all tests of this module; its inputs use the wall clock."""
     parameters = {GAMEPAD: {'device': "''"}, PLANT: {'real_time_factor': 0.4, 'on_timeout': 'wait'}}
     with contextlib.ExitStack() as stack:
         domain = stack.enter_context(free_domain())
@@ -153,7 +153,7 @@ def test_joy_drives_the_robot_forward_and_silence_stops_it(driver):
     with driver.sending('joy', joy(forward=1.0), qos_profile_sensor_data):
         driver.await_command('joy', (-100, 0))
         driver.spin_until(lambda: ball_position(driver.newest[PLANT_ODOM.name])[0] > start + 0.05)
-    # For how long a silence counts as driving: test_arbiter.py.
+    # test_arbiter.py tests how long a silence counts as driving.
     driver.spin_until(lambda: driver.sticks == (0, 0))
 
 
@@ -191,8 +191,8 @@ def test_cmd_vel_that_is_not_finite_stops_the_robot_and_is_reported(driver):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.OK)
 
 
-def test_an_input_of_no_use_is_released_at_once():
-    """By times at which no source counts as silent."""
+def test_an_unusable_input_is_released_at_once():
+    """That is, before the source could count as silent."""
     callbacks, reported = {}, []
     node = SimpleNamespace(
         parameters=GamepadParameters(device=''),
@@ -208,19 +208,19 @@ def test_an_input_of_no_use_is_released_at_once():
         message.axes = np.array(axes, np.float32)
         callbacks[JOY.name](encode(message))
         assert sources.select(began, (0, 0)).sticks == sticks
-    assert reported == ['joy: axis 1 not found, only 1 axes']
+    assert reported == ['joy: axis 1 not found: the input has only 1 axes']
 
 
-def test_joy_of_no_use_is_reported(driver):
+def test_an_unusable_joy_message_is_reported(driver):
     with driver.sending('viewer/joy', Joy(axes=[0.0])):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.WARN)
-        assert driver.status().message == 'viewer/joy: axis 1 not found, only 1 axes'
+        assert driver.status().message == 'viewer/joy: axis 1 not found: the input has only 1 axes'
     with driver.sending('viewer/joy', joy()):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.OK)
 
 
 @pytest.mark.parametrize(('topic', 'kind'), [('joy', Joy), ('viewer/joy', Joy), ('cmd_vel', Twist)])
-def test_bytes_that_are_no_message_are_reported(driver, topic, kind):
+def test_malformed_bytes_are_reported(driver, topic, kind):
     with driver.sending(topic, b'\0\1\0\0' + bytes(5), kind=kind):
         driver.spin_until(lambda: driver.status().level == DiagnosticStatus.WARN)
         told = driver.status().message
@@ -239,12 +239,12 @@ def test_priorities_over_topics(driver):
             with driver.sending('joy', joy(forward=-1.0)):
                 driver.await_command('joy', (100, 0))
             driver.await_command('viewer', (0, -100))
-        # That the sticks rest before each change to a lower priority: test_arbiter.py.
+        # test_arbiter.py tests that the sticks rest before each change to a lower priority.
         driver.await_command('cmd_vel', (-100, 0))
 
 
-def test_a_tick_that_is_asked_for_again_gets_the_same_sticks(domain, start_node):
-    """Up to the oldest that the recorder may lack."""
+def test_a_repeated_request_for_a_tick_gets_the_same_sticks(domain, start_node):
+    """Tested up to the oldest tick that the recorder may lack."""
     start_node(GAMEPAD, device="''")
     with contextlib.closing(Client(domain)) as client:
         client.watch(GAMEPAD_JOY, depth=10)
@@ -296,7 +296,7 @@ def test_the_recorded_sticks_give_the_same_duties_again(domain, start_run, tmp_p
         assert reader.complete
         messages = list(reader.messages({'/gamepad'}))
         assert reader.topics()['/joy'].message_count > 50
-        # They come from elsewhere, with stamps of another clock or none.
+        # They come from other programs, with stamps of another clock or without stamps.
         stamps = [stamp for _, stamp, _ in reader.messages({'/joy'})]
     assert 1e9 <= min(stamps) <= max(stamps) <= 6e9
     assert 'joy' in {message.header.frame_id for _, _, message in messages}
@@ -313,7 +313,7 @@ def test_the_recorded_sticks_give_the_same_duties_again(domain, start_run, tmp_p
     assert log.duty_sha256 == run.result['duty_sha256']
 
 
-def test_a_keyboard_without_a_terminal_and_a_log_that_is_there_are_mistakes(start_node, tmp_path):
+def test_a_keyboard_without_a_terminal_and_an_existing_log_are_mistakes(start_node, tmp_path):
     node = start_node(GAMEPAD, keyboard='true')
     assert node.finish() == 2
     assert node.output == 'error: keyboard: standard input and output are not a terminal\n'
@@ -324,7 +324,7 @@ def test_a_keyboard_without_a_terminal_and_a_log_that_is_there_are_mistakes(star
     assert node.output == f'error: {path}: already exists; choose another file\n'
 
 
-def test_list_devices_tells_that_there_is_none():
+def test_list_devices_reports_that_none_was_found():
     pytest.importorskip('pygame')
     for command in ([sys.executable, '-m', 'ballbot_ros.nodes', GAMEPAD], [*BALLBOT, 'drive']):
         assert subprocess.check_output([*command, '--list-devices']) == b'no gamepad found\n'

@@ -1,4 +1,4 @@
-"""Parameters that are set while a graph runs: each run has those of its start, and tells them."""
+"""Parameters set while a graph runs: each run uses, and announces, the values at its start."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""What the page asks of a graph that is not all there yet."""
+"""Requests of the page to a graph that is not complete yet."""
 
 import contextlib
 
@@ -17,14 +17,14 @@ from ballbot_ros.parameters import PlantParameters
 pytestmark = pytest.mark.graph
 
 
-def test_the_plant_is_asked_by_whatever_name_it_has_until_it_answers(domain):
+def test_a_plant_of_any_name_is_queried_until_it_answers(domain):
     with contextlib.closing(Client(domain)) as client:
         client.node.output = lambda topic: TopicPublisher(client.node, topic)
         requests = ViewerRequests(client.node, print)
         answers = []
         requests.plant_parameters(['map'], answers.append)
         requests.send_queued()
-        # Who announces runs is the plant.
+        # The node that announces runs is the plant.
         client.node.declare_parameter('map', 'the map')
         client.node.create_publisher(RUN.message_class, RUN.name, reliable_qos(1, latched=True))
 

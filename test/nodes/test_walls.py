@@ -1,4 +1,4 @@
-"""The world in the graph: map, sonar and wall hits are the same however the run is made."""
+"""The world in the graph: the same map, sonar and wall hits in all arrangements of processes."""
 
 import contextlib
 import math
@@ -22,8 +22,8 @@ from ballbot_ros.world.sonar_beam import SonarBeam
 
 pytestmark = pytest.mark.graph
 
-# A robot that leans forward too far to be caught drives into the wall before it, and the noisy
-# devices of the hardware profile see it.
+# A robot that leans forward too far to recover drives into the wall in front of it, and the noisy
+# devices of the hardware profile measure it.
 SCENARIO = """\
 purpose: runs into a wall
 duration: 4.0
@@ -36,7 +36,7 @@ parameters: {{plant_sim: {{map: {map}, on_wall_hit: {on_wall_hit}}}}}
 
 @pytest.fixture
 def make_runs(tmp_path):
-    """Run into the wall in several ways at the same time; return the runs by way."""
+    """Run into the wall in several arrangements of processes at once; return the runs by these."""
     with contextlib.ExitStack() as stack:
 
         def make(on_wall_hit, ways):
@@ -65,7 +65,7 @@ def hits(run):
     return [message.data for _, message in recorded(run, '/wall_hit')]
 
 
-def test_a_hit_ends_the_run_alike_in_every_way(make_runs, tmp_path):
+def test_a_hit_ends_the_run_in_the_same_way_with_and_without_the_graph(make_runs, tmp_path):
     runs = make_runs('stop', ['separate', 'one', 'none'])
     expected = runs['none']
     for processes, run in runs.items():
@@ -92,9 +92,9 @@ def test_a_hit_ends_the_run_alike_in_every_way(make_runs, tmp_path):
         if processes != 'none':
             assert reported_errors(run) == {run.result['reason']}, processes
         the_map_is_recorded_once_as_it_is(run, processes)
-        the_recording_tells_nothing_of_this_machine(run, tmp_path, processes)
-        the_sonar_reads_what_the_map_says(run, tmp_path, processes)
-        # What answers no tick is neither reported nor made again.
+        the_recording_reveals_nothing_about_this_machine(run, tmp_path, processes)
+        the_sonar_reads_the_distances_of_the_map(run, tmp_path, processes)
+        # A motor stop, which answers no tick, is neither reported nor replayed.
         data = read_run(run.result['recording'])
         duty = data.series[MOTOR_DUTY]
         assert duty.stamps[-1] <= end, processes
@@ -128,7 +128,7 @@ def the_map_is_recorded_once_as_it_is(run, processes):
     assert path.media_type == 'image/bmp', processes
 
 
-def the_recording_tells_nothing_of_this_machine(run, tmp_path, processes):
+def the_recording_reveals_nothing_about_this_machine(run, tmp_path, processes):
     with RecordingReader(run.result['recording']) as reader:
         attached = reader.attachments()
     parameters = yaml.safe_load(attached['parameters.yaml'].data)
@@ -138,7 +138,7 @@ def the_recording_tells_nothing_of_this_machine(run, tmp_path, processes):
     assert load_map(f'{tmp_path}/again.bmp').walls.sum() == 200, processes
 
 
-def the_sonar_reads_what_the_map_says(run, tmp_path, processes):
+def the_sonar_reads_the_distances_of_the_map(run, tmp_path, processes):
     profile = load_profile('hardware')
     image = save(with_walls(100, 100, (0, 100, 64, 66)), tmp_path / 'wall.png')
     profile.set(SONAR, 'map', str(image))
@@ -153,7 +153,7 @@ def the_sonar_reads_what_the_map_says(run, tmp_path, processes):
     assert len({message.range for _, message in readings}) > 3, processes
 
 
-def test_a_hit_that_is_reported_lets_the_run_go_on(make_runs):
+def test_with_on_wall_hit_report_the_run_continues(make_runs):
     runs = make_runs('report', ['separate', 'none'])
     for processes, run in runs.items():
         assert run.status == 0, (processes, run.stderr)
@@ -173,7 +173,7 @@ def test_a_hit_that_is_reported_lets_the_run_go_on(make_runs):
         ({'map': 'nowhere'}, 'shipped: corridor, track'),
     ],
 )
-def test_a_plant_that_can_not_start_there_says_so(start_node, settings, hint):
+def test_a_blocked_start_position_is_reported(start_node, settings, hint):
     node = start_node('plant_sim', **{'map': 'track', **settings})
     assert node.finish() == 2
     assert hint in node.output
@@ -181,7 +181,7 @@ def test_a_plant_that_can_not_start_there_says_so(start_node, settings, hint):
     assert len([line for line in node.output.splitlines() if 'error' in line]) == 1
 
 
-def test_a_sonar_with_an_even_cone_says_so(start_node):
+def test_an_even_number_of_cone_rays_is_reported(start_node):
     node = start_node('sonar_driver', cone_rays=4)
     assert node.finish() == 2
     assert 'cone_rays: 4 is even' in node.output

@@ -1,4 +1,4 @@
-"""A compiler takes the functions as they stand, and its code gives the same bits."""
+"""The functions can be compiled without changes, with the same bits."""
 
 import random
 

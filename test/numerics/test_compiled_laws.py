@@ -1,4 +1,4 @@
-"""The controller's law, the steps of the plant and the readings, compiled as they stand."""
+"""The controller's law, the steps of the plant and the readings, compiled without changes."""
 
 import math
 import random
@@ -58,7 +58,7 @@ def assert_same_bits(function, arguments):
 
 
 def draws(*makers):
-    """Return random arguments; a maker is handed a generator and returns one of them."""
+    """Return random arguments; each maker takes a generator and returns one argument."""
     generator = random.Random(1)
     return [tuple(make(generator) for make in makers) for _ in range(COUNT)]
 
@@ -105,7 +105,7 @@ def test_the_law_of_the_controller(fast_control, constants, volts):
         with np.errstate(all='ignore'):
             slow, *answer = control(constants, slow, gyro, revolution, stick, voltage)
         fast, *fast_answer = fast_control(constants, fast, gyro, revolution, stick, voltage)
-        # A compiled function hands singles back as Python's floats, of the same value.
+        # A compiled function returns singles as Python floats of the same value.
         fast = tuple(map(Single, fast))
         assert bits((fast, *fast_answer)) == bits((slow, *answer)), tick
 

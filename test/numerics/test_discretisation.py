@@ -19,7 +19,7 @@ def exact(a, b, dt):
             [sum(block[i][j] * term[j][column] for j in range(n)) / k for column in range(n + m)]
             for i in range(n)
         ]
-        # Rounded, as the terms would grow to thousands of digits.
+        # Rounded, because the terms would grow to thousands of digits.
         term = [[Fraction(round(x * 2**400), 2**400) for x in row] for row in product]
         total = [
             [before + x for before, x in zip(*rows, strict=True)]
@@ -38,7 +38,7 @@ def random_system(seed, n=4, m=3, size=1.0):
 
 @pytest.mark.parametrize('seed', range(8))
 @pytest.mark.parametrize('size', [1e-6, 0.1, 3.0, 10.0])
-def test_every_element_is_right_to_a_few_units_in_the_last_place(seed, size):
+def test_every_element_is_accurate_to_a_few_units_in_the_last_place(seed, size):
     a, b = random_system(seed, size=size)
     transition, held = zero_order_hold(a, b, 0.5)
     exact_transition, exact_held = exact(a, b, 0.5)
@@ -69,13 +69,13 @@ def test_it_agrees_with_scipy(seed):
     np.testing.assert_allclose(np.hstack(zero_order_hold(a, b, 0.1)), reference, rtol=1e-9)
 
 
-def test_no_motion_at_all():
+def test_a_system_at_rest_has_the_identity_as_transition_matrix():
     transition, held = zero_order_hold(np.zeros((2, 2)), np.zeros((2, 1)), 1.0)
     np.testing.assert_array_equal(transition, np.eye(2))
     np.testing.assert_array_equal(held, np.zeros((2, 1)))
 
 
 @pytest.mark.parametrize('size', [1e200, np.inf, np.nan])
-def test_what_overflows_ends_all_the_same(size):
+def test_an_overflow_still_terminates(size):
     with np.errstate(all='ignore'):
         zero_order_hold(np.array([[size]]), np.array([[1.0]]), 1.0)

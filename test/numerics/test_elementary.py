@@ -21,7 +21,7 @@ def ulps(value, exact):
 
 
 @pytest.mark.parametrize('limit', [1e-3, math.pi / 4, 1.5, 10.0, 1e3, 1e6])
-def test_sine_and_cosine_are_right_to_about_a_unit_in_the_last_place(limit):
+def test_sine_and_cosine_are_accurate_to_about_a_unit_in_the_last_place(limit):
     draw = random.Random(1)
     worst = 0.0
     for _ in range(20_000):
@@ -68,13 +68,13 @@ def test_quarters_of_a_turn():
 
 
 @pytest.mark.parametrize('angle', [2.0**20, 1e9, 1e300, -1e300])
-def test_an_angle_beyond_all_use_still_lies_on_the_circle(angle):
+def test_a_huge_angle_still_lies_on_the_unit_circle(angle):
     sine, cosine = sine_cosine(angle)
     assert sine * sine + cosine * cosine == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize('angle', [math.inf, -math.inf, math.nan])
-def test_what_is_no_angle_gives_no_number(angle):
+def test_an_infinite_angle_gives_nan(angle):
     assert np.isnan(sine_cosine(angle)).all()
 
 
@@ -83,7 +83,7 @@ def test_near_zero_the_sine_is_the_angle():
     assert sine_cosine(1e-300) == (1e-300, 1.0)
 
 
-def test_the_logarithm_is_right_to_about_a_unit_in_the_last_place():
+def test_the_logarithm_is_accurate_to_about_a_unit_in_the_last_place():
     draw = random.Random(2)
     numbers = [draw.uniform(0.0, 1.0) for _ in range(20_000)]
     numbers += [10.0 ** draw.uniform(-300.0, 300.0) for _ in range(20_000)]
@@ -100,7 +100,7 @@ def test_the_logarithm_of_a_product(one, other):
 
 
 def sine_by_angle(z):
-    """Return 1 - z/6 + z^2/120 ... of a rational number to far below any rounding."""
+    """Return 1 - z/6 + z^2/120 ... of a rational number, far more accurate than any rounding."""
     term = total = Fraction(1)
     for n in range(2, 42, 2):
         term *= -z / (n * (n + 1))
@@ -108,8 +108,8 @@ def sine_by_angle(z):
     return total
 
 
-def test_the_polynomial_is_the_sine_to_less_than_a_quarter_of_the_last_place():
-    """In exact arithmetic, so that only the coefficients count."""
+def test_the_polynomial_equals_the_sine_to_less_than_a_quarter_of_the_last_place():
+    """Computed in exact arithmetic, so that only the coefficients matter."""
     coefficients = [Fraction(c) for c in (e._S3, e._S5, e._S7, e._S9, e._S11, e._S13)]
     for n in range(1, 201):
         z = Fraction(n, 200) * Fraction(math.pi / 4) ** 2
@@ -118,7 +118,7 @@ def test_the_polynomial_is_the_sine_to_less_than_a_quarter_of_the_last_place():
 
 
 def test_the_parts_of_pi_and_of_the_logarithm_of_two_are_exact():
-    """Sums of the parts against the constants to 40 digits."""
+    """Compare the sums of the parts with the constants to 40 digits."""
     half_pi = Fraction('1.5707963267948966192313216916397514420985')
     ln_2 = Fraction('0.6931471805599453094172321214581765680755')
     parts = Fraction(e._HALF_PI_1) + Fraction(e._HALF_PI_2) + Fraction(e._HALF_PI_3)

@@ -1,4 +1,4 @@
-"""What leads to a duty, or into a recording, uses no arithmetic that differs between machines."""
+"""Code on the way to a duty or a recording uses no arithmetic that differs between machines."""
 
 import ast
 from pathlib import Path
@@ -11,13 +11,13 @@ PACKAGE = Path(ballbot_ros.__file__).parent
 FLOORS = (
     'numerics', 'plant', 'brick', 'world', 'controller', 'scenario', 'teleop', 'simulation',
 )  # fmt: skip
-# What measures a run that is over leads to no duty.
+# Measurements of a finished run do not lead to a duty.
 FILES = {
     *(path for floor in FLOORS for path in (PACKAGE / floor).glob('*.py')),
     PACKAGE / 'messages' / 'conversions.py',
 } - {PACKAGE / 'scenario' / 'metrics.py'}
 
-# Exact, or rounded alike everywhere: square roots, absolute values, comparisons, whole numbers.
+# Exact, or rounded alike everywhere: square roots, absolute values, comparisons, integers.
 ALLOWED_MATH = {
     'copysign', 'degrees', 'floor', 'ceil', 'frexp', 'inf', 'isfinite', 'isinf', 'isnan', 'nan',
     'pi', 'radians', 'sqrt',
@@ -26,13 +26,13 @@ ALLOWED_NUMPY = {
     # types and constants
     'bool_', 'errstate', 'float32', 'float64', 'inf', 'int32', 'int8', 'ndarray', 'uint64',
     'uint8',
-    # making and moving
+    # creating and moving
     'arange', 'array', 'asarray', 'ascontiguousarray', 'empty', 'equal', 'frombuffer', 'full',
     'isin', 'load', 'savez', 'where', 'zeros',
     # whole numbers
     'argmin', 'cumsum', 'unravel_index',
 }  # fmt: skip
-# Not on the way to a duty: what is measured of a run, and what is read of a message afterwards.
+# Not on the way to a duty: measurements of a run, and messages that are read afterwards.
 MEASURING = {'clearance', '_outline', 'pitch_angles'}
 
 
@@ -81,7 +81,7 @@ def is_allowed_import(node):
 
 
 def forbidden(source):
-    """Return what a source uses that it must not, with its lines."""
+    """Return the forbidden operations in a source, with their lines."""
     tree = without_measuring(ast.parse(source))
     found = [f'math.{name}' for name in names_of(tree, 'math') - ALLOWED_MATH]
     found += [f'np.{name}' for name in names_of(tree, 'np') - ALLOWED_NUMPY]
@@ -103,7 +103,7 @@ def forbidden(source):
 
 
 @pytest.mark.parametrize('path', sorted(FILES), ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_the_sources_use_none_of_it(path):
+def test_the_sources_use_no_forbidden_arithmetic(path):
     assert not forbidden(path.read_text(encoding='utf-8'))
 
 

@@ -1,4 +1,4 @@
-"""Philox4x32-10 by its published vectors, and the numbers that are made of it."""
+"""Philox4x32-10 against its published vectors, and the numbers derived from it."""
 
 import math
 import statistics
@@ -88,7 +88,7 @@ def test_more_bits_never_give_a_smaller_number(one, other):
 @given(BITS)
 def test_a_normal_number_is_the_quantile(bits):
     share = (bits + 0.5) / 2**53
-    # Near 1 the share itself has lost the digits that the quantile there needs.
+    # Near 1 the probability itself has lost the digits that the quantile needs there.
     exact = special.ndtri(share) if share < 0.5 else -special.ndtri((2**53 - bits - 0.5) / 2**53)
     assert normal(bits) == pytest.approx(exact, rel=1e-14, abs=1e-15)
 
@@ -105,7 +105,7 @@ def test_the_farthest_tail_is_beyond_eight_sigma():
     assert math.isfinite(normal(2**53 - 1))
 
 
-def test_numbers_in_a_row_are_distributed_as_they_should(drawn):
+def test_consecutive_numbers_have_the_right_distribution(drawn):
     uniforms = [uniform(bits) for bits in drawn]
     normals = [normal(bits) for bits in drawn]
     assert stats.kstest(uniforms, 'uniform').pvalue > 0.001

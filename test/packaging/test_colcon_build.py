@@ -1,4 +1,4 @@
-"""A real colcon build of this tree, and what it installs."""
+"""A real colcon build of this tree, and the installed files."""
 
 import os
 import shutil
@@ -52,7 +52,7 @@ def build(workspace, *options):
 def prefix(tmp_path_factory):
     workspace = tmp_path_factory.mktemp('workspace')
     prefix = build(workspace)
-    # What is installed must not lean on the sources.
+    # The installation must not depend on the sources.
     shutil.rmtree(workspace / 'src')
     return prefix
 

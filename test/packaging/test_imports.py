@@ -1,4 +1,4 @@
-"""Imports go one way, and only some packages know ROS."""
+"""Imports go one way, and only some packages import ROS."""
 
 import ast
 from pathlib import Path
@@ -22,7 +22,7 @@ FLOORS = (
     ('run',),
     ('cli',),
 )
-"""From the ground up: what a package imports of the others is below it."""
+"""From the bottom up: a package imports only packages below it."""
 
 FLOOR = {package: number for number, floor in enumerate(FLOORS) for package in floor}
 WITH_ROS = {'nodes', 'run', 'cli'}
@@ -31,7 +31,7 @@ MODULES = sorted(path for path in ROOT.rglob('*.py') if path.parent != ROOT)
 
 
 def imports(path):
-    """Return the names of the modules that a file imports, wherever it does."""
+    """Return the names of the modules that a file imports, anywhere in it."""
     names = []
     for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
         if isinstance(node, ast.Import):
@@ -46,7 +46,7 @@ def package_of(path):
     return path.relative_to(ROOT).parts[0]
 
 
-def test_every_package_has_a_floor():
+def test_every_package_has_a_layer():
     assert {package_of(path) for path in MODULES} == FLOOR.keys()
 
 
@@ -64,7 +64,7 @@ def test_imports_go_down(package):
     assert upward == []
 
 
-def test_ros_is_known_to_nodes_and_what_runs_them_alone():
+def test_only_nodes_and_the_code_that_runs_them_import_ros():
     found = {
         path.relative_to(ROOT)
         for path in MODULES

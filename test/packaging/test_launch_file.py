@@ -1,4 +1,4 @@
-"""What the launch file decides; ROS's own launch is not among the packages of the tests."""
+"""The decisions of the launch file; ROS's own launch is not installed with the tests."""
 
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
@@ -41,7 +41,7 @@ def launch_file(monkeypatch):
     [
         ('scenaro:=stationary', "no launch argument 'scenaro'; did you mean scenario?"),
         ('real_time_factr:=0', 'did you mean real_time_factor?'),
-        ('qqq:=1', 'there are scenario, params_file, real_time_factor, record,'),
+        ('qqq:=1', 'known: scenario, params_file, real_time_factor, record,'),
     ],
 )
 def test_a_misspelt_argument_is_an_error(launch_file, given, words):
@@ -50,12 +50,12 @@ def test_a_misspelt_argument_is_an_error(launch_file, given, words):
     assert words in str(error.value)
 
 
-def test_its_own_arguments_and_those_of_the_command_are_none(launch_file):
+def test_its_own_arguments_and_those_of_ros2_launch_are_accepted(launch_file):
     names = [*launch_file.ARGUMENTS, 'launch-prefix']
     launch_file.check_names(SimpleNamespace(argv=[f'{name}:=x' for name in names]))
 
 
-def test_a_file_that_includes_it_may_have_arguments_of_its_own(launch_file, monkeypatch):
+def test_a_file_that_includes_it_may_have_other_arguments(launch_file, monkeypatch):
     monkeypatch.setattr(sys, 'argv', ['ros2', 'launch', 'my_package', 'my.launch.py'])
     launch_file.check_names(SimpleNamespace(argv=['scenaro:=stationary']))
 

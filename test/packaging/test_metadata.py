@@ -1,4 +1,4 @@
-"""What setup.py, package.xml and the package's imports say of one another."""
+"""setup.py, package.xml and the package's imports agree with each other."""
 
 import ast
 import re
@@ -63,7 +63,7 @@ MODULES = {'Jinja2': 'jinja2', 'PyYAML': 'yaml', 'pillow': 'PIL', 'pygame-ce': '
 
 @pytest.fixture
 def setup(monkeypatch):
-    """Return the arguments that setup.py gives."""
+    """Return the arguments in setup.py."""
     arguments = {}
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(setuptools, 'setup', arguments.update)
@@ -144,7 +144,7 @@ def test_every_node_is_a_program(setup):
     assert scripts == ['ballbot = ballbot_ros.cli.main:main', *nodes.values()]
 
 
-def test_the_nodes_are_known_without_any_dependency():
+def test_the_list_of_nodes_needs_no_dependency():
     code = "import sys; sys.path.insert(0, '.'); from ballbot_ros.parameters import EXECUTABLES"
     bare = [sys.executable, '-I', '-S', '-c', code]
     done = subprocess.run(bare, cwd=ROOT, capture_output=True, text=True, check=False)

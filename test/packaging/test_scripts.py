@@ -1,4 +1,4 @@
-"""scripts/run and scripts/test in a made-up machine: no network, no real interpreter."""
+"""scripts/run and scripts/test on a simulated machine: no network, no real interpreter."""
 
 import contextlib
 import os
@@ -16,8 +16,8 @@ TOOLS = (
     *('mv', 'readlink', 'rm', 'rmdir', 'sha256sum', 'sleep', 'tail', 'uname'),
 )
 
-# Answers what the scripts ask of an interpreter. It becomes the interpreter of the environments
-# that it makes, too.
+# Answers the calls of the scripts to an interpreter. It is also the interpreter of the environments
+# that it creates.
 PYTHON = r"""#!/usr/bin/env bash
 case "$*" in
   -V) echo "Python $VERSION" ;;
@@ -44,7 +44,7 @@ esac
 
 
 class Machine:
-    """A machine with a project, some tools and the interpreters put on it."""
+    """A machine with a project, some tools and the interpreters added to it."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -101,12 +101,12 @@ class Machine:
 
 
 def await_sleep(process):
-    """Wait until the made-up pip sleeps; the shell that is about to may still lose a signal."""
+    """Wait until the simulated pip sleeps, since a shell about to start it may lose a signal."""
     wait_for(lambda: 'sleep' in programs(process.pid), what='sleep')
 
 
 def programs(group):
-    """The names of the programs of a process group."""
+    """Return the names of the programs of a process group."""
     for path in Path('/proc').glob('[0-9]*/stat'):
         with contextlib.suppress(OSError):
             name, _, rest = path.read_text().partition('(')[2].rpartition(')')
@@ -130,7 +130,7 @@ def variable(process, name):
 
 
 def assert_hint(process, *parts):
-    """The last line says what is wrong; before it may stand what was under way."""
+    """Assert that the last line says what is wrong; progress lines may precede it."""
     assert process.returncode == 2, process.errors
     *progress, hint = process.errors.splitlines()
     assert len(progress) <= 1
@@ -139,7 +139,7 @@ def assert_hint(process, *parts):
     assert process.output == ''
 
 
-# --- What the machine lacks ---------------------------------------------------------------------
+# --- Missing requirements ------------------------------------------------------------------------
 
 
 def test_no_python(machine):
@@ -152,7 +152,7 @@ def test_python_without_ros_wheels(machine, version):
     assert_hint(machine.run('run'), 'Python 3.10 to 3.13', version.rpartition('.')[0])
 
 
-def test_second_python_is_taken_where_the_first_will_not_do(machine):
+def test_second_python_is_used_if_the_first_does_not_qualify(machine):
     machine.python(version='3.9.18')
     machine.python('python3.12', version='3.12.1', venv=False)
     machine.python('python3.10', version='3.10.13')
@@ -217,7 +217,7 @@ def test_environment_of_someone_else_is_left_alone(machine):
     assert (machine.venv / 'precious').exists()
 
 
-# --- What is run --------------------------------------------------------------------------------
+# --- The command ---------------------------------------------------------------------------------
 
 
 def test_without_arguments_the_stationary_scenario_runs(machine):
@@ -231,7 +231,7 @@ def test_arguments_are_passed_on(machine):
     assert arguments(machine.run('run', *words)) == words
 
 
-def test_standard_output_is_the_commands_alone(machine):
+def test_standard_output_has_only_the_commands_output(machine):
     machine.python()
     process = machine.run('run')
     assert process.output.startswith('<run>')
@@ -247,7 +247,7 @@ def test_test_script_runs_pytest_with_chosen_plugins(machine):
     assert variable(process, 'PWD') == str(machine.project)
 
 
-# --- When it is installed -----------------------------------------------------------------------
+# --- Installation --------------------------------------------------------------------------------
 
 
 def test_later_runs_install_nothing(machine):
@@ -292,7 +292,7 @@ def test_failed_update_leaves_the_environment_as_it_was(machine):
     assert machine.run('run').errors == ''
 
 
-def test_other_python_makes_the_environment_anew(machine):
+def test_other_python_recreates_the_environment(machine):
     machine.python()
     machine.run('run')
     (machine.venv / 'stale').touch()
@@ -302,7 +302,7 @@ def test_other_python_makes_the_environment_anew(machine):
     assert not (machine.venv / 'stale').exists()
 
 
-def test_vanished_python_makes_the_environment_anew(machine):
+def test_vanished_python_recreates_the_environment(machine):
     machine.python()
     machine.run('run')
     (machine.venv / 'bin/python').unlink()
@@ -311,7 +311,7 @@ def test_vanished_python_makes_the_environment_anew(machine):
     assert not (machine.venv / 'bin/python').is_symlink()
 
 
-def test_moved_project_makes_the_environment_anew(machine):
+def test_moved_project_recreates_the_environment(machine):
     machine.python()
     machine.run('run')
     machine.project = machine.project.rename(machine.folder / 'elsewhere')
@@ -327,7 +327,7 @@ def test_missing_command_is_installed_again(machine):
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_interrupted_set_up_is_made_anew(machine, number):
+def test_interrupted_set_up_is_repeated(machine, number):
     machine.python()
     machine.pip('exec sleep 60')
     process = machine.start('run')
@@ -340,7 +340,7 @@ def test_interrupted_set_up_is_made_anew(machine, number):
     assert [call.split()[1] for call in machine.calls] == ['venv', 'pip'] * 2
 
 
-def test_interrupted_update_is_done_again(machine):
+def test_interrupted_update_is_repeated(machine):
     machine.python()
     machine.run('run')
     machine.pip('exec sleep 60')
@@ -366,7 +366,7 @@ def test_scripts_started_at_once_install_once(machine):
     assert len(machine.calls) == 2
 
 
-# --- What other environments leave behind -------------------------------------------------------
+# --- Other environments --------------------------------------------------------------------------
 
 
 def test_other_virtual_environment_does_not_leak(machine):
@@ -388,7 +388,7 @@ def test_other_virtual_environment_does_not_leak(machine):
     assert variable(process, 'VIRTUAL_ENV') is None
 
 
-def test_activated_environment_is_not_made_with_its_own_python(machine):
+def test_activated_environment_is_not_recreated_with_its_own_python(machine):
     machine.python()
     machine.run('run')
     machine.environment['PATH'] = f'{machine.venv}/bin:{machine.environment["PATH"]}'
@@ -414,7 +414,7 @@ def sourced(distribution, prefix):
     }
 
 
-def test_sourced_jazzy_is_used_in_an_environment_of_its_own(machine):
+def test_sourced_jazzy_is_used_in_a_separate_environment(machine):
     machine.python(rclpy=True)
     environment = sourced('jazzy', '/overlay')
     process = machine.run('run', **environment)
@@ -438,7 +438,7 @@ def test_sourced_jazzy_without_its_rclpy_falls_back_to_the_wheels(machine):
     assert machine.venv.exists()
 
 
-def test_other_sourced_ros_is_noted_and_left(machine):
+def test_other_sourced_ros_is_reported_and_not_used(machine):
     machine.python()
     process = machine.run('run', **sourced('humble', '/overlay'), RMW_IMPLEMENTATION='rmw_other')
     notes = process.errors.splitlines()

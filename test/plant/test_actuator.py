@@ -41,7 +41,7 @@ def test_more_duty_never_gives_less_voltage(duty, battery, dead_zone):
 
 
 @given(duties, dead_zones)
-def test_the_dead_zone_swallows_its_share_of_every_duty(duty, dead_zone):
+def test_the_dead_zone_is_subtracted_from_every_duty(duty, dead_zone):
     left = effective_duty(duty, dead_zone)
     assert abs(left) == pytest.approx(max(0.0, abs(duty) - dead_zone))
     assert left * duty >= 0.0

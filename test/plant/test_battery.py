@@ -23,7 +23,7 @@ def test_a_constant_battery_ignores_the_load():
 
 
 @given(st.lists(st.floats(0.0, 3.0), min_size=1, max_size=20))
-def test_charge_that_is_drawn_never_comes_back(currents):
+def test_drawn_charge_never_returns(currents):
     battery = make_battery(**DRAINING)
     idle = []
     for current in currents:
@@ -41,7 +41,7 @@ def test_a_larger_current_sags_the_voltage_more(current, more):
     assert light.voltage - heavy.voltage == pytest.approx(0.6 * more, rel=1e-3)
 
 
-def test_the_capacity_takes_a_fresh_battery_to_a_low_one():
+def test_drawing_the_capacity_takes_a_fresh_battery_to_low():
     battery = make_battery(**DRAINING, battery_voltage=9.5, battery_resistance=0.0, idle_current=1)
     battery.draw(0.0, 7200.0)
     assert battery.voltage == pytest.approx(7.0)
@@ -60,7 +60,7 @@ def test_an_empty_battery_stays_at_zero_volts():
     assert battery.voltage == 0.0
 
 
-def test_a_robot_that_is_held_at_full_duty_drains_its_battery_without_pause():
+def test_a_robot_held_at_full_duty_drains_its_battery_continuously():
     truths = run_plant(make_plant(**DRAINING, hold_time=10.0), [(100, -100)] * 500)
     voltages = [truth.battery_voltage for truth in truths]
     assert voltages[1] < voltages[0] - 0.5

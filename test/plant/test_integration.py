@@ -65,7 +65,7 @@ def test_the_motion_does_not_depend_on_where_the_ball_is(make, state, voltage, t
     assert there[0] - theta == pytest.approx(here[0], abs=1e-12)
 
 
-def test_the_models_part_with_the_cube_of_the_angle():
+def test_the_models_diverge_with_the_cube_of_the_angle():
     p = physical()
     count = 300
 
@@ -119,6 +119,6 @@ def test_friction_never_adds_energy(start):
 
 
 @pytest.mark.parametrize('make', STEPPERS)
-def test_upright_is_an_equilibrium_wherever_the_ball_is(make):
+def test_upright_is_an_equilibrium_at_any_ball_position(make):
     state = (12.5, 0.0, 0.0, 0.0)
     assert make(physical(), 1e-3)(state, 0.0, 0.0, 0.0) == state

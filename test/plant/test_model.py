@@ -76,7 +76,7 @@ def test_the_linear_equations_are_the_tangent_of_the_nonlinear_ones():
 
 
 def lagrangian(p, q, q_dot):
-    """T1 + T2 - U of (3.1)-(3.8); it takes complex coordinates for the sake of its slopes."""
+    """T1 + T2 - U of (3.1)-(3.8); accepts complex coordinates, for its derivatives."""
     theta_dot, psi_dot = q_dot
     psi = q[1]
     Rs, L = p.ball_radius, p.body_height
@@ -99,7 +99,7 @@ def lagrangian(p, q, q_dot):
 
 
 def gradient(function, at):
-    """Complex-step differentiation: exact to the last digits, without a difference."""
+    """Complex-step differentiation: exact to the last digits, without a finite difference."""
     tiny = 1e-30
     return np.array(
         [

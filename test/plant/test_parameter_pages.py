@@ -1,4 +1,4 @@
-"""The files made from the parameter table are up to date and true."""
+"""The files generated from the parameter table are up to date."""
 
 from dataclasses import asdict
 from pathlib import Path

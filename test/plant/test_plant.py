@@ -1,4 +1,4 @@
-"""The robot as a whole: start, hold, planes, falls, gears."""
+"""The complete robot: start, hold, planes, falls, gears."""
 
 import math
 
@@ -104,7 +104,7 @@ def test_positive_duty_rolls_the_ball_forward_and_tips_the_body_back():
 
 @pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('plane', [0, 1])
-def test_a_fall_ends_in_rest_for_ever(model, plane):
+def test_a_fallen_robot_stays_at_rest(model, plane):
     start = {f'start_pitch_{"xy"[plane]}': 0.1}
     plant = make_plant(plant_model=model, **start)
     truths = run_plant(plant, [(0, 0)] * 300)
@@ -112,7 +112,7 @@ def test_a_fall_ends_in_rest_for_ever(model, plane):
     assert truths[-1].psi[plane] == LIMIT
     assert truths[-1].psi_rate == truths[-1].velocity == (0.0, 0.0)
     assert all(abs(truth.psi[plane]) <= LIMIT for truth in truths)
-    # Nothing but time changes any more, so nothing can overflow, however long it lies there.
+    # Only the time still changes, so nothing can overflow in any time.
     fixed = truths[-1]._replace(stamp_ns=0)
     for truth in run_plant(plant, [(0, 0)] * 100):
         assert truth._replace(stamp_ns=0) == fixed
@@ -131,7 +131,7 @@ def test_a_fallen_robot_does_not_move_under_full_duty_or_pushes(model):
 
 @pytest.mark.parametrize('model', MODELS)
 @given(duty_pairs)
-def test_whatever_the_duties_the_truth_is_finite(model, duties):
+def test_the_truth_is_finite_for_any_duties(model, duties):
     plant = make_plant(plant_model=model, start_pitch_y=0.02)
     for truth in run_plant(plant, duties * 10)[::10]:
         assert np.isfinite(numbers(truth)).all()
@@ -150,7 +150,7 @@ def test_a_gear_without_play_turns_with_the_wheel_and_one_with_play_lags_by_half
     assert loose == pytest.approx(tight - play / 2, abs=1e-12)
 
 
-def test_a_gear_that_reverses_stands_still_until_its_play_is_through():
+def test_a_reversing_gear_stands_still_until_its_play_is_taken_up():
     play = 0.3
     duties = [(30, 0)] * 20 + [(-30, 0)] * 40
     truth = run_plant(make_plant(backlash=play), duties)

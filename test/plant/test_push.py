@@ -70,7 +70,7 @@ def test_pushes_add_up(model, one, other):
 
 @pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('plane', [0, 1])
-def test_a_push_drives_and_tips_its_own_plane_the_way_it_points(model, plane):
+def test_a_push_drives_and_tips_its_own_plane_in_its_direction(model, plane):
     force = [0.0, 0.0]
     force[plane] = 0.5
     rates = rates_after(push(tuple(force)), plant_model=model)
@@ -79,7 +79,7 @@ def test_a_push_drives_and_tips_its_own_plane_the_way_it_points(model, plane):
 
 
 @pytest.mark.parametrize('model', MODELS)
-def test_a_torque_tips_the_body_the_way_it_points(model):
+def test_a_torque_tips_the_body_in_its_direction(model):
     x, y = rates_after(push((0.0, 0.0), (0.01, -0.01)), plant_model=model)
     assert x[1] > 0.0
     assert y[1] < 0.0
@@ -103,7 +103,7 @@ def test_a_push_acts_in_the_steps_that_begin_within_it(start_ms, length_ms):
     assert momentum == pytest.approx(0.001 * length_ms * 1e-3, abs=1e-12)
 
 
-def test_a_push_that_is_over_does_nothing():
+def test_a_push_in_the_past_has_no_effect():
     past = push((5.0, 5.0), start=-10 * MS, end=0)
     np.testing.assert_array_equal(rates_after(past), 0.0)
 

@@ -1,4 +1,4 @@
-"""Walls in the plant's way: where it stops, what the impact does, and what is told of it."""
+"""Walls: where the robot stops, the effect of the impact, and the report of a hit."""
 
 import math
 
@@ -41,7 +41,7 @@ def walled_plant(floor, **changes):
 
 
 def thrown(floor, force_x, force_y=0.0, seconds=0.4, **changes):
-    """Return the plant and the truths of a robot that is pushed hard and let go."""
+    """Return the plant and the truths of a robot after a hard push."""
     plant = walled_plant(floor, **changes)
     plant.push(Push(START_NS, START_NS + 10**8, (force_x, force_y)))
     return plant, run_plant(plant, [(0, 0)] * round(seconds * 250))
@@ -114,7 +114,7 @@ def test_a_wall_does_not_pull(after):
 
 @pytest.mark.parametrize('model', MODELS)
 @given(st.floats(0.0, 40.0), st.floats(-60.0, 60.0))
-def test_along_a_wall_the_other_plane_goes_on(model, force_x, force_y):
+def test_along_a_wall_the_other_plane_keeps_moving(model, force_x, force_y):
     _, stopped = thrown(Wall(0.002), force_x, force_y, plant_model=model, fall_angle=1.5)
     _, free = thrown(Wall(math.inf), 0.0, force_y, plant_model=model, fall_angle=1.5)
     for one, other in zip(stopped, free, strict=True):
@@ -128,8 +128,8 @@ def test_along_a_wall_the_other_plane_goes_on(model, force_x, force_y):
     st.floats(5.0, 80.0), st.floats(0.0, 2.0 * math.pi), st.integers(0, 2**32 - 1),
     st.booleans(),
 )  # fmt: skip
-def test_the_robot_is_never_in_a_wall_nor_beyond_it(model, force, direction, seed, pillars):
-    """In a ring of walls of one pixel, with pillars of one pixel in it, at any speed."""
+def test_the_robot_is_never_in_or_beyond_a_wall(model, force, direction, seed, pillars):
+    """Tested in a ring of one-pixel walls with one-pixel pillars in it, at any speed."""
     generator = np.random.default_rng(seed)
     ring = [(94, 95, 94, 107), (106, 107, 94, 107), (94, 107, 94, 95), (94, 107, 106, 107)]
     places = [(r, r + 1, c, c + 1) for r, c in generator.integers(95, 106, (3, 2))]
@@ -154,7 +154,7 @@ def test_a_floor_without_a_wall_in_the_way_changes_nothing(model):
     assert run_plant(walled_plant(Wall(1e3), plant_model=model), duties) == free
 
 
-def test_a_hit_is_noticed_at_the_next_multiple_of_20_ms_and_over_at_one_without_contact():
+def test_a_hit_begins_at_the_next_multiple_of_20_ms_and_ends_at_one_without_contact():
     plant, contacts, noticed = walled_plant(Wall(0.001)), [], []
     for start, force in ((0, 20.0), (10**8, -40.0)):
         plant.push(Push(START_NS + start, START_NS + start + 2 * 10**7, (force, 0.0)))
@@ -182,7 +182,7 @@ def test_a_hit_that_lasts_is_one_hit():
     assert len(hits) == 1
 
 
-def test_a_hit_tells_time_place_and_part():
+def test_a_hit_has_time_position_and_part():
     plant, _ = thrown(Wall(0.01), 20.0)
     hit = plant.newest_hit
     assert START_NS < hit.time_ns < START_NS + 4 * 10**8
@@ -212,7 +212,7 @@ def test_a_hit_that_ends_the_run_switches_the_motors_off(plane):
     assert truth.motor_torque[plane] == pytest.approx(braking)
 
 
-def test_a_hit_that_is_reported_does_not_end_the_run():
+def test_with_on_wall_hit_report_a_hit_does_not_end_the_run():
     plant, _ = thrown(Wall(0.001), 20.0)
     assert plant.newest_hit
     assert not plant.stopped

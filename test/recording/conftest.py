@@ -67,7 +67,7 @@ def random_message(type_name, chance):
 
 
 def as_plain(value, description):
-    """Reduce `value`, of whatever library, to nested lists of numbers and strings."""
+    """Reduce a value of any library to nested lists of numbers and strings."""
     kind, detail = description
     if kind == Nodetype.NAME:
         return [
@@ -140,7 +140,7 @@ def sample():
 
 @pytest.fixture(scope='session')
 def record():
-    """Return a function that writes `sample` and what goes with it into a new file."""
+    """Return a function that writes `sample` and its attachments to a new file."""
 
     def write(path, messages, *, flush_every=100, **options):
         with RecordingWriter(path, **options) as writer:

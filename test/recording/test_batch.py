@@ -1,4 +1,4 @@
-"""Messages as arrays: the same messages, and the same numbers in them."""
+"""Messages as arrays, with the same numbers as the single messages."""
 
 import struct
 
@@ -34,7 +34,7 @@ def is_same(found, value):
     return np.array_equal(found, value, equal_nan=np.asarray(value).dtype.kind == 'f')
 
 
-def test_the_arrays_hold_what_the_messages_hold(recording, sample):
+def test_the_arrays_have_the_content_of_the_messages(recording, sample):
     compared = 0
     with RecordingReader(recording) as reader:
         for topic in reader.topics():
@@ -91,7 +91,7 @@ def joints(*names):
     return encoder(JOINTS)(message)
 
 
-def test_messages_of_several_forms_are_told_apart(tmp_path):
+def test_messages_of_several_forms_are_distinguished(tmp_path):
     contents = [joints('a', 'b'), joints('a'), joints('a', 'c'), joints('a', 'b'), joints()]
     with RecordingReader(write(tmp_path / 'forms.mcap', JOINTS, contents)) as reader:
         (batch,) = reader.batches()
@@ -107,7 +107,7 @@ def test_messages_of_several_forms_are_told_apart(tmp_path):
     ]
 
 
-def test_the_byte_order_is_each_messages_own(tmp_path):
+def test_each_message_has_its_own_byte_order(tmp_path):
     big = b'\0\0\0\0' + struct.pack('>iII4s', 1, 2, 4, b'map\0')
     little = b'\0\1\0\0' + struct.pack('<iII4s', 3, 4, 4, b'map\0')
     with RecordingReader(write(tmp_path / 'order.mcap', HEADER, [big, little, big])) as reader:
@@ -115,7 +115,7 @@ def test_the_byte_order_is_each_messages_own(tmp_path):
     assert found == [[1, 1], [3]]
 
 
-def test_a_message_that_is_none_is_found_among_others(tmp_path):
+def test_a_malformed_message_is_found_among_others(tmp_path):
     contents = [joints('a'), joints('a')[:-3], joints('a')]
     with (
         RecordingReader(write(tmp_path / 'none.mcap', JOINTS, contents)) as reader,
@@ -135,6 +135,6 @@ def test_a_message_that_is_none_is_found_among_others(tmp_path):
         struct.pack('<BQH', 5, 22, 9) + bytes(20),
     ],
 )
-def test_records_that_are_not_whole_are_refused(records):
+def test_incomplete_records_are_refused(records):
     with pytest.raises(McapError):
         Batch.of_records(records, {0: '/topic'})

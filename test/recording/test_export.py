@@ -1,4 +1,4 @@
-"""Tables: every value under a name with its unit, one table a topic or one on the ticks."""
+"""Tables: columns with units, one table per topic or one joined table."""
 
 import csv
 import math
@@ -89,7 +89,7 @@ def test_columns_have_names_and_units(recording):
     assert odd['data'] == '01ff'
 
 
-def test_what_is_known_of_a_topic_is_added(recording):
+def test_knowledge_about_a_topic_is_added(recording):
     recording.add('/imu', IMU, 10**9, angular_velocity__y=0.5)
     hints = ColumnHints(
         names={'angular_velocity_y_rad_per_s': 'pitch_rate_rad_per_s'},
@@ -99,7 +99,7 @@ def test_what_is_known_of_a_topic_is_added(recording):
     assert (row['pitch_rate_rad_per_s'], row['double']) == ('0.5', '1.0')
 
 
-def test_names_that_would_be_the_same_are_told_apart(recording):
+def test_colliding_names_are_made_unique(recording):
     recording.add('/odom', 'nav_msgs/msg/Odometry', 10**9, pose__pose__position__x=1.5)
     recording.add('/a/b', STRING, 10**9, data='first')
     recording.add('/a_b', STRING, 10**9, data='second')
@@ -116,7 +116,7 @@ def test_joined_rows_hold_values_until_the_next(recording):
     for stamp in stamps:
         recording.add('/fast', RANGE, stamp, range=float(stamp - 10**9))
         if stamp == stamps[2]:
-            # Late by a tick in the file, and between two ticks.
+            # One message a tick late in the file, and one between two ticks.
             recording.add('/slow', RANGE, stamps[1] + 1, range=7.0)
             recording.add('/state', STRING, stamps[1], data='balance')
     recording.add('/text', STRING, stamps[5], data='left out')
@@ -129,7 +129,7 @@ def test_joined_rows_hold_values_until_the_next(recording):
 
 
 @pytest.mark.parametrize('later_ns', [-2 * 10**9, 7200 * 10**9])
-def test_stamps_that_make_no_grid_are_an_error(recording, later_ns):
+def test_stamps_out_of_order_are_an_error(recording, later_ns):
     for tick in range(800):
         recording.add('/fast', RANGE, 10**10 + tick * TICK_NS)
     recording.add('/fast', RANGE, 10**10 + 800 * TICK_NS + later_ns)
@@ -138,12 +138,12 @@ def test_stamps_that_make_no_grid_are_an_error(recording, later_ns):
     assert list((recording.writer.path.with_name('tables')).iterdir()) == []
 
 
-def test_where_there_is_nothing_there_is_no_table(recording):
+def test_a_topic_without_messages_has_no_table(recording):
     recording.topics['/text'] = recording.writer.add_topic('/text', STRING)
     assert export(recording, joined=True) == {}
 
 
-def test_joints_that_change_are_an_error(recording):
+def test_changing_joints_are_an_error(recording):
     recording.add('/joints', JOINTS, 10**9, name=['a'], position=[0.1])
     recording.add('/joints', JOINTS, 2 * 10**9, name=['b'], position=[0.1])
     with pytest.raises(RecordingError, match=r'/joints at 2\.000 s: the names or the number'):

@@ -1,4 +1,4 @@
-"""The reader that Foxglove is made with decodes recordings, and repaired ones."""
+"""Foxglove's reader decodes recordings, also repaired ones."""
 
 import json
 import shutil
@@ -22,7 +22,7 @@ SCRIPT = Path(__file__).with_name('read_recording.mjs')
 
 @pytest.fixture(scope='module')
 def read(tmp_path_factory):
-    """Return a function that reads a file with the packages of npm; skip where there are none."""
+    """Return a function that reads a file with npm packages; skip if they are not installed."""
     node, npm = shutil.which('node'), shutil.which('npm')
     if not node or not npm:
         pytest.skip('needs Node.js with npm')

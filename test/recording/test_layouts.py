@@ -1,4 +1,4 @@
-"""The shipped layouts name what recordings have."""
+"""The shipped layouts only refer to topics and fields of recordings."""
 
 import json
 import re
@@ -14,7 +14,7 @@ from ballbot_ros.viewer.transforms import MAP
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 NAMES = {'/' + topic.name.lstrip('/') for topic in TOPICS}
 DRAWN = {f'/{topic.name}' for topic in (MARKERS, ROBOT_DESCRIPTION)}
-"""What robot_visualizer adds to a run or a player."""
+"""Topics that robot_visualizer adds to those of a run or a player."""
 
 
 def test_foxglove_layout():
@@ -62,10 +62,10 @@ def test_rviz_config():
     assert set(topics.values()) <= NAMES | DRAWN
     assert topics['MarkerArray'] == f'/{MARKERS.name}'
     assert topics['RobotModel'] == f'/{ROBOT_DESCRIPTION.name}'
-    # What is published once is there for who comes later.
+    # Topics that are published once must be kept for late subscribers.
     assert sources['Map']['Durability Policy'] == 'Transient Local'
     assert sources['RobotModel']['Durability Policy'] == 'Transient Local'
-    # Without transforms the markers alone show the robot.
+    # Without transforms, only the markers show the robot.
     assert manager['Global Options']['Fixed Frame'] == MAP
     assert displays['MarkerArray']['Enabled']
     assert not displays['RobotModel']['Enabled']

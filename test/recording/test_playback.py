@@ -1,4 +1,4 @@
-"""Which messages are due: paced, paused, sought and repeated."""
+"""The messages due in a playback: rate, pause, seek and loop."""
 
 import pytest
 
@@ -27,7 +27,7 @@ def due(playback, now):
     return [message.sequence for message in playback.due(now)]
 
 
-def test_messages_come_at_the_pace(reader):
+def test_messages_are_due_at_the_set_rate(reader):
     playback = Playback(reader, None, rate=2.0, loop=False)
     playback.begin(0.0, 50.0)
     assert due(playback, 49.9) == []
@@ -62,7 +62,7 @@ def test_pause_holds_and_seek_jumps(reader):
     assert due(playback, 10.4) == [1]
 
 
-def test_a_loop_begins_again(reader):
+def test_a_loop_restarts(reader):
     playback = Playback(reader, None, rate=1.0, loop=True)
     playback.begin(0.95, 0.0)
     assert due(playback, 0.06) == [10]

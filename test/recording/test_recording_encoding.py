@@ -1,4 +1,4 @@
-"""Messages without a graph, against rclpy's and against their decoding."""
+"""Messages without a graph, compared with rclpy's and with their decoding."""
 
 import struct
 
@@ -42,7 +42,7 @@ def test_decoding_returns_the_message(data, chance, graph_types, make_message, p
     assert plain(decoded(message, type_name), type_name) == plain(message, type_name)
 
 
-def test_a_new_message_is_blank_and_shares_nothing():
+def test_a_new_message_has_defaults_and_shares_nothing():
     message = new_message('nav_msgs/msg/Odometry')
     assert message.child_frame_id == ''
     assert list(message.pose.covariance) == [0.0] * 36
@@ -64,7 +64,7 @@ def test_a_new_message_is_rclpys_new_message(graph_types, to_rclpy, plain):
 
 
 @pytest.mark.parametrize('kind', [list, tuple, np.array, lambda row: np.array(row, 'float32')])
-def test_numbers_of_any_sequence_are_taken(kind):
+def test_numbers_in_any_sequence_are_accepted(kind):
     message = new_message('sensor_msgs/msg/JointState')
     message.position = kind([1, 2])
     assert decoded(message, 'sensor_msgs/msg/JointState').position.tolist() == [1.0, 2.0]
@@ -74,13 +74,13 @@ def test_numbers_of_any_sequence_are_taken(kind):
 
 
 @pytest.mark.parametrize('kind', [bytes, bytearray, list])
-def test_bytes_are_taken(kind):
+def test_bytes_are_accepted(kind):
     message = new_message('std_msgs/msg/UInt8MultiArray')
     message.data = kind(range(250, 256))
     assert bytes(decoded(message, 'std_msgs/msg/UInt8MultiArray').data) == bytes(range(250, 256))
 
 
-def test_what_the_nodes_fill_in_is_taken():
+def test_the_content_that_nodes_fill_in_is_accepted():
     class Packet:
         def encode(self):
             return bytes(range(32))
@@ -110,7 +110,7 @@ def test_what_the_nodes_fill_in_is_taken():
         ('std_msgs/msg/String', 'data', None, AttributeError),
     ],
 )
-def test_what_does_not_fit_is_refused(type_name, field, value, error):
+def test_values_that_do_not_fit_are_refused(type_name, field, value, error):
     message = new_message(type_name)
     setattr(message, field, value)
     with pytest.raises(error):

@@ -1,4 +1,4 @@
-"""Reading: whole files, what a killed recorder leaves, and files of others."""
+"""Reading complete files, files of a killed recorder, and files of other writers."""
 
 import re
 import struct
@@ -76,7 +76,7 @@ def test_raw_messages_are_as_recorded(recording, sample):
         ]
 
 
-def test_topics_can_be_selected_and_read_side_by_side(recording, sample):
+def test_topics_can_be_selected_and_read_in_parallel(recording, sample):
     with RecordingReader(recording) as reader:
         both = {'/imu', '/clock'}
         assert [(topic, stamp) for topic, stamp, _ in reader.messages(both)] == [
@@ -107,7 +107,7 @@ def test_a_file_cut_off_anywhere_yields_a_prefix(place, recording, sample, damag
     assert damage == f'cut off at byte {size}'
 
 
-def test_whole_chunks_before_a_cut_are_read(tmp_path):
+def test_complete_chunks_before_a_cut_are_read(tmp_path):
     path = tmp_path / 'long.mcap'
     with RecordingWriter(path, chunk_size=10_000) as writer:
         topic = writer.add_topic('/lcd', STRING)
@@ -162,7 +162,7 @@ def test_a_corrupt_chunk_ends_the_reading(sample, damaged):
     assert re.fullmatch(r'corrupt before byte \d+', damage)
 
 
-def test_a_chunk_that_is_no_more_is_missed(damaged):
+def test_a_missing_chunk_is_noticed(damaged):
     def change(content):
         position = content.index(b'zstd', content.index(b'zstd') + 4) - 41
         assert content[position] == Opcode.CHUNK
@@ -189,7 +189,7 @@ def test_a_corrupt_attachment_is_damage(sample, damaged):
         (b'SQLite format 3\0', 'not an MCAP file'),
     ],
 )
-def test_what_is_no_recording_is_an_error(tmp_path, data, reason):
+def test_a_file_that_is_not_a_recording_is_an_error(tmp_path, data, reason):
     path = tmp_path / 'other.mcap'
     path.write_bytes(data)
     with pytest.raises(RecordingError) as error:
@@ -296,7 +296,7 @@ def test_files_of_other_writers_are_read(tmp_path, options):
 
 
 def test_the_definition_in_the_file_counts(tmp_path):
-    # A String as no release of ROS has it, and a type that is not installed.
+    # A String unlike that of any ROS release, and a type that is not installed.
     for type_name in (STRING, 'a/msg/B'):
         data = b'\0\1\0\0\7\0\0\0\2\0\0\0a\0'
         path = write_foreign(
@@ -317,7 +317,7 @@ def test_reading_begins_at_a_stamp(recording, sample):
     assert found == [row[2] for row in sample[150:]]
 
 
-def test_a_corrupt_summary_is_not_believed(sample, damaged):
+def test_a_corrupt_summary_is_not_trusted(sample, damaged):
     def change(content):
         return flip(content, len(content) - 20)
 
@@ -326,7 +326,7 @@ def test_a_corrupt_summary_is_not_believed(sample, damaged):
     assert damage.startswith('corrupt before byte')
 
 
-def test_a_recording_in_the_making_says_so(tmp_path):
+def test_a_recording_being_written_is_recognised(tmp_path):
     path = tmp_path / 'new.mcap'
     with RecordingWriter(path) as writer, RecordingReader(path) as reader:
         assert reader.being_written
@@ -334,7 +334,7 @@ def test_a_recording_in_the_making_says_so(tmp_path):
         assert not reader.being_written
 
 
-def test_a_closed_reader_says_so(recording):
+def test_a_closed_reader_raises_an_error(recording):
     with RecordingReader(recording) as reader:
         messages = reader.messages()
     with pytest.raises(RecordingError, match=r'sample\.mcap: the recording is closed$'):

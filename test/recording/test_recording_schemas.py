@@ -41,7 +41,7 @@ def installed(type_name, suffix):
 
 
 def fields_and_constants(text, package):
-    """Return each line's type, name and constant value; defaults are no part of the meaning."""
+    """Return type, name and constant value of each line, without defaults."""
     result = []
     for line in text.splitlines():
         match = re.match(r'\s*([\w/]+)(\[\S*\])?\s+(\w+)\s*(?:=\s*(.*?))?(\s.*)?$', line)

@@ -1,4 +1,4 @@
-"""Recordings as other readers see them, and what is left when writing fails."""
+"""Recordings as other readers see them, and the remains of a failed write."""
 
 import contextlib
 import random
@@ -252,7 +252,7 @@ def test_offered_qos_of_every_publisher_is_kept(tmp_path):
     assert second['avoid_ros_namespace_conventions'] is False
 
 
-def test_qos_is_taken_from_rclpys_words():
+def test_qos_is_converted_from_rclpys_names():
     words = Enum('words', 'KEEP_LAST RELIABLE TRANSIENT_LOCAL AUTOMATIC')
     endless = SimpleNamespace(nanoseconds=2**63 - 1)
     profile = SimpleNamespace(
@@ -269,7 +269,7 @@ def test_qos_is_taken_from_rclpys_words():
     assert QosProfile.from_rclpy(profile) == RELIABLE_LATCHED
 
 
-def test_qos_is_taken_from_rclpy():
+def test_qos_is_converted_from_rclpy():
     qos = pytest.importorskip('rclpy.qos')
     profile = qos.QoSProfile(
         depth=128,
@@ -288,7 +288,7 @@ def test_the_same_messages_make_the_same_file(recording, record, sample, tmp_pat
 
 
 @pytest.mark.parametrize('topics', [0, 1])
-def test_a_recording_without_messages_is_whole(tmp_path, topics):
+def test_a_recording_without_messages_is_complete(tmp_path, topics):
     path = tmp_path / 'empty.mcap'
     with RecordingWriter(path) as writer:
         for number in range(topics):
@@ -316,7 +316,7 @@ def test_a_chunk_ends_at_its_size(tmp_path):
     assert lines(path) == ([f'line {number}' for number in range(1000)], None)
 
 
-def test_what_is_flushed_can_be_read_from_a_copy(tmp_path):
+def test_flushed_messages_can_be_read_from_a_copy(tmp_path):
     path, copy = tmp_path / 'live.mcap', tmp_path / 'copy.mcap'
     with RecordingWriter(path) as writer:
         topic = writer.add_topic('/lcd', STRING)
@@ -336,7 +336,7 @@ def test_what_is_flushed_can_be_read_from_a_copy(tmp_path):
     assert lines(path)[1] is None
 
 
-def test_a_killed_recorder_leaves_what_was_flushed(tmp_path):
+def test_a_killed_recorder_leaves_the_flushed_messages(tmp_path):
     path = tmp_path / 'killed.mcap'
     code = f"""
 import os, signal
@@ -389,7 +389,7 @@ def test_topics_that_cannot_be_recorded_are_errors(tmp_path):
 
 
 @pytest.mark.parametrize(('stamp', 'sequence'), [(-1, 0), (2**63, 0), (0, -1), (0, 2**32)])
-def test_a_message_that_does_not_fit_is_left_out_whole(tmp_path, stamp, sequence):
+def test_a_message_that_does_not_fit_is_omitted_completely(tmp_path, stamp, sequence):
     path = tmp_path / 'fit.mcap'
     with RecordingWriter(path) as writer:
         topic = writer.add_topic('/lcd', STRING)
@@ -399,7 +399,7 @@ def test_a_message_that_does_not_fit_is_left_out_whole(tmp_path, stamp, sequence
     assert lines(path) == (['a'], None)
 
 
-def test_a_closed_recording_takes_no_more(tmp_path):
+def test_a_closed_recording_refuses_messages(tmp_path):
     writer = RecordingWriter(tmp_path / 'closed.mcap')
     topic = writer.add_topic('/lcd', STRING)
     writer.close()
@@ -415,7 +415,7 @@ def test_a_closed_recording_takes_no_more(tmp_path):
             action()
 
 
-def test_a_recording_says_what_it_lacks(tmp_path):
+def test_an_incomplete_recording_states_the_reason(tmp_path):
     path = tmp_path / 'gap.mcap'
     with RecordingWriter(path) as writer:
         writer.mark_incomplete('/gyro: 3 messages lost at 1.2 s')
@@ -425,7 +425,7 @@ def test_a_recording_says_what_it_lacks(tmp_path):
 
 @contextlib.contextmanager
 def room_for(size):
-    """Let no file of this process grow beyond `size`: a disk that is full, as far as it sees."""
+    """Limit the size of this process's files, as if the disk were full."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
@@ -510,7 +510,7 @@ def test_a_disk_that_fills_up_is_reported_once(tmp_path, action):
 
 
 @pytest.mark.parametrize('happens', ['moved', 'removed', 'replaced', 'folder removed'])
-def test_a_file_that_is_no_longer_there_is_told_at_the_end(tmp_path, happens):
+def test_a_removed_file_is_reported_at_the_end(tmp_path, happens):
     path = tmp_path / 'folder' / 'run.mcap'
     path.parent.mkdir()
     writer = RecordingWriter(path)

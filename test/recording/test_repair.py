@@ -1,4 +1,4 @@
-"""Repairing: what is whole comes back byte for byte, what is not is named, no wrong number."""
+"""Repair: intact messages are recovered byte for byte, losses are listed, no number is wrong."""
 
 import shutil
 
@@ -20,11 +20,11 @@ from ballbot_ros.recording.writer import RecordingWriter
 CHUNKS = 10
 PER_CHUNK = 28
 HEADER_END = 40
-"""Behind the first eight bytes and the header, which say that this is a recording of ROS 2."""
+"""Position after the first eight bytes and the header, which identify a recording of ROS 2."""
 
 
 def chunk_places(content):
-    """Return where each chunk begins and ends."""
+    """Return start and end of each chunk."""
     places = []
     position = 8
     while position < len(content) - 8:
@@ -54,17 +54,17 @@ def places(content):
 
 
 @pytest.fixture(scope='module')
-def mend(tmp_path_factory):
+def repair_bytes(tmp_path_factory):
     """Return a function that repairs a file of the given bytes."""
     folder = tmp_path_factory.mktemp('damaged')
 
-    def mend(content):
+    def repair_bytes(content):
         path, output = folder / 'damaged.mcap', folder / 'damaged_repaired.mcap'
         path.write_bytes(content)
         output.unlink(missing_ok=True)
         return repair(path)
 
-    return mend
+    return repair_bytes
 
 
 def raw(path):
@@ -106,7 +106,7 @@ def flip(content, position, bits=1):
     return content[:position] + bytes([content[position] ^ bits]) + content[position + 1 :]
 
 
-def test_a_whole_file_is_left_alone(whole, sample):
+def test_a_complete_file_is_left_alone(whole, sample):
     before = sorted(whole.parent.iterdir())
     found = repair(whole)
     assert (found.output, found.message_count, found.nothing_lost) == (None, len(sample), True)
@@ -116,9 +116,9 @@ def test_a_whole_file_is_left_alone(whole, sample):
 @pytest.mark.parametrize('chunk', range(CHUNKS))
 @pytest.mark.parametrize('where', ['begin', 'end'])
 @pytest.mark.parametrize('offset', [-1, 0, 1])
-def test_cut_at_every_chunk_boundary(chunk, where, offset, content, places, sample, mend):
+def test_cut_at_every_chunk_boundary(chunk, where, offset, content, places, sample, repair_bytes):
     cut = places[chunk][where == 'end'] + offset
-    found = mend(content[:cut])
+    found = repair_bytes(content[:cut])
     messages = raw(found.output)
     whole_chunks = sum(end <= cut for _, end in places)
     assert messages == expected(sample)[: whole_chunks * PER_CHUNK]
@@ -129,9 +129,9 @@ def test_cut_at_every_chunk_boundary(chunk, where, offset, content, places, samp
 
 
 @given(place=st.floats(0, 1, exclude_max=True))
-def test_cut_anywhere(place, content, sample, mend):
+def test_cut_anywhere(place, content, sample, repair_bytes):
     cut = 8 + int(place * (len(content) - 8))
-    found = mend(content[:cut])
+    found = repair_bytes(content[:cut])
     messages = raw(found.output)
     assert messages == expected(sample)[: len(messages)]
     assert len(messages) % PER_CHUNK == 0
@@ -140,15 +140,15 @@ def test_cut_anywhere(place, content, sample, mend):
 
 @given(place=st.floats(0, 1, exclude_max=True), bits=st.integers(1, 255))
 @example(place=0.5, bits=1)
-def test_any_changed_byte(place, bits, content, places, sample, mend):
+def test_any_changed_byte(place, bits, content, places, sample, repair_bytes):
     position = int(place * len(content))
     try:
-        found = mend(flip(content, position, bits))
+        found = repair_bytes(flip(content, position, bits))
     except RecordingError:
         assert position < HEADER_END
         return
     if found.output is None:
-        # What nobody reads, such as the magic's counterpart in a length that is skipped.
+        # Bytes that are never read, such as the length of a skipped record.
         assert found.message_count == len(sample)
         return
     messages = raw(found.output)
@@ -162,17 +162,17 @@ def test_any_changed_byte(place, bits, content, places, sample, mend):
     size=st.integers(1, 20_000),
     fill=st.one_of(st.just(None), st.binary(min_size=1, max_size=50)),
 )
-def test_any_overwritten_or_missing_stretch(begin, size, fill, content, sample, mend):
+def test_any_overwritten_or_missing_stretch(begin, size, fill, content, sample, repair_bytes):
     position = HEADER_END + int(begin * (len(content) - HEADER_END))
     end = min(position + size, len(content))
     middle = b'' if fill is None else (fill * (size // len(fill) + 1))[: end - position]
-    found = mend(content[:position] + middle + content[end:])
+    found = repair_bytes(content[:position] + middle + content[end:])
     if found.output:
         assert_subset(raw(found.output), sample)
 
 
-def test_a_lost_chunk_is_counted(content, places, sample, mend):
-    found = mend(flip(content, places[4][1] - 10))
+def test_a_lost_chunk_is_counted(content, places, sample, repair_bytes):
+    found = repair_bytes(flip(content, places[4][1] - 10))
     messages = raw(found.output)
     lost = expected(sample)[4 * PER_CHUNK : 5 * PER_CHUNK]
     assert messages == [m for m in expected(sample) if m not in lost]
@@ -191,18 +191,20 @@ def test_a_lost_chunk_is_counted(content, places, sample, mend):
 @pytest.mark.parametrize(
     ('what', 'offset'), [('opcode', 0), ('length', 3), ('records length', 9 + 32 + 4 + 3)]
 )
-def test_a_chunk_with_a_broken_head_is_whole(what, offset, content, places, sample, mend):
-    found = mend(flip(content, places[3][0] + offset, 0x40))
+def test_a_chunk_with_a_broken_header_is_recovered_completely(
+    what, offset, content, places, sample, repair_bytes
+):
+    found = repair_bytes(flip(content, places[3][0] + offset, 0x40))
     assert raw(found.output) == expected(sample)
     assert found.nothing_lost
 
 
-def test_the_topics_of_a_lost_first_chunk_are_in_the_summary(content, places, sample, mend):
-    found = mend(flip(content, places[0][1] - 10))
+def test_the_topics_of_a_lost_first_chunk_are_in_the_summary(content, places, sample, repair_bytes):
+    found = repair_bytes(flip(content, places[0][1] - 10))
     assert raw(found.output) == expected(sample)[PER_CHUNK:]
 
 
-def test_what_is_lost_behind_a_cut_is_estimated(tmp_path):
+def test_the_loss_after_a_cut_is_estimated(tmp_path):
     path = tmp_path / 'run.mcap'
     with RecordingWriter(path) as writer:
         topic = writer.add_topic('/lcd', STRING)
@@ -215,7 +217,7 @@ def test_what_is_lost_behind_a_cut_is_estimated(tmp_path):
     found = repair(path)
     assert str(found.lost['/lcd']) == 'about 100 or more'
     assert str(found.spans[0]) == 'from 1.990 s to 2.990 s or later'
-    # With the middle one lost too, the publisher's numbers count what the rate estimates.
+    # If the middle chunk is lost, too, the publisher's sequence numbers give the exact number.
     path.write_bytes(
         flip(content[: chunk_places(content)[2][1] + 1], chunk_places(content)[1][0] + 80)
     )
@@ -224,15 +226,15 @@ def test_what_is_lost_behind_a_cut_is_estimated(tmp_path):
     assert str(again.spans[0]) == 'from 0.990 s to 2.000 s'
 
 
-def test_a_recording_behind_a_recording_is_named(content, sample, mend):
-    found = mend(content * 2)
+def test_a_second_recording_in_the_file_is_named(content, sample, repair_bytes):
+    found = repair_bytes(content * 2)
     assert raw(found.output) == expected(sample)
     assert f'another recording begins at byte {len(content)}: left out' in found.reason
     assert not found.nothing_lost
 
 
-def test_a_lost_attachment_is_named(content, mend):
-    found = mend(content.replace(b'name: stationary', b'name: stationarz'))
+def test_a_lost_attachment_is_named(content, repair_bytes):
+    found = repair_bytes(content.replace(b'name: stationary', b'name: stationarz'))
     assert 'attachment scenario.yaml lost' in found.reason
     assert found.nothing_lost
 
@@ -278,7 +280,7 @@ def test_everything_is_kept_of_files_of_others(tmp_path, options):
     assert (attachment.create_time, attachment.log_time, attachment.data) == (3, 4, b'notes')
 
 
-def test_a_message_that_was_changed_within_a_plain_chunk_does_not_come_back(tmp_path):
+def test_a_changed_message_in_an_uncompressed_chunk_is_not_recovered(tmp_path):
     path = write_foreign(
         tmp_path / 'foreign.mcap', compression=CompressionType.NONE, chunk_size=300
     )
@@ -323,7 +325,7 @@ def test_mistakes_are_one_line(tmp_path, whole, content):
         repair(tmp_path / 'new.mcap')
 
 
-def test_a_disk_that_runs_full_leaves_nothing(tmp_path, content, monkeypatch):
+def test_a_full_disk_leaves_no_file(tmp_path, content, monkeypatch):
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(content[:20_000])
 

@@ -1,4 +1,4 @@
-"""A run as a value: from its specification to its result, without the command."""
+"""A run as an object: from its specification to its result, without the command."""
 
 import dataclasses
 import math
@@ -21,7 +21,7 @@ from ballbot_ros.world.library import read_map_file
 
 
 class Notes:
-    """Notes what a run tells."""
+    """Stores the notices of a run."""
 
     def __init__(self):
         self.times, self.lines = [], []
@@ -45,7 +45,7 @@ def stationary(tmp_path_factory):
     return spec, execute(spec, notes), notes
 
 
-def test_a_run_gives_its_result_and_its_files(stationary):
+def test_a_run_returns_its_result_and_files(stationary):
     spec, result, notes = stationary
     assert result.passed
     assert (result.verdict, result.reason, result.exit_status) == (Verdict.PASSED, '', 0)
@@ -100,7 +100,7 @@ def test_a_graph_is_run_without_the_command(processes, domain, monkeypatch, tmp_
 
 
 @pytest.mark.graph
-def test_a_plant_that_refuses_the_domain_is_the_mistake_of_the_user(domain, monkeypatch):
+def test_a_plant_that_refuses_the_domain_is_a_mistake_of_the_user(domain, monkeypatch):
     pytest.importorskip('rclpy')
     from ballbot_ros.run import one_process
 
@@ -138,7 +138,7 @@ def test_a_picture_that_can_not_be_written_fails_a_run_that_passed(tmp_path):
 
 
 def test_the_map_of_a_run_is_the_one_at_its_start(tmp_path):
-    """Its file may be gone, or another one, when the metrics are computed."""
+    """Its file may be removed or replaced before the metrics are computed."""
     path = tmp_path / 'floor.png'
     path.write_bytes(read_map_file('track'))
 
@@ -166,7 +166,7 @@ def test_an_interrupted_run_leaves_its_recording_but_no_picture(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ['stationary.mcap']
 
 
-def test_a_wall_hit_is_told_also_where_the_recording_fails(tmp_path, monkeypatch):
+def test_a_wall_hit_is_reported_even_if_the_recording_fails(tmp_path, monkeypatch):
     def fail(writer):
         raise RecordingError(f'{writer.path}: full')
 
@@ -200,7 +200,7 @@ def test_verdict_reason_and_status_agree(result, verdict, reason, status):
 
 
 def test_a_run_needs_no_main_thread():
-    """Signals are the main thread's; whoever runs in another one stops by other means."""
+    """Only the main thread gets signals; a run in another thread is stopped by other means."""
     spec = spec_of('stationary', 'plant_sim.duration=0.5', record=False)
     results = []
     thread = threading.Thread(target=lambda: results.append(execute(spec)))

@@ -1,4 +1,4 @@
-"""Runs whose recording or whose folder comes to nothing: the verdict says why, once."""
+"""Runs whose recording or folder can't be written: the verdict gives the reason, once."""
 
 import json
 import subprocess
@@ -45,7 +45,7 @@ def test_a_recorder_that_fails_at_the_start_is_the_only_reason(tmp_path, monkeyp
     assert f'failed: {reason}' in capsys.readouterr().out.splitlines()
 
 
-def test_what_the_nodes_can_not_be_handed_is_no_place_for_a_recording(tmp_path):
+def test_a_path_that_can_not_be_passed_to_the_nodes_is_refused_for_a_recording(tmp_path):
     pytest.importorskip('rclpy')
     with pytest.raises(BallbotError, match=r"^recorder\.output: '.*\\udcff/.*' is not UTF-8$"):
         stationary(tmp_path / 'a\udcff', 'one')
@@ -98,7 +98,7 @@ def test_a_peer_that_can_not_be_resolved_is_one_line(domain):
     assert 'Traceback' not in done.stderr
 
 
-def test_what_does_not_fit_into_the_temporary_folder_is_named(tmp_path):
+def test_a_file_that_does_not_fit_in_the_temporary_folder_is_named(tmp_path):
     pytest.importorskip('rclpy')
     from ballbot_ros.run.graph import write_attachments
 

@@ -1,4 +1,4 @@
-"""The look into a running graph."""
+"""Observation of a running graph."""
 
 import contextlib
 import signal
@@ -37,12 +37,12 @@ IDLE = {1: ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)}
 
 
 @pytest.mark.parametrize(('is_stopped', 'patience_s'), [(True, 0.2), (False, PLANT_WAIT_S)])
-def test_a_plant_that_is_never_heard_hangs(
+def test_a_plant_that_never_reports_hangs(
     short_patience, monitor, monkeypatch, is_stopped, patience_s
 ):
     times_s = count(time.monotonic(), 0.1)
     monkeypatch.setattr(plant_monitor, 'time', SimpleNamespace(monotonic=lambda: next(times_s)))
-    # Its real processor time would not match the made-up clock.
+    # Its real processor time would not match the simulated clock.
     monkeypatch.setattr(plant_monitor, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE))
     with subprocess.Popen(['sleep', '60']) as plant:
         wait_for(lambda: is_waiting(plant.pid), what='its sleep')
@@ -56,7 +56,7 @@ def test_a_plant_that_is_never_heard_hangs(
 
 @pytest.mark.parametrize('how', ['stopped', 'spinning'])
 def test_a_plant_that_falls_silent_hangs(monitor, start_node, how):
-    # It waits for nobody.
+    # It waits for no other process.
     plant = start_node('plant_sim', lockstep='false')
     wait_for(lambda: monitor.poll() or monitor.now_ns, what='the first tick')
     assert not monitor.plant_hangs(plant.process.pid)
@@ -70,7 +70,7 @@ def test_a_plant_that_falls_silent_hangs(monitor, start_node, how):
         wait_for(lambda: monitor.poll() or monitor.plant_hangs(pid), what='its end')
 
 
-def test_a_look_ends_however_much_is_sent_to_it(monitor, monkeypatch):
+def test_a_poll_ends_even_under_a_flood_of_messages(monitor, monkeypatch):
     flood = {
         CLOCK.name: CLOCK.message_class(),
         DIAGNOSTICS.name: b'bytes that are no report of plant_sim',
@@ -81,7 +81,7 @@ def test_a_look_ends_however_much_is_sent_to_it(monitor, monkeypatch):
     monitor.poll()
 
 
-def test_a_plant_that_has_not_begun_and_one_that_saves_have_long():
+def test_a_starting_plant_and_a_saving_one_have_more_time():
     watchdog = PlantWatchdog(0.0)
     for now in range(301):
         assert not watchdog.is_hung(0.1 * now, 1, {1: IDLE}, is_waiting=False)
@@ -89,7 +89,7 @@ def test_a_plant_that_has_not_begun_and_one_that_saves_have_long():
     watchdog.feed(31.0)
     assert not watchdog.is_hung(31.2, 1, {1: IDLE}, is_waiting=False)
     watchdog.feed(31.9, has_ended=True)
-    watchdog.feed(32.0)  # a clock that was under way
+    watchdog.feed(32.0)  # a clock message that was on its way
     for now in range(320, 620):
         assert not watchdog.is_hung(0.1 * now, 1, {1: IDLE}, is_waiting=False)
     assert watchdog.is_hung(62.2, 1, {1: IDLE}, is_waiting=False)
@@ -100,7 +100,9 @@ def test_a_plant_that_has_not_begun_and_one_that_saves_have_long():
     [(False, False, 12.25), (True, False, 12.25), (False, True, 15.95)],
     ids=['stopped', 'computes without an end', 'waits, perhaps for a killed process'],
 )
-def test_a_plant_that_has_its_time_and_says_nothing_hangs_soon(is_spinning, is_waiting, ends_s):
+def test_a_plant_that_gets_processor_time_but_stays_silent_hangs_soon(
+    is_spinning, is_waiting, ends_s
+):
     watchdog = PlantWatchdog(0.0)
     watchdog.feed(10.0)
     ends = [
@@ -116,7 +118,7 @@ def test_a_plant_that_has_its_time_and_says_nothing_hangs_soon(is_spinning, is_w
     assert ends_s < ends[0] < ends_s + 0.2
 
 
-def test_a_plant_that_waits_again_and_again_has_long():
+def test_a_plant_that_waits_repeatedly_has_more_time():
     watchdog = PlantWatchdog(0.0)
     watchdog.feed(10.0)
     waits = {look: look % 10 != 0 for look in range(200, 400)}
@@ -128,7 +130,7 @@ def test_a_plant_that_waits_again_and_again_has_long():
     assert 15.95 < ends[0] < 16.15
 
 
-def test_a_plant_that_the_machine_keeps_waiting_does_not_hang():
+def test_a_plant_starved_of_processor_time_does_not_hang():
     watchdog = PlantWatchdog(0.0)
     watchdog.feed(0.0)
     for look in range(2000):

@@ -1,4 +1,4 @@
-"""How a run of processes is watched, and the verdict on it."""
+"""Monitoring the processes of a run, and the verdict on it."""
 
 from types import SimpleNamespace
 
@@ -29,7 +29,8 @@ def process(name, exit_status=0):
     [
         ('completed', '', {}, 0, ('completed', '', 0)),
         ('completed', SILENT, {'plant_sim': -9}, 0, ('completed', '', 0)),
-        ('completed', 'gyro_driver died of SIGKILL', {'gyro_driver': -9}, 0, ('completed', '', 0)),
+        ('completed', 'gyro_driver was killed by SIGKILL', {'gyro_driver': -9}, 0,
+         ('completed', '', 0)),
         ('completed', '', {'recorder': 1}, 0, ('failed', f'recorder: {FULL}', 1)),
         ('failed', '', {'plant_sim': 1, 'sonar_driver': 1}, 0, ('failed', f'plant_sim: {FULL}', 1)),
         ('failed', SILENT, {'plant_sim': -9}, 0, ('failed', SILENT, 1)),
@@ -56,7 +57,7 @@ def test_a_completed_run_is_completed(outcome, failure, ends, signal, expected):
         ('stopped', '', 2, ('stopped', '', 130)),
     ],
 )
-def test_a_run_that_makes_way_for_another_has_not_failed(outcome, failure, signal, expected):
+def test_a_run_replaced_by_another_has_not_failed(outcome, failure, signal, expected):
     result = ended(outcome, failure, {}, signal, is_replaced=True)
     assert (result.outcome, result.reason, result.exit_status) == expected
 
@@ -69,11 +70,11 @@ def ended(outcome, failure, ends, signal, *, is_replaced=False):
 
 
 def watched(victim, now_ns, *, plant_hangs=False):
-    """What the watch says of a graph in which one node has died, after a few looks."""
+    """Return the watch's result for a graph in which one node has died, after a few looks."""
     running = SimpleNamespace(
         running=True, was_killed=False, exit_status=None, pid=1, kill=lambda: None
     )
-    end = 'died of SIGKILL'
+    end = 'was killed by SIGKILL'
     dead = SimpleNamespace(
         running=False, was_killed=True, exit_status=-9, exit_description=end,
         failure=f'{victim} {end}', forward_remaining_output=lambda: None,
@@ -84,7 +85,7 @@ def watched(victim, now_ns, *, plant_hangs=False):
     progress = SimpleNamespace(notice=notices.append, update=lambda now_s: None)
     looks = iter([False, False, True])
     reason = watch(processes, monitor, progress, lambda: next(looks))
-    assert notices[0] == f'{victim} died of SIGKILL'
+    assert notices[0] == f'{victim} was killed by SIGKILL'
     assert len(notices) == 1 + plant_hangs
     return reason
 
@@ -92,7 +93,7 @@ def watched(victim, now_ns, *, plant_hangs=False):
 @pytest.mark.parametrize('now_ns', [0, FIRST_TICK_NS])
 @pytest.mark.parametrize('victim', [name for name in NODES if name != PLANT])
 def test_a_node_that_dies_before_the_first_tick_ends_the_run_at_once(victim, now_ns):
-    assert watched(victim, now_ns) == f'{victim} died of SIGKILL'
+    assert watched(victim, now_ns) == f'{victim} was killed by SIGKILL'
 
 
 @pytest.mark.parametrize('victim', [name for name in NODES if name != PLANT])
@@ -100,13 +101,15 @@ def test_a_node_that_dies_in_mid_run_may_be_restarted(victim):
     assert watched(victim, FIRST_TICK_NS + TICK_NS) == ''
 
 
-def test_of_a_plant_that_hangs_it_is_told_who_has_died_before():
-    expected = 'plant_sim does not answer, gyro_driver died of SIGKILL'
+def test_with_a_hanging_plant_the_node_that_died_before_is_named():
+    expected = 'plant_sim does not answer, gyro_driver was killed by SIGKILL'
     assert watched('gyro_driver', FIRST_TICK_NS + TICK_NS, plant_hangs=True) == expected
 
 
 @pytest.mark.parametrize(('now_ns', 'sweeps'), [(0, True), (FIRST_TICK_NS + TICK_NS, False)])
-def test_what_nodes_may_wait_for_is_removed_until_the_first_tick(monkeypatch, now_ns, sweeps):
+def test_ports_that_nodes_may_wait_for_are_removed_until_the_first_tick(
+    monkeypatch, now_ns, sweeps
+):
     swept = []
     monkeypatch.setattr(separate_processes, 'SETTLED_S', -1.0)
     monkeypatch.setattr(separate_processes, 'sweep', lambda: swept.append(now_ns))
@@ -120,11 +123,11 @@ def test_a_viewer_is_no_part_of_the_run():
 
 @pytest.mark.parametrize('now_ns', [0, FIRST_TICK_NS + TICK_NS])
 def test_without_the_plant_there_is_no_run(now_ns):
-    assert watched(PLANT, now_ns) == 'plant_sim died of SIGKILL'
+    assert watched(PLANT, now_ns) == 'plant_sim was killed by SIGKILL'
 
 
 @pytest.mark.graph
-def test_a_node_that_refuses_to_start_tells_why(domain, monkeypatch, tmp_path):
+def test_a_node_that_refuses_to_start_gives_the_reason(domain, monkeypatch, tmp_path):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     file = tmp_path / 'parameters.yaml'
@@ -134,12 +137,12 @@ def test_a_node_that_refuses_to_start_tells_why(domain, monkeypatch, tmp_path):
     node.wait(60.0)
     node.forward_remaining_output()
     assert node.exit_status == 2
-    # The middleware may have something to say before.
+    # The middleware may print something before.
     assert lines[-1] == f'error: {file}/x.mcap: File exists'
     assert node.failure == f'recorder: {file}/x.mcap: File exists'
 
 
-def test_a_node_that_dies_says_nothing_of_it():
+def test_a_node_that_dies_gives_no_reason():
     process = SimpleNamespace(
         name='recorder', _last_error_line='waits', was_killed=True, exit_description='died'
     )

@@ -1,4 +1,4 @@
-"""A run's specification: what overrides what, and what is refused before anything starts."""
+"""A run's specification: precedence of its settings, and mistakes refused before the start."""
 
 import pytest
 
@@ -63,7 +63,7 @@ def test_each_level_overrides_the_one_before(tmp_path, scenario):
     assert (assigned.noise, assigned.seed) == (1.0, 5)
 
 
-def test_the_pace_is_that_of_whoever_sets_it(tmp_path):
+def test_the_pace_comes_from_the_highest_level_that_sets_it(tmp_path):
     def factor(**options):
         return RunSpec.of_scenario('stationary', RunOptions(**options)).plant.real_time_factor
 
@@ -76,7 +76,7 @@ def test_the_pace_is_that_of_whoever_sets_it(tmp_path):
 
 
 def test_another_profile_is_that_of_the_attached_scenario(tmp_path):
-    """So whoever runs what is attached has the same devices."""
+    """A run of the attached scenario then has the same devices."""
     spec = RunSpec.of_scenario('square', RunOptions(profile='hardware'))
     shipped = load_scenario('square')
     assert (shipped.profile, spec.scenario.profile) == ('ideal', 'hardware')
@@ -90,8 +90,8 @@ def test_another_profile_is_that_of_the_attached_scenario(tmp_path):
     assert attachments_of(unchanged)[SCENARIO].decode() == shipped.text
 
 
-def test_a_run_is_made_again_from_its_attached_parameters(tmp_path):
-    """They name every parameter of every node, also those that a scenario does not let be set."""
+def test_a_run_can_be_repeated_from_its_attached_parameters(tmp_path):
+    """They have every parameter of every node, including those that a scenario can't set."""
     words = ('controller.pwm_gain=0.9', 'plant_sim.duration=1')
     options = RunOptions(processes=Processes.NONE, record=False, seed=7, assignments=words)
     spec = RunSpec.of_scenario('hardware_standing', options)
@@ -103,7 +103,7 @@ def test_a_run_is_made_again_from_its_attached_parameters(tmp_path):
     assert again.parameters.of(ControllerParameters).pwm_gain == 0.9
 
 
-def test_without_a_scenario_the_robot_balances_without_end():
+def test_without_a_scenario_the_robot_balances_endlessly():
     spec = RunSpec.compose(None, RunOptions(profile='hardware'))
     assert spec.plant.duration == 0.0
     assert spec.parameters.of(GamepadParameters) == GamepadParameters()
@@ -132,7 +132,7 @@ REFUSED = {
     ),
     'a recording elsewhere': (
         'assignments', ['recorder.output=x.mcap'],
-        '--set recorder.output=x.mcap: recorder.output can not be set: the files of a run are in',
+        '--set recorder.output=x.mcap: recorder.output can not be set: a run writes its files to',
     ),
     "attachments of one's own": (
         'assignments', ['recorder.attachments=x'], 'recorder.attachments can not be set',
@@ -174,7 +174,7 @@ def test_an_unknown_scenario_is_refused(reference):
 
 
 def test_a_run_without_end_is_refused(tmp_path):
-    """The file of the defaults has a duration of 0: a graph without a scenario has no end."""
+    """The file with the defaults has a duration of 0, for a graph without a scenario."""
     file = tmp_path / 'defaults.yaml'
     write_parameter_file(file, ParameterSet())
     options = RunOptions(parameter_file=file)
@@ -184,11 +184,11 @@ def test_a_run_without_end_is_refused(tmp_path):
         RunSpec.of_scenario('stationary', options)
     options = RunOptions(parameter_file=file, assignments=['plant_sim.duration=2'])
     assert RunSpec.of_scenario('stationary', options).plant.duration == 2.0
-    # Whoever launches a graph may let it go on.
+    # A launched graph may run endlessly.
     assert RunSpec.compose('stationary', RunOptions(parameter_file=file)).plant.duration == 0.0
 
 
-def test_a_profile_that_there_is_not_is_refused_whatever_the_profile_of_the_run(tmp_path):
+def test_a_scenario_with_an_unknown_profile_is_refused_for_any_profile_of_the_run(tmp_path):
     """Each node reads the file of the scenario itself."""
     path = tmp_path / 'typo.yaml'
     path.write_text('purpose: a typo\nduration: 1\nprofile: nope\n')

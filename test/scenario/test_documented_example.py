@@ -1,4 +1,4 @@
-"""The page on scenarios: its example runs, and nothing is left out."""
+"""The page on scenarios: its example runs, and it is complete."""
 
 import re
 from pathlib import Path

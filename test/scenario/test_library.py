@@ -65,7 +65,7 @@ def load(tmp_path_factory):
     return load_text
 
 
-def test_a_scenario_sets_all_that_it_names(load):
+def test_a_scenario_sets_everything_that_it_names(load):
     scenario = load(FULL)
     assert (scenario.name, scenario.purpose) == ('mine', 'everything at once')
     assert scenario.text == FULL
@@ -140,7 +140,7 @@ def test_the_hardware_profile_has_all_the_faults_of_the_devices():
 
 
 @pytest.mark.parametrize('name', ['', 'nothing', 'Stationary', 'two\nlines', '..'])
-def test_an_unknown_scenario_is_told_with_the_known_ones(name):
+def test_the_error_for_an_unknown_scenario_lists_the_known_ones(name):
     with pytest.raises(ScenarioError) as error:
         load_scenario(name)
     assert '\n' not in str(error.value)
@@ -149,13 +149,13 @@ def test_an_unknown_scenario_is_told_with_the_known_ones(name):
 
 
 @pytest.mark.parametrize('name', ['nothing.yaml', './nothing', 'a/b.yml', '/'])
-def test_a_missing_file_is_told_by_its_path(name):
+def test_a_missing_file_is_named_by_its_path(name):
     with pytest.raises(BallbotError, match=r'^[^\n]+: [^\n]+$'):
         load_scenario(name)
 
 
 @pytest.mark.parametrize('name', ['', 'real', 'two\nlines', '../ballbot'])
-def test_an_unknown_profile_is_told_with_the_known_ones(name):
+def test_the_error_for_an_unknown_profile_lists_the_known_ones(name):
     with pytest.raises(ScenarioError, match='ideal') as error:
         load_profile(name)
     assert '\n' not in str(error.value)
@@ -189,13 +189,13 @@ def test_an_unknown_profile_is_told_with_the_known_ones(name):
         (HEAD + 'mode: manual\n', 3, "'manual' is not one of remote, autonomous"),
         (HEAD + 'plant_model: 1\n', 3, '1 is not text'),
         (STICK + '    - [0, 1]\n', 5, 'is not a mapping'),
-        (STICK + '    - {from: 1, value: 1}\n', 5, 'a segment has a name'),
-        (STICK + '    - {name: "", from: 1, value: 1}\n', 5, 'a segment has a name'),
-        (STICK + '    - {name: a, to: 1, value: 1}\n', 5, "'a' has neither 'from' nor points"),
-        (STICK + '    - {name: a, from: 1}\n', 5, "'a' has neither 'value' nor points"),
+        (STICK + '    - {from: 1, value: 1}\n', 5, 'a segment needs a name'),
+        (STICK + '    - {name: "", from: 1, value: 1}\n', 5, 'a segment needs a name'),
+        (STICK + '    - {name: a, to: 1, value: 1}\n', 5, "'a' needs 'from', or points"),
+        (STICK + '    - {name: a, from: 1}\n', 5, "'a' needs 'value', or points"),
         (STICK + '    - {name: a, from: 1, at: 1}\n', 5, "unknown key 'at'"),
         (STICK + '    - {name: a, from: 1, points: []}\n', 5, 'points, or from, to and value'),
-        (STICK + '    - {name: a, points: [[1, 1]]}\n', 5, 'two points or more'),
+        (STICK + '    - {name: a, points: [[1, 1]]}\n', 5, 'needs at least two points'),
         (STICK + '    - {name: a, points: [[1, 1], [1, 2]]}\n', 5, 'has no duration'),
         (STICK + '    - {name: a, points: [[1, 1], [2]]}\n', 5, '[2] is not a pair'),
         (
@@ -221,13 +221,13 @@ def test_an_unknown_profile_is_told_with_the_known_ones(name):
             "'a' lasts until the end",
         ),
         (HEAD + 'pushes: {time: 1}\n', 3, 'is not a list'),
-        (PUSH + '{duration: 1, force: 1, direction: left}\n', 4, 'a push has a time'),
-        (PUSH + '{time: 1, force: 1, direction: left}\n', 4, 'a push has a duration'),
-        (PUSH + '{time: 1, duration: 1, direction: left}\n', 4, 'a push has a force'),
-        (PUSH + '{time: 1, duration: 1, force: 1}\n', 4, 'a push has a direction'),
+        (PUSH + '{duration: 1, force: 1, direction: left}\n', 4, 'a push needs a time'),
+        (PUSH + '{time: 1, force: 1, direction: left}\n', 4, 'a push needs a duration'),
+        (PUSH + '{time: 1, duration: 1, direction: left}\n', 4, 'a push needs a force'),
+        (PUSH + '{time: 1, duration: 1, force: 1}\n', 4, 'a push needs a direction'),
         (PUSH + '{time: -1, duration: 1, force: 1, direction: 0}\n', 4, '-1 s is not within'),
         (PUSH + '{time: 1, duration: 1, force: -1, direction: 0}\n', 4, '-1 is not within 0'),
-        (PUSH + '{time: 1, duration: 1, force: 1, direction: up}\n', 4, "'up' is not one of"),
+        (PUSH + '{time: 1, duration: 1, force: 1, direction: up}\n', 4, "'up' is neither one of"),
         (PUSH + '{time: 1, duration: 1, force_x: 1}\n', 4, "unknown key 'force_x'"),
         (PUSH + '{time: 1, duration: .inf, force: 1, direction: 0}\n', 4, 'inf is not finite'),
         (PUSH + '{time: 1.0e+300, duration: 1, force: 1, direction: 0}\n', 4, ''),
@@ -245,7 +245,11 @@ def test_an_unknown_profile_is_told_with_the_known_ones(name):
         (HEAD + 'map: track\nstart: {position_x: 1.5}\n', 4, 'is off the map'),
         (HEAD + 'map: track\nstart: {position_x: 0.9}\n', 4, 'puts the body in a wall'),
         (HEAD + 'profile: null\n', 3, 'profile: None is not a line of text'),
-        (HEAD + 'parameters:\n  plant_sim: {scenario: x}\n', 4, 'can not name another'),
+        (
+            HEAD + 'parameters:\n  plant_sim: {scenario: x}\n',
+            4,
+            'can not set the parameter scenario',
+        ),
         (STICK + '    - 5\n', 5, "'vertical' 1 is not a mapping"),
         (STICK + '    - {name: a, from: x, value: 1}\n', 5, "'from': 'x' is not a number"),
         (STICK + '    - {name: a, from: 6, value: 1}\n', 5, 'begins after the end of the run'),
@@ -262,10 +266,14 @@ def test_an_unknown_profile_is_told_with_the_known_ones(name):
         (
             HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, from: 3, to: 2}\n',
             4,
-            'is not a window',
+            'is empty or not within the run',
         ),
-        (HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, from: 5}\n', 4, 'a run of 5 s'),
-        (HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, to: 6}\n', 4, 'a run of 5 s'),
+        (
+            HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, from: 5}\n',
+            4,
+            'within the run, 0 … 5 s',
+        ),
+        (HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, to: 6}\n', 4, 'within the run, 0 … 5 s'),
         (HEAD + 'expectations:\n  peak_pitch_deg:\n  - {max: 1}\n  - 1\n', 6, 'not a mapping'),
         (HEAD + 'expectations:\n  peak_pitch_deg: {most: 1}\n', 4, "unknown key 'most'"),
         (HEAD + 'expectations:\n  peak_pitch_deg: {max: .nan}\n', 4, 'nan is not finite'),
@@ -273,7 +281,7 @@ def test_an_unknown_profile_is_told_with_the_known_ones(name):
         (HEAD + 'start: {\n', 4, 'not YAML'),
     ],
 )
-def test_mistakes_are_told_in_one_line_with_file_and_line(load, text, line, told):
+def test_mistakes_are_reported_in_one_line_with_file_and_line(load, text, line, told):
     with pytest.raises(BallbotError) as error:
         load(text)
     message = str(error.value)
@@ -293,7 +301,7 @@ def test_mistakes_are_told_in_one_line_with_file_and_line(load, text, line, told
         'expectations: {{peak_pitch_deg: {{max: {}}}}}',
     ],
 )
-def test_a_number_beyond_all_floats_is_refused_like_any_other(load, key, number):
+def test_a_number_beyond_the_range_of_floats_is_refused(load, key, number):
     with pytest.raises(BallbotError, match=r'^[^\n]*mine\.yaml:3: [^\n]*$'):
         load(HEAD + key.format(number) + '\n')
 
@@ -344,12 +352,12 @@ FRAGMENTS = [
 
 
 @given(st.lists(st.sampled_from(FRAGMENTS), max_size=30).map(''.join) | st.text(max_size=60))
-def test_whatever_the_text_it_is_read_or_refused_in_one_line(load, text):
+def test_any_text_is_read_or_refused_in_one_line(load, text):
     assert is_read_or_refused_in_one_line(load, text)
 
 
 @given(st.text(st.characters(exclude_categories=('Cc', 'Cs')), max_size=300))
-def test_whatever_the_name_it_is_found_or_refused_in_one_line(name):
+def test_any_name_is_found_or_refused_in_one_line(name):
     assert is_read_or_refused_in_one_line(load_scenario, name)
 
 

@@ -1,4 +1,4 @@
-"""What a scenario expects, and what it does to the robot."""
+"""The expectations of a scenario, and its effects on the robot."""
 
 import math
 
@@ -27,13 +27,13 @@ def test_an_expectation_holds_within_its_bounds_and_never_for_nan(
     assert not any(expectation.holds(value) for value in without)
 
 
-def test_an_expectation_says_what_it_expects():
+def test_the_text_of_an_expectation_has_its_bounds():
     assert str(Expectation('x', 1.0, 2.5)) == '≥ 1 and ≤ 2.5'
     assert str(Expectation('x', maximum=2.5)) == '≤ 2.5'
     assert str(Expectation('x', minimum=0.0)) == '≥ 0'
 
 
-def test_an_expectation_says_in_which_window_it_holds():
+def test_the_text_of_an_expectation_has_its_window():
     assert Expectation('x', 1.0).window == ''
     assert Expectation('x', 1.0, start=2.0).window == '2 s to the end'
     assert Expectation('x', 1.0, start=2.0, end=3.5).window == '2 s to 3.5 s'
@@ -52,7 +52,7 @@ def test_pushes_count_from_the_start_of_the_run():
     ]
 
 
-def test_every_metric_names_its_unit_and_says_what_it_is():
+def test_every_metric_has_a_unit_in_its_name_and_a_meaning():
     for name, meaning in METRICS.meanings.items():
         assert name.endswith(('_s', '_deg', '_m', '_percent', '_share'))
         assert meaning

@@ -42,7 +42,7 @@ def test_a_segment_without_end_lasts():
     assert [step(1.0, 70).at(time) for time in (0.999, 1.0, 1e6)] == [0, 70, 70]
 
 
-def test_of_two_segments_that_meet_the_later_one_acts():
+def test_where_two_segments_meet_the_later_one_acts():
     signal = steps((1.0, 80), (2.0, -80), (3.0, 0))
     assert [signal.at(time) for time in (1.0, 1.999, 2.0, 2.999, 3.0)] == [80, 80, -80, -80, 0]
 
@@ -93,7 +93,7 @@ def test_the_mirrored_signal_is_the_mirror_up_to_rounding(segment, time):
     assert abs(mirrored.at(time) + StickSignal([segment]).at(time)) <= 1
 
 
-def test_a_segment_tells_when_it_begins_and_ends():
+def test_a_segment_has_its_start_and_end():
     segment = Segment('a', [(1.0, 0), (2.0, 5), (4.5, 0)])
     assert (segment.start, segment.end) == (1.0, 4.5)
     assert step(1.0, 3).segments[0].end == math.inf

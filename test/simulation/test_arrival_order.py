@@ -1,4 +1,4 @@
-"""The order of messages from several topics, whatever the system clock does."""
+"""The order of messages from several topics, also if the system clock is set."""
 
 import math
 
@@ -17,14 +17,14 @@ def test_messages_of_several_topics_come_in_the_order_of_their_times():
     assert order.merge({'a': [], 'b': [], 'c': []}, 11) == []
 
 
-def test_what_comes_during_the_look_waits_for_the_next():
+def test_messages_that_arrive_during_a_pass_wait_for_the_next():
     order = ArrivalOrder()
     assert order.merge({'a': [(1, 'a1')], 'b': [(12, 'b12'), (15, 'b15')]}, 10) == ['a1']
     assert order.merge({'a': [(11, 'a11')], 'b': [(16, 'b16')]}, 14) == ['a11', 'b12']
     assert order.merge({'a': [], 'b': []}, math.inf) == ['b15', 'b16']
 
 
-def test_nothing_waits_for_a_clock_that_was_set_back():
+def test_messages_do_not_wait_for_a_clock_that_was_set_back():
     order = ArrivalOrder()
     assert order.merge({'a': [], 'b': [(1001, 'b1')]}, 1000) == []
     unmerged = {'a': [(1002, 'a2'), (3, 'a3')], 'b': [(4, 'b4')]}
@@ -32,8 +32,8 @@ def test_nothing_waits_for_a_clock_that_was_set_back():
     assert order.merge({'a': [(6, 'a6')], 'b': []}, 7) == ['a6']
 
 
-# Steps of time between what happens [ns], of the clock before it, and what happens: a message on
-# one of three topics, or a look (None).
+# Time since the previous event [ns], step of the clock before it, and the event: a message on one
+# of three topics, or a look (None).
 events = st.lists(
     st.tuples(
         st.integers(0, 5_000_000),
@@ -72,6 +72,6 @@ def test_a_clock_that_is_not_set_back_gives_the_order_of_arrival(events):
             sent.append(number)
         else:
             come += order.merge(waiting, clock)
-            assert come == sent  # nothing waits that has come before the look
+            assert come == sent  # no message that arrived before the look waits
             waiting = {'a': [], 'b': [], 'c': []}
     assert come + order.merge(waiting, math.inf) == sent

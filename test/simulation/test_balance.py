@@ -1,4 +1,4 @@
-"""The closed loop: what it balances, where it drives, when it gives up."""
+"""The closed loop: balance, drive, and stop when out of control."""
 
 import math
 
@@ -104,7 +104,7 @@ def test_a_robot_with_all_the_faults_of_the_hardware_recovers_and_stands():
     ],
     ids=['up', 'down', 'right', 'left'],
 )
-def test_a_full_stick_drives_its_way_at_17_cm_a_second(sticks, direction, model):
+def test_a_full_stick_drives_in_its_direction_at_17_cm_per_second(sticks, direction, model):
     signals = {name: step(2.0, value) for name, value in sticks.items()}
     loop = make_loop({'plant_sim.plant_model': model}, Scenario(**signals))
     before, after = run_loop(loop, 7.0)[-1].truth, run_loop(loop, 3.0)[-1].truth
@@ -148,7 +148,7 @@ def test_the_motors_rest_while_the_gyros_are_calibrated():
     assert 250 < first < 300
 
 
-def test_a_lean_forward_is_answered_by_driving_forward():
+def test_the_robot_answers_a_forward_lean_by_driving_forward():
     _, ticks = leaning(4.0)
     first = next(tick for tick in ticks if tick.outputs.duty != (0, 0))
     assert first.outputs.duty[0] > 0
@@ -159,7 +159,7 @@ def test_the_same_seed_gives_the_same_duties():
     assert duty_hash(make_loop(NOISY)) == duty_hash(make_loop(NOISY))
 
 
-def test_another_seed_gives_other_duties_where_there_is_noise():
+def test_with_noise_another_seed_gives_other_duties():
     hashes = {duty_hash(make_loop({**NOISY, 'gyro_driver.seed': seed})) for seed in range(4)}
     assert len(hashes) == 4
 

@@ -1,4 +1,4 @@
-"""The control program's states, commands, log and sound, on made-up device inputs."""
+"""The control program's states, commands, log and sound, with synthetic device inputs."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ class Clock:
 
 
 def commands(mode, sonar_cm, sticks):
-    """Return the signs of the speed references of planes x and y that are driven after 0.5 s."""
+    """Return the signs of the speed references of planes x and y after 0.5 s."""
     program = make_program(mode=mode, **SHORT)
     Clock(program).run(500, sonar_cm=sonar_cm, sticks=sticks)
     return np.sign(program.x.theta_ref_dot), np.sign(program.y.theta_ref_dot)
@@ -91,7 +91,7 @@ def test_an_obstacle_at_the_threshold_or_nearer_changes_the_state(mode, sonar_cm
     assert program.operating_state == state
 
 
-def test_an_obstacle_is_seen_a_period_of_20_ms_after_the_sonar_has_it():
+def test_the_program_sees_an_obstacle_20_ms_after_the_sonar():
     program = make_program(**SHORT)
     clock = Clock(program)
     clock.run(316)
@@ -136,13 +136,13 @@ def test_with_a_hold_the_last_echo_counts_until_it_is_too_old():
     assert states(clock, [20, 255, 20, 255, 255, 255]) == [there] * 5 + [gone]
 
 
-def test_a_held_echo_gives_way_to_a_new_one_at_once():
+def test_a_new_echo_replaces_a_held_one_at_once():
     clock = Clock(make_program(sonar_hold=1000, **SHORT))
     clock.run(296)
     assert states(clock, [20, 255, 31, 255, 254]) == ['backward'] * 2 + ['remote'] * 3
 
 
-def test_the_hold_does_not_mind_the_wrap_of_the_system_time():
+def test_the_hold_survives_the_wrap_of_the_system_time():
     clock = Clock(make_program(sonar_hold=40, **SHORT), systick_ms=2**32 - 320)
     clock.run(296)
     assert states(clock, [20, 255, 255, 255]) == ['backward'] * 3 + ['remote']
@@ -171,7 +171,7 @@ def test_the_tone_of_the_distance_is_in_proportion_to_it_once_the_beep_is_over()
         assert [output.tones for output in outputs if output.tones][-1][0].frequency_hz == frequency
 
 
-def test_where_there_is_no_obstacle_there_is_no_tone():
+def test_without_an_obstacle_there_is_no_tone():
     outputs = Clock(make_program(tone_gain=10, **SHORT)).run(2000, sonar_cm=255)
     assert sum(len(output.tones) for output in outputs.values()) == 1
 
@@ -201,7 +201,7 @@ def test_autonomous_drive_goes_forward_and_turns_rightward_at_an_obstacle():
     assert commands('autonomous', 20, (0, 0)) == (0, 1)
 
 
-def test_autonomous_drive_does_not_heed_the_sticks():
+def test_autonomous_drive_ignores_the_sticks():
     assert commands('autonomous', 255, (100, -100)) == (1, 0)
 
 
@@ -214,7 +214,7 @@ def test_the_last_stick_is_kept_while_no_packet_comes():
     assert program.x.theta_ref_dot > reference
 
 
-def test_a_lean_that_lasts_stops_the_motors_for_good():
+def test_a_lasting_lean_stops_the_motors_permanently():
     program = make_program(**SHORT)
     clock = Clock(program)
     clock.run(300)
@@ -302,7 +302,7 @@ def test_the_battery_is_averaged_ten_times_a_second():
     assert program.battery == pytest.approx(7005, abs=0.1)
 
 
-def test_a_weaker_battery_is_answered_by_more_duty():
+def test_a_weaker_battery_gives_more_duty():
     def duty(battery_mv):
         clock = Clock(make_program(**SHORT))
         clock.run(200, battery_mv=battery_mv)

@@ -1,4 +1,4 @@
-"""The master of a run on the wall clock: it waits for nobody."""
+"""The master of a run on the wall clock, which waits for no participant."""
 
 import pytest
 from lockstep_world import FREE_PERIODS_S, LockstepWorld, data_of
@@ -11,7 +11,7 @@ START_NS = 1_000_000_000
 
 
 class FreeRunningWorld(LockstepWorld):
-    """A world in which every 4 ms bring a tick."""
+    """A world with a tick every 4 ms."""
 
     kind = FreeRunningMaster
     periods_s = FREE_PERIODS_S
@@ -26,7 +26,7 @@ def send_duty(world, duty=(10, -20), stamp_ns=START_NS):
     world.dispatch(world.master.on_duty, stamp_ns, duty, data_of(stamp_ns, duty))
 
 
-def test_it_waits_for_the_first_duty_and_asks_for_it_again_and_again():
+def test_it_waits_for_the_first_duty_and_asks_for_it_repeatedly():
     world = begun(startup_timeout=5.0)
     assert world.truths == [START_NS]
     world.wait(3)
@@ -61,13 +61,13 @@ def test_a_newer_duty_acts_and_a_silence_switches_off():
     assert other.summary.duty_sha256 != sha256
 
 
-def test_a_duty_that_is_none_or_of_an_earlier_run_is_not_taken():
+def test_an_invalid_duty_or_one_of_an_earlier_run_is_ignored():
     world = begun()
     send_duty(world, None)
     send_duty(world, stamp_ns=START_NS - TICK_NS)
     world.wait(1)
     assert world.ticks == 0
-    assert 'not whole numbers within' in world.logged[-1]
+    assert 'duty ignored: not whole numbers within' in world.logged[-1]
 
 
 def test_it_completes_and_keeps_its_pace():
@@ -120,7 +120,7 @@ def test_a_reset_waits_for_a_duty_of_the_new_run():
     assert world.ticks > 20
 
 
-def test_nobody_waits_for_a_recorder():
+def test_it_does_not_wait_for_a_recorder():
     world = begun()
     send_duty(world)
     world.dispatch(world.master.on_ack, START_NS)

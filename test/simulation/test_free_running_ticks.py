@@ -31,14 +31,14 @@ class Ticks:
         return self.ticks.on_timer(task, round(at_ms * MS))
 
     def run(self, *tasks, at_ms):
-        """Fire timers, that of the ticks last; return the names of what runs."""
+        """Fire timers, that of the ticks last; return the names of the tasks that run."""
         for task in tasks:
             assert self.fire(task, at_ms) is None
         return self.fire(TS1, at_ms).tasks
 
 
 @pytest.mark.parametrize('lacking', NEEDED)
-def test_the_first_tick_comes_when_all_that_is_needed_is_in(lacking):
+def test_the_first_tick_runs_when_all_needed_samples_have_arrived(lacking):
     ticks = Ticks()
     ticks.take(*(name for name in NEEDED if name != lacking))
     assert ticks.fire(TS1, 0) is None
@@ -47,7 +47,7 @@ def test_the_first_tick_comes_when_all_that_is_needed_is_in(lacking):
     assert ticks.fire(TS1, 8) == DueTick(START, (TS1,), ())
 
 
-def test_a_task_runs_at_the_tick_after_its_timer_called_back():
+def test_a_task_runs_at_the_tick_after_its_timer_fired():
     ticks = Ticks()
     ticks.take(*NEEDED)
     assert len(ticks.run(at_ms=0)) == 5
@@ -71,7 +71,7 @@ def test_the_newest_sample_wins():
     assert ticks.ticks.gate.newest('encoder') == 'old'
 
 
-def test_what_is_of_no_run_or_of_one_before_is_ignored():
+def test_samples_without_a_run_or_of_an_earlier_one_are_ignored():
     ticks = Ticks(begun=False)
     ticks.take(*NEEDED)
     assert ticks.fire(TS1, 0) is None
@@ -80,7 +80,7 @@ def test_what_is_of_no_run_or_of_one_before_is_ignored():
     assert ticks.fire(TS1, 4) is None
 
 
-def test_another_run_begins_with_everything_and_without_samples():
+def test_another_run_begins_with_all_tasks_and_without_samples():
     ticks = Ticks()
     ticks.take(*NEEDED)
     ticks.run(at_ms=0)

@@ -1,4 +1,4 @@
-"""The gate, what the controller decides in lockstep, and the history of samples."""
+"""The gate, the controller's decisions in lockstep, and the history of samples."""
 
 import itertools
 import random
@@ -19,7 +19,7 @@ PERIODS = {'gyro': 4 * MS, 'sonar': 20 * MS, 'battery': 100 * MS}
 START = 1000 * MS
 
 
-def test_the_gate_opens_when_all_that_is_due_is_in_whatever_the_order():
+def test_the_gate_opens_when_all_due_samples_have_arrived_in_any_order():
     for order in itertools.permutations(PERIODS):
         gate = InputGate(PERIODS)
         for name in order:
@@ -30,7 +30,7 @@ def test_the_gate_opens_when_all_that_is_due_is_in_whatever_the_order():
         assert [gate.newest(name) for name in PERIODS] == ['GYRO', 'SONAR', 'BATTERY']
 
 
-def test_only_what_is_due_is_waited_for():
+def test_only_due_samples_are_awaited():
     gate = InputGate(PERIODS)
     gate.put('gyro', START + 4 * MS, 1)
     assert gate.ready(START + 4 * MS)
@@ -39,7 +39,7 @@ def test_only_what_is_due_is_waited_for():
     assert gate.missing(START + 100 * MS) == ['gyro', 'sonar', 'battery']
 
 
-def test_a_sample_that_comes_again_changes_nothing():
+def test_a_repeated_sample_changes_nothing():
     gate = InputGate(PERIODS)
     assert gate.put('gyro', START, 'first')
     assert not gate.put('gyro', START, 'again')
@@ -108,7 +108,7 @@ class Ticks:
             self.ticks.begin(start_ms * MS, TASKS)
 
     def feed(self, name, time_ms, data=b'true'):
-        """Return the step, TICK for a tick that runs, None for a callback that leads to nothing."""
+        """Return the step: TICK for a tick that runs, None for a callback without effect."""
         if name in PERIODS:
             result = self.ticks.take(name, time_ms * MS, data, data)
             if result is SampleReaction.FORCE_RELEASES:
@@ -125,7 +125,7 @@ class Ticks:
         return [self.feed(*event) for event in events]
 
     def tick(self, now_ms):
-        """Feed all that a tick waits for, its timers first."""
+        """Feed everything that a tick waits for, its timers first."""
         return self.feed_all(*((name, now_ms) for name in due_timers(now_ms) + due_inputs(now_ms)))
 
     @property
@@ -151,54 +151,54 @@ BEGUN = (STORE, STORE, TICK)
 @pytest.mark.parametrize(
     ('events', 'steps'),
     [
-        # The plant itself opens the run; what comes before that is of another one.
+        # The plant itself opens the run; earlier samples belong to another one.
         (FIRST, BEGUN),
         ((('gyro', 1000), ('sonar', 1000), *FIRST), (IGNORE, IGNORE, *BEGUN)),
         ((('gyro', 5000), ('sonar', 400), *FIRST), (IGNORE, IGNORE, *BEGUN)),
         ((('gyro', 1000, b'of another run'), *FIRST), (IGNORE, *BEGUN)),
         ((('battery', 900), ('gyro', 1000), *FIRST), (IGNORE, IGNORE, *BEGUN)),
-        # Only one sample a stamp.
+        # There is only one sample per stamp.
         ((*FIRST, ('gyro', 1000, b'other')), (*BEGUN, OBJECT)),
         ((*FIRST, ('sonar', 1000, b'other')), (*BEGUN, OBJECT)),
         ((*FIRST, ('battery', 1000, b'other')), (*BEGUN, OBJECT)),
         ((*FIRST[:2], ('gyro', 1000, b'other')), (STORE, STORE, OBJECT)),
         ((*FIRST, *SECOND, ('gyro', 1000, b'other')), (*BEGUN, None, TICK, OBJECT)),
-        # Asked again, it answers again, but only for the tick before.
+        # If asked again, it repeats the answer, but only to the previous tick.
         ((*FIRST, ('gyro', 1000)), (*BEGUN, RESEND)),
         ((*FIRST, TS1_FIRED, ('gyro', 1000)), (*BEGUN, None, RESEND)),
         ((*FIRST, *SECOND, ('gyro', 1000)), (*BEGUN, None, TICK, IGNORE)),
         ((*FIRST, *SECOND, ('sonar', 1000)), (*BEGUN, None, TICK, IGNORE)),
-        # Nobody is ahead of the plant.
+        # No sample can be ahead of the plant.
         ((*FIRST, ('gyro', 1008)), (*BEGUN, OBJECT)),
         ((*FIRST, ('sonar', 10**12)), (*BEGUN, OBJECT)),
         ((*FIRST, ('gyro', 0), ('gyro', 996)), (*BEGUN, IGNORE, IGNORE)),
-        # A controller that comes later has missed the start.
+        # A controller that joins later has missed the start.
         ((('gyro', 1400), ('battery', 1400), ('gyro', 1404)), (IGNORE, STORE, MISSED)),
         ((('battery', 1000), ('gyro', 1004)), (STORE, MISSED)),
-        # One of another clock is not kept in the place of the first one.
+        # A sample of another clock does not replace the first one.
         ((('battery', 1000), ('gyro', 5000), *FIRST[1:]), (STORE, MISSED, STORE, TICK)),
         ((('battery', 1000), ('sonar', 10**12), *FIRST[1:]), (STORE, IGNORE, STORE, TICK)),
-        # A tick waits for its timers, in whatever order they come.
+        # A tick waits for its timers, which may fire in any order.
         ((*FIRST, ('gyro', 1004), TS1_FIRED), (*BEGUN, STORE, TICK)),
         ((*FIRST, ('gyro', 1004), (TS1, 1000), (TS1, 1008)), (*BEGUN, STORE, None, None)),
         ((*FIRST, ('gyro', 1004), (TS1, 1003), TS1_FIRED), (*BEGUN, STORE, None, TICK)),
         ((*FIRST, ('gyro', 1004), (TS2, 1004), TS1_FIRED), (*BEGUN, STORE, None, TICK)),
         ((*FIRST, *SECOND, TS1_FIRED, ('gyro', 1008)), (*BEGUN, None, TICK, None, STORE)),
-        # Asked again with all inputs in, it does without them.
+        # If asked again when all inputs have arrived, it forces the releases.
         ((*FIRST, ('gyro', 1004), ('gyro', 1004)), (*BEGUN, STORE, TICK)),
         ((*FIRST, ('gyro', 1004), ('gyro', 1000)), (*BEGUN, STORE, RESEND)),
-        # The first tick needs no timer, and is not disturbed by one.
+        # The first tick needs no timer, and a callback does not disturb it.
         (((TS1, 1000), (TS2, 996), *FIRST), (None, None, *BEGUN)),
         ((FIRST[0], (TS1, 1000), *FIRST[1:], (TS2, 1000)), (STORE, None, STORE, TICK, None)),
     ],
 )
-def test_what_an_event_leads_to(events, steps):
+def test_each_event_has_its_reaction(events, steps):
     ticks = Ticks()
     assert ticks.feed_all(*events) == list(steps)
     assert ticks.times_ms == [1000, 1004][: steps.count(TICK)]
 
 
-def test_a_tick_runs_what_is_due_and_says_which_timers_have_not_released_it():
+def test_a_tick_runs_the_due_tasks_and_names_those_not_released_by_their_timers():
     ticks = Ticks()
     ticks.feed_all(*FIRST)
     assert ticks.ran == [DueTick(1000 * MS, (INIT, TS1, TS2, TS3, LCD), (TS1, TS2, TS3, LCD))]
@@ -236,7 +236,7 @@ def test_a_dropped_callback_stalls_the_tick_until_the_plant_asks_again(dropped, 
     assert ticks.feed(name, 1100) == TICK
     assert ticks.ran[-1] == DueTick(1100 * MS, (TS1, TS2, TS3), dropped)
     assert ticks.forced == len(dropped)
-    # What comes late changes nothing, and the next ticks are as ever.
+    # Late callbacks change nothing, and the next ticks run normally.
     assert ticks.feed_all(*((task, 1100) for task in dropped)) == [None] * len(dropped)
     assert ticks.tick(1104) == [None, TICK]
     assert ticks.forced == len(dropped)
@@ -252,12 +252,12 @@ def test_nothing_is_forced_while_an_input_is_missing():
     assert ticks.forced == 0
 
 
-def test_before_a_run_is_known_nothing_counts():
+def test_before_a_run_is_known_everything_is_ignored():
     assert set(Ticks(None).feed_all(*FIRST, (TS1, 1000))) == {IGNORE, None}
 
 
 @pytest.mark.parametrize('start_ms', [1000, 1100, 1500])
-def test_another_run_begins_with_nothing_of_the_one_before(start_ms):
+def test_another_run_begins_without_anything_of_the_previous_one(start_ms):
     ticks = Ticks()
     ticks.feed_all(*FIRST, *SECOND, (TS1, 1008), ('gyro', 1008))
     ticks.ticks.begin(start_ms * MS, TASKS)
@@ -268,7 +268,7 @@ def test_another_run_begins_with_nothing_of_the_one_before(start_ms):
     )
     assert steps == [IGNORE, *BEGUN]
     assert ticks.times_ms[ran:] == [start_ms]
-    # A release of the run before is none of this one.
+    # A release of the previous run does not count in this one.
     assert ticks.feed('gyro', start_ms + 4, b'another') == STORE
     assert ticks.feed(TS1, start_ms + 4) == TICK
 
@@ -282,7 +282,9 @@ def test_another_run_begins_with_nothing_of_the_one_before(start_ms):
         (1524, False, IGNORE),
     ],
 )
-def test_who_has_missed_the_start_begins_at_the_tick_of_now_if_at_all(now_ms, rejoin, reaction):
+def test_after_a_missed_start_the_controller_begins_at_the_current_tick_or_not_at_all(
+    now_ms, rejoin, reaction
+):
     ticks = Ticks()
     assert ticks.feed_all(('battery', 1500), ('gyro', 1520)) == [STORE, MISSED]
     assert ticks.ticks.on_missed_start(1520 * MS, now_ns=now_ms * MS, rejoin=rejoin) is reaction
@@ -290,7 +292,7 @@ def test_who_has_missed_the_start_begins_at_the_tick_of_now_if_at_all(now_ms, re
     assert ticks.feed('sonar', 1520) is (STORE if restarts else IGNORE)
 
 
-def test_a_restarted_controller_does_without_the_timers_at_first_and_counts_it():
+def test_a_rejoined_run_forces_the_first_releases_and_counts_them():
     ticks = Ticks()
     ticks.feed_all(('battery', 1500), ('gyro', 1520))
     ticks.ticks.on_missed_start(1520 * MS, now_ns=1520 * MS, rejoin=True)
@@ -302,7 +304,7 @@ def test_a_restarted_controller_does_without_the_timers_at_first_and_counts_it()
 
 
 @pytest.mark.parametrize('seed', range(30))
-def test_whatever_is_repeated_left_over_or_reordered_the_ticks_are_the_same(seed):
+def test_repeated_leftover_or_reordered_messages_do_not_change_the_ticks(seed):
     chance = random.Random(seed)
     ticks = Ticks()
 
@@ -314,7 +316,7 @@ def test_whatever_is_repeated_left_over_or_reordered_the_ticks_are_the_same(seed
     ticks.feed('battery', 1000)
     for now in range(1000, 1200, 4):
         inputs, timers = due_inputs(now), due_timers(now)
-        # With a sample that comes again an input is waited for: it asks for nothing.
+        # While an input is missing, a repeated sample requests nothing.
         events = [*inputs[1:], *chance.choices(inputs[1:] or [TS1], k=2), *timers, *timers]
         chance.shuffle(events)
         for name in [*events, inputs[0], *chance.choices(inputs, k=chance.randrange(3))]:
@@ -325,10 +327,10 @@ def test_whatever_is_repeated_left_over_or_reordered_the_ticks_are_the_same(seed
 
 
 class Disturbed(RuleBasedStateMachine):
-    """A run whose samples and callbacks are dropped, doubled, shifted and reordered at will.
+    """A run whose samples and callbacks are dropped, repeated, shifted and reordered at random.
 
-    The plant's time is that of the tick which is not answered yet. What the controller has, and so
-    whether it may stand still, is kept here a second time in the simplest form.
+    The plant's time is that of the unanswered tick. This class keeps a simple second account of
+    what the controller has received, to know whether it may wait.
     """
 
     def __init__(self):
@@ -367,32 +369,32 @@ class Disturbed(RuleBasedStateMachine):
         return [each for each in due_timers(self.now_ms) if (each, self.now_ms) not in self.fires]
 
     @rule(name=st.sampled_from(list(PERIODS)))
-    def a_sample_comes_perhaps_again(self, name):
+    def a_new_or_repeated_sample_arrives(self, name):
         period_ms = PERIODS[name] // MS
         self.deliver(name, self.now_ms - self.now_ms % period_ms)
 
     @rule(name=st.sampled_from(list(PERIODS)), age=st.integers(1, 5))
-    def an_old_sample_comes(self, name, age):
+    def an_old_sample_arrives(self, name, age):
         period_ms = PERIODS[name] // MS
         stamp_ms = self.now_ms - self.now_ms % period_ms - age * period_ms
         assert self.ticks.feed(name, stamp_ms) in (IGNORE, RESEND)
 
     @rule(task=st.sampled_from(list(PERIODS_MS)))
-    def a_timer_calls_back(self, task):
+    def a_timer_fires(self, task):
         self.fires.add((task, self.now_ms))
         self.take(task, self.now_ms)
 
     @rule(task=st.sampled_from(list(PERIODS_MS)), shift_ms=st.sampled_from([-1, 1, 2, 3]))
-    def a_timer_calls_back_off_the_schedule(self, task, shift_ms):
+    def a_timer_fires_off_schedule(self, task, shift_ms):
         self.take(task, self.now_ms + shift_ms)
 
     @rule(task=st.sampled_from(list(PERIODS_MS)), age=st.integers(1, 5))
-    def a_timer_calls_back_late(self, task, age):
+    def a_timer_fires_late(self, task, age):
         period_ms = PERIODS_MS[task]
         self.take(task, self.now_ms - self.now_ms % period_ms - age * period_ms)
 
     @rule(chance=st.randoms(use_true_random=False), count=st.integers(1, 60))
-    def some_ticks_are_as_ever(self, chance, count):
+    def some_ticks_run_normally(self, chance, count):
         for _ in range(count):
             now = self.now_ms
             timers = [(self.fires.add, self.take, each) for each in self.missing_timers()]
@@ -428,11 +430,11 @@ class Disturbed(RuleBasedStateMachine):
         ]
 
     @invariant()
-    def it_waits_only_for_what_is_missing(self):
+    def it_waits_only_for_missing_events(self):
         assert self.missing_inputs() or self.missing_timers()
 
     @invariant()
-    def what_was_forced_is_counted(self):
+    def forced_releases_are_counted(self):
         assert self.ticks.forced == self.forced
 
 
@@ -440,7 +442,7 @@ TestDisturbed = Disturbed.TestCase
 TestDisturbed.settings = settings()
 
 
-def test_the_name_of_a_run_tells_its_plant():
+def test_the_name_of_a_run_identifies_its_plant():
     assert Run('3 18ab', START).plant == Run('4 18ab', START).plant == '18ab'
     assert Run('3 18ab', START).plant != Run('3 18ac', START).plant
     assert Run('1', START).plant == ''
@@ -459,7 +461,7 @@ def test_a_sample_is_new_duplicate_conflicting_or_old():
     assert history.classify(10, b'c') is SampleStatus.NEW
 
 
-def test_a_history_forgets_what_is_long_ago():
+def test_a_history_forgets_old_samples():
     history = SampleHistory(bare)
     for stamp in range(100):
         history.classify(stamp, b'a')

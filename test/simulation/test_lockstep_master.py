@@ -1,4 +1,4 @@
-"""The master of a run in lockstep: tables of events, and worlds in which everything goes wrong."""
+"""The master of a run in lockstep: tables of events, and runs with random faults."""
 
 import itertools
 from dataclasses import replace
@@ -29,7 +29,7 @@ def duties_sha256(ticks, start_ns=START_NS):
 
 
 def begun(ticks=0, **values):
-    """Return a world whose endless run has made some ticks."""
+    """Return a world whose endless run has done some ticks."""
     world = LockstepWorld(duration=ENDLESS, **values).start()
     while not world.truths:
         world.deliver() or world.wait()
@@ -37,7 +37,7 @@ def begun(ticks=0, **values):
 
 
 def recorded(ticks=10, **values):
-    """Return a world with a recorder, whose endless run has made some ticks."""
+    """Return a world with a recorder, whose endless run has done some ticks."""
     return LockstepWorld(duration=ENDLESS, **values).start(*ROLES, RECORDER).advance(ticks)
 
 
@@ -59,7 +59,7 @@ def test_a_run_completes_with_a_tick_for_each_duty(ticks, more):
     assert world.actions(do.StopMotors) == []
 
 
-def test_whatever_the_order_of_joining_the_run_begins_when_all_are_there():
+def test_the_run_begins_when_all_have_joined_in_any_order():
     for order in itertools.permutations(ROLES):
         world = LockstepWorld()
         for role in order:
@@ -70,7 +70,7 @@ def test_whatever_the_order_of_joining_the_run_begins_when_all_are_there():
         assert world.summary.duty_sha256 == duties_sha256(50)
 
 
-def test_news_are_looked_at_at_once():
+def test_an_announcement_is_processed_at_once():
     world = LockstepWorld(duration=ENDLESS).start(*DRIVERS).wait(1)
     assert world.truths == []
     world.start(CONTROLLER)
@@ -81,7 +81,7 @@ def test_news_are_looked_at_at_once():
 
 
 @pytest.mark.parametrize('missing', ROLES)
-def test_who_does_not_come_is_named(missing):
+def test_a_missing_participant_is_named(missing):
     world = LockstepWorld(startup_timeout=5.0).start(*(role for role in ROLES if role != missing))
     world.wait(5)
     assert world.summary is None
@@ -91,7 +91,7 @@ def test_who_does_not_come_is_named(missing):
     assert world.summary.outcome == 'failed'
 
 
-def test_with_on_timeout_wait_it_waits_for_who_does_not_come():
+def test_with_on_timeout_wait_it_waits_for_a_missing_participant():
     world = LockstepWorld(startup_timeout=5.0, on_timeout='wait').start(*DRIVERS).wait(60)
     assert world.summary is None
     assert set(world.warnings) == {'waiting for controller'}
@@ -100,7 +100,7 @@ def test_with_on_timeout_wait_it_waits_for_who_does_not_come():
     assert len(world.actions(do.ClearWarning)) == 1
 
 
-def test_a_required_recorder_is_waited_for():
+def test_the_run_waits_for_a_required_recorder():
     world = LockstepWorld(require_recorder=True).start().wait(2)
     assert world.truths == []
     world.start(RECORDER).wait(1)
@@ -117,21 +117,21 @@ def test_before_the_first_run_there_is_time_to_find_another_plant():
 
 
 @pytest.mark.parametrize('name', ['7 other', '1 other', 'nonsense'])
-def test_another_plants_run_ends_ours(name):
+def test_the_run_of_another_plant_ends_ours(name):
     world = begun()
     world.dispatch(world.master.on_run, name, 'plant/run')
     world.wait(2)
     assert world.summary.reason.startswith(f'another run, {name!r}, is announced on ')
 
 
-def test_an_earlier_run_of_our_own_is_none_of_anothers():
+def test_an_earlier_run_of_our_own_does_not_count_as_another_plants():
     world = begun()
     world.dispatch(world.master.on_run, '0 token', 'plant/run')
     world.wait(1).advance(100)
     assert world.summary is None
 
 
-def test_a_plant_that_is_told_to_stop_stops_the_motors():
+def test_a_stopped_plant_stops_the_motors():
     world = begun(10)
     last_ns = world.truths[-1]
     world.dispatch(world.master.stop)
@@ -165,16 +165,16 @@ def test_a_conflicting_duty_or_one_ahead_ends_the_run(offset):
     world.dispatch(world.master.on_duty, stamp_ns, (99, 99), b'another')
     world.wait(2)
     assert world.summary.outcome == 'failed'
-    assert "'motor_duty' has a second duty of" in world.summary.reason
+    assert "'motor_duty' has a second duty stamped" in world.summary.reason
 
 
 @pytest.mark.parametrize('duty', [None])
-def test_a_duty_that_is_none_is_not_taken(duty):
+def test_an_invalid_duty_is_ignored(duty):
     world = begun()
     world.in_flight.clear()
     world.dispatch(world.master.on_duty, START_NS, duty, b'')
     assert world.ticks == 0
-    assert 'not whole numbers within' in world.logged[-1]
+    assert 'duty ignored: not whole numbers within' in world.logged[-1]
 
 
 @pytest.mark.parametrize(
@@ -215,7 +215,7 @@ def test_a_lost_message_is_asked_for_again_after_100_ms(lost):
 @pytest.mark.parametrize('role', ROLES)
 @pytest.mark.parametrize('timeout', [0.2, 2.0, 5.0])
 @pytest.mark.parametrize('end', ['is_hung', 'is_dead'])
-def test_a_silent_node_and_no_other_is_named_in_time(role, timeout, end):
+def test_only_the_silent_node_is_named_and_in_time(role, timeout, end):
     world = begun(7, timeout=timeout)
     if end == 'is_hung':
         world.nodes[role].is_hung = True
@@ -230,7 +230,7 @@ def test_a_silent_node_and_no_other_is_named_in_time(role, timeout, end):
 
 
 @pytest.mark.parametrize('role', ROLES)
-def test_who_is_gone_is_named_and_not_who_waits_for_it(role):
+def test_the_dead_node_is_named_not_the_nodes_that_wait_for_it(role):
     world = begun(7, timeout=0.2)
     for other in ROLES:
         world.nodes[other].is_hung = True
@@ -240,20 +240,20 @@ def test_who_is_gone_is_named_and_not_who_waits_for_it(role):
 
 
 @pytest.mark.parametrize('role', ROLES)
-def test_with_on_timeout_wait_the_run_goes_on_with_who_comes_back(role):
+def test_with_on_timeout_wait_the_run_continues_when_the_node_returns(role):
     world = begun(7, on_timeout='wait')
     world.nodes[role].is_hung = True
     world.wait(10)
     ticks = world.ticks
     assert world.warnings[-1].startswith(f'{role} silent for 2 s at sim time ')
-    assert world.warnings[-1].endswith(': waiting for it')
+    assert world.warnings[-1].endswith('; still waiting')
     world.nodes[role].is_hung = False
     world.wait(0.3)
     assert world.ticks > ticks
     assert isinstance(world.done[-1], do.PublishTruth) or world.actions(do.ClearWarning)
 
 
-def test_who_is_silent_for_less_than_the_timeout_ends_nothing():
+def test_a_silence_shorter_than_the_timeout_does_not_end_the_run():
     world = begun(7)
     for role in ROLES:
         world.nodes[role].is_hung = True
@@ -274,10 +274,10 @@ def test_a_waiting_plant_keeps_reporting():
     assert len(world.actions(do.Report)) - before == 50
 
 
-# Who takes part
+# Participants
 
 
-def test_a_driver_that_is_replaced_by_an_equal_one_goes_unnoticed_in_the_duties():
+def test_replacing_a_driver_by_an_equal_one_does_not_change_the_duties():
     world = begun(7)
     world.kill(GYRO)
     world.wait(0.5)
@@ -289,7 +289,7 @@ def test_a_driver_that_is_replaced_by_an_equal_one_goes_unnoticed_in_the_duties(
     assert [each.participant.instance for each in successors] == ['gyro_driver 1']
 
 
-def test_a_controller_that_begins_afresh_fails_the_run_at_its_end():
+def test_a_restarted_controller_fails_the_run_at_its_end():
     world = LockstepWorld(duration=0.4).start().advance(7)
     world.kill(CONTROLLER)
     world.start(CONTROLLER, generation=1)
@@ -311,7 +311,7 @@ def test_two_controllers_are_refused():
     assert world.summary.reason.startswith("two nodes publish on 'motor_duty' as controller: ")
 
 
-def test_a_stranger_holds_the_run_and_is_refused_once_it_is_heard():
+def test_a_stranger_holds_the_run_and_is_refused_at_its_first_message():
     world = begun(7)
     world.graph.strangers['gyro'] = [Publisher(b'stranger', '/stranger')]
     world.wait(0.2)
@@ -324,12 +324,12 @@ def test_a_stranger_holds_the_run_and_is_refused_once_it_is_heard():
     assert world.summary.reason == "/stranger publishes on 'gyro', but takes no part in the run"
 
 
-def test_a_held_run_goes_on_when_the_stranger_leaves():
+def test_a_held_run_continues_when_the_stranger_leaves():
     world = begun(7)
     world.graph.strangers['gyro'] = [Publisher(b'stranger', '/stranger')]
     world.wait(1.0)
     ticks = world.ticks
-    assert world.warnings[-1] == "waiting for /stranger on 'gyro' to take part or to leave"
+    assert world.warnings[-1] == "waiting for /stranger on 'gyro' to join the run or to leave"
     del world.graph.strangers['gyro']
     world.wait(0.3)
     assert world.ticks > ticks
@@ -368,7 +368,7 @@ def test_a_recorder_that_hangs_is_named():
     assert world.summary.reason.startswith('recorder silent for 2 s')
 
 
-def test_a_recorder_that_leaves_in_order_is_not_waited_for():
+def test_the_run_does_not_wait_for_a_recorder_that_has_left():
     world = recorded(10)
     world.leave(RECORDER)
     world.wait(1)
@@ -394,7 +394,7 @@ def test_a_run_ends_only_when_its_last_tick_is_recorded():
     assert world.summary.outcome == 'completed'
 
 
-def test_a_recorder_that_comes_late_begins_at_a_multiple_of_20_ms():
+def test_a_late_recorder_begins_at_a_multiple_of_20_ms():
     world = begun(7)
     world.start(RECORDER)
     world.nodes[RECORDER].is_hung = True
@@ -412,7 +412,7 @@ def test_a_recorder_that_comes_late_begins_at_a_multiple_of_20_ms():
 
 @pytest.mark.parametrize('meanwhile', ['is paused', 'waits for a duty'])
 @pytest.mark.parametrize('ticks', range(1, 7))
-def test_a_recorder_may_come_while_the_plant(meanwhile, ticks):
+def test_a_recorder_may_join_while_the_plant(meanwhile, ticks):
     world = LockstepWorld(timeout=60.0).start().advance(ticks)
     if meanwhile == 'is paused':
         world.dispatch(world.master.set_paused, is_paused=True)
@@ -439,7 +439,7 @@ def test_an_ack_ahead_of_the_run_ends_it():
     assert "'recorder/ack' is ahead of the run" in world.summary.reason
 
 
-def test_what_the_recorder_lacks_is_asked_for_before_the_newest():
+def test_ticks_that_the_recorder_lacks_are_requested_before_the_newest():
     world = recorded(10)
     recorder = world.nodes[RECORDER]
     recorder.is_hung = True
@@ -453,7 +453,7 @@ def test_what_the_recorder_lacks_is_asked_for_before_the_newest():
 # Pause, step, pace, reset, pushes
 
 
-def test_a_paused_plant_keeps_the_duty_and_makes_single_steps():
+def test_a_paused_plant_keeps_the_duty_and_runs_single_steps():
     world = begun(7)
     world.dispatch(world.master.set_paused, is_paused=True)
     world.wait(0.1)
@@ -470,7 +470,7 @@ def test_a_paused_plant_keeps_the_duty_and_makes_single_steps():
     assert [text for text in world.logged if text in ('paused', 'resumed')] == ['paused', 'resumed']
 
 
-def test_steps_that_were_not_made_are_forgotten_with_the_pause():
+def test_pending_steps_are_dropped_at_the_end_of_the_pause():
     world = begun()
     world.in_flight.clear()
     world.dispatch(world.master.set_paused, is_paused=True)
@@ -481,7 +481,7 @@ def test_steps_that_were_not_made_are_forgotten_with_the_pause():
     assert world.ticks == 0
 
 
-def test_a_step_of_a_plant_that_is_not_paused_is_none():
+def test_a_step_has_no_effect_unless_the_plant_is_paused():
     world = begun()
     world.dispatch(world.master.step)
     world.dispatch(world.master.set_paused, is_paused=True)
@@ -499,13 +499,13 @@ def test_a_standing_robot_is_shown_to_late_subscribers_once_a_second():
 
 
 @pytest.mark.parametrize('factor', [0.01, 0.5, 1.0, 10.0])
-def test_ticks_come_at_the_pace_that_was_asked_for(factor):
+def test_ticks_run_at_the_requested_pace(factor):
     world = LockstepWorld(duration=1.0, real_time_factor=factor).start()
     while world.summary is None:
         world.wait(0.1)
     assert world.summary.real_time_factor == pytest.approx(factor, rel=0.01)
     assert world.summary.late_ticks == 0
-    # Who waits for the next tick is missed by nobody.
+    # A node that waits for the next tick is not counted as silent.
     assert world.summary.resends == 0
     assert world.warnings == []
 
@@ -542,7 +542,7 @@ def test_a_reset_begins_another_run_at_the_next_multiple_of_100_ms(ticks):
     assert world.master.log.duty_sha256 == duties_sha256(10, start_ns)
 
 
-def test_what_is_left_of_the_run_before_changes_nothing():
+def test_leftover_messages_of_the_previous_run_change_nothing():
     world = begun(30)
     late = [*world.in_flight]
     world.dispatch(world.master.reset)
@@ -571,35 +571,34 @@ def test_a_push_acts_and_is_published():
         ((10**18, (1.0, 0.0), (0.0, 0.0)), 'ahead of sim time'),
     ],
 )
-def test_a_push_that_can_not_be_is_ignored(push, reason):
+def test_an_impossible_push_is_ignored(push, reason):
     world = begun()
     world.dispatch(world.master.on_push, *push)
     assert world.actions(do.PublishPush) == []
     assert reason in world.logged[-1]
 
 
-def test_there_may_be_a_hundred_pushes():
+def test_at_most_a_hundred_pushes_are_accepted():
     world = begun()
     for _ in range(101):
         world.dispatch(world.master.on_push, 0, (0.0, 0.0), (0.0, 0.0))
     assert len(world.actions(do.PublishPush)) == 100
-    assert 'there are already 100' in world.logged[-1]
+    assert '100 pushes are already active or pending' in world.logged[-1]
 
 
-def test_before_the_first_truth_no_push_is_taken():
+def test_pushes_before_the_first_truth_are_ignored():
     world = LockstepWorld()
     world.dispatch(world.master.on_push, 0, (1.0, 0.0), (0.0, 0.0))
     assert world.done == []
 
 
-# Everything at once
+# Random faults
 
 
 class TroubledRun(RuleBasedStateMachine):
-    """A run whose messages are lost, repeated and reordered, whose nodes hang and are replaced.
+    """A run whose messages are lost, repeated and reordered, and whose nodes hang and are replaced.
 
-    Whatever happens, each tick has the duty of its own time; and once nothing goes wrong any more,
-    the run completes.
+    Nevertheless each tick has the duty of its own time; and once the faults end, the run completes.
     """
 
     TICKS = 100
@@ -649,7 +648,7 @@ class TroubledRun(RuleBasedStateMachine):
     def replace(self, role):
         self.generation += 1
         self.world.leave(role)
-        # Quicker than the roll calls tell, the two would be taken for two nodes at once.
+        # If this were faster than the roll calls, the two would count as duplicate nodes.
         self.world.wait(1.0)
         self.world.start(role, generation=self.generation)
 
@@ -684,7 +683,7 @@ class TroubledRun(RuleBasedStateMachine):
             assert lead <= MAX_LEAD_TICKS + 1
 
     @invariant()
-    def no_run_fails_that_may_wait(self):
+    def no_waiting_run_fails(self):
         assert self.world.summary is None or self.world.summary.outcome == 'completed'
 
     def teardown(self):

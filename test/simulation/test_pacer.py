@@ -1,4 +1,4 @@
-"""Pacing against a wall clock of the test's own."""
+"""Pacing against a simulated wall clock."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from ballbot_ros.simulation.pacer import Pacer
 
 
 class PacedLoop:
-    """Makes ticks as soon as the pacer lets it."""
+    """Runs ticks as soon as the pacer allows."""
 
     def __init__(self):
         self.pacer = Pacer()
@@ -47,7 +47,7 @@ def test_factor_zero_never_waits(loop):
     assert loop.pacer.late_ticks == 0
 
 
-def test_a_tick_that_is_a_little_late_is_made_up_for(loop):
+def test_a_slight_delay_is_caught_up(loop):
     loop.tick(1.0)
     loop.now_s += 0.006
     loop.tick(1.0)
@@ -57,7 +57,7 @@ def test_a_tick_that_is_a_little_late_is_made_up_for(loop):
 
 
 @pytest.mark.parametrize(('late_s', 'late_ticks'), [(0.0079, 0), (0.0081, 1), (5.0, 1)])
-def test_after_a_stall_it_counts_it_and_does_not_hurry(loop, late_s, late_ticks):
+def test_a_stall_is_counted_and_not_caught_up(loop, late_s, late_ticks):
     loop.tick(1.0)
     loop.now_s += late_s
     loop.tick(1.0)

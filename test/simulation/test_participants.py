@@ -1,4 +1,4 @@
-"""Who belongs to a run: tables of events, and worlds of nodes that live, die and come back."""
+"""The participants of a run: tables of events, and random histories of nodes."""
 
 import dataclasses
 
@@ -35,7 +35,7 @@ CALL_S = 0.1
 
 
 def a(role, instance='', node='', **more):
-    """A participant; two of the same words are the same one."""
+    """Return a participant; equal arguments mean the same one."""
     instance = instance or f'first {role}'
     return Participant(
         role=role,
@@ -55,7 +55,7 @@ PLANT = a('plant_sim')
 
 
 class World:
-    """Nodes around a roster: those who live answer each roll call, the dead stay in the graph."""
+    """Nodes around a roster: living ones answer each roll call, dead ones stay in the graph."""
 
     def __init__(self, required=ROLES):
         self.roster = Roster(shared=('radius', 'seed'), stateless=ROLES[:2], owners=OWNERS)
@@ -65,7 +65,7 @@ class World:
         self.appear(PLANT)
 
     def appear(self, participant, *, name=None):
-        """Show a node's publishers in the graph; `name` is '' while nobody knows it."""
+        """Show a node's publishers in the graph; `name` is '' while it is unknown."""
         name = participant.node if name is None else name
         for topic in (TOPICS[participant.role], 'participants'):
             gid = participant.instance.encode() + b'|' + topic.encode()
@@ -102,7 +102,7 @@ class World:
         return self.roster.readiness(self.now_ns)
 
     def watch(self, calls=ANSWER_CALLS + 2):
-        """Look and call the roll as the plant does, until it is clear; return the standing."""
+        """Look and call the roll as the plant does, until the result is final; return it."""
         for _ in range(calls):
             standing = self.look()
             if standing.state is not ReadinessState.WAITING:
@@ -148,14 +148,14 @@ def test_a_run_is_complete_when_every_role_has_joined_it():
     assert empty.roster.periodic_topics == ('gyro', 'sonar', 'motor_duty')
 
 
-def test_who_takes_part_in_another_run_does_not_take_part_in_this_one():
+def test_a_participant_of_another_run_does_not_count():
     other = World().join(*map(a, ROLES), run='1 of another plant')
     assert other.look().state is ReadinessState.WAITING
     assert other.roster.missing() == list(ROLES)
     assert other.watch().state is ReadinessState.COMPLETE  # with the answers to the roll call
 
 
-def test_a_node_of_another_name_in_a_role_is_as_good_as_ours():
+def test_a_node_of_any_name_can_have_a_role():
     assert world(a('gyro_driver', node='/my_gyro'), a('sonar_driver'), a('controller')).begin()
 
 
@@ -171,13 +171,13 @@ def test_a_second_living_node_of_a_role_is_refused_with_both_names(has_begun, ro
     assert is_refused(run.watch(), TOPICS[role], role, str(a(role)), str(second))
 
 
-def test_all_roles_doubled_are_one_line():
+def test_duplicates_of_all_roles_are_reported_in_one_line():
     run = world().join(*(a(role, f'second {role}') for role in ROLES))
     assert is_refused(run.watch(), 'gyro_driver', 'likewise as sonar_driver, controller')
 
 
 @pytest.mark.parametrize('role', ROLES[:2])
-def test_a_killed_driver_is_replaced_by_its_like_while_its_publishers_are_still_there(role):
+def test_a_killed_driver_can_be_replaced_while_its_publishers_are_still_in_the_graph(role):
     run = world().begin()
     run.kill(a(role)).join(a(role, 'its successor'))
     assert run.watch().state is ReadinessState.COMPLETE
@@ -203,7 +203,7 @@ def test_a_driver_is_not_replaced_by_a_different_one(change):
     assert is_refused(run.watch(), 'replaces', 'other parameters', '/gyro_driver')
 
 
-def test_before_the_run_begins_anybody_may_be_replaced_by_anybody():
+def test_before_the_run_begins_any_participant_may_be_replaced():
     run = world()
     assert run.watch().state is ReadinessState.COMPLETE
     run.kill(a('gyro_driver')).join(a('gyro_driver', 'the other', parameters='01'))
@@ -213,14 +213,14 @@ def test_before_the_run_begins_anybody_may_be_replaced_by_anybody():
     assert a('gyro_driver').instance not in instances
 
 
-def test_a_controller_that_begins_afresh_is_a_successor_whatever_its_parameters():
+def test_a_restarted_controller_is_a_successor_with_any_parameters():
     run = world().begin()
     run.kill(a('controller')).join(a('controller', 'afresh', parameters='rejoin'))
     assert run.watch().state is ReadinessState.COMPLETE
     assert run.roster.history[-1].is_successor
 
 
-def test_one_who_was_thought_dead_and_comes_back_beside_its_successor_is_refused():
+def test_a_participant_that_returns_after_being_replaced_is_refused():
     run = world().begin()
     asleep = a('gyro_driver')
     run.kill(asleep).join(a('gyro_driver', 'its successor'))
@@ -229,7 +229,7 @@ def test_one_who_was_thought_dead_and_comes_back_beside_its_successor_is_refused
     assert is_refused(run.watch(), '/gyro_driver', 'gyro')
 
 
-def test_a_newcomer_whose_name_is_not_known_yet_is_waited_for():
+def test_the_run_waits_for_a_new_node_whose_name_is_not_known_yet():
     run = world().begin()
     run.kill(a('gyro_driver'))
     newcomer = a('gyro_driver', 'its successor')
@@ -239,14 +239,14 @@ def test_a_newcomer_whose_name_is_not_known_yet_is_waited_for():
     assert run.watch().state is ReadinessState.COMPLETE
 
 
-def test_without_a_prefix_a_publisher_is_told_by_the_name_of_its_node():
+def test_without_a_prefix_a_publisher_is_identified_by_its_node_name():
     plain = [dataclasses.replace(a(role), guid_prefix='') for role in ROLES]
     assert world(*plain).begin().look().state is ReadinessState.COMPLETE
 
 
 @pytest.mark.parametrize('has_begun', [False, True])
 @pytest.mark.parametrize('topic', OWNERS)
-def test_a_stranger_that_is_heard_is_refused_by_name(has_begun, topic):
+def test_a_stranger_that_sends_is_refused_by_name(has_begun, topic):
     run = world()
     if has_begun:
         run.begin()
@@ -257,7 +257,7 @@ def test_a_stranger_that_is_heard_is_refused_by_name(has_begun, topic):
     assert is_refused(run.watch(), '/talker', repr(topic))
 
 
-def test_a_stranger_that_is_heard_before_its_name_is_known_is_refused_when_it_is():
+def test_a_stranger_that_sends_before_its_name_is_known_is_refused_once_it_is():
     run = world().begin().stranger('gyro', name='')
     run.look()
     run.roster.note_foreign_message('gyro')
@@ -265,14 +265,14 @@ def test_a_stranger_that_is_heard_before_its_name_is_known_is_refused_when_it_is
     assert is_refused(run.stranger('gyro').watch(), '/talker')
 
 
-def test_a_stranger_that_nobody_ever_names_is_refused_all_the_same():
+def test_a_stranger_without_a_name_is_refused_too():
     run = world().begin().stranger('gyro', name='')
     run.look()
     run.roster.note_foreign_message('gyro')
     assert is_refused(run.watch_for(NAME_S + 1.0), 'gyro')
 
 
-def test_a_stranger_under_the_name_of_a_participant_is_one():
+def test_a_stranger_with_the_name_of_a_participant_is_refused():
     run = world().begin().stranger('gyro', name='/gyro_driver')
     run.look()
     run.roster.note_foreign_message('gyro')
@@ -280,7 +280,7 @@ def test_a_stranger_under_the_name_of_a_participant_is_one():
 
 
 @pytest.mark.parametrize('has_begun', [False, True])
-def test_a_silent_stranger_is_waited_for_as_long_as_it_may_be_a_dead_process(has_begun):
+def test_a_silent_stranger_is_tolerated_while_it_may_be_a_dead_process(has_begun):
     run = world()
     if has_begun:
         run.begin()
@@ -289,7 +289,7 @@ def test_a_silent_stranger_is_waited_for_as_long_as_it_may_be_a_dead_process(has
     assert is_refused(run.watch_for(2.0), '/talker', 'gyro')
 
 
-def test_a_dead_stranger_that_leaves_the_graph_is_no_offence():
+def test_a_dead_stranger_that_leaves_the_graph_is_no_problem():
     run = World().stranger('gyro')
     # It dies late, while a participant is still missing.
     assert run.watch_for(30.0).state is ReadinessState.WAITING
@@ -313,7 +313,7 @@ def test_an_objection_names_a_stranger_that_has_gone():
     assert is_refused(run.watch(), '/talker', 'gyro')
 
 
-def test_a_stranger_that_left_long_ago_is_not_to_blame():
+def test_a_stranger_that_left_long_ago_is_not_blamed():
     run = world().begin().stranger('sonar', '/dead_sonar')
     run.watch_for(3.0)
     run.vanish('stranger')
@@ -327,7 +327,7 @@ def test_a_stranger_that_left_long_ago_is_not_to_blame():
     assert 'dead_sonar' not in standing.reason
 
 
-def test_of_two_suspects_the_stranger_is_named_not_the_newcomer():
+def test_the_stranger_is_named_not_a_new_node():
     run = world().begin()
     run.kill(a('gyro_driver'))
     newcomer = a('gyro_driver', 'its successor')
@@ -338,7 +338,7 @@ def test_of_two_suspects_the_stranger_is_named_not_the_newcomer():
     assert is_refused(run.watch(), '/talker')
 
 
-def test_a_newcomer_that_was_suspected_because_of_a_stranger_does_not_shield_it():
+def test_a_stranger_is_still_found_after_a_new_node_was_suspected():
     run = world().begin()
     run.kill(a('gyro_driver'))
     newcomer = a('gyro_driver', 'its successor')
@@ -353,7 +353,7 @@ def test_a_newcomer_that_was_suspected_because_of_a_stranger_does_not_shield_it(
     assert is_refused(run.watch(), '/talker')
 
 
-def test_who_could_not_look_for_a_while_accuses_nobody_of_having_stayed():
+def test_time_without_looks_at_the_graph_does_not_count_against_suspects():
     run = world().begin().stranger('gyro')
     run.look()
     run.now_s += 10 * LEASE_S
@@ -369,13 +369,13 @@ def test_an_objection_to_a_participant_itself_is_the_reason():
     assert is_refused(run.watch(), 'two samples of 1.4 s', '/gyro_driver', 'left')
 
 
-def test_a_participant_that_can_not_go_on_ends_the_run_at_once():
+def test_a_participant_that_can_not_continue_ends_the_run_at_once():
     run = world().begin()
     run.roster.add_objection(Objection('started in mid-run'))
     assert is_refused(run.look(), 'started in mid-run')
 
 
-def test_a_recorder_that_can_not_go_on_ends_only_a_run_that_requires_it():
+def test_a_recorder_that_can_not_continue_ends_only_a_run_that_requires_it():
     full = Announcement(a('recorder'), RUN, 0, Objection('x.mcap: No space left on device'))
     run = World((*ROLES, 'recorder')).join(*map(a, ROLES), a('recorder')).begin()
     run.roster.on_announcement(full)
@@ -387,7 +387,7 @@ def test_a_recorder_that_can_not_go_on_ends_only_a_run_that_requires_it():
     assert run.roster.reported_failure('recorder') == 'x.mcap: No space left on device'
 
 
-def test_two_answers_to_the_tick_at_which_a_driver_was_replaced_are_no_offence():
+def test_two_answers_to_the_tick_of_a_handover_are_no_problem():
     run = world().begin()
     run.kill(a('gyro_driver')).join(a('gyro_driver', 'its successor'))
     run.roster.add_objection(Objection('two samples', 'gyro', run.now_ns))
@@ -397,7 +397,7 @@ def test_two_answers_to_the_tick_at_which_a_driver_was_replaced_are_no_offence()
     assert is_refused(run.watch(), 'two samples')
 
 
-def test_a_recorder_may_come_leave_and_be_replaced():
+def test_a_recorder_may_join_leave_and_be_replaced():
     run = world().begin().join(a('recorder'))
     assert run.watch().state is ReadinessState.COMPLETE
     assert run.roster.history[-1].participant == a('recorder')
@@ -405,14 +405,14 @@ def test_a_recorder_may_come_leave_and_be_replaced():
     assert run.watch().state is ReadinessState.COMPLETE
 
 
-def test_what_gives_itself_out_as_a_participant_is_refused():
+def test_an_impostor_of_a_participant_is_refused():
     run = world().begin()
     forged = dataclasses.replace(a('gyro_driver'), node='/forger', parameters_sha256='ff')
     run.roster.on_announcement(Announcement(forged, RUN))
     assert is_refused(run.look(), '/forger', '/gyro_driver')
 
 
-def test_a_forged_announcement_that_answers_no_roll_call_is_not_believed():
+def test_a_forged_announcement_without_answers_to_roll_calls_is_ignored():
     run = world().begin()
     run.roster.on_announcement(Announcement(a('gyro_driver', 'forged', '/forger'), RUN))
     assert run.watch().state is ReadinessState.COMPLETE
@@ -430,7 +430,7 @@ def test_a_forged_announcement_that_answers_no_roll_call_is_not_believed():
         ({'radius': [1]}, {'radius': {'a': 2}}, {}, "but {'a': 2} in /sonar_driver"),
     ],
 )
-def test_what_participants_share_has_to_be_the_same(gyro, sonar, controller, reason):
+def test_shared_parameters_of_participants_must_be_equal(gyro, sonar, controller, reason):
     values = dict(zip(ROLES, (gyro, sonar, controller), strict=True))
     standing = world(*(a(role, values=values[role]) for role in ROLES)).watch()
     if reason:
@@ -439,13 +439,13 @@ def test_what_participants_share_has_to_be_the_same(gyro, sonar, controller, rea
         assert standing.state is ReadinessState.COMPLETE
 
 
-def test_a_successor_has_to_share_it_too():
+def test_shared_parameters_of_a_successor_must_be_equal():
     driver, follower = (a('controller', each, values={'seed': n}) for n, each in enumerate('xy'))
     there = world(a('gyro_driver', values={'seed': 0}), a('sonar_driver'), driver).begin()
     assert is_refused(there.kill(driver).join(follower).watch(), 'seed is 1 in /controller')
 
 
-def test_a_role_that_is_none_changes_nothing():
+def test_an_unknown_role_changes_nothing():
     run = world().begin()
     run.roster.on_announcement(
         Announcement(dataclasses.replace(a('gyro_driver', 'x'), role='cook'), RUN)
@@ -453,7 +453,7 @@ def test_a_role_that_is_none_changes_nothing():
     assert run.look().state is ReadinessState.COMPLETE
 
 
-def test_the_next_run_gathers_everybody_again_and_knows_the_dead():
+def test_the_next_run_gathers_all_participants_again_and_remembers_dead_ones():
     run = world().begin()
     run.kill(a('gyro_driver')).join(a('gyro_driver', 'its successor'))
     assert run.watch().state is ReadinessState.COMPLETE
@@ -461,7 +461,7 @@ def test_the_next_run_gathers_everybody_again_and_knows_the_dead():
     assert run.look().state is ReadinessState.WAITING
     for participant in run.living.values():
         run.roster.on_announcement(Announcement(participant, '2 abc'))
-    # The publishers of the dead one are still in the graph.
+    # The publishers of the dead node are still in the graph.
     assert run.look().state is ReadinessState.COMPLETE
     assert not any(member.is_successor for member in run.roster.history)
 
@@ -477,7 +477,9 @@ def test_the_next_run_gathers_everybody_again_and_knows_the_dead():
         (set(), {}, []),
     ],
 )  # fmt: skip
-def test_silent_is_who_answers_no_roll_call_else_who_lacks_the_tick(dead, answered, expected):
+def test_a_participant_is_silent_without_a_roll_call_answer_or_else_without_the_tick(
+    dead, answered, expected
+):
     run = world().begin()
     since, due_ns = run.roster.calls, START_NS + 4_000_000
     run.roster.note_roll_call()
@@ -489,7 +491,7 @@ def test_silent_is_who_answers_no_roll_call_else_who_lacks_the_tick(dead, answer
     assert silences_s == dict.fromkeys(expected, 3.0)
 
 
-def test_a_silence_is_each_ones_own_but_who_is_alive_may_wait_for_another():
+def test_each_participant_has_its_own_silence_but_living_ones_may_wait_for_others():
     run = world().begin()
     own_s = {'gyro_driver': 1.0, 'sonar_driver': 2.0, 'controller': 3.0}
 
@@ -507,7 +509,7 @@ def test_a_silence_is_each_ones_own_but_who_is_alive_may_wait_for_another():
     assert silences_s() == dict.fromkeys(own_s, 1.0)
 
 
-def test_an_answer_to_an_earlier_roll_call_is_not_one_to_this_silence():
+def test_an_answer_to_an_earlier_roll_call_does_not_end_this_silence():
     run = world().begin()
     run.roster.note_roll_call()
     run.roster.on_announcement(Announcement(a('controller'), RUN))
@@ -516,10 +518,10 @@ def test_an_answer_to_an_earlier_roll_call_is_not_one_to_this_silence():
 
 
 class AnyHistory(RuleBasedStateMachine):
-    """Nodes that live, die and come back in any order; at any time it has to come out right.
+    """Nodes that start, die and return in any order.
 
-    The roster may take its time; in the end a run goes on if and only if each role has one
-    living participant, equal to the one of the start, and no stranger is there.
+    After some time a run continues if and only if each role has one living participant, equal to
+    the one at the start, and there is no stranger.
     """
 
     @initialize()
@@ -552,7 +554,7 @@ class AnyHistory(RuleBasedStateMachine):
             self.world.join(self.new(role))
 
     @rule(topic=st.sampled_from(list(OWNERS)), is_heard=st.booleans())
-    def stranger_comes(self, topic, is_heard):
+    def stranger_appears(self, topic, is_heard):
         self.world.stranger(topic, instance=f'stranger {topic}')
         self.strangers.add(topic)
         self.world.look()
@@ -578,7 +580,7 @@ class AnyHistory(RuleBasedStateMachine):
                 assert len(self.of(role)) <= 1, role
 
     @invariant()
-    def nobody_takes_part_who_was_never_alone_in_its_role(self):
+    def no_instance_joins_twice(self):
         members = self.world.roster.history if hasattr(self, 'world') else ()
         assert len({member.participant.instance for member in members}) == len(members)
 

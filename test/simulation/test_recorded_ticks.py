@@ -1,4 +1,4 @@
-"""Which ticks are complete: tables of streams, and every order in which samples come."""
+"""Detection of complete ticks: tables of streams, and samples in every order."""
 
 import itertools
 
@@ -16,7 +16,7 @@ def tick(number):
 
 
 class Recorded:
-    """Two quick streams and a slow one that a run requires."""
+    """Two fast streams and a slow one that a run requires."""
 
     def __init__(self):
         self.streams = {
@@ -32,7 +32,7 @@ class Recorded:
         return self.ticks.advance()
 
 
-def test_a_tick_is_complete_when_the_last_stream_has_it_whatever_the_order():
+def test_a_tick_is_complete_when_the_last_stream_has_it_in_any_order():
     for order in itertools.permutations(('gyro', 'duty', 'sonar')):
         recorded = Recorded()
         assert [recorded.take(name, 0) for name in order] == [False, False, True]
@@ -42,7 +42,7 @@ def test_a_tick_is_complete_when_the_last_stream_has_it_whatever_the_order():
 @pytest.mark.parametrize(
     ('gyro', 'duty', 'sonar', 'acked'),
     [
-        # A slow stream has all until its next multiple of 20 ms.
+        # A slow stream lacks nothing until its next multiple of 20 ms.
         (4, 4, 0, 4),
         (5, 5, 0, 4),
         (5, 5, 5, 5),
@@ -58,7 +58,7 @@ def test_the_stream_that_is_furthest_behind_counts(gyro, duty, sonar, acked):
     assert recorded.ticks.acked_ns == tick(acked)
 
 
-def test_nothing_is_complete_before_it_is_known_what_is_required():
+def test_nothing_is_complete_before_the_requirements_are_known():
     recorded = Recorded()
     recorded.ticks.begin()
     assert not recorded.take('gyro', 0)
@@ -67,7 +67,7 @@ def test_nothing_is_complete_before_it_is_known_what_is_required():
     assert not recorded.ticks.advance()
 
 
-def test_a_tick_is_told_once_and_none_is_taken_back():
+def test_each_complete_tick_is_reported_once_and_stays_complete():
     recorded = Recorded()
     for name in recorded.streams:
         recorded.take(name, 5)

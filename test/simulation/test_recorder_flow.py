@@ -1,4 +1,4 @@
-"""How far the plant may be ahead of the recorder: tables of ticks."""
+"""The permitted lead of the plant over the recorder: tables of ticks."""
 
 import pytest
 
@@ -43,7 +43,7 @@ def test_the_plant_waits_for_the_first_tick_and_at_its_greatest_lead(acked, now,
     assert one.lags(tick(now)) is lags
 
 
-def test_without_a_recorder_nothing_is_waited_for():
+def test_without_a_recorder_the_plant_does_not_wait():
     one = flow(recorder=None)
     assert not one.lags(tick(1000))
     assert one.has_all(tick(1000))
@@ -51,7 +51,7 @@ def test_without_a_recorder_nothing_is_waited_for():
 
 
 @pytest.mark.parametrize(('now', 'first'), [(0, 0), (1, 5), (5, 5), (6, 10)])
-def test_a_recorder_that_comes_begins_at_a_multiple_of_20_ms(now, first):
+def test_a_joining_recorder_begins_at_a_multiple_of_20_ms(now, first):
     one = flow(recorder=None)
     assert one.join(FIRST, tick(now))
     assert not one.join(FIRST, tick(now))
@@ -69,7 +69,7 @@ def test_another_recorder_takes_over():
     assert one.lags(tick(105))
 
 
-def test_a_recorder_that_has_left_comes_back_only_as_another():
+def test_a_recorder_that_has_left_returns_only_as_another():
     one = flow(100)
     one.leave()
     assert not one.join(FIRST, tick(101))
@@ -77,7 +77,7 @@ def test_a_recorder_that_has_left_comes_back_only_as_another():
     assert one.join(SECOND, tick(101))
 
 
-def test_what_was_asked_for_again_has_to_be_recorded_before_it_goes_on():
+def test_repeated_ticks_must_be_recorded_before_the_run_continues():
     one = flow(5)
     one.require_ack(tick(10))
     assert one.lags(tick(10))
@@ -94,7 +94,7 @@ def test_a_run_ends_with_its_last_tick_recorded(acked, last, has_all):
     assert one.next_ns == (None if acked is None else tick(acked + 1))
 
 
-def test_a_recorder_whose_first_tick_is_after_the_last_has_all():
+def test_a_recorder_whose_first_tick_is_after_the_last_has_everything():
     one = flow(recorder=None)
     one.join(FIRST, tick(6))
     assert one.has_all(tick(9))

@@ -1,4 +1,4 @@
-"""What belongs into a recording: tables of messages, and random strangers among them."""
+"""The selection of messages for a recording: tables of messages, and random strangers."""
 
 import random
 
@@ -18,7 +18,7 @@ def bare(one, other):
 
 
 class File:
-    """A recording in memory, and what the gate had to say."""
+    """A recording in memory, with the gate's objections and reports."""
 
     def __init__(self, run='1 abc', start_ns=START):
         self.clock = Stream('/clock', period_ns=TICK_NS, is_clock=True, is_live=True, is_same=bare)
@@ -91,7 +91,7 @@ def test_a_sample_that_overtakes_the_clock_waits_for_it():
     assert file.of('/gyro') == [(1000, b'true'), (1004, b'true')]
 
 
-def test_what_is_left_of_an_earlier_run_does_not_pass():
+def test_leftover_messages_of_an_earlier_run_do_not_pass():
     file = File()
     file.take(file.gyro, 5000, b'left')
     file.take(file.state, 0, b'left')
@@ -103,7 +103,7 @@ def test_what_is_left_of_an_earlier_run_does_not_pass():
     assert file.objections == []
 
 
-def test_who_comes_later_gets_what_was_kept_for_it():
+def test_a_late_recorder_gets_the_messages_kept_for_it():
     file = File()
     file.take(file.state, 0, b'calibration')
     file.take(file.gyro, 1400)
@@ -115,7 +115,7 @@ def test_who_comes_later_gets_what_was_kept_for_it():
 
 
 @pytest.mark.parametrize('is_first', [False, True])
-def test_a_contradiction_is_objected_to_and_costs_the_run_nothing(is_first):
+def test_a_contradiction_causes_an_objection_and_loses_nothing_of_the_run(is_first):
     file = File()
     file.tick(1000)
     file.take(file.clock, 1004)
@@ -127,7 +127,7 @@ def test_a_contradiction_is_objected_to_and_costs_the_run_nothing(is_first):
 
 
 @pytest.mark.parametrize('stamp_ms', [1000 + MAX_AHEAD_NS // MS + 4, WALL_NS // MS])
-def test_a_stamp_of_another_clock_is_objected_to_and_left_out(stamp_ms):
+def test_a_stamp_of_another_clock_causes_an_objection_and_is_omitted(stamp_ms):
     file = File()
     file.tick(1000)
     file.take(file.gyro, stamp_ms, b'stranger', sequence=1)
@@ -137,7 +137,7 @@ def test_a_stamp_of_another_clock_is_objected_to_and_left_out(stamp_ms):
     assert file.objections == [('/gyro', stamp_ms)]
 
 
-def test_a_guess_of_what_is_to_come_does_not_take_its_place():
+def test_a_forged_future_sample_does_not_replace_the_genuine_one():
     file = File()
     file.tick(1000)
     file.take(file.gyro, 1012, b'guess')
@@ -150,7 +150,7 @@ def test_a_guess_of_what_is_to_come_does_not_take_its_place():
 
 
 @pytest.mark.parametrize(('crowded', 'objections'), [(True, [('/clock', 90_000)]), (False, [])])
-def test_a_leap_of_the_clock_is_a_player_s_or_another_simulation_s(crowded, objections):
+def test_a_jump_of_the_clock_is_a_players_or_another_simulations(crowded, objections):
     file = File()
     file.tick(1000)
     file.crowded = {'/clock'} if crowded else set()
@@ -164,20 +164,21 @@ def test_a_leap_of_the_clock_is_a_player_s_or_another_simulation_s(crowded, obje
     [
         ([('gyro', 1004, 2), ('gyro', 1008, 3)], []),
         ([('gyro', 1008, 3)], [('/gyro', 3)]),
-        # What had the number between was a repetition: no stamp is between.
+        # The number in between was that of a repetition, since there is no stamp in between.
         ([('gyro', 1004, 3)], []),
-        # A repetition has the next number; another publisher's copy has one of its own.
+        # A repetition has the next number; the copy of another publisher has that publisher's own
+        # number.
         ([('gyro', 1000, 2), ('gyro', 1004, 3)], []),
         ([('gyro', 1000, 900), ('gyro', 1004, 2)], []),
         ([('gyro', 1000, 1), ('gyro', 1004, 2)], []),
-        # A driver that was started again counts from the beginning.
+        # A restarted driver counts from the beginning.
         ([('gyro', 1004, 1), ('gyro', 1008, 2)], []),
         ([('gyro', 1000, 1), ('gyro', 1000, 2), ('gyro', 1000, 3), ('gyro', 1004, 4)], []),
         ([('state', 0, 5), ('state', 0, 9)], [('/operating_state', 9)]),
         ([('joy', 0, 5), ('joy', 0, 9)], []),
     ],
 )
-def test_a_gap_in_a_publisher_s_numbers_is_a_lost_message(events, lost):
+def test_a_gap_in_the_sequence_numbers_of_a_publisher_is_a_lost_message(events, lost):
     file = File()
     file.tick(1000)
     for name, stamp, number in events:
@@ -187,7 +188,7 @@ def test_a_gap_in_a_publisher_s_numbers_is_a_lost_message(events, lost):
 
 
 @pytest.mark.parametrize(('takes_part', 'is_lockstep'), [(False, True), (True, False)])
-def test_where_stamps_may_be_left_out_every_number_counts(takes_part, is_lockstep):
+def test_if_stamps_may_be_skipped_every_sequence_number_counts(takes_part, is_lockstep):
     file = File()
     file.gate.takes_part, file.gate.is_lockstep = takes_part, is_lockstep
     file.tick(1000)
@@ -205,13 +206,11 @@ def test_where_stamps_may_be_left_out_every_number_counts(takes_part, is_lockste
         ((1000, 1004, 1008), (1000, 1020), []),
         ((1000, 1008), (1000,), [('/gyro', 1)]),
         ((1000, 1004), (1000, 1040), [('/sonar', 1)]),
-        # The first that it gets of a run in which it has come late.
+        # The first samples of a run that it joined late.
         ((1400, 1404), (1420,), []),
     ],
 )
-def test_a_stamp_that_is_leapt_over_is_a_lost_message_whoever_sends_the_next(
-    stamps_ms, sonar_ms, lost
-):
+def test_a_skipped_stamp_is_a_lost_message_for_any_next_sender(stamps_ms, sonar_ms, lost):
     file = File()
     for now in range(1000, 1500, 4):
         file.take(file.clock, now)
@@ -220,7 +219,7 @@ def test_a_stamp_that_is_leapt_over_is_a_lost_message_whoever_sends_the_next(
     for now in sonar_ms:
         file.take(file.sonar, now, sequence=1)
     assert file.lost == lost
-    # What the same sender leaves out is not lost, and the leap from one run to the next is none.
+    # A stamp skipped by its own sender is not lost, nor is the jump between runs a gap.
     file.take(file.gyro, 1448, sequence=2)
     assert file.lost == lost
     file.begin('2 abc', 2000 * MS)
@@ -243,18 +242,18 @@ def test_strangers_on_a_topic_of_events_are_no_lost_messages():
 @pytest.mark.parametrize(
     ('numbers', 'lost'),
     [
-        # A second plant has told of its end, and has left before the first one tells of its own.
+        # A second plant has reported its end and left before the first one reports its own.
         ((1, 2, 1, 3), []),
         ((1, 2, 1, 4), [4]),
         ((1, 2, 3, 1, 2, 4, 3, 5), []),
         ((1, 2, 3, 1, 2, 4, 3, 6), [6]),
-        # Who comes late has not heard the first ones.
+        # A late recorder has missed the first ones.
         ((7, 8, 1, 9, 2), []),
-        # However many restarts there were.
+        # After any number of restarts.
         ((*range(40, 0, -1), 2, 3, 12), [12]),
     ],
 )
-def test_each_publisher_s_numbers_are_its_own(numbers, lost):
+def test_sequence_numbers_belong_to_their_publisher(numbers, lost):
     file = File()
     file.tick(1000)
     for number in numbers:
@@ -262,7 +261,7 @@ def test_each_publisher_s_numbers_are_its_own(numbers, lost):
     assert file.lost == [('/operating_state', number) for number in lost]
 
 
-def test_the_next_run_of_a_plant_goes_on_and_the_last_messages_of_the_one_before_still_pass():
+def test_the_next_run_of_a_plant_begins_while_the_last_messages_of_the_previous_one_still_pass():
     file = File()
     file.tick(1000)
     file.take(file.clock, 1004)
@@ -273,7 +272,7 @@ def test_the_next_run_of_a_plant_goes_on_and_the_last_messages_of_the_one_before
     assert file.lost == []
 
 
-def test_another_plant_begins_anew_at_an_earlier_time():
+def test_another_plant_begins_again_at_an_earlier_time():
     file = File()
     for now in range(1000, 1040, 4):
         file.tick(now)
@@ -296,7 +295,7 @@ def test_without_a_run_everything_passes_in_its_order():
     assert [stamp for stamp, _ in file.of('/gyro')] == [500, 504, 508]
 
 
-def test_until_the_run_of_a_plant_is_known_nothing_passes_and_nothing_is_lost():
+def test_nothing_passes_or_is_lost_until_the_run_of_a_plant_is_known():
     file = File(run=None)
     file.gate.awaits_run = True
     file.take(file.gyro, 5000, b'left')
@@ -309,7 +308,7 @@ def test_until_the_run_of_a_plant_is_known_nothing_passes_and_nothing_is_lost():
     assert file.gyro.complete_ns == 1008 * MS
 
 
-def test_a_recorder_that_comes_in_mid_run_has_each_tick_once():
+def test_a_recorder_that_joins_in_mid_run_has_each_tick_once():
     file = File(run=None)
     file.gate.awaits_run = True
     for now in (1400, 1404):
@@ -320,7 +319,7 @@ def test_a_recorder_that_comes_in_mid_run_has_each_tick_once():
     assert file.clock.complete_ns == 1404 * MS
 
 
-def test_what_waits_for_the_clock_of_a_dead_plant_is_not_the_next_one_s():
+def test_messages_waiting_for_the_clock_of_a_dead_plant_do_not_reach_the_next_one():
     file = File()
     file.tick(1000)
     file.take(file.gyro, 1004, b'of the dead plant')
@@ -333,7 +332,7 @@ def test_what_waits_for_the_clock_of_a_dead_plant_is_not_the_next_one_s():
     assert file.objections == []
 
 
-def test_free_running_a_second_sample_of_a_stamp_is_left_out():
+def test_in_free_running_mode_a_second_sample_of_a_stamp_is_omitted():
     file = File()
     file.gate.is_lockstep = False
     file.tick(1000)
@@ -350,7 +349,7 @@ def test_an_event_of_another_clock_is_logged_with_the_time_of_the_run(stamp_ms):
     assert file.of('/operating_state') == [(1000, b'x')]
 
 
-def test_an_event_may_be_told_of_before_it_happens():
+def test_an_event_may_be_announced_before_it_happens():
     file = File()
     file.tick(1000)
     file.take(file.state, 8000, b'push')
@@ -358,7 +357,7 @@ def test_an_event_may_be_told_of_before_it_happens():
 
 
 @pytest.mark.parametrize('seed', range(30))
-def test_whatever_strangers_send_the_run_s_own_samples_are_all_there_in_order(seed):
+def test_all_samples_of_the_run_are_recorded_in_order_despite_strangers(seed):
     chance = random.Random(seed)
     file = File()
     for now in range(1000, 1400, 4):

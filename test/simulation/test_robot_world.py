@@ -55,7 +55,7 @@ def test_messages_in_any_order_give_the_duties_of_the_loop(seed):
 
 
 @pytest.mark.parametrize('seed', range(4))
-def test_nodes_that_stop_and_go_on_at_random_change_no_duty(seed):
+def test_nodes_that_pause_and_resume_at_random_change_no_duty(seed):
     world = RobotWorld(parameters_of_runs(TICKS, timeout=60.0), SCENARIO, seed).start()
     choose = random.Random(seed)
     while world.summary is None:
@@ -83,8 +83,8 @@ def test_a_restarted_driver_changes_no_duty(role, leave):
 
 
 @pytest.mark.parametrize('lost', ['on_duty', 'on_clock', 'on_truth', 'on_sample', 'on_timer'])
-def test_a_message_that_is_lost_comes_again(lost):
-    """So is an answer to it, and whoever has answered answers the same again."""
+def test_a_lost_message_is_repeated(lost):
+    """So is the answer to it: a node that has answered repeats its answer."""
     world = RobotWorld(parameters_of_runs(TICKS), SCENARIO).start()
     for ticks in (10, 105, 330):
         world.advance(ticks)
@@ -97,7 +97,7 @@ def test_a_message_that_is_lost_comes_again(lost):
 
 
 @pytest.mark.parametrize('task', TASKS)
-def test_a_tick_waits_for_a_callback_that_is_lost_until_the_plant_asks_again(task):
+def test_a_tick_waits_for_a_lost_callback_until_the_plant_asks_again(task):
     world = RobotWorld(parameters_of_runs(TICKS), SCENARIO).start()
     world.advance(10)
     brick = world.robot[CONTROLLER]
@@ -109,9 +109,9 @@ def test_a_tick_waits_for_a_callback_that_is_lost_until_the_plant_asks_again(tas
 
 
 class TroubledRobot(RuleBasedStateMachine):
-    """A robot whose messages are slow, whose nodes hang and are replaced, and whose timers fail.
+    """A robot with delayed messages, nodes that hang and are replaced, and failing timers.
 
-    Whatever happens, no duty changes; and once nothing goes wrong any more, the run completes.
+    Nevertheless no duty changes; and once the faults end, the run completes.
     """
 
     TICKS = 150
@@ -149,7 +149,7 @@ class TroubledRobot(RuleBasedStateMachine):
     def replace(self, role):
         self.generation += 1
         self.world.leave(role)
-        # Quicker than the roll calls tell, the two would be taken for two nodes at once.
+        # If this were faster than the roll calls, the two would count as duplicate nodes.
         self.world.wait(1.0)
         self.world.start(role, generation=self.generation)
 

@@ -1,4 +1,4 @@
-"""How much of a silence counts on a machine that has more to do."""
+"""The part of a silence that counts on a busy machine."""
 
 import pytest
 from hypothesis import given
@@ -11,7 +11,7 @@ IDLE = {1: WAITING}
 
 
 def timer_after(*looks):
-    """Return a timer after looks at a silence that began at 0 s: each a time and what it saw."""
+    """Return a timer after updates, each a time and the processes; the silence began at 0 s."""
     timer = SilenceTimer()
     for now_s, processes in looks:
         timer.update(0.0, now_s, processes)
@@ -28,7 +28,7 @@ def timer_after(*looks):
         ('waits for its turn', lambda now: ThreadTime(1.0, 0.0, is_runnable=True), 0.0),
     ],
 )
-def test_the_time_counts_that_the_machine_gave(name, progress, counts):
+def test_only_the_time_given_by_the_machine_counts(name, progress, counts):
     timer = timer_after(*((0.1 * look, {7: {1: progress(0.1 * look)}}) for look in range(101)))
     assert timer.silence_s(7) == pytest.approx(10.0 * counts, abs=0.11)
 
@@ -42,12 +42,12 @@ def test_threads_that_wait_do_not_hide_one_that_hangs():
     assert timer.silence_s(7) == pytest.approx(8.0, abs=0.11)
 
 
-def test_a_thread_that_has_just_begun_holds_up_nothing():
+def test_a_new_thread_holds_up_nothing():
     new = {**IDLE, 2: ThreadTime(0.0, 5.0, is_runnable=False)}
     assert timer_after((0.1, {7: IDLE}), (0.2, {7: new})).silence_s(7) == pytest.approx(0.2)
 
 
-def test_each_process_has_a_silence_of_its_own():
+def test_each_process_has_its_own_silence():
     def processes(look):
         return {1: IDLE, 2: {1: ThreadTime(0.0, 0.05 * look, is_runnable=False)}}
 
@@ -57,22 +57,22 @@ def test_each_process_has_a_silence_of_its_own():
     assert timer.silence_s() == pytest.approx(10.0), 'that of another machine'
 
 
-def test_who_is_gone_has_had_the_time():
+def test_a_process_that_has_ended_has_had_the_time():
     timer = timer_after((0.1, {1: IDLE}), (0.2, {}), (0.3, {}))
     assert timer.silence_s(1) == pytest.approx(0.3)
     assert timer.silence_s(2) == pytest.approx(0.3), 'gone before the first look'
 
 
-def test_of_who_has_just_come_only_that_counts():
+def test_only_the_time_since_its_start_counts_for_a_new_process():
     timer = timer_after((0.1, {1: IDLE}), (0.2, {1: IDLE, 2: IDLE}), (0.3, {1: IDLE, 2: IDLE}))
     assert timer.silence_s(2) == pytest.approx(0.2)
 
 
-def test_who_did_not_look_has_heard_nothing():
+def test_time_without_updates_does_not_count():
     assert timer_after((0.1, {}), (100.0, {})).silence_s() == pytest.approx(0.1 + MAX_POLL_GAP_S)
 
 
-def test_another_silence_begins_at_nothing():
+def test_another_silence_begins_at_zero():
     timer = timer_after(*((0.1 * look, {1: IDLE}) for look in range(31)))
     timer.update(2.9, 3.0, {1: IDLE})
     assert timer.silence_s(1) == timer.silence_s() == pytest.approx(0.1)

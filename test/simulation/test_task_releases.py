@@ -30,7 +30,7 @@ def missing(releases, tick_ms):
     return list(releases.missing(tick_ms * MS))
 
 
-def test_the_start_of_a_run_releases_what_is_due_at_its_first_tick():
+def test_the_start_of_a_run_releases_the_tasks_due_at_its_first_tick():
     releases = begun()
     assert missing(releases, START_MS) == []
     assert releases.take(START_MS * MS) == DueTick(
@@ -39,7 +39,7 @@ def test_the_start_of_a_run_releases_what_is_due_at_its_first_tick():
     assert releases.forced == 0
 
 
-def test_from_then_on_the_timers_do():
+def test_after_the_first_tick_the_timers_release_the_tasks():
     releases = begun()
     assert missing(releases, 1020) == [TS1, TS2]
     release(releases, (TS2, 1020))
@@ -55,14 +55,14 @@ def test_from_then_on_the_timers_do():
         (TS2, 1020),  # a second one
         (TS2, 1024),  # off the schedule
         (TS2, 1016),
-        (TS2, 1000),  # of before
+        (TS2, 1000),  # of an earlier time
         (TS2, 980),
         (TS2, 20),  # of another run
         (INIT, 1020),  # of a task without a timer
         ('task_of_somebody_else', 1020),
     ],
 )
-def test_a_release_that_is_none_changes_nothing(event):
+def test_an_invalid_release_changes_nothing(event):
     releases = begun()
     release(releases, event)
     assert missing(releases, 1024) == [TS1]
@@ -73,7 +73,7 @@ def test_a_release_that_is_none_changes_nothing(event):
 
 
 @pytest.mark.parametrize('task', PERIODS_MS)
-def test_what_is_forced_is_counted_and_its_timer_is_to_be_set(task):
+def test_forced_releases_are_counted_and_their_timers_must_be_restarted(task):
     releases = begun()
     tick_ms = 1500
     release(releases, *((name, tick_ms) for name in PERIODS_MS if name != task))
@@ -82,12 +82,12 @@ def test_what_is_forced_is_counted_and_its_timer_is_to_be_set(task):
     assert releases.forced == 1
     assert missing(releases, tick_ms) == []
     assert releases.take(tick_ms * MS) == DueTick(tick_ms * MS, (TS1, TS2, TS3, LCD), (task,))
-    # What comes late is of no use to the next tick.
+    # A late release does not count for the next tick.
     release(releases, (task, tick_ms))
     assert missing(releases, tick_ms + 500) == list(PERIODS_MS)
 
 
-def test_what_is_not_missing_is_not_counted():
+def test_existing_releases_are_not_counted_as_forced():
     releases = begun()
     releases.force(START_MS * MS)
     release(releases, (TS1, 1004))
@@ -95,7 +95,7 @@ def test_what_is_not_missing_is_not_counted():
     assert releases.forced == 0
 
 
-def test_another_run_begins_with_no_release_but_goes_on_counting():
+def test_another_run_begins_without_releases_but_keeps_the_counts():
     releases = begun()
     release(releases, (TS1, 1004))
     releases.force(1020 * MS)
@@ -116,7 +116,7 @@ def test_before_a_run_callbacks_only_count():
 
 
 @given(st.lists(st.tuples(st.sampled_from(list(PERIODS_MS)), st.integers(900, 1600)), max_size=300))
-def test_missing_is_what_is_due_and_was_not_released_for_the_tick(events):
+def test_due_tasks_without_a_release_for_the_tick_are_missing(events):
     releases, schedule = begun(), Schedule(TASKS)
     events = sorted(events, key=lambda event: event[1])
     release(releases, *events)

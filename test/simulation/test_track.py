@@ -28,13 +28,13 @@ def drive(start, **settings):
 
 
 @pytest.mark.parametrize('start', STARTS)
-def test_with_a_cone_and_a_far_threshold_it_goes_round_the_inner_wall(start):
+def test_with_a_cone_and_a_far_threshold_it_drives_around_the_inner_wall(start):
     loop, ticks, states = drive(start, sonar_driver__cone_angle=0.52, controller__dst_thr=50)
     assert not loop.plant.stopped
     assert states == ['calibration', 'balance', 'forward', 'rightward', 'forward', 'rightward']
     positions = np.array([tick.truth.position for tick in ticks])
     assert loop.world.clearance(positions).min() > 0.04
-    # It has left the inner wall behind, and there is room before it and to its right.
+    # It has passed the inner wall, and there is room in front of it and on its right.
     assert positions[-1, 0] > 0.3
     assert loop.world.clearance(positions[-1:])[0] > 0.1
 

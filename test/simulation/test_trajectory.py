@@ -34,7 +34,7 @@ def test_duties_are_kept_tick_by_tick(duties):
     assert [tuple(pair) for pair in log.trajectory().duty.tolist()] == duties
 
 
-def test_the_hash_of_no_ticks_is_that_of_nothing():
+def test_the_hash_without_ticks_is_that_of_empty_data():
     assert TrajectoryLog().duty_sha256 == hashlib.sha256(b'').hexdigest()
 
 
@@ -52,7 +52,7 @@ def test_time_begins_at_zero_and_columns_are_planes():
 
 
 @pytest.mark.parametrize('count', [0, 1, 30])
-def test_what_is_saved_is_loaded(tmp_path, count):
+def test_a_saved_trajectory_can_be_loaded(tmp_path, count):
     trajectory = logged([(10, -10)] * count).trajectory()
     summary = {'outcome': 'completed', 'reason': 'größer', 'round_trip_ms': None, 'ticks': count}
     save_trajectory(tmp_path / 'run.npz', trajectory, summary)

@@ -1,4 +1,4 @@
-"""Who is in command, and that nobody is for half a second in between."""
+"""The source in command, and the pause of half a second between sources."""
 
 import pytest
 from hypothesis import strategies as st
@@ -45,7 +45,7 @@ def drives(source, newest, now):
 
 
 @given(steps)
-def test_the_sticks_are_those_of_a_source_that_speaks_or_neutral(events):
+def test_the_sticks_are_those_of_a_live_source_or_neutral(events):
     for now, command, newest in play(events):
         if command.source == SCENARIO:
             assert command.sticks == PLAYED
@@ -56,7 +56,7 @@ def test_the_sticks_are_those_of_a_source_that_speaks_or_neutral(events):
 
 
 @given(steps)
-def test_no_source_of_higher_priority_is_kept_waiting(events):
+def test_a_source_of_higher_priority_never_waits(events):
     for now, command, newest in play(events):
         higher = LIVE_SOURCES[: RANK[command.source]]
         assert not any(drives(source, newest, now) for source in higher)
@@ -81,7 +81,7 @@ def test_without_a_live_input_the_scenario_acts_as_it_is(signals):
         assert arbiter.select(number * 0.02, signal) == (SCENARIO, signal)
 
 
-def test_a_source_that_falls_silent_is_neutral_at_once_and_free_after_the_pause():
+def test_a_silent_source_is_neutral_at_once_and_replaced_after_the_pause():
     arbiter = Arbiter()
     arbiter.report(JOY, (-50, 0), 0.0)
     assert arbiter.select(0.5, PLAYED) == (JOY, (-50, 0))
@@ -117,7 +117,7 @@ def test_a_neutral_source_does_not_keep_the_scenario_from_acting(source):
     assert arbiter.select(0.0, PLAYED) == (SCENARIO, PLAYED)
 
 
-def test_without_a_scenario_its_signals_are_nobodys():
+def test_without_a_scenario_nobody_is_in_command():
     assert Command(SCENARIO, NEUTRAL).source_name('') == NO_SOURCE
     assert Command(SCENARIO, PLAYED).source_name('stationary') == SCENARIO
     assert (

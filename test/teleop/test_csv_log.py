@@ -1,4 +1,4 @@
-"""The data log as CSV: its form, a file a run, and what is refused."""
+"""The data log as CSV: its format, one file per run, and refused paths."""
 
 from pathlib import Path
 

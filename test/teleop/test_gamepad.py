@@ -1,4 +1,4 @@
-"""A gamepad that comes and goes, by a library that is made up; and what the real one needs."""
+"""A gamepad that is connected and removed, with a fake library; and tests of the real one."""
 
 import contextlib
 import threading
@@ -53,7 +53,7 @@ class FakeBackend:
 
 
 class Listener:
-    """What a gamepad tells."""
+    """Stores the reports of a gamepad."""
 
     def __init__(self):
         self.states, self.gone, self.problems = [], 0, []
@@ -118,7 +118,7 @@ def test_a_pad_is_chosen_by_name_or_number(open_gamepad, listener, wanted, name)
     assert gamepad.name == name
 
 
-def test_a_pad_that_is_not_wanted_is_left_alone(open_gamepad, listener):
+def test_an_unwanted_pad_is_left_alone(open_gamepad, listener):
     backend = FakeBackend(PAD)
     open_gamepad('plain', backend)
     wait_for(lambda: backend.polls > 5)
@@ -129,7 +129,7 @@ def test_a_pad_that_is_not_wanted_is_left_alone(open_gamepad, listener):
     ('device', 'broken', 'told'),
     [(UNKNOWN, (), f'Strange Thing: {NO_MAPPING}'), (PAD, (PAD,), 'Fancy Pad: permission denied')],
 )
-def test_a_pad_that_cannot_be_used_is_named_once_and_another_is_taken(
+def test_an_unusable_pad_is_reported_once_and_another_is_opened(
     open_gamepad, listener, device, broken, told
 ):
     backend = FakeBackend(device, broken=broken)
@@ -140,7 +140,7 @@ def test_a_pad_that_cannot_be_used_is_named_once_and_another_is_taken(
     wait_for(lambda: listener.states)
 
 
-def test_the_list_tells_number_name_and_mapping():
+def test_the_list_shows_number_name_and_mapping():
     assert device_list.describe([]) == ['no gamepad found']
     assert device_list.describe([UNKNOWN, OTHER]) == [
         f'0  Strange Thing  {NO_MAPPING}',
@@ -179,7 +179,7 @@ def test_a_virtual_pad_is_read_end_to_end(open_gamepad, listener):
         e.EV_ABS: [(code, axis) for code in (e.ABS_X, e.ABS_Y, e.ABS_RX, e.ABS_RY)],
         e.EV_KEY: [e.BTN_SOUTH, e.BTN_EAST, e.BTN_NORTH, e.BTN_WEST, e.BTN_TL, e.BTN_TR],
     }
-    # The identity of a pad that SDL knows.
+    # The identifier of a pad that SDL knows.
     identity = {'name': 'Microsoft X-Box 360 pad', 'vendor': 0x045E, 'product': 0x028E}
     with evdev.UInput(abilities, version=0x110, **identity) as device:
         open_gamepad('360', SdlBackend())

@@ -1,4 +1,4 @@
-"""Errors of inputs: each is seen at least once, and none twice at a time."""
+"""Input errors: each is reported at least once, and an input has only one at a time."""
 
 from ballbot_ros.teleop.input_errors import InputErrors
 
@@ -17,7 +17,7 @@ def test_an_error_stays_until_it_is_cleared_and_was_reported():
     assert errors.add('joy', 'axis 1 is inf')
 
 
-def test_what_goes_wrong_again_before_the_report_stays():
+def test_an_error_that_recurs_before_the_report_stays():
     errors = InputErrors()
     errors.add('joy', 'axis 1 is nan')
     errors.clear('joy')

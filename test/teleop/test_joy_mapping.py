@@ -1,4 +1,4 @@
-"""From axes and buttons to sticks: signs, dead zone, enabling, and what is refused."""
+"""From axes and buttons to sticks: signs, dead zone, enabling, and refused messages."""
 
 import math
 
@@ -33,7 +33,7 @@ def pressed(*numbers):
         (-1.0, 0.0, (100, 0)),
         (0.0, 1.0, (0, -100)),  # left is positive in joy
         (0.0, -1.0, (0, 100)),
-        (0.525, -0.525, (-50, 50)),  # half of what the dead zone leaves
+        (0.525, -0.525, (-50, 50)),  # half of the range outside the dead zone
         (0.05, -0.05, (0, 0)),
         (1.0000001, -1.0000001, (-100, 100)),
     ],
@@ -81,19 +81,19 @@ def test_the_turbo_button_enables_with_its_own_scales():
 @pytest.mark.parametrize(
     ('given_axes', 'buttons', 'told'),
     [
-        ([0.0], BUTTONS, 'axis 1 not found, only 1 axes'),
-        ([], BUTTONS, 'axis 1 not found, only 0 axes'),
+        ([0.0], BUTTONS, 'axis 1 not found: the input has only 1 axes'),
+        ([], BUTTONS, 'axis 1 not found: the input has only 0 axes'),
         (axes(math.nan), BUTTONS, 'axis 1 is nan, not within -1 … 1'),
         (axes(0.0, math.inf), BUTTONS, 'axis 2 is inf, not within -1 … 1'),
         (axes(-1.5), BUTTONS, 'axis 1 is -1.5, not within -1 … 1'),
-        (axes(), [0, 0], 'button 9 not found, only 2 buttons'),
+        (axes(), [0, 0], 'button 9 not found: the input has only 2 buttons'),
     ],
 )
-def test_messages_of_no_use_are_refused(given_axes, buttons, told):
+def test_unusable_messages_are_refused(given_axes, buttons, told):
     with pytest.raises(TeleopError) as raised:
         mapping(require_enable_button=True).sticks(given_axes, buttons)
     assert str(raised.value) == told
 
 
-def test_what_is_not_used_may_be_missing():
+def test_unused_axes_and_buttons_may_be_missing():
     assert mapping(axis_rightward=-1).sticks([0.0, 1.0], []) == (-100, 0)

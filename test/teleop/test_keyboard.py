@@ -1,4 +1,4 @@
-"""Keys that are pressed and repeated, and never seen to be released."""
+"""Keys that are pressed and repeated, without reports of their release."""
 
 import pytest
 from hypothesis import strategies as st
@@ -54,7 +54,7 @@ def test_hold_keeps_the_direction_until_stop_or_another_arrow(keys):
     assert keys.sticks(61.1) == (0, 0)
 
 
-def test_nothing_held_is_nothing_to_hold(keys):
+def test_hold_has_no_effect_without_a_direction(keys):
     keys.arrow('up', 0.0)
     keys.hold(1.0)
     assert not keys.holds

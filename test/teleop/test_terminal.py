@@ -1,4 +1,4 @@
-"""The terminal that is driven from; what a user sees of it is tested with `ballbot drive`."""
+"""Driving from a terminal; test/cli/test_drive.py tests what the user sees."""
 
 import subprocess
 import sys
@@ -10,11 +10,11 @@ from graph import LAST_RESORT_S
 pytest.importorskip('prompt_toolkit')
 
 
-def test_a_terminal_that_vanishes_in_the_midst_of_a_line_is_gone():
+def test_a_terminal_that_vanishes_in_the_middle_of_a_line_is_detected():
     program = Path(__file__).with_name('vanishing_terminal.py')
     done = subprocess.run(
         [sys.executable, program],
-        start_new_session=True,  # It takes the terminal of its own.
+        start_new_session=True,  # It replaces its own terminal.
         timeout=LAST_RESORT_S,
         check=True,
         stdout=subprocess.PIPE,

@@ -1,4 +1,4 @@
-"""From a velocity to sticks, by what the controller makes of a stick."""
+"""From a velocity to sticks, the inverse of the controller's mapping."""
 
 import math
 
@@ -15,7 +15,7 @@ FULL = MAPPING.full_speed
 finite = st.floats(allow_nan=False, allow_infinity=False)
 
 
-def test_the_full_stick_is_the_speed_that_the_controller_makes_of_it():
+def test_a_full_stick_is_the_controllers_full_speed():
     assert pytest.approx(0.1724, abs=1e-4) == FULL
 
 
@@ -36,7 +36,7 @@ def test_velocities_become_sticks(forward, left, sticks):
 
 
 @given(finite, finite)
-def test_no_velocity_asks_for_more_than_a_full_stick(forward, left):
+def test_no_velocity_exceeds_a_full_stick(forward, left):
     assert all(abs(value) <= 100 for value in MAPPING.sticks(forward, left))
 
 
@@ -44,17 +44,17 @@ def test_no_velocity_asks_for_more_than_a_full_stick(forward, left):
 def test_the_direction_stays(speed, angle):
     forward, left = speed * math.cos(angle), speed * math.sin(angle)
     vertical, horizontal = MAPPING.sticks(forward, left)
-    # Two vectors point the same way within what rounding to whole sticks allows.
+    # Two vectors have the same direction within the rounding of the sticks.
     assert abs(-vertical * left - -horizontal * forward) <= 0.5 * (abs(forward) + abs(left)) + 1e-9
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
-def test_what_is_not_finite_is_refused(value):
+def test_velocities_that_are_not_finite_are_refused(value):
     with pytest.raises(TeleopError, match=rf'linear.x is {value:g}, not a finite number'):
         MAPPING.sticks(value, 0.0)
     with pytest.raises(TeleopError, match=rf'linear.y is {value:g}, not a finite number'):
         MAPPING.sticks(0.0, value)
 
 
-def test_a_controller_that_makes_nothing_of_a_stick_gets_none():
+def test_with_zero_speed_gain_the_sticks_stay_neutral():
     assert VelocityMapping(0.0, 0.026, 100).sticks(1.0, 1.0) == (0, 0)

@@ -1,4 +1,4 @@
-"""Has its terminal vanish in the midst of a line above the panel; says 'gone' when it is told."""
+"""Closes its terminal in a line above the panel; prints 'gone' when this is reported."""
 
 import fcntl
 import os
@@ -34,7 +34,7 @@ reset = Renderer.reset
 
 
 def hang_up(*arguments, **options):
-    # The panel has just been taken away, to make room for the line.
+    # The panel has just been erased, to make room for the line.
     Renderer.reset = reset
     os.close(ours)
     reset(*arguments, **options)

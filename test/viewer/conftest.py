@@ -1,4 +1,4 @@
-"""A recorded run to look at."""
+"""A recorded run to show."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Who is let in to the page, and who may steer."""
+"""Access to the page, and permission to steer."""
 
 import pytest
 from hypothesis import example, given
@@ -29,7 +29,7 @@ NAMED = AccessPolicy('lab.example', 'robot', 'secret')
         (NAMED, ('192.0.2.7', 8080), '192.0.2.7:8080'),
     ],
 )
-def test_whoever_calls_this_machine_by_its_names_comes_in(policy, at, host):
+def test_requests_under_the_names_of_this_machine_are_answered(policy, at, host):
     assert policy.allows([host], [], at)
     assert policy.allows([host], [f'http://{host}'], at)
     assert not policy.allows([host], ['null'], at)
@@ -56,11 +56,11 @@ def test_whoever_calls_this_machine_by_its_names_comes_in(policy, at, host):
         (NAMED, ['evil.lab.example:8080']),
     ],
 )
-def test_whoever_calls_it_otherwise_does_not(policy, hosts):
+def test_requests_under_other_names_are_refused(policy, hosts):
     assert not policy.allows(hosts, [], ('127.0.0.1', 8080))
 
 
-def test_a_page_at_another_port_or_name_of_this_machine_is_another():
+def test_a_page_at_another_port_or_name_of_this_machine_is_foreign():
     for origin in ('http://127.0.0.1:9000', 'http://localhost:8080', 'http://127.0.0.1'):
         assert not LOCAL.allows(['127.0.0.1:8080'], [origin], ('127.0.0.1', 8080))
 
@@ -68,7 +68,7 @@ def test_a_page_at_another_port_or_name_of_this_machine_is_another():
 @given(st.text())
 @example('127.0.0.1:8080 ')
 @example('[::1]')
-def test_no_other_name_comes_in(host):
+def test_no_other_name_is_accepted(host):
     served = {'127.0.0.1:8080', 'localhost:8080', '[::1]:8080'}
     assert LOCAL.allows([host], [], ('127.0.0.1', 8080)) == (host.lower() in served)
 
@@ -105,7 +105,7 @@ def test_the_address_has_the_token(policy, address):
     assert policy.address(8080) == address
 
 
-def test_a_page_connects_to_where_it_comes_from():
+def test_a_page_connects_to_its_own_address():
     page = '/?websocket=ws://localhost:8080/?token=secret'
     for target in ('/?token=secret', page, '/?websocket=ws://127.0.0.1:8080/?token=secret'):
         assert LOCAL.page('localhost:8080', target) == page

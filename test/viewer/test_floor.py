@@ -16,7 +16,7 @@ maps = arrays.arrays(
 
 
 def painted(floor_map, rectangles):
-    """Count how often each cell is covered."""
+    """Return the number of rectangles that cover each cell."""
     count = np.zeros_like(floor_map.cells, int)
     for left, bottom, right, top in rectangles:
         columns = [round(x / CELL_M + floor_map.columns / 2) for x in (left, right)]

@@ -1,4 +1,4 @@
-"""Foreign pages, and clients without the token, at a page that is served."""
+"""Foreign pages, and clients without the token, on a served page."""
 
 import collections
 import contextlib
@@ -39,7 +39,7 @@ UPGRADE = {
 FOREIGN = 'evil.example'
 FIELDS_OF_VIEW = itertools.count(0.5, 0.001)
 
-# Sends the messages; tells whether the server has answered, or has refused the connection.
+# Sends the messages; reports whether the server has answered or refused the connection.
 PRESS = """([address, protocol, messages]) => new Promise(resolve => {
   const socket = new WebSocket(address, [protocol]);
   socket.onopen = () => messages.forEach(each => socket.send(Uint8Array.from(each)));
@@ -49,7 +49,7 @@ PRESS = """([address, protocol, messages]) => new Promise(resolve => {
 
 
 class Served:
-    """A page with controls; notes what is asked of the robot."""
+    """A page with controls, which stores the requests to the robot."""
 
     def __init__(self):
         self.robot = StubRobot()
@@ -74,12 +74,12 @@ class Served:
             return connection.getresponse().status
 
     def set(self, name, /, **updates):
-        """Return the message by which a browser changes a control."""
+        """Return a browser's message that changes a control."""
         return _messages.GuiUpdateMessage(self.inputs[name]._impl.uuid, updates)
 
 
 def camera(fov, **changes):
-    """Return the message by which a browser tells its camera; it introduces itself with one."""
+    """Return a browser's message about its camera, which is also its first message."""
     message = _messages.ViewerCameraMessage(
         wxyz=(1.0, 0.0, 0.0, 0.0), position=(0.0, 0.0, 1.0), fov=fov, near=0.01, far=1000.0,
         image_height=400, image_width=600, look_at=(0.0, 0.0, 0.0), up_direction=(0.0, 0.0, 1.0),
@@ -100,7 +100,7 @@ def served():
 
 @contextlib.contextmanager
 def client(served, query=''):
-    """Connect without a browser; yield a function that sends, and returns when all is handled."""
+    """Connect without a browser; yield a function that sends messages and awaits their handling."""
 
     def send(*messages, **changes):
         fov = next(FIELDS_OF_VIEW)
@@ -131,7 +131,7 @@ def test_foreign_pages_are_refused(served):
 
 
 @pytest.mark.parametrize('query', ['', '?token=', '?token=wrong'])
-def test_a_client_without_the_token_changes_nothing(served, query, monkeypatch):
+def test_a_client_without_the_token_can_not_change_anything(served, query, monkeypatch):
     shared = []
     monkeypatch.setattr(served.server, 'request_share_url', lambda: shared.append('shared'))
     force, drive = served.inputs['Force [N]'], served.inputs['Drive forward']
@@ -157,7 +157,7 @@ def test_a_client_without_the_token_changes_nothing(served, query, monkeypatch):
 
 @pytest.mark.filterwarnings('ignore:.*does not match annotation')
 @pytest.mark.parametrize('changes', [{'image_height': 0}, {'image_width': 0}, {'position': ()}])
-def test_a_camera_that_is_none_ends_nothing(served, changes):
+def test_an_invalid_camera_does_not_end_the_server(served, changes):
     snapshot = Snapshot(0.0, (0.0, 0.0), (0.0, 0.0))
     with client(served) as hostile, client(served):
         wait_for(lambda: len(served.page._views) == 2, what='the welcome')
@@ -166,13 +166,13 @@ def test_a_camera_that_is_none_ends_nothing(served, changes):
         assert len(served.page._aspects) == 1  # the other's camera is pointed
 
 
-def test_a_viser_that_serves_in_another_way_serves_nothing(monkeypatch):
+def test_a_viser_with_another_server_start_is_refused(monkeypatch):
     websockets = SimpleNamespace(**vars(_infra.websockets))
     websockets.asyncio = SimpleNamespace(
         server=SimpleNamespace(**vars(_infra.websockets.asyncio.server))
     )
     monkeypatch.setattr(_infra, 'websockets', websockets)
-    with pytest.raises(ViewerError, match='can not be guarded'):
+    with pytest.raises(ViewerError, match='access control does not support viser'):
         Served()
 
 
@@ -201,7 +201,7 @@ def foreign_site():
 
 @pytest.fixture
 def foreign_browser(needs_browser):
-    """A browser that a foreign name leads to this machine."""
+    """A browser in which a foreign name points to this machine."""
     from playwright.sync_api import sync_playwright
 
     flags = ['--no-sandbox', f'--host-resolver-rules=MAP {FOREIGN} 127.0.0.1']
@@ -223,10 +223,10 @@ def test_no_foreign_page_in_a_browser_steers(served, foreign_site, foreign_brows
 
     for site in (f'127.0.0.1:{foreign_site}', f'{FOREIGN}:{foreign_site}'):
         page.goto(f'http://{site}/')
-        for target in ('', f'?{query}'):  # even one that has come by the token
+        for target in ('', f'?{query}'):  # even one that has obtained the token
             assert press(f'ws://{served.place}/{target}') == 'refused'
 
-    answer = page.goto(f'http://{FOREIGN}:{port}/')  # the name has come to mean this machine
+    answer = page.goto(f'http://{FOREIGN}:{port}/')  # the name now points to this machine
     assert answer.status == 403
     assert page.evaluate('location.origin') == f'http://{FOREIGN}:{port}'
     assert press(f'ws://{FOREIGN}:{port}/?{query}') == 'refused'
@@ -241,7 +241,7 @@ def test_no_foreign_page_in_a_browser_steers(served, foreign_site, foreign_brows
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_with_the_token_a_page_steers_without_it_only_shows(served, needs_browser):
+def test_a_page_steers_with_the_token_and_only_shows_without_it(served, needs_browser):
     with browsing(served.address) as browser:
         browser.press('Pause')
         wait_until(lambda: served.robot.asked == [('pause', True)], browser)
@@ -263,7 +263,7 @@ def test_with_the_token_a_page_steers_without_it_only_shows(served, needs_browse
         assert len(served.robot.asked) == 2
 
 
-def test_what_is_no_message_costs_its_sender_the_connection_and_a_line(served, caplog):
+def test_invalid_data_closes_the_connection_with_one_line(served, caplog):
     with client(served) as other:
         with connect(f'ws://{served.place}/', subprotocols=[PROTOCOL]) as socket:
             socket.send(b'\xc1')
@@ -277,7 +277,7 @@ def test_what_is_no_message_costs_its_sender_the_connection_and_a_line(served, c
 
 
 class WaitersByThread(collections.deque):
-    """Notes which threads look for somebody to wake."""
+    """Stores the threads that look for waiters."""
 
     def __init__(self, waiters, threads):
         super().__init__(waiters)
@@ -288,8 +288,8 @@ class WaitersByThread(collections.deque):
         return super().__iter__()
 
 
-def test_a_message_wakes_connections_in_the_loop_of_the_server_alone(served):
-    """A thread that went through those that wait met one that left, and the viewer ended."""
+def test_connections_are_woken_only_in_the_event_loop(served):
+    """In another thread, iterating over the waiters could collide with one that leaves."""
     server = served.server._websock_server
     with client(served), client(served):
         own = [state.message_buffer for state in server._client_state_from_id.values()]

@@ -1,4 +1,4 @@
-"""Markers and transforms: where the viewer's scene has the parts, for tools of other makers."""
+"""Markers and transforms for other tools: the parts are where the viewer's scene has them."""
 
 import math
 
@@ -52,7 +52,7 @@ def new_marker():
 
 
 def markers_at(markers, snapshot, *, whole=False):
-    """Return the markers as they come off the wire, by namespace and number."""
+    """Return the markers as received, by namespace and number."""
     markers.follow(snapshot)
     poses = poses_in_map(FRAMES.at(snapshot.position, snapshot.psi))
     message = new_message(ARRAY)
@@ -78,7 +78,7 @@ def placed(position, rotation):
 
 
 def scene(position, psi):
-    """Where the viewer's scene has each link in ``map``: the body's frames hang in the body."""
+    """Return the pose of each link in ``map``; the scene has the body's frames below the body."""
     centre = (position[0], -position[1], DIMENSIONS.ball_radius)
     body = placed(centre, body_orientation(psi))
     wheels = zip(
@@ -98,7 +98,7 @@ MARKERS = RobotMarkers(DIMENSIONS, new_marker)
 
 
 @given(positions, pitches)
-def test_parts_are_where_the_scene_has_them(position, psi):
+def test_parts_are_at_the_same_places_as_in_the_scene(position, psi):
     links = scene(position, psi)
     snapshot = Snapshot(1.0, position, psi)
     sent = MARKERS.at(snapshot, poses_in_map(FRAMES.at(position, psi)), whole=False)
@@ -178,7 +178,7 @@ def test_a_new_run_deletes_everything_first():
     assert again.keys() == first.keys()
 
 
-def test_the_beam_is_as_long_as_the_distance_told():
+def test_the_beam_is_as_long_as_the_measured_distance():
     markers = RobotMarkers(DIMENSIONS, new_marker)
     beam = markers_at(markers, still(1.0, sonar=0.75))[SONAR, 0]
     assert beam.action == ADD
@@ -193,13 +193,13 @@ def test_the_beam_is_as_long_as_the_distance_told():
 @pytest.mark.parametrize(
     ('cone_angle', 'drawn'), [(0.52, 0.52), (0.0, math.radians(1.0)), (0.01, math.radians(1.0))]
 )
-def test_the_cone_is_drawn_as_wide_as_it_is_and_a_single_ray_is_still_seen(cone_angle, drawn):
+def test_the_cone_has_its_opening_and_a_single_ray_is_still_visible(cone_angle, drawn):
     markers = RobotMarkers(DIMENSIONS, new_marker)
     beam = markers_at(markers, still(1.0, sonar=2.0, cone_angle=cone_angle))[SONAR, 0]
     assert max(point.y for point in beam.points) == pytest.approx(2.0 * math.tan(drawn / 2))
 
 
-def test_the_text_tells_state_and_display():
+def test_the_text_shows_state_and_display():
     markers = RobotMarkers(DIMENSIONS, new_marker)
     text = markers_at(markers, still(1.0, state='balance', lcd='NXT BALLBOT     \n\nTIME: 1'))
     assert text['text', 0].text == 'balance\nNXT BALLBOT\nTIME: 1'
@@ -218,14 +218,14 @@ def test_the_trail_follows_the_ball_and_is_bounded():
     assert trail.action == ADD
     assert len(trail.points) == TRAIL_POINTS
     assert (trail.points[-1].x, trail.points[-1].y) == (positions[-1][0], -positions[-1][1])
-    # It is told again only when it has grown, or when everything is.
+    # It is published again only when it has grown, or together with everything.
     assert ('trail', 0) not in markers_at(markers, end)
     assert ('trail', 0) in markers_at(markers, end, whole=True)
     markers.begin(None)
     assert markers_at(markers, end)['trail', 0].action == DELETE
 
 
-def test_walls_stand_on_the_floor_and_are_told_now_and_then():
+def test_walls_stand_on_the_floor_and_are_published_periodically():
     cells = np.full((20, 30), FLOOR, np.uint8)
     cells[0], cells[5:9, 4:6] = WALL, WALL
     floor_map = FloorMap(cells)

@@ -1,4 +1,4 @@
-"""The page in a browser: live beside a graph, and from a file."""
+"""The page in a browser: live with a graph, and from a file."""
 
 import contextlib
 import itertools
@@ -66,8 +66,8 @@ def unread(port):
         yield
 
 
-class GroundTruth:
-    """What the graph tells while the browser is busy."""
+class GraphRecorder:
+    """Records the graph's messages while the browser is busy."""
 
     def __init__(self, domain):
         self.client = Client(domain)
@@ -118,7 +118,7 @@ def start_viewer(start_node, **parameters):
 
 
 def spots(points, view, browser):
-    """Return rows and columns of points in the picture of a view, as far as they are in it."""
+    """Return rows and columns of those points that are in the picture of a view."""
     size, scene = browser.canvas_size(), browser.scene
     still = Snapshot(0.0, (START[0], -START[1]), (0.0, 0.0))
     stand = camera(view, still, DIMENSIONS, Area.of(TRACK), size[0] / size[1])
@@ -137,7 +137,7 @@ def spots(points, view, browser):
 
 
 def cells_about(x, y):
-    """Return what the floor is within 8 cm."""
+    """Return the types of the floor's cells within 8 cm."""
     column = round(x / CELL_M + TRACK.columns / 2)
     row = round(TRACK.rows / 2 - y / CELL_M)
     return TRACK.cells[row - 8 : row + 9, column - 8 : column + 9]
@@ -157,11 +157,11 @@ ROBOT_PARTS = [
 ]
 
 
-def shows_what_it_should(browser, view):
-    """Tell whether lines and robot are dark and the floor is bright where the view has them.
+def shows_lines_robot_and_floor(browser, view):
+    """Return whether lines and robot are dark and the floor is bright in the view.
 
-    Of the floor the robot, its shadow and the walls hide a part, of the robot's dark parts the
-    bright ones.
+    The robot, its shadow and the walls hide a part of the floor; the robot's bright parts hide some
+    of its dark ones.
     """
     picture = browser.picture()
     lines, floor, robot = (
@@ -177,16 +177,16 @@ def shows_what_it_should(browser, view):
 @pytest.mark.graph
 @pytest.mark.timeout(600)
 def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
-    with running(domain, *DRIVE), GroundTruth(domain) as truth:
+    with running(domain, *DRIVE), GraphRecorder(domain) as truth:
         viewer, address = start_viewer(start_node, port=0)
         port = urlsplit(address).port
-        # What stands still is not drawn, so pages load sooner.
+        # A robot at rest is not redrawn, so pages load sooner.
         truth.pause_when_calibrated()
         with browsing(address) as browser:
             browser.wait_for_text('remote')
             for key, view in enumerate(VIEWS, 1):
                 browser.choose(f'{key} {TITLES[view]}')
-                wait_until(lambda view=view: shows_what_it_should(browser, view), browser)
+                wait_until(lambda view=view: shows_lines_robot_and_floor(browser, view), browser)
             browser.press('Run')
             push_makes_it_lean(browser, truth)
             stick_drives_it(browser, truth)
@@ -211,7 +211,9 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             viewer.wait()
             _, address = start_viewer(start_node, port=port)
             wait_until(lambda: (browser.shown_time() or 0.0) > shown, browser)
-            browser.wait_for_text('This page can only watch')  # its token was the other viewer's
+            browser.wait_for_text(
+                'This page can only watch'
+            )  # its token was that of the other viewer
             browser.page.goto(address)
             browser.wait_for_text('state')
             pause_holds_it(browser)
@@ -228,7 +230,7 @@ def push_makes_it_lean(browser, truth):
 
 
 def hold_stick(browser, truth):
-    """Hold a button; one that still moves as its folder opens is missed, so press again."""
+    """Hold a button; press again if it was still moving while its folder opened."""
     browser.open('Sticks (hold)')
 
     def is_driven():
@@ -279,14 +281,15 @@ def test_a_recorded_run_follows_its_slider(recording, domain):
             wait_until(lambda: browser.shown_time() < 9.99, browser)
             assert browser.tones() in (0, before)
             slider.press('Home')
-            # The page sends where a slider is now and then, so Play could come before it.
+            # The page reports the position of a slider only periodically, so Play could arrive
+            # before it.
             wait_until(lambda: browser.shown_time() == 0.0, browser)
             browser.press('Play')
             wait_until(lambda: browser.tones() > before, browser)
             wait_until(
                 lambda: browser.page.locator('audio').evaluate('a => a.currentTime > 0'), browser
             )
-            # The texts follow the tone, so the time counts once it stands still.
+            # The texts follow the tone, so the time is compared once it is constant.
             browser.press('Pause')
             wait_until(lambda: stands_still(browser), browser)
             assert 1.0 <= browser.shown_time() < 9.0
@@ -295,8 +298,8 @@ def test_a_recorded_run_follows_its_slider(recording, domain):
         assert process.wait(LAST_RESORT_S) == 0
 
 
-def test_a_browser_that_stops_reading_holds_up_nobody(recording):
-    """Its connection is full: what is shown goes on, and only the newest of it is kept."""
+def test_a_browser_that_stops_reading_does_not_block_others(recording):
+    """Its connection is full: the display continues, and only the newest content is kept for it."""
     run = PlaybackRun(recording)
     page = Page(run.dimensions, 'test', '127.0.0.1', 0)
     recording_page = RecordingPage(page, [run])

@@ -1,7 +1,6 @@
-"""The five views, compared with pictures that somebody has looked at.
+"""The five views, compared with reference pictures checked by eye.
 
-To renew them after a change of the scene, delete them, run this test, and look at what it has
-made.
+To renew them after a change of the scene, delete them, run this test, and check the new ones.
 """
 
 from pathlib import Path
@@ -37,7 +36,7 @@ def difference(a, b):
 
 
 @pytest.mark.parametrize('view', VIEWS)
-def test_a_view_is_as_it_was(view, pictures):
+def test_a_view_equals_its_reference_picture(view, pictures):
     path = REFERENCE / f'{view}.png'
     if not path.exists():
         pictures[view].save(path)
@@ -45,7 +44,7 @@ def test_a_view_is_as_it_was(view, pictures):
     assert difference(pictures[view], Image.open(path)) < TOLERANCE
 
 
-def test_no_view_is_like_another(pictures):
+def test_all_views_differ(pictures):
     for view in VIEWS:
         others = [difference(pictures[view], pictures[other]) for other in VIEWS if other != view]
         assert min(others) > 2.0 * TOLERANCE

@@ -1,4 +1,4 @@
-"""Recorded runs at any time, the clock that plays them, and what a user is told."""
+"""Recorded runs at any time, their playback clock, and the messages to the user."""
 
 import json
 import socket
@@ -45,7 +45,7 @@ def test_state_display_and_battery_follow_the_time(run):
     assert run.snapshot(8.0).battery == pytest.approx(8.0)
 
 
-def test_a_tone_is_found_in_the_stretch_that_is_played(run):
+def test_a_tone_is_found_in_the_played_interval(run):
     assert run.tone(1.1, 9.0) is run.tone(0.9, 1.0) is run.tone(1.0, 1.0) is None
     assert run.tone(1.0, 1.02) == run.tone(0.9, 1.1) == Tone(440, 500, 70)
 
@@ -97,8 +97,8 @@ def test_sticks_count_while_they_are_held():
     assert sticks.value(1.0) is None
 
 
-def test_a_page_that_tells_once_a_second_does_not_drive():
-    """So browsers hold back a page that nobody sees; whether it is still held nobody knows."""
+def test_a_page_that_reports_once_a_second_does_not_drive():
+    """Browsers slow hidden pages down to this rate, which can't tell whether a stick is held."""
     sticks = OnScreenSticks()
     for tenth in range(50):
         if tenth % 10 == 0:
@@ -120,7 +120,7 @@ def test_a_taken_port_is_one_line():
         check_address('host.invalid', 0)
 
 
-def test_an_address_of_version_6_stands_in_brackets():
+def test_an_ipv6_address_is_in_brackets():
     assert url_authority('127.0.0.1', 80) == '127.0.0.1:80'
     assert url_authority('::1', 80) == '[::1]:80'
 
@@ -160,7 +160,7 @@ def test_a_mistake_is_one_line(words, told, monkeypatch, capsys, tmp_path):
     assert error.count('\n') == 1
 
 
-def test_a_time_that_is_not_in_the_run_is_refused(recording, tmp_path, monkeypatch, capsys):
+def test_a_time_outside_the_run_is_refused(recording, tmp_path, monkeypatch, capsys):
     from ballbot_ros.cli.main import main
 
     monkeypatch.setattr('ballbot_ros.cli.render.browser_program', str)
@@ -172,7 +172,7 @@ def test_a_time_that_is_not_in_the_run_is_refused(recording, tmp_path, monkeypat
         assert f'--time {time}: the run ends at' in capsys.readouterr().err
 
 
-def test_a_film_that_is_interrupted_leaves_what_was_there(run, tmp_path, monkeypatch):
+def test_an_interrupted_film_leaves_the_existing_file(run, tmp_path, monkeypatch):
     from ballbot_ros.viewer import render
 
     def interrupted(*_):
@@ -202,7 +202,7 @@ def test_without_viser_there_is_a_hint(monkeypatch, capsys, recording):
 
 
 def test_json_of_a_run_names_no_viewer(recording):
-    """The page is no part of what a run depends on: its parameters are not recorded."""
+    """A run does not depend on the page, so its parameters are not recorded."""
     from ballbot_ros.recording.reader import RecordingReader
 
     with RecordingReader(recording) as reader:

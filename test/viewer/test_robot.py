@@ -1,4 +1,4 @@
-"""Where the robot's parts are, and what the camera sees of them."""
+"""The positions of the robot's parts, and the views of the cameras."""
 
 import math
 
@@ -25,7 +25,7 @@ def snapshot(position=(0.0, 0.0), psi=(0.0, 0.0), time=1.0):
     return Snapshot(time, position, psi)
 
 
-def test_orientation_is_the_one_that_the_imu_message_tells():
+def test_the_orientation_is_that_of_the_imu_message():
     class Message:
         class orientation:  # noqa: N801
             w, x, y, z = body_orientation((0.2, -0.1))
@@ -33,7 +33,7 @@ def test_orientation_is_the_one_that_the_imu_message_tells():
     assert body_pitch(Message) == pytest.approx((0.2, -0.1))
 
 
-def test_a_forward_lean_brings_the_head_forward_and_a_rightward_lean_right():
+def test_a_forward_lean_moves_the_head_forward_and_a_rightward_lean_right():
     head = (0.0, 0.0, 1.0)
     assert rotate_vector(body_orientation((0.3, 0.0)), head)[0] > 0.0
     assert rotate_vector(body_orientation((0.0, 0.3)), head)[1] < 0.0
@@ -54,7 +54,7 @@ def test_the_top_of_a_rolling_ball_moves_where_it_rolls():
 
 
 def test_wheels_turn_without_slip():
-    """Where wheel and ball touch, both move alike: at the ball's equator, up or down."""
+    """Where they touch, at the ball's equator, wheel and ball have the same velocity."""
     angle = 1e-4
     orientation = RollingOrientation(DIMENSIONS)
     place = angle * DIMENSIONS.ball_radius
@@ -79,7 +79,7 @@ def test_the_parts_stand_on_the_floor():
             assert part.position[2] > -DIMENSIONS.ball_radius
 
 
-def test_tracking_views_go_with_the_robot_and_the_others_do_not():
+def test_only_tracking_views_follow_the_robot():
     area = Area.of(None)
     for view in VIEWS:
         here, there = (
@@ -90,7 +90,7 @@ def test_tracking_views_go_with_the_robot_and_the_others_do_not():
         assert there - here == pytest.approx(moved)
 
 
-def test_each_view_stands_where_the_document_says():
+def test_each_camera_is_where_the_document_says():
     area = Area.of(None)
     seen = {view: camera(view, snapshot(), DIMENSIONS, area, 1.5) for view in VIEWS}
     assert seen[TOP].position[2] > 2.0
@@ -112,7 +112,7 @@ def test_the_history_holds_the_last_seconds():
     assert history.trace().shape == (0, 8)
 
 
-def test_the_trail_goes_on_however_long_it_is():
+def test_the_trail_continues_at_any_length():
     history = History()
     history.add(snapshot(time=0.5))
     history.add(snapshot((0.001, 0.0), time=0.6))
@@ -123,7 +123,7 @@ def test_the_trail_goes_on_however_long_it_is():
     assert history.trail()[-1] == (0.02 * step, -0.01 * step)
 
 
-def test_a_leap_back_begins_anew():
+def test_a_jump_back_restarts_the_history():
     history = History()
     for time in (5.0, 6.0, 2.0, 3.0):
         history.add(snapshot((time, 0.0), time=time))

@@ -62,7 +62,7 @@ def pose(part):
     return matrix
 
 
-def test_every_part_is_there_where_the_table_has_it():
+def test_every_part_is_where_the_table_has_it():
     robot = load()
     for link in LINKS:
         visuals = robot.link_map[link].visuals
@@ -99,7 +99,7 @@ pairs = st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
 
 @given(pairs, pairs)
 def test_motor_angles_turn_the_wheels_as_the_motion_does(position, psi):
-    """With the angles of ``plant/joint_states``: θm = k (θ − ψ)."""
+    """The angles are those of ``plant/joint_states``: θm = k (θ − ψ)."""
     ratio = DIMENSIONS.ball_radius / DIMENSIONS.wheel_radius
     angles = [
         ratio * (coordinate / DIMENSIONS.ball_radius - pitch)
@@ -129,7 +129,7 @@ def test_masses_and_inertias_are_those_of_the_model():
 
 
 def test_the_two_planes_are_alike():
-    """The wheels swap when x and y do, which turns the sense of rotation round, too."""
+    """Exchanging x and y exchanges the wheels, which also reverses the sense of rotation."""
     robot = load()
     swap = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     x, y = (robot.joint_map[name] for name in MOTOR_NAMES)
@@ -142,7 +142,7 @@ def test_the_two_planes_are_alike():
         assert abs(swap @ a.origin[:3, 2]) == pytest.approx(abs(b.origin[:3, 2]))
 
 
-def test_collisions_enclose_what_is_seen_of_ball_and_tires():
+def test_collision_shapes_enclose_the_visible_ball_and_tires():
     links = load().link_map
     for link in (BALL, WHEEL_X, WHEEL_Y):
         (collision,), first = links[link].collisions, links[link].visuals[0]

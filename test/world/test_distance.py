@@ -18,7 +18,7 @@ ROUNDING = 1e-6
 
 @st.composite
 def scenes(draw):
-    """A map with walls at random, a point on it and a direction."""
+    """Draw a map with random walls, a point on it and a direction."""
     generator = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     rows, columns = draw(st.tuples(st.integers(1, 60), st.integers(1, 60)))
     share = draw(st.sampled_from([0.0, 0.002, 0.02, 0.2, 0.6, 1.0]))
@@ -49,21 +49,21 @@ def thickness(floor_map, origin, direction, distance):
 
 
 @given(scenes())
-def test_exact_is_what_brute_force_finds(scene):
+def test_the_exact_distance_equals_brute_force(scene):
     found, expected = exact_ray(scene[0])(*scene[1:]), sampled_distance(*scene)
     assert found <= expected + ROUNDING
-    # A chord shorter than its step is what brute force can miss.
+    # Brute force can miss a chord shorter than its step.
     if expected - found > FINE + ROUNDING:
         assert thickness(*scene, found) < FINE
 
 
 @given(scenes())
-def test_exact_is_never_more_than_stepped(scene):
+def test_the_exact_distance_is_never_more_than_the_stepped_one(scene):
     assert exact_ray(scene[0])(*scene[1:]) <= stepped_ray(scene[0])(*scene[1:]) + ROUNDING
 
 
 @given(scenes())
-def test_they_differ_by_less_than_a_step_where_the_wall_is_a_step_thick(scene):
+def test_they_differ_by_less_than_a_step_at_a_wall_at_least_a_step_thick(scene):
     floor_map, origin, direction = scene
     exact, stepped = (make(floor_map)(origin, direction) for make in (exact_ray, stepped_ray))
     if math.isinf(exact):
@@ -108,7 +108,7 @@ def test_a_ray_ends_at_the_first_wall(make):
 
 @pytest.mark.parametrize('make', [exact_ray, stepped_ray])
 @pytest.mark.parametrize('origin', [(-0.1, 1.5), (5.0, 1.5), (2.0, -1.0), (2.0, 3.0)])
-def test_from_off_the_map_nothing_is_seen(make, origin):
+def test_from_off_the_map_no_wall_is_seen(make, origin):
     ray = make(drawn('#####', '#####', '#####'))
     assert all(math.isinf(ray(origin, direction)) for direction in (EAST, SOUTH, WEST, NORTH))
 

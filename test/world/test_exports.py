@@ -75,7 +75,7 @@ def test_each_cell_of_the_occupancy_grid_is_where_the_map_has_it(rows, columns, 
     grid = occupancy_grid(floor_map)
     assert (grid.width, grid.height) == (columns, rows)
     for row, column in np.ndindex(rows, columns):
-        # The middle of the cell, in the axes of map and in plane signs.
+        # The centre of the cell, in the axes of map and in plane signs.
         x = grid.origin[0] + (column + 0.5) * grid.resolution
         y = grid.origin[1] + (row + 0.5) * grid.resolution
         wall = floor_map.is_wall(floor_map.point((x, -y)))
@@ -83,7 +83,7 @@ def test_each_cell_of_the_occupancy_grid_is_where_the_map_has_it(rows, columns, 
     np.testing.assert_array_equal(floor_map_of(grid).walls, floor_map.walls)
 
 
-def test_existing_files_are_left_alone_and_nothing_is_half_done(tmp_path):
+def test_existing_files_are_left_alone_and_no_export_is_partial(tmp_path):
     image = tmp_path / 'map.pgm'
     image.write_text('mine')
     with pytest.raises(WorldError, match=r'map\.pgm: already exists'):
@@ -99,6 +99,6 @@ def test_yaml_and_image_can_not_be_one_file(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_is_not_there_is_one_line(tmp_path):
+def test_a_missing_folder_is_one_line(tmp_path):
     with pytest.raises(WorldError, match='No such file or directory'):
         write_files(PICTURE, wrl=tmp_path / 'no/map.wrl', nav2=None)

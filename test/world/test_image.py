@@ -1,4 +1,4 @@
-"""Map images: what is read, and what is refused with which line."""
+"""Map images: valid ones, and the errors for refused ones."""
 
 import io
 import struct
@@ -110,7 +110,7 @@ BAD = {
 
 
 @pytest.mark.parametrize('name', BAD)
-def test_what_is_no_map_is_refused_in_one_line_that_says_why(tmp_path, name):
+def test_an_invalid_map_is_refused_in_one_line_with_the_reason(tmp_path, name):
     data, hint = BAD[name]
     path = tmp_path / 'map.png'
     path.write_bytes(data)
@@ -132,7 +132,7 @@ def test_a_palette_with_a_transparent_colour_is_refused(tmp_path):
         read_map(path)
 
 
-def test_a_file_that_is_not_there_or_none_is_one_line(tmp_path):
+def test_a_missing_or_irregular_file_is_one_line(tmp_path):
     for path in (tmp_path / 'no.png', tmp_path):
         with pytest.raises(WorldError, match=f'^{path}: '):
             read_map(path)

@@ -33,7 +33,7 @@ def test_an_unknown_name_lists_the_shipped_ones():
 
 
 @pytest.mark.parametrize('name', ['map.png', 'map.bmp', 'MAP.PNG', './map'])
-def test_what_ends_like_an_image_or_has_a_slash_is_a_file(tmp_path, monkeypatch, name):
+def test_a_name_with_an_image_suffix_or_a_slash_is_a_file(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     floor_map = drawn('.#', '-.')
     save(floor_map, tmp_path / 'any.png').rename(tmp_path / name)

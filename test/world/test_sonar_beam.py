@@ -1,4 +1,4 @@
-"""What the sensor at the front face looks at."""
+"""The field of view of the sensor on the front face."""
 
 import math
 
@@ -41,14 +41,14 @@ def test_rightward_is_towards_the_bottom_of_the_image(ahead):
     assert math.isinf(beam.distance_m((0.0, 0.21)))
 
 
-def test_a_sensor_in_a_wall_reads_zero_and_one_off_the_map_nothing(ahead):
+def test_a_sensor_reads_zero_in_a_wall_and_no_echo_off_the_map(ahead):
     beam = make_beam(map=ahead)
     assert beam.distance_m((0.45, 0.0)) == 0.0
     assert math.isinf(beam.distance_m((0.95, 0.0)))
 
 
-def test_a_cone_sees_what_is_beside_the_middle(ahead):
-    position = (0.1325, 0.25)  # 30 cm before the wall, 5 cm beside its end
+def test_a_cone_sees_walls_next_to_the_middle_ray(ahead):
+    position = (0.1325, 0.25)  # 30 cm in front of the wall, 5 cm next to its end
     assert math.isinf(make_beam(map=ahead).distance_m(position))
     cone = make_beam(map=ahead, cone_angle=0.52)
     assert cone.distance_m(position) == pytest.approx(0.30 / math.cos(0.26), abs=0.02)

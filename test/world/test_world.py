@@ -22,7 +22,7 @@ def make_world(*areas, depth=DEPTH, width=WIDTH):
 
 
 def pillar(x, y):
-    """A wall of one cell whose middle is at `x`, `y` of ``map`` [m]."""
+    """Return a wall of one cell whose centre is at `x`, `y` of ``map`` [m]."""
     column, row = math.floor(100 + 100 * x), math.floor(100 - 100 * y)
     return row, row + 1, column, column + 1
 
@@ -87,13 +87,15 @@ def test_off_the_map_the_floor_is_free(x, y):
 def test_a_start_off_the_map_or_in_a_wall_is_refused():
     world = make_world((0, 200, 150, 154))
     world.check_start((0.0, 0.0))
-    with pytest.raises(WorldError, match=r'x 1.5 m, y -0.2 m \(map\) is off the map, x ±1 m'):
+    with pytest.raises(
+        WorldError, match=r'x 1.5 m, y -0.2 m \(map\) is off the map, which spans x ±1 m'
+    ):
         world.check_start((1.5, 0.2))
     with pytest.raises(WorldError, match=r'y 0 m \(map\) puts the body in a wall: front left, '):
         world.check_start((0.45, 0.0))
 
 
-def test_the_parameters_name_the_world(tmp_path):
+def test_the_world_is_created_from_the_parameters(tmp_path):
     assert World.of(values_of(PLANT)) is None
     path = save(with_walls(100, 100, (0, 100, 90, 100)), tmp_path / 'map.png')
     assert World.of(values_of(PLANT, map=str(path))).map.columns == 100

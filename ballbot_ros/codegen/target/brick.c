@@ -2,7 +2,8 @@
  * The brick around the generated program, for the test against the Python controller.
  *
  * Reads one request per tick from standard input, sets the device readings, runs the requested
- * tasks and writes their outputs to standard output. Both records are little-endian, naturally aligned, and described in ballbot_ros/codegen/brick_process.py.
+ * tasks and writes their outputs to standard output. Both records are little-endian, naturally
+ * aligned, and described in ballbot_ros/codegen/brick_process.py.
  */
 #include <string.h>
 #include <unistd.h>
