@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
+from queue import SimpleQueue
 from typing import Any
 
 from ballbot_ros.viewer.page import Page
@@ -51,9 +53,22 @@ class PlaybackClock:
             self.time = 0.0
         self.is_playing = not self.is_playing
 
+    def seek(self, time: float) -> None:
+        """Continue from `time` [s]."""
+        self.time = time
+
+    def set_rate(self, rate: float) -> None:
+        """Continue with `rate` seconds of the run per second."""
+        self.rate = rate
+
 
 class RecordingPage:
     """Shows recorded runs on a page: a run, and optionally a second one as its ghost.
+
+    Only the thread that updates the page touches the clock: what users do waits in a queue for the
+    next update. viser calls coroutines in its event loop, one message after the other. Callbacks
+    are therefore coroutines, which keeps their order, and the slider is moved in the event loop,
+    which can't happen between a user's move and its callback.
 
     Parameters
     ----------
@@ -73,9 +88,10 @@ class RecordingPage:
             )
             self._button = gui.add_button('Pause')
             rate = gui.add_button_group('Rate', tuple(RATES))
-        self._slider.on_update(self._seek)
-        self._button.on_click(lambda _: self.clock.toggle())
-        rate.on_click(lambda event: self._set_rate(str(event.target.value)))
+        self._requests: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._slider.on_update(self._on_slider)
+        self._button.on_click(self._on_button)
+        rate.on_click(self._on_rate)
         self._robots = [
             page.scene.add_robot(name, run.dimensions, ghost=name != 'robot')
             for name, run in zip(('robot', 'ghost'), runs, strict=False)
@@ -83,15 +99,24 @@ class RecordingPage:
         page.show_floor(runs[0].floor_map, runs[0].start)
         self._updates = 0
 
-    def _seek(self, event: Any) -> None:
+    async def _on_slider(self, event: Any) -> None:
         if event.client is not None:  # not moved by the clock
-            self.clock.time = float(self._slider.value)
+            self._requests.put(partial(self.clock.seek, float(self._slider.value)))
 
-    def _set_rate(self, name: str) -> None:
-        self.clock.rate = RATES[name]
+    async def _on_button(self, _: Any) -> None:
+        self._requests.put(self.clock.toggle)
+
+    async def _on_rate(self, event: Any) -> None:
+        self._requests.put(partial(self.clock.set_rate, RATES[str(event.target.value)]))
+
+    def _move_slider(self, time: float) -> None:
+        if self._requests.empty():
+            self._slider.value = round(time, 2)
 
     def update(self, seconds: float) -> None:
         """Show the state after another `seconds` of wall time."""
+        while not self._requests.empty():
+            self._requests.get()()
         start, end = self.clock.advance(seconds)
         if self.clock.rate in _RATES_WITH_TONES and (tone := self._runs[0].tone(start, end)):
             self._panel.play(tone)
@@ -108,5 +133,5 @@ class RecordingPage:
             for robot, run in zip(self._robots, self._runs, strict=True):
                 robot.show_trail(run.trail(time))
             self._panel.show(snapshot, self._runs[0].trace(time))
-            self._slider.value = round(time, 2)
+            self._page.server.get_event_loop().call_soon_threadsafe(self._move_slider, time)
             self._button.label = 'Pause' if self.clock.is_playing else 'Play'

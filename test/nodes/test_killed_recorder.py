@@ -101,7 +101,7 @@ def newest_s(path, folder):
     repaired.unlink(missing_ok=True)
     assert repair(cut, repaired).output
     with RecordingReader(repaired) as reader:
-        assert reader.broken is None
+        assert reader.corruption is None
         stamps = [message.stamp_ns for message in reader.raw_messages(['/clock'])]
     assert stamps == sorted(stamps)
     return stamps[-1] * 1e-9

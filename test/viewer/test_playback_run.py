@@ -1,10 +1,12 @@
 """Recorded runs at any time, their playback clock, and the messages to the user."""
 
+import asyncio
 import json
 import socket
 
 import numpy as np
 import pytest
+from viser._messages import GuiUpdateMessage
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.brick import Tone
@@ -12,8 +14,9 @@ from ballbot_ros.cli.recordings import read_playback_run
 from ballbot_ros.viewer.address import check_address, network_warning, url_authority
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.live_controls import OnScreenSticks
+from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.playback_run import PlaybackRun
-from ballbot_ros.viewer.recording_page import PlaybackClock
+from ballbot_ros.viewer.recording_page import PlaybackClock, RecordingPage
 from ballbot_ros.viewer.snapshot import WINDOW_S
 from ballbot_ros.viewer.sound import tone_html
 
@@ -84,6 +87,68 @@ def test_the_clock_stops_at_the_end_and_begins_again():
     assert (clock.time, clock.is_playing) == (2.0, False)
     clock.toggle()
     assert (clock.time, clock.is_playing) == (0.0, True)
+
+
+class Playback:
+    """A page of a recorded run, with a browser that does not answer."""
+
+    def __init__(self, run):
+        self.page = Page(run.dimensions, run.name, '127.0.0.1', 0)
+        self.page.server.gui._resolve_client = lambda client_id: client_id
+        self.recording = RecordingPage(self.page, [run])
+
+    def receive(self, *inputs):
+        """Handle a browser's messages about inputs and their values, one after the other."""
+
+        async def handle():
+            for handle, value in inputs:
+                message = GuiUpdateMessage(handle._impl.uuid, {'value': value})
+                await self.page.server.gui._handle_gui_updates(1, message)
+
+        asyncio.run_coroutine_threadsafe(handle(), self.page.server.get_event_loop()).result()
+
+    def show(self):
+        """Show the time of the clock; return the position of the slider."""
+        self.recording.show(self.recording.clock.time, panel=True)
+        self.receive()  # follows in the event loop
+        return self.recording._slider.value
+
+
+@pytest.fixture
+def playback(run):
+    shown = Playback(run)
+    yield shown
+    shown.page.stop()
+
+
+def test_the_slider_follows_the_clock(playback):
+    playback.recording.update(1.234)
+    assert playback.show() == 1.23
+    playback.recording.update(0.0)
+    assert playback.recording.clock.time == 1.234
+
+
+@pytest.mark.parametrize('is_playing', [True, False])
+def test_a_slider_moved_by_the_user_is_not_moved_back(playback, is_playing):
+    recording = playback.recording
+    recording.clock.is_playing = is_playing
+    recording.update(1.0)
+    playback.receive((recording._slider, 3.0))
+    assert playback.show() == 3.0
+    recording.update(0.5)
+    assert recording.clock.time == playback.show() == (3.5 if is_playing else 3.0)
+
+
+def test_clicks_and_moves_take_effect_in_their_order(playback):
+    recording, end = playback.recording, playback.recording.clock.end
+    recording.clock.is_playing = False
+    playback.receive((recording._button, True), (recording._slider, end))
+    recording.update(0.5)
+    assert (recording.clock.time, recording.clock.is_playing) == (end, False)
+    playback.receive((recording._slider, 0.0), (recording._slider, end), (recording._button, True))
+    recording.update(0.5)
+    # Play at the end begins again.
+    assert (recording.clock.time, recording.clock.is_playing) == (0.5, True)
 
 
 def test_sticks_count_while_they_are_held():
