@@ -246,7 +246,7 @@ def judge_recording(
     if remains is None:
         return [f'no recording of {run.ticks} ticks'] if run.ticks > lost_ticks else []
     if remains.problem:
-        return [f'the recording can not be read: {remains.problem}']
+        return [f'the recording cannot be read: {remains.problem}']
     failures = []
     if must_be_finished and not remains.finished:
         failures.append('the recording is not finished')

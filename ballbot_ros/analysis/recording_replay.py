@@ -261,7 +261,7 @@ class RecordingReplay:
 
 def _nothing_to_replay_by(path: Path) -> str:
     return (
-        f'{path}: can not replay: {PARAMETERS} is not attached, and no participant has announced '
+        f'{path}: cannot replay: {PARAMETERS} is not attached, and no participant has announced '
         'its parameters'
     )
 

@@ -66,7 +66,7 @@ def choose_controller(
         reason = f'this version does not know its controller {recorded!r}; {PYTHON} replays it'
     elif missing := missing_tool(recorded):
         reason = (
-            f'its controller {recorded!r} can not run here: {missing}; {PYTHON}, which is proven '
+            f'its controller {recorded!r} cannot run here: {missing}; {PYTHON}, which is proven '
             'equal, replays it'
         )
     if requested:

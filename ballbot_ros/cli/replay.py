@@ -173,7 +173,7 @@ def _print_divergences_json(
     '--controller',
     type=click.Choice(['python', 'c', 'arm']),
     help='Implementation of the controller: Python, or its generated C on this machine or an '
-    'emulated ARM.  [default: the recorded one, or Python if that can not run]',
+    'emulated ARM.  [default: the recorded one, or Python if that cannot run]',
 )
 @click.option(
     '--set',

@@ -83,4 +83,4 @@ def place(a: ArrayLike, b: ArrayLike, poles: Sequence[complex]) -> Matrix:
     try:
         return np.asarray(control.place(a, b, poles), float)
     except (control.ControlArgument, ValueError, np.linalg.LinAlgError) as error:
-        raise DesignError(f'the poles can not be placed: {error}') from None
+        raise DesignError(f'the poles cannot be placed: {error}') from None

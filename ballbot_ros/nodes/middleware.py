@@ -63,7 +63,7 @@ def require_discovery() -> None:
         If it does not.
     """
     if os.environ.get(DISCOVERY_RANGE) == 'OFF':
-        raise BallbotError(f'{DISCOVERY_RANGE}=OFF: nodes can not discover each other; unset it')
+        raise BallbotError(f'{DISCOVERY_RANGE}=OFF: nodes cannot discover each other; unset it')
 
 
 def prepare_middleware() -> None:

@@ -152,7 +152,7 @@ def clear_shared_memory(folder: Path = SHARED_MEMORY) -> list[Leftover]:
     while broken := find_broken_ports(folder):
         if time.monotonic() > deadline:
             raise BallbotError(
-                f'{broken[0]}, left by a killed process, would block every node and can not be '
+                f'{broken[0]}, left by a killed process, would block every node and cannot be '
                 f'removed: run `rm {broken[0]}` as its owner or as root'
             )
         time.sleep(POLL_S)

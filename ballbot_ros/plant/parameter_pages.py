@@ -66,7 +66,7 @@ def reference_page() -> str:
         '',
         '## Derived',
         '',
-        'They follow from the parameters above and can not be set.',
+        'They follow from the parameters above and cannot be set.',
         '',
         '| quantity | value | unit | source |',
         '|---|---|---|---|',

@@ -117,7 +117,7 @@ class Exporter:
                 if not grid.put(tick, topic, [row[number] for number in taken[topic]], longest):
                     raise RecordingError(
                         f'{self.reader.path}: {topic} at {stamp_ns / _SECOND_NS:.3f} s is out of '
-                        'order, so the joined table can not be completed'
+                        'order, so the joined table cannot be completed'
                     )
                 for ready, values in grid.rows(lateness):
                     table.add([ready * period_ns / _SECOND_NS, *values])

@@ -205,7 +205,7 @@ def _follow_scenario(reference: str, options: RunOptions, parameters: ParameterS
     ):
         if named:
             raise ParameterError(
-                f'{_origin(options, node, "scenario")}{node}.scenario can not be set: the scenario '
+                f'{_origin(options, node, "scenario")}{node}.scenario cannot be set: the scenario '
                 f'is {reference}'
             )
     if '/' in reference or reference.endswith(('.yaml', '.yml')):
@@ -240,7 +240,7 @@ def check_reserved_parameters(
     ):
         if value:
             raise ParameterError(
-                f'{origin(node, name)}{node}.{name} can not be set: a run writes its files '
+                f'{origin(node, name)}{node}.{name} cannot be set: a run writes its files '
                 'to the folder of --output'
             )
 

@@ -143,7 +143,7 @@ class ScenarioReader:
             for name, value in self._mapping(values, ('parameters', node)).items():
                 if name == 'scenario':
                     raise self._error(
-                        ('parameters', node, name), 'a scenario can not set the parameter scenario'
+                        ('parameters', node, name), 'a scenario cannot set the parameter scenario'
                     )
                 self._set(parameters, node, name, value, ('parameters', node, name))
         self._check_world(parameters)

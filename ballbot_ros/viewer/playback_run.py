@@ -90,7 +90,7 @@ class PlaybackRun:
         )
 
     def _newest_sonar(self, time: float) -> tuple[float, float]:
-        """Return distance [m] and cone angle [rad] of the newest sonar sample."""
+        """Return the newest distance [m] of the sonar, and its cone angle [rad], which is constant."""
         series = self._run.series.get(SONAR_RANGE)
         if series is None or not len(series.values):
             return math.nan, 0.0

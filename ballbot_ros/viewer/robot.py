@@ -41,8 +41,8 @@ LCD_SIZE = (0.058, 0.046)
 TRAIL_STEP = 0.01
 """Minimum step between points of the ball's trail [m]."""
 
-MIN_CONE_ANGLE = math.radians(1.0)
-"""Smallest opening with which the sonar's cone is drawn, also for a single ray [rad]."""
+CONE_ANGLES = (math.radians(1.0), 3.0)
+"""Smallest and largest opening with which the sonar's cone is drawn, also for a single ray [rad]."""
 
 
 class Part(NamedTuple):
@@ -183,8 +183,13 @@ def _brick(dimensions: Dimensions) -> Iterator[Part]:
 
 
 def cone_slope(cone_angle: float) -> float:
-    """Return the drawn radius of the sonar's cone per length, for its opening [rad]."""
-    return math.tan(max(cone_angle, MIN_CONE_ANGLE) / 2.0)
+    """Return the drawn radius of the sonar's cone per length, for its opening [rad].
+
+    Other senders may publish any opening: one that is not a number is drawn as a single ray.
+    """
+    smallest, largest = CONE_ANGLES
+    # In this order of arguments a NaN is never the larger one.
+    return math.tan(min(largest, max(smallest, cone_angle)) / 2.0)
 
 
 def rotate_vector(quaternion: ArrayLike, vector: ArrayLike) -> NDArray[np.float64]:

@@ -51,7 +51,7 @@ def test_the_table_names_metrics_verdict_and_files(start_run, tmp_path):
 def test_a_missed_expectation_is_exit_status_1(start_run, tmp_path):
     scenario = tmp_path / 'strict.yaml'
     scenario.write_text(
-        'purpose: can not be met\nduration: 2\nexpectations:\n  peak_pitch_deg: {min: 50}\n'
+        'purpose: cannot be met\nduration: 2\nexpectations:\n  peak_pitch_deg: {min: 50}\n'
     )
     run = start_run(scenario, '--processes=none', '--no-record', '--json')
     assert run.finish() == 1
@@ -101,11 +101,11 @@ MISTAKES = {
     'even cone': (lambda tmp_path: ['stationary', '--set=sonar_driver.cone_rays=4'], '4 is even'),
     'another scenario': (
         lambda tmp_path: ['stationary', '--set=plant_sim.scenario=push'],
-        'can not be set',
+        'cannot be set',
     ),
     'another scenario, of the supervisor': (
         lambda tmp_path: ['stationary', '--set=supervisor.scenario=push'],
-        'can not be set',
+        'cannot be set',
     ),
     'no duration': (
         lambda tmp_path: ['stationary', '--set=plant_sim.duration=0'],

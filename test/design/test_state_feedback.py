@@ -60,7 +60,7 @@ def test_an_uncontrollable_pair_is_refused_in_one_line(design):
 
 @pytest.mark.parametrize('poles', [[-5.0], [-5.0, -5.0], [-5.0 + 1.0j, -6.0]])
 def test_impossible_poles_are_refused_in_one_line(poles):
-    with pytest.raises(DesignError, match=r'^the poles can not be placed: [^\n]+$'):
+    with pytest.raises(DesignError, match=r'^the poles cannot be placed: [^\n]+$'):
         place(A, B, poles)
 
 

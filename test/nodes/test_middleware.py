@@ -90,6 +90,6 @@ def test_the_default_middleware_is_assumed_to_be_installed(monkeypatch, name):
 def test_without_discovery_no_node_is_started(monkeypatch):
     monkeypatch.setenv(DISCOVERY_RANGE, 'OFF')
     with pytest.raises(
-        BallbotError, match=f'^{DISCOVERY_RANGE}=OFF: nodes can not discover each other'
+        BallbotError, match=f'^{DISCOVERY_RANGE}=OFF: nodes cannot discover each other'
     ):
         require_discovery()

@@ -73,7 +73,7 @@ EVENTS = {
     'the recorder fails': (
         [('recorder', 1), ('plant_sim', 0)], [GOES_ON, 'recorder ended with status 1'],
     ),
-    'the recorder can not finish its file': (
+    'the recorder cannot finish its file': (
         [('plant_sim', 0), 'shutdown', ('recorder', 1)], [ENDS, 'recorder ended with status 1'],
     ),
     'all are told to end': (

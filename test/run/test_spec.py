@@ -132,13 +132,13 @@ REFUSED = {
     ),
     'a recording elsewhere': (
         'assignments', ['recorder.output=x.mcap'],
-        '--set recorder.output=x.mcap: recorder.output can not be set: a run writes its files to',
+        '--set recorder.output=x.mcap: recorder.output cannot be set: a run writes its files to',
     ),
     "attachments of one's own": (
-        'assignments', ['recorder.attachments=x'], 'recorder.attachments can not be set',
+        'assignments', ['recorder.attachments=x'], 'recorder.attachments cannot be set',
     ),
     "a trajectory of one's own": (
-        'assignments', ['plant_sim.trajectory_file=x'], 'plant_sim.trajectory_file can not be set',
+        'assignments', ['plant_sim.trajectory_file=x'], 'plant_sim.trajectory_file cannot be set',
     ),
     'no end': (
         'assignments', ['plant_sim.duration=0'],

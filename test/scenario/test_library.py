@@ -248,7 +248,7 @@ def test_the_error_for_an_unknown_profile_lists_the_known_ones(name):
         (
             HEAD + 'parameters:\n  plant_sim: {scenario: x}\n',
             4,
-            'can not set the parameter scenario',
+            'cannot set the parameter scenario',
         ),
         (STICK + '    - 5\n', 5, "'vertical' 1 is not a mapping"),
         (STICK + '    - {name: a, from: x, value: 1}\n', 5, "'from': 'x' is not a number"),

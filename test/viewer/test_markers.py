@@ -191,7 +191,16 @@ def test_the_beam_is_as_long_as_the_measured_distance():
 
 
 @pytest.mark.parametrize(
-    ('cone_angle', 'drawn'), [(0.52, 0.52), (0.0, math.radians(1.0)), (0.01, math.radians(1.0))]
+    ('cone_angle', 'drawn'),
+    [
+        (0.52, 0.52),
+        (0.0, math.radians(1.0)),
+        (0.01, math.radians(1.0)),
+        (-1.0, math.radians(1.0)),
+        (math.nan, math.radians(1.0)),
+        (math.pi, 3.0),
+        (math.inf, 3.0),
+    ],
 )
 def test_the_cone_has_its_opening_and_a_single_ray_is_still_visible(cone_angle, drawn):
     markers = RobotMarkers(DIMENSIONS, new_marker)
