@@ -90,7 +90,7 @@ class PlaybackRun:
         )
 
     def _newest_sonar(self, time: float) -> tuple[float, float]:
-        """Return the newest distance [m] of the sonar, and its cone angle [rad], which is constant."""
+        """Return the sonar's newest distance [m], and its cone angle [rad], which is constant."""
         series = self._run.series.get(SONAR_RANGE)
         if series is None or not len(series.values):
             return math.nan, 0.0

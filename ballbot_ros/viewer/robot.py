@@ -42,7 +42,7 @@ TRAIL_STEP = 0.01
 """Minimum step between points of the ball's trail [m]."""
 
 CONE_ANGLES = (math.radians(1.0), 3.0)
-"""Smallest and largest opening with which the sonar's cone is drawn, also for a single ray [rad]."""
+"""Smallest opening of the sonar's cone as drawn, also for a single ray, and largest one [rad]."""
 
 
 class Part(NamedTuple):
