@@ -1,5 +1,6 @@
 """Using a page as a user does."""
 
+import asyncio
 import contextlib
 import io
 import re
@@ -141,6 +142,20 @@ class StubRobot:
 
     def __getattr__(self, name):
         return lambda *arguments: self.asked.append((name, *arguments))
+
+
+def receive(server, *inputs):
+    """Handle messages of a made-up browser, each an input and its value, one after the other."""
+    from viser._messages import GuiUpdateMessage
+
+    server.gui._resolve_client = lambda client_id: client_id
+
+    async def handle():
+        for handle, value in inputs:
+            message = GuiUpdateMessage(handle._impl.uuid, {'value': value})
+            await server.gui._handle_gui_updates(1, message)
+
+    asyncio.run_coroutine_threadsafe(handle(), server.get_event_loop()).result()
 
 
 def another(browser, address):

@@ -106,7 +106,7 @@ class LiveControls:
         self._chooser = gui.add_folder('Scenario', order=1.5, visible=False)
         with self._chooser:
             self._next: Any = gui.add_dropdown('Next', tuple(scenarios))
-            gui.add_button('Start').on_click(lambda _: plant.start(self._next.value))
+            self._on_press(gui.add_button('Start'), lambda _: plant.start(self._next.value))
         with gui.add_folder('Push', order=2.0, expand_by_default=False):
             size = gui.add_slider('Force [N]', 0.1, 3.0, 0.1, 1.0)
             push = gui.add_button_group('Direction', tuple(DIRECTIONS))
@@ -132,8 +132,12 @@ class LiveControls:
             self._next.value = name
 
     @staticmethod
-    def _on_press(group: Any, act: Callable[[str], None]) -> None:
-        group.on_click(lambda _: act(group.value))
+    def _on_press(buttons: Any, act: Callable[[str], None]) -> None:
+        # viser calls a coroutine before it handles the next click, a function in another thread.
+        async def on_click(_: Any) -> None:
+            act(buttons.value)
+
+        buttons.on_click(on_click)
 
     def _add_stick(self, gui: viser.GuiApi, direction: str) -> None:
         button = gui.add_button(f'Drive {direction}', color='gray')

@@ -1,12 +1,11 @@
 """Recorded runs at any time, their playback clock, and the messages to the user."""
 
-import asyncio
 import json
 import socket
 
 import numpy as np
 import pytest
-from viser._messages import GuiUpdateMessage
+from browsing import receive
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.brick import Tone
@@ -90,22 +89,14 @@ def test_the_clock_stops_at_the_end_and_begins_again():
 
 
 class Playback:
-    """A page of a recorded run, with a browser that does not answer."""
+    """A page of a recorded run."""
 
     def __init__(self, run):
         self.page = Page(run.dimensions, run.name, '127.0.0.1', 0)
-        self.page.server.gui._resolve_client = lambda client_id: client_id
         self.recording = RecordingPage(self.page, [run])
 
     def receive(self, *inputs):
-        """Handle a browser's messages about inputs and their values, one after the other."""
-
-        async def handle():
-            for handle, value in inputs:
-                message = GuiUpdateMessage(handle._impl.uuid, {'value': value})
-                await self.page.server.gui._handle_gui_updates(1, message)
-
-        asyncio.run_coroutine_threadsafe(handle(), self.page.server.get_event_loop()).result()
+        receive(self.page.server, *inputs)
 
     def show(self):
         """Show the time of the clock; return the position of the slider."""

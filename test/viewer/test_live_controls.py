@@ -1,0 +1,27 @@
+"""Requests of the live page to the robot."""
+
+import pytest
+from browsing import StubRobot, receive
+
+from ballbot_ros.parameters import ParameterSet, ViewerParameters
+from ballbot_ros.viewer.live_controls import PAUSE, RUN, STEP, LiveControls
+from ballbot_ros.viewer.page import Page
+from ballbot_ros.viewer.robot import Dimensions
+
+DIMENSIONS = Dimensions.from_parameters(ParameterSet().of(ViewerParameters))
+
+
+@pytest.fixture
+def page():
+    served = Page(DIMENSIONS, 'test', '127.0.0.1', 0)
+    yield served
+    served.stop()
+
+
+def test_clicks_reach_the_robot_in_their_order(page):
+    robot = StubRobot()
+    LiveControls(page.server.gui, robot, ['push'])
+    inputs = {each.label: each for each in page.server.gui._gui_input_handle_from_uuid.values()}
+    clicks = [(inputs['Run'], name) for name in (PAUSE, STEP, STEP, RUN)] * 50
+    receive(page.server, *clicks)
+    assert robot.asked == [('pause', True), ('step',), ('step',), ('pause', False)] * 50
