@@ -244,7 +244,11 @@ def judge_recording(
     """
     remains = run.remains
     if remains is None:
-        return [f'no recording of {run.ticks} ticks'] if run.ticks > lost_ticks else []
+        return (
+            [f'no recording, although the run had {run.ticks} ticks']
+            if run.ticks > lost_ticks
+            else []
+        )
     if remains.problem:
         return [f'the recording cannot be read: {remains.problem}']
     failures = []

@@ -61,7 +61,7 @@ def test_a_run_that_failed_as_expected_passes():
          "printed 'was killed by SIGSEGV'"),
         (with_result(FAILED, outcome='stopped'), 'outcome stopped, status 1'),
         (with_result(FAILED, reason='controller silent for 2 s'), 'does not name gyro_driver'),
-        (replace(FAILED, remains=None), 'no recording of 500 ticks'),
+        (replace(FAILED, remains=None), 'no recording, although the run had 500 ticks'),
         (with_remains(FAILED, problem='cut off'), 'cannot be read: cut off'),
         (with_remains(FAILED, finished=False), 'not finished'),
         (with_remains(FAILED, missing='3 of /gyro'), 'is incomplete: 3 of /gyro'),
