@@ -43,8 +43,9 @@ def reference_page() -> str:
         '',
         'Generated from `ballbot_ros/parameters` by `scripts/generate`. Sections and equations are',
         'those of the document; *facts* marks values that it does not contain, from data of the',
-        'devices and other work of its author; *project* marks additions of this simulator. A value',
-        'set on a running node (`ros2 param set`) takes effect in the next run, which',
+        'devices and other work of its author; *project* marks additions of this simulator.',
+        '',
+        'A value set on a running node (`ros2 param set`) takes effect in the next run, which',
         '`plant_sim/reset` begins, unless the parameter takes effect *at once* or is *read-only*.',
     ]
     for nodes in _groups():
