@@ -15,13 +15,13 @@ from ballbot_ros.errors import BallbotError
 def open_regular(path: str | os.PathLike[str]) -> FileIO:
     """Open a regular file for reading.
 
-    Other kinds are refused before they are opened: a FIFO waits for a writer, and a device may have
-    no end.
+    Other kinds of file are refused without opening them: opening a FIFO waits for a writer, and a
+    device may have no end.
 
     Raises
     ------
     OSError
-        If it is not a regular file, or can't be opened; `strerror` has the reason.
+        If `path` is not a regular file or can't be opened; `strerror` has the reason.
     """
     mode = Path(path).stat().st_mode
     if stat.S_ISDIR(mode):
@@ -49,7 +49,7 @@ def temporary_folder() -> TemporaryDirectory[str]:
     Raises
     ------
     BallbotError
-        If none can be created.
+        If no folder can be created, or its path is not UTF-8.
     """
     remedy = 'set TMPDIR to a writable folder'
     try:

@@ -1,4 +1,4 @@
-"""Names of earlier versions, which remain as aliases wherever programs read them."""
+"""Former names of renamed metrics and keys, kept as aliases wherever programs read them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ FORMER_METRICS: Mapping[str, str] = {
     'gyro_offset_error_x_deg_s': 'gyro_offset_error_x_deg_per_s',
     'gyro_offset_error_y_deg_s': 'gyro_offset_error_y_deg_per_s',
 }
-"""Current names of metrics by their former ones, like all tables here."""
+"""Metrics: former name to current name, as in all tables here."""
 
 FORMER_RESULT_KEYS: Mapping[str, str] = {'missed_ticks': 'late_ticks', 'asked_again': 'resends'}
-"""The JSON of a run."""
+"""Keys in the JSON of a run."""
 
 FORMER_PLANT_KEYS: Mapping[str, str] = {
     'overruns': 'late ticks',
@@ -24,22 +24,22 @@ FORMER_PLANT_KEYS: Mapping[str, str] = {
     'asked again': 'resends',
     'asked_again': 'resends',
 }
-"""The diagnostics of the plant."""
+"""Keys in the diagnostics of the plant."""
 
 FORMER_CONTROLLER_KEYS: Mapping[str, str] = {
     'overruns': 'late ticks',
     'answers sent again': 'resends',
 }
-"""The diagnostics of the controller."""
+"""Keys in the diagnostics of the controller."""
 
 
 def current_metric(name: str) -> str:
-    """Return the current name of a metric, which may be given by its former one."""
+    """Return the current name of a metric, given its current or a former name."""
     return FORMER_METRICS.get(name, name)
 
 
 def with_former_names(values: Mapping[str, Value], former: Mapping[str, str]) -> dict[str, Value]:
-    """Return the values, also under the former names of those that are renamed."""
+    """Return `values`, with each renamed value also under its former names."""
     aliases = {old: values[name] for old, name in former.items() if name in values}
     return {**values, **aliases}
 
@@ -47,11 +47,11 @@ def with_former_names(values: Mapping[str, Value], former: Mapping[str, str]) ->
 def without_former_names(
     values: Mapping[str, Value], former: Mapping[str, str]
 ) -> dict[str, Value]:
-    """Return the values without those that are also there under their current names."""
+    """Return the values without each former name whose current name is present, too."""
     return {name: value for name, value in values.items() if former.get(name) not in values}
 
 
 def with_current_names(values: Mapping[str, Value], former: Mapping[str, str]) -> dict[str, Value]:
-    """Return the values that were written by any version, also under their current names."""
+    """Return `values` of any version, with each renamed value also under its current name."""
     renamed = {name: values[old] for old, name in former.items() if old in values}
     return {**renamed, **values}

@@ -13,21 +13,21 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class StopRequest:
-    """Within the block, signals are noted instead of interrupting; a loop checks for them.
+    """Context in which signals do not interrupt: they are noted in `signal`, for a loop to check.
 
-    Nothing else happens in the handler, which may interrupt anything, including the owner of a lock
-    that it would need. A signal noted by an enclosing block counts here, too. An ignored hangup, as
-    with ``nohup``, stays ignored. Only the main thread can note signals.
+    The handler does nothing else: it may interrupt any code, including code that holds a lock that
+    the handler would need. A signal noted by an enclosing block counts here, too. An ignored
+    hangup, as with ``nohup``, stays ignored. Outside the main thread, a block notes nothing.
 
     Parameters
     ----------
     numbers : sequence of int
-        The signals.
+        The signals to note.
 
     Attributes
     ----------
     signal : int
-        The signal that arrived, or 0.
+        The first signal that arrived, or 0.
     """
 
     def __init__(
@@ -61,8 +61,9 @@ class StopRequest:
 def defer_sigint() -> Iterator[None]:
     """Defer an interruption from the keyboard to the end of the block.
 
-    For imports: Python prints and ignores an interruption of the import system's callbacks, and
-    some packages, such as trimesh, mistake it for a missing dependency. The program would continue.
+    Use it around imports, where a program may continue after an interruption: Python prints and
+    ignores one in the import system's callbacks, and some packages, such as trimesh, mistake it for
+    a missing dependency.
     """
     with StopRequest(numbers=(signal.SIGINT,)) as stop:
         yield

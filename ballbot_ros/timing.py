@@ -17,17 +17,18 @@ SLOW_PERIOD_NS = 20 * MILLISECOND_NS
 """Period of the sonar and gamepad samples and of the wall hit test (Appendix B.3)."""
 
 BATTERY_PERIOD_NS = 100 * MILLISECOND_NS
-"""Period of the battery samples. Runs begin at a multiple of it: all tasks are then in phase."""
+"""Period of the battery samples. A run begins at a multiple of it, with all tasks in phase."""
 
 FIRST_TICK_NS = SECOND_NS
-"""Start of the first run. Zero means 'no time yet' to ROS."""
+"""Start of the first run; not 0, which means 'no time yet' to ROS."""
 
 RESEND_S = 0.1
 """Wall-clock time without progress after which the plant sends its newest tick again, and period at
 which it checks its time limits [s]."""
 
 FREE_RUNNING_SILENCE_S = 0.5
-"""Free running: silence after which the controller takes stick zero and the plant duty zero [s]."""
+"""In free-running mode, silence after which the controller assumes a neutral stick, and the plant
+zero duty [s]."""
 
 MAX_LEAD_TICKS = 50
 """Ticks that the plant may be ahead of the recorder."""
@@ -36,7 +37,7 @@ MAX_LEAD_TICKS = 50
 def next_start_ns(now_ns: int) -> int:
     """Return the start of a new run: the next multiple of 100 ms after `now_ns`.
 
-    It is more than 20 ms ahead, so that no node mistakes its first sample for the next one of the
-    previous run.
+    It is more than 20 ms ahead, so that no node mistakes the first sample of the new run for the
+    next sample of the previous run.
     """
     return ((now_ns + SLOW_PERIOD_NS) // BATTERY_PERIOD_NS + 1) * BATTERY_PERIOD_NS

@@ -22,7 +22,7 @@ class YamlError(BallbotError):
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML without aliases: a few lines of them could fill any memory. ROS refuses them, too.
+    """YAML loader that refuses aliases, as ROS does: a few lines of them could fill any memory.
 
     Numbers follow YAML 1.2: 1e3 is a number, 1:30 is text (not base 60), 0777 is decimal.
     """
@@ -52,7 +52,7 @@ _Loader.add_constructor(_INT, lambda loader, node: int(loader.construct_scalar(n
 
 
 def parse_value(text: str) -> object:
-    """Return the value of a text in a YAML file, or the text itself if it has none."""
+    """Return the value that `text` has in a YAML file, or `text` itself if it is not valid YAML."""
     loader = _Loader(text)
     try:
         return loader.get_single_data()

@@ -1,4 +1,4 @@
-"""The 32-byte Bluetooth packets of NXT GamePad, both ways."""
+"""The 32-byte Bluetooth packets of NXT GamePad, in both directions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class PacketError(BallbotError):
 
 @dataclass(frozen=True)
 class GamepadPacket:
-    """PC to NXT.
+    """Packet from the PC to the NXT: the sticks.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class GamepadPacket:
 
 @dataclass(frozen=True)
 class LogPacket:
-    """NXT to PC: one record of the ADC data logger.
+    """Packet from the NXT to the PC: one record of the ADC data logger.
 
     Attributes
     ----------

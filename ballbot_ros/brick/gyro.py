@@ -39,7 +39,7 @@ def gyro_reading(constants: GyroConstants, rate: float, error: float, stamp_ns: 
     offset, limit, sigma, drift, drift_period_ns, drift_phase = constants
     value = max(-limit, min(limit, rate * _DEGREES)) + offset
     if drift:
-        # Only the fraction of the current period counts; the remainder of integers is exact.
+        # Reduce the time to the fraction of a period, by the exact remainder of integers.
         phase = stamp_ns % drift_period_ns / drift_period_ns
         value += drift * sine_cosine(TWO_PI * (phase + drift_phase))[0]
     if sigma:

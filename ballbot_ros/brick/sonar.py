@@ -9,7 +9,7 @@ from ballbot_ros.parameters import SonarParameters
 from ballbot_ros.timing import SLOW_PERIOD_NS
 
 NEAR_DROPOUT = 0.5
-"""Share of missed echoes from an obstacle closer than the minimum range."""
+"""Minimum share of missed echoes from an obstacle closer than the minimum range."""
 
 
 def sonar_reading(

@@ -39,7 +39,7 @@ def sonar_cm_to_metres(sonar_cm: int) -> float:
 
 
 def metres_to_sonar_cm(range_m: float) -> int:
-    """Return the sonar reading that :func:`sonar_cm_to_metres` made `range_m` from."""
+    """Return the sonar reading that :func:`sonar_cm_to_metres` converted to `range_m`."""
     if math.isnan(range_m):
         return NO_DATA_CM
     if math.isinf(range_m):

@@ -34,7 +34,10 @@ Plain tuples, which Python creates and unpacks several times faster than named o
 
 
 def constants_of(p: ProgramConstants) -> Constants:
-    """Return the constants of :func:`control` (Appendix C): also 1 - a, Rw/Rs, gp_max as float."""
+    """Return the constants of :func:`control`.
+
+    Besides those of Appendix C, they include 1 - a, Rw/Rs, and gp_max as float.
+    """
     return (
         p.k_f, p.k_i, p.k_thetadot,
         p.a_d, p.a_r, p.a_gd, ONE - p.a_d, ONE - p.a_r, ONE - p.a_gd,
@@ -99,7 +102,7 @@ def control(
     sign = ONE if duty > ZERO else -ONE if duty < ZERO else ZERO
     duty = pwm_offset * sign + pwm_gain * duty
     duty = HUNDRED if duty > HUNDRED else -HUNDRED if duty < -HUNDRED else duty
-    if duty != duty:  # no voltage and no error (0/0), or no voltage and no gain (inf·0)
+    if duty != duty:  # NaN: no voltage and no error (0/0), or no voltage and no gain (inf·0)
         duty = ZERO
 
     after = (
@@ -125,13 +128,13 @@ class Axis:
     theta, psi, theta_dot, psi_dot : Single
         Estimated ball angle and body pitch [deg] and their rates [deg/s].
     theta_ref, theta_ref_dot : Single
-        Reference of the ball angle.
+        Reference of the ball angle [deg] and its rate [deg/s].
     theta_diff, psi_diff : Single
         Reference minus estimate [deg].
     sum_theta_ref_dot, sum_psi_dot, sum_theta_diff : Single
         Sums behind the forward Euler integrals.
     theta_smooth : Single
-        Low-passed ball angle, whose difference is the rate.
+        Low-passed ball angle [deg], whose change in a period gives theta_dot.
     """
 
     def __init__(self, parameters: ProgramConstants) -> None:

@@ -185,8 +185,8 @@ class ControlProgram:
     def _command(self) -> tuple[int, int]:
         """Return the speed command of planes x and y (section 7.5, figure 7-1).
 
-        The listing of Appendix C exchanges the planes in autonomous drive; according to section 7.5
-        and figure 7-1 the robot drives forward, and rightward at an obstacle.
+        In autonomous drive, the robot drives forward, and rightward at an obstacle, as in section
+        7.5 and figure 7-1; the listing of Appendix C exchanges the planes.
         """
         p = self._p
         if not p.autonomous:

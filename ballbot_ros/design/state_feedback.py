@@ -19,7 +19,7 @@ class DesignError(BallbotError):
 def controllability_rank(a: ArrayLike, b: ArrayLike) -> int:
     """Return the rank of the controllability matrix [B, AB, ..., A^(n-1) B] (A.5).
 
-    Its columns are scaled to one size, which leaves the rank alone.
+    Its columns are scaled to equal size, which does not change the rank.
 
     Parameters
     ----------

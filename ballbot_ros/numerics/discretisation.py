@@ -17,9 +17,10 @@ _MAX_DOUBLINGS = 1100
 def zero_order_hold(a: Matrix, b: Matrix, dt: float) -> tuple[Matrix, Matrix]:
     """Return the discrete matrices of x' = A x + B u with u held for `dt` seconds.
 
-    Scaling and squaring, applied to exp(M) - I, so that motions much slower than `dt` keep all
-    their digits. Computed element by element in a fixed order, because the matrix products of numpy
-    and the ``expm`` of scipy round differently on different processors.
+    Scaling and squaring are applied to exp(M) - I with M = [[A, B], [0, 0]] dt, so that motions
+    much slower than `dt` keep all their digits. The products are computed element by element in a
+    fixed order, because those of numpy and the ``expm`` of scipy round differently on different
+    processors.
 
     Parameters
     ----------

@@ -8,8 +8,8 @@ TWO_PI = 2.0 * math.pi
 
 _QUARTER_PI = math.pi / 4.0
 _TWO_OVER_PI = 2.0 / math.pi
-# Half of pi in three parts. The first two have 33 bits each, so that up to 2^20 times either is
-# exact.
+# Half of pi in three parts. The first two have 33 bits each, so that their products with integers
+# up to 2^20 are exact.
 _HALF_PI_1 = float.fromhex('0x1.921fb54400000p+0')
 _HALF_PI_2 = float.fromhex('0x1.0b4611a600000p-34')
 _HALF_PI_3 = float.fromhex('0x1.3198a2e037073p-69')
@@ -25,7 +25,7 @@ _S11 = -2.5051131845003624e-08
 _S13 = 1.5918129294866608e-10
 
 _SQRT_HALF = math.sqrt(0.5)
-# The logarithm of 2 in two parts; any exponent times the first is exact.
+# The logarithm of 2 in two parts; the product of the first part with any exponent is exact.
 _LN2_1 = float.fromhex('0x1.62e42fee00000p-1')
 _LN2_2 = float.fromhex('0x1.a39ef35793c76p-33')
 

@@ -29,7 +29,7 @@ class Words(NamedTuple):
 def philox4x32(c0: Any, c1: Any, c2: Any, c3: Any, k0: Any, k1: Any) -> Words:
     """Return Philox4x32-10 of the counter c0 ... c3 with the key k0, k1.
 
-    Only integer operations, so numbers and arrays give the same results.
+    It uses only integer operations, so numbers and arrays give the same results.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def uniform(bits: int) -> float:
 def normal(bits: int) -> float:
     """Return a standard normal number from 53 random bits.
 
-    The quantile of (bits + 1/2) / 2^53, by the rational functions of algorithm AS 241, PPND16
+    It is the quantile of (bits + 1/2) / 2^53, by the rational functions of algorithm AS 241, PPND16
     (Wichura 1988), accurate to about 1 part in 10^16. Complementary bits give opposite numbers.
     """
     # Exact: 53 bits hold every half of a whole number up to 2^52.

@@ -71,7 +71,7 @@ def motor_current(
     voltage : float
         Motor voltage [V].
     theta_dot, psi_dot : float
-        theta_dot and psi_dot [rad/s].
+        Rates of the ball angle and the body pitch [rad/s].
     back_emf : float
         k Kb [V·s/rad]: the motor's constant, seen from the ball.
     ohms : float

@@ -24,7 +24,7 @@ class BatteryParameters(Subset):
 class Battery:
     """Terminal voltage of the pack.
 
-    The draining model: the open-circuit voltage falls in proportion to the charge drawn (from
+    In the draining model, the open-circuit voltage falls in proportion to the charge drawn (from
     9.5 V fresh to 7 V low over the capacity), and the internal resistance drops a voltage in
     proportion to the current of the last step.
     """

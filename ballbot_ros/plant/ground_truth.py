@@ -27,7 +27,7 @@ class GroundTruth(NamedTuple):
     psi, psi_rate : tuple of float
         Body pitch [rad] and its rate [rad/s].
     position, velocity : tuple of float
-        Ball centre [m] and [m/s]: Rs theta from the start position.
+        Ball centre, the start position plus Rs theta [m], and its rate [m/s].
     battery_voltage : float
         Terminal voltage [V] in single precision, as in its message.
     """

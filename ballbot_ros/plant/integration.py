@@ -1,7 +1,8 @@
 """One physics step of a plane: exact for the linear model, Runge-Kutta for the nonlinear one.
 
 `advance_linear` and `advance_nonlinear` are functions on plain floats with a fixed order of
-operations: several times faster than arrays of four elements, and the same on every machine.
+operations. They are several times faster than arrays of four elements, and give the same results
+on every machine.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ def discrete_matrices(
 ) -> tuple[TransitionCoefficients, ForceCoefficients]:
     """Return the matrices of the linear model's step of `dt` seconds."""
     transition, held = zero_order_hold(*state_space(p), dt)
-    # theta is a pure integral: its column of the transition matrix is that of the identity.
+    # Leave out the column of theta: as theta is a pure integral, it is that of the identity.
     (_, *a0), (_, *a1), (_, *a2), (_, *a3) = transition.tolist()
     (b0, *f0), (b1, *f1), (b2, *f2), (b3, *f3) = held.tolist()
     return (*a0, b0, *a1, b1, *a2, b2, *a3, b3), (*f0, *f1, *f2, *f3)

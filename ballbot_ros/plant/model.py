@@ -86,8 +86,9 @@ class MassMatrix(NamedTuple):
     """Mass matrix [kg·m²] of (3.11)-(3.12) at a pitch psi.
 
     ``[[m11, m12], [m12, m22]]`` with ``m12 = coupling cos(psi) - drive``. Its determinant is
-    ``det + cos(psi) (det_1 - det_2 cos(psi))``, with det at least a third larger than det_2: the
-    difference m11 m22 - m12² would lose all digits where the drive's inertia dominates.
+    computed as ``det + cos(psi) (det_1 - det_2 cos(psi))``, with det at least a third larger than
+    det_2, because the difference m11 m22 - m12² would lose all digits where the drive's inertia
+    dominates.
     """
 
     m11: float
@@ -139,7 +140,7 @@ def state_space(p: PhysicalParameters) -> tuple[Matrix, Matrix]:
     """Return A (4, 4) and B (4, 3) of the linear state equation (3.24), angles in rad.
 
     The columns of B belong to the motor voltage [V] and to generalised forces on theta and psi
-    [N·m], which the document does not have; its own B is the first column.
+    [N·m]. The document has no such forces; its B is the first column.
     """
     m = mass_matrix(p)
     determinant = m.determinant(1.0)
@@ -177,7 +178,7 @@ def state_space(p: PhysicalParameters) -> tuple[Matrix, Matrix]:
 
 
 def impulse_ratio(m: MassMatrix, psi: float) -> float:
-    """Return m12/m22 of the mass matrix of (3.11)-(3.12) at the pitch `psi`; the linear one's at 0.
+    """Return m12/m22 of the mass matrix of (3.11)-(3.12) at a pitch; 0 gives the linear model's.
 
     An impulse on theta alone changes psi_dot by minus this ratio times the change of theta_dot.
     """

@@ -116,7 +116,7 @@ class Plant:
         self.fallen = False
 
     def push(self, push: Push) -> None:
-        """Add a disturbance; one that has ended has no effect."""
+        """Add a disturbance; a push that has already ended has no effect."""
         self._pushes.append(push)
 
     @property

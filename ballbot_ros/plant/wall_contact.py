@@ -62,7 +62,7 @@ def state_after_impact(
     Parameters
     ----------
     before, after : tuple of float
-        The plane before and, without the wall, after the step.
+        State of the plane before the step, and after it if there were no wall.
     mass : MassMatrix
     linear : bool
         Whether the plane follows the linear model.
@@ -112,7 +112,7 @@ class WallContact:
         Parameters
         ----------
         before, after : tuple of PlaneState
-            The planes before and, without walls, after the step.
+            The planes before the step, and after it if there were no walls.
         time_ns : int
             Sim time at the end of the step [ns].
         """

@@ -17,8 +17,9 @@ class ArrivalOrder(Generic[Message]):
     """Merges messages that are read topic by topic into the order of their arrival.
 
     A message that arrives during a pass over the topics waits for the next pass, because an older
-    message of a topic already read may still be unread. The system clock may be set back in the
-    meantime: messages of one topic keep their order, and none is held until the clock catches up.
+    message of a topic already read may still be unread. If the system clock is set back in the
+    meantime, messages of one topic keep their order, and no message waits for the clock to catch
+    up.
     """
 
     def __init__(self) -> None:
@@ -42,8 +43,8 @@ class ArrivalOrder(Generic[Message]):
         is_set_back = cutoff_ns < self._cutoff_ns
         self._cutoff_ns = cutoff_ns
         if is_set_back:
-            # The clock was set: old and new times can't be compared, and all waiting messages are
-            # old.
+            # The clock was set back, so old and new times can't be compared: return all waiting
+            # messages first, since they are old, and hold no message back in this pass.
             before, waiting = sorted(chain(*waiting.values()), key=itemgetter(0)), {}
             cutoff_ns = math.inf
         come: list[Arrival[Message]] = []

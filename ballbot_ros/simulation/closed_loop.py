@@ -35,7 +35,7 @@ _BATTERY, _STICKS = (DeviceInputs._fields.index(name) for name in ('battery_mv',
 
 
 class Tick(NamedTuple):
-    """One tick of the loop: the truth, the device readings and the resulting outputs."""
+    """One tick of the loop: the true state, the device readings and the resulting outputs."""
 
     truth: GroundTruth
     wall_hit: bool

@@ -57,7 +57,10 @@ class FreeRunningMaster(RunMaster):
         self._open()
 
     def _awaits_first_duty(self) -> bool:
-        """Return whether the plant waits, so that the controller calibrates from the first tick."""
+        """Return whether the plant still waits for the first duty.
+
+        It does so in order that the controller calibrates from the first tick.
+        """
         limit_s = self._settings.startup_timeout_s
         return self._duty_s is None and self._now_s - self._begun_s < limit_s
 
@@ -69,7 +72,7 @@ class FreeRunningMaster(RunMaster):
         pass  # The wall clock triggers the ticks.
 
     def _continue(self) -> None:
-        # Silence during the pause does not count.
+        # Measure the silence from now on: the pause does not count.
         self._waiting_since_s = self._now_s
         if self._duty_s is not None:
             self._duty_s = self._now_s

@@ -76,9 +76,10 @@ class FreeRunningTicks:
         self.gate.put(name, stamp_ns, value)
 
     def on_timer(self, task: str, at_ns: int) -> DueTick | None:
-        """Release a task whose timer fired at wall time `at_ns` [ns]; return a tick that is due.
+        """Release a task whose timer fired at wall time `at_ns` [ns]; return a tick if one is due.
 
-        At the first tick, restart the timers of all other tasks so that they are in phase with it.
+        `untimed` of the first tick lists the periodic tasks whose timers have not fired yet; they
+        must be restarted to be in phase with that tick.
         """
         self.fired[task] += 1
         now = self.gate.stamp(self._clock)

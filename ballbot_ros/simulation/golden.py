@@ -77,7 +77,7 @@ def arithmetic_sha256() -> str:
         values = (
             number,
             normal(bits),
-            # Most quantiles need no logarithm; those of the extreme words do.
+            # Smaller numbers, too: most quantiles need no logarithm, only the extreme ones do.
             normal(bits >> (bits % 50)),
             *sine_cosine(4.0 * number - 2.0),
             *sine_cosine(2000.0 * number - 1000.0),

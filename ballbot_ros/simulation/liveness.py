@@ -41,8 +41,8 @@ class LivenessMonitor:
 
     def begin(self) -> None:
         """Start over with a run whose participants are still joining."""
-        # A command starts its nodes together; other nodes are unknown until they announce
-        # themselves.
+        # Watch the nodes that were started together with the plant by one command; other nodes are
+        # unknown until they announce themselves.
         self._siblings = self._process_observer.siblings()
         self.reset()
 
@@ -71,14 +71,15 @@ class LivenessMonitor:
         tick_ns : int
             The unanswered tick [ns].
         awaits_recorder : bool
-            Whether the plant waits for the recorder instead of the controller. If all others have
-            answered, the one that it waits for counts as silent.
+            Whether the plant waits for the recorder instead of the controller. If every participant
+            has answered, the one that the plant waits for counts as silent.
 
         Returns
         -------
         dict of str to float
-            The roles, and how much of the silence counts for each [s]. If processes on this machine
-            have died, only their roles, since the others may be waiting for them.
+            The roles, and how much of the silence counts for each [s]. If some of their processes
+            on this machine have died, only those roles, since the other participants may be waiting
+            for them.
         """
         if self._since_call is None:
             return {}

@@ -16,7 +16,7 @@ from ballbot_ros.simulation.task_releases import DueTick, TaskReleases
 
 
 class InputGate:
-    """Holds the newest sample of each input until all that are due at one time have arrived.
+    """Holds the newest sample of each input, and shows whether all that are due have arrived.
 
     Samples are identified by their stamps, so a repeated sample changes nothing.
 
@@ -107,10 +107,10 @@ class SampleReaction(Enum):
 class LockstepTicks:
     """Decides, in lockstep, the reaction to each sample and each timer callback.
 
-    Samples count from the plant's own first one on. The plant sends it when every participant has
-    joined the run, so no sample of an earlier run can follow. A repeated sample or callback changes
-    nothing; a missing one holds up the tick. When the plant asks again, the drivers resend missing
-    inputs, and missing releases are forced.
+    Samples are ignored until the first one from the plant itself. The plant sends it when every
+    participant has joined the run, so no sample of an earlier run can follow. A repeated sample or
+    callback changes nothing; a missing one holds up the tick. When the plant asks again, the
+    drivers resend missing inputs, and missing releases are forced.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ class LockstepTicks:
         return self._due_tick() or SampleReaction.STORE
 
     def _answer_repeated(self, stamp_ns: int) -> SampleReaction:
-        """Decide about a repeated sample: the plant has not received the answer."""
+        """Decide the reaction to a repeated sample: the plant still waits for the answer."""
         if self._next_ns == stamp_ns + self._tick_ns:
             return SampleReaction.RESEND
         if self._next_ns == stamp_ns and self.gate.ready(stamp_ns):

@@ -1,6 +1,6 @@
 """The master of a run in lockstep: the plant advances only with the duty of its own tick.
 
-It asks again for an unanswered tick, and finds out which participant is silent.
+The master asks again for an unanswered tick, and finds out which participant is silent.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class LockstepMaster(RunMaster):
         self, stamp_ns: int, duty: tuple[int, int], data: bytes, *, is_stop: bool
     ) -> None:
         if is_stop:
-            # The controller is leaving; another one may take its place.
+            # Not an answer: the controller is leaving, and another one may take its place.
             return
         now_ns = self._plant.time_ns
         is_ahead = stamp_ns > now_ns
@@ -108,7 +108,7 @@ class LockstepMaster(RunMaster):
         self._tick(duty)
 
     def _continue(self) -> None:
-        # Silence during the pause does not count.
+        # Measure the silence from now on: the pause does not count.
         self._answered_s = self._waiting_since_s = self._now_s
         self._participants.liveness.reset()
         self._pacer.restart()
@@ -155,7 +155,7 @@ class LockstepMaster(RunMaster):
         silent = [role for role, silence_s in silences_s.items() if silence_s > limit_s]
         self._participants.call_roll()
         if awaits_recorder:
-            # A recorder acknowledges only topics that a roll call has announced to it.
+            # The recorder acknowledges nothing until it knows the required topics from the status.
             self._participants.publish_status()
         if not silent:
             what = RECORDER if awaits_recorder else 'the duty'
@@ -183,10 +183,11 @@ class LockstepMaster(RunMaster):
     # Resends
 
     def _resend(self) -> None:
-        """Ask again for the first incomplete tick; the silence continues.
+        """Ask again for the first incomplete tick, without ending the silence.
 
-        The recorder may lack samples that the controller has received from a driver that was then
-        killed: the middleware discards unread samples of a dead process.
+        That tick may precede the newest: the recorder may lack samples that the controller received
+        from a driver that was then killed, since the middleware discards unread samples of a dead
+        process.
         """
         waiting_since_s = self._waiting_since_s
         self.resends += 1
@@ -211,7 +212,7 @@ class LockstepMaster(RunMaster):
         return next((truth for truth in self._recent if truth.stamp_ns >= first_ns), self._truth)
 
     def _is_behind(self) -> bool:
-        """Return whether a tick earlier than the newest is requested."""
+        """Return whether the tick sent last is an earlier one, resent for the recorder."""
         has_recorder = self._recorder.recorder is not None
         return has_recorder and self._last_sent.stamp_ns < self._truth.stamp_ns
 

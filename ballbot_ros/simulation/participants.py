@@ -1,5 +1,8 @@
 """The participants of a run in lockstep, and the detection of strangers.
 
+A roll call of the plant asks every participant to announce itself. A suspect is a publisher on a
+lockstep topic that belongs to no participant; it is a stranger if it turns out to be active.
+
 Free of ROS: the plant's node passes in announcements, roll calls and the publishers in the graph,
 and acts on the :class:`Readiness` that results.
 """
@@ -80,7 +83,7 @@ class Participant:
 
 @dataclass(frozen=True)
 class Objection:
-    """A participant has seen a sample that can't belong to this run, or can't continue.
+    """A participant's report of a sample that can't belong to this run, or that it can't continue.
 
     Attributes
     ----------
@@ -222,8 +225,8 @@ class Roster:
     shared : collection of str
         Parameters that must have the same value in all participants that have them.
     stateless : collection of str
-        Roles whose participant may be replaced in mid-run by an equal one; in all others a
-        successor starts from its initial state.
+        Roles whose participant may be replaced in mid-run by an equal one; a successor in any other
+        role starts from its initial state.
     owners : mapping of str to collection of str
         The lockstep topics, and the roles that publish on each.
     """
@@ -287,7 +290,7 @@ class Roster:
             return
         run.heard[participant.instance] = _Heard(announcement, self._calls)
         objection = announcement.objection
-        # The run continues without a participant that it does not require.
+        # Ignore it if a participant that the run does not require can't continue.
         if objection and (objection.topic or participant.role in self._required):
             self.add_objection(objection)
         if len(self._claimants(participant.role)) > 1:
@@ -306,7 +309,7 @@ class Roster:
         Parameters
         ----------
         publishers : mapping of str to sequence of Publisher
-            By topic.
+            The publishers on each topic.
         now_s : float
             Time of this look at the graph, on a monotonic clock [s].
         """
@@ -417,7 +420,7 @@ class Roster:
         return self._likeliest(heard).problem if heard else ''
 
     def _likeliest(self, suspects: Sequence[_Suspect]) -> _Suspect:
-        """Return the most likely suspect: if possible, one not named like a participant."""
+        """Return the most likely suspect: preferably one with a name, and not a participant's."""
         names = {participant.node for participant in self._run.members.values()}
         return min(suspects, key=lambda suspect: (not suspect.node, suspect.node in names))
 
@@ -438,7 +441,8 @@ class Roster:
             if len(living) > 1:
                 doubled[role] = living
             elif self._calls - since >= ANSWER_CALLS:
-                # If none is alive, the silence that follows is attributed to the last participant.
+                # If none is alive, the role keeps its last participant, and the silence that
+                # follows is attributed to it.
                 for each in claimants:
                     if each.announcement.participant not in living:
                         del run.heard[each.announcement.participant.instance]
@@ -510,9 +514,10 @@ class Roster:
         return objection.text + sent_by
 
     def _is_of_a_handover(self, objection: Objection) -> bool:
-        """Return whether two participants of a role answered the same tick before a handover.
+        """Return whether both participants of a handover may have answered the same tick.
 
-        A gamepad's answer depends on when it is asked; the first one counts.
+        Their answers may differ, since a gamepad's answer depends on when it is asked. The first
+        one counts, so the objection is dropped.
         """
         roles = self._owners.get(objection.topic, ())
         return any(
@@ -546,8 +551,8 @@ class Roster:
         since_call : int
             Number of the last roll call before the silence.
         due_ns : mapping of str to int
-            The roles whose answer is awaited, each before those that depend on it, and the stamp
-            that is due [ns].
+            The stamp that is due from each role whose answer is awaited [ns]; a role comes before
+            the roles that depend on it.
         silence_s : callable
             Returns how much of the silence counts for a participant.
 

@@ -10,7 +10,7 @@ class RecorderFlow:
     """Holds the plant back until the recorder has caught up.
 
     The topics keep nothing for late subscribers. Therefore the plant waits until the recorder has
-    received all of two kinds of ticks: the first one, and each that was sent again.
+    completely received the first tick, and each tick that was sent again.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class RecorderFlow:
     def join(self, recorder: Participant | None, now_ns: int) -> bool:
         """Accept a recorder that joins in mid-run; return whether one has.
 
-        It starts at a tick at which every driver sends a sample.
+        The recorder starts at a tick at which every driver sends a sample.
         """
         if recorder == self._newest:
             return False
@@ -53,7 +53,8 @@ class RecorderFlow:
 
     def require_ack(self, now_ns: int) -> None:
         """Note that a tick was sent again at sim time `now_ns` [ns]."""
-        # The recorder may not have discovered a participant that has only just answered.
+        # Wait for the recorder, which may not have discovered yet a participant that has only just
+        # answered.
         if self.ack_ns is not None:
             self._sync_ns = now_ns
 

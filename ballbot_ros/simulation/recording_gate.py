@@ -1,4 +1,7 @@
-"""Selects the messages that belong in the recording of a run, and orders them."""
+"""Selects the messages that belong in the recording of a run, and orders them.
+
+A stranger is a node that publishes on a topic of the run without taking part in the run.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ MAX_PUBLISHERS = 8
 
 
 class _Numbers:
-    """Newest sequence number of each publisher of a topic; messages do not name their sender."""
+    """Newest sequence number of each publisher of a topic, inferred: messages name no sender."""
 
     def __init__(self) -> None:
         self._newest: list[int] = []
@@ -29,11 +32,11 @@ class _Numbers:
         self._newest.clear()
 
     def follows(self, number: int) -> bool:
-        """Return whether a number is the next one of a publisher."""
+        """Return whether `number` directly follows the newest number of a publisher."""
         return number - 1 in self._newest
 
     def has_gap(self, number: int) -> bool:
-        """Return whether a number can only mean that a known publisher skipped some."""
+        """Return whether `number` can only mean that a known publisher skipped some numbers."""
         return not self.follows(number) and any(newest < number for newest in self._newest)
 
     def note(self, number: int) -> None:
@@ -46,7 +49,7 @@ class _Numbers:
 
 
 class Stream:
-    """A topic on its way into the recording.
+    """A topic to be recorded, and what has arrived on it so far.
 
     Parameters
     ----------
@@ -57,7 +60,7 @@ class Stream:
         Whether it carries sim time.
     is_live : bool
         Whether it can't hold messages of earlier runs, because its publisher starts with its first
-        run or belongs to none.
+        run or belongs to no run.
     is_shared : bool
         Whether several nodes publish on it legitimately, so that number gaps mean nothing.
     is_same : callable or None
@@ -99,17 +102,17 @@ class Stream:
         sample = self._history.classify(stamp_ns, data)
         if sample is SampleStatus.NEW:
             self.newest_ns = stamp_ns
-        # A stranger's copies have sequence numbers of their own.
+        # Do not note a number after a gap: a stranger's copies have sequence numbers of their own.
         elif sample is SampleStatus.DUPLICATE and not self._numbers.has_gap(sequence):
             self._numbers.note(sequence)
         return sample
 
     def follows(self, sequence: int) -> bool:
-        """Return whether a number is the next one of a publisher."""
+        """Return whether `sequence` directly follows the newest number of a publisher."""
         return self._numbers.follows(sequence)
 
     def has_lost_before(self, sequence: int) -> bool:
-        """Note a sequence number; return whether some before it are missing."""
+        """Note a sequence number; return whether messages before it are missing."""
         leaps = self._numbers.has_gap(sequence)
         self._numbers.note(sequence)
         return leaps and not self._is_shared
@@ -133,7 +136,7 @@ class Writer(Protocol):
         """Report that messages before a sequence number were lost."""
 
     def has_several_publishers(self, stream: Stream) -> bool:
-        """Return whether strangers may publish on a topic."""
+        """Return whether a topic has several publishers, so that one may be a stranger."""
 
 
 class _Message(NamedTuple):
@@ -147,8 +150,9 @@ class RecordingGate:
     """Passes each message of the runs exactly once, and no other message.
 
     A sample passes when the clock has reached its stamp; before that, no participant can have sent
-    it. If a sample with the same stamp but other content follows, the gate objects to it, and lets
-    it pass as well: the recording then has the genuine one, whichever came first.
+    it. If a sample with the same stamp but other content follows, the gate objects to it, and
+    passes it as well, so that the recording has the genuine sample, whichever of the two came
+    first.
 
     Parameters
     ----------
@@ -159,11 +163,13 @@ class RecordingGate:
     now_ns : int
         The newest sim time of this plant [ns], 0 before the first.
     is_lockstep : bool
-        Whether each stamp has one sample. Free running, the last sample of a stamp is left out.
+        Whether each stamp has one sample. In free-running mode, only the first sample with a stamp
+        is recorded.
     takes_part : bool
-        Whether the recorder takes part in the runs, so that no stamp is skipped. A player may jump.
+        Whether the recorder takes part in the runs, so that no stamp may be skipped. A player, in
+        contrast, may jump in time.
     awaits_run : bool
-        Whether the run of a plant is not known yet; until then nothing passes.
+        Whether there is a plant whose run is not known yet; until it is, nothing passes.
     """
 
     def __init__(self, writer: Writer) -> None:
@@ -180,7 +186,8 @@ class RecordingGate:
         """Begin another run with some streams; return whether it belongs to another plant.
 
         A new run of the same plant continues the old one, whose last messages may still arrive.
-        Another plant sends no sample before all participants have joined its run.
+        With another plant, everything starts over, and messages held for the previous plant are
+        dropped: no plant sends a sample before all participants have joined its run.
         """
         is_first = self._run is None
         is_another_plants = self._run is None or run.plant != self._run.plant
@@ -222,14 +229,16 @@ class RecordingGate:
 
     def _take_time(self, message: _Message) -> None:
         is_ahead = self.now_ns and message.stamp_ns > self.now_ns + MAX_AHEAD_NS
-        # Jumps come from a player; a clock next to the plant's belongs to another simulation.
+        # If there is only one clock, a jump is that of a player; a clock next to the plant's
+        # belongs to another simulation.
         if is_ahead and self._run and self._writer.has_several_publishers(message.stream):
             self._writer.raise_objection(message.stream, message.stamp_ns)
             return
         begins = self.now_ns == 0
         self.now_ns = max(self.now_ns, message.stamp_ns)
         if begins and self._run and self.now_ns == self._first_ns:
-            # All have joined the run by now: anything they sent earlier belongs to another run.
+            # Keep only messages of live topics and samples of this first tick: all participants
+            # have joined the run by now, so anything else was sent in another run.
             self._held = [
                 each for each in self._held if each.stream.is_live or each.stamp_ns == self.now_ns
             ]
@@ -258,10 +267,12 @@ class RecordingGate:
         else:
             has_gap = stream.has_lost_before(sequence)
             if is_expected:
-                # The number missing between two consecutive stamps was a repeated sample.
+                # Judge by the stamps: a number missing between two consecutive stamps was that of
+                # a repeated sample.
                 has_gap = is_missed
             elif not stream.period_ns:
-                # A stranger's events have numbers between those of the run.
+                # Ignore a gap if a stranger may publish, too: its events have numbers between
+                # those of the run.
                 has_gap = has_gap and not self._writer.has_several_publishers(stream)
             if has_gap:
                 self._writer.report_loss(stream, sequence)

@@ -94,7 +94,7 @@ class PublishPush:
 
 @dataclass(frozen=True)
 class PublishTruth:
-    """Publish the truth of a tick together with its time.
+    """Publish the truth of a tick, the true state of the robot, together with its sim time.
 
     Attributes
     ----------

@@ -110,7 +110,7 @@ class RunMaster(ABC):
     Attributes
     ----------
     log : TrajectoryLog
-        What the current run has done so far.
+        Trajectory and duties of the current run so far.
     pause : PauseControl
     resends : int
         Number of times that an unanswered tick was sent again in lockstep, in all runs. Repeated
@@ -343,7 +343,7 @@ class RunMaster(ABC):
         if is_hit != self._is_hit:
             self._is_hit = is_hit
             self._report_wall_hit()
-        # A resend changes only the first of the two: see LockstepMaster._resend.
+        # LockstepMaster._resend restores the second: there, a resend does not end the silence.
         self._last_sent_s = self._waiting_since_s = self._now_s
 
     def _report_wall_hit(self) -> None:
@@ -401,7 +401,7 @@ class RunMaster(ABC):
             real_time_factor=self.log.ticks * TICK_NS / SECOND_NS / wall_s if wall_s else 0.0,
             late_ticks=self.late_ticks,
             resends=self.resends,
-            # The first one includes the start-up of every node in the run.
+            # Leave out the first one, which includes the start-up of every node in the run.
             round_trips_s=tuple(self._round_trips_s[1:]),
             start_ns=self._run.start_ns,
             members=self._participants.members,
@@ -503,7 +503,7 @@ class RunMaster(ABC):
     def _resume(self) -> None:
         """Resume a run that was held."""
 
-    # Common to both
+    # Common to both modes
 
     @property
     def late_ticks(self) -> int:

@@ -45,7 +45,7 @@ class Graph(Protocol):
 
 @dataclass(frozen=True)
 class RunTopics:
-    """The topics that the master of a run decides about.
+    """The topics that the master of a run needs to know.
 
     Attributes
     ----------
@@ -122,7 +122,8 @@ class RunParticipants:
     def on_announcement(self, announcement: Announcement) -> None:
         """Process a participant's announcement."""
         if not self._is_lockstep:
-            # A sample may have served to answer two ticks.
+            # Drop the objection: in free-running mode, a sample may have served to answer two
+            # ticks.
             announcement = replace(announcement, objection=None)
         self._roster.on_announcement(announcement)
 
@@ -136,7 +137,7 @@ class RunParticipants:
         Parameters
         ----------
         name : str
-            Its name.
+            Name of the run.
         topic : str
             The topic of the announcement.
         """
@@ -164,7 +165,7 @@ class RunParticipants:
             suspected = self._roster.suspected_topics & self._topics.stamped
             start_ns = self._run.start_ns if self._run else 0
             for topic, stamp_ns in self._graph.received(suspected):
-                # A message that answers the plant has a stamp of its run.
+                # Any other stamp is foreign: a message that answers the plant has one of its run.
                 if not start_ns <= stamp_ns <= now_ns:
                     self._roster.note_foreign_message(topic)
         standing = self._roster.readiness(now_ns)
@@ -211,7 +212,7 @@ class RunParticipants:
         return self._roster.reported_failure(role)
 
     def restarted_controller(self) -> str:
-        """Return when a controller restarted in mid-run, as text, or ''."""
+        """Return which controller restarted in mid-run and when, as text; '' if none did."""
         start_ns = self._run.start_ns if self._run else 0
         for member in self.members:
             if member.is_successor and member.participant.role == CONTROLLER:

@@ -36,13 +36,13 @@ class SampleHistory:
         self._samples.clear()
 
     def classify(self, stamp_ns: int, data: bytes) -> SampleStatus:
-        """Classify a sample, and store a new one.
+        """Classify a sample, and store it if it is new.
 
         Returns
         -------
         SampleStatus
-            NEW if it is newer than all others; OLD if it is older and its stamp is not stored;
-            otherwise, whether it equals the stored sample with its stamp.
+            NEW if its stamp is newer than all others. If a sample with the same stamp is stored,
+            DUPLICATE or CONFLICTING, depending on whether the content is the same. Otherwise OLD.
         """
         samples = self._samples
         if not samples or stamp_ns > samples[-1][0]:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 MAX_POLL_GAP_S = 0.2
-"""Upper limit of the time counted between two updates: a process that could not update the
-measurement could not receive answers, either."""
+"""Upper limit of the time counted between two updates: if this process was too busy to update the
+measurement, it could not receive answers, either."""
 
 
 @dataclass(frozen=True)
@@ -30,17 +30,17 @@ class ThreadTime:
     is_runnable: bool
 
     def starved_s(self, before: ThreadTime, span_s: float) -> float:
-        """Return how much of the last `span_s` it spent waiting for a processor [s].
+        """Return how much of the last `span_s` the thread spent waiting for a processor [s].
 
         Parameters
         ----------
         before : ThreadTime
-            State of the same thread at the start of this time.
+            State of the same thread at the start of the span.
         span_s : float
-            Length of this time [s].
+            Length of the span [s].
         """
         if self.is_runnable and (self.cpu_s, self.queued_s) == (before.cpu_s, before.queued_s):
-            return span_s  # The system adds the time in a queue only when it ends.
+            return span_s  # It waited all along: the system counts a wait only when it ends.
         return self.queued_s - before.queued_s
 
 
@@ -69,9 +69,9 @@ def available_s(threads: Threads, before: Threads, span_s: float) -> float:
     Parameters
     ----------
     threads, before : mapping of int to ThreadTime
-        Its threads now, and at the start of this time.
+        Threads of the process now, and at the start of the span.
     span_s : float
-        Length of this time [s].
+        Length of the span [s].
     """
     known = threads.keys() & before.keys()
     starved = (threads[each].starved_s(before[each], span_s) for each in known)
@@ -80,10 +80,10 @@ def available_s(threads: Threads, before: Threads, span_s: float) -> float:
 
 
 class SilenceTimer:
-    """Measures a silence by the time that the machine gave to each process that could end it.
+    """Measures a silence separately for each process that could end it.
 
-    A process has had the time if it is stopped, gone, waiting for a message or a disk, or busy. It
-    has not had the time while it waits for a processor.
+    Time in which a process waits for a processor does not count. Time in which it is stopped, gone,
+    busy, or waiting for a message or a disk does.
     """
 
     def __init__(self) -> None:
@@ -118,7 +118,7 @@ class SilenceTimer:
         self._known = dict(processes)
 
     def silence_s(self, process: int | None = None) -> float:
-        """Return how much of it counts for a process [s]; None means one on another machine."""
+        """Return how much of the silence counts for a process [s], or for a remote one if None."""
         if process is None:
             return self._elapsed_s
         return self._silences_s.get(process, self._elapsed_s)

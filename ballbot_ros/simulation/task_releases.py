@@ -20,7 +20,7 @@ class DueTick(NamedTuple):
     tasks : tuple of str
         The tasks to run, highest priority first.
     untimed : tuple of str
-        Those of them whose timer has not released them and must be restarted.
+        Those of `tasks` that their timers have not released; these timers must be restarted.
     """
 
     time_ns: int
@@ -84,7 +84,7 @@ class TaskReleases:
         self._forced_ns = tick_ns
 
     def take(self, tick_ns: int) -> DueTick:
-        """Return the tick at `tick_ns` [ns], which is complete, and consume its releases."""
+        """Return the tick at `tick_ns` [ns], for which no release may be missing."""
         due = self._due(tick_ns)
         return DueTick(tick_ns, due, self._untimed(due, tick_ns))
 
