@@ -185,14 +185,14 @@ def map_grid(message: OccupancyGridMessage) -> OccupancyGrid:
 def fill_sticks(message: Joy, stamp_ns: int, sticks: tuple[int, int], source: str) -> None:
     """Write ``gamepad``: left stick vertical and right stick horizontal, each n/100.
 
-    The frame names the source in command.
+    Its frame_id names the input in command.
     """
     fill_header(message.header, stamp_ns, source)
     message.axes = [sticks[0] / 100.0, sticks[1] / 100.0]
 
 
 def stick_values(message: Joy) -> tuple[int, int]:
-    """Return the packet's integers from ``gamepad``."""
+    """Return the sticks from ``gamepad``, as the integers of the Bluetooth packet."""
     return quantise(message.axes[0] * 100.0), quantise(message.axes[1] * 100.0)
 
 
@@ -256,7 +256,10 @@ def tone_of(message: Vector3Stamped) -> Tone:
 def fill_accepted_push(
     message: WrenchStamped, stamp_ns: int, push: Push, number: int, *, acts: bool
 ) -> None:
-    """Write ``plant/accepted_push``: the wrench of push `number` that acts from the stamp on."""
+    """Write ``plant/accepted_push``: the wrench of push `number` from the stamp on.
+
+    It is zero unless the push acts.
+    """
     fill_header(message.header, stamp_ns, f'push {number}')
     force, torque = message.wrench.force, message.wrench.torque
     force.x, force.y = (push.force[0], -push.force[1]) if acts else (0.0, 0.0)

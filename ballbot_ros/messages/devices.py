@@ -1,6 +1,7 @@
-"""The messages of the devices: the truth that each one samples, and its samples.
+"""The messages of the devices: the plant's true state (the truth), and the samples of it.
 
-The functions that fill and read messages follow :mod:`ballbot_ros.messages.conversions`.
+The functions that fill and read messages are like those of
+:mod:`ballbot_ros.messages.conversions`.
 """
 
 from __future__ import annotations
@@ -60,11 +61,11 @@ class DeviceMessages(Generic[P, Measured, Reading]):
     measured : callable
         Returns the measured quantity from a message of `truth`.
     sample : Topic
-        The topic of its samples.
+        The topic of the device's samples.
     fill : callable
         Writes the stamp [ns] and the reading of a sample into a message.
     reading : callable
-        Returns the reading from a sample. Raises ValueError if no such device can give it.
+        Returns the reading from a sample. Raises ValueError if no such device can have sent it.
     describe : callable
         Writes the constant properties of the device into a message that `fill` completes.
     """
@@ -104,7 +105,7 @@ def fill_encoders(message: JointState, stamp_ns: int, counts: tuple[int, int]) -
 def encoder_counts(message: JointState) -> tuple[int, int]:
     """Return the counts [deg] of motors B and C from ``joint_states``.
 
-    ValueError if the message has other joints.
+    It raises ValueError if the message has other joints.
     """
     if message.name != MOTOR_NAMES:
         raise ValueError(f'joints {message.name}, not {MOTOR_NAMES}')
@@ -128,7 +129,7 @@ def fill_sonar(message: Range, stamp_ns: int, sonar_cm: int) -> None:
 def sonar_range_cm(message: Range) -> int:
     """Return the reading [cm] from ``sonar``.
 
-    ValueError if the sensor's register can't hold it.
+    It raises ValueError if the sensor's register can't hold it.
     """
     reading = metres_to_sonar_cm(message.range)
     if not NO_DATA_CM <= reading <= NO_ECHO_CM:

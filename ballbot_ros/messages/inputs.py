@@ -33,9 +33,9 @@ _TOPICS = tuple(_TOPIC_OF[field] for field in DeviceInputs._fields)
 INPUT_READERS: dict[Topic, Callable[[Any], Any]] = {
     each.topic: each.read for each in _CONTROLLER_INPUTS
 }
-"""The function that reads each topic."""
+"""For each topic, the function that reads its messages."""
 
 
 def device_inputs(sample: Callable[[Topic], Any]) -> DeviceInputs:
-    """Return the inputs of a tick from the `sample` of each topic, None if it has none."""
+    """Return the inputs of a tick; `sample` gives the sample of a topic, None if it has none."""
     return DeviceInputs._make([sample(topic) for topic in _TOPICS])

@@ -30,11 +30,12 @@ def fill_marker(
     message : object
     namespace : str
     number : int
-        Identifies it within the namespace.
+        Identifies the marker within the namespace.
     shape : str
         A key of :data:`SHAPES`.
     size : sequence of float
-        Of a box, cylinder or sphere as in URDF; the width of a line; the height of letters [m].
+        A box's x, y and z; a cylinder's radius and length; a sphere's radius; a line's width; the
+        height of the letters of a text [m]. Triangles ignore it.
     colour : sequence of int
         Red, green, blue, 0 ... 255.
     opacity : float

@@ -1,7 +1,7 @@
 """The motor stop: a ``motor_duty`` of zero that answers no tick.
 
-A run that does not complete ends with one, from the plant and from the controller if they are still
-alive. Its frame_id distinguishes it from the answers, whose frame_id is empty.
+A run that does not complete ends with a motor stop, from the plant and from the controller if they
+are still alive. Its frame_id distinguishes it from the answers to ticks, whose frame_id is empty.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ballbot_ros.timing import TICK_NS
 
 FRAME_ID = 'stop'
 
-# In CDR it follows four bytes of encoding and a stamp of eight bytes.
+# In CDR, the frame_id follows four bytes of encoding and a stamp of eight bytes.
 _BEGIN = 12
 _ENCODED = struct.pack(f'<I{len(FRAME_ID) + 1}s', len(FRAME_ID) + 1, FRAME_ID.encode())
 

@@ -33,7 +33,7 @@ class RunStatus:
     Attributes
     ----------
     run : str
-        Its name in ``plant/run``.
+        Name of the run in ``plant/run``.
     is_lockstep : bool
         Whether the plant waits for its participants.
     periodic_topics : tuple of str
@@ -173,7 +173,7 @@ def membership_json(member: Membership, start_ns: int) -> dict[str, object]:
 
 
 def membership_text(member: Membership, start_ns: int) -> str:
-    """Return the same information on one line."""
+    """Return a participant of a run that began at `start_ns` [ns], as one line of text."""
     row = membership_json(member, start_ns)
     since = f', since {row["since_s"]:.3f} s' if member.is_successor else ''
     return (

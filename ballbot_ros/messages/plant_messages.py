@@ -79,7 +79,7 @@ class PlantMessages:
             self._accepted_push.send(stamp)
 
     def truth(self, truth: GroundTruth, *, wall_hit: bool, is_resend: bool = False) -> bool:
-        """Send the truth of a tick; return whether `wall_hit` has changed.
+        """Send the plant's true state at a tick; return whether `wall_hit` has changed.
 
         With `is_resend`, also send the newest battery sample again, because a controller that has
         just joined waits for it.
@@ -87,7 +87,8 @@ class PlantMessages:
         stamp_ns = truth.stamp_ns
         fill_clock(self._clock.message, stamp_ns)
         self._clock.send(stamp_ns)
-        # Before the drivers' inputs: for the controller, the run begins with it.
+        # Send the battery sample before the drivers' inputs: it marks the start of the run for the
+        # controller.
         if stamp_ns % BATTERY_PERIOD_NS == 0:
             fill_battery(self._battery.message, truth)
         if is_resend or stamp_ns % BATTERY_PERIOD_NS == 0:

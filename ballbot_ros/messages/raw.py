@@ -1,7 +1,7 @@
 """Serialised messages: their stamps, and decoding them.
 
-Decoding with rosbags takes a third of the time of rclpy's own conversion, and several nodes read
-most messages of the loop.
+Decoding with rosbags takes a third of the time of rclpy's own conversion, and most
+messages of the loop are read by several nodes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ballbot_ros.recording.encoding import encoder
 from ballbot_ros.recording.schemas import typestore
 from ballbot_ros.timing import SECOND_NS
 
-# After four bytes of encoding, CDR has the first field: here a time.
+# In CDR, the first field, here a time, follows four bytes of encoding.
 _STAMP = struct.Struct('<4xiI')
 _STAMPS = ('std_msgs/msg/Header', 'builtin_interfaces/msg/Time')
 
@@ -25,7 +25,7 @@ _STAMPS = ('std_msgs/msg/Header', 'builtin_interfaces/msg/Time')
 def stamp_of(data: bytes) -> int:
     """Return the stamp [ns] of a serialised message that begins with a header or a time.
 
-    ValueError if the message is too short.
+    It raises ValueError if the message is too short.
     """
     try:
         seconds, nanoseconds = _STAMP.unpack_from(data)

@@ -1,4 +1,4 @@
-"""The messages of a run without a graph: the same topics with the same content."""
+"""The messages of a run without a graph: same topics and content as from the nodes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class RunMessages:
     Parameters
     ----------
     sink : callable
-        Receives them.
+        Receives the messages.
     parameters : ParameterSet
     """
 

@@ -29,7 +29,7 @@ def summary_json(summary: RunSummary) -> dict[str, object]:
 
 
 def summary_words(summary: RunSummary) -> dict[str, object]:
-    """Return what the summary adds to the plant's diagnostics."""
+    """Return the entries that the summary adds to the plant's diagnostics."""
     words: dict[str, object] = {
         'outcome': summary.outcome.value,
         'reason': summary.reason,

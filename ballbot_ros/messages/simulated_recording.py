@@ -63,7 +63,7 @@ class SimulatedRecording:
             self._flushed_ns = now
 
     def add_truth(self, truth: GroundTruth, *, wall_hit: bool) -> None:
-        """Write the last truth of a run that ended early."""
+        """Write the plant's last true state in a run that ended early."""
         self._messages.truth(truth, wall_hit=wall_hit)
 
     def stop_motors(self, last_ns: int) -> None:

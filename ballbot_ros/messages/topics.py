@@ -38,11 +38,11 @@ class Topic(NamedTuple):
     period_ns : int
         In lockstep, period of its messages [ns]; 0 for a topic of events.
     latched_depth : int
-        Number of messages that a publisher keeps for late subscribers: the newest of a state, which
-        holds until the next one; none of a stream or of events.
+        Number of messages that a publisher keeps for late subscribers: usually 1 for a state, which
+        holds until the next message, and 0 for a stream or for events.
     has_history : bool
         Whether the messages are also published on :attr:`history`, from which the recorder reads
-        them: it needs more than the newest state, and events are never sent again.
+        them: the recorder needs more than the newest state, and events are never sent again.
     """
 
     name: str
@@ -135,7 +135,7 @@ TOPICS = (
     MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD,
     RECORDER_ACK, PARTICIPANTS, DIAGNOSTICS,
 )  # fmt: skip
-"""The topics that the graph itself publishes. The inputs for driving are found by discovery, since
+"""The topics that the graph itself publishes. The recorder discovers the inputs for driving, since
 their publishers choose the quality of service, and for ``cmd_vel`` even the type."""
 
 _PUBLISHERS = {

@@ -32,11 +32,12 @@ from ballbot_ros.stop_request import StopRequest
 DIAGNOSTICS_PERIOD_S = 1.0
 SPIN_S = 0.05
 PORTS_PERIOD_S = 0.5
-"""Shorter than Fast DDS needs to detect a dead reader (1 s or more): its recovery may deadlock."""
+"""Period of the port checks [s]: shorter than the 1 s or more that Fast DDS needs to detect a dead
+reader, because its recovery from one may deadlock."""
 
 FLUSH_S = 0.1
 NO_SAMPLE = (ValueError, IndexError, OverflowError)
-"""Errors raised while reading a message that none of our nodes has sent."""
+"""Errors raised while reading a message that no node of this package can have sent."""
 
 
 def reliable_qos(depth: int, *, latched: bool) -> QoSProfile:
@@ -75,7 +76,7 @@ class TopicPublisher:
 
     def _make(self) -> None:
         kind, topic = self._topic.message_class, self._topic
-        # The history first: a subscriber that discovers the topic has then discovered it already.
+        # Create the history first, so that a subscriber discovers it before the topic itself.
         self._publishers = []
         if topic.has_history:
             qos = reliable_qos(HISTORY, latched=True)
@@ -115,10 +116,11 @@ class BallbotNode(ParameterNode[P]):
     Parameters
     ----------
     cls : type
-        The parameters of its role; the role is also the node's name unless ROS remaps it.
+        Class of the node's parameters, which determines its role; the role is also the node's name
+        unless ROS remaps it.
     parameters : NodeParameters or None
-        Initial values, for a node created in a program; otherwise those of the command line and
-        of parameter files.
+        Initial values, for a node created by a program; None for the values from the command line
+        and from parameter files.
     use_sim_time : bool
         Whether the node's clock is ``/clock``.
 
@@ -197,9 +199,10 @@ class BallbotNode(ParameterNode[P]):
     ) -> Subscription:
         """Subscribe to `topic`; with `raw` the callback receives the serialised message.
 
-        In lockstep nothing newer than an unanswered sample arrives, so a depth of one loses nothing
-        in the loop. A periodic topic starts with the next message: the plant sends again what the
-        node has missed, and the node must not answer older ticks.
+        In lockstep no newer sample arrives before the last one is answered, so a depth of one loses
+        nothing in the loop. The subscription to a periodic topic gets no earlier messages, even if
+        the topic is latched: the plant sends again what the node has missed, and the node must not
+        answer older ticks.
         """
         if raw:
             receive = callback
@@ -220,7 +223,7 @@ class BallbotNode(ParameterNode[P]):
         return self.create_subscription(topic.message_class, topic.name, receive, qos, raw=True)
 
     def warn_malformed(self, topic: Topic, error: Exception) -> None:
-        """Warn of a malformed message, which only a stranger can have sent."""
+        """Warn of a malformed message, which no node of this package can have sent."""
         self.get_logger().warning(
             f'{topic.name}: message ignored: {one_line(error)}', throttle_duration_sec=1.0
         )
@@ -339,8 +342,8 @@ def run_node(make: Callable[[], AnyNode]) -> int:
 def spin(nodes: Sequence[AnyNode], done: rclpy.Future, stop: StopRequest | None = None) -> None:
     """Run the callbacks of the nodes until `done`, or until a stop is requested.
 
-    Unlike ``spin_once``, this stays in C++ between callbacks. Without callbacks it returns now and
-    then, so that signals are noticed.
+    Unlike ``spin_once``, the executor stays in C++ between callbacks. It returns to Python now and
+    then even without callbacks, so that signals are noticed.
     """
     steady = Clock(clock_type=ClockType.STEADY_TIME)
     for check in (mark_dead_readers, OwnPorts().repair):

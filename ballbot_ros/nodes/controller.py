@@ -36,7 +36,7 @@ from ballbot_ros.timing import MILLISECOND_NS, SECOND_NS, TICK_NS
 
 
 class Controller(BallbotNode[ControllerParameters]):
-    """Answers the inputs of every tick with one ``motor_duty`` of the same stamp.
+    """Answers the inputs of every tick with one ``motor_duty`` that has the same stamp.
 
     Each periodic task has a timer that releases it. In lockstep the timers run on ``/clock``, and a
     tick runs when its inputs have arrived and the due tasks are released. Free running, they run on
@@ -78,7 +78,7 @@ class Controller(BallbotNode[ControllerParameters]):
 
     def check(self, parameters: ControllerParameters) -> None:
         """Check that everything the control program needs is available."""
-        # Not built here: that takes seconds, and a run would wait. The next run builds it.
+        # Leave building the program to the next run: it takes seconds, and would stall this run.
         require_implementation(parameters.implementation)
 
     def apply_parameters(self) -> None:
@@ -90,7 +90,10 @@ class Controller(BallbotNode[ControllerParameters]):
             self._set_timers()
 
     def _set_timers(self) -> None:
-        """Create a timer for each periodic task; they start with the first tick."""
+        """Create a timer for each periodic task.
+
+        The timers start with the first tick, except for one that makes the ticks.
+        """
         for timer in self._timers_of_tasks.values():
             self.destroy_timer(timer)
         self._tasks = task_timings(self.parameters.ts2_period, self.parameters.ts3_period)
@@ -107,7 +110,7 @@ class Controller(BallbotNode[ControllerParameters]):
         }
 
     def _makes_ticks(self, task: str) -> bool:
-        """Return whether a task's timer drives the ticks, and so runs before the first one."""
+        """Return whether a task's timer makes the ticks, and so must run before the first tick."""
         return not self._lockstep and task == TASK_TS1
 
     def _release_callback(self, task: str) -> Callable[[], None]:
@@ -148,7 +151,7 @@ class Controller(BallbotNode[ControllerParameters]):
         self._messages.begin()
         ticks = self._lockstep_ticks if self._lockstep else self._free_ticks
         ticks.begin(run.start_ns, self._tasks)
-        # They are not in phase with the new run.
+        # Stop the timers, which are not in phase with the new run; its ticks restart them.
         for name, timer in self._timers_of_tasks.items():
             if not self._makes_ticks(name):
                 timer.cancel()
@@ -170,7 +173,7 @@ class Controller(BallbotNode[ControllerParameters]):
             self._on_missed_start(stamp)
 
     def _on_missed_start(self, stamp: int) -> None:
-        """Start in mid-run, which only `rejoin` allows."""
+        """Restart the program in mid-run if `rejoin` allows it; otherwise object, and fail."""
         reaction = self._lockstep_ticks.on_missed_start(
             stamp, now_ns=self.get_clock().now().nanoseconds, rejoin=self.parameters.rejoin
         )
@@ -188,7 +191,7 @@ class Controller(BallbotNode[ControllerParameters]):
 
     def _run(self, tick: DueTick) -> None:
         """Run the tasks of a tick, and publish the results."""
-        # Before the answer, which may let the clock advance.
+        # Start the timers before the answer, which may let the clock advance.
         if tick.untimed:
             self._start_timers(tick)
         inputs = device_inputs(lambda topic: self._gate.newest(topic.name))

@@ -1,4 +1,4 @@
-"""The driver of a device: reads the plant's truth and publishes samples."""
+"""The driver of a device: reads the plant's true state (the truth) and publishes samples."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ballbot_ros.simulation.lockstep import Run
 
 
 class DeviceDriver(BallbotNode[P]):
-    """Answers each truth at a sampling time with one sample of the same stamp.
+    """Answers the truth of each sampling time with one sample that has the same stamp.
 
     Parameters
     ----------
     cls : type
         The class of the driver's parameters, which identifies the device.
     parameters : DriverParameters or None
-        As for any node.
+        As for :class:`ballbot_ros.nodes.base.BallbotNode`.
     """
 
     def __init__(self, cls: type[P], parameters: P | None = None) -> None:
@@ -65,7 +65,7 @@ class DeviceDriver(BallbotNode[P]):
 
 
 def messages_of(cls: type[DriverParameters]) -> AnyDeviceMessages:
-    """Return the messages of the device whose driver has these parameters."""
+    """Return the messages of the device whose driver has parameters of this class."""
     return next(each for each in DEVICE_MESSAGES if each.device.parameters is cls)
 
 

@@ -23,7 +23,7 @@ def main() -> int:
     Returns
     -------
     int
-        0 if one arrived, else 1.
+        0 if the message arrived, else 1.
     """
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if not end_with_parent():

@@ -36,7 +36,7 @@ class DomainLock:
     Raises
     ------
     BallbotError
-        If another plant holds the lock.
+        If another plant or player holds the lock.
     """
 
     def __init__(self, domain: int) -> None:

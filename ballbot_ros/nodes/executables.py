@@ -19,7 +19,7 @@ def start(node: str | None) -> None:
     Parameters
     ----------
     node : str or None
-        Its name; None if none was given.
+        Name of the node; None if none was given.
     """
     open_standard_streams()
     with StopRequest() as stop:
@@ -35,7 +35,7 @@ def start(node: str | None) -> None:
 
 
 def __getattr__(name: str) -> Callable[[], None]:
-    # Names are checked only at the start, because the check needs an import, which a signal
+    # Accept every name here: `start` checks it, because the check needs an import, which a signal
     # must be able to end quietly, too.
     if name.startswith('_'):
         raise AttributeError(name)

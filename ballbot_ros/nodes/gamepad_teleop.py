@@ -1,4 +1,4 @@
-"""The gamepad: the sticks of the input in command, live inputs before the scenario's signals."""
+"""The gamepad node: publishes the sticks of the input in command; live inputs have priority."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ MAX_KEPT_ANSWERS = MAX_LEAD_TICKS * TICK_NS // SLOW_PERIOD_NS + 1
 
 
 class GamepadTeleop(BallbotNode[GamepadParameters]):
-    """Answers ``plant/joint_states`` at multiples of 20 ms with one ``gamepad`` of that stamp."""
+    """Answers ``plant/joint_states`` at multiples of 20 ms with a ``gamepad`` of that stamp."""
 
     def __init__(self, parameters: GamepadParameters | None = None) -> None:
         super().__init__(GamepadParameters, parameters)

@@ -1,4 +1,4 @@
-"""The publishers on the lockstep topics, and messages from strangers on them."""
+"""Observes topics: which nodes publish on them, and which messages arrive."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class GraphObserver:
         """Return the publishers of each topic by its name.
 
         Counting publishers takes a fifth of the time of listing them, so while the counts stay the
-        same, the list is renewed once a second only.
+        same, the list is renewed only once a second.
         """
         now_s = time.monotonic()
         counts = [self._node.count_publishers(name) for name in self._topics]
@@ -99,7 +99,7 @@ def guid_prefix(node: Node, word: str) -> str:
     """Return the common prefix of the identifiers of a node's publishers, as hexadecimal text.
 
     All nodes of a process share it. The only way to find it is to compare two publishers on a topic
-    of their own, named by the unique `word`; '' if they have no common prefix.
+    that nobody else uses, named after the unique `word`. It is '' if the two have no common prefix.
     """
     topic = f'_{word}'
     publishers = [node.create_publisher(Header, topic, 1) for _ in range(2)]

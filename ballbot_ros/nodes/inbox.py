@@ -13,9 +13,10 @@ from ballbot_ros.messages.topics import Topic
 
 
 def hidden_node(name: str, owner: Node | None = None) -> Node:
-    """Return a node for subscriptions that its owner drains; no executor spins it.
+    """Create a node for subscriptions that its owner drains; no executor spins it.
 
-    It is in the owner's namespace, if there is an owner, and its name starts with the owner's name.
+    Its name begins with an underscore, which hides it. If it has an owner, it is in the owner's
+    namespace, and its name contains the owner's name.
     """
     if owner is not None:
         name = f'{owner.get_name()}_{name}'

@@ -27,10 +27,10 @@ from ballbot_ros.viewer.snapshot import Snapshot
 
 
 class LatestMessages:
-    """The newest message of each topic, decoded only on access.
+    """The newest message of each topic; only the newest message of a poll is decoded.
 
-    The messages are read without the executor, as in the recorder: a callback for each one, most of
-    which are never shown, would cost many times as much.
+    The messages are read without the executor, as in the recorder: most of them are never shown,
+    and a callback for each would cost many times as much.
 
     Parameters
     ----------
@@ -56,8 +56,8 @@ class LatestMessages:
         snapshot : Snapshot or None
             State of the robot; None before its first pose.
         changed : set of Topic
-            The topics with a message since the last snapshot. It includes what a run announced
-            before the first pose.
+            The topics with a message since the last snapshot; for the first snapshot, since the
+            start, so that it includes messages from before the first pose.
         """
         for topic, subscription in self._subscriptions.items():
             come = [data for data, _ in drain(subscription)]

@@ -19,7 +19,7 @@ DISCOVERY_RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 DEFAULT_RMW = 'rmw_fastrtps_cpp'
 DOMAIN = 'ROS_DOMAIN_ID'
 MAX_DOMAIN_ID = 232
-"""Above it there are no ports, and the middleware ends the process."""
+"""The last domain that has ports; beyond it, the middleware ends the process."""
 
 
 def ros_domain() -> int:
@@ -37,12 +37,12 @@ def ros_domain() -> int:
 
 
 def require_middleware() -> None:
-    """Check that the middleware in ``RMW_IMPLEMENTATION`` loads; if not, rcl would exit.
+    """Check that the middleware in ``RMW_IMPLEMENTATION`` loads: rcl would exit if it did not.
 
     Raises
     ------
     BallbotError
-        If it does not load.
+        If the middleware does not load.
     """
     name = os.environ.get('RMW_IMPLEMENTATION', DEFAULT_RMW)
     if name in ('', DEFAULT_RMW):
@@ -60,7 +60,7 @@ def require_discovery() -> None:
     Raises
     ------
     BallbotError
-        If it does not.
+        If the environment switches discovery off.
     """
     if os.environ.get(DISCOVERY_RANGE) == 'OFF':
         raise BallbotError(f'{DISCOVERY_RANGE}=OFF: nodes cannot discover each other; unset it')
@@ -69,12 +69,13 @@ def require_discovery() -> None:
 def prepare_middleware() -> None:
     """Remove what killed processes left, and speed up discovery.
 
-    A command does this for the nodes that it starts.
+    A node started by a command removes nothing: the command has already done so.
 
     Raises
     ------
     BallbotError
-        If there is no such ROS domain, or a leftover that can't be removed would hold up the node.
+        If the number of the ROS domain is invalid, or a leftover that can't be removed would hold
+        up the node.
     """
     ros_domain()
     if END_WITH_PARENT not in os.environ:

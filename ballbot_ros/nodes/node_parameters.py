@@ -28,7 +28,7 @@ from ballbot_ros.parameters import (
 
 SIM_TIME = 'use_sim_time'
 _ROS_PARAMETERS = {SIM_TIME, 'start_type_description_service'}
-"""The parameters of every ROS node."""
+"""Parameters that every ROS node has."""
 
 NEXT_RUN = 'takes effect in the next run (plant_sim/reset starts one)'
 UNCHANGED = 'read-only; it already has this value'
@@ -44,10 +44,11 @@ class ParameterNode(Node, Generic[P]):
     Parameters
     ----------
     cls : type
-        The parameters of its role; the role is also the node's name unless ROS remaps it.
+        Class of the node's parameters, which determines its role; the role is also the node's name
+        unless ROS remaps it.
     parameters : NodeParameters or None
-        Initial values, for a node created in a program; otherwise those of the command line and
-        of parameter files.
+        Initial values, for a node created by a program; None for the values from the command line
+        and from parameter files.
     use_sim_time : bool
         Whether the node's clock is ``/clock`` by default.
 
@@ -60,7 +61,7 @@ class ParameterNode(Node, Generic[P]):
     Raises
     ------
     ParameterError
-        If a value is not allowed, or no node has a parameter of this name.
+        If a value is not allowed, or a given parameter exists in no node.
     """
 
     def __init__(
@@ -148,8 +149,8 @@ class ParameterNode(Node, Generic[P]):
     def set_parameters_atomically(self, parameter_list: list[RosParameter]) -> SetParametersResult:
         """Set parameters, all or none; the answer says when they take effect.
 
-        Setting a read-only parameter to its current value is not an error, so that a dump can be
-        loaded.
+        Setting a read-only parameter to its current value is not an error, so that the output
+        of ``ros2 param dump`` can be loaded.
         """
         changes = [each for each in parameter_list if not self._is_kept(each)]
         if not changes:
@@ -173,14 +174,14 @@ class ParameterNode(Node, Generic[P]):
         return result
 
     def _is_kept(self, parameter: RosParameter) -> bool:
-        """Return whether a read-only parameter is set to the value that it has."""
+        """Return whether this sets a read-only parameter to the value that it already has."""
         name = parameter.name
         if not self.has_parameter(name) or not self.describe_parameter(name).read_only:
             return False
         return bool(self._in_own_type(parameter).value == self.get_parameter(name).value)
 
     def _apply_live(self, names: Iterable[str]) -> str:
-        """Apply the live parameters among these; return what to report about the others."""
+        """Apply changes that take effect at once; return a note if any change does not, else ''."""
         waiting: list[str] = []
         live: list[str] = []
         for name in names:
@@ -204,11 +205,11 @@ class ParameterNode(Node, Generic[P]):
         Raises
         ------
         BallbotError
-            If they are not.
+            If the values are not compatible.
         """
 
     def on_parameters_changed(self) -> None:
-        """React to live parameters that have taken effect."""
+        """React to new values of parameters that take effect at once."""
 
 
 def _ros_parameter(name: str, value: object) -> RosParameter:

@@ -20,7 +20,8 @@ _REMOVED_PORT = re.compile(
     rf'([0-9a-f]+)-([0-9a-f]+) rw-s .* {SHARED_MEMORY}/(fastrtps_port\d+) \(deleted\)'
 )
 _FLAGS_TO_READERS, _NUMBER_TO_FLAGS = 20588, 24
-"""Offsets in the state of a port [bytes], for the layout on x86-64."""
+"""Distances in the state of a port [bytes], for the layout on x86-64: from the flags to the states
+of the readers, and from the port's number to the flags."""
 
 _IS_OK = 1
 
@@ -39,7 +40,8 @@ class OwnPorts:
             return
         removed = _find_removed_ports(numbers)
         if removed:
-            # A read from an address that is no longer mapped is an error here, not a crash.
+            # Access the ports through this file: there an address that is no longer mapped causes
+            # an error, not a crash.
             with Path('/proc/self/mem').open('r+b', buffering=0) as memory:
                 for name, start, size in removed:
                     with suppress(OSError):

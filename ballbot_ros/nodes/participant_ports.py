@@ -1,10 +1,11 @@
 """Keeps a new participant off the ports of a killed one.
 
 Each participant of a domain has a number, which determines its ports (RTPS 2.5, 9.6.2.3). Fast DDS
-(2.14) takes the lowest free number, in shared memory, too. A process that writes to the port of a
-killed participant keeps it open and notices only after seconds that nobody reads it; if the
-participant was killed while reading, it never notices, since only waiting readers are monitored. A
-new participant with that number receives nothing from this process.
+(2.14) takes the lowest free number, and uses it for the ports in shared memory, too. A process that
+writes to the port of a killed participant keeps the port open, and notices only after seconds that
+nobody reads it. If the participant was killed while reading, the writing process never notices,
+since only waiting readers are monitored. A new participant with the same number then receives
+nothing from that process.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ DISCOVERY_PORT, USER_PORT = 10, 11
 """Offsets of a participant's own ports from the base port of its domain."""
 
 MAX_AVOIDED_PARTICIPANTS = 16
-"""Half of the numbers that participants on one machine probe for each other."""
+"""Half of the numbers under which participants on one machine look for each other."""
 
 
 def stale_participants(domain: int, folder: Path = SHARED_MEMORY) -> list[int]:
@@ -34,9 +35,10 @@ def stale_participants(domain: int, folder: Path = SHARED_MEMORY) -> list[int]:
 
 @contextmanager
 def avoid_stale_ports(domain: int, folder: Path = SHARED_MEMORY) -> Iterator[None]:
-    """Make a participant that starts within the block take another number.
+    """Keep participants that start within the block off the numbers of killed ones.
 
-    Its discovery ports are occupied meanwhile, so that Fast DDS tries the next number.
+    The discovery ports of these numbers are occupied meanwhile, so that Fast DDS tries the next
+    number.
 
     Parameters
     ----------
@@ -48,7 +50,7 @@ def avoid_stale_ports(domain: int, folder: Path = SHARED_MEMORY) -> Iterator[Non
     with ExitStack() as held:
         for number in islice(stale_participants(domain, folder), MAX_AVOIDED_PARTICIPANTS):
             holder = held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            # Processes that start together share it; Fast DDS does not.
+            # Share the port with processes that start at the same time; Fast DDS does not share it.
             holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             with suppress(OSError):  # already in use
                 holder.bind(('', first + PORTS_PER_PARTICIPANT * number))

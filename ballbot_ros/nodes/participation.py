@@ -101,7 +101,7 @@ class Participation:
         return self.run is not None and stamp_ns >= self.run.start_ns
 
     def raise_objection(self, objection: Objection) -> None:
-        """Report to the plant a sample that can't belong to its run."""
+        """Tell the plant that a sample can't belong to its run, or that the node can't continue."""
         if objection != self._objection:
             self._objection = objection
             self._announce()

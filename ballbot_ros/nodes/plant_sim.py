@@ -54,7 +54,7 @@ class PlantSim(BallbotNode[PlantParameters]):
     """
 
     def __init__(self, parameters: PlantParameters | None = None) -> None:
-        # Before the node becomes a participant of the domain.
+        # Take the lock before the node becomes a participant of the domain.
         self._lock = DomainLock(rclpy.get_default_context().get_domain_id())
         super().__init__(PlantParameters, parameters)
         self._scenario = scenario_of(self.parameters.scenario)
@@ -93,7 +93,7 @@ class PlantSim(BallbotNode[PlantParameters]):
         World.of(parameters)
 
     def on_parameters_changed(self) -> None:
-        """Change the pace."""
+        """Apply the new pace and push duration."""
         if self._free_timer is not None:
             self._free_timer.timer_period_ns = round(self._tick_s * SECOND_NS)
         self.dispatch(self.master.on_settings, RunSettings.from_parameters(self.parameters))
@@ -156,7 +156,7 @@ class PlantSim(BallbotNode[PlantParameters]):
                 save_trajectory(Path(path), self.log.trajectory(), self.summary)
             except OSError as error:
                 raise BallbotError(f'{path}: {error.strerror}') from None
-        # The status of the run holds the outcome, which the recorder notes.
+        # Flush the status of the run, too: it holds the outcome, which the recorder notes.
         self.flush(
             CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, WALL_HIT, MOTOR_DUTY, RUN_STATUS,
             DIAGNOSTICS,

@@ -57,7 +57,8 @@ class Player(BallbotNode[PlayerParameters]):
         recorded = self._recording.topics()
         topics = {name: recorded[name].type_name for name in chosen or recorded}
         self._lock = None
-        # A player of all topics plays the clock, too, even if the recording has none.
+        # Own the domain like a plant when playing any topic of a plant, or all topics: then the
+        # player publishes /clock, even if the recording has none.
         if not chosen or any(map(_is_truth, topics)):
             self._lock = DomainLock(self.context.get_domain_id())
         self._outputs = {

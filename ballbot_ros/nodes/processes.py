@@ -46,7 +46,7 @@ def threads_of(process: int) -> Threads:
     found = {}
     with suppress(OSError):
         for thread in (_PROC / str(process) / 'task').iterdir():
-            # It may just have ended, or there are no accounts.
+            # The thread may just have ended, or the kernel does not account for it.
             with suppress(OSError):
                 cpu_ns, queued_ns, _ = map(int, (thread / 'schedstat').read_text().split())
                 state = (thread / 'stat').read_text().rpartition(')')[2].split()[0]
@@ -57,7 +57,7 @@ def threads_of(process: int) -> Threads:
 
 
 def is_waiting(process: int) -> bool:
-    """Return whether the main thread of a process waits for something; a stopped one does not."""
+    """Return whether the main thread of a process waits; that of a stopped process does not."""
     try:
         stat = (_PROC / str(process) / 'stat').read_text()
     except OSError:
@@ -72,7 +72,7 @@ def threads_by_process(processes: Iterable[int]) -> dict[int, Threads]:
 
 
 def children(parent: int) -> list[int]:
-    """Return the child processes that have not been waited for."""
+    """Return the children of a process, including ended ones that it has not yet waited for."""
     found = []
     for entry in _PROC.iterdir():
         if not entry.name.isdigit():

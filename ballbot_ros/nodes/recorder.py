@@ -58,9 +58,9 @@ END_S = 1.0
 class Recorder(BallbotNode[RecorderParameters]):
     """Writes messages as they arrive, and acknowledges complete ticks.
 
-    It reads the messages in batches without the executor. That costs a fifth of callbacks, and
-    gives access to the publishers' sequence numbers, which reveal lost messages. The publishers'
-    histories and the plant's bounded lead keep everything until it is read.
+    It reads the messages in batches without the executor. That takes a fifth of the time of
+    callbacks, and gives access to the publishers' sequence numbers, which reveal lost messages. The
+    publishers' histories and the plant's bounded lead keep everything until it is read.
     """
 
     def __init__(self, parameters: RecorderParameters | None = None) -> None:
@@ -78,7 +78,8 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._channels: dict[str, _Channel] = {}
         self._histories: set[str] = set()
         for topic in TOPICS:
-            # A topic with a history keeps its messages there; foreign nodes need not have one.
+            # Earlier messages come from the topic's history, if it has one. Subscribe to the topic
+            # itself, too: publishers of other packages need not have a history.
             latched = topic.latched_depth > 0 and not topic.has_history
             self._subscribe(topic, reliable_qos(HISTORY, latched=latched))
         self._gate = RecordingGate(self)
@@ -136,14 +137,14 @@ class Recorder(BallbotNode[RecorderParameters]):
                 return
             self._announced = data
             if self._run is None:
-                # A player announces runs, but calls no roll.
+                # Begin the run here: a player announces runs, but does not call the roll.
                 header = self._decode_run(data)
                 self._begin(Run(header.frame_id, time_ns(header.stamp)))
         elif channel.topic is RUN_STATUS:
             self._note_status(data)
         elif channel.topic is MOTOR_DUTY and is_stop(data):
-            # A controller that leaves in mid-run sends a stop, too: record it only if the run
-            # does not complete.
+            # Hold the stop back, and record it only if the run does not complete: a controller
+            # that leaves in mid-run sends one, too.
             self._stop = self._stop or (channel.stream, data, sequence)
             return
         stamp = stamp_of(data) if channel.is_stamped else 0
@@ -238,7 +239,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         self.fail(str(error))
 
     def _discover(self) -> None:
-        """Subscribe to topics in the graph other than its own."""
+        """Subscribe to the topics of the graph that are not recorded yet."""
         drawing = self._publishers_of(MARKERS) & self._publishers_of(ROBOT_DESCRIPTION)
         for name, _ in self.get_topic_names_and_types():
             if name in self._channels or name in self._refused or name in self._histories:
@@ -248,7 +249,7 @@ class Recorder(BallbotNode[RecorderParameters]):
             if name not in self._sighted and any(o.node_name == UNKNOWN_NODE for o in offers):
                 self._sighted.add(name)
                 continue
-            # What is drawn for other tools can be derived from the recording.
+            # Skip what a visualizer draws for other tools: it can be derived from the recording.
             offers = [offer for offer in offers if _node_of(offer) not in drawing]
             if not offers:
                 continue
@@ -274,7 +275,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         return {_node_of(offer) for offer in self.get_publishers_info_by_topic(topic.name)}
 
     def _await_end(self) -> None:
-        """Keep recording until the run, which is stopped at the same time, has ended."""
+        """Keep recording until the run has ended: it may be stopped together with the recorder."""
         deadline = time.monotonic() + END_S
         self._write_until(math.inf)
         is_under_way = self._gate.takes_part and self._gate.now_ns > 0 and not self.exit_status
@@ -308,7 +309,7 @@ class Recorder(BallbotNode[RecorderParameters]):
             self._fail(error)
         if self.exit_status == 0:
             self.get_logger().info(f'finished {self._writer.path}')
-        # Last, because a hanging node can block the middleware, but must not block the file.
+        # Flush last: a hanging node can block the middleware, but must not keep the file open.
         self.flush(PARTICIPANTS)
         self._inbox.destroy_node()
 
@@ -332,7 +333,7 @@ class _Channel:
         self.history: Any = None
         self.has_history = False
         self.recorded: Any = None
-        # Other publishers use their own clocks in stamps.
+        # Ignore stamps on topics open to any tool, whose publishers may use other clocks.
         self.is_stamped = topic.publisher is not None and has_stamp(topic.type_name)
         self.stream = Stream(
             subscription.topic_name,
@@ -347,7 +348,8 @@ class _Channel:
         """Read all waiting messages, from the topic's history if it has one.
 
         The history is discovered before the topic itself, so no message arrives before its history
-        is known. Its publisher may have left before the last message is read.
+        is known. A history found once is read even after its publisher has left, since messages may
+        still be waiting.
         """
         come = list(drain(self.subscription))
         if self.history:

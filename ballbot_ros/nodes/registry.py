@@ -31,14 +31,14 @@ class NodeEntry:
     Attributes
     ----------
     parameters : type
-        Class of its parameters, which holds its name.
+        Class of the node's parameters, which holds the node's name.
     module : str
         The module in :mod:`ballbot_ros.nodes` with its ``main``.
     class_name : str
-        Name of its class there.
+        Name of the node's class in that module.
     serves_several : bool
-        Whether class and ``main`` serve several nodes, and take the class of the parameters to
-        identify the node.
+        Whether class and ``main`` serve several nodes; their first argument is then the class of
+        the node's parameters.
     """
 
     parameters: type[NodeParameters]
@@ -79,5 +79,5 @@ REGISTRY = {each.parameters.node: each for each in _ENTRIES}
 
 
 def make_node(parameters: NodeParameters) -> AnyNode:
-    """Return a node with these parameter values, whose class identifies the node."""
+    """Create the node that these parameters belong to; their class determines which node."""
     return REGISTRY[parameters.node].maker(parameters)

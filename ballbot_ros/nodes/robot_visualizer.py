@@ -40,7 +40,7 @@ WHOLE_S = 1.0
 
 
 class RobotVisualizer(BallbotNode[VisualizerParameters]):
-    """Publishes the robot's description once, and markers and transforms for their readers."""
+    """Publishes the robot's description, and markers and transforms that follow the robot."""
 
     def __init__(self, parameters: VisualizerParameters | None = None) -> None:
         super().__init__(VisualizerParameters, parameters)
@@ -111,13 +111,14 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
 
 
 class Transforms:
-    """The frames on ``/tf``, and the fixed one on ``/tf_static``.
+    """The moving frames on ``/tf``, and the fixed frame on ``/tf_static``.
 
     Parameters
     ----------
     node : BallbotNode
     frames : dict of Transform
-        The frames in their parents, at any pose of the robot.
+        Pose of each frame in its parent; any pose of the robot will do, since only the fixed frame
+        is published at once.
 
     Raises
     ------

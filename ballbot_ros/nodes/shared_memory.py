@@ -7,7 +7,7 @@ or on ``…_sl`` if several readers are allowed. A port that is only written to 
 mapped. Ports are opened, created and removed under ``sem.fastrtps_port<number>_mutex``.
 
 A process killed while it creates a port leaves one whose first word is not :data:`INITIALISED`.
-Fast DDS waits for that word without a time limit, and ignores signals.
+Fast DDS waits for that word without a time limit, and ignores signals meanwhile.
 
 A writer checks now and then that the readers of its ports are alive. It detects a reader that was
 killed while waiting for a message, and removes its port. It never detects one that was killed
@@ -51,7 +51,7 @@ AFTER_READERS = b'fastrtps\0'
 WAITS = b'\3'
 """First byte of the state of a reader that waits for a message."""
 
-_DOES_NOT_WAIT = re.compile(rb'[\1\5]')  # bits: in use, waits, takes a message
+_DOES_NOT_WAIT = re.compile(rb'[\1\5]')  # bits: 1 in use, 2 waits, 4 takes a message
 
 _FILE = re.compile(r'(?:sem\.)?(fastrtps_(?:port\d+|[0-9a-f]{16}))(?:_el|_sl|_mutex)?')
 _LOCKED_FILE = re.compile(rb' ([0-9a-f]+:[0-9a-f]+):(\d+) ')
@@ -83,8 +83,8 @@ def find_leftovers(
 def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> list[Leftover]:
     """Remove this user's files that no living process holds, and return them.
 
-    A port that has been broken for :data:`SETTLED_S` is removed even if processes hold it: they
-    wait for it forever, and so would others. They are woken, and create a new port.
+    A port that has been broken for :data:`SETTLED_S` is removed even if processes hold it: these
+    processes, and all later ones, would wait for it forever. They are woken, and create a new port.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def find_stale_ports(folder: Path = SHARED_MEMORY) -> list[int]:
 
 
 def clear_shared_memory(folder: Path = SHARED_MEMORY) -> list[Leftover]:
-    """Sweep, and wait until no port is broken: a young one may be under construction.
+    """Sweep until no port is broken; wait for a young one, which may be under construction.
 
     Returns
     -------
@@ -147,7 +147,7 @@ def clear_shared_memory(folder: Path = SHARED_MEMORY) -> list[Leftover]:
         If a broken port can't be removed.
     """
     removed = sweep(folder)
-    # A port that broke a moment ago is old enough within half of this time.
+    # A port that broke a moment ago is old enough to be removed after half of this time.
     deadline = time.monotonic() + 2.0 * SETTLED_S
     while broken := find_broken_ports(folder):
         if time.monotonic() > deadline:
@@ -199,7 +199,7 @@ class _Resource:
 
     @property
     def blocks(self) -> bool:
-        """Whether it is permanently broken, whatever waiting processes do with the locks."""
+        """Whether the port has been broken for `SETTLED_S`, regardless of who holds its locks."""
         return self.is_broken and _age_s(self.files[self.path]) >= SETTLED_S
 
     @property
@@ -217,9 +217,11 @@ class _Resource:
         return [Leftover(path, status.st_size) for path, status in self.files.items()]
 
     def claim(self, claims: ExitStack, *, with_semaphore: bool = False) -> bool:
-        """Take the locks if no process holds any; this keeps others from opening the port.
+        """Take the locks if no process holds any, and return whether they are taken.
 
-        If the semaphore is not free, a process may be opening the port, or may have died doing so.
+        They keep other processes from opening the port. If the semaphore is not free, a process may
+        be opening the port, or may have died doing so: the claim then fails if `with_semaphore` is
+        set, or if a living process has one of the files mapped.
         """
         with ExitStack() as locks:
             try:
@@ -238,7 +240,7 @@ class _Resource:
 
     @property
     def _is_being_opened(self) -> bool:
-        """Whether a process holds the semaphore, and would fail on a locked lock file."""
+        """Whether a living process may hold the semaphore; it would fail on a locked lock file."""
         return self.mutex in self.files and not _unmapped([self])
 
     def _take_semaphore(self, locks: ExitStack) -> bool:
@@ -383,7 +385,8 @@ def _semaphore(operation: str, file: BinaryIO) -> bool:
 
 
 def _release(mutex: BinaryIO) -> None:
-    # A process that waits for a semaphore that is removed creates its own after half a second.
-    # If it were let in here, it could open the port together with a process that has a new one.
+    # Keep a semaphore that has been removed locked. A process that waits for it creates a new one
+    # after half a second; if it got this one instead, it could open the port at the same time as a
+    # process that has the new one.
     if os.fstat(mutex.fileno()).st_nlink:
         _semaphore('sem_post', mutex)

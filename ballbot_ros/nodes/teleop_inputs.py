@@ -1,4 +1,4 @@
-"""The live inputs of the gamepad node, topics and a gamepad, which it passes to the arbiter."""
+"""The live inputs of the gamepad node (topics and a gamepad), passed to the arbiter."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ class TeleopInputs:
         if self._cmd_vel in known or not known:
             return
         if self._cmd_vel_subscription is not None:
-            # The middleware releases the old type before the next look.
+            # Subscribe at the next look, by which the middleware has released the old type.
             self._node.destroy_subscription(self._cmd_vel_subscription)
             self._cmd_vel = self._cmd_vel_subscription = None
             self._sources.release(arbiter.CMD_VEL)
@@ -161,7 +161,7 @@ class TeleopInputs:
             self._cmd_vel_subscription = self._subscribe(topic, arbiter.CMD_VEL, read)
             self._cmd_vel = topic
         except RuntimeError as error:
-            # Another node of this process reads it with another type.
+            # Another node of this process reads ``cmd_vel`` with another type.
             self.report_input_error(f'{CMD_VEL.name} type', one_line(error))
 
     def _open_gamepad(self) -> Gamepad | None:

@@ -43,7 +43,7 @@ class TeleopTerminal:
         self.is_closed = False
         self._subscription = node.subscribe(OPERATING_STATE, self._on_state)
         self._reset = node.create_client(Trigger, f'{PLANT}/reset')
-        # A terminal that disappears is a lost input, not the end of the node.
+        # Ignore SIGHUP: a node that loses its terminal loses an input, but must not end.
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
         self._keys = KeyboardSticks(node.parameters.gp_max)
         self._terminal = Terminal(

@@ -104,8 +104,8 @@ class Viewer(BallbotNode[ViewerParameters]):
     def _begin(self, snapshot: Snapshot, published: OccupancyGridMessage | None) -> None:
         """Show the floor of a new run, and discard the previous run.
 
-        `published` is the map published with the run, if any. It has no lines; the plant's
-        parameters name the map that has them.
+        `published` is the map published with the run, if any. It lacks the lines on the floor; the
+        plant's parameters name the map that has them.
         """
         self._history.clear()
         before = Dimensions.from_parameters(self.parameters)
@@ -175,7 +175,7 @@ class Viewer(BallbotNode[ViewerParameters]):
 
 
 def _start(snapshot: Snapshot) -> tuple[float, float]:
-    """Return x and y in ``map`` [m]."""
+    """Return the ball's x and y in ``map`` [m]; plane y has the opposite sign."""
     return snapshot.position[0], -snapshot.position[1]
 
 

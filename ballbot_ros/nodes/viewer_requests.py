@@ -148,12 +148,15 @@ class ViewerRequests:
     ) -> None:
         """Query parameters of the plant until it answers, and pass them to `on_parameters`.
 
-        The others have their defaults.
+        In what `on_parameters` receives, all parameters except `names` have their defaults.
         """
         self._query, self._queried_at = _ParameterQuery(names, on_parameters), -math.inf
 
     def _send_query(self) -> None:
-        """Repeat unanswered queries: a plant's topics may appear before its services."""
+        """Send the query, again after a while if it is unanswered.
+
+        The plant's topics may appear before its services.
+        """
         query, now_s = self._query, time.monotonic()
         if query is None or now_s - self._queried_at < QUERY_RETRY_S:
             return
@@ -166,7 +169,8 @@ class ViewerRequests:
             if query is not self._query:
                 return
             self._query = None
-            # A player announces runs, too, but has none of the plant's parameters.
+            # Skip an answer without values: a player announces runs, too, but has none of the
+            # plant's parameters.
             if len(response.values) == len(query.names):
                 values = map(parameter_value_to_python, response.values)
                 answered = dict(zip(query.names, values, strict=True))

@@ -10,7 +10,7 @@ from ballbot_ros.parameters.shared import LockstepChoice, Radii, StickScale
 
 Gains = tuple[float, float, float, float]
 Period = Literal[4, 20, 100]
-"""Whole ticks [ms] that divide 100 ms, the grid on which runs begin."""
+"""Periods [ms] of whole ticks that divide 100 ms, the grid on which runs begin."""
 
 Implementation = Literal['python', 'c', 'arm']
 

@@ -70,4 +70,4 @@ class SonarParameters(DeviceSeed, MapChoice, BodyDepth, DriverParameters):
 
 
 DEVICES: tuple[type[DriverParameters], ...] = (GyroParameters, EncoderParameters, SonarParameters)
-"""The devices, each of which has a driver."""
+"""The parameter classes of the devices' drivers, one for each device."""

@@ -20,7 +20,8 @@ def read_parameter_file(path: str | Path) -> ParameterSet:
     Raises
     ------
     YamlError, ParameterError
-        With one line that names file and line: not YAML, malformed, or an unknown or invalid value.
+        If the file is not YAML or is malformed, or a parameter is unknown or has an invalid value.
+        The message is one line, and names file and line.
     """
     document = YamlDocument(path)
     parameters = ParameterSet()

@@ -1,7 +1,7 @@
 """A parameter: its default, unit, bounds and meaning, declared as a field of a dataclass.
 
 Plant and recording values are SI; the parameters of the brick and its devices are in the brick's
-own units, as their unit says. Sections and equations are those of Yamamoto, *NXT Ballbot
+own units, as the `unit` of each says. Sections and equations are those of Yamamoto, *NXT Ballbot
 Model-Based Design* (2009).
 """
 
@@ -49,7 +49,7 @@ class Parameter:
     or_zero : bool
         Whether 0 is allowed outside the bounds, with a special meaning.
     is_path : bool
-        Whether it is, or may be, the path of a file or folder.
+        Whether the value is, or may be, the path of a file or folder.
     choices : tuple
         Allowed words for a text, or values for an integer; empty for any.
     takes_effect : TakesEffect
@@ -151,7 +151,7 @@ class NodeParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class DriverParameters(NodeParameters):
-    """The parameters of a driver: a node that answers the plant's truth in every run."""
+    """The parameters of a driver: a node that answers the plant's true state in every run."""
 
     period_ns: ClassVar[int]
     """Sampling period: the driver answers at each multiple of it in sim time [ns]."""
@@ -193,7 +193,7 @@ def setting(
     *,
     takes_effect: TakesEffect = TakesEffect.NEXT_RUN,
 ) -> _Value:
-    """Declare a switch or a text; the choices of a text are the Literal of the field's type."""
+    """Declare a switch or a text; a field of a Literal type is a choice among its values."""
     return _declared(default, description=description, source=source, takes_effect=takes_effect)
 
 

@@ -29,7 +29,7 @@ class ParameterSet:
         ------
         ParameterError
             If the node or the parameter is unknown, or the value is not allowed; the message begins
-            with `where`, a file and line.
+            with `where`, such as a file and line, or an option.
         """
         prefix = f'{where}: ' if where else ''
         if node == '/**':
@@ -47,7 +47,7 @@ class ParameterSet:
                     f'{prefix}{each} has no parameter {name!r}; {suggest_names(name, each)}'
                 )
             checked = row.check(value, f'{prefix}{each}.')
-            # A shared parameter has one value, on which its nodes must agree.
+            # Set a shared parameter in all nodes that share it: they must agree on its value.
             for sharer in row.nodes:
                 self._values[sharer, name] = checked
 
@@ -60,7 +60,7 @@ class ParameterSet:
         self._values.update(other._values)
 
     def of(self, cls: type[_Node]) -> _Node:
-        """Return the parameters of the node whose class is `cls`."""
+        """Return the parameters of the node whose parameter class is `cls`."""
         given = {name: value for (node, name), value in self._values.items() if node == cls.node}
         return cls(**given)
 

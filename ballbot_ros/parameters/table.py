@@ -66,7 +66,7 @@ DRIVER_PERIODS_NS = {
 """Sampling period of each driver in sim time [ns]."""
 
 DRIVERS = tuple(DRIVER_PERIODS_NS)
-"""The participants that answer the plant's truth."""
+"""The participants that answer the plant's true state."""
 
 _SIMULATED: tuple[type[NodeParameters], ...] = (PlantParameters, *DEVICES, ControllerParameters)
 SIMULATED = frozenset(cls.node for cls in _SIMULATED if fields(cls))

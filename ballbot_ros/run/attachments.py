@@ -26,7 +26,7 @@ def attachments_of(spec: RunSpec) -> Mapping[str, bytes]:
     WorldError
         If the map's file can't be read.
     """
-    # The content is attached; the paths on this machine stay private.
+    # Keep paths on this machine private: the content of the files is attached instead.
     parameters = ParameterSet()
     parameters.update(spec.parameters)
     parameters.set(GAMEPAD, 'scenario', '')

@@ -83,7 +83,7 @@ def drive_spec(options: DriveOptions) -> RunSpec:
     Raises
     ------
     BallbotError
-        With one line on what is wrong.
+        If an option can't be used; the message says on one line what is wrong.
     """
     parameters = ParameterSet()
     if options.profile is not None:
@@ -113,14 +113,14 @@ def drive(
     log: Path | None = None,
     viewer: bool = False,
 ) -> DriveResult:
-    """Run the graph, with the gamepad node, which may use the terminal, in this process.
+    """Run the graph; the gamepad node runs in this process, so that it can use the terminal.
 
     Parameters
     ----------
     spec : RunSpec
     observer : RunObserver
     no_keyboard : str
-        Why the keyboard does not drive; '' if it does.
+        Why the keyboard is not used for driving; '' if it is.
     log : Path or None
         File for the data log of the brick.
     viewer : bool
@@ -137,7 +137,7 @@ def drive(
         recording = stack.enter_context(output_files(spec)).recording
         scratch = Path(stack.enter_context(temporary_folder()))
         parameters = graph_parameters(spec, recording, scratch)
-        # Not attached to the recording, since a replay needs neither terminal nor log.
+        # Set these after the attachments are written: a replay needs neither terminal nor log.
         parameters.set(GAMEPAD, 'keyboard', not no_keyboard)
         if log is not None:
             parameters.set(GAMEPAD, 'log_csv', str(log.resolve()), '--log')

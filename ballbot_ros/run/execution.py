@@ -30,15 +30,15 @@ def execute(
     ----------
     spec : RunSpec
     observer : RunObserver or None
-        Receives progress and notices; None for one that logs the notices.
+        Receives progress and notices; None for an observer that logs the notices.
     is_replaced : callable or None
-        Returns whether another run replaces this one, for nodes in separate processes; None if none
-        will.
+        Returns whether another run replaces this one; only for nodes in separate processes. None if
+        no run will replace it.
 
     Returns
     -------
     RunResult
-        Also for a run that failed or was interrupted.
+        The result, also of a run that failed or was interrupted.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def execute(
         If the run can't start: no ROS, another plant in the ROS domain, or a folder or file that
         can't be written.
     """
-    # Before the run, after which the file of a map may have changed.
+    # Read the map before the run: its file may change in the meantime.
     world = World.of(spec.plant)
     with output_files(spec) as files:
         result = _carry_out(spec, files.recording, observer or LogObserver(), is_replaced)
@@ -65,7 +65,7 @@ def _carry_out(
     observer: RunObserver,
     is_replaced: Callable[[], bool] | None,
 ) -> RunResult:
-    # Each way has its own imports: without ROS there is no rclpy.
+    # Import only what these processes need: without ROS there is no rclpy.
     if spec.processes is Processes.NONE:
         from ballbot_ros.run.offline import run_offline
 

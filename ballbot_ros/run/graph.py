@@ -28,7 +28,7 @@ RCLError = rclpy_implementation.RCLError
 
 @contextmanager
 def ros(log_level: str = 'WARN') -> Iterator[None]:
-    """Provide rclpy for the nodes of this process, by default on this machine only.
+    """Provide rclpy for the nodes of this process; by default they discover only this machine.
 
     Parameters
     ----------
@@ -76,8 +76,7 @@ def graph_parameters(spec: RunSpec, recording: Path | None, scratch: Path) -> Pa
     ----------
     spec : RunSpec
     recording : Path or None
-        The file that the recorder writes, if the run is recorded; None for a new one under
-        ``runs/``.
+        The file that the recorder writes; if None, a recorder creates a new one under ``runs/``.
     scratch : Path
         Folder for files that only the nodes read.
     """

@@ -125,13 +125,14 @@ def _discovery() -> str:
     process = subprocess.Popen(
         [sys.executable, '-W', 'ignore', '-m', 'ballbot_ros.nodes.discovery_probe'],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        # An interrupt may arrive before the process is known here.
+        # The probe also ends with this process: an interrupt may arrive before `process` is
+        # assigned.
         env={**os.environ, END_WITH_PARENT: str(os.getpid())},
     )  # fmt: skip
     try:
         output, _ = process.communicate()
     finally:
-        # subprocess.run does not wait for the process that it kills at an interrupt.
+        # Wait for the killed process, too, which subprocess.run does not at an interrupt.
         process.kill()
         process.wait()
     if process.returncode == -signal.SIGALRM:
@@ -145,7 +146,7 @@ def _discovery() -> str:
 
 
 def _arithmetic() -> str:
-    """Compare the arithmetic itself, and the duties of a linear and a nonlinear run."""
+    """Compare hashes of the arithmetic, and of the duties in a linear and a nonlinear run."""
     golden = load_golden()
     results = [('the arithmetic', golden.arithmetic, arithmetic_sha256())]
     for name in GOLDEN_SCENARIOS:

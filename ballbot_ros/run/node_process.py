@@ -20,7 +20,7 @@ GRACE_S = 1.5
 """Time that a node has to end [s]."""
 
 LAST_GRACE_S = 5.0
-"""The same for the node that is stopped last, longer because it finishes the recording [s]."""
+"""Time that the node stopped last has to end [s]; longer, because it finishes the recording."""
 
 _POLL_S = 0.05
 _ERROR = 'error: '
@@ -38,7 +38,7 @@ class NodeProcess:
     notice : callable
         Receives each line of the node's output.
     lock : DomainLock or None
-        The lock of the domain, which a plant keeps.
+        The lock of the ROS domain, passed on to a plant; None for any other node.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class NodeProcess:
             ],
             env={
                 **os.environ,
-                # One core each is enough, and more threads cost start-up time.
+                # One thread for each node is enough; more would cost start-up time.
                 'OPENBLAS_NUM_THREADS': '1',
                 'RCUTILS_CONSOLE_OUTPUT_FORMAT': '{name}: {message}',
                 'RCUTILS_COLORIZED_OUTPUT': '0',
@@ -68,7 +68,7 @@ class NodeProcess:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            # Ctrl-C is for the run as a whole, which then stops its nodes in order.
+            # Keep Ctrl-C from the node: it is for the run, which then stops its nodes in order.
             start_new_session=True,
         )  # fmt: skip
         self._reader = threading.Thread(target=self._forward_output, args=(notice,), daemon=True)
@@ -116,7 +116,7 @@ class NodeProcess:
 
     @property
     def failure(self) -> str:
-        """Why a node that ended with a nonzero status failed, in its own words."""
+        """Why the node failed: the error that it logged last, or else how it ended."""
         if self.was_killed or not self._last_error_line:
             return f'{self.name} {self.exit_description}'
         return f'{self.name}: {self._last_error_line}'
@@ -152,7 +152,7 @@ def stop_all(processes: Collection[NodeProcess], last: str) -> None:
 
 
 def _await_end(processes: Collection[NodeProcess], grace_s: float) -> None:
-    """Wait until all have ended, and kill those that take longer than `grace_s`."""
+    """Wait until all have ended, and kill each that takes longer than `grace_s` [s]."""
     begun, timer = time.monotonic(), SilenceTimer()
     while running := [process for process in processes if process.running]:
         threads = threads_by_process(process.pid for process in running)

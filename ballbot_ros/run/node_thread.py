@@ -19,7 +19,7 @@ class NodeThread:
     Attributes
     ----------
     error : BaseException or None
-        Why it ended early.
+        Why the thread ended early; None if it did not.
     """
 
     def __init__(self, node: AnyNode) -> None:

@@ -23,7 +23,7 @@ from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 
 
 def run_offline(spec: RunSpec, recording: Path | None, observer: RunObserver) -> RunResult:
-    """Run the closed loop, with the same recording as from the graph."""
+    """Run the closed loop; the recording is the same as from the graph."""
     with StopRequest() as stop:
         run = _OfflineRun(spec, recording, stop)
         try:
@@ -79,7 +79,7 @@ class _OfflineRun:
         self._pacer.on_tick(factor, time.monotonic())
 
     def summary(self, failure: str) -> RunSummary:
-        """Return the summary of the run, which has failed if there is a reason."""
+        """Return the summary of the run; `failure` is why it failed, '' if it did not."""
         outcome = Outcome.STOPPED if self._stop.signal else Outcome.COMPLETED
         wall_s = time.monotonic() - self._begun
         return RunSummary(

@@ -32,7 +32,7 @@ def output_files(spec: RunSpec) -> Iterator[OutputFiles]:
     Raises
     ------
     BallbotError
-        If the folder is not writable, or already contains this recording.
+        If the folder is not writable, or already contains a recording of this name.
     """
     if spec.output is None and not spec.record:
         yield OutputFiles()

@@ -20,15 +20,16 @@ _REPORTS = 50
 _decode = decoder(DIAGNOSTICS.type_name)
 
 PLANT_SILENCE_S = 2.3
-"""The plant reports at 1 Hz; if it stays silent for this much available time, it hangs."""
+"""Silence after which the plant, which reports at 1 Hz, counts as hung [s]. Time in which the
+machine is too busy to run it does not count."""
 
 PLANT_WAIT_S = 6.0
-"""The same if it waits from time to time: publishing blocks for 3 s if a reader was killed while it
-held the lock of its port, until Fast DDS gives up."""
+"""The same for a plant whose main thread waits from time to time: if a reader was killed while it
+held the lock of its port, publishing blocks for 3 s, until Fast DDS gives up."""
 
 PLANT_BUSY_S = 30.0
-"""The same until its first report, since its process has to start, and after the end of its run,
-since it saves the result."""
+"""The same before the plant's first report, while its process starts, and after the end of its run,
+while it saves the result."""
 
 
 class PlantWatchdog:
@@ -37,7 +38,7 @@ class PlantWatchdog:
     Parameters
     ----------
     now_s : float
-        The time, on a monotonic clock here and below [s].
+        Time on a monotonic clock [s], as in the methods.
     """
 
     def __init__(self, now_s: float) -> None:
@@ -47,7 +48,7 @@ class PlantWatchdog:
         self._timer, self._busy_timer = SilenceTimer(), SilenceTimer()
 
     def feed(self, now_s: float, *, has_ended: bool = False) -> None:
-        """Note a sign of life, and whether it reports the end of the run."""
+        """Note a sign of life of the plant, and whether it reports the end of the run."""
         self._heard_s = now_s
         self._has_ended = self._has_ended or has_ended
         self._limit_s = PLANT_BUSY_S if self._has_ended else PLANT_SILENCE_S
@@ -55,7 +56,7 @@ class PlantWatchdog:
     def is_hung(
         self, now_s: float, process: int, threads: Mapping[int, Threads], *, is_waiting: bool
     ) -> bool:
-        """Return whether the plant, in this process, has been silent for too long."""
+        """Return whether the plant, which runs as `process`, has been silent for too long."""
         if is_waiting:
             self._waited_s = now_s
         self._timer.update(self._heard_s, now_s, threads)
@@ -95,8 +96,8 @@ class PlantMonitor:
         for clock, _ in islice(drain(self._clock), 1):
             self.now_ns = time_ns(clock.clock)
             self._watchdog.feed(time.monotonic())
-        # No more than are waiting, and only the bytes of messages that can't be the plant's: others
-        # may publish there faster than they can be read.
+        # Read no more messages than can be waiting, and decode only those that can be the plant's:
+        # other nodes may publish on this topic faster than it can be read.
         for data, _ in islice(drain(self._diagnostics), _REPORTS):
             if PLANT.encode() not in data:
                 continue
@@ -110,7 +111,7 @@ class PlantMonitor:
                     self._watchdog.feed(time.monotonic(), has_ended='outcome' in keys)
 
     def plant_hangs(self, process: int) -> bool:
-        """Return whether the plant, in this process, hangs."""
+        """Return whether the plant, which runs as `process`, hangs."""
         return self._watchdog.is_hung(
             time.monotonic(),
             process,

@@ -14,7 +14,7 @@ from ballbot_ros.simulation.trajectory import Trajectory
 
 
 class RoundTrip(NamedTuple):
-    """Time from publishing the truth of a tick to receiving its duty [ms], over all ticks."""
+    """Time from publishing the plant's true state to receiving the duty [ms], over all ticks."""
 
     p50: float
     p99: float
@@ -93,7 +93,7 @@ class RunResult:
         )
 
     def failed(self, reason: str) -> RunResult:
-        """Return the result of a run that failed for a reason unknown to the plant."""
+        """Return this result as failed, for a reason that the plant does not know."""
         return replace(self, outcome=Outcome.FAILED, failure=reason)
 
     @property
@@ -103,7 +103,7 @@ class RunResult:
 
     @property
     def passed(self) -> bool:
-        """Whether the run reached its end and all expectations hold."""
+        """Whether the run reached its end, all expectations hold, and no figure is missing."""
         return self.verdict is Verdict.PASSED
 
     @property

@@ -44,7 +44,7 @@ def run_in_separate_processes(
         Folder for files that only the nodes read.
     observer : RunObserver
     is_replaced : callable or None
-        Returns whether another run replaces this one; None if none will.
+        Returns whether another run replaces this one; None if no run will.
     """
     is_replaced = is_replaced or (lambda: False)
     parameters = graph_parameters(spec, recording, scratch)
@@ -85,8 +85,8 @@ def start_nodes(
     Raises
     ------
     BallbotError
-        If another plant owns the domain, whose samples the nodes would answer, or if nodes can't
-        discover each other.
+        If another plant, whose samples the nodes would answer, owns the ROS domain; or if nodes
+        can't discover each other.
     """
     require_discovery()
     lock = DomainLock(ros_domain())
@@ -104,14 +104,21 @@ def watch(
     observer: RunObserver,
     should_stop: Callable[[], bool],
 ) -> str:
-    """Wait until the plant has ended; return a failure that it can't report itself."""
+    """Wait until the plant has ended, or the run should stop.
+
+    Returns
+    -------
+    str
+        A failure that the plant can't report itself; '' if there is none.
+    """
     reported: set[str] = set()
     plant = processes[PLANT]
     swept_at = time.monotonic()
     while not should_stop():
         monitor.poll()
         if monitor.now_ns <= FIRST_TICK_NS and time.monotonic() - swept_at > SETTLED_S:
-            # A node may be waiting for a port that another process left incomplete after the start.
+            # Sweep again: a process killed since the start may have left an incomplete port, for
+            # which a node would wait.
             sweep()
             swept_at = time.monotonic()
         if monitor.now_ns:
@@ -123,14 +130,15 @@ def watch(
             if name == PLANT and not process.was_killed:
                 return ''
             observer.notice(f'{name} {process.exit_description}')
-            # A node that refuses its parameters never joins. In mid-run somebody may restart a node
-            # by hand, and the plant reports when it has waited long enough.
+            # Fail at once if a node refuses its parameters or ends too early: it never joins. In
+            # mid-run, keep waiting: somebody may restart the node by hand, and the plant reports
+            # when it has waited long enough.
             is_too_early = name in NODES and monitor.now_ns <= FIRST_TICK_NS
             if name == PLANT or process.exit_status == 2 or is_too_early:
                 process.forward_remaining_output()
                 return process.failure
         if monitor.plant_hangs(plant.pid):
-            # A killed node may have blocked the middleware of the plant for good.
+            # Report killed nodes, too: one may have blocked the middleware of the plant for good.
             killed = [p.failure for p in processes.values() if p.was_killed]
             end = ', '.join([f'{PLANT} does not answer', *killed])
             observer.notice(end)
@@ -156,7 +164,7 @@ def merge_process_failures(
     Parameters
     ----------
     processes : mapping of str to NodeProcess
-        All of them have ended.
+        The processes of the run, all of which have ended.
     plant_result : RunResult
         The result according to the plant.
     failure : str
@@ -181,7 +189,7 @@ def merge_process_failures(
         result = result.failed(failed[RECORDER])
     if result.outcome is Outcome.FAILED:
         if not result.failure:
-            # A plant that could not save its summary has logged the reason.
+            # Take the reason from the log: a plant that could not save its summary has logged it.
             result = result.failed([*failed.values(), processes[PLANT].failure][0])
         if any(p.exit_status == 2 for p in processes.values()):
             result = replace(result, failure_status=2)

@@ -57,15 +57,16 @@ class RunOptions:
     parameter_file : Path or None
         Parameter file that overrides the scenario.
     real_time_factor : float or None
-        Pace against the wall clock; None for that of scenario and file.
+        Pace against the wall clock; None for the one in scenario or parameter file.
     default_real_time_factor : float or None
-        Pace if neither sets one; None for the parameter's default.
+        Pace if `real_time_factor`, scenario and parameter file set none; None for the parameter's
+        default.
     seed : int or None
-        Seed of the device noise; None for that of scenario and file.
+        Seed of the device noise; None for the one in scenario or parameter file.
     assignments : sequence of str
         Parameter values as ``node.param=value``.
     controller : str or None
-        Implementation of the controller; None for that in the parameters.
+        Implementation of the controller; None for the one in the parameters.
     output : Path or None
         Folder for recording and figure; None for a new one under ``runs/``.
     record : bool
@@ -128,7 +129,7 @@ class RunSpec:
         Raises
         ------
         BallbotError
-            As :meth:`compose`; or if the run has no end, or its output files are set elsewhere.
+            As for :meth:`compose`; also if the run has no end, or a parameter sets an output file.
         """
         options = options or RunOptions()
         spec = cls.compose(reference, options)
@@ -142,7 +143,7 @@ class RunSpec:
 
     @classmethod
     def compose(cls, reference: str | None, options: RunOptions) -> RunSpec:
-        """Return a run, without checks of its end and its output files.
+        """Return a run that may have no end, and whose parameters may set its output files.
 
         Parameters
         ----------
@@ -154,8 +155,8 @@ class RunSpec:
         Raises
         ------
         BallbotError
-            With one line on what is wrong: in scenario, profile or parameter file, an option, an
-            assignment, the map, the start position, or a controller that can't run here.
+            If a scenario, profile, parameter file, option, assignment, map or start position is not
+            valid, or the controller can't run here; the message is one line.
         """
         if reference is None:
             profile = IDEAL if options.profile is None else options.profile
@@ -212,7 +213,7 @@ def _follow_scenario(reference: str, options: RunOptions, parameters: ParameterS
         reference = str(Path(reference).resolve())
     parameters.set(GAMEPAD, 'scenario', reference)
     if not parameters.is_set(GAMEPAD, 'device'):
-        # A gamepad that is plugged in must not disturb a scenario.
+        # Read no gamepad unless asked to: one that is plugged in must not disturb a scenario.
         parameters.set(GAMEPAD, 'device', '')
 
 
@@ -230,7 +231,7 @@ def check_reserved_parameters(
     Raises
     ------
     ParameterError
-        If one is set.
+        If such a parameter is set.
     """
     recorder = parameters.of(RecorderParameters)
     for node, name, value in (
