@@ -47,7 +47,7 @@ class AnnouncedParameters:
             self._announcements.setdefault(announcement.run, []).append(participant)
 
     def _of_run(self, run: str) -> dict[str, Mapping[str, object]]:
-        """Return the parameters of the participants by role, without later joiners."""
+        """Return the parameters by role, only of participants that the run status lists."""
         values: dict[str, Mapping[str, object]] = {}
         for each in self._announcements.get(run, ()):
             if self._took_part(each, run):
@@ -59,16 +59,16 @@ class AnnouncedParameters:
         return participant.parameters_sha256[:12] in member
 
     def controller(self, run: str) -> Participant | None:
-        """Return the controller of a run, by the run's name; None if it was not announced."""
+        """Return the controller of the run with this name; None if it was not announced."""
         controllers = self._controllers.get(run, ())
         return next((each for each in controllers if self._took_part(each, run)), None)
 
     def has_parameters(self, run: str) -> bool:
-        """Return whether everything needed to replay a run, by its name, was announced."""
+        """Return whether all parameters needed to replay the run with this name were announced."""
         return self._of_run(run).keys() >= SIMULATED
 
     def is_of_another_scenario(self, run: str) -> bool:
-        """Return whether a run had another scenario than the first announced run."""
+        """Return whether the scenario of a run differs from that of the first announced run."""
         scenarios = [self._scenario(each) for each in (*self._announcements, run)]
         return bool(scenarios[-1] != scenarios[0])
 
@@ -85,7 +85,7 @@ class AnnouncedParameters:
         run : str
             Its name in ``plant/run``.
         attached : ParameterSet
-            The attached parameters, for values that nobody announced.
+            The attached parameters, which apply where no value was announced.
         files : mapping of str to AttachedFile
             The attachments, which include the map if it was a file.
         """
@@ -94,7 +94,7 @@ class AnnouncedParameters:
         for role, values in self._of_run(run).items():
             for name, value in values.items():
                 if name in PATHS and name != 'map':
-                    continue  # useless on another machine
+                    continue  # a path is useless on another machine
                 if name == 'map' and isinstance(value, str) and is_file_name(value):
                     value = _attached_map(files, values.get(MAP_HASH)) or value
                 try:

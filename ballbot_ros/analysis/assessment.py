@@ -35,12 +35,12 @@ class Assessment:
     ----------
     run : RunData
     metrics : dict of str to float
-        Those of :data:`~ballbot_ros.scenario.metrics.METRICS`, then those of
+        The metrics of :data:`~ballbot_ros.scenario.metrics.METRICS`, then those of
         :data:`~ballbot_ros.analysis.run_metrics.RUN_METRICS`; NaN if the data are missing.
     expectations : tuple of ExpectationResult
     outcome : Verdict
     reason : str
-        Why it did not pass; empty if it did.
+        Why the run did not pass; empty if it passed.
     """
 
     run: RunData
@@ -124,7 +124,7 @@ def _verdict(run: RunData, judgement: Judgement) -> ExpectationVerdict:
     expectation, value = judgement.expectation, judgement.value
     to_the_end = run.complete
     within = run.intact and expectation.end < run.end + HALF_TICK_S
-    # "Never settles" is a result; for all other metrics NaN means missing data.
+    # A settling time of NaN means "never settles"; NaN of any other metric means missing data.
     known = not math.isnan(value) or expectation.metric == 'settling_time_s'
     if not known or not (to_the_end or within):
         return ExpectationVerdict.NOT_JUDGED

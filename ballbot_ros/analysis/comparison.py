@@ -73,7 +73,7 @@ _SOURCES = (
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """The part of a run that a comparison needs: not its ticks, so that many runs fit in memory.
+    """The data of a run that a comparison needs, without ticks, so that many runs fit in memory.
 
     Attributes
     ----------
@@ -82,10 +82,10 @@ class ComparedRun:
     path : Path
     outcome, reason : str
     trusted : bool
-        Whether it is complete and did not fail.
+        Whether the run is complete and did not fail.
     metrics : dict of str to float
     tables : dict of str to Table
-        The numbers of each figure, by its name.
+        The numbers of each figure, by the figure's name.
     floor : FloorMap, OccupancyGrid or None
     notes : tuple of str
     """
@@ -102,7 +102,7 @@ class ComparedRun:
 
     @classmethod
     def from_assessment(cls, letter: str, assessment: Assessment) -> ComparedRun:
-        """Return the part of a run that a comparison needs."""
+        """Return the data of a run that a comparison needs."""
         run = assessment.run
         tables = {s.quantity.name: s.table(run) for s in _SOURCES if s.topic in run.series}
         if PLANT_ODOM in run.series:
@@ -126,7 +126,7 @@ class ComparedRun:
 
 
 def failures(runs: Sequence[ComparedRun], conditions: Iterable[Condition]) -> list[str]:
-    """Return the conditions that hold, and the runs too incomplete to judge, as text."""
+    """Return the runs that cannot be trusted and the conditions that hold, as text."""
     conditions = list(conditions)
     if not conditions:
         return []

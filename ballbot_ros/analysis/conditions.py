@@ -28,9 +28,9 @@ class Condition:
     ----------
     metric : str
     sign : str
-        ``>``: the metric rose by more than `amount`; ``<``: it fell by more.
+        ``>``: the metric rose by more than `amount`; ``<``: it fell by more than `amount`.
     amount : float
-        Percent of the reference's magnitude, or the metric's own unit; not negative.
+        In percent of the reference's magnitude, or in the metric's own unit; not negative.
     percent : bool
     """
 
@@ -46,8 +46,9 @@ class Condition:
     def holds(self, reference: float, value: float) -> bool:
         """Return whether `value` has changed by more than the limit from `reference`.
 
-        If only `value` is missing (NaN), it has got worse: the condition holds. Without a reference
-        it does not hold. A change from a reference of 0 exceeds any percentage.
+        If only `value` is missing (NaN), the metric counts as worse: the condition holds. If the
+        reference is missing, it does not hold. A change from a reference of 0 exceeds any
+        percentage.
         """
         if math.isnan(reference):
             return False
@@ -63,7 +64,8 @@ def parse_condition(text: str, metrics: Iterable[str]) -> Condition:
     Raises
     ------
     ConditionError
-        If it is not of the form ``metric>5%`` or ``metric<0.1``, or not on one of the `metrics`.
+        If `text` is not of the form ``metric>5%`` or ``metric<0.1``, or its metric is not one of
+        the `metrics`.
     """
     match = _FORM.fullmatch(text)
     if not match:

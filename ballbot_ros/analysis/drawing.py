@@ -137,7 +137,7 @@ def draw_floor(axes: Axes, floor: FloorMap | OccupancyGrid | None) -> None:
     ----------
     axes : matplotlib Axes
     floor : FloorMap, OccupancyGrid or None
-        Walls and, for a map, lines; None for a floor without either.
+        Source of the walls and, if it is a map, of the lines; None for an empty floor.
     """
     if isinstance(floor, FloorMap):
         _draw_map(axes, floor)
@@ -167,7 +167,7 @@ def _draw_grid(axes: Axes, grid: OccupancyGrid) -> None:
 def _draw_shades(
     axes: Axes, shades: NDArray[np.float64], extent: tuple[float, float, float, float]
 ) -> None:
-    """Draw grays between 0 and 1, nothing for NaN; edges in cm."""
+    """Draw gray values between 0 and 1, and nothing for NaN; `extent` is in cm."""
     axes.imshow(
         np.ma.masked_invalid(shades), cmap='gray', vmin=0.0, vmax=1.0, interpolation='nearest',
         extent=extent,
@@ -177,8 +177,8 @@ def _draw_shades(
 def draw_track(axes: Axes, table: Table, line: Line) -> None:
     """Draw the track of the ball, with a dot at its start and a square at its end.
 
-    If the line has a label, as one of several, dot and square have its colour; otherwise the legend
-    explains them.
+    If the line has a label, because it is one of several, dot and square have its colour. If not,
+    they have their own colours and entries in the legend.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ class _EndMark:
     edge: str | None = None
 
 
-# Both stay visible if the ball returns to its start, even in one colour.
+# The square is smaller and has a white edge: both marks stay visible in one place and one colour.
 _START, _END = _EndMark(0, 'start', 'o', 8.0, GRAY), _EndMark(-1, 'end', 's', 6.5, ORANGE, 'white')
 
 

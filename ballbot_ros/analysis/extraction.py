@@ -58,7 +58,7 @@ _OTHER_CLOCK_MS = 3.6e6
 
 
 def _pitch(messages: Any) -> NDArray[np.float64]:
-    """Return the pitch angles of many orientations, equal to those of :func:`pitch_angles`."""
+    """Return the pitch angles of many orientations, each computed by :func:`pitch_angles`."""
     q = messages.orientation
     wxyz = (part.tolist() for part in (q.w, q.x, q.y, q.z))
     return np.array(list(map(pitch_angles, *wxyz))).T
@@ -89,7 +89,7 @@ class SampleBuffer:
     Parameters
     ----------
     type_code : str
-        Type code of the module array.
+        Type code of the values, as in the module `array`.
     width : int
         Numbers per sample.
     """
@@ -165,7 +165,8 @@ class TopicStatistics:
     first_ns, last_ns, gap_ns : int
         Oldest and newest log time, and the longest time between two messages.
     age_sum_ms, age_max_ms : float
-        Ages: by how much a stamp is older than the newest log time before it in the file.
+        Sum and maximum of the messages' ages: the newest log time so far in the file, minus the
+        message's stamp.
     """
 
     topic: str
@@ -185,7 +186,7 @@ class TopicStatistics:
         self.gap_ns = max(self.gap_ns, int(np.diff(newest).max()))
         self.last_ns = int(newest[-1])
         self.count += len(log_ns)
-        # Element by element: the sum of an array would depend on how it is split.
+        # Add one by one: the rounding of a sum over arrays would depend on how they are split.
         self.age_sum_ms = float(np.cumsum(np.append(self.age_sum_ms, age_ms))[-1])
         self.age_max_ms = max(self.age_max_ms, float(age_ms.max()))
 
@@ -205,7 +206,7 @@ class TopicStatistics:
 
 @dataclass
 class Extraction:
-    """All runs of a recording; events as epoch, log time [ns] and content."""
+    """The content of a recording; each event is a tuple of epoch, log time [ns] and content."""
 
     runs: tuple[RecordedRun, ...] = ()
     buffers: dict[Topic, SampleBuffer] = field(
@@ -229,7 +230,7 @@ def extract(recording: RecordingReader, progress: ProgressCallback) -> Extractio
     Raises
     ------
     RecordingError
-        If it has no topic of a ballbot, topics of several, or a malformed message.
+        If it has no topics of a ballbot, topics of several ballbots, or a malformed message.
     """
     extraction = Extraction()
     wanted = _wanted(robot_topics(recording), extraction.notices)
@@ -274,9 +275,9 @@ def extract(recording: RecordingReader, progress: ProgressCallback) -> Extractio
 def _samples(
     recording: RecordingReader, topic: Topic, batch: Batch, rows: Rows
 ) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Return the stamps [ns] of messages of a stamped topic, shape (n,), and their columns.
+    """Return the stamps [ns] and the columns of messages of a stamped topic.
 
-    The columns have the shape (n, width).
+    Their shapes are (n,) and (n, width).
     """
     type_code, width, read = STAMPED_TOPICS[topic]
     stamps, values = np.empty(len(rows), np.int64), np.empty((len(rows), width), type_code)
@@ -331,7 +332,7 @@ def _status(message: DiagnosticStatus) -> Status:
 
 @lru_cache(128)
 def _same_keys(keys: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the first of all equal tuples of keys."""
+    """Return the first tuple with these keys, so that equal tuples share one object."""
     return keys
 
 
@@ -342,7 +343,7 @@ def _unlike(recording: RecordingReader, raw: RawMessage, error: Exception) -> Re
 
 
 def _wanted(topics: RobotTopics, notices: list[str]) -> dict[str, Topic]:
-    """Return the topics to read, by their names in the file; note missing ones."""
+    """Return the topics to read, by name in the file; note missing and mistyped ones."""
     wanted = {}
     for topic in (*STAMPED_TOPICS, *_EVENTS, RUN):
         name = topic.resolved(topics.namespace)

@@ -78,7 +78,7 @@ def motion_table(run: RunData) -> Table:
 def estimate_table(run: RunData) -> Table:
     """Return true and estimated pitch [°] and position [cm]."""
     body = run.series[PLANT_IMU]
-    # One after the other: the ticks of all of them would take 60 MB for an hour.
+    # Reduce one quantity after the other: for an hour, the ticks of all would take 60 MB.
     table = dict(_table(body, 'true_pitch', 'deg', np.degrees(body.values[:, :2])))
     table |= _table(body, 'estimated_pitch', 'deg', np.degrees(estimated_pitch(run, body.stamps)))
     table |= _table(body, 'true_position', 'cm', run.series[PLANT_ODOM].at(body.stamps) * 100.0)

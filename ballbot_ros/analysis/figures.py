@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 MIN_TRACK_RANGE_CM = 5.0
-"""Motion in plane y from which the track is more informative than the positions against time."""
+"""Range of the motion in plane y above which the picture shows the track, too."""
 
 
 def draw_motion(
@@ -55,7 +55,7 @@ def draw_motion(
     title : str
         Heading.
     hold_time : float
-        End of the gyro calibration [s], shaded from the start.
+        End of the gyro calibration [s]; the time up to it is shaded.
     segments : iterable of Segment
         Stick segments, shaded and named.
     floor_map : FloorMap or None

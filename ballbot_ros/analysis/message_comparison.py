@@ -14,7 +14,7 @@ from ballbot_ros.messages.raw import decoder, has_stamp
 from ballbot_ros.messages.topics import SONAR_RANGE, Topic
 
 _NOT_COMPARED = {SONAR_RANGE.name: frozenset({'field_of_view'})}
-"""Fields that do not depend on the run: older versions published 30° whatever `cone_angle` was."""
+"""Fields to skip, by topic: older versions published 30° regardless of `cone_angle`."""
 
 _EXTRA, _MISSING = 'recorded but not replayed', 'replayed but not recorded'
 
@@ -28,7 +28,7 @@ class MessageDifference(NamedTuple):
         Sim time of the tick [ns].
     topic : str
     what : str
-        The first differing field and both values, or what is missing.
+        The first differing field with both values, or that the message has no counterpart.
     epoch : int
         The epoch of the tick in the file.
     """
@@ -81,7 +81,7 @@ class MessageComparator:
             is_extra = recorded.moment < replayed.moment
             earlier, text = (recorded, _EXTRA) if is_extra else (replayed, _MISSING)
             self._first[topic] = earlier.difference(topic, text)
-        # Padding may differ; the content decides.
+        # Compare the content, since padding bytes may differ.
         elif what := pairs.difference(recorded.data, replayed.data):
             self._first[topic] = replayed.difference(topic, what)
 

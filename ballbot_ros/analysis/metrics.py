@@ -15,7 +15,7 @@ from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.timing import TICK_S
 
 HALF_TICK_S = TICK_S / 2.0
-"""Tolerance for equal ticks: stamps are whole nanoseconds, times in seconds are rounded."""
+"""Tolerance for times of ticks, which are rounded, unlike stamps in whole nanoseconds [s]."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Judgement:
 
 
 def number(value: float) -> float | None:
-    """Return a finite number, or None for any other, which JSON lacks."""
+    """Return `value`, or None if it is not finite, since JSON has no NaN or infinity."""
     return value if math.isfinite(value) else None
 
 
@@ -88,7 +88,7 @@ def measure(
     clearance : callable or None
         Returns the distances to the walls; None if there are no walls.
     start, end : float
-        The measured window [s], within the time from the release to the end.
+        The measured window [s]; the part of it before the release is left out.
     """
     first = max(start, plant.hold_time)
     # A slice, not a mask: it copies nothing.

@@ -34,7 +34,7 @@ def render_template(template: str, **content: object) -> str:
 
 
 def number_text(value: float, missing: str = '–') -> str:
-    """Return a number with at most five digits, large ones without decimals."""
+    """Return a number with 3 decimals, below 0.1 with 3 digits, from 1000 on without decimals."""
     if math.isnan(value):
         return missing
     if math.isinf(value):

@@ -31,12 +31,12 @@ class RecordedAttachments:
     parameters : ParameterSet
         All parameters, with defaults for those that are neither attached nor announced.
     has_parameters : bool
-        Whether they were attached, or announced by the participants.
+        Whether the parameters were attached, or announced by the participants.
     versions : dict of str to str
     floor_map : FloorMap or None
         None if no map is attached.
     notices : list of str
-        Attachments that are missing or unreadable.
+        A line about each attachment that is missing or unreadable.
     files : mapping of str to AttachedFile
         The attached files.
     """
@@ -50,14 +50,15 @@ class RecordedAttachments:
     files: Mapping[str, AttachedFile] = field(default_factory=dict)
 
     def for_run(self, run: str, announced: AnnouncedParameters) -> RecordedAttachments:
-        """Return the content that applies to a run, by its name in ``plant/run``."""
+        """Return the content that applies to the run with this name in ``plant/run``."""
         if not announced.has_parameters(run):
             return self
         parameters = announced.of(run, self.parameters, self.files)
         name = parameters.of(PlantParameters).map
         floor_map = self.floor_map
         if name not in self.files:
-            # The file of another map is not attached; the topic map has its walls.
+            # The file of this run's map is not attached. Load the map if it is shipped; if not,
+            # the topic map has its walls.
             floor_map = load_map(name) if name in map_names() else None
         notices = [each for each in self.notices if not each.startswith(f'No {PARAMETERS} ')]
         scenario = self.scenario
@@ -78,7 +79,7 @@ def read_attachments(recording: RecordingReader) -> RecordedAttachments:
     """Read the attachments; a missing or unreadable one becomes a notice, not an error."""
     files = recording.attachments()
     attached = RecordedAttachments(files=files)
-    # Their readers take files, whose names and lines appear in errors.
+    # Write the attachments to files for their readers, whose errors name file and line.
     with temporary_folder() as folder:
         for name in (SCENARIO, PARAMETERS, VERSIONS, *(name for name in MAPS if name in files)):
             if name not in files:

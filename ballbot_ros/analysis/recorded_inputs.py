@@ -50,7 +50,7 @@ class RunInputs:
     ----------
     run : RecordedRun
     last_ns : int
-        Sim time of its last tick with a duty [ns]; before its start if there is none.
+        Sim time of the last tick with a duty [ns]; one tick before the start if there is none.
     sticks : mapping of int to tuple of int
         The gamepad's sticks by stamp [ns].
     sources : mapping of int to str
@@ -84,7 +84,7 @@ class RunInputs:
 
 @dataclass(frozen=True)
 class RecordedInputs:
-    """The data in a recording for replaying its runs.
+    """The data of a recording that are needed to replay its runs.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class RecordedInputs:
     announced: AnnouncedParameters
 
     def has_begun(self, run: RecordedRun) -> bool:
-        """Return whether the plant has published a tick of a run, even an unanswered one."""
+        """Return whether the plant published the first tick of a run, even if no duty answered."""
         clocks = self.recording.messages([CLOCK], run.start_ns)
         stamps = (each.raw.stamp_ns for each in clocks if each.epoch == run.epoch)
         return next(stamps, None) == run.start_ns
@@ -127,7 +127,7 @@ def read_inputs(reader: RecordingReader) -> RecordedInputs:
     Raises
     ------
     RecordingError
-        If it is not a recording of this robot, lacks its beginning, or has an unusable message.
+        If it is not a recording of this robot, begins in mid-run, or has an unusable message.
     """
     topics = robot_topics(reader)
     for name in topics.wrong_types:
@@ -180,8 +180,8 @@ class _EpochInputs:
     def of_runs(self, reader: RecordingReader, runs: Sequence[RecordedRun]) -> list[RunInputs]:
         """Return the inputs of each run of the epoch.
 
-        The topics of a file are in no fixed order, so the stamps decide which run a message belongs
-        to.
+        Messages of different topics have no fixed order in a file, so the stamps decide which run
+        a message belongs to.
         """
         starts = [run.start_ns for run in runs]
         if not runs[0].is_announced or min(self.duties, default=starts[0]) < starts[0]:

@@ -83,7 +83,7 @@ class EpochAssignment(NamedTuple):
     epochs : ndarray of int, shape (n,)
         The epoch of each message.
     is_new : ndarray of bool, shape (n,)
-        For samples, whether they are newer than all earlier ones of their topic and epoch.
+        Whether a message is a sample that is newer than all earlier ones of its topic and epoch.
     """
 
     epochs: NDArray[np.intp]
@@ -127,8 +127,8 @@ class RunFinder:
 
     The topics of a file are in no fixed order relative to each other, so each is tracked
     separately. The first topic whose time goes back begins the next epoch, and the others follow.
-    Messages without a stamp belong to the epoch around them, or to the next one if they follow the
-    announcement of its first run.
+    A message without a stamp belongs to the epoch around it. If it is from the plant and follows
+    the announcement of the next epoch's first run, it belongs to the next epoch.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ class RunFinder:
         rows : mapping of Topic to ndarray
             The rows of the batch by topic.
         samples : mapping of Topic to ndarray
-            Those that are samples, from :func:`samples_in`.
+            The rows that are samples, from :func:`samples_in`.
         stamps : ndarray, shape (n,)
             The stamps of the samples [ns], and the log times of all other messages.
 
@@ -230,7 +230,7 @@ class RunFinder:
                 self._announce(time_ns(message.stamp), message.frame_id)
             epochs[row] = self.epochs - 1
             if self._next and topic and topic.publisher == PLANT:
-                epochs[row] += 1  # it belongs to the plant that has announced its run
+                epochs[row] += 1  # it is from the next plant, which has announced its run
         return EpochAssignment(epochs, are_new)
 
     def _announce(self, start_ns: int, name: str) -> None:
@@ -280,7 +280,7 @@ def messages_by_epoch(
     reader : RecordingReader
     topics : RobotTopics
     finder : RunFinder
-        Finds their epochs. It also receives the samples and announcements that it needs.
+        Finds the epochs of the messages. For this it also receives all samples and announcements.
     wanted : collection of Topic
     """
     read = [n for n, topic in topics.by_name.items() if topic in (*wanted, RUN) or topic.period_ns]
@@ -301,7 +301,7 @@ def messages_by_epoch(
 
 @dataclass(frozen=True)
 class RobotRecording:
-    """A recording of the robot and its runs.
+    """A recording of the robot, with its topics and its number of epochs.
 
     Attributes
     ----------

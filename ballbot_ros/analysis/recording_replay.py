@@ -50,7 +50,7 @@ CONTEXT_TICKS = 2
 """Ticks shown before and after a difference."""
 
 ReportTime = Callable[[float], None]
-"""Receives the replayed sim time so far [s]."""
+"""Callback that receives the sim time replayed so far [s]."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,9 @@ class ReplayResult:
     subject : str
         ``controller`` or ``robot``: the part that was run again.
     ticks, messages : int
-        What was compared.
+        Number of compared ticks and messages.
     difference : MessageDifference or None
-        The first one.
+        The first difference; None if all messages are identical.
     context : sequence of ReplayedTick
         The ticks around a difference of the robot: recorded inputs, and the controller's outputs
         for them.
@@ -117,7 +117,7 @@ class RecordingReplay:
     Raises
     ------
     RecordingError
-        If there is nothing to replay, or its parameters are unknown.
+        If there is nothing to replay, or the parameters of a run are unknown.
     """
 
     def __init__(
@@ -183,7 +183,7 @@ class RecordingReplay:
         result = self._compare('robot', self._begun, ALL_TOPICS, ticks, update)
         if result.difference is None:
             return result
-        # For a run that ended before the difference, use the last one that had begun.
+        # Show the last run that had begun by then; it may have ended before the difference.
         job = next(j for j in reversed(self._begun) if j.has_begun_before(result.difference))
         return replace(result, context=self._context(job, result.difference.stamp_ns))
 
@@ -193,13 +193,13 @@ class RecordingReplay:
         Parameters
         ----------
         assignments : sequence of str
-            Its parameters as ``controller.param=value``, which stay in effect.
+            Parameters of the other controller as ``controller.param=value``; they stay in effect.
         update : callable
 
         Raises
         ------
         ParameterError
-            If a parameter is not the controller's, or not allowed.
+            If a parameter is not one of the controller's, or its value is not allowed.
         """
         for assignment in assignments:
             if not assignment.startswith(f'{CONTROLLER}.'):

@@ -46,7 +46,7 @@ ALL_TOPICS = (
     MAP, ACCEPTED_PUSH, CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, BATTERY_STATE, WALL_HIT,
     *(device.sample for device in DEVICE_MESSAGES), GAMEPAD_JOY, *CONTROLLER_TOPICS,
 )  # fmt: skip
-"""In the order in which a tick causes them."""
+"""The compared topics, in the order in which a tick causes their messages."""
 
 
 class ReplayedTick(NamedTuple):
@@ -66,7 +66,7 @@ class ReplayedTick(NamedTuple):
 
 
 EVENTS = (WALL_HIT, OPERATING_STATE, BLUETOOTH_TX, LCD)
-"""Topics without stamps: only their order shows which run of a file they belong to."""
+"""Topics without stamps: only the order of their messages shows which run they belong to."""
 
 
 def replay_controller(
@@ -82,7 +82,7 @@ def replay_controller(
     Raises
     ------
     RecordingError
-        If a sample can't be decoded, or its device can't have sent it.
+        If a sample can't be decoded, or has a value that its device can't send.
     """
     reader, run = recording.reader, inputs.run
     samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUT_READERS}
@@ -114,7 +114,7 @@ def replay_run(
     parameters: ParameterSet,
     comparator: MessageComparator,
 ) -> Iterator[Tick]:
-    """Run the whole robot with its parameters, recorded sticks and pushes; compare everything.
+    """Run the whole robot with its parameters, recorded sticks and pushes; compare all messages.
 
     Yields
     ------
@@ -125,7 +125,8 @@ def replay_run(
     loop = ClosedLoop(parameters, inputs, run.start_ns)
 
     def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
-        # A push may end after the run, and a run without a duty has only events.
+        # Leave out stamped messages after the last tick with a duty: a push may end later, and in
+        # a run without a duty only events are compared.
         if stamp_ns <= inputs.last_ns or topic in EVENTS:
             comparator.add_replayed(topic, stamp_ns, data, run.epoch)
 
@@ -133,7 +134,7 @@ def replay_run(
     messages.begin(run.start_ns, loop.world, loop.pushes)
     for topic, raw in _messages(recording, inputs):
         comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)
-        # Not ahead of the recording, so that few messages wait for their counterparts.
+        # Do not run ahead of the recording, so that few messages wait for their counterparts.
         while topic is CLOCK and loop.plant.time_ns <= raw.stamp_ns:
             tick = loop.tick()
             source = inputs.sources.get(tick.truth.stamp_ns, '')

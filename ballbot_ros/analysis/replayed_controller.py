@@ -24,7 +24,7 @@ class ReplayedController:
     replayed : str
         A value of the parameter `implementation`.
     reason : str
-        Why it differs from the recorded one; empty if it does not, or was requested.
+        Why it is not the recorded controller; empty if it is, or if it was requested.
     """
 
     recorded: str
@@ -40,7 +40,7 @@ def choose_controller(
 ) -> ReplayedController:
     """Return the controller for a replay: the requested one, or else the recorded one.
 
-    Python replaces an implementation that can't run here, since they are proven bit-identical.
+    Python replaces an implementation that can't run here, since the two are proven bit-identical.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ def report_page(assessment: Assessment, figures: list[RenderedFigure]) -> str:
 def _diagnostics_text(status: Status) -> str:
     former = {**FORMER_PLANT_KEYS, **FORMER_CONTROLLER_KEYS}
     values = without_former_names(dict(status.values), former)
-    # The file's folder on its machine stays private.
+    # Leave out the file's path, which is private to its machine.
     return ', '.join(f'{key} {value}' for key, value in values.items() if key != 'file')
 
 

@@ -27,7 +27,7 @@ class RobotTopics:
     by_name : mapping of str to Topic
         The topics in the file, by their full names.
     wrong_types : mapping of str to str
-        The types of topics that should have another one.
+        The recorded types of topics that should have another type, by full name.
     """
 
     namespace: str
@@ -50,9 +50,9 @@ def robot_topics(reader: RecordingReader) -> RobotTopics:
     Raises
     ------
     RecordingError
-        If it is not a recording of this robot, or of several robots.
+        If the recording has the topics of no ballbot, or of several.
     """
-    # If there are duties, other topics named plant/… may come from strangers.
+    # Search for duties first: topics named plant/… may come from other programs.
     namespace = robot_namespace(reader, [MOTOR_DUTY])
     if namespace is None:
         namespace = robot_namespace(reader, IDENTIFYING_TOPICS)
@@ -76,12 +76,12 @@ def robot_namespace(reader: RecordingReader, marks: Iterable[Topic]) -> str | No
     Returns
     -------
     str or None
-        Such as ``/robot``, or '' for none; None if it has none of the topics.
+        Such as ``/robot``, or '' for none; None if the recording has none of the topics.
 
     Raises
     ------
     RecordingError
-        If several namespaces have them.
+        If several namespaces have such topics.
     """
     endings = [f'/{mark.name}' for mark in marks]
     spaces = {

@@ -79,7 +79,8 @@ class RunData:
     number, count : int
         Number of the run in the file, from 1, and number of runs.
     trajectory : Trajectory
-        The ticks for which all recorded topics have a sample; NaN in the columns of other topics.
+        The ticks with a sample of each of the three topics (true pitch, true position, duty) that
+        was recorded; the columns of a topic that was not recorded are NaN.
     series : mapping of Topic to Series
         The topics of :data:`ballbot_ros.analysis.extraction.STAMPED_TOPICS` that have samples.
     states : tuple of Interval
@@ -99,7 +100,7 @@ class RunData:
     damage : str or None
         What the reader found missing in the file.
     missing_ticks : int
-        Number of missing ticks between the first and the last.
+        Number of missing ticks from the start of the run to the last tick.
     reached_end : bool
         Whether the run is as long as its parameter `duration`, or the duration is unknown.
     notices : tuple of str
@@ -126,7 +127,7 @@ class RunData:
 
     @property
     def name(self) -> str:
-        """Name of the recording, which `ballbot run` takes from the scenario."""
+        """Name of the recording; `ballbot run` names it after the scenario."""
         return self.path.stem
 
     @property
@@ -136,13 +137,13 @@ class RunData:
 
     @property
     def floor(self) -> FloorMap | OccupancyGrid | None:
-        """The attached map, which includes lines, or else the recorded one; None without either."""
+        """The attached map, which includes lines, or else the recorded grid, or else None."""
         floor_map = self.attached.floor_map
         return self.grid if floor_map is None else floor_map
 
     @property
     def intact(self) -> bool:
-        """Whether every tick up to the last has its truth and its duty."""
+        """Whether every tick up to the last has its true state and its duty."""
         return self.missing_ticks == 0 and all(
             topic in self.series for topic in (PLANT_IMU, PLANT_ODOM, MOTOR_DUTY)
         )
@@ -250,7 +251,7 @@ def read_run(
 
 
 def _series(extraction: Extraction, run: RecordedRun) -> dict[Topic, Series]:
-    """Return the samples of a run by topic; topics with equal stamps share these arrays."""
+    """Return the samples of a run by topic; topics with equal stamps share stamps and times."""
     found: dict[Topic, Series] = {}
     for topic in STAMPED_TOPICS:
         stamps, values = extraction.buffers[topic].epoch(run.epoch)
@@ -263,7 +264,7 @@ def _series(extraction: Extraction, run: RecordedRun) -> dict[Topic, Series]:
                 stamps, time = other.stamps, other.time
                 break
         else:
-            # Computed like the log of a run without recording, so that the numbers are equal.
+            # Compute the time as the log of a run without recording does, for equal numbers.
             time = seconds(stamps) - run.start_ns * 1e-9
         found[topic] = Series(stamps, time, values[first:last])
     return found
@@ -272,11 +273,11 @@ def _series(extraction: Extraction, run: RecordedRun) -> dict[Topic, Series]:
 def _trajectory(
     series: Mapping[Topic, Series], start: int, lockstep: bool
 ) -> tuple[Trajectory, int]:
-    """Return the complete ticks, and the number of missing ones in between."""
+    """Return the complete ticks, and the number of missing ones up to the last."""
     sources = [topic for topic in (PLANT_IMU, PLANT_ODOM, MOTOR_DUTY) if topic in series]
     duty = series.get(MOTOR_DUTY)
     if not lockstep and len(sources) > 1 and duty is not None:
-        sources.remove(MOTOR_DUTY)  # its stamps differ; the newest one acts
+        sources.remove(MOTOR_DUTY)  # its stamps are not those of ticks; the newest duty acts
     if not sources:
         nothing = np.full((0, 2), np.nan)
         return Trajectory(np.zeros(0), nothing, nothing, nothing), 0
@@ -309,7 +310,7 @@ def _states(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Inte
     ends = [time for time, _ in changes[1:]] + [float(last) + TICK_S]
     return tuple(
         Interval(time, until, state)
-        for (time, state), until in zip(changes, ends, strict=False)  # there is one more end
+        for (time, state), until in zip(changes, ends, strict=False)  # one more end if no change
         if until > time
     )
 

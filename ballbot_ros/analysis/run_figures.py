@@ -159,7 +159,7 @@ def _draw_duty(run: RunData, table: Table) -> Figure:
 
 @dataclass(frozen=True)
 class _Pair:
-    """A true column of a quantity and another one to compare, with {} for the plane.
+    """The true column of a quantity and a column to compare with it; {} stands for the plane.
 
     Attributes
     ----------
@@ -178,7 +178,7 @@ class _Pair:
 
 
 def _draw_pairs(run: RunData, table: Table, pairs: Sequence[_Pair], *, share_rows: bool) -> Figure:
-    """Draw true and other columns: a row for each quantity, a column for each plane."""
+    """Draw pairs of curves, true and other: a row for each pair, a column for each plane."""
     figure = new_figure(WIDTH, 5.0)
     grid = figure.subplots(2, 2, sharex=True, sharey='row' if share_rows else 'none')
     for line, pair in zip(grid, pairs, strict=True):
@@ -190,7 +190,7 @@ def _draw_pairs(run: RunData, table: Table, pairs: Sequence[_Pair], *, share_row
                 draw_line(axes, table['time_s'], table[column.format(plane)], look)
             frame_curves(axes, '')
             shade_intervals(axes, _calibration(run))
-        for axes in line:  # a shared axis keeps its range
+        for axes in line:  # after all curves of the row: setting the span ends autoscaling
             set_min_span(axes, MIN_AXIS_SPAN)
         line[0].set_ylabel(pair.label)
         legend_above(line[1])
@@ -219,7 +219,7 @@ def _draw_gyro(run: RunData, table: Table) -> Figure:
         ),
         _Pair('true_offset_{}_deg_per_s', 'estimated_offset_{}_deg_per_s', 'gyro offset [°/s]'),
     )
-    # The gyros have different offsets.
+    # The planes do not share an axis, since their gyros have different offsets.
     return _draw_pairs(run, table, pairs, share_rows=False)
 
 

@@ -32,7 +32,7 @@ from ballbot_ros.scenario.metric_registry import MetricRegistry
 from ballbot_ros.timing import RESEND_S, TICK_NS
 
 RUN_METRICS = MetricRegistry[RunData]()
-"""In addition to the metrics of expectations; NaN if the file lacks the data."""
+"""Metrics of recorded runs in addition to those of expectations; NaN if the file lacks the data."""
 
 _FORMER_KEYS = {PLANT: FORMER_PLANT_KEYS, CONTROLLER: FORMER_CONTROLLER_KEYS}
 
@@ -53,7 +53,10 @@ def estimated_position(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
 
 
 def estimated_pitch(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
-    """Return the pitch [rad] estimated by the controller at `stamps`, like its position."""
+    """Return the pitch [rad] estimated by the controller at `stamps`, shape (n, 2).
+
+    It is NaN while the controller is not active.
+    """
     state = run.series[CONTROLLER_STATE].at(stamps)
     return _while_balancing(run, stamps, state[:, [1, 3]].astype(float))
 
@@ -84,7 +87,7 @@ def position_error(run: RunData) -> NDArray[Any]:
 def estimated_gyro_offset(run: RunData) -> NDArray[Any]:
     """Return the gyro offset [deg/s] estimated by the controller, shape (n, 2).
 
-    The controller does not publish it, but publishes its pitch rate: the reading minus the offset.
+    It is the gyro reading minus the pitch rate that the controller publishes.
     """
     gyro = run.series[GYRO_IMU]
     believed = gyro.values - run.series[CONTROLLER_STATE].at(gyro.stamps)[:, 4:]
@@ -125,7 +128,7 @@ def _start(run: RunData) -> float:
     'true torque and rate at every tick; braking returns none'
 )
 def energy_j(run: RunData) -> float:
-    """Return the energy [J]: torque = Kt i and voltage = Rm i + Kb rate, both as (3.16)."""
+    """Return the energy [J], with torque = Kt i and voltage = Rm i + Kb rate, both as in (3.16)."""
     if PLANT_JOINT_STATES not in run.series:
         return math.nan
     motors, plant = run.series[PLANT_JOINT_STATES], run.plant
@@ -245,7 +248,7 @@ def _diagnostics(run: RunData, role: str) -> Iterator[Mapping[str, str]]:
     """Iterate over the values reported by the node of a role in ``/diagnostics``."""
     for _, status in run.statuses:
         values = dict(status.values)
-        # Older recordings only have the node's name.
+        # In older recordings, which lack the key `role`, the node's name gives the role.
         if role == (values.get('role') or status.name.partition(':')[0].rpartition('/')[2]):
             yield values
 

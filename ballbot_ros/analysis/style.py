@@ -47,7 +47,7 @@ PLANES = (Line(BLUE, label='plane x'), Line(ORANGE, 1.0, '--', 'plane y'))
 
 def new_figure(width: float, height: float, title: str = '') -> Figure:
     """Return a figure of this size [inch], with its title on as many lines as it needs."""
-    # Imported here: it takes a second, for which the start of a run should not wait.
+    # Imported here, so that the start of a run does not wait for the import, which takes a second.
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout='constrained')
@@ -58,11 +58,11 @@ def new_figure(width: float, height: float, title: str = '') -> Figure:
 
 
 def png_of(figure: Figure) -> bytes:
-    """Return a figure as PNG; on a full disk the caller then fails without half a picture."""
+    """Return a figure as the content of a PNG file."""
     from matplotlib.text import Text
 
     for text in figure.findobj(Text):
-        # User-defined names may contain a $, and no figure has a formula.
+        # Show a $ in user-defined names as it is; no figure has a formula.
         text.set_parse_math(False)
     buffer = BytesIO()
     figure.savefig(buffer, dpi=150)

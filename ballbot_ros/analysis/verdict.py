@@ -24,4 +24,4 @@ class ExpectationVerdict(TextEnum):
     MET = 'met'
     NOT_MET = 'not met'
     NOT_JUDGED = 'not judged'
-    """The recording lacks the data that it needs."""
+    """The recording lacks the data that the expectation needs."""

@@ -62,7 +62,7 @@ def check(folder: Path) -> int:
     Raises
     ------
     CodegenError
-        If the folder is incomplete, or if a tool is missing, after all possible checks.
+        If the folder is incomplete; or, after all checks that are possible, if a tool is missing.
     """
     sequences = check_sequences(read_folder_parameters(folder))
     console = Console(highlight=False, markup=False, soft_wrap=True)

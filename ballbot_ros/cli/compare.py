@@ -1,4 +1,4 @@
-"""`ballbot compare`: comparison of recorded runs, and a gate against regressions."""
+"""`ballbot compare`: comparison of recorded runs, and a check for regressions."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def _print_matrix(console: Console, name: str, matrix: Matrix) -> None:
 
 
 def _poles(poles: Iterable[complex]) -> str:
-    """Return poles from fast to slow as text, a conjugate pair as one."""
+    """Return poles from slow to fast as text, with each conjugate pair as one word."""
     words = []
     for pole in sorted(poles, key=lambda p: (abs(p), p.imag)):
         if abs(pole.imag) < 1e-9:

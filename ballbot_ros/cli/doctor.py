@@ -1,4 +1,4 @@
-"""`ballbot doctor`: checks of this machine; each reports OK, or what to do."""
+"""`ballbot doctor`: checks of this machine; each check reports OK, or what to do."""
 
 from __future__ import annotations
 

@@ -21,8 +21,8 @@ def invoke(command: click.Command, name: str, failed: int = 2) -> int:
     name : str
         The program's name in the help text.
     failed : int
-        Exit status after an error of ours, which is printed on one line; for invalid arguments it
-        is 2.
+        Exit status after a `BallbotError` or `OSError`, which is printed on one line. For invalid
+        arguments the status is 2.
     """
     open_standard_streams()
     if isinstance(sys.stdout, TextIOWrapper):
@@ -41,11 +41,12 @@ def invoke(command: click.Command, name: str, failed: int = 2) -> int:
         click.echo(f'error: {error}', err=True)
         return failed
     except OSError as error:
-        # Python must not try to print the rest again when it ends.
+        # Discard the rest of the output, which Python would try to print again when it ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         if isinstance(error, BrokenPipeError):
             return 1  # like click
-        # Code that opens a file names it in errors; the rest is the command's output.
+        # An error that names no file comes from the command's output: code that opens files names
+        # them.
         click.echo(f'error: {error.filename or "standard output"}: {error.strerror}', err=True)
         return failed
     except (click.Abort, KeyboardInterrupt):

@@ -7,14 +7,14 @@ import sys
 
 from ballbot_ros.stop_request import defer_sigint
 
-# Matrices of four rows need no threads, which would compete with the nodes.
+# Use one thread: matrices of four rows need no more, and others would compete with the nodes.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 
 def main() -> None:
     """Run the command, and end with its exit status."""
     try:
-        # While modules load, Ctrl-C ends the command as quietly as later.
+        # Defer Ctrl-C while modules load, so that it ends the command as quietly as later.
         with defer_sigint():
             from ballbot_ros.cli.command import ballbot
             from ballbot_ros.cli.invoke import invoke

@@ -17,5 +17,5 @@ set_option = click.option(
 def split_at_commas(
     context: click.Context, parameter: click.Parameter, values: tuple[str, ...]
 ) -> list[str]:
-    """Let an option be repeated, or given once with commas."""
+    """Split the values of an option at commas; the option can also be repeated."""
     return [name for value in values for name in value.split(',') if name]

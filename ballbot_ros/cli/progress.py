@@ -21,7 +21,7 @@ class Progress:
     duration : float
         Its length in sim time [s]; 0 for an endless run.
     bar : bool
-        Whether to show a bar; the terminal may be in use by the gamepad node.
+        Whether to show a bar; False if the gamepad node uses the terminal.
     """
 
     def __init__(self, name: str, duration: float, *, bar: bool = True) -> None:

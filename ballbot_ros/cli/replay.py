@@ -27,8 +27,8 @@ def replay_recording(
 ) -> int:
     """Replay every run of a recording, print the result, return the exit status.
 
-    The control program is `controller`, or else the recorded one. With `assignments`, another
-    controller runs on the same inputs, and only its duties are compared.
+    The control program is `controller`, or else the recorded one. With `assignments`, it runs with
+    these parameters on the recorded inputs, and only its duties are compared.
     """
     with RecordingReader(path) as reader, temporary_folder() as scratch:
         replay = RecordingReplay(reader, Path(scratch), controller)
@@ -56,7 +56,7 @@ def replay_recording(
 def print_results(
     results: Sequence[ReplayResult], controllers: Sequence[ReplayedController]
 ) -> None:
-    """Print the identical parts, and the first difference of every other part."""
+    """Print for each part that it is identical, or its first difference."""
     console = Console(highlight=False, markup=False)
     runs = len(controllers)
     _print_controllers(console, controllers)

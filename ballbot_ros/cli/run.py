@@ -36,7 +36,7 @@ def run_and_print(
     as_json : bool
         Whether to print the result as JSON.
     is_replaced : callable or None
-        Returns whether another run replaces this one.
+        Returns whether another run has been requested, which replaces this one.
     """
     spec = RunSpec.of_scenario(reference, options)
     with Progress(spec.name, spec.plant.duration) as progress, _stdout_to_stderr():
@@ -47,7 +47,7 @@ def run_and_print(
 
 @contextmanager
 def _stdout_to_stderr() -> Iterator[None]:
-    """Keep standard output for the result, since the middleware prints errors there."""
+    """Keep stdout for the result: redirect what the middleware prints there to stderr."""
     sys.stdout.flush()
     kept = os.dup(1)
     os.dup2(2, 1)
@@ -125,7 +125,7 @@ def command(
         profile=profile,
         parameter_file=parameter_file,
         real_time_factor=real_time_factor,
-        # In real time, since somebody watches the page.
+        # With a page, run in real time, since somebody watches.
         default_real_time_factor=1.0 if viewer else 0.0,
         seed=seed,
         assignments=assignments,

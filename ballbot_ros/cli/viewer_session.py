@@ -1,4 +1,4 @@
-"""`ballbot run --viewer`: a page that outlasts the run and can start others."""
+"""`ballbot run --viewer`: a page that outlasts the run and can start further runs."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ POLL_S = 0.05
 
 
 def run_with_viewer(reference: str, options: RunOptions, *, as_json: bool) -> int:
-    """Run a scenario, then those requested by the page; return the exit status of the last.
+    """Run a scenario, then those that the page requests; return the exit status of the last run.
 
-    If there is a folder for the recording, later runs use the folders 2, 3 ... in it.
+    If `options` name an output folder, later runs use the folders 2, 3 ... in it.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def run_with_viewer(reference: str, options: RunOptions, *, as_json: bool) -> in
 
         status = run(reference, options)
         number = 1
-        # A status above 128 means a signal, which is meant to end everything.
+        # End after a status above 128 as well: it means a signal, which is meant to end everything.
         while status < 128 and not stop.signal and (chosen := session.wait_for_scenario(stop)):
             number += 1
             folder = options.output and options.output / str(number)
@@ -67,7 +67,7 @@ class ViewerSession:
     parameters : ParameterSet
         Parameters of the first run, with the address of the page.
     reference : str
-        Its scenario.
+        Scenario of the first run.
     console : Console
         Prints the viewer's lines.
     """
@@ -98,11 +98,11 @@ class ViewerSession:
         self._console.print(line)
 
     def is_run_requested(self) -> bool:
-        """Whether the page requests another run."""
+        """Return whether the page requests another run."""
         return bool(self._supervisor.requested_scenario)
 
     def wait_for_scenario(self, stop: StopRequest) -> str:
-        """Wait while the page exists; return the scenario that it requests, or ''."""
+        """Return the next scenario that the page requests; '' if page or command ends first."""
         if not self._supervisor.requested_scenario and self._viewer.running:
             self._print('the page stays open: choose a scenario there, or end with Ctrl-C')
         while self._viewer.running and not stop.signal:
@@ -116,7 +116,7 @@ class ViewerSession:
 
 
 def _address(parameters: ParameterSet) -> ParameterSet:
-    """Return the parameters with the page's address; the run's plant announces the rest."""
+    """Return only the page's address; the run's plant announces the other parameters."""
     address = ParameterSet()
     viewer = parameters.of(ViewerParameters)
     address.set(VIEWER, 'host', viewer.host)

@@ -8,7 +8,7 @@ OUTCOME_KEYS = ('outcome', 'reason', 'ticks', 'duty_sha256')
 """Keys of the outcome of a run."""
 
 MAPS = ('map.png', 'map.bmp')
-"""The map's image in its original format; none for a floor without a map."""
+"""Possible names of the attached map image, one per format; without a map there is none."""
 
 _MEDIA_TYPES = {'.yaml': 'application/yaml', '.png': 'image/png', '.bmp': 'image/bmp'}
 

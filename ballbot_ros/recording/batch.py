@@ -51,7 +51,7 @@ class Batch:
     Attributes
     ----------
     data : bytes
-        The bytes that contain them.
+        The bytes that contain the messages.
     headers : ndarray, shape (n,)
         The structured headers of the messages.
     starts, ends : ndarray, shape (n,)
@@ -68,7 +68,7 @@ class Batch:
 
     @classmethod
     def of_records(cls, data: bytes, names: Mapping[int, str]) -> Batch:
-        """Return the messages in MCAP records.
+        """Create a batch of the messages in MCAP records.
 
         Raises
         ------
@@ -98,7 +98,7 @@ class Batch:
 
     @classmethod
     def of_messages(cls, messages: Iterable[Message], names: Mapping[int, str]) -> Batch:
-        """Return messages that are outside chunks."""
+        """Create a batch of messages that are outside chunks."""
         parts = []
         for message in messages:
             length = _MESSAGE_HEADER.itemsize - _RECORD_HEADER_SIZE + len(message.data)
@@ -148,7 +148,7 @@ class Batch:
         return found
 
     def match_bytes(self, rows: Rows, offset: int, content: bytes) -> NDArray[np.bool_]:
-        """Return which messages have `content` at a position [byte]."""
+        """Return which of the messages in `rows` have `content` at `offset` [byte], as a mask."""
         begins = self.starts[rows] + offset
         fits = begins + len(content) <= self.ends[rows]
         found = read_structs(self.data, np.where(fits, begins, 0), np.dtype(f'V{len(content)}'))
@@ -168,7 +168,7 @@ class Batch:
 
 
 def read_structs(data: bytes, offsets: Rows, dtype: np.dtype[Any]) -> NDArray[np.void]:
-    """Return copies of the structures at some positions in bytes, aligned or not."""
+    """Return copies of the structures at `offsets` in `data`, which need not be aligned."""
     if not len(offsets):
         return np.empty(0, dtype)
     size = dtype.itemsize

@@ -128,7 +128,7 @@ class TopicColumns:
         Raises
         ------
         RecordingError
-            If its joints or its number of axes differ from the first message.
+            If its joints, or its numbers of axes and buttons, differ from the first message.
         """
         if _shape(message) != self._shape:
             raise RecordingError(
@@ -142,7 +142,7 @@ def _says_something(word: str) -> bool:
 
 
 def _shape(message: Any) -> Any:
-    """Return everything that must stay the same, or columns would change their meaning."""
+    """Return the part of a message that must not change, or columns would change their meaning."""
     kind = _type_name(message)
     if kind == _JOINT_STATE:
         return list(message.name), *(len(getattr(message, group)) for group in _JOINT_UNITS)

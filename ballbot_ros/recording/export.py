@@ -18,10 +18,10 @@ JOINED = 'joined'
 """Name of the joined table."""
 
 LATENESS_S = 1
-"""Maximum delay of a message, relative to the newest one, to be included in its row [s]."""
+"""Maximum delay of a message behind the newest one [s]; after that, its row has been written."""
 
 MAX_GAP_S = 3600
-"""Silence of all topics that indicates another clock, not a pause [s]."""
+"""Gap between stamps from which another clock is assumed, not a pause of all topics [s]."""
 
 _SECOND_NS = 10**9
 _OWN_STAMP = 'stamp_s'
@@ -41,7 +41,7 @@ class Exporter:
     topics : list of str
         The topics to export.
     hints : mapping of (str, str) to ColumnHints
-        Knowledge about a topic and type beyond the type.
+        Knowledge beyond the type, by topic and type.
     progress : callable
         Called with the number of messages done and their total.
     files : list of Path
@@ -129,7 +129,7 @@ class Exporter:
         try:
             yield
         except BaseException as error:
-            # An incomplete table looks like a complete one.
+            # Remove the tables: an incomplete one looks like a complete one.
             for file in self.files:
                 file.unlink(missing_ok=True)
             if isinstance(error, OSError):
@@ -199,7 +199,7 @@ class _Grid:
         self._next: int | None = None
 
     def put(self, tick: int, topic: str, values: list[Value | None], longest_gap: int) -> bool:
-        """Store the values of `topic` at `tick`; return whether its row can still be written."""
+        """Store values; return False if the row of `tick` is written or beyond `longest_gap`."""
         if self._newest is None:
             self._newest = tick
         if abs(tick - self._newest) > longest_gap or (self._next is not None and tick < self._next):

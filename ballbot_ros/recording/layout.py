@@ -1,4 +1,4 @@
-"""Positions of the numbers in CDR messages, for reading those of many messages at once."""
+"""Positions of the numbers in CDR messages, for reading many messages at once."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ballbot_ros.recording.batch import Batch, Rows, read_structs
 from ballbot_ros.recording.schemas import recorded_typestore
 
 _HEADER_SIZE = 4
-"""Encapsulation header; alignment counts from its end."""
+"""Size of the encapsulation header [byte]; alignment counts from its end."""
 
 _NUMPY_NAMES = {'char': 'uint8'}
 
@@ -32,7 +32,7 @@ class Layout:
     offsets : ndarray, shape (k,)
         Positions of the bytes that determine the form: encoding, lengths and texts.
     fixed_bytes : ndarray, shape (k,)
-        Their required values.
+        Required values of these bytes.
     """
 
     dtype: np.dtype[Any]
@@ -49,7 +49,7 @@ class Layout:
         return cls(dtype, offsets, np.frombuffer(data, np.uint8)[offsets])
 
     def read(self, batch: Batch, rows: Rows) -> tuple[NDArray[np.bool_], NDArray[Any]]:
-        """Return which messages of a batch have this form, and their numbers.
+        """Return a mask of the messages in `rows` that have this form, and their numbers.
 
         The numbers are a record array with the field names of the type.
         """
@@ -81,7 +81,7 @@ class _Walk:
         self.fixed_offsets = list(range(_HEADER_SIZE))
 
     def message(self, type_name: str) -> list[_Field]:
-        """Return the fields of a message that begins here, except texts and lists of messages."""
+        """Return the fields of the message at this offset, except texts and lists of messages."""
         _, descriptions = self._store.fielddefs[type_name]
         fields = []
         for name, description in descriptions:

@@ -75,7 +75,7 @@ class Overview:
         How the run ended, if known.
     attachments : dict of str to AttachedFile
     metadata : dict of str to dict
-        Without the records that other fields contain.
+        The metadata records, without those that other fields contain.
     """
 
     path: Path

@@ -61,7 +61,7 @@ class Playback:
         Raises
         ------
         RecordingError
-            If that is after the end.
+            If `start` is after the end.
         """
         if start > self.duration:
             raise RecordingError(

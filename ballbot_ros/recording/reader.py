@@ -53,7 +53,7 @@ _LOOSE = 4096
 """Maximum number of messages outside chunks in a batch."""
 
 _LET_GO = 64 * ALLOCATIONGRANULARITY
-"""Number of bytes read after which their memory is released."""
+"""Number of bytes to read before their memory is released."""
 
 
 class TopicSummary(NamedTuple):
@@ -75,7 +75,7 @@ def summary_holds(data: mmap, footer: Footer) -> bool:
     if not footer.summary_crc:
         return True
     end = len(data) - len(MCAP0_MAGIC) - _CRC_SIZE
-    # In a file without a summary, the footer itself.
+    # In a file without a summary, the checksum only covers the footer.
     start = footer.summary_start or end - _FOOTER_SIZE
     return zlib.crc32(data[start:end]) == footer.summary_crc
 
@@ -183,11 +183,11 @@ class RecordingReader:
         }
 
     def metadata(self) -> dict[str, dict[str, str]]:
-        """Return the metadata records by name; the last one with that name."""
+        """Return the last metadata record of each name."""
         return self._metadata
 
     def attachments(self) -> dict[str, AttachedFile]:
-        """Return the attached files by name; the last one with that name."""
+        """Return the last attached file of each name."""
         return self._attachments
 
     def unreadable(self) -> dict[str, str]:
@@ -205,7 +205,7 @@ class RecordingReader:
         return reasons
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, Any]]:
-        """Iterate over the messages of `topics`, or of all, decoded.
+        """Iterate over the decoded messages of `topics`, or of all topics.
 
         Yields
         ------
@@ -227,7 +227,7 @@ class RecordingReader:
         Raises
         ------
         RecordingError
-            If its type is unknown, or it does not match its type.
+            If the type is unknown, or the message does not match it.
         """
         schema = self._types[raw.topic]
         try:
@@ -244,7 +244,7 @@ class RecordingReader:
     def raw_messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0
     ) -> Iterator[RawMessage]:
-        """Iterate over the messages of `topics`, or of all, from a stamp on, as recorded.
+        """Iterate over the messages of `topics`, or of all topics, from a stamp on, as recorded.
 
         Raises
         ------
@@ -255,7 +255,7 @@ class RecordingReader:
             yield from batch.messages()
 
     def batches(self, topics: Collection[str] | None = None, start_ns: int = 0) -> Iterator[Batch]:
-        """Iterate over the same messages in batches, one per chunk of the file.
+        """Iterate over the messages of :meth:`raw_messages` in batches, one per chunk.
 
         Raises
         ------
@@ -319,7 +319,7 @@ class RecordingReader:
         return self._schemas.get(channel.schema_id, _NO_SCHEMA)
 
     def _scan(self, *, unpack: bool) -> bool:
-        """Note the content of the file; return whether this includes the number of messages."""
+        """Note the content of the file; return whether the number of messages is now known."""
         self._counts: Counter[int] = Counter()
         self._gaps: list[str] = []
         statistics = None
@@ -368,7 +368,7 @@ class RecordingReader:
     def _read(self, parse: Callable[[IO[bytes]], Iterator[_Item]]) -> Iterator[_Item]:
         """Iterate over the results of `parse` on the file, until its end or damage."""
         try:
-            # Each map has its own position, so that several iterators can be active.
+            # Map the file for each iterator: several can be active, each at its own position.
             stream = mmap(self._file.fileno(), 0, access=ACCESS_READ)
         except ValueError:
             raise RecordingError(f'{self.path}: the recording is closed') from None
@@ -387,7 +387,7 @@ class RecordingReader:
 
 
 def _grouped(records: Iterable[McapRecord]) -> Iterator[Chunk | list[Message]]:
-    """Iterate over the chunks of a file, and over messages outside chunks in lists."""
+    """Iterate over the chunks of a file, and over lists of the messages outside chunks."""
     loose: list[Message] = []
     try:
         for record in records:
@@ -399,7 +399,7 @@ def _grouped(records: Iterable[McapRecord]) -> Iterator[Chunk | list[Message]]:
             if isinstance(record, Chunk):
                 yield record
     except DAMAGE:
-        # The part before the damage is intact.
+        # Yield these messages before the error: the part before the damage is intact.
         if loose:
             yield loose
         raise

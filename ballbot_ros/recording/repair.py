@@ -40,7 +40,7 @@ class LostSpan:
         Stamp of the first message after it, or of the last one known to be missing [ns]; None if
         the end is unknown.
     open : bool
-        Whether the file ends in it, so that more messages may have followed.
+        Whether the file ends in this interval, so that more messages may have followed.
     """
 
     start_ns: int | None
@@ -62,9 +62,9 @@ class LostMessages:
     ----------
     count : int
     counted : bool
-        Whether it is counted, not estimated.
+        Whether `count` is exact, not estimated.
     open : bool
-        Whether more may have followed after the end of the file.
+        Whether more messages may be missing, since the file is cut off.
     """
 
     count: int
@@ -134,8 +134,8 @@ def repair(
     Raises
     ------
     RecordingError
-        If the file is not a recording of ROS 2, can't be read or is still being written, or if the
-        new one already exists or can't be written.
+        If the file is not a recording of ROS 2, can't be read or is still being written, or if
+        `output` already exists or can't be written.
     """
     path = Path(path)
     output = Path(output) if output else path.with_name(f'{path.stem}_repaired{path.suffix}')

@@ -22,7 +22,7 @@ _WORDS = {
     'durability': {0: 'system_default', 1: 'transient_local', 2: 'volatile', 3: 'unknown'},
     'liveliness': {0: 'system_default', 1: 'automatic', 3: 'manual_by_topic', 4: 'unknown'},
 }
-"""The numbers of rmw for the names that Jazzy uses."""
+"""The names that Jazzy writes, by the numbers of rmw that earlier releases write."""
 
 
 @dataclass(slots=True, eq=False)
@@ -59,7 +59,7 @@ class TimeRange(NamedTuple):
 
 
 def offered_qos_profiles(profiles: Iterable[QosProfile]) -> str:
-    """Write `profiles`, one per publisher, as the channel metadata of that name."""
+    """Return `profiles`, one per publisher, as text for the channel metadata of that name."""
     return _yaml(_qos(profiles))
 
 
@@ -102,7 +102,7 @@ def _parse_profile(profile: dict[str, Any]) -> QosProfile:
 def serialized_metadata(
     file_name: str, topics: Iterable[RecordedTopic], times: TimeRange | None
 ) -> str:
-    """Write the bag's description for the metadata record of that name.
+    """Return the bag's description as text for the key of that name in the metadata record.
 
     Parameters
     ----------

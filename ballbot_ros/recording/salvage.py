@@ -48,7 +48,11 @@ _PARSERS: dict[int, Any] = {
 }
 _KNOWN = {*_PARSERS, Opcode.MESSAGE_INDEX}
 _UNCHECKED = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
-"""Bytes inside a damaged chunk that look like these records would evade the chunk's checksum."""
+"""Records without a checksum of their own.
+
+In a file with chunks, the search after a damaged place does not accept them: they may be bytes of
+a damaged chunk, whose checksum has failed.
+"""
 
 
 class Damage(NamedTuple):
@@ -57,11 +61,11 @@ class Damage(NamedTuple):
     Attributes
     ----------
     start, end : int
-        Where it starts, and where intact data follow [byte].
+        Where the damage starts, and where intact data follow [byte].
     newest_ns : int or None
-        The newest stamp in it, if it is a chunk whose header is readable [ns].
+        The newest stamp in the damaged part [ns]; None unless it is a chunk with a readable header.
     in_summary : bool
-        Whether it is after all messages.
+        Whether the damage is in the summary, after all messages.
     """
 
     start: int
@@ -166,7 +170,7 @@ class Salvage:
             case records.Metadata():
                 whole = bool(record.name)
             case records.Message():
-                # Its data can be anything: the length is correct if a record follows.
+                # The data can be anything, so check the length: another record must follow.
                 whole = self._may_begin_at(end)
             case records.Footer():
                 whole = self._map[end:] == MCAP0_MAGIC

@@ -73,7 +73,7 @@ def schema_decoder(definition: records.Schema) -> Callable[[bytes], Any]:
 
 
 def recorded_typestore(definition: records.Schema) -> Typestore:
-    """Return the message types, with one of them as defined in a recording.
+    """Return the message types of ROS 2 Jazzy, updated with a definition from a recording.
 
     Raises
     ------
@@ -94,7 +94,8 @@ def recorded_typestore(definition: records.Schema) -> Typestore:
             raise RecordingError(f'{definition.encoding!r} is not an encoding of ROS 2 types')
         if name not in types:
             raise RecordingError('its definition belongs to another type')
-        # Like the middleware, rosbags adds a dummy field to an empty type.
+        # A type without fields never counts as different: like the middleware, rosbags adds a
+        # dummy field to it.
         others = {
             known: definition
             for known, definition in types.items()

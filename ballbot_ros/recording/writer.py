@@ -34,8 +34,6 @@ RUN_OUTCOME = 'ballbot_run'
 RUN_PARTICIPANTS = 'ballbot_participants'
 """Name of the metadata record that describes the participants of the run, by role."""
 
-"""Keys of the outcome of a run."""
-
 
 def is_locked(file: int) -> bool:
     """Return whether a :class:`RecordingWriter` of any process is writing an open file."""
@@ -50,8 +48,9 @@ def is_locked(file: int) -> bool:
 class RecordingWriter:
     """A new MCAP file, for use by one thread.
 
-    Every method raises `RecordingError` if the recording is closed or can't be written. A failed
-    write closes it; the file is then cut off, and readable up to its last complete chunk.
+    Every method raises `RecordingError` if the file can't be written, and every method except
+    `close` if the recording is closed. A failed write closes it; the file is then cut off, and
+    readable up to its last complete chunk.
 
     Parameters
     ----------
@@ -112,7 +111,7 @@ class RecordingWriter:
         qos : sequence of QosProfile
             QoS offered by each of its publishers.
         type_hash : str, optional
-            Hash of the type in the graph, which must be that of the recorded definition.
+            Hash of the type in the graph; it must equal that of the definition in ROS 2 Jazzy.
 
         Returns
         -------
@@ -200,9 +199,9 @@ class RecordingWriter:
         Parameters
         ----------
         topic : RecordedTopic
-            From `add_topic` of this recording.
+            From `add_topic` or `copy_topic` of this recording.
         stamp_ns : int
-            Sim time for the log time, 0 ... 2**63 - 1 [ns].
+            Log time, which is the sim time, 0 ... 2**63 - 1 [ns].
         data : bytes
             The message in CDR with its encapsulation header.
         sequence : int
@@ -251,7 +250,7 @@ class RecordingWriter:
             self._writer.add_metadata(name, dict(mapping))
 
     def add_outcome(self, outcome: Mapping[str, str]) -> None:
-        """Record how the run ended, by the :data:`OUTCOME_KEYS`."""
+        """Record how the run ended; `outcome` has a value for each of :data:`OUTCOME_KEYS`."""
         self.add_metadata(RUN_OUTCOME, {key: outcome[key] for key in OUTCOME_KEYS})
 
     def mark_incomplete(self, reason: str) -> None:
@@ -303,6 +302,6 @@ class RecordingWriter:
     def _failure(self, error: OSError) -> RecordingError:
         self._open = False
         with suppress(OSError):
-            # Closing the stream would write its buffer after the gap.
+            # Close only the raw file: closing the stream would write its buffer after the gap.
             self._stream.raw.close()
         return RecordingError(f'{self.path}: {error.strerror}')

@@ -25,12 +25,12 @@ def load_scenario(name_or_file: str, profile: str | None = None) -> Scenario:
     ----------
     name_or_file : str
     profile : str or None
-        Device profile instead of the scenario's.
+        Device profile to use instead of the scenario's.
 
     Raises
     ------
     ScenarioError, YamlError, ParameterError
-        With one line that names file and line, the key, and what is allowed.
+        The message is one line that names file, line, key, and what is allowed.
     """
     shipped = share_directory() / 'config/scenarios' / f'{name_or_file}.yaml'
     if name_or_file in scenario_names():
@@ -57,7 +57,7 @@ def scenario_of(name_or_file: str) -> Scenario:
 
 
 def load_profile(name: str) -> ParameterSet:
-    """Return the values set by the profile `name`: none for ``ideal``, which is the defaults.
+    """Return the values that the profile `name` sets; ``ideal`` sets none and keeps the defaults.
 
     Raises
     ------

@@ -36,7 +36,7 @@ class MetricRegistry(dict[str, Metric[Measured]]):
         ----------
         meaning : str
         name : str, optional
-            Name of the metric, ending in its unit; by default that of the function.
+            Name of the metric, ending in its unit; by default the function's name.
         """
 
         def register(compute: Function[Measured]) -> Function[Measured]:

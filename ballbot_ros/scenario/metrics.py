@@ -48,7 +48,8 @@ class Motion:
     start: Floats
     clearance: Clearance | None
 
-    # Computed on every access: in a run of hours they cost more memory than time.
+    # The properties are computed on every access: in a run of hours, keeping them would cost more
+    # memory than computing them costs time.
     @property
     def pitch(self) -> Floats:
         """Body pitch [°], shape (n, 2)."""
@@ -77,7 +78,7 @@ class Motion:
 
 
 METRICS = MetricRegistry[Motion]()
-"""All metrics cover the motion from the release on, the end of `hold_time`."""
+"""The metrics for expectations; they cover the motion from the release, the end of `hold_time`."""
 
 
 @METRICS.metric(f'time until both pitches stay within ±{SETTLED_DEG:g}°')

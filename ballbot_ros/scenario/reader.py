@@ -82,12 +82,12 @@ class ScenarioReader:
         Parameters
         ----------
         profile : str or None
-            Device profile instead of the document's.
+            Device profile to use instead of the document's.
 
         Raises
         ------
         ScenarioError, ParameterError
-            With one line that names file and line.
+            The message is one line that names file and line.
         """
         data = self._mapping(self._document.data, (), SCENARIO_KEYS)
         for required in ('purpose', 'duration'):
@@ -115,7 +115,7 @@ class ScenarioReader:
         )
 
     def _text(self, data: Mapping[str, object], profile: str | None) -> str:
-        """Return the file's text, with the other profile if one is given."""
+        """Return the file's text; if `profile` is given, it replaces the one in the file."""
         if profile is None:
             return read_text(self._document.path)
         return yaml.safe_dump({**data, 'profile': profile}, sort_keys=False, allow_unicode=True)
@@ -174,7 +174,7 @@ class ScenarioReader:
             raise self._error(('start',), str(error)) from None
 
     def _map(self, value: object) -> object:
-        """Return a shipped map's name, or a file's path relative to the scenario's folder."""
+        """Return a shipped map's name unchanged, and resolve a path in the scenario's folder."""
         if isinstance(value, str) and ('/' in value or '.' in value):
             return str((self._document.path.parent / value).resolve())
         return value
@@ -341,7 +341,7 @@ class ScenarioReader:
             if allowed is not None and key not in allowed:
                 words = ', '.join(sorted(allowed))
                 raise self._error((*keys, key), f'unknown key {key!r}; known: {words}')
-        # A key that is not text is refused as unknown.
+        # A key that is not text is refused as unknown, if not above, then by the caller.
         return cast('Mapping[str, object]', data)
 
     def _each(self, data: object, keys: Keys, read: Callable[[object, Keys], _Part]) -> list[_Part]:

@@ -38,7 +38,7 @@ class Expectation:
 
     @property
     def covers_whole_run(self) -> bool:
-        """Whether it covers the whole run."""
+        """Whether the measured window is the whole run."""
         return self.start == 0.0 and self.end == math.inf
 
     @property
@@ -79,7 +79,7 @@ class Scenario:
     profile : str
         ``ideal`` or ``hardware``.
     parameters : ParameterSet
-        The values that it sets, including duration and start state.
+        The values that the scenario sets, including duration and start state.
     vertical, horizontal : StickSignal
         The sticks in packet units: -100 is up, forward; +100 is right.
     pushes : tuple of ScheduledPush

@@ -39,7 +39,7 @@ class Segment:
         """Return the value at `time` [s] in [start, end), rounded to a whole number."""
         index = bisect_right(self.points, time, key=lambda point: point[0])
         (t0, v0), (t1, v1) = self.points[index - 1], self.points[index]
-        # Equal values need no interpolation, since the end may be infinite.
+        # Do not interpolate between equal values: the time of the second may be infinite.
         return quantise(v0 if v0 == v1 else v0 + (v1 - v0) * (time - t0) / (t1 - t0))
 
 

@@ -20,7 +20,7 @@ SCENARIO = 'scenario'
 """The source that acts while no live input is in command."""
 
 NO_SOURCE = 'nobody'
-"""Displayed source without live input and without a scenario."""
+"""Name displayed while no live input is in command and there is no scenario."""
 
 SILENCE_S = 0.5
 """Silence after which a source counts as neutral."""

@@ -21,7 +21,7 @@ class CsvLog:
 
     The first file is created at once. The files of further runs, ``…_2.csv`` and so on, are created
     with their first packet: the announcement of a run can overtake the last packets of the previous
-    run, which are recognised by their time. Files are never overwritten.
+    run. The time of a packet shows which run it belongs to. Files are never overwritten.
 
     Parameters
     ----------
@@ -97,11 +97,11 @@ class CsvLog:
 def _create(path: Path) -> TextIO:
     file = path.open('x', encoding='ascii', newline='')
     file.write(HEADER + '\n')
-    # Line buffered, so that a full disk or an exceeded limit shows at once.
+    # Flush the header, so that a full disk or an exceeded limit shows at once.
     file.flush()
     return file
 
 
 def _is_since(time_ms: int, start_ms: int) -> bool:
-    """Compare times of the brick's clock, which wraps around."""
+    """Return whether a time is at or after `start_ms` on the brick's clock, which wraps around."""
     return (time_ms - start_ms) % _CLOCK_PERIOD_MS < _CLOCK_PERIOD_MS // 2

@@ -16,7 +16,7 @@ class InputErrors:
         self._cleared: set[str] = set()
 
     def add(self, source: str, text: str) -> bool:
-        """Store an error as the newest of its source; return whether the source had none."""
+        """Store the newest error of a source; return whether the source had none before."""
         self._cleared.discard(source)
         is_first = source not in self._texts
         self._texts[source] = f'{source}: {text}'

@@ -20,9 +20,10 @@ _ROUNDING = 1e-6
 class JoyMapping(Subset):
     """The axes and buttons that drive, and their scales.
 
-    Axes and buttons are numbered as in ``game_controller_node`` of the package joy: axes 0, 1 left
-    stick, 2, 3 right stick, each left and up positive; buttons 9 and 10 the shoulders. The other
-    fields have the names and meanings of ``teleop_twist_joy``. The turbo button also enables.
+    Axes and buttons are numbered as in ``game_controller_node`` of the package joy: axes 0 and 1
+    are the left stick, axes 2 and 3 the right stick, each with left and up positive; buttons 9 and
+    10 are the shoulder buttons. The other fields have the names and meanings of
+    ``teleop_twist_joy``. The turbo button also enables the sticks.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ _ARROWS = {'up': (0, -1), 'down': (0, 1), 'left': (1, -1), 'right': (1, 1)}
 
 
 class KeyboardSticks:
-    """The state of the keys.
+    """The sticks that the arrow keys move.
 
     Arrows for different sticks combine to a diagonal while both count as held. All times are from
     one monotonic clock [s].
@@ -62,7 +62,7 @@ class KeyboardSticks:
         self._until = [-math.inf, -math.inf]
 
     def change_speed(self, steps: int) -> None:
-        """Change the share of the full stick for a key, from one step to full."""
+        """Change the share of the full stick for a key by `steps`, within one step ... full."""
         speed = self.speed_percent + steps * SPEED_STEP_PERCENT
         self.speed_percent = min(100, max(SPEED_STEP_PERCENT, speed))
 

@@ -1,4 +1,4 @@
-"""Gamepads through SDL, whose database knows the layout of most."""
+"""Gamepads through SDL, whose database knows the layout of most gamepads."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ INSTALL_HINT = 'pygame not found: install it with `pip install "ballbot_ros[driv
 _SETTINGS = {
     'SDL_VIDEODRIVER': 'dummy',
     'SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS': '1',
-    # The node handles the signals.
+    # Leave the signals to the node.
     'SDL_NO_SIGNAL_HANDLERS': '1',
     'PYGAME_HIDE_SUPPORT_PROMPT': '1',
 }
@@ -65,7 +65,7 @@ class SdlBackend:
             try:
                 name = self._pygame.joystick.Joystick(index).get_name()
             except self._pygame.error:
-                continue  # It is gone again, or we may not read it.
+                continue  # The device is gone again, or may not be read.
             devices.append(GamepadDevice(index, name, self._controller.is_controller(index)))
         self._devices = devices
 

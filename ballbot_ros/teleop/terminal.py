@@ -52,7 +52,7 @@ class Terminal:
     on_sticks : callable
         Receives the sticks, 50 times a second.
     on_reset, on_quit : callable
-        Called for these keys.
+        Called for the reset key and the quit key.
     on_closed : callable
         Called when the keyboard is gone: after quitting, or because the terminal has disappeared.
 
@@ -112,14 +112,14 @@ class Terminal:
 
         class Output(Vt100_Output):
             def flush(self) -> None:
-                # The end of the input shows that the terminal has disappeared. An error here, in
-                # the middle of a line above the panel, would make the application wait for the line
-                # forever.
+                # Ignore errors: the end of the input shows that the terminal has disappeared, and
+                # an error here, in the middle of a line above the panel, would make the
+                # application wait for the line forever.
                 with suppress(OSError):
                     super().flush()
 
         output = Output.from_pty(terminal)
-        output.enable_cpr = False  # The panel needs no cursor position, and the query is visible.
+        output.enable_cpr = False  # The panel needs no cursor position; a query would show.
         return Application(
             layout=Layout(
                 Window(FormattedTextControl(self._panel), dont_extend_height=True, wrap_lines=True)

@@ -31,7 +31,7 @@ def wall_distance(floor_map: FloorMap) -> NDArray[np.int32]:
     Returns
     -------
     ndarray, shape (rows, columns)
-        0 in a wall; without walls, more than the size of the map.
+        0 in a wall; without walls, the longer side of the map in every cell.
     """
     # Imported here, so that nodes without a map start faster.
     from scipy.ndimage import distance_transform_cdt
@@ -105,4 +105,4 @@ def exact_ray(floor_map: FloorMap) -> Ray:
 
 
 RAYS: dict[str, Callable[[FloorMap], Ray]] = {'exact': exact_ray, 'stepped': stepped_ray}
-"""The values of the parameter ``distance_model``."""
+"""The ray functions, by value of the parameter ``distance_model``."""

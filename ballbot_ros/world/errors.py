@@ -1,4 +1,4 @@
-"""The package's error."""
+"""The error of this package."""
 
 from ballbot_ros.errors import BallbotError
 

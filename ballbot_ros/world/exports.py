@@ -16,7 +16,7 @@ from ballbot_ros.world.floor_map import CELL_M, FLOOR, LINE, WALL, FloorMap
 
 WALL_HEIGHT_CM = 20
 OCCUPIED, FREE = 100, 0
-"""Cells of nav_msgs/OccupancyGrid [%]."""
+"""Values of the cells in nav_msgs/OccupancyGrid [%]."""
 
 _PGM_WALL, _PGM_FREE = 0, 254
 _HEIGHTS = {FLOOR: '0', LINE: '0', WALL: str(WALL_HEIGHT_CM)}
@@ -54,7 +54,7 @@ def occupancy_grid(floor_map: FloorMap) -> OccupancyGrid:
 
 
 def floor_map_of(grid: OccupancyGrid) -> FloorMap:
-    """Return the map from which a grid was made, without black lines, which a grid lacks."""
+    """Return the map from which a grid was made; its black lines are lost, being free in a grid."""
     return FloorMap(np.where(grid.cells[::-1] == OCCUPIED, WALL, FLOOR).astype(np.uint8))
 
 
@@ -122,7 +122,7 @@ def _write_vrml(floor_map: FloorMap, stream: BinaryIO) -> None:
         stream.write(text.encode())
 
     def write_cells(words: Mapping[int, str]) -> None:
-        # One word per gray value; row by row, since the text is ten times as large as the map.
+        # Write row by row: the text, a word for each cell, is ten times as large as the map.
         table = [words.get(value, '') for value in range(FLOOR + 1)]
         for row in floor_map.cells.tolist():
             write(','.join([table[value] for value in row]) + ',\n')

@@ -36,8 +36,8 @@ def read_map(path: str | Path) -> FloorMap:
     ------
     WorldError
         If the file can't be read, is not an intact PNG or BMP image of one frame with at most
-        :data:`MAX_SIDE_PIXELS` pixels a side, or has a pixel of another colour; the message names
-        the file and the first such pixel.
+        :data:`MAX_SIDE_PIXELS` pixels a side, or has a pixel whose colour is not allowed; the
+        message names the file and the first such pixel.
     """
     path = Path(path)
     try:
@@ -84,7 +84,8 @@ def _refusals(path: Path) -> Iterator[None]:
     """Turn any error of Pillow into one line."""
     try:
         with warnings.catch_warnings():
-            # Pillow warns of some sizes and refuses others; all exceed the limit of a map.
+            # Pillow only warns of some large sizes. Turn this into an error: all of them exceed
+            # the limit of a map.
             warnings.simplefilter('error', Image.DecompressionBombWarning)
             yield
     except WorldError:

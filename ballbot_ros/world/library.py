@@ -70,7 +70,7 @@ def load_map(name_or_file: str) -> FloorMap:
 
 
 def image_suffix(data: bytes) -> str:
-    """Return the correct file name ending for a map image, whatever its actual name."""
+    """Return the file name ending that matches the content of a map image."""
     return '.png' if data.startswith(b'\x89PNG') else '.bmp'
 
 

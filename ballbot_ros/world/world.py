@@ -39,7 +39,7 @@ class World:
         sums = np.zeros((floor_map.rows + 1, floor_map.columns + 1), dtype=np.int32)
         np.cumsum(np.cumsum(floor_map.walls, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
         self._walls_before = sums.data
-        # With the ball in such a cell, the body can't reach a wall.
+        # Mark the cells in which the ball is so far from all walls that the body can't reach one.
         reach = max(self._half_u, self._half_v) + 1.0
         self._is_clear = (wall_distance(floor_map) > reach).data
         self._points = {
@@ -50,7 +50,7 @@ class World:
 
     @classmethod
     def of(cls, parameters: PlantParameters) -> World | None:
-        """Create the world in the parameters of ``plant_sim``; None without a ``map``.
+        """Create the world described by the parameters of ``plant_sim``; None without a ``map``.
 
         Raises
         ------
@@ -127,7 +127,7 @@ class World:
         Returns
         -------
         ndarray, shape (n,)
-            0 if the body is in a wall, inf if the map has none. A lower bound if the outline
+            0 if the body is in a wall, inf if the map has no walls. A lower bound if the outline
             extends beyond the map.
         """
         # Imported here, so that nodes without a map start faster.
@@ -137,18 +137,19 @@ class World:
         nearest = np.full(len(positions), np.inf)
         if free.all():
             return nearest
-        # From the centre of a cell to the centre of the nearest wall cell, whose edge is half a
-        # cell nearer.
+        # Subtract half a cell: the transform is the distance to the centre of the nearest wall
+        # cell, whose edge is nearer.
         field = np.maximum(distance_transform_edt(free) - 0.5, 0.0)
         size = np.array([self.map.columns, self.map.rows])
         centres = self.map.points(positions)
         for corner in self._outline():
             points = centres + corner
             column, row = np.clip(np.floor(points), 0, size - 1).astype(int).T
-            # The map is convex: from outside, no wall is nearer than the Pythagorean distance.
+            # For a point off the map, add the distances to the edge and from there to a wall as a
+            # right angle: the map is convex, so no wall is nearer.
             off = np.maximum(np.maximum(-points, points - size), 0.0)
             np.minimum(nearest, np.hypot(field[row, column], np.hypot(*off.T)), out=nearest)
-        # A wall entirely below the body is not near any point of its outline.
+        # Check for walls below the body, too: they may be far from every point of its outline.
         nearest[[self.blocked((x, y)) for x, y in positions.tolist()]] = 0.0
         return nearest * CELL_M
 
