@@ -37,7 +37,7 @@ CRASH = re.compile(
 
 @dataclass(frozen=True)
 class RunEnd:
-    """The end of a run: of its processes, with their output and the recording.
+    """The end of a run: exit status, output, result and recording.
 
     Attributes
     ----------
