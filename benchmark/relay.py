@@ -71,7 +71,7 @@ CONTENT: dict[Topic, dict[str, Any]] = {
     GAMEPAD_JOY: {'axes': [0.5] * 2},
     BLUETOOTH_TX: {'data': bytes(32)},
 }
-"""Functions that give messages of variable length the same length as the robot's."""
+"""Fields that give messages of variable length the same length as the robot's."""
 
 
 class Relay:
@@ -127,7 +127,7 @@ def time_in(message: Any) -> Any:
 
 
 class PlantRelay(Relay):
-    """Publishes the truth of a tick, and waits for the duty of its stamp."""
+    """Publishes the plant's messages of a tick, and waits for the duty with the same stamp."""
 
     def __init__(self, ticks: int) -> None:
         super().__init__(PLANT)
@@ -181,7 +181,7 @@ class PlantRelay(Relay):
 
     def result(self) -> dict[str, Any]:
         """Return the measurements in the form of ``ballbot run --json``."""
-        # The first answer had to wait for the start of all processes.
+        # Omit the first answer, which had to wait for the start of all processes.
         trips = np.array(self._round_trips[1:]) * 1e3
         return {
             'real_time_factor': self._factor_of / self._wall,
@@ -194,7 +194,7 @@ class PlantRelay(Relay):
 
 
 class DriverRelay(Relay):
-    """Answers each truth at the multiples of the answer's period."""
+    """Answers the plant's messages whose stamps are multiples of the sample's period."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)

@@ -24,12 +24,12 @@ from ballbot_ros.timing import SECOND_NS, TICK_NS
 
 SCENARIO = 'stationary'
 
-# Not the default domain, nor those of the tests or of another benchmark.
+# Not the default domain; the process id makes those of simultaneous benchmarks differ.
 _DOMAINS = itertools.cycle([1 + (os.getpid() + number) % 100 for number in range(100)])
 
 _START_S = 30.0
 _SLOWEST_FACTOR = 0.2
-"""Time limit of a run."""
+"""A run may take `_START_S` to start, and then its duration divided by `_SLOWEST_FACTOR`."""
 _STOP_S = 5.0
 
 
@@ -44,7 +44,8 @@ class Run(NamedTuple):
     ----------
     real_time_factor : float
     round_trip_ms : dict or None
-        Of a tick, from truth to duty: ``p50``, ``p99``, ``max``; None without messages.
+        Time of a tick, from the plant's messages to the duty: ``p50``, ``p99``, ``max``; None
+        without messages.
     duty_sha256 : str or None
         None for a relay, which has no duties.
     """
@@ -85,7 +86,7 @@ def run_ballbot(duration: float, *, processes: str, record: bool) -> Run:
                 f'ballbot run --processes {processes}: did not end within {error.timeout:.0f} s'
             ) from None
     result = json.loads(ended.stdout) if ended.stdout else {'outcome': 'failed', 'reason': ''}
-    # A short run may miss the scenario's expectations.
+    # Accept a run that misses the scenario's expectations, as a short one may.
     if result['outcome'] in ('failed', 'stopped'):
         reason = result['reason'] or _last_line(ended.stderr)
         raise RunError(f'ballbot run --processes {processes}: {reason}')

@@ -89,7 +89,7 @@ def run(parameters: ParameterSet, seconds: float, scenario: Scenario | None = No
 
 
 def parameters_with(profile: str, settings: Settings) -> ParameterSet:
-    """Return a profile's parameters with some other values."""
+    """Return a profile's parameters, with those in `settings` replaced."""
     parameters = load_profile(profile)
     for (node, name), value in settings.items():
         parameters.set(node, name, value)
@@ -97,7 +97,7 @@ def parameters_with(profile: str, settings: Settings) -> ParameterSet:
 
 
 def drives(profile: str, moves: Sequence[float], settings: Settings) -> Iterator[Outcome]:
-    """Yield a run for each seed in which both sticks jump among `moves` at random times."""
+    """Yield the outcome of a run for each seed; both sticks jump among `moves` at random times."""
     for seed in SEEDS:
         generator = np.random.default_rng(seed)
         scenario = Scenario(

@@ -31,7 +31,7 @@ from campaign.site import DOMAINS_EACH, MARK, end_all
 from campaign.trial import OWN_MEMORY
 
 DOMAINS = range(20, 50)
-"""Not the default domain, nor those of the tests."""
+"""ROS domains of the trials: neither the default domain nor those of the tests."""
 
 AT_ONCE = 2
 LIMIT_S = 300.0
@@ -99,7 +99,8 @@ def campaign(
     possible = [fault for fault in wanted if fault.name not in impossible]
     console.print(f'seed {seed}, {minutes:g} min')
     schedule = Schedule(possible, 60.0 * minutes)
-    # Otherwise processes started from a shell's background job would ignore SIGINT.
+    # Handle SIGINT here, so that the trials do not ignore it: in a shell's background job they
+    # would inherit an ignored SIGINT.
     with StopRequest() as stop, Campaign(seed, output, mounts, console, stop) as conduct:
         if trial is None:
             conduct.follow(schedule)
@@ -299,7 +300,7 @@ class TrialProcess:
 def own_mounts() -> list[str]:
     """Return the prefix of a command that gets its own mounts and ``/dev/shm``.
 
-    Empty if the machine does not allow this.
+    The list is empty if the machine does not allow this.
     """
     as_root = [] if os.geteuid() == 0 else ['--map-root-user']
     script = 'mount -t tmpfs tmpfs /dev/shm && exec "$@"'

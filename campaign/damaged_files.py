@@ -115,7 +115,7 @@ class FuzzedInput:
         """Draw a scenario and one or two assignments."""
         text = SCENARIO.encode()
         for _ in range(generator.randint(1, 2)):
-            # Most errors are in a value; other changes rarely leave a scenario at all.
+            # Mostly replace a value: after other changes the text is rarely still a scenario.
             text = generator.choice((swap, swap, swap, *DAMAGES))(generator, text) or b' '
         assignments = []
         for value in generator.choices(VALUES, k=generator.randint(1, 2)):
@@ -124,12 +124,12 @@ class FuzzedInput:
         return cls(text, assignments)
 
     def carry_out(self, site: Site) -> Verdict:
-        """Run it without ROS: errors must be found before anything starts."""
+        """Run scenario and parameters without ROS: errors must be found before anything starts."""
         scenario = site.folder / 'fuzzed.yaml'
         scenario.write_bytes(self.scenario)
         whole = write_scenario(site.folder)
         words = ['--processes=none', '--no-record']
-        # Last, so that it takes effect: the run is short in any case.
+        # These settings come last, so that they override the drawn ones and keep the run short.
         short = ['--real-time-factor=0', '--set', f'{PLANT}.duration=0.1']
         sets = [word for each in self.assignments for word in ('--set', each)]
         return run_commands(

@@ -29,15 +29,15 @@ class Verdict(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether everything held."""
+        """Whether all guarantees held."""
         return not self.failures
 
 
 class Attempt(Protocol):
-    """A fault with all its random choices; its text describes the actions."""
+    """A fault with all its random choices; `str` of it describes the actions."""
 
     def carry_out(self, site: Site) -> Verdict:
-        """Apply it to a run, and judge the outcome."""
+        """Apply the fault to a run, and judge the outcome."""
 
 
 @dataclass(frozen=True)

@@ -32,11 +32,11 @@ class Remains:
     missing : str
         What is missing according to the recorder.
     truths : int
-        Number of truths of the plant.
+        Number of messages on plant/imu, of which the plant sends one per tick.
     duties : tuple
         Duties [%] by tick, from the first.
     strange : int
-        Number of messages on that topic that are malformed or not of the next tick.
+        Number of messages on motor_duty that are malformed or not of the next tick.
     motors_off : bool
         Whether the last duty is a motor stop.
     """
@@ -51,7 +51,7 @@ class Remains:
 
 
 def read_remains(path: Path, folder: Path) -> Remains | None:
-    """Read the remains of a recording; None if it was never begun.
+    """Read the remains of a recording; None if there is no file.
 
     Parameters
     ----------

@@ -101,8 +101,8 @@ class Restarts:
             expected = undisturbed(site, ticks_of(DURATION_S))
             if load_trajectory(account)[1]['duty_sha256'] != expected.duty_sha256:
                 failures.append('the duties differ from those of an undisturbed run')
-            # A driver killed between its two readers may cost the recording a sample, which the
-            # file then reports.
+            # Permit missing samples, which the file reports: a driver may be killed when only one
+            # of its two readers has a sample, the controller or the recorder.
             remains = read_remains(recording, site.folder)
             if not remains or not remains.finished or len(remains.duties) != expected.ticks:
                 failures.append(

@@ -27,7 +27,7 @@ start:
 """Like the scenario `stationary`, but without expectations: a short run passes, too."""
 
 FIRST_TICKS_BYTES = 20_000
-"""Size from which a recording has more than attachments."""
+"""Size of a file above which it contains messages, not only attachments [byte]."""
 
 CRASH = re.compile(
     r'Traceback \(most recent call last\)|Segmentation fault|core dumped|terminate called'
@@ -37,7 +37,7 @@ CRASH = re.compile(
 
 @dataclass(frozen=True)
 class RunEnd:
-    """The remains of a run.
+    """The end of a run: exit status, output, result and recording.
 
     Attributes
     ----------
@@ -205,7 +205,7 @@ def judge_completed(run: RunEnd, duty_sha256: str) -> list[str]:
 
 
 def judge_failed(run: RunEnd, named: Collection[str], status: int = 1) -> list[str]:
-    """Judge whether a run has failed with this status, for a reason with one of these names."""
+    """Judge whether a run failed with this status, for a reason that contains one of `named`."""
     failures = []
     outcome = run.result.get('outcome', 'none')
     if run.end.status != status or outcome != 'failed':

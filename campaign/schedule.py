@@ -80,7 +80,7 @@ def table_of(
     ----------
     faults : sequence of Fault
     verdicts : mapping
-        Those of the trials, by the fault's name.
+        Verdicts of the trials, by the fault's name.
     impossible : sequence of str
         Names of the faults that can't be tested on this machine.
     """

@@ -1,4 +1,4 @@
-"""A stranger's node as a separate process; needs rclpy.
+"""A foreign node that sends nonsense, as a separate process; needs rclpy.
 
 ``python -m campaign.sender TOPIC CONTENT PERIOD …`` sends until it is killed.
 """
@@ -89,7 +89,7 @@ def _half(kind: Any) -> bytes:
 
 
 def _noise(kind: Any) -> bytes:
-    # Not longer: for a type without sequences the middleware accepts no more.
+    # As long as an empty message: for a type without sequences the middleware accepts no more.
     length = len(serialize_message(kind())) - len(ENCODING)
     return ENCODING + random.Random(kind.__name__).randbytes(length)
 

@@ -39,7 +39,7 @@ STOP_S = 15.0
 guaranteed; the rest is for the end of the processes [s]."""
 
 LOSS_TICKS = SECOND_NS // TICK_NS + 50
-"""Possible loss of a killed recorder: a second, and the plant's lead."""
+"""Ticks that a killed recorder may lose: those of a second, and of the plant's lead."""
 
 
 class Moment(Enum):
@@ -55,7 +55,7 @@ class Moment(Enum):
         return SHORT_S if self is Moment.END else LONG_S
 
     def delay_s(self, generator: random.Random) -> float:
-        """Draw the delay after the start of the victim, or the first tick [s]."""
+        """Draw the delay [s], from the victim's start for `START`, else from the first tick."""
         earliest, latest = {
             Moment.START: (0.0, 1.5),
             Moment.MIDDLE: (0.0, 2.5),
@@ -102,7 +102,7 @@ class NodeSignal:
 
     @property
     def hangs_at_start(self) -> bool:
-        """Whether only a timeout can distinguish it from a node that starts slowly."""
+        """Whether only a timeout can distinguish the victim from a node that starts slowly."""
         return self.moment is Moment.START and self.number == Signals.SIGSTOP
 
     @property
@@ -113,8 +113,8 @@ class NodeSignal:
         return STOP_S
 
     def carry_out(self, site: Site) -> Verdict:
-        """Send it, and judge the end of the run."""
-        # A dead node must be named long before the default time of 30 s.
+        """Send the signal, and judge the end of the run."""
+        # Shorten the default timeout of 30 s, after which a hung node is named.
         settings = [f'{PLANT}.startup_timeout={STARTUP_TIMEOUT_S}'] if self.hangs_at_start else []
         run = Run(site, self.moment.duration_s, *settings)
         if self.moment is Moment.START:
@@ -123,7 +123,7 @@ class NodeSignal:
             run.await_ticks()
         victim = run.program.nodes().get(self.victim)
         time.sleep(self.delay_s)
-        # The process id of a node that has ended may belong to another process.
+        # Send nothing to a node that has ended: its process id may belong to another process.
         if victim and victim in site.alive():
             with suppress(ProcessLookupError):
                 os.kill(victim, self.number)
@@ -192,7 +192,7 @@ class CommandSignal:
         return cls(generator.choice(signals), moment, moment.delay_s(generator))
 
     def carry_out(self, site: Site) -> Verdict:
-        """Send it, and judge the end of the command and its nodes."""
+        """Send the signal, and judge the end of the command and its nodes."""
         run = Run(site, self.moment.duration_s)
         if self.moment is Moment.START:
             wait_until(lambda: bool(run.program.nodes()), 'the first node')
@@ -212,7 +212,7 @@ class CommandSignal:
         killed = self.number == Signals.SIGKILL
         failures = judge_printed(run.text)
         if killed:
-            # Its nodes end by themselves.
+            # A killed command does not stop its nodes, so they end by themselves, and later.
             if run.end.took_s > STOP_S:
                 failures.append(f'nodes still alive {STOP_S:.0f} s after the command was killed')
         else:
@@ -234,5 +234,5 @@ class CommandSignal:
 
 
 def _has_every_tick(run: RunEnd) -> bool:
-    """Whether the plant may have completed the run before the fault."""
+    """Whether every tick of a short run is recorded: it may have ended before the fault."""
     return run.remains is not None and len(run.remains.duties) == ticks_of(SHORT_S)

@@ -34,7 +34,8 @@ class CampaignError(Exception):
 class Stopwatch:
     """Measures the processor time available to processes.
 
-    A busy machine does not count, so bounds on this time hold there, too.
+    Time that processes spend waiting for a processor does not count, so that bounds on this time
+    also hold on a busy machine.
 
     Attributes
     ----------
@@ -151,7 +152,7 @@ class Program:
 
 
 class Site:
-    """The site of a trial; at the end of the block all its processes have ended.
+    """The site of a trial: a context manager that kills the trial's remaining processes at exit.
 
     Parameters
     ----------
@@ -201,7 +202,7 @@ class Site:
         return processes_of(self.folder)
 
     def await_end(self, program: Program, bound_s: float, beside: Collection[int] = ()) -> End:
-        """Wait until a program and all processes of the trial have ended; kill them if they do not.
+        """Wait until a program and the processes of the trial have ended; kill them at the limit.
 
         Parameters
         ----------
@@ -209,7 +210,7 @@ class Site:
         bound_s : float
             Time limit [s].
         beside : collection of int
-            Processes of the trial that continue.
+            Processes of the trial that need not end.
         """
         watch = Stopwatch()
         survivors: tuple[str, ...] | None = None

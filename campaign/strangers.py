@@ -52,7 +52,7 @@ DURATION_S = 3.0
 REFUSED = 2
 """Exit status of a run that does not begin."""
 BOUND_S = 45.0
-"""Time for which a publisher without a sample is tolerated [s]."""
+"""Time limit of a trial, in which even a publisher without a sample is detected [s]."""
 
 PERIODS_S = (0.002, 0.02, 0.2)
 
@@ -85,11 +85,11 @@ class Nonsense(NamedTuple):
     @classmethod
     def draw(cls, generator: random.Random, topic: Topic) -> Nonsense:
         """Draw the messages on a topic."""
-        # Any 48 bytes are a velocity, which may drive the robot.
+        # Send no noise on cmd_vel: any 48 bytes are a valid velocity, which may drive the robot.
         contents = [each for each in Content if (topic, each) != (CMD_VEL, Content.NOISE)]
         content = generator.choice(contents)
         period_s = generator.choice(PERIODS_S)
-        # More would fill the disk.
+        # Send long messages every 50 ms at most: more would fill the disk.
         return cls(topic, content, 0.05 if content is Content.AT_LENGTH else period_s)
 
     @property
@@ -103,7 +103,7 @@ class Nonsense(NamedTuple):
 
 @dataclass(frozen=True)
 class Stranger:
-    """A node that sends nonsense from a moment of a run on.
+    """A foreign node that begins to send nonsense at some moment of a run.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class Stranger:
 
     @classmethod
     def draw(cls, generator: random.Random, index: int, *, in_the_loop: bool) -> Stranger:
-        """Draw a stranger; the first topics alternate."""
+        """Draw a stranger; its first topic alternates from trial to trial."""
         topics = LOOP_TOPICS if in_the_loop else OPEN_TOPICS
         chosen = [topics[index % len(topics)]]
         if not in_the_loop:
@@ -138,7 +138,7 @@ class Stranger:
         words = [word for each in self.sends for word in each.words]
         stranger = site.start(STRANGER, 'campaign.sender', *words)
         end = run.await_end(BOUND_S, beside=[stranger.pid])
-        # If the run hangs, it is killed with it.
+        # The stranger must outlive the run, unless the run hung, and both were killed.
         if end.end.status is not None and stranger.status is not None:
             raise CampaignError(f'the stranger has ended: {stranger.text}')
         sha256 = undisturbed(site, ticks_of(DURATION_S)).duty_sha256
@@ -162,7 +162,8 @@ class Stranger:
         if run.completed or not self.in_the_loop:
             return failures + judge_completed(run, sha256)
         if CLOCK in [each.topic for each in self.sends] and run.end.status == REFUSED:
-            # A clock that exists before the run counts as another plant's.
+            # A run is refused if the stranger publishes the clock before it: this looks like
+            # another plant.
             return failures + judge_failed(run, [CLOCK.name], REFUSED)
         return (
             failures

@@ -39,7 +39,7 @@ BUSY_LOOPS = 4
 LOOP = 'while True: pass'
 RUNS_AT_ONCE = 3
 PORTS = 20
-"""Number of participants over whose ports leftovers are spread."""
+"""Number of successive ports, of which some are broken."""
 OLD_S = 3600.0
 
 
@@ -70,7 +70,7 @@ class FullDisk:
     ----------
     disk : Disk
     size_kb : int
-        Its size [KiB].
+        Size of the disk [KiB].
     """
 
     disk: Disk
@@ -100,7 +100,7 @@ class FullDisk:
             sha256 = undisturbed(site, ticks_of(SHORT_S)).duty_sha256
             failures += judge_completed(end, sha256)
         elif end.result:
-            # A picture that can't be written either does not change the cause.
+            # The recording remains the reason if the picture can't be written, either.
             named = f'{run.recording.name}: {NO_SPACE}' if is_of_recording else NO_SPACE
             failures += judge_failed(end, [named])
         elif end.end.status not in (1, 2) or NO_SPACE not in end.text:
@@ -118,7 +118,7 @@ class BusyMachine:
 
     @classmethod
     def draw(cls, generator: random.Random, index: int) -> BusyMachine:
-        """Return the only one; it has no random choices."""
+        """Return the fault, which has no random choices."""
         return cls()
 
     def carry_out(self, site: Site) -> Verdict:
@@ -163,7 +163,7 @@ class Leftovers:
 
     @classmethod
     def draw(cls, generator: random.Random, index: int) -> Leftovers:
-        """Draw some broken ports, relative to those of a domain's first participant."""
+        """Draw up to six broken ports and their lengths."""
         ports = tuple(sorted(generator.sample(range(PORTS), k=generator.randint(1, 6))))
         sizes = (0, 1, MIN_PORT_BYTES - 1, MIN_PORT_BYTES, 4 * MIN_PORT_BYTES)
         return cls(ports, tuple(generator.choice(sizes) for _ in ports))

@@ -91,7 +91,7 @@ def launch_graph(context):
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     record, show = given['record'] == 'true', given['rviz'] == 'true'
     if show:
-        # A missing rviz2 ends the launch here, before any process has started.
+        # If rviz2 is missing, end the launch here, before any process has started.
         FindPackagePrefix('rviz2').perform(context)
     factor = None
     if given['real_time_factor']:
@@ -134,7 +134,7 @@ def rviz(namespace):
         executable='rviz2',
         namespace=namespace,
         arguments=['-d', str(share_directory() / 'config/rviz/ballbot.rviz')],
-        # On sim time RViz discards its transforms when time jumps back.
+        # Use sim time, so that RViz discards its transforms when time jumps back.
         parameters=[{'use_sim_time': True}],
         remappings=[
             (f'/{topic.name}', topic.name)

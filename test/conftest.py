@@ -18,8 +18,8 @@ from ballbot_ros.viewer.errors import ViewerError
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 prepare_middleware()
 
-# A suite that a shell runs in the background ignores SIGINT, one under nohup ignores SIGHUP; all
-# processes that it starts would inherit this.
+# Restore both signals: a suite in a shell's background job ignores SIGINT, one under nohup ignores
+# SIGHUP, and all processes that it starts would inherit this.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 

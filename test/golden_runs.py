@@ -43,8 +43,8 @@ SETS = 200
 TICKS = 60
 STARTS = {'': (0.0, 0.0), 'track': (-0.7, -0.55), 'corridor': (0.5, 0.0)}
 
-# These settings change bits of the C library's sine; OPENBLAS_CORETYPE those of the OpenBLAS
-# kernels.
+# These settings change bits of the C library's sine, as OPENBLAS_CORETYPE changes bits of the
+# OpenBLAS kernels.
 WITHOUT_FMA = {'GLIBC_TUNABLES': 'glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2,-AVX2_Usable,-AVX2_USABLE'}
 
 # Parameters that would end the run before it begins, or that involve no arithmetic.
@@ -76,8 +76,8 @@ _DRAWN_FIRST = (
     'wheel_radius', 'wheel_width', 'body_width', 'body_height', 'ball_mass', 'wheel_mass',
     'body_mass',
 )  # fmt: skip
-"""Parameters of several nodes; the others are drawn in the order of their declaration. The hashes
-depend on the order."""
+"""Parameters, of several nodes, that are drawn first, in this order; the others follow in the order
+of their declaration. The hashes depend on the order."""
 
 
 def _order_of_draws(name):

@@ -57,7 +57,7 @@ def free_domain():
             except BlockingIOError:
                 continue
             yield domain
-            # The next test must not meet processes that this one has told to end.
+            # Wait for the processes that have been told to end: the next test must not meet them.
             wait_for(
                 lambda domain=domain: not participants(domain),
                 what=f'the end of all in domain {domain}',
@@ -78,7 +78,8 @@ def environment(domain):
 def private_shared_memory(*broken_ports):
     """Return the start of a command that gets private shared memory, with broken ports.
 
-    They do not affect other graphs on this machine. The test is skipped if this is not possible.
+    The broken ports do not affect other graphs on this machine. If private shared memory is not
+    possible, the test is skipped.
     """
     as_root = [] if os.geteuid() == 0 else ['--map-root-user']
     breaking = [f'touch -d @0 /dev/shm/fastrtps_port{port}' for port in broken_ports]

@@ -101,7 +101,7 @@ def write_application(folder: Path, parameters: ControllerParameters) -> list[Pa
     Raises
     ------
     CodegenError
-        If the folder can't be written, or has a foreign file of that name.
+        If the folder can't be written, or a file to replace was not written by `ballbot codegen`.
     """
     files = {folder / name: text for name, text in application_files(parameters).items()}
     try:
@@ -125,7 +125,7 @@ def read_tasks(folder: Path) -> list[TaskTiming]:
     Raises
     ------
     CodegenError
-        If the file can't be read, or the task of an alarm is missing.
+        If the file can't be read, has no tasks, or has an alarm for an unknown task.
     """
     path = folder / OIL_FILE
     try:

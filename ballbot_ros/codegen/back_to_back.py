@@ -17,7 +17,7 @@ from ballbot_ros.parameters import ControllerParameters
 
 
 class ProgramDifference(NamedTuple):
-    """The first difference."""
+    """The first difference between the two programs."""
 
     elapsed_ms: int
     what: str
@@ -61,7 +61,8 @@ def compare(
     """
     python = ControlProgram(parameters)
     ticks = 0
-    # A battery far below its range gives zero voltages: infinities are part of the test.
+    # Suppress warnings: a battery far below its range gives a motor voltage of zero, so infinities
+    # are part of the test.
     with np.errstate(all='ignore'):
         for step in steps:
             expected = python.tick(*step)
@@ -85,6 +86,6 @@ def _difference(
     """Return the first difference in the order of computation: data, then outputs."""
     wanted = {**named_values(state), **asdict(expected)}
     got = {**named_values(compiled.state), **asdict(outputs)}
-    # Zeros of different sign are equal as numbers, but not as text.
+    # Compare the values as text: zeros of different sign are equal as numbers.
     name = next(name for name in wanted if repr(wanted[name]) != repr(got[name]))
     return ProgramDifference(step.elapsed_ms, name, wanted[name], got[name])

@@ -51,7 +51,7 @@ class Answer(NamedTuple):
     page : str or None
         Name passed to the status display.
     read_sonar : bool
-        Whether it read the distance.
+        Whether the program read the sonar.
     stack_bytes : tuple of int
         Maximum stack usage of each task so far; zeros if not measured.
     state : bytes
@@ -118,7 +118,7 @@ class BrickProcess:
     """
 
     def __init__(self, command: Sequence[str]) -> None:
-        # In memory, independent of free disk space; closed with the process.
+        # Keep error output in memory, independent of free disk space, until the process is closed.
         errors = os.fdopen(os.memfd_create('errors'), 'w+b')
         try:
             self._process = subprocess.Popen(
@@ -126,7 +126,8 @@ class BrickProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,
-                # Ctrl-C is for the run, which then ends the program by closing its input.
+                # Keep Ctrl-C from the program: the run gets it, and ends the program by closing its
+                # input.
                 start_new_session=True,
             )
         except OSError as error:

@@ -20,7 +20,7 @@ _INTEGERS = {
     'S32': (-(2**31), 2**31 - 1),
 }
 _NAMES = {'sound_freq': 'sound_frq'}
-"""The source document's names of parameters whose names the platform uses for functions."""
+"""C names, from the source document, of parameters whose own names are platform functions."""
 _OIL_PARAMETERS = ('ts2_period', 'ts3_period')
 
 

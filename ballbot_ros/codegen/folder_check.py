@@ -36,7 +36,7 @@ class TaskCost:
     name : str
     is_periodic : bool
     instructions : int
-        Maximum of a call.
+        Maximum per call.
     stack_bytes : int
         Maximum usage.
     """
@@ -120,7 +120,7 @@ class BuiltApplication:
         return FolderComparison(ticks)
 
     def cost(self, sequences: Sequence[InputSequence]) -> ProgramCost:
-        """Measure instructions in a run of the program, and stack usage in earlier comparisons."""
+        """Measure instructions on `sequences`, and memory; stack usage is that of comparisons."""
         worst = dict.fromkeys((task.name for task in self._tasks), 0)
         for sequence in sequences:
             recorder = _RequestRecorder(BrickProcess(self._command))

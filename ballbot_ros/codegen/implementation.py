@@ -64,7 +64,7 @@ def program_maker(parameters: ControllerParameters) -> Callable[[], Program]:
     tasks = read_tasks(folder)
 
     def make() -> Program:
-        # This reference keeps the folder as long as programs may be created.
+        # Refer to `scratch`, so that its folder exists as long as programs may be created.
         assert scratch
         return CompiledProgram(BrickProcess(command), tasks, parameters.mode == 'autonomous')
 

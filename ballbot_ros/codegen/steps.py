@@ -35,8 +35,8 @@ class InputSequence(NamedTuple):
 def random_steps(seed: int, ticks: int, *, out_of_range: bool) -> Iterator[ProgramInput]:
     """Yield random inputs that depend on `seed` alone.
 
-    The devices deliver at their own rates, sometimes in between or not at all. The system time
-    starts anywhere, often shortly before it wraps around.
+    The sonar and the battery deliver at their own rates, stick packets arrive at random ticks. The
+    system time starts anywhere, often shortly before it wraps around.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ WARNINGS = (
     '-Wall', '-Wextra', '-Wpedantic', '-Wshadow', '-Wconversion', '-Wdouble-promotion',
     '-Wfloat-conversion', '-Werror',
 )  # fmt: skip
-"""Flags that reject accidental doubles, and operations rounded differently from the source."""
+"""Warnings, all of them errors; they reject accidental doubles and lossy conversions, too."""
 
 DETERMINISM_FLAGS = ('-ffp-contract=off', '-fsigned-char')
 
@@ -31,7 +31,7 @@ class Tool:
     Attributes
     ----------
     file : str
-        Another file that the command, a compiler, requires; '' for none.
+        If the command is a compiler: another file that it requires; '' for none.
     """
 
     command: str
@@ -40,12 +40,12 @@ class Tool:
 
     @property
     def missing(self) -> bool:
-        """Whether it is missing."""
+        """Whether the command or the file is missing."""
         if shutil.which(self.command) is None:
             return True
         if not self.file:
             return False
-        # For a file that it can't find, a compiler prints the bare name.
+        # A compiler prints the path of a file that it finds, and the bare name of any other.
         found = run_tool([self.command, f'-print-file-name={self.file}']).strip()
         return not Path(found).is_absolute()
 
@@ -100,7 +100,7 @@ ARM = Target(
     ),
 )  # fmt: skip
 TARGETS = {'c': HOST, 'arm': ARM}
-"""By the value of the parameter ``implementation``."""
+"""The targets by the value of the parameter ``implementation``."""
 
 
 def missing_tool(target: Target) -> str:
@@ -151,7 +151,7 @@ def build(
     """
     require_tools(target)
     tasks = [task.name for task in read_tasks(folder)]
-    # On the platform, this file is generated from the OIL file, too.
+    # Generate kernel_id.h from the OIL file, as the platform does.
     kernel_id = (
         ''.join(f'DeclareTask({name});\n' for name in tasks)
         + f'#define TASK_COUNT {len(tasks)}\n'
@@ -164,7 +164,7 @@ def build(
             source = read_bytes(folder / name)
         except OSError as error:
             raise CodegenError(f'{folder / name}: {error.strerror}') from None
-        # The folder may contain the kernel_id.h of a build with the platform.
+        # Compile a copy, without the kernel_id.h that a build with the platform may have left.
         write_temporary(scratch / name, source)
         run_tool(
             [target.compiler, *target.flags, *WARNINGS, *extra_flags, *includes, '-c', name,

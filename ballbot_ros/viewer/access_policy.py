@@ -53,7 +53,7 @@ class AccessPolicy:
         names = {*LOOPBACK, self.host, address}
         if is_any_address(self.host):
             names.add(self.machine)
-        # Browsers omit port 80.
+        # Compare without port 80, which browsers omit.
         served = {url_authority(name.lower(), port).removesuffix(':80') for name in names}
         if hosts[0].lower().removesuffix(':80') not in served:
             return False
@@ -65,10 +65,10 @@ class AccessPolicy:
         return hmac.compare_digest(token.encode(errors='replace'), self.token.encode())
 
     def page(self, host: str, target: str) -> str:
-        """Return the target to redirect a browser to, instead of `target` with a query.
+        """Return where to redirect a browser that requests `target`, a path with a query.
 
-        viser's page connects to the address in the query. A query from elsewhere could make it show
-        and run foreign content.
+        viser's page connects to the address in its query. A query written by somebody else could
+        make it show and run foreign content.
 
         Parameters
         ----------

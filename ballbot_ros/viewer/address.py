@@ -16,7 +16,7 @@ def require_viser() -> None:
     Raises
     ------
     ViewerError
-        If it is not.
+        If viser is not installed.
     """
     try:
         import viser  # noqa: F401
@@ -37,7 +37,7 @@ def check_address(host: str, port: int) -> None:
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as probe:
-            # As in the server: closing connections of an earlier one don't count.
+            # Like the server, ignore closing connections of an earlier server.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(address)
     except OSError as error:

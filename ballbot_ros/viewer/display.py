@@ -17,7 +17,7 @@ _MARGIN = 8
 
 @cache
 def _font() -> ImageFont.FreeTypeFont:
-    # matplotlib ships a monospaced font, Pillow does not.
+    # Use the monospaced font of matplotlib; Pillow ships none.
     from matplotlib.font_manager import findfont
 
     return ImageFont.truetype(findfont('DejaVu Sans Mono'), 24)

@@ -42,8 +42,8 @@ _log.addFilter(_OneLine())
 class _LoopEvent(asyncio.Event):
     """An event that is only set in its event loop.
 
-    viser also sets it directly in the thread that queues a message. That wakes waiters from outside
-    their loop, and raises an error if one is removed at that moment.
+    viser also sets it directly in the thread that queues a message. That would wake waiters from
+    outside their loop, and raise an error if a waiter is removed at that moment.
     """
 
     def set(self) -> None:
@@ -108,7 +108,7 @@ class GuardedServer(viser.ViserServer):
     def _serve(
         self, *arguments: Any, process_request: Answer | None = None, **options: Any
     ) -> serve:
-        """Serve as viser requests, but refuse requests that are not allowed."""
+        """Start the server as viser does, but refuse requests that the policy does not allow."""
         dispatch = self._websock_server._handle_incoming_message
 
         async def dispatch_steering(client_id: ClientId, message: Message) -> None:

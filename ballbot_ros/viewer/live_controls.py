@@ -19,7 +19,7 @@ DIRECTIONS: dict[str, Pair] = {
     'left': (0.0, -1.0),
     'right': (0.0, 1.0),
 }
-"""In plane signs."""
+"""Forward and rightward for each direction, in plane signs."""
 
 _HOLD_HZ = 20.0
 _RELEASE_S = 0.3
@@ -133,7 +133,8 @@ class LiveControls:
 
     @staticmethod
     def _on_press(buttons: Any, act: Callable[[str], None]) -> None:
-        # viser calls a coroutine before it handles the next click, a function in another thread.
+        # A coroutine keeps the clicks in order: viser calls it before it handles the next click. It
+        # would call a plain function in another thread.
         async def on_click(_: Any) -> None:
             act(buttons.value)
 

@@ -31,7 +31,7 @@ _ORBIT = 'orbit'
 _NOTICE_S = 5.0
 _TOKEN_BYTES = 16
 
-# On a narrow screen viser puts the panel over the scene; this puts it below.
+# On a narrow screen viser puts the panel over the scene; this style puts the panel below it.
 _SHEET = '.mantine-Paper-root[style*="bottom: 0px"]'
 _STYLE = f"""<style>
 div:has(> {_SHEET}) {{ flex-direction: column !important }}
@@ -39,7 +39,7 @@ div:has(> {_SHEET}) {{ flex-direction: column !important }}
 {_SHEET} .mantine-ScrollArea-content > div {{ width: 100% !important }}
 </style>"""
 
-# The server ignores the controls of a page without the token; this only hides them.
+# The server ignores the controls of a page without the token; this style only hides them.
 _ONLY_SHOWS = """<style>
 .mantine-Paper-root[data-with-border]:has(.mantine-Button-root, .mantine-Slider-root) {
   display: none
@@ -80,7 +80,7 @@ class Page:
         self._area = Area.of(None)
         self._now: Snapshot | None = None
         self._views: dict[int, str] = {}
-        self._aspects: dict[int, float] = {}  # of the windows whose fixed camera has been pointed
+        self._aspects: dict[int, float] = {}  # aspect ratio at the last update of each camera
         self._lock = threading.Lock()
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(238, 122, 40))
@@ -159,15 +159,16 @@ class Page:
             self._aspects.pop(client.client_id, None)
 
     def update_cameras(self, snapshot: Snapshot) -> None:
-        """Point the cameras: tracking ones always, others only if something relevant has changed.
+        """Point the cameras of all browsers.
 
-        That is the view, the floor, or the aspect ratio of the window.
+        A camera that does not track the robot is only pointed after a change of its view, of the
+        floor, or of the aspect ratio of its window.
         """
         for client in self.server.get_clients().values():
             try:
                 self._update_camera(client, snapshot)
             except (ArithmeticError, AssertionError, TypeError, ValueError):
-                self._forget(client)  # it sent an invalid camera
+                self._forget(client)  # the browser has sent an invalid camera
 
     def _update_camera(self, client: viser.ClientHandle, snapshot: Snapshot) -> None:
         number, aspect = client.client_id, client.camera.aspect

@@ -64,7 +64,7 @@ class Panel:
             Speed in multiples of real time; None to omit.
         """
         if time.monotonic() > self._tone_end:
-            self._sound.content = ''  # not for browsers that connect later
+            self._sound.content = ''  # browsers that connect later must not play an old tone
         rows = [('state', snapshot.state or '–'), ('sim time', f'{snapshot.time:.2f} s')]
         if factor is not None:
             rows.append(('real-time factor', f'{factor:.2f}'))

@@ -38,7 +38,7 @@ class PlaybackRun:
     end : float
         Time of the last tick [s].
     damage : str or None
-        What the reader found missing in the file.
+        What is missing in the file, according to the reader; None if nothing is.
     dimensions : Dimensions
     floor_map : FloorMap or None
     start : tuple of float
@@ -98,7 +98,7 @@ class PlaybackRun:
         return distance, float(series.values[0, 1])
 
     def _tick(self, time: float) -> int:
-        # Ticks have nanosecond stamps, times of a slider do not.
+        # Allow for 1 µs: the times of a slider are less exact than the stamps of ticks.
         return max(0, int(np.searchsorted(self._run.trajectory.time, time + 1e-6, 'right')) - 1)
 
     def tone(self, start: float, end: float) -> Tone | None:

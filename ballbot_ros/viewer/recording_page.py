@@ -65,10 +65,10 @@ class PlaybackClock:
 class RecordingPage:
     """Shows recorded runs on a page: a run, and optionally a second one as its ghost.
 
-    Only the thread that updates the page touches the clock: what users do waits in a queue for the
+    Only the thread that updates the page touches the clock: users' requests wait in a queue for the
     next update. viser calls coroutines in its event loop, one message after the other. Callbacks
-    are therefore coroutines, which keeps their order, and the slider is moved in the event loop,
-    which can't happen between a user's move and its callback.
+    are therefore coroutines, which keeps the requests in order. The clock moves the slider in the
+    event loop, too, so that it can't do so between a user's move and its callback.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class RecordingPage:
         self._updates = 0
 
     async def _on_slider(self, event: Any) -> None:
-        if event.client is not None:  # not moved by the clock
+        if event.client is not None:  # moved by a user, not by the clock
             self._requests.put(partial(self.clock.seek, float(self._slider.value)))
 
     async def _on_button(self, _: Any) -> None:

@@ -183,12 +183,12 @@ def _brick(dimensions: Dimensions) -> Iterator[Part]:
 
 
 def cone_slope(cone_angle: float) -> float:
-    """Return the drawn radius of the sonar's cone per length, for its opening [rad].
+    """Return the ratio of radius to length at which to draw a sonar cone of this opening [rad].
 
-    Other senders may publish any opening: one that is not a number is drawn as a single ray.
+    Other senders may publish any opening; NaN is drawn as a single ray.
     """
     smallest, largest = CONE_ANGLES
-    # In this order of arguments a NaN is never the larger one.
+    # max() returns its first argument unless the second is larger, which a NaN never is.
     return math.tan(min(largest, max(smallest, cone_angle)) / 2.0)
 
 

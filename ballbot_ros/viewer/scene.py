@@ -52,7 +52,7 @@ class Scene:
         self._api = api
         api.set_up_direction('+z')
         api.configure_default_lights(enabled=False)
-        api.configure_environment_map(hdri=None)  # it would weaken the shadows
+        api.configure_environment_map(hdri=None)  # an environment map would weaken the shadows
         api.add_light_ambient('/lights/ambient', intensity=0.6)
         api.add_light_hemisphere(
             '/lights/sky', sky_color=(255, 255, 255), ground_color=(190, 180, 170), intensity=1.3
@@ -61,7 +61,7 @@ class Scene:
             '/lights/sun', color=(255, 248, 236), intensity=2.2, position=(-1.2, -1.8, 3.0),
             cast_shadow=True,
         )  # fmt: skip
-        # Seen from inside and lit from above, it gets paler towards the ground.
+        # The sky is a sphere seen from inside; lit from above, it gets paler towards the ground.
         api.add_icosphere(
             '/sky', SKY_RADIUS, color=colours.SKY, side='back', cast_shadow=False,
             receive_shadow=False,

@@ -25,7 +25,7 @@ def draw(tmp_path, monkeypatch):
 
     def draw(title='', segments=()):
         time = np.linspace(0.0, 2.0, 501)
-        # Full to every corner: wherever a legend might be, there is a curve.
+        # Curves fill the axes to every corner: wherever a legend might be, there is a curve.
         waves = np.stack([np.sin(20.0 * time), np.cos(20.0 * time)], axis=1) * 0.02
         trajectory = Trajectory(time, waves, waves, (waves * 5000.0).astype(np.int8))
         figures.draw_motion(trajectory, tmp_path / 'run.png', title, 1.0, segments)

@@ -20,7 +20,7 @@ KEPT = 140
 """Bytes that a tick may occupy: with the 900 000 ticks of an hour, a report may take 300 MB."""
 
 ON_THE_WAY = 64
-"""Additional bytes per tick that may be needed at any time."""
+"""Additional bytes per tick that may be needed temporarily."""
 
 
 def test_stamped_messages_are_not_decoded_one_by_one(driven, monkeypatch):

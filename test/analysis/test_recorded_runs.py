@@ -123,7 +123,7 @@ def ticks(start_ns, end_ns, *topics):
 
 
 def plant(name, end_ns, *topics):
-    """Return the messages of a plant and others in a run from 1 s on."""
+    """Return the messages of a run from 1 s on: those of the plant, and some on `topics`."""
     return [(RUN, S, name), *ticks(S, end_ns, CLOCK, PLANT_IMU, *topics)]
 
 

@@ -31,7 +31,7 @@ def test_every_row_names_a_module_with_that_command(name):
 
 @pytest.mark.parametrize('name', COMMANDS)
 def test_the_help_line_is_only_in_the_table(name):
-    """The group shows this line, so another one at the command would become outdated unnoticed."""
+    """Help shows the line in the table; a copy at the command would become outdated unnoticed."""
     assert load_command(name).short_help is None
     shown = CliRunner().invoke(ballbot, ['--help'], terminal_width=100).output
     assert f'  {name:<9}  {COMMANDS[name][1]}\n' in shown

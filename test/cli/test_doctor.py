@@ -62,7 +62,7 @@ def test_a_missing_or_damaged_golden_file_is_one_line(
 
 
 def test_a_sine_of_the_c_library_is_noticed(monkeypatch):
-    """Its last bits differ, which does not always change the duties of a scenario."""
+    """It needs its own hash: the duties of a scenario may stay the same if its last bits differ."""
     import math
 
     before = golden.arithmetic_sha256()
@@ -132,7 +132,8 @@ def test_the_command_ends_on_sigint_while_the_middleware_hangs(domain):
     ) as process:  # fmt: skip
         children = Path(f'/proc/{process.pid}/task/{process.pid}/children')
         [child] = wait_for(lambda: discovery_processes(children), what='the check of discovery')
-        # On a busy machine it may not yet have stored the process that it has started.
+        # Wait until the command sleeps: on a busy machine it may not yet have stored the process
+        # that it has started.
         wait_for(lambda: state(process.pid) == 'S', what='that it waits for the check')
         process.send_signal(signal.SIGINT)
         output, errors = process.communicate()

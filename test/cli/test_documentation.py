@@ -50,5 +50,5 @@ def test_the_program_in_the_readme_runs(capsys, tmp_path, monkeypatch):
     verdict, peak_pitch, duty_sha256 = capsys.readouterr().out.split()
     assert verdict == 'passed'
     assert 3.0 < float(peak_pitch) < 6.0
-    # Unlike the ideal run, it has device noise.
+    # The program's run has device noise, unlike the scenario with the ideal profile.
     assert duty_sha256 != load_golden().scenarios['stationary']

@@ -121,7 +121,7 @@ def test_keys_drive_reset_and_quit(start_drive, tmp_path):
         live = (tmp_path / f'live{name}.csv').read_bytes().splitlines()
         assert len(live) > 1
         assert live == recorded[: len(live)]
-        # The recorder is stopped after the gamepad.
+        # The recording may be longer, as the recorder is stopped after the gamepad node.
         assert len(recorded) - len(live) <= (2 if name else 0)
 
 
@@ -190,7 +190,7 @@ def test_without_a_terminal_it_explains_how_to_drive(domain, tmp_path):
     finally:
         process.kill()
     assert process.returncode == 0
-    # The run may or may not have begun by now, which the node reports.
+    # Ignore the node's information: it depends on whether the run has begun by now.
     assert [line for line in err.splitlines() if not line.startswith('[INFO] ')] == [
         (
             'no keyboard (standard input and output are not a terminal): '

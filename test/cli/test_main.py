@@ -46,7 +46,7 @@ def test_a_closed_standard_output_is_not_an_error():
 @pytest.mark.graph
 @pytest.mark.parametrize('processes', ['none', 'separate'])
 def test_a_run_needs_no_standard_streams(tmp_path, domain, processes):
-    """Without them, libraries would print into the recording."""
+    """If they stayed closed, libraries would print into the recording."""
     pytest.importorskip('rclpy')
     words = ['run', 'stationary', '--set', 'plant_sim.duration=0.1', '--processes', processes]
     done = subprocess.run(

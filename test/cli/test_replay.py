@@ -43,7 +43,7 @@ def record(folder, scenario, *arguments):
 
 @pytest.fixture(scope='module')
 def push(tmp_path_factory):
-    """Two and a half seconds of pushes and noise, without a graph."""
+    """The scenario push for 4.5 s, with noise of the gyro and without a graph."""
     return record(
         tmp_path_factory.mktemp('push'), 'push', '--processes=none',
         '--set=plant_sim.duration=4.5', '--set=gyro_driver.noise=0.7',
@@ -133,7 +133,7 @@ def test_a_changed_sample_is_distinguished_from_a_wrong_duty(push, tmp_path, rep
                 other = next(
                     m for m in reader.raw_messages(['/gyro']) if m.stamp_ns > 2_900_000_000
                 )
-            # The reading of another tick with the stamp of this one.
+            # Keep the stamp of this tick, with the reading of another one.
             return data[:12] + other.data[12:]
         return data
 
@@ -249,7 +249,7 @@ def test_a_missing_message_is_found(push, tmp_path, replay):
 
 @pytest.mark.parametrize('start_ns', [500_000_000, 60_000_000_000], ids=['before', 'after'])
 def test_a_run_without_any_answered_tick_is_not_a_difference(push, tmp_path, replay, start_ns):
-    """The run was reset before the answer; its messages from the plant have no stamp."""
+    """The run was reset before its first answer, and has only messages without a stamp."""
     run, clock = new_message('std_msgs/msg/Header'), new_message('rosgraph_msgs/msg/Clock')
     fill_header(run, start_ns, '2')
     fill_time(clock.clock, start_ns)

@@ -211,7 +211,7 @@ def test_a_second_run_in_the_domain_is_refused_at_once(start_run, tmp_path):
                       '--set=plant_sim.duration=6')  # fmt: skip
     pid = first.nodes()[GYRO]
     wait_for((tmp_path / 'stationary.mcap').exists, what='recording')
-    os.kill(pid, signal.SIGSTOP)  # otherwise it could end before the others begin
+    os.kill(pid, signal.SIGSTOP)  # keeps the first run from ending before the others begin
     attempts = {
         processes: start_run('stationary', '--no-record', '--processes', processes)
         for processes in ('separate', 'one')
@@ -261,7 +261,7 @@ def test_a_full_disk_is_one_line_and_a_failed_run(start_run, tmp_path, processes
     assert 'File too large' in run.stderr
     assert 'Traceback' not in run.stderr
     assert run.result['outcome'] == 'failed'
-    # If the picture does not fit either, this is reported after it.
+    # The recording comes first, even if the picture does not fit, either.
     assert run.result['reason'].startswith(f'{recording}: File too large')
     with RecordingReader(tmp_path / 'stationary.mcap') as reader:
         assert sum(1 for _ in reader.messages(['/plant/imu'])) > 10

@@ -105,7 +105,7 @@ def test_every_shipped_scenario(built, target, name):
 @pytest.mark.parametrize('path', GOLDEN, ids=lambda path: path.stem)
 def test_the_golden_inputs(built, target, path):
     values, steps = golden_values_and_steps(path)
-    # The members written as floats and as integers must have the types in the table.
+    # The golden values, floats and integers, must have the types in the parameter table.
     made = built(target, values=values_of(CONTROLLER, **values))
     assert assert_equal(made, steps) == len(steps)
 
@@ -120,7 +120,7 @@ def test_a_thousand_random_sequences(built, parameters, target):
 
 
 def restarted_steps(seed):
-    """Yield the inputs of a run with a packet at the first tick, as none waits after a start."""
+    """Yield the inputs of a run; the first tick has a packet, since none waits after a start."""
     for step in random_steps(seed, TICKS, out_of_range=seed % 2 == 1):
         sticks = step.inputs.sticks or (0, 0) if step.elapsed_ms == 0 else step.inputs.sticks
         yield step._replace(inputs=step.inputs._replace(sticks=sticks))
@@ -166,7 +166,7 @@ def test_with_fused_multiply_add_in_the_processor(built):
 
 
 def test_fused_operations_would_be_noticed(built):
-    """Prove that the test above can fail: with contraction allowed, the states differ."""
+    """The comparison can fail: if the compiler may fuse operations, the states differ."""
     if ' fma ' not in Path('/proc/cpuinfo').read_text():
         pytest.skip('this processor has no FMA')
     made = built('c', flags=('-O2', '-mfma', '-ffp-contract=fast'))

@@ -65,7 +65,7 @@ def test_the_only_doubles_round_the_logged_pitch(built):
     text = (made.folder / 'ballbot_controller.c').read_text()
     code = re.sub(r'/\*.*?\*/', '', text, flags=re.DOTALL)
     assert len(re.findall(r'\bdouble\b', code)) == 2
-    # Constants of type double are in this function only.
+    # Only these constants have type double.
     assert re.findall(r'\b\d+\.\d+(?![\dfe])', code) == ['0.5', '32767.0', '32768.0']
 
 

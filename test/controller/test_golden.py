@@ -32,8 +32,8 @@ def test_every_tick_equals_the_generated_c(path):
     }
     program = ControlProgram(ControllerParameters(**given))
     x, y = program.x, program.y
-    # The golden data answer a request with the sample of the same tick; the brick is one request
-    # late.
+    # Bypass the brick, which answers a request with the sample of the previous request; the golden
+    # data answer it with the sample of the same tick.
     program.brick.read_sonar = lambda: data['in_sonar_cm'][n]
 
     for n in range(len(data['in_systick_ms'])):

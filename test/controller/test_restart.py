@@ -18,7 +18,7 @@ def test_a_restarted_program_equals_a_new_one(parameters, past, future, ticks, w
     used, fresh = ControlProgram(values), ControlProgram(values)
     for step in random_steps(past, ticks, out_of_range=wild):
         used.tick(*step)
-    used.brick = Brick()  # the platform's memory is cleared; the program's is not
+    used.brick = Brick()  # a restart clears the platform's memory, but not the program's
     for step in random_steps(future, 50, out_of_range=wild):
         assert used.tick(*step) == fresh.tick(*step)
         assert state_bytes(used) == state_bytes(fresh)

@@ -31,7 +31,8 @@ def publish():
     while True:
         publisher.publish(Empty())
         print(flush=True)
-        # A port holds 512 messages. Once it is full, the publisher adds none, and does not wait.
+        # Publish slowly: a port holds 512 messages, and once it is full, the publisher adds none
+        # and does not wait.
         time.sleep(0.1)
 
 
@@ -60,18 +61,18 @@ def kill(reader):
     """Kill the reader; return its port, locked."""
     reader.stdout.readline()
     port = open_data_port(reader.pid)
-    # Otherwise Fast DDS would check after one second whether the reader is alive, and remove the
-    # port.
+    # Prevent the check of Fast DDS, which after one second would find the reader dead and remove
+    # the port.
     port.readers_checked_ms = NEVER_MS
-    LIBC.pthread_mutex_lock(port.mutex)  # so that the reader does not die with it
+    LIBC.pthread_mutex_lock(port.mutex)  # so that the reader does not die holding the mutex
     reader.kill()
     reader.wait()
-    port.lock = LOCKED  # the reader may have been waiting for it
+    port.lock = LOCKED  # without waiters: the killed reader may have been one
     return port
 
 
 def hold_up(publisher, port):
-    """Let the publisher find the port in this state just when it adds a message."""
+    """Set the state that a killed reader leaves, while the publisher waits to add a message."""
     wait_for(lambda: port.lock == CONTENDED)
     port.flags &= ~IS_OK
     port.first_reader = TAKES_A_MESSAGE

@@ -63,7 +63,8 @@ def test_a_recorder_killed_at_any_moment_leaves_its_written_messages(start_node,
     had = [newest_s(path, tmp_path) for path in paths]
     for path in paths:
         await_growth(path)
-    # From the first one on, /clock may no longer arrive everywhere.
+    # Kill the recorders within one flush interval: from the first kill on, /clock may no longer
+    # reach the remaining ones.
     for recorder in recorders:
         time.sleep(chance.uniform(0.0, FLUSH_S / RECORDERS))
         recorder.kill()
@@ -78,7 +79,7 @@ def await_growth(path):
 
 
 def test_a_recorder_writes_twice_a_second(domain, monkeypatch, tmp_path):
-    """A killed recorder therefore loses no more than the last second."""
+    """This is why a killed recorder loses no more than the last second."""
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     rclpy.init()

@@ -110,13 +110,13 @@ def test_a_late_subscriber_gets_only_the_newest_message_of_a_state(domain, clien
                 lambda message, name=topic.name: late.seen.setdefault(name, []).append(message),
                 reliable_qos(HISTORY, latched=False),
             )
-        # Only unchanged messages are repeated.
+        # Do not wait for sounds, which are not repeated.
         named = {topic.name for topic in (*STATES, *STREAMS) if topic is not SOUND}
         late.spin_until(lambda: named <= set(late.seen), what=f'{named}')
         late.spin_until(lambda: len(late.seen[PLANT_IMU.name]) > 3, what='the tick again')
         for topic in (*STATES, *STREAMS):
             offers = late.node.get_publishers_info_by_topic(topic.name)
-            # The plant may switch off the motors, too.
+            # motor_duty has two publishers: the plant may switch off the motors, too.
             assert len(offers) == 1 + (topic is MOTOR_DUTY), topic.name
             assert {offer.qos_profile.reliability for offer in offers} == {
                 ReliabilityPolicy.RELIABLE
@@ -152,7 +152,7 @@ def test_a_recorder_may_join_while_the_plant_waits_for_a_duty(
 
     set_pause(pause=True)
     client.await_standstill()
-    # At a tick at which the slow drivers send nothing.
+    # Step to a tick at which the slow drivers send nothing.
     while client.now_ns() % SLOW_PERIOD_NS != 2 * TICK_NS:
         before = client.now_ns()
         client.call(Trigger, 'plant_sim/step', Trigger.Request())
@@ -196,7 +196,7 @@ def test_a_run_whose_recorder_started_last_can_be_replayed(start, client, tmp_pa
     plant = start(
         PLANT, real_time_factor=0, duration=2, start_pitch_x=0.02, require_recorder='true'
     )
-    # By then it has announced itself to all nodes present.
+    # Wait for the run's announcement: by then the plant is known to all nodes present.
     client.spin_until(lambda: RUN.name in client.newest)
     recorder = start(RECORDER, output=path)
     assert plant.finish() == 0

@@ -102,5 +102,5 @@ def test_changes_while_the_recorder_is_stopped_are_recorded(start_node, client, 
         pages = [message.data for _, _, message in recording.messages(['/lcd'])]
         assert not [name for name in recording.topics() if '_history' in name]
     assert hits == [True, False] * 5
-    # Also those of a foreign node, which has no history.
+    # The pages are complete, too, although a foreign node sent them, which has no history.
     assert pages == [f'page {number}' for number in range(10)]

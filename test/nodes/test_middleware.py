@@ -28,7 +28,7 @@ PARTICIPANT = slice(8, 20)  # of an RTPS message
 
 @pytest.mark.graph
 def test_a_node_announces_itself_four_times_a_second(domain, start_node, monkeypatch):
-    """Compared with its diagnostics, once a second: a busy machine delays both."""
+    """Announcements are counted per diagnostics message, sent once a second: load delays both."""
     pytest.importorskip('rclpy')
     from ros_client import Client
 

@@ -54,7 +54,7 @@ def make(domain, monkeypatch, tmp_path):
             return node
 
         yield make
-    gc.collect()  # a node that can't be created stays alive in the traceback
+    gc.collect()  # a traceback keeps a node alive whose creation failed
 
 
 def set_one(node, name, value):
@@ -67,7 +67,7 @@ def test_a_node_takes_its_own_dump(make, role):
     names = [*node.list_parameters([], 10).names, 'use_sim_time', 'start_type_description_service']
     dump = node.get_parameters(sorted({*names}))
     assert {each.name for each in dump} >= set(parameters_of(node.role))
-    # As they come through a service.
+    # Convert the parameters as a service does.
     sent = [Parameter.from_parameter_msg(each.to_parameter_msg()) for each in dump]
     for parameter, result in zip(dump, node.set_parameters(sent), strict=True):
         assert result.successful, (parameter.name, result.reason)

@@ -56,7 +56,7 @@ def test_leftover_nodes_and_a_restarted_one_serve_the_next_plant(start_node, tmp
     hashes = []
     for number in range(3):
         path = tmp_path / f'{number}.npz'
-        # The second run leaves answers for another pose at the first tick.
+        # The second run has another pose, so its nodes keep other answers to the first tick.
         pose, duration = (0.02, 0.004) if number == 1 else (0.07, 1.5)
         plant = start_node(PLANT, duration=duration, start_pitch_x=pose, real_time_factor=0.0,
                            require_recorder='true', trajectory_file=path)  # fmt: skip

@@ -62,7 +62,7 @@ class Listener:
     def close(self):
         self._done.set_result(None)
         self._thread.join()
-        self._executor.shutdown()  # with the node's subscriptions it keeps its participant alive
+        self._executor.shutdown()  # the executor would keep subscriptions and participant alive
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
@@ -90,7 +90,8 @@ def recorded(path, start_ns):
 
 
 def test_messages_are_published_as_recorded(recording, domain, listen):
-    # A publisher keeps 128 messages for a listener delayed by a busy machine: at this rate, 2 s.
+    # Play slowly: a publisher keeps 128 messages for a listener delayed by a busy machine, which at
+    # this rate is 2 s.
     expected, types = recorded(recording, 5_500_000_000)
     listener = listen(types)
     begun = time.monotonic()

@@ -81,8 +81,8 @@ def await_standstill(client):
 def held_up(recorder, client):
     """Stop the recorder until the plant has its maximum lead and waits.
 
-    At least a second: in this interval the middleware finds dead processes, and discards their
-    unread samples.
+    It is stopped for at least a second: once in this interval the middleware looks for dead
+    processes, and discards their unread samples.
     """
     recorder.process.send_signal(signal.SIGSTOP)
     # While it waits for the recorder, the plant repeats the status of the run.
@@ -96,14 +96,14 @@ def test_restarted_drivers_and_a_second_plant_change_no_duty(
     client, start_graph, start_node, tmp_path
 ):
     ticks = 750
-    # Enough time for a restart on a busy machine.
+    # The timeout leaves enough time for a restart on a busy machine.
     nodes = start_graph(ticks * TICK_NS * 1e-9, timeout=60.0)
     restarts = {}
     client.spin_until(lambda: PLANT_IMU.name in client.newest, what='the first tick')
     client.spin_until(lambda: client.now_ns() > BALANCING_NS, what='the end of calibration')
     second = start_node('plant_sim', duration=6.0, real_time_factor=0.0)
     for victim in VICTIMS:
-        # Samples of the victim may be on their way to the recorder when it dies.
+        # Stop the recorder, so that samples of the victim are on their way to it when it dies.
         with held_up(nodes['recorder'], client):
             nodes[victim].kill()
         stopped = await_standstill(client)
@@ -139,7 +139,7 @@ def test_drivers_may_be_killed_together_and_before_they_are_discovered(
     for driver in VICTIMS:
         nodes[driver].kill()
     stopped = await_standstill(client)
-    # The middleware keeps the dead in the graph for 20 s.
+    # Count the publishers, since the middleware keeps killed ones in the graph for 20 s.
     known = client.node.count_publishers(GYRO_IMU.name)
     short_lived = [start_node(driver) for driver in VICTIMS]
     client.spin_until(lambda: client.node.count_publishers(GYRO_IMU.name) > known)
@@ -175,17 +175,18 @@ def test_with_rejoin_a_restarted_controller_begins_from_its_initial_state(
         nodes['controller'].kill()
     client.watch(DIAGNOSTICS, depth=100)
     controller = start_node('controller', rejoin='true')
-    # Its timers are in phase only after the plant has asked again for one of their ticks.
+    # The timers of the new controller are in phase only after a forced release, for which the plant
+    # has to ask again.
     client.await_diagnosis('controller', 'forced releases', lambda forced: int(forced) > 0)
     status = nodes['plant_sim'].finish()
     controller.interrupt()
-    # The run reached its end, but with the duties of two controllers.
+    # The plant reports an error, since the run has the duties of two controllers.
     assert status == 1
     assert 'restarted at' in nodes['plant_sim'].output, controller.output
 
 
 def test_a_new_controller_is_not_sent_samples_of_answered_ticks(client, start_node):
-    # Samples of a run's first ticks arrive topic by topic, which could look like a second sample.
+    # Kept samples of the first ticks would arrive topic by topic, and could look like repetitions.
     start_node('controller')
     for topic in INPUT_READERS:
 
@@ -211,5 +212,5 @@ def _handles_sigint(pid):
 
     for line in Path(f'/proc/{pid}/status').read_text().splitlines():
         if line.startswith('SigCgt:'):
-            return int(line.split()[1], 16) & (1 << 14)  # SIGTERM: Python itself catches SIGINT
+            return int(line.split()[1], 16) & (1 << 14)  # SIGTERM, as Python itself catches SIGINT
     return False

@@ -44,7 +44,7 @@ def test_it_follows_a_player_that_restarts(recording, domain, start_node, tmp_pa
         def arrays():
             return [array.markers for array in client.seen.get(MARKERS.name, ())]
 
-        # It was published before there was anything to draw.
+        # The description is published before there is anything to draw.
         client.spin_until(lambda: ROBOT_DESCRIPTION.name in client.newest)
         again = tmp_path / 'again.mcap'
         recorder = start_node('recorder', output=again)
@@ -58,7 +58,8 @@ def test_it_follows_a_player_that_restarts(recording, domain, start_node, tmp_pa
                 each.pose.position.x for array in arrays() for each in array if each.ns == 'ball'
             }
 
-        # On a busy machine, only the end of the first pass may be received.
+        # Wait for enough positions, too: on a busy machine only the end of the first pass may be
+        # received.
         client.spin_until(lambda: len(ball_positions()) > 10 and jumped_back())
         assert recorder.interrupt() == 0
         assert visualizer.interrupt() == 0

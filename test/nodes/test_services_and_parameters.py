@@ -92,7 +92,7 @@ def step(client):
 def test_pause_stops_time_step_runs_one_tick_and_resume_continues(paused):
     step(paused)
     stepped = paused.now_ns()
-    # This takes longer than the timeout, which does not apply to a paused plant.
+    # The wait is longer than the timeout, which does not apply to a paused plant.
     paused.await_standstill()
     assert paused.now_ns() == stepped
     assert paused.call(SetBool, 'plant_sim/pause', SetBool.Request(data=False)).success
@@ -130,7 +130,7 @@ def test_a_push_makes_it_lean(paused):
     for _ in range(PUSH_TICKS):
         step(paused)
     psi_x, psi_y = body_pitch(paused.newest[PLANT_IMU.name])
-    # The ball is driven forward faster than the body falls there.
+    # The body leans backward: the controller drives the ball forward faster than the body falls.
     assert psi_x < -math.radians(0.5)
     assert abs(psi_y) < math.radians(0.01)
 

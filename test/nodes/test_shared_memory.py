@@ -267,7 +267,7 @@ def test_a_process_waiting_for_a_removed_port_is_not_let_in(tmp_path):
 @pytest.mark.parametrize('content', [WHOLE_PORT, b''], ids=['dead', 'broken'])
 def test_of_two_simultaneous_sweeps_one_does_the_work(tmp_path, monkeypatch, content):
     port = make(tmp_path, PORT, content)
-    if not content:  # a process waits for it
+    if not content:  # pretend that a process has mapped the broken port, and waits for it
         monkeypatch.setattr(shared_memory, '_unmapped', lambda resources: [])
     with shared_memory._only_sweep(tmp_path):
         assert sweep(tmp_path) == []
@@ -322,7 +322,7 @@ assert sweep()
 
 @pytest.mark.graph
 def test_a_process_waiting_for_a_broken_port_continues_when_the_port_is_removed(domain):
-    """Such a process began before the port was old enough to be recognised as broken."""
+    """A process begins to wait if the port is not yet old enough to be recognised as broken."""
     pytest.importorskip('rclpy')
     script = """
     truncate -s 100000 /dev/shm/fastrtps_port7000
@@ -438,7 +438,7 @@ def test_a_running_node_checks_for_dead_readers(domain):
 @pytest.mark.graph
 @needs_layout_of_ports
 def test_a_publisher_continues_after_its_reader_is_killed_while_taking_a_message(domain):
-    """Unless its reader is marked, Fast DDS 2.14 waits forever."""
+    """Fast DDS 2.14 waits forever unless the killed reader is marked."""
     pytest.importorskip('rclpy')
     program = Path(__file__).with_name('killed_reader.py')
     done = subprocess.run(
@@ -465,8 +465,8 @@ def test_a_run_is_not_held_up_by_broken_ports(domain):
     assert run_privately(domain, *BALLBOT, broken_ports=(7000, 7004))['outcome'] == 'passed'
 
 
-# Half a second, so that a file which a process has created but not mapped yet does not count as a
-# leftover.
+# Sweep only files older than half a second: a process may have created a file, but not mapped it
+# yet.
 SWEPT = """
 import os, pathlib, subprocess, sys
 from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, sweep

@@ -129,7 +129,7 @@ def test_the_duties_do_not_depend_on_the_timers(domain, monkeypatch, expected_sh
     assert kind.counts['forced releases'] == forced
     for former, name in FORMER_CONTROLLER_KEYS.items():
         assert kind.counts[former] == kind.counts[name]
-    # The plant has to ask for releases that the timers omit.
+    # The plant has to ask again for each tick whose timers omit a release.
     assert result.resends >= forced
 
 

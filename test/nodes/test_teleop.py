@@ -192,7 +192,7 @@ def test_cmd_vel_that_is_not_finite_stops_the_robot_and_is_reported(driver):
 
 
 def test_an_unusable_input_is_released_at_once():
-    """That is, before the source could count as silent."""
+    """It is released at the same instant, long before the source counts as silent."""
     callbacks, reported = {}, []
     node = SimpleNamespace(
         parameters=GamepadParameters(device=''),
@@ -244,7 +244,7 @@ def test_priorities_over_topics(driver):
 
 
 def test_a_repeated_request_for_a_tick_gets_the_same_sticks(domain, start_node):
-    """Tested up to the oldest tick that the recorder may lack."""
+    """This holds back to the oldest tick that the recorder may lack."""
     start_node(GAMEPAD, device="''")
     with contextlib.closing(Client(domain)) as client:
         client.watch(GAMEPAD_JOY, depth=10)
@@ -296,7 +296,7 @@ def test_the_recorded_sticks_give_the_same_duties_again(domain, start_run, tmp_p
         assert reader.complete
         messages = list(reader.messages({'/gamepad'}))
         assert reader.topics()['/joy'].message_count > 50
-        # They come from other programs, with stamps of another clock or without stamps.
+        # Other programs stamp joy messages by another clock, or not at all.
         stamps = [stamp for _, stamp, _ in reader.messages({'/joy'})]
     assert 1e9 <= min(stamps) <= max(stamps) <= 6e9
     assert 'joy' in {message.header.frame_id for _, _, message in messages}

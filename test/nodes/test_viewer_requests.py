@@ -24,7 +24,7 @@ def test_a_plant_of_any_name_is_queried_until_it_answers(domain):
         answers = []
         requests.plant_parameters(['map'], answers.append)
         requests.send_queued()
-        # The node that announces runs is the plant.
+        # Let the client's node pass for the plant, which is the node that announces runs.
         client.node.declare_parameter('map', 'the map')
         client.node.create_publisher(RUN.message_class, RUN.name, reliable_qos(1, latched=True))
 

@@ -77,7 +77,7 @@ def test_a_hit_ends_the_run_in_the_same_way_with_and_without_the_graph(make_runs
         assert run.stderr.count(run.result['reason']) == 1, processes
         for key in ('reason', 'ticks', 'duty_sha256', 'metrics'):
             assert run.result[key] == expected.result[key], (processes, key)
-        # The recording has the hit and the last truth.
+        # The recording has the hit and the plant's last state.
         end = 1_000_000_000 + run.result['ticks'] * 4_000_000
         assert end % 20_000_000 == 0, processes
         assert hits(run) == [False, True], processes
@@ -85,7 +85,7 @@ def test_a_hit_ends_the_run_in_the_same_way_with_and_without_the_graph(make_runs
         assert odometry[-1][0] == end, processes
         assert repr(odometry) == repr(recorded(expected, '/plant/odom')), processes
         # The motors are off from the next tick on; in the graph the controller may have answered
-        # the last truth.
+        # the last tick.
         last_ns, last = recorded(run, '/motor_duty')[-1]
         assert (last.header.frame_id, last.vector.x, last.vector.y) == ('stop', 0.0, 0.0), processes
         assert last_ns == end + 4_000_000, processes

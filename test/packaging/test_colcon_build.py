@@ -52,7 +52,7 @@ def build(workspace, *options):
 def prefix(tmp_path_factory):
     workspace = tmp_path_factory.mktemp('workspace')
     prefix = build(workspace)
-    # The installation must not depend on the sources.
+    # Remove the sources, on which the installation must not depend.
     shutil.rmtree(workspace / 'src')
     return prefix
 

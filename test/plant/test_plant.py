@@ -112,7 +112,7 @@ def test_a_fallen_robot_stays_at_rest(model, plane):
     assert truths[-1].psi[plane] == LIMIT
     assert truths[-1].psi_rate == truths[-1].velocity == (0.0, 0.0)
     assert all(abs(truth.psi[plane]) <= LIMIT for truth in truths)
-    # Only the time still changes, so nothing can overflow in any time.
+    # After a fall only the time changes, so nothing can overflow, however long the run.
     fixed = truths[-1]._replace(stamp_ns=0)
     for truth in run_plant(plant, [(0, 0)] * 100):
         assert truth._replace(stamp_ns=0) == fixed

@@ -90,7 +90,7 @@ def test_the_impact_is_an_impulse_at_the_balls_centre_that_stops_it(model, after
     leap = np.array([theta_dot - after[2], psi_dot - after[3]])
     impulse_on_theta, impulse_on_psi = m @ leap
     assert impulse_on_psi == pytest.approx(0.0, abs=1e-12)
-    # It pushes the ball back, and takes energy away.
+    # The impulse pushes the ball back, and takes energy away.
     assert impulse_on_theta * after[2] <= 0.0
     rates, stopped = np.array(after[2:]), np.array([theta_dot, psi_dot])
     assert stopped @ m @ stopped <= rates @ m @ rates + 1e-12

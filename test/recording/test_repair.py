@@ -148,7 +148,7 @@ def test_any_changed_byte(place, bits, content, places, sample, repair_bytes):
         assert position < HEADER_END
         return
     if found.output is None:
-        # Bytes that are never read, such as the length of a skipped record.
+        # The damage is in bytes that are never read, such as the length of a skipped record.
         assert found.message_count == len(sample)
         return
     messages = raw(found.output)

@@ -138,7 +138,7 @@ def test_a_picture_that_can_not_be_written_fails_a_run_that_passed(tmp_path):
 
 
 def test_the_map_of_a_run_is_the_one_at_its_start(tmp_path):
-    """Its file may be removed or replaced before the metrics are computed."""
+    """The map's file may be removed or replaced before the metrics are computed."""
     path = tmp_path / 'floor.png'
     path.write_bytes(read_map_file('track'))
 

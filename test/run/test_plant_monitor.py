@@ -42,7 +42,7 @@ def test_a_plant_that_never_reports_hangs(
 ):
     times_s = count(time.monotonic(), 0.1)
     monkeypatch.setattr(plant_monitor, 'time', SimpleNamespace(monotonic=lambda: next(times_s)))
-    # Its real processor time would not match the simulated clock.
+    # Replace the plant's processor time, which would not match the simulated clock.
     monkeypatch.setattr(plant_monitor, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE))
     with subprocess.Popen(['sleep', '60']) as plant:
         wait_for(lambda: is_waiting(plant.pid), what='its sleep')
@@ -56,7 +56,7 @@ def test_a_plant_that_never_reports_hangs(
 
 @pytest.mark.parametrize('how', ['stopped', 'spinning'])
 def test_a_plant_that_falls_silent_hangs(monitor, start_node, how):
-    # It waits for no other process.
+    # Start a free-running plant, which waits for no other process.
     plant = start_node('plant_sim', lockstep='false')
     wait_for(lambda: monitor.poll() or monitor.now_ns, what='the first tick')
     assert not monitor.plant_hangs(plant.process.pid)

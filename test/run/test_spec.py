@@ -76,7 +76,7 @@ def test_the_pace_comes_from_the_highest_level_that_sets_it(tmp_path):
 
 
 def test_another_profile_is_that_of_the_attached_scenario(tmp_path):
-    """A run of the attached scenario then has the same devices."""
+    """Thus a run of the attached scenario has the same devices."""
     spec = RunSpec.of_scenario('square', RunOptions(profile='hardware'))
     shipped = load_scenario('square')
     assert (shipped.profile, spec.scenario.profile) == ('ideal', 'hardware')
@@ -91,7 +91,7 @@ def test_another_profile_is_that_of_the_attached_scenario(tmp_path):
 
 
 def test_a_run_can_be_repeated_from_its_attached_parameters(tmp_path):
-    """They have every parameter of every node, including those that a scenario can't set."""
+    """The attachment has every parameter of every node, also those that a scenario can't set."""
     words = ('controller.pwm_gain=0.9', 'plant_sim.duration=1')
     options = RunOptions(processes=Processes.NONE, record=False, seed=7, assignments=words)
     spec = RunSpec.of_scenario('hardware_standing', options)
@@ -189,7 +189,7 @@ def test_a_run_without_end_is_refused(tmp_path):
 
 
 def test_a_scenario_with_an_unknown_profile_is_refused_for_any_profile_of_the_run(tmp_path):
-    """Each node reads the file of the scenario itself."""
+    """The profile in the file must be valid, too, since each node reads the file itself."""
     path = tmp_path / 'typo.yaml'
     path.write_text('purpose: a typo\nduration: 1\nprofile: nope\n')
     with pytest.raises(BallbotError, match=rf"^{path}:3: unknown profile 'nope'"):

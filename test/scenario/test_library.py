@@ -130,7 +130,7 @@ def test_the_hardware_profile_has_all_the_faults_of_the_devices():
     gyro, sonar = hardware.of(GyroParameters), hardware.of(SonarParameters)
     plant = hardware.of(PlantParameters)
     assert gyro.noise == 0.7
-    # Faster drift makes the pitch estimate ramp until the robot stops itself.
+    # Limit the drift: a faster one makes the pitch estimate ramp until the robot stops itself.
     assert 0.0 < gyro.drift < 2.0
     assert sonar.noise_cm == 3.0
     assert sonar.dropout_probability == 0.15

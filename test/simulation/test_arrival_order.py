@@ -72,6 +72,6 @@ def test_a_clock_that_is_not_set_back_gives_the_order_of_arrival(events):
             sent.append(number)
         else:
             come += order.merge(waiting, clock)
-            assert come == sent  # no message that arrived before the look waits
+            assert come == sent  # every message that arrived before this look has been handed on
             waiting = {'a': [], 'b': [], 'c': []}
     assert come + order.merge(waiting, math.inf) == sent

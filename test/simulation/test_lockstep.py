@@ -151,7 +151,7 @@ BEGUN = (STORE, STORE, TICK)
 @pytest.mark.parametrize(
     ('events', 'steps'),
     [
-        # The plant itself opens the run; earlier samples belong to another one.
+        # A sample from the plant itself opens the run; earlier samples belong to another run.
         (FIRST, BEGUN),
         ((('gyro', 1000), ('sonar', 1000), *FIRST), (IGNORE, IGNORE, *BEGUN)),
         ((('gyro', 5000), ('sonar', 400), *FIRST), (IGNORE, IGNORE, *BEGUN)),
@@ -163,7 +163,7 @@ BEGUN = (STORE, STORE, TICK)
         ((*FIRST, ('battery', 1000, b'other')), (*BEGUN, OBJECT)),
         ((*FIRST[:2], ('gyro', 1000, b'other')), (STORE, STORE, OBJECT)),
         ((*FIRST, *SECOND, ('gyro', 1000, b'other')), (*BEGUN, None, TICK, OBJECT)),
-        # If asked again, it repeats the answer, but only to the previous tick.
+        # If asked again, the controller repeats its answer, but only to the previous tick.
         ((*FIRST, ('gyro', 1000)), (*BEGUN, RESEND)),
         ((*FIRST, TS1_FIRED, ('gyro', 1000)), (*BEGUN, None, RESEND)),
         ((*FIRST, *SECOND, ('gyro', 1000)), (*BEGUN, None, TICK, IGNORE)),
@@ -184,7 +184,7 @@ BEGUN = (STORE, STORE, TICK)
         ((*FIRST, ('gyro', 1004), (TS1, 1003), TS1_FIRED), (*BEGUN, STORE, None, TICK)),
         ((*FIRST, ('gyro', 1004), (TS2, 1004), TS1_FIRED), (*BEGUN, STORE, None, TICK)),
         ((*FIRST, *SECOND, TS1_FIRED, ('gyro', 1008)), (*BEGUN, None, TICK, None, STORE)),
-        # If asked again when all inputs have arrived, it forces the releases.
+        # If asked again when all inputs have arrived, the controller forces the releases.
         ((*FIRST, ('gyro', 1004), ('gyro', 1004)), (*BEGUN, STORE, TICK)),
         ((*FIRST, ('gyro', 1004), ('gyro', 1000)), (*BEGUN, STORE, RESEND)),
         # The first tick needs no timer, and a callback does not disturb it.
@@ -268,7 +268,7 @@ def test_another_run_begins_without_anything_of_the_previous_one(start_ms):
     )
     assert steps == [IGNORE, *BEGUN]
     assert ticks.times_ms[ran:] == [start_ms]
-    # A release of the previous run does not count in this one.
+    # A release of the previous run does not count in the new one.
     assert ticks.feed('gyro', start_ms + 4, b'another') == STORE
     assert ticks.feed(TS1, start_ms + 4) == TICK
 

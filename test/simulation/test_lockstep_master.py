@@ -648,7 +648,8 @@ class TroubledRun(RuleBasedStateMachine):
     def replace(self, role):
         self.generation += 1
         self.world.leave(role)
-        # If this were faster than the roll calls, the two would count as duplicate nodes.
+        # If the replacement were faster than the roll calls, the two nodes would count as
+        # duplicates.
         self.world.wait(1.0)
         self.world.start(role, generation=self.generation)
 

@@ -291,7 +291,7 @@ def test_a_silent_stranger_is_tolerated_while_it_may_be_a_dead_process(has_begun
 
 def test_a_dead_stranger_that_leaves_the_graph_is_no_problem():
     run = World().stranger('gyro')
-    # It dies late, while a participant is still missing.
+    # The stranger may have died shortly before the participants join.
     assert run.watch_for(30.0).state is ReadinessState.WAITING
     run.join(*map(a, ROLES))
     assert run.watch_for(LEASE_S - 1.0).state is ReadinessState.WAITING

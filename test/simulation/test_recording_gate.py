@@ -164,7 +164,7 @@ def test_a_jump_of_the_clock_is_a_players_or_another_simulations(crowded, object
     [
         ([('gyro', 1004, 2), ('gyro', 1008, 3)], []),
         ([('gyro', 1008, 3)], [('/gyro', 3)]),
-        # The number in between was that of a repetition, since there is no stamp in between.
+        # The skipped number was that of a repetition, since no stamp is skipped.
         ([('gyro', 1004, 3)], []),
         # A repetition has the next number; the copy of another publisher has that publisher's own
         # number.
@@ -206,7 +206,7 @@ def test_if_stamps_may_be_skipped_every_sequence_number_counts(takes_part, is_lo
         ((1000, 1004, 1008), (1000, 1020), []),
         ((1000, 1008), (1000,), [('/gyro', 1)]),
         ((1000, 1004), (1000, 1040), [('/sonar', 1)]),
-        # The first samples of a run that it joined late.
+        # Stamps before a topic's first sample do not count as lost.
         ((1400, 1404), (1420,), []),
     ],
 )
@@ -219,7 +219,7 @@ def test_a_skipped_stamp_is_a_lost_message_for_any_next_sender(stamps_ms, sonar_
     for now in sonar_ms:
         file.take(file.sonar, now, sequence=1)
     assert file.lost == lost
-    # A stamp skipped by its own sender is not lost, nor is the jump between runs a gap.
+    # A stamp that the sender itself has skipped is not lost, nor is the jump between runs a gap.
     file.take(file.gyro, 1448, sequence=2)
     assert file.lost == lost
     file.begin('2 abc', 2000 * MS)
@@ -247,9 +247,9 @@ def test_strangers_on_a_topic_of_events_are_no_lost_messages():
         ((1, 2, 1, 4), [4]),
         ((1, 2, 3, 1, 2, 4, 3, 5), []),
         ((1, 2, 3, 1, 2, 4, 3, 6), [6]),
-        # A late recorder has missed the first ones.
+        # A recorder that starts late has missed the first messages.
         ((7, 8, 1, 9, 2), []),
-        # After any number of restarts.
+        # The loss is found after any number of restarts.
         ((*range(40, 0, -1), 2, 3, 12), [12]),
     ],
 )

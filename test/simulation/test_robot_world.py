@@ -84,7 +84,7 @@ def test_a_restarted_driver_changes_no_duty(role, leave):
 
 @pytest.mark.parametrize('lost', ['on_duty', 'on_clock', 'on_truth', 'on_sample', 'on_timer'])
 def test_a_lost_message_is_repeated(lost):
-    """So is the answer to it: a node that has answered repeats its answer."""
+    """The answer to a message is repeated, too, by the node that has given it."""
     world = RobotWorld(parameters_of_runs(TICKS), SCENARIO).start()
     for ticks in (10, 105, 330):
         world.advance(ticks)
@@ -149,7 +149,8 @@ class TroubledRobot(RuleBasedStateMachine):
     def replace(self, role):
         self.generation += 1
         self.world.leave(role)
-        # If this were faster than the roll calls, the two would count as duplicate nodes.
+        # If the replacement were faster than the roll calls, the two nodes would count as
+        # duplicates.
         self.world.wait(1.0)
         self.world.start(role, generation=self.generation)
 

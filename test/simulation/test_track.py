@@ -34,14 +34,14 @@ def test_with_a_cone_and_a_far_threshold_it_drives_around_the_inner_wall(start):
     assert states == ['calibration', 'balance', 'forward', 'rightward', 'forward', 'rightward']
     positions = np.array([tick.truth.position for tick in ticks])
     assert loop.world.clearance(positions).min() > 0.04
-    # It has passed the inner wall, and there is room in front of it and on its right.
+    # The robot has passed the inner wall, and has room in front of it and on its right.
     assert positions[-1, 0] > 0.3
     assert loop.world.clearance(positions[-1:])[0] > 0.1
 
 
 @pytest.mark.parametrize('start', STARTS)
 def test_with_a_single_ray_it_hits_the_end_of_the_inner_wall(start):
-    """The ray has passed the end of the wall, half of the body has not (docs/deviations.md)."""
+    """When the ray has passed the wall's end, half of the body has not (docs/deviations.md)."""
     loop, _, states = drive(start)
     assert states[-2:] == ['rightward', 'forward']
     assert loop.plant.newest_hit.parts == ('front left',)

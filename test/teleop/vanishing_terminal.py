@@ -34,7 +34,7 @@ reset = Renderer.reset
 
 
 def hang_up(*arguments, **options):
-    # The panel has just been erased, to make room for the line.
+    # Close the terminal when the panel has just been erased, to make room for the line.
     Renderer.reset = reset
     os.close(ours)
     reset(*arguments, **options)

@@ -163,7 +163,7 @@ def test_an_invalid_camera_does_not_end_the_server(served, changes):
         wait_for(lambda: len(served.page._views) == 2, what='the welcome')
         hostile(**changes)
         served.page.update_cameras(snapshot)
-        assert len(served.page._aspects) == 1  # the other's camera is pointed
+        assert len(served.page._aspects) == 1  # only the valid client's camera has been pointed
 
 
 def test_a_viser_with_another_server_start_is_refused(monkeypatch):
@@ -223,7 +223,7 @@ def test_no_foreign_page_in_a_browser_steers(served, foreign_site, foreign_brows
 
     for site in (f'127.0.0.1:{foreign_site}', f'{FOREIGN}:{foreign_site}'):
         page.goto(f'http://{site}/')
-        for target in ('', f'?{query}'):  # even one that has obtained the token
+        for target in ('', f'?{query}'):  # a site is refused even with the token
             assert press(f'ws://{served.place}/{target}') == 'refused'
 
     answer = page.goto(f'http://{FOREIGN}:{port}/')  # the name now points to this machine
@@ -289,7 +289,7 @@ class WaitersByThread(collections.deque):
 
 
 def test_connections_are_woken_only_in_the_event_loop(served):
-    """In another thread, iterating over the waiters could collide with one that leaves."""
+    """Another thread that iterates over the waiters could collide with a waiter that leaves."""
     server = served.server._websock_server
     with client(served), client(served):
         own = [state.message_buffer for state in server._client_state_from_id.values()]

@@ -227,7 +227,7 @@ def test_the_trail_follows_the_ball_and_is_bounded():
     assert trail.action == ADD
     assert len(trail.points) == TRAIL_POINTS
     assert (trail.points[-1].x, trail.points[-1].y) == (positions[-1][0], -positions[-1][1])
-    # It is published again only when it has grown, or together with everything.
+    # The trail is published again only when it has grown, or together with everything.
     assert ('trail', 0) not in markers_at(markers, end)
     assert ('trail', 0) in markers_at(markers, end, whole=True)
     markers.begin(None)

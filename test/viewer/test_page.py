@@ -180,7 +180,7 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
     with running(domain, *DRIVE), GraphRecorder(domain) as truth:
         viewer, address = start_viewer(start_node, port=0)
         port = urlsplit(address).port
-        # A robot at rest is not redrawn, so pages load sooner.
+        # Pause the robot: at rest it is not redrawn, so pages load sooner.
         truth.pause_when_calibrated()
         with browsing(address) as browser:
             browser.wait_for_text('remote')
@@ -230,7 +230,7 @@ def push_makes_it_lean(browser, truth):
 
 
 def hold_stick(browser, truth):
-    """Hold a button; press again if it was still moving while its folder opened."""
+    """Hold the forward button; press again if the press missed it while its folder opened."""
     browser.open('Sticks (hold)')
 
     def is_driven():
@@ -271,7 +271,7 @@ def test_a_recorded_run_follows_its_slider(recording, domain):
             slider = browser.page.get_by_role('slider').first
             slider.focus()
             slider.press('End')
-            # There it stops, so the rest is not in a hurry.
+            # Playback stops at the end, so the following steps need not hurry.
             wait_until(lambda: browser.shown_time() == pytest.approx(9.996, abs=0.006), browser)
             before = browser.tones()
             slider.press('Home')
@@ -283,15 +283,15 @@ def test_a_recorded_run_follows_its_slider(recording, domain):
             wait_until(lambda: browser.shown_time() < 9.99, browser)
             assert browser.tones() in (0, before)
             slider.press('Home')
-            # The page reports the position of a slider only periodically, so Play could arrive
-            # before it.
+            # Wait for the move before Play, which could overtake it: the page reports the position
+            # of a slider only periodically.
             wait_until(lambda: browser.shown_time() == 0.0, browser)
             browser.press('Play')
             wait_until(lambda: browser.tones() > before, browser)
             wait_until(
                 lambda: browser.page.locator('audio').evaluate('a => a.currentTime > 0'), browser
             )
-            # The texts follow the tone, so the time is compared once it is constant.
+            # Compare the time once it is constant, since the texts arrive after the tone.
             browser.press('0.1×')
             browser.press('Pause')
             wait_until(lambda: stands_still(browser), browser)
@@ -302,7 +302,7 @@ def test_a_recorded_run_follows_its_slider(recording, domain):
 
 
 def test_a_browser_that_stops_reading_does_not_block_others(recording):
-    """Its connection is full: the display continues, and only the newest content is kept for it."""
+    """Updates continue while its connection is full, and only the newest content waits for it."""
     run = PlaybackRun(recording)
     page = Page(run.dimensions, 'test', '127.0.0.1', 0)
     recording_page = RecordingPage(page, [run])

@@ -101,7 +101,7 @@ class Playback:
     def show(self):
         """Show the time of the clock; return the position of the slider."""
         self.recording.show(self.recording.clock.time, panel=True)
-        self.receive()  # follows in the event loop
+        self.receive()  # returns after the event loop has moved the slider
         return self.recording._slider.value
 
 
@@ -138,7 +138,7 @@ def test_clicks_and_moves_take_effect_in_their_order(playback):
     assert (recording.clock.time, recording.clock.is_playing) == (end, False)
     playback.receive((recording._slider, 0.0), (recording._slider, end), (recording._button, True))
     recording.update(0.5)
-    # Play at the end begins again.
+    # Play, pressed at the end, restarts the run.
     assert (recording.clock.time, recording.clock.is_playing) == (0.5, True)
 
 
@@ -154,7 +154,7 @@ def test_sticks_count_while_they_are_held():
 
 
 def test_a_page_that_reports_once_a_second_does_not_drive():
-    """Browsers slow hidden pages down to this rate, which can't tell whether a stick is held."""
+    """Browsers slow hidden pages down to this rate, too low to show that a stick is still held."""
     sticks = OnScreenSticks()
     for tenth in range(50):
         if tenth % 10 == 0:
@@ -258,7 +258,7 @@ def test_without_viser_there_is_a_hint(monkeypatch, capsys, recording):
 
 
 def test_json_of_a_run_names_no_viewer(recording):
-    """A run does not depend on the page, so its parameters are not recorded."""
+    """The viewer's parameters are not recorded, since a run does not depend on the page."""
     from ballbot_ros.recording.reader import RecordingReader
 
     with RecordingReader(recording) as reader:

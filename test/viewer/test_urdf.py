@@ -99,7 +99,7 @@ pairs = st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
 
 @given(pairs, pairs)
 def test_motor_angles_turn_the_wheels_as_the_motion_does(position, psi):
-    """The angles are those of ``plant/joint_states``: θm = k (θ − ψ)."""
+    """The motor angles are those of ``plant/joint_states``: θm = k (θ − ψ)."""
     ratio = DIMENSIONS.ball_radius / DIMENSIONS.wheel_radius
     angles = [
         ratio * (coordinate / DIMENSIONS.ball_radius - pitch)
