@@ -49,7 +49,7 @@ class Stopwatch:
         self._known: dict[int, Threads] = {}
 
     def update(self, processes: Iterable[int]) -> float:
-        """Add the time since the last update that was available to the most delayed process.
+        """Add the time that the most delayed process had available since the last update.
 
         Parameters
         ----------

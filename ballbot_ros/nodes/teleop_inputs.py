@@ -145,7 +145,7 @@ class TeleopInputs:
         if self._cmd_vel in known or not known:
             return
         if self._cmd_vel_subscription is not None:
-            # Subscribe at the next look, by which the middleware has released the old type.
+            # Subscribe at the next call: by then the middleware has released the old type.
             self._node.destroy_subscription(self._cmd_vel_subscription)
             self._cmd_vel = self._cmd_vel_subscription = None
             self._sources.release(arbiter.CMD_VEL)

@@ -46,8 +46,8 @@ class Processes(TextEnum):
 class RunOptions:
     """Settings of a run that apply to any scenario.
 
-    In order of increasing precedence: profile, scenario, parameter file, the attributes after it,
-    assignments, controller.
+    In order of increasing precedence: profile, scenario, `parameter_file`, `real_time_factor` and
+    `seed`, `assignments`, `controller`.
 
     Attributes
     ----------

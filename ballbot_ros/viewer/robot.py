@@ -185,7 +185,8 @@ def _brick(dimensions: Dimensions) -> Iterator[Part]:
 def cone_slope(cone_angle: float) -> float:
     """Return the ratio of radius to length at which to draw a sonar cone of this opening [rad].
 
-    Other senders may publish any opening; NaN is drawn as a single ray.
+    The opening is limited to :data:`CONE_ANGLES`, because a node other than ``sonar_driver`` may
+    publish any value; NaN is drawn as a single ray.
     """
     smallest, largest = CONE_ANGLES
     # max() returns its first argument unless the second is larger, which a NaN never is.
