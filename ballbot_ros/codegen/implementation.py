@@ -33,7 +33,7 @@ def require_implementation(name: str) -> None:
 
 
 def program_maker(parameters: ControllerParameters) -> Callable[[], Program]:
-    """Return a function that creates control programs of the parameter `implementation`.
+    """Return a function that creates programs of the selected implementation.
 
     C is generated and compiled once, here; each program is then a separate process.
 

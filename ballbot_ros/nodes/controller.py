@@ -71,7 +71,7 @@ class Controller(BallbotNode[ControllerParameters]):
         self._timers_of_tasks: dict[str, Timer] = {}
         self._set_timers()
         self._participation = Participation(self, self._on_run)
-        # Deep enough to receive each of several samples of one tick.
+        # In lockstep receive all messages about one tick, also a second sample of an input.
         depth = DEPTH if self._lockstep else 1
         for topic, reader in INPUT_READERS.items():
             self.subscribe(topic, self._input_callback(topic, reader), depth=depth, raw=True)

@@ -59,7 +59,7 @@ class TimeRange(NamedTuple):
 
 
 def offered_qos_profiles(profiles: Iterable[QosProfile]) -> str:
-    """Return `profiles`, one per publisher, as text for the channel metadata of that name."""
+    """Return `profiles`, one per publisher, as the channel metadata ``offered_qos_profiles``."""
     return _yaml(_qos(profiles))
 
 

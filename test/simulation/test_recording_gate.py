@@ -166,8 +166,8 @@ def test_a_jump_of_the_clock_is_a_players_or_another_simulations(crowded, object
         ([('gyro', 1008, 3)], [('/gyro', 3)]),
         # The skipped number was that of a repetition, since no stamp is skipped.
         ([('gyro', 1004, 3)], []),
-        # A repetition has the next number; the copy of another publisher has that publisher's own
-        # number.
+        # A second message with the stamp: a repetition by the same publisher has the next number, a
+        # message by another publisher a number of its own sequence.
         ([('gyro', 1000, 2), ('gyro', 1004, 3)], []),
         ([('gyro', 1000, 900), ('gyro', 1004, 2)], []),
         ([('gyro', 1000, 1), ('gyro', 1004, 2)], []),
