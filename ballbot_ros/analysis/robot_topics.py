@@ -93,6 +93,7 @@ def robot_namespace(reader: RecordingReader, marks: Iterable[Topic]) -> str | No
     if len(spaces) > 1:
         names = ', '.join(sorted(space or '/' for space in spaces))
         raise RecordingError(
-            f'{reader.path}: recording of several robots, in the namespaces {names}'
+            f'{reader.path}: recording of several robots, in the namespaces {names}; '
+            'only one is supported'
         )
     return next(iter(spaces), None)

@@ -68,9 +68,13 @@ def test_a_namespace_is_found_by_any_of_the_topics(reader_of, namespace):
 
 def test_several_robots_are_refused_in_one_line(reader_of):
     reader = reader_of('/motor_duty', '/b/motor_duty', '/a/plant/imu')
-    with pytest.raises(RecordingError, match=r'several robots, in the namespaces /, /a, /b$'):
+    with pytest.raises(
+        RecordingError, match=r'several robots, in the namespaces /, /a, /b; only one is supported$'
+    ):
         robot_namespace(reader, [MOTOR_DUTY, PLANT_IMU])
-    with pytest.raises(RecordingError, match=r'several robots, in the namespaces /, /b$'):
+    with pytest.raises(
+        RecordingError, match=r'several robots, in the namespaces /, /b; only one is supported$'
+    ):
         robot_topics(reader)
 
 
