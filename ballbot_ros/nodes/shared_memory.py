@@ -92,9 +92,9 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
     older_than_s : float
         Younger resources are ignored.
     """
-    mark_dead_readers(folder)
     with _dead_resources(folder, older_than_s) as dead:
         removed = [leftover for resource in dead for leftover in resource.remove()]
+    mark_dead_readers(folder)  # after the removal: a marked port counts as young
     if any(resource.blocks for resource in _resources(folder)):
         with _only_sweep(folder) as is_only:
             blocking = [resource for resource in _resources(folder) if is_only and resource.blocks]

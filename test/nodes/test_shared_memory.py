@@ -390,6 +390,13 @@ def test_readers_of_a_port_without_a_living_reader_are_marked_as_waiting(tmp_pat
     assert acquire(tmp_path / MUTEX)
 
 
+@pytest.mark.parametrize('state', [IDLE, TAKES])
+def test_a_port_whose_reader_was_killed_between_two_messages_is_removed_at_once(tmp_path, state):
+    make_read_port(tmp_path, state)
+    set_age(tmp_path / PORT, OLD_S)
+    assert {left.path.name for left in sweep(tmp_path)} == {PORT, f'{PORT}_el', MUTEX}
+
+
 @pytest.mark.parametrize('how', ['lock', 'shared lock'])
 def test_a_living_reader_is_left_alone(tmp_path, how):
     port = make_read_port(tmp_path, TAKES, IDLE)
