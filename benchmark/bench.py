@@ -63,7 +63,7 @@ BARS = {
     NONE_RECORDED: (30.0, None),
 }
 """Bar and aim of the real-time factors."""
-RELAY_BAR = 0.7
+RELAY_BAR = 0.9
 
 WIDTH = 100
 """Width of the table without a terminal."""

@@ -19,7 +19,7 @@ from ballbot_ros.analysis.recorded_runs import (
 )
 from ballbot_ros.analysis.robot_topics import robot_topics
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.conversions import push_forces, stamp_ns, stick_values
+from ballbot_ros.messages.conversions import decode_sticks, push_forces, stamp_ns
 from ballbot_ros.messages.inputs import INPUT_READERS
 from ballbot_ros.messages.message_types import WrenchStamped
 from ballbot_ros.messages.motor_stop import is_stop
@@ -167,7 +167,7 @@ class _EpochInputs:
         message = reader.decode(raw)
         if topic is GAMEPAD_JOY:
             with recording_error_context(reader, raw.topic, raw.stamp_ns):
-                self.sticks[stamp_ns(message)] = stick_values(message)
+                self.sticks[stamp_ns(message)] = decode_sticks(raw.data)
             self.sources[stamp_ns(message)] = message.header.frame_id
         elif topic is MOTOR_DUTY:
             with recording_error_context(reader, raw.topic, raw.stamp_ns):

@@ -14,7 +14,6 @@ from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs
-from ballbot_ros.messages.outputs import EncodedOutput
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import (
     ACCEPTED_PUSH,
@@ -87,15 +86,14 @@ def replay_controller(
     reader, run = recording.reader, inputs.run
     samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUT_READERS}
     sink = partial(comparator.add_replayed, epoch=run.epoch)
-    messages = ControllerMessages(partial(EncodedOutput, sink=sink))
+    messages = ControllerMessages(lambda topic: partial(sink, topic))
     now = run.start_ns
     for topic, raw in _messages(recording, inputs):
         comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)
         if topic not in INPUT_READERS:
             continue
-        message = reader.decode(raw)
         with recording_error_context(reader, raw.topic, raw.stamp_ns):
-            samples[topic][raw.stamp_ns] = INPUT_READERS[topic](message)
+            samples[topic][raw.stamp_ns] = INPUT_READERS[topic](raw.data)
         while now <= inputs.last_ns and all(
             now in samples[due] for due in INPUT_READERS if now % due.period_ns == 0
         ):
@@ -130,7 +128,7 @@ def replay_run(
         if stamp_ns <= inputs.last_ns or topic in EVENTS:
             comparator.add_replayed(topic, stamp_ns, data, run.epoch)
 
-    messages = RunMessages(replayed, parameters)
+    messages = RunMessages(lambda topic: partial(replayed, topic), parameters)
     messages.begin(run.start_ns, loop.world, loop.pushes)
     for topic, raw in _messages(recording, inputs):
         comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)

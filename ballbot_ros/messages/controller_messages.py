@@ -5,13 +5,14 @@ from __future__ import annotations
 from ballbot_ros.brick.brick import DeviceOutputs
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.conversions import (
-    fill_controller_state,
-    fill_duty,
-    fill_log,
-    fill_tone,
+    encode_controller_state,
+    encode_duty,
+    encode_log,
+    encode_text,
+    encode_tone,
 )
-from ballbot_ros.messages.motor_stop import send_stop
-from ballbot_ros.messages.outputs import MakeOutput
+from ballbot_ros.messages.motor_stop import encode_stop
+from ballbot_ros.messages.outputs import MakeSend
 from ballbot_ros.messages.topics import (
     BLUETOOTH_TX,
     CONTROLLER_STATE,
@@ -20,15 +21,16 @@ from ballbot_ros.messages.topics import (
     OPERATING_STATE,
     SOUND,
 )
+from ballbot_ros.timing import TICK_NS
 
 
 class ControllerMessages:
-    """Fills and sends the controller's messages.
+    """Encodes and sends the controller's messages.
 
     Parameters
     ----------
     make : callable
-        Creates the output of a topic.
+        Returns the function that sends the messages of a topic.
 
     Attributes
     ----------
@@ -36,45 +38,42 @@ class ControllerMessages:
         The last state sent; '' before the first tick.
     """
 
-    def __init__(self, make: MakeOutput) -> None:
+    def __init__(self, make: MakeSend) -> None:
         self.operating_state = ''
-        self._duty = make(MOTOR_DUTY)
-        self._state = make(CONTROLLER_STATE)
-        self._operating_state = make(OPERATING_STATE)
-        self._log = make(BLUETOOTH_TX)
-        self._sound = make(SOUND)
-        self._lcd = make(LCD)
+        self._duty = self._state = b''
+        self._send_duty = make(MOTOR_DUTY)
+        self._send_state = make(CONTROLLER_STATE)
+        self._send_operating_state = make(OPERATING_STATE)
+        self._send_log = make(BLUETOOTH_TX)
+        self._send_sound = make(SOUND)
+        self._send_lcd = make(LCD)
 
     def tick(self, now_ns: int, outputs: DeviceOutputs, program: Program) -> None:
         """Send the results of a tick at `now_ns` [ns]."""
         # Messages without a stamp go first, so that no reader sees them after the next tick.
         if program.operating_state != self.operating_state:
             self.operating_state = program.operating_state.value
-            self._operating_state.message.data = program.operating_state.value
-            self._operating_state.send(now_ns)
+            self._send_operating_state(now_ns, encode_text(self.operating_state))
         for packet in outputs.log:
-            fill_log(self._log.message, packet)
-            self._log.send(now_ns)
+            self._send_log(now_ns, encode_log(packet))
         for tone in outputs.tones:
-            fill_tone(self._sound.message, now_ns, tone)
-            self._sound.send(now_ns)
+            self._send_sound(now_ns, encode_tone(now_ns, tone))
         for page in outputs.pages:
-            self._lcd.message.data = page
-            self._lcd.send(now_ns)
-        fill_duty(self._duty.message, now_ns, outputs.duty)
-        self._duty.send(now_ns)
-        fill_controller_state(self._state.message, now_ns, program.x, program.y)
-        self._state.send(now_ns)
+            self._send_lcd(now_ns, encode_text(page))
+        self._duty = encode_duty(now_ns, outputs.duty)
+        self._state = encode_controller_state(now_ns, program.x, program.y)
+        self.resend(now_ns)
 
     def begin(self) -> None:
         """Begin a run: its first operating state counts as a change."""
         self.operating_state = ''
 
     def resend(self, stamp_ns: int) -> None:
-        """Send the periodic messages of the previous tick again, with `stamp_ns`."""
-        self._duty.send(stamp_ns)
-        self._state.send(stamp_ns)
+        """Send the periodic messages of the newest tick, which have the stamp `stamp_ns`."""
+        self._send_duty(stamp_ns, self._duty)
+        self._send_state(stamp_ns, self._state)
 
     def stop_motors(self, last_ns: int) -> None:
         """Publish that the motors are off from the tick after the last one."""
-        send_stop(self._duty, last_ns)
+        stamp_ns = last_ns + TICK_NS
+        self._send_duty(stamp_ns, encode_stop(stamp_ns))

@@ -1,31 +1,29 @@
 """Exact conversions between messages and plain values.
 
-A ``fill_…`` function writes into a message object of any library that uses the ROS field names, so
-the nodes and the recording without ROS share it. Signs follow docs/frames.md: plane x is a rotation
-about +y and a motion along +x of ``map``; plane y is a rotation about +x and a motion along -y.
+``encode_…`` returns a message as CDR, for the nodes and for recordings without ROS alike, and
+``decode_…`` reads one. The other functions read a message object of any library that uses the ROS
+field names. Signs follow docs/frames.md: plane x is a rotation about +y and a motion along +x of
+``map``; plane y is a rotation about +x and a motion along -y.
 """
 
 from __future__ import annotations
 
 import math
-from array import array
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, SupportsFloat
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.brick.units import degrees_to_radians, quantise
 from ballbot_ros.controller.interface import PlaneEstimates
+from ballbot_ros.messages.layout import MessageLayout, elements
 from ballbot_ros.messages.message_types import (
-    BatteryState,
     Bytes,
-    Clock,
     Header,
     Imu,
-    JointState,
-    Joy,
     OccupancyGridMessage,
     Odometry,
     Stamped,
@@ -34,8 +32,27 @@ from ballbot_ros.messages.message_types import (
     Vector3Stamped,
     WrenchStamped,
 )
+from ballbot_ros.messages.topics import (
+    BATTERY_STATE,
+    BLUETOOTH_TX,
+    CLOCK,
+    CONTROLLER_STATE,
+    GAMEPAD_JOY,
+    LCD,
+    MAP,
+    MOTOR_DUTY,
+    PLANT_IMU,
+    PLANT_JOINT_STATES,
+    PLANT_ODOM,
+    PUSH,
+    RUN,
+    SOUND,
+    WALL_HIT,
+)
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.plant.ground_truth import GroundTruth, Pair, Push
+from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.teleop.arbiter import SCENARIO
 from ballbot_ros.timing import SECOND_NS
 
 if TYPE_CHECKING:
@@ -46,7 +63,62 @@ _DUTIES = frozenset(map(float, range(-100, 101)))
 MOTOR_NAMES = ['motor_x', 'motor_y']
 STATE_NAMES = ['theta_x', 'psi_x', 'theta_y', 'psi_y', 'theta_ref_x', 'theta_ref_y']
 
-BATTERY_DISCHARGING = 2
+_BATTERY_DISCHARGING = 2
+NOT_PROVIDED = -1.0
+"""The first element of the covariance of a quantity that an Imu message does not provide."""
+
+_UNKNOWN = ('temperature', 'current', 'charge', 'capacity', 'design_capacity', 'percentage')
+
+_encoder = cache(encoder)
+
+_CLOCK = MessageLayout(CLOCK.type_name)
+_MOTORS = MessageLayout(
+    PLANT_JOINT_STATES.type_name,
+    [*elements('position', 2), *elements('velocity', 2), *elements('effort', 2)],
+    {'name': MOTOR_NAMES, 'position': [0.0] * 2, 'velocity': [0.0] * 2, 'effort': [0.0] * 2},
+)
+_BODY = MessageLayout(
+    PLANT_IMU.type_name,
+    [
+        'angular_velocity.y', 'angular_velocity.x',
+        'orientation.w', 'orientation.x', 'orientation.y', 'orientation.z',
+    ],
+    {'header.frame_id': 'base_link', 'linear_acceleration_covariance[0]': NOT_PROVIDED},
+)  # fmt: skip
+_ODOMETRY = MessageLayout(
+    PLANT_ODOM.type_name,
+    [
+        'pose.pose.position.x', 'pose.pose.position.y', 'pose.pose.position.z',
+        'twist.twist.linear.x', 'twist.twist.linear.y',
+    ],
+    {'header.frame_id': 'map', 'child_frame_id': 'ball'},
+)  # fmt: skip
+_BATTERY = MessageLayout(
+    BATTERY_STATE.type_name,
+    ['voltage'],
+    {
+        'header.frame_id': 'base_link',
+        'power_supply_status': _BATTERY_DISCHARGING,
+        'present': True,
+        **dict.fromkeys(_UNKNOWN, math.nan),
+    },
+)
+_DUTY = MessageLayout(MOTOR_DUTY.type_name, ['vector.x', 'vector.y'])
+_STATE = MessageLayout(
+    CONTROLLER_STATE.type_name,
+    [*elements('position', 6), *elements('velocity', 6)],
+    {'name': STATE_NAMES, 'position': [0.0] * 6, 'velocity': [0.0] * 6},
+)
+_TONE = MessageLayout(SOUND.type_name, ['vector.x', 'vector.y', 'vector.z'])
+
+
+@lru_cache(16)
+def _sticks(source: str) -> MessageLayout:
+    return MessageLayout(
+        GAMEPAD_JOY.type_name,
+        elements('axes', 2),
+        {'header.frame_id': source, 'axes': [0.0] * 2},
+    )
 
 
 def fill_time(message: Time, stamp_ns: int) -> None:
@@ -64,39 +136,46 @@ def stamp_ns(message: Stamped) -> int:
     return time_ns(message.header.stamp)
 
 
-def fill_clock(message: Clock, now_ns: int) -> None:
-    """Write ``rosgraph_msgs/Clock``."""
-    fill_time(message.clock, now_ns)
-
-
 def fill_header(message: Header, stamp_ns: int, frame_id: str) -> None:
     """Write ``std_msgs/Header``."""
     fill_time(message.stamp, stamp_ns)
     message.frame_id = frame_id
 
 
-def fill_motors(message: JointState, truth: GroundTruth) -> None:
-    """Write ``plant/joint_states``: true shaft angle, rate and torque."""
-    fill_header(message.header, truth.stamp_ns, '')
-    message.name = MOTOR_NAMES
-    message.position = list(truth.motor_angle)
-    message.velocity = list(truth.motor_rate)
-    message.effort = list(truth.motor_torque)
+def encode_header(stamp_ns: int, frame_id: str = '') -> bytes:
+    """Return ``std_msgs/Header``."""
+    message = new_message(RUN.type_name)
+    fill_header(message, stamp_ns, frame_id)
+    return _encoder(RUN.type_name)(message)
 
 
-def motor_angles(message: JointState) -> Pair:
+def encode_clock(now_ns: int) -> bytes:
+    """Return ``/clock``."""
+    return _CLOCK.encode(now_ns)
+
+
+def encode_motors(truth: GroundTruth) -> bytes:
+    """Return ``plant/joint_states``: true shaft angle, rate and torque."""
+    return _MOTORS.encode(
+        truth.stamp_ns, *truth.motor_angle, *truth.motor_rate, *truth.motor_torque
+    )
+
+
+def decode_motor_angles(data: bytes) -> Pair:
     """Return the shaft angles [rad] of ``plant/joint_states``."""
-    return message.position[0], message.position[1]
+    angle_x, angle_y, *_ = _MOTORS.decode(data)
+    return angle_x, angle_y
 
 
-def fill_body(message: Imu, truth: GroundTruth) -> None:
-    """Write ``plant/imu``: roll is plane y's pitch angle, pitch is plane x's, yaw is zero."""
-    fill_header(message.header, truth.stamp_ns, 'base_link')
-    q = message.orientation
-    q.w, q.x, q.y, q.z = body_orientation(truth.psi)
-    rate = message.angular_velocity
-    rate.y, rate.x = truth.psi_rate
-    message.linear_acceleration_covariance[0] = -1.0  # not provided
+def encode_body(truth: GroundTruth) -> bytes:
+    """Return ``plant/imu``: roll is plane y's pitch angle, pitch is plane x's, yaw is zero."""
+    return _BODY.encode(truth.stamp_ns, *truth.psi_rate, *body_orientation(truth.psi))
+
+
+def decode_body_rates(data: bytes) -> Pair:
+    """Return the pitch rates [rad/s] of planes x and y from ``plant/imu``."""
+    rate_x, rate_y, *_ = _BODY.decode(data)
+    return rate_x, rate_y
 
 
 def body_orientation(psi: Pair) -> tuple[float, float, float, float]:
@@ -128,14 +207,16 @@ def pitch_angles(w: float, x: float, y: float, z: float) -> Pair:
     return math.copysign(psi_x, y), math.copysign(psi_y, x)
 
 
-def fill_odometry(message: Odometry, truth: GroundTruth, ball_radius: float) -> None:
-    """Write ``plant/odom``: pose and twist of the ball's centre in ``map``."""
-    fill_header(message.header, truth.stamp_ns, 'map')
-    message.child_frame_id = 'ball'
-    point = message.pose.pose.position
-    point.x, point.y, point.z = truth.position[0], -truth.position[1], ball_radius
-    speed = message.twist.twist.linear
-    speed.x, speed.y = truth.velocity[0], -truth.velocity[1]
+def encode_odometry(truth: GroundTruth, ball_radius: float) -> bytes:
+    """Return ``plant/odom``: pose and twist of the ball's centre in ``map``."""
+    (x, y), (speed_x, speed_y) = truth.position, truth.velocity
+    return _ODOMETRY.encode(truth.stamp_ns, x, -y, ball_radius, speed_x, -speed_y)
+
+
+def decode_ball_position(data: bytes) -> Pair:
+    """Return the ball's position [m] on planes x and y from ``plant/odom``."""
+    x, y, *_ = _ODOMETRY.decode(data)
+    return x, -y
 
 
 def ball_position(message: Odometry) -> Pair:
@@ -143,32 +224,33 @@ def ball_position(message: Odometry) -> Pair:
     return message.pose.pose.position.x, -message.pose.pose.position.y
 
 
-def fill_battery(message: BatteryState, truth: GroundTruth) -> None:
-    """Write ``battery_state``."""
-    fill_header(message.header, truth.stamp_ns, 'base_link')
-    message.voltage = truth.battery_voltage
-    for unknown in (
-        'temperature',
-        'current',
-        'charge',
-        'capacity',
-        'design_capacity',
-        'percentage',
-    ):
-        setattr(message, unknown, math.nan)
-    message.power_supply_status = BATTERY_DISCHARGING
-    message.present = True
+def encode_battery(truth: GroundTruth) -> bytes:
+    """Return ``battery_state``."""
+    return _BATTERY.encode(truth.stamp_ns, truth.battery_voltage)
 
 
-def fill_map(message: OccupancyGridMessage, stamp_ns: int, grid: OccupancyGrid) -> None:
-    """Write ``map``: the walls of the floor."""
+def decode_battery_mv(data: bytes) -> int:
+    """Return the brick's reading [mV] of the voltage in ``battery_state``."""
+    (voltage,) = _BATTERY.decode(data)
+    return battery_mv(voltage)
+
+
+def encode_wall_hit(*, wall_hit: bool) -> bytes:
+    """Return ``wall_hit``."""
+    return _encode_data(WALL_HIT.type_name, wall_hit)
+
+
+def encode_map(stamp_ns: int, grid: OccupancyGrid) -> bytes:
+    """Return ``map``: the walls of the floor."""
+    message = new_message(MAP.type_name)
     fill_header(message.header, stamp_ns, 'map')
     fill_time(message.info.map_load_time, stamp_ns)
     message.info.resolution = grid.resolution
     message.info.width, message.info.height = grid.width, grid.height
     corner = message.info.origin.position
     corner.x, corner.y = grid.origin
-    message.data = array('b', grid.cells.tobytes())
+    message.data = grid.cells.ravel()
+    return _encoder(MAP.type_name)(message)
 
 
 def map_grid(message: OccupancyGridMessage) -> OccupancyGrid:
@@ -182,18 +264,18 @@ def map_grid(message: OccupancyGridMessage) -> OccupancyGrid:
     return OccupancyGrid(info.width, info.height, info.resolution, (corner.x, corner.y), cells)
 
 
-def fill_sticks(message: Joy, stamp_ns: int, sticks: tuple[int, int], source: str) -> None:
-    """Write ``gamepad``: left stick vertical and right stick horizontal, each n/100.
+def encode_sticks(stamp_ns: int, sticks: tuple[int, int], source: str) -> bytes:
+    """Return ``gamepad``: left stick vertical and right stick horizontal, each n/100.
 
     Its frame_id names the input in command.
     """
-    fill_header(message.header, stamp_ns, source)
-    message.axes = [sticks[0] / 100.0, sticks[1] / 100.0]
+    return _sticks(source).encode(stamp_ns, sticks[0] / 100.0, sticks[1] / 100.0)
 
 
-def stick_values(message: Joy) -> tuple[int, int]:
-    """Return the sticks from ``gamepad``, as the integers of the Bluetooth packet."""
-    return quantise(message.axes[0] * 100.0), quantise(message.axes[1] * 100.0)
+def decode_sticks(data: bytes) -> tuple[int, int]:
+    """Return the sticks of ``gamepad``, as the integers of the Bluetooth packet."""
+    vertical, horizontal = _sticks(SCENARIO).decode(data)
+    return quantise(vertical * 100.0), quantise(horizontal * 100.0)
 
 
 def planar_velocity(twist: Twist) -> Pair:
@@ -201,51 +283,44 @@ def planar_velocity(twist: Twist) -> Pair:
     return twist.linear.x, twist.linear.y
 
 
+def encode_duty(stamp_ns: int, duty: tuple[int, int]) -> bytes:
+    """Return ``motor_duty``."""
+    return _DUTY.encode(stamp_ns, *duty)
+
+
+def decode_duty(data: bytes) -> tuple[int, int] | None:
+    """Return the duties [%] of ``motor_duty``; None unless they are whole and within ±100."""
+    x, y = _DUTY.decode(data)
+    return (int(x), int(y)) if x in _DUTIES and y in _DUTIES else None
+
+
+def encode_controller_state(stamp_ns: int, x: PlaneEstimates, y: PlaneEstimates) -> bytes:
+    """Return ``controller/state``: the controller's estimates and references in SI."""
+    degrees = (
+        x.theta, x.psi, y.theta, y.psi, x.theta_ref, y.theta_ref,
+        x.theta_dot, x.psi_dot, y.theta_dot, y.psi_dot, x.theta_ref_dot, y.theta_ref_dot,
+    )  # fmt: skip
+    return _STATE.encode(stamp_ns, *[degrees_to_radians(float(angle)) for angle in degrees])
+
+
+def encode_text(text: str) -> bytes:
+    """Return ``std_msgs/String``, such as ``operating_state`` and ``lcd``."""
+    return _encode_data(LCD.type_name, text)
+
+
+def encode_log(packet: LogPacket) -> bytes:
+    """Return ``bluetooth/tx``: the packet's 32 bytes."""
+    return _encode_data(BLUETOOTH_TX.type_name, packet.encode())
+
+
 def log_packet(message: Bytes) -> LogPacket:
     """Return the packet in ``bluetooth/tx``; PacketError if it is malformed."""
     return LogPacket.decode(bytes(message.data))
 
 
-def fill_duty(message: Vector3Stamped, stamp_ns: int, duty: tuple[int, int]) -> None:
-    """Write ``motor_duty``."""
-    fill_header(message.header, stamp_ns, '')
-    message.vector.x, message.vector.y = float(duty[0]), float(duty[1])
-
-
-def duty_values(message: Vector3Stamped) -> tuple[int, int] | None:
-    """Return the duties [%] from ``motor_duty``; None unless they are whole and within ±100."""
-    x, y = message.vector.x, message.vector.y
-    if not (x in _DUTIES and y in _DUTIES):
-        return None
-    return int(x), int(y)
-
-
-def fill_controller_state(
-    message: JointState, stamp_ns: int, x: PlaneEstimates, y: PlaneEstimates
-) -> None:
-    """Write ``controller/state``: the controller's estimates and references in SI."""
-    fill_header(message.header, stamp_ns, '')
-    message.name = STATE_NAMES
-    message.position = _radians((x.theta, x.psi, y.theta, y.psi, x.theta_ref, y.theta_ref))
-    message.velocity = _radians(
-        (x.theta_dot, x.psi_dot, y.theta_dot, y.psi_dot, x.theta_ref_dot, y.theta_ref_dot)
-    )
-
-
-def _radians(angles: Iterable[SupportsFloat]) -> list[float]:
-    return [degrees_to_radians(float(angle)) for angle in angles]
-
-
-def fill_log(message: Bytes, packet: LogPacket) -> None:
-    """Write ``bluetooth/tx``: the packet's 32 bytes."""
-    message.data = packet.encode()
-
-
-def fill_tone(message: Vector3Stamped, stamp_ns: int, tone: Tone) -> None:
-    """Write ``sound``: frequency [Hz], duration [ms], volume [%]."""
-    fill_header(message.header, stamp_ns, '')
-    sound = message.vector
-    sound.x, sound.y, sound.z = map(float, tone)
+def encode_tone(stamp_ns: int, tone: Tone) -> bytes:
+    """Return ``sound``: frequency [Hz], duration [ms], volume [%]."""
+    return _TONE.encode(stamp_ns, *tone)
 
 
 def tone_of(message: Vector3Stamped) -> Tone:
@@ -253,32 +328,45 @@ def tone_of(message: Vector3Stamped) -> Tone:
     return Tone(*(round(value) for value in (message.vector.x, message.vector.y, message.vector.z)))
 
 
-def fill_accepted_push(
-    message: WrenchStamped, stamp_ns: int, push: Push, number: int, *, acts: bool
-) -> None:
-    """Write ``plant/accepted_push``: the wrench of push `number` from the stamp on.
+def encode_accepted_push(stamp_ns: int, push: Push, number: int, *, acts: bool) -> bytes:
+    """Return ``plant/accepted_push``: the wrench of push `number` from the stamp on.
 
     It is zero unless the push acts.
     """
-    fill_header(message.header, stamp_ns, f'push {number}')
-    force, torque = message.wrench.force, message.wrench.torque
-    force.x, force.y = (push.force[0], -push.force[1]) if acts else (0.0, 0.0)
-    torque.y, torque.x = push.torque if acts else (0.0, 0.0)
+    force, torque = (push.force, push.torque) if acts else ((0.0, -0.0), (0.0, 0.0))
+    return _encode_push(stamp_ns, f'push {number}', force, torque)
 
 
-def fill_push(message: WrenchStamped, stamp_ns: int, force: Pair) -> None:
-    """Write ``plant/push``: a force [N] in plane signs."""
-    fill_header(message.header, stamp_ns, 'base_link')
-    message.wrench.force.x, message.wrench.force.y = force[0], -force[1]
+def encode_push(stamp_ns: int, force: Pair) -> bytes:
+    """Return ``plant/push``: a force [N] in plane signs."""
+    return _encode_push(stamp_ns, 'base_link', force, (0.0, 0.0))
 
 
-def fill_joy(message: Joy, stamp_ns: int, sticks: Pair) -> None:
-    """Write ``viewer/joy``: forward and rightward, each −1 ... 1, as axes 1 and 2 of ``joy``."""
-    fill_header(message.header, stamp_ns, '')
-    message.axes = [0.0, sticks[0], -sticks[1], 0.0]
+def _encode_push(stamp_ns: int, frame_id: str, force: Pair, torque: Pair) -> bytes:
+    message = new_message(PUSH.type_name)
+    fill_header(message.header, stamp_ns, frame_id)
+    wrench = message.wrench
+    wrench.force.x, wrench.force.y = force[0], -force[1]
+    wrench.torque.y, wrench.torque.x = torque
+    return _encoder(PUSH.type_name)(message)
 
 
 def push_forces(message: WrenchStamped) -> tuple[Pair, Pair]:
     """Return force [N] and torque [N·m] of ``plant/push`` in plane signs."""
     force, torque = message.wrench.force, message.wrench.torque
     return (force.x, -force.y), (torque.y, torque.x)
+
+
+def encode_joy(stamp_ns: int, sticks: Pair) -> bytes:
+    """Return ``viewer/joy``: forward and rightward, each −1 ... 1, as axes 1 and 2 of ``joy``."""
+    message = new_message(GAMEPAD_JOY.type_name)
+    fill_header(message.header, stamp_ns, '')
+    message.axes = [0.0, sticks[0], -sticks[1], 0.0]
+    return _encoder(GAMEPAD_JOY.type_name)(message)
+
+
+def _encode_data(type_name: str, data: object) -> bytes:
+    """Return a message of ``std_msgs`` whose content is its field ``data``."""
+    message = new_message(type_name)
+    message.data = data
+    return _encoder(type_name)(message)

@@ -1,6 +1,6 @@
 """The messages of the devices: the plant's true state (the truth), and the samples of it.
 
-The functions that fill and read messages are like those of
+The functions that encode and decode messages are like those of
 :mod:`ballbot_ros.messages.conversions`.
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Generic, TypeAlias
 
 from ballbot_ros.brick.units import (
@@ -20,12 +21,12 @@ from ballbot_ros.brick.units import (
 )
 from ballbot_ros.messages.conversions import (
     MOTOR_NAMES,
-    ball_position,
-    body_rates,
-    fill_header,
-    motor_angles,
+    NOT_PROVIDED,
+    decode_ball_position,
+    decode_body_rates,
+    decode_motor_angles,
 )
-from ballbot_ros.messages.message_types import Imu, JointState, Range
+from ballbot_ros.messages.layout import MessageLayout, elements
 from ballbot_ros.messages.topics import (
     GYRO_IMU,
     JOINT_STATES,
@@ -35,7 +36,6 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     Topic,
 )
-from ballbot_ros.parameters import SonarParameters
 from ballbot_ros.simulation.devices import (
     ENCODER_DEVICE,
     GYRO_DEVICE,
@@ -62,76 +62,84 @@ class DeviceMessages(Generic[P, Measured, Reading]):
         Returns the measured quantity from a message of `truth`.
     sample : Topic
         The topic of the device's samples.
-    fill : callable
-        Writes the stamp [ns] and the reading of a sample into a message.
+    encoder : callable
+        Returns, for the driver's parameters, the function that encodes the stamp [ns] and the
+        reading of a sample.
     reading : callable
         Returns the reading from a sample. Raises ValueError if no such device can have sent it.
-    describe : callable
-        Writes the constant properties of the device into a message that `fill` completes.
     """
 
     device: Device[P, Measured, Reading]
     truth: Topic
-    measured: Callable[[Any], Measured]
+    measured: Callable[[bytes], Measured]
     sample: Topic
-    fill: Callable[[Any, int, Reading], None]
-    reading: Callable[[Any], Reading]
-    describe: Callable[[Any, P], None] = lambda message, parameters: None
+    encoder: Callable[[P], Callable[[int, Reading], bytes]]
+    reading: Callable[[bytes], Reading]
 
 
-def fill_gyro(message: Imu, stamp_ns: int, counts: tuple[int, int]) -> None:
-    """Write ``gyro``: the readings in rad/s, with their zero-rate offset."""
-    fill_header(message.header, stamp_ns, 'base_link')
-    rate = message.angular_velocity
-    rate.y, rate.x = degrees_to_radians(counts[0]), degrees_to_radians(counts[1])
-    message.orientation_covariance[0] = -1.0  # not provided
-    message.linear_acceleration_covariance[0] = -1.0
+_GYRO = MessageLayout(
+    GYRO_IMU.type_name,
+    ['angular_velocity.y', 'angular_velocity.x'],
+    {
+        'header.frame_id': 'base_link',
+        'orientation_covariance[0]': NOT_PROVIDED,
+        'linear_acceleration_covariance[0]': NOT_PROVIDED,
+    },
+)
+_ENCODERS = MessageLayout(
+    JOINT_STATES.type_name,
+    elements('position', 2),
+    {'name': MOTOR_NAMES, 'position': [0.0] * 2},
+    identity='name',
+)
+_SONAR = MessageLayout(
+    SONAR_RANGE.type_name,
+    ['range', 'field_of_view'],
+    {
+        'header.frame_id': 'sonar',
+        'radiation_type': ULTRASOUND,
+        'min_range': 0.0,
+        'max_range': sonar_cm_to_metres(NO_ECHO_CM - 1),
+    },
+)
 
 
-def gyro_counts(message: Imu) -> tuple[int, int]:
+def encode_gyro(stamp_ns: int, counts: tuple[int, int]) -> bytes:
+    """Return ``gyro``: the readings in rad/s, with their zero-rate offset."""
+    return _GYRO.encode(stamp_ns, degrees_to_radians(counts[0]), degrees_to_radians(counts[1]))
+
+
+def decode_gyro(data: bytes) -> tuple[int, int]:
     """Return the readings [deg/s + offset] of gyros S1 and S2 from ``gyro``."""
-    return radians_to_degrees(message.angular_velocity.y), radians_to_degrees(
-        message.angular_velocity.x
-    )
+    rate_x, rate_y = _GYRO.decode(data)
+    return radians_to_degrees(rate_x), radians_to_degrees(rate_y)
 
 
-def fill_encoders(message: JointState, stamp_ns: int, counts: tuple[int, int]) -> None:
-    """Write ``joint_states``: whole degrees as rad."""
-    fill_header(message.header, stamp_ns, '')
-    message.name = MOTOR_NAMES
-    message.position = [degrees_to_radians(counts[0]), degrees_to_radians(counts[1])]
+def encode_encoders(stamp_ns: int, counts: tuple[int, int]) -> bytes:
+    """Return ``joint_states``: whole degrees as rad."""
+    return _ENCODERS.encode(stamp_ns, degrees_to_radians(counts[0]), degrees_to_radians(counts[1]))
 
 
-def encoder_counts(message: JointState) -> tuple[int, int]:
+def decode_encoders(data: bytes) -> tuple[int, int]:
     """Return the counts [deg] of motors B and C from ``joint_states``.
 
     It raises ValueError if the message has other joints.
     """
-    if message.name != MOTOR_NAMES:
-        raise ValueError(f'joints {message.name}, not {MOTOR_NAMES}')
-    return radians_to_degrees(message.position[0]), radians_to_degrees(message.position[1])
+    angle_x, angle_y = _ENCODERS.decode(data)
+    return radians_to_degrees(angle_x), radians_to_degrees(angle_y)
 
 
-def describe_sonar(message: Range, parameters: SonarParameters) -> None:
-    """Write the sensor's properties to ``sonar``; a single ray has no field of view."""
-    message.radiation_type = ULTRASOUND
-    message.field_of_view = parameters.cone_angle
-    message.min_range = 0.0
-    message.max_range = sonar_cm_to_metres(NO_ECHO_CM - 1)
+def encode_sonar(stamp_ns: int, sonar_cm: int, cone_angle: float = 0.0) -> bytes:
+    """Return ``sonar``; a single ray has no field of view."""
+    return _SONAR.encode(stamp_ns, sonar_cm_to_metres(sonar_cm), cone_angle)
 
 
-def fill_sonar(message: Range, stamp_ns: int, sonar_cm: int) -> None:
-    """Write ``sonar``."""
-    fill_header(message.header, stamp_ns, 'sonar')
-    message.range = sonar_cm_to_metres(sonar_cm)
-
-
-def sonar_range_cm(message: Range) -> int:
+def decode_sonar(data: bytes) -> int:
     """Return the reading [cm] from ``sonar``.
 
     It raises ValueError if the sensor's register can't hold it.
     """
-    reading = metres_to_sonar_cm(message.range)
+    reading = metres_to_sonar_cm(_SONAR.decode(data)[0])
     if not NO_DATA_CM <= reading <= NO_ECHO_CM:
         raise ValueError(f'{reading} cm is not within 0 … {NO_ECHO_CM}')
     return reading
@@ -141,22 +149,28 @@ AnyDeviceMessages: TypeAlias = DeviceMessages[Any, Any, Any]
 """The messages of any device."""
 
 DEVICE_MESSAGES: tuple[AnyDeviceMessages, ...] = (
-    DeviceMessages(GYRO_DEVICE, PLANT_IMU, body_rates, GYRO_IMU, fill_gyro, gyro_counts),
+    DeviceMessages(
+        GYRO_DEVICE,
+        PLANT_IMU,
+        decode_body_rates,
+        GYRO_IMU,
+        lambda parameters: encode_gyro,
+        decode_gyro,
+    ),
     DeviceMessages(
         ENCODER_DEVICE,
         PLANT_JOINT_STATES,
-        motor_angles,
+        decode_motor_angles,
         JOINT_STATES,
-        fill_encoders,
-        encoder_counts,
+        lambda parameters: encode_encoders,
+        decode_encoders,
     ),
     DeviceMessages(
         SONAR_DEVICE,
         PLANT_ODOM,
-        ball_position,
+        decode_ball_position,
         SONAR_RANGE,
-        fill_sonar,
-        sonar_range_cm,
-        describe_sonar,
+        lambda parameters: partial(encode_sonar, cone_angle=parameters.cone_angle),
+        decode_sonar,
     ),
 )

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.brick import DeviceInputs
-from ballbot_ros.messages.conversions import stick_values
+from ballbot_ros.messages.conversions import decode_battery_mv, decode_sticks
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.messages.topics import BATTERY_STATE, GAMEPAD_JOY, Topic
 
@@ -19,18 +18,18 @@ class _Input:
 
     topic: Topic
     field: str
-    read: Callable[[Any], Any]
+    read: Callable[[bytes], Any]
 
 
 _CONTROLLER_INPUTS = (
     *(_Input(each.sample, each.device.field, each.reading) for each in DEVICE_MESSAGES),
-    _Input(GAMEPAD_JOY, 'sticks', stick_values),
-    _Input(BATTERY_STATE, 'battery_mv', lambda message: battery_mv(message.voltage)),
+    _Input(GAMEPAD_JOY, 'sticks', decode_sticks),
+    _Input(BATTERY_STATE, 'battery_mv', decode_battery_mv),
 )
 _TOPIC_OF = {each.field: each.topic for each in _CONTROLLER_INPUTS}
 _TOPICS = tuple(_TOPIC_OF[field] for field in DeviceInputs._fields)
 
-INPUT_READERS: dict[Topic, Callable[[Any], Any]] = {
+INPUT_READERS: dict[Topic, Callable[[bytes], Any]] = {
     each.topic: each.read for each in _CONTROLLER_INPUTS
 }
 """For each topic, the function that reads its messages."""

@@ -1,4 +1,4 @@
-"""Protocols with the fields of the messages that are filled and read here.
+"""Protocols with the fields of the messages that this package fills and reads.
 
 The classes of rclpy and of rosbags have these fields, but neither library declares their types.
 """
@@ -27,12 +27,6 @@ class Stamped(Protocol):
     """A message with a header."""
 
     header: Header
-
-
-class Clock(Protocol):
-    """``rosgraph_msgs/Clock``."""
-
-    clock: Time
 
 
 class Vector3(Protocol):
@@ -101,18 +95,7 @@ class Imu(Stamped, Protocol):
     """``sensor_msgs/Imu``."""
 
     orientation: Quaternion
-    orientation_covariance: MutableSequence[float]
     angular_velocity: Vector3
-    linear_acceleration_covariance: MutableSequence[float]
-
-
-class JointState(Stamped, Protocol):
-    """``sensor_msgs/JointState``."""
-
-    name: list[str]
-    position: Sequence[float]
-    velocity: Sequence[float]
-    effort: Sequence[float]
 
 
 class Odometry(Stamped, Protocol):
@@ -121,31 +104,6 @@ class Odometry(Stamped, Protocol):
     child_frame_id: str
     pose: PoseWithCovariance
     twist: TwistWithCovariance
-
-
-class Range(Stamped, Protocol):
-    """``sensor_msgs/Range``."""
-
-    radiation_type: int
-    field_of_view: float
-    min_range: float
-    max_range: float
-    range: float
-
-
-class BatteryState(Stamped, Protocol):
-    """``sensor_msgs/BatteryState``."""
-
-    voltage: float
-    power_supply_status: int
-    present: bool
-
-
-class Joy(Stamped, Protocol):
-    """``sensor_msgs/Joy``."""
-
-    axes: Sequence[float]
-    buttons: Sequence[int]
 
 
 class MapMetaData(Protocol):

@@ -11,30 +11,22 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.messages.conversions import fill_header
-from ballbot_ros.messages.message_types import Vector3Stamped
-from ballbot_ros.messages.outputs import Output
+from ballbot_ros.messages.layout import MessageLayout
+from ballbot_ros.messages.topics import MOTOR_DUTY
 from ballbot_ros.recording.batch import Batch, Rows
-from ballbot_ros.timing import TICK_NS
 
 FRAME_ID = 'stop'
+
+_LAYOUT = MessageLayout(MOTOR_DUTY.type_name, constants={'header.frame_id': FRAME_ID})
 
 # In CDR, the frame_id follows four bytes of encoding and a stamp of eight bytes.
 _BEGIN = 12
 _ENCODED = struct.pack(f'<I{len(FRAME_ID) + 1}s', len(FRAME_ID) + 1, FRAME_ID.encode())
 
 
-def fill_stop(message: Vector3Stamped, stamp_ns: int) -> None:
-    """Write ``motor_duty``: from `stamp_ns` on the motors are off."""
-    fill_header(message.header, stamp_ns, FRAME_ID)
-    message.vector.x = message.vector.y = 0.0
-
-
-def send_stop(output: Output, last_ns: int) -> None:
-    """Publish that the motors are off from the tick after the last one."""
-    stamp_ns = last_ns + TICK_NS
-    fill_stop(output.message, stamp_ns)
-    output.send(stamp_ns)
+def encode_stop(stamp_ns: int) -> bytes:
+    """Return a motor stop: from `stamp_ns` on the motors are off."""
+    return _LAYOUT.encode(stamp_ns)
 
 
 def is_stop(data: bytes) -> bool:

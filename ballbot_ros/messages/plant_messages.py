@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from ballbot_ros.messages.conversions import (
-    fill_accepted_push,
-    fill_battery,
-    fill_body,
-    fill_clock,
-    fill_header,
-    fill_map,
-    fill_motors,
-    fill_odometry,
+    encode_accepted_push,
+    encode_battery,
+    encode_body,
+    encode_clock,
+    encode_header,
+    encode_map,
+    encode_motors,
+    encode_odometry,
+    encode_wall_hit,
 )
-from ballbot_ros.messages.motor_stop import send_stop
-from ballbot_ros.messages.outputs import MakeOutput
+from ballbot_ros.messages.motor_stop import encode_stop
+from ballbot_ros.messages.outputs import MakeSend
 from ballbot_ros.messages.topics import (
     ACCEPTED_PUSH,
     BATTERY_STATE,
@@ -27,18 +28,18 @@ from ballbot_ros.messages.topics import (
     WALL_HIT,
 )
 from ballbot_ros.plant.ground_truth import GroundTruth, Push
-from ballbot_ros.timing import BATTERY_PERIOD_NS
+from ballbot_ros.timing import BATTERY_PERIOD_NS, TICK_NS
 from ballbot_ros.world.exports import occupancy_grid
 from ballbot_ros.world.world import World
 
 
 class PlantMessages:
-    """Fills and sends the plant's messages.
+    """Encodes and sends the plant's messages.
 
     Parameters
     ----------
     make : callable
-        Creates the output of a topic.
+        Returns the function that sends the messages of a topic.
 
     Attributes
     ----------
@@ -46,37 +47,35 @@ class PlantMessages:
         Height of the ball's centre [m].
     """
 
-    def __init__(self, make: MakeOutput) -> None:
+    def __init__(self, make: MakeSend) -> None:
         self.ball_radius = 0.0
-        self._clock = make(CLOCK)
-        self._run = make(RUN)
-        self._motors = make(PLANT_JOINT_STATES)
-        self._body = make(PLANT_IMU)
-        self._odometry = make(PLANT_ODOM)
-        self._battery = make(BATTERY_STATE)
-        self._wall_hit = make(WALL_HIT)
-        self._accepted_push = make(ACCEPTED_PUSH)
-        self._map = make(MAP)
-        self._duty = make(MOTOR_DUTY)
+        self._battery_sample = b''
+        self._wall_hit = False
+        self._send_clock = make(CLOCK)
+        self._send_run = make(RUN)
+        self._send_motors = make(PLANT_JOINT_STATES)
+        self._send_body = make(PLANT_IMU)
+        self._send_odometry = make(PLANT_ODOM)
+        self._send_battery = make(BATTERY_STATE)
+        self._send_wall_hit = make(WALL_HIT)
+        self._send_accepted_push = make(ACCEPTED_PUSH)
+        self._send_map = make(MAP)
+        self._send_duty = make(MOTOR_DUTY)
 
     def announce(self, start_ns: int, name: str) -> None:
         """Announce a run, so that its participants join it."""
-        fill_header(self._run.message, start_ns, name)
-        self._run.send(start_ns)
+        self._send_run(start_ns, encode_header(start_ns, name))
 
     def begin(self, start_ns: int, world: World | None) -> None:
         """Publish the initial state of a run."""
         if world:
-            fill_map(self._map.message, start_ns, occupancy_grid(world.map))
-            self._map.send(start_ns)
-        self._wall_hit.message.data = False
-        self._wall_hit.send(start_ns)
+            self._send_map(start_ns, encode_map(start_ns, occupancy_grid(world.map)))
+        self._set_wall_hit(start_ns, wall_hit=False)
 
     def push(self, push: Push, number: int) -> None:
         """Publish the start and the end of a push, so that the run can be replayed."""
         for stamp, acts in ((push.start_ns, True), (push.end_ns, False)):
-            fill_accepted_push(self._accepted_push.message, stamp, push, number, acts=acts)
-            self._accepted_push.send(stamp)
+            self._send_accepted_push(stamp, encode_accepted_push(stamp, push, number, acts=acts))
 
     def truth(self, truth: GroundTruth, *, wall_hit: bool, is_resend: bool = False) -> bool:
         """Send the plant's true state at a tick; return whether `wall_hit` has changed.
@@ -85,32 +84,31 @@ class PlantMessages:
         just joined waits for it.
         """
         stamp_ns = truth.stamp_ns
-        fill_clock(self._clock.message, stamp_ns)
-        self._clock.send(stamp_ns)
+        self._send_clock(stamp_ns, encode_clock(stamp_ns))
         # Send the battery sample before the drivers' inputs: it marks the start of the run for the
         # controller.
         if stamp_ns % BATTERY_PERIOD_NS == 0:
-            fill_battery(self._battery.message, truth)
+            self._battery_sample = encode_battery(truth)
         if is_resend or stamp_ns % BATTERY_PERIOD_NS == 0:
-            self._battery.send(stamp_ns)
+            self._send_battery(stamp_ns, self._battery_sample)
         self.send_to_drivers(truth)
-        hit = self._wall_hit.message
-        if hit.data == wall_hit:
+        if self._wall_hit == wall_hit:
             return False
-        hit.data = wall_hit
-        self._wall_hit.send(stamp_ns)
+        self._set_wall_hit(stamp_ns, wall_hit=wall_hit)
         return True
+
+    def _set_wall_hit(self, stamp_ns: int, *, wall_hit: bool) -> None:
+        self._wall_hit = wall_hit
+        self._send_wall_hit(stamp_ns, encode_wall_hit(wall_hit=wall_hit))
 
     def send_to_drivers(self, truth: GroundTruth) -> None:
         """Send the topics that the drivers answer."""
         stamp_ns = truth.stamp_ns
-        fill_body(self._body.message, truth)
-        self._body.send(stamp_ns)
-        fill_motors(self._motors.message, truth)
-        self._motors.send(stamp_ns)
-        fill_odometry(self._odometry.message, truth, self.ball_radius)
-        self._odometry.send(stamp_ns)
+        self._send_body(stamp_ns, encode_body(truth))
+        self._send_motors(stamp_ns, encode_motors(truth))
+        self._send_odometry(stamp_ns, encode_odometry(truth, self.ball_radius))
 
     def stop_motors(self, last_ns: int) -> None:
         """Publish that the motors are off from the tick after the last one."""
-        send_stop(self._duty, last_ns)
+        stamp_ns = last_ns + TICK_NS
+        self._send_duty(stamp_ns, encode_stop(stamp_ns))

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import partial
 from operator import attrgetter
 
 from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.controller.interface import Program
 from ballbot_ros.messages.controller_messages import ControllerMessages
-from ballbot_ros.messages.conversions import fill_sticks
+from ballbot_ros.messages.conversions import encode_sticks
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
-from ballbot_ros.messages.outputs import EncodedOutput, Sink
+from ballbot_ros.messages.outputs import MakeSend
 from ballbot_ros.messages.plant_messages import PlantMessages
 from ballbot_ros.messages.topics import GAMEPAD_JOY
 from ballbot_ros.parameters import ParameterSet, PlantParameters
@@ -29,21 +28,19 @@ class RunMessages:
 
     Parameters
     ----------
-    sink : callable
-        Receives the messages.
+    make : callable
+        Returns the function that sends the messages of a topic.
     parameters : ParameterSet
     """
 
-    def __init__(self, sink: Sink, parameters: ParameterSet) -> None:
-        make = partial(EncodedOutput, sink=sink)
+    def __init__(self, make: MakeSend, parameters: ParameterSet) -> None:
         self._plant = PlantMessages(make)
         self._plant.ball_radius = parameters.of(PlantParameters).ball_radius
         self._devices = []
         for each in DEVICE_MESSAGES:
-            output = make(each.sample)
-            each.describe(output.message, parameters.of(each.device.parameters))
-            self._devices.append((attrgetter(each.device.field), each.fill, output))
-        self._gamepad = make(GAMEPAD_JOY)
+            encode = each.encoder(parameters.of(each.device.parameters))
+            self._devices.append((attrgetter(each.device.field), encode, make(each.sample)))
+        self._send_sticks = make(GAMEPAD_JOY)
         self._controller = ControllerMessages(make)
 
     def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
@@ -69,11 +66,9 @@ class RunMessages:
         self._controller.tick(now_ns, tick.outputs, program)
 
     def _drivers(self, now_ns: int, inputs: DeviceInputs, source: str) -> None:
-        for reading_of, fill, output in self._devices:
+        for reading_of, encode, send in self._devices:
             reading = reading_of(inputs)
             if reading is not None:
-                fill(output.message, now_ns, reading)
-                output.send(now_ns)
+                send(now_ns, encode(now_ns, reading))
         if inputs.sticks is not None:
-            fill_sticks(self._gamepad.message, now_ns, inputs.sticks, source)
-            self._gamepad.send(now_ns)
+            self._send_sticks(now_ns, encode_sticks(now_ns, inputs.sticks, source))

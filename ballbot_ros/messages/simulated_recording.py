@@ -6,12 +6,13 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from ballbot_ros.controller.interface import Program
+from ballbot_ros.messages.outputs import Send
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import Topic
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.plant.ground_truth import GroundTruth, Push
-from ballbot_ros.recording import rosbag2
 from ballbot_ros.recording.attachments import OUTCOME_KEYS, media_type
+from ballbot_ros.recording.rosbag2 import RecordedTopic
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.simulation.closed_loop import Tick
 from ballbot_ros.simulation.run_actions import RunSummary
@@ -38,16 +39,19 @@ class SimulatedRecording:
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
             self._writer.add_attachment(name, media_type(name), data)
-        self._messages = RunMessages(self._write, parameters)
-        self._topics: dict[str, rosbag2.RecordedTopic] = {}
+        self._messages = RunMessages(self._make_send, parameters)
         self._flushed_ns = 0
 
-    def _write(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
-        recorded = self._topics.get(topic.name)
-        if recorded is None:
-            recorded = self._writer.add_topic(topic.resolved(), topic.type_name)
-            self._topics[topic.name] = recorded
-        self._writer.write(recorded, stamp_ns, data, recorded.count + 1)
+    def _make_send(self, topic: Topic) -> Send:
+        recorded: RecordedTopic | None = None
+
+        def send(stamp_ns: int, data: bytes) -> None:
+            nonlocal recorded
+            if recorded is None:
+                recorded = self._writer.add_topic(topic.resolved(), topic.type_name)
+            self._writer.write(recorded, stamp_ns, data, recorded.count + 1)
+
+        return send
 
     def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
         """Write the messages at the start of a run."""

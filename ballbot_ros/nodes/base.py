@@ -61,7 +61,7 @@ def requested_qos(topic: Topic, depth: int) -> QoSProfile:
 
 
 class TopicPublisher:
-    """A topic's publishers and its reusable :class:`ballbot_ros.messages.outputs.Output` message.
+    """The publishers of a topic.
 
     Parameters
     ----------
@@ -71,7 +71,6 @@ class TopicPublisher:
 
     def __init__(self, node: Node, topic: Topic) -> None:
         self._node, self._topic = node, topic
-        self.message = topic.message_class()
         self._make()
 
     def _make(self) -> None:
@@ -90,9 +89,9 @@ class TopicPublisher:
             self._node.destroy_publisher(publisher)
         self._make()
 
-    def send(self, stamp_ns: int) -> None:
-        """Publish the message with its current content."""
-        self.publish(self.message)
+    def send(self, stamp_ns: int, data: bytes) -> None:
+        """Publish a serialised message; a :data:`ballbot_ros.messages.outputs.Send` function."""
+        self.publish(data)
 
     def publish(self, message: object) -> None:
         """Publish a message, serialised or not."""
@@ -175,7 +174,7 @@ class BallbotNode(ParameterNode[P]):
         return self.create_timer(period_s, callback, clock=self._steady)
 
     def output(self, topic: Topic) -> TopicPublisher:
-        """Return the publisher of `topic` with its reusable message."""
+        """Return the publisher of `topic`."""
         output = self._own_outputs[topic] = TopicPublisher(self, topic)
         return output
 

@@ -14,7 +14,7 @@ from ballbot_ros.controller.tasks import TASK_TS1, task_timings
 from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS, with_former_names
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs
-from ballbot_ros.messages.raw import decoder, same_content, stamp_of
+from ballbot_ros.messages.raw import same_content, stamp_of
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     GAMEPAD_JOY,
@@ -67,7 +67,7 @@ class Controller(BallbotNode[ControllerParameters]):
         self._make_program = program_maker(self.parameters)
         self._program = self._make_program()
         self._resends = 0
-        self._messages = ControllerMessages(self.output)
+        self._messages = ControllerMessages(lambda topic: self.output(topic).send)
         self._timers_of_tasks: dict[str, Timer] = {}
         self._set_timers()
         self._participation = Participation(self, self._on_run)
@@ -128,13 +128,13 @@ class Controller(BallbotNode[ControllerParameters]):
         return release
 
     def _input_callback(
-        self, topic: Topic, reader: Callable[[Any], Any]
+        self, topic: Topic, reader: Callable[[bytes], Any]
     ) -> Callable[[bytes], None]:
-        name, decode = topic.name, decoder(topic.type_name)
+        name = topic.name
 
         def receive(data: bytes) -> None:
             try:
-                stamp, reading = stamp_of(data), reader(decode(data))
+                stamp, reading = stamp_of(data), reader(data)
             except NO_SAMPLE:
                 # For example, the joint states of another robot in the same domain.
                 self.warn(f'{name}: ignored a message that no device of the brick can send')

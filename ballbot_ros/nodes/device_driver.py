@@ -6,7 +6,7 @@ import sys
 from functools import partial
 
 from ballbot_ros.messages.devices import DEVICE_MESSAGES, AnyDeviceMessages
-from ballbot_ros.messages.raw import decoder, stamp_of
+from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import DriverParameters
@@ -31,9 +31,8 @@ class DeviceDriver(BallbotNode[P]):
         self._device = self._messages.device
         self._period_ns = self._device.period_ns
         self._read = self._device.make(self.parameters)
-        self._decode = decoder(self._messages.truth.type_name)
         self._output = self.output(self._messages.sample)
-        self._messages.describe(self._output.message, self.parameters)
+        self._encode = self._messages.encoder(self.parameters)
         self._participation = Participation(self, self._on_run)
         self.subscribe(self._messages.truth, self._on_truth, raw=True)
 
@@ -48,19 +47,18 @@ class DeviceDriver(BallbotNode[P]):
 
     def _on_run(self, run: Run) -> None:
         self._read = self._device.make(self.parameters)
-        self._messages.describe(self._output.message, self.parameters)
+        self._encode = self._messages.encoder(self.parameters)
 
     def _on_truth(self, truth: bytes) -> None:
         try:
             now_ns = stamp_of(truth)
             if now_ns % self._period_ns or not self._participation.includes(now_ns):
                 return
-            reading = self._read(self._messages.measured(self._decode(truth)), now_ns)
+            reading = self._read(self._messages.measured(truth), now_ns)
         except NO_SAMPLE as error:
             self.warn_malformed(self._messages.truth, error)
             return
-        self._messages.fill(self._output.message, now_ns, reading)
-        self._output.send(now_ns)
+        self._output.publish(self._encode(now_ns, reading))
         self.count_sample(now_ns)
 
 

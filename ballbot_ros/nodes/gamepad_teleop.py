@@ -11,7 +11,7 @@ from rclpy.subscription import Subscription
 
 from ballbot_ros.brick.bluetooth import PacketError
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.conversions import fill_sticks, log_packet
+from ballbot_ros.messages.conversions import encode_sticks, log_packet
 from ballbot_ros.messages.message_types import Bytes
 from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import (
@@ -117,7 +117,11 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             self._log.begin_run(run.start_ns // MILLISECOND_NS)
 
     def _on_truth(self, truth: bytes) -> None:
-        now_ns = stamp_of(truth)
+        try:
+            now_ns = stamp_of(truth)
+        except ValueError as error:
+            self.warn_malformed(PLANT_JOINT_STATES, error)
+            return
         if now_ns % SLOW_PERIOD_NS == 0 and self._participation.includes(now_ns):
             self._answer(now_ns)
 
@@ -129,8 +133,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             answer = self._answers[now_ns] = self._command
             if len(self._answers) > MAX_KEPT_ANSWERS:
                 del self._answers[next(iter(self._answers))]
-        fill_sticks(self._output.message, now_ns, answer.sticks, answer.source)
-        self._output.send(now_ns)
+        self._output.publish(encode_sticks(now_ns, answer.sticks, answer.source))
         self.count_sample(now_ns)
 
     def _select(self, elapsed_s: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection
+from contextlib import suppress
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -78,7 +79,9 @@ class GraphObserver:
         for name in names:
             if name not in self._subscriptions:
                 self._subscriptions[name] = self._listen(name)
-            found += [(name, stamp_of(data)) for data, _ in drain(self._subscriptions[name])]
+            for data, _ in drain(self._subscriptions[name]):
+                with suppress(ValueError):  # too short for a stamp: from a stranger
+                    found.append((name, stamp_of(data)))
         return found
 
     def _listen(self, name: str) -> Subscription:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import singledispatchmethod
 from typing import TYPE_CHECKING
 
-from ballbot_ros.messages.conversions import fill_header
+from ballbot_ros.messages.conversions import encode_header
 from ballbot_ros.messages.participation import encode_announcement, encode_run_status
 from ballbot_ros.messages.plant_messages import PlantMessages
 from ballbot_ros.messages.run_summary import run_status
@@ -30,7 +30,7 @@ class PlantActions:
 
     def __init__(self, node: PlantSim, wake: OneShotTimer) -> None:
         self._node, self._wake = node, wake
-        self._messages = PlantMessages(node.output)
+        self._messages = PlantMessages(lambda topic: node.output(topic).send)
         self._participants = node.output(PARTICIPANTS)
         self._status = node.output(RUN_STATUS)
         self._roll_call = node.output(ROLL_CALL)
@@ -64,8 +64,7 @@ class PlantActions:
 
     @_carry_out.register
     def _(self, action: do.CallRoll) -> None:
-        fill_header(self._roll_call.message, action.run.start_ns, action.run.name)
-        self._roll_call.send(action.run.start_ns)
+        self._roll_call.publish(encode_header(action.run.start_ns, action.run.name))
         announcement = Announcement(action.plant, action.run.name)
         self._participants.publish(encode_announcement(announcement))
 

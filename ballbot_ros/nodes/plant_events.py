@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from std_srvs.srv import SetBool, Trigger
 
-from ballbot_ros.messages.conversions import duty_values, push_forces, stamp_ns, time_ns
+from ballbot_ros.messages.conversions import decode_duty, push_forces, stamp_ns, time_ns
 from ballbot_ros.messages.message_types import Header, WrenchStamped
 from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.participation import decode_announcement
-from ballbot_ros.messages.raw import decoder, stamp_of
+from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import (
     HISTORY,
     MOTOR_DUTY,
@@ -42,7 +42,6 @@ class PlantEvents:
 
     def __init__(self, node: PlantSim) -> None:
         self._node, self._master = node, node.master
-        self._decode_duty = decoder(MOTOR_DUTY.type_name)
         # Deep enough to receive each of several duties of one tick.
         depth = DEPTH if self._master.is_lockstep else 1
         node.subscribe(MOTOR_DUTY, self._on_duty, depth=depth, raw=True)
@@ -60,10 +59,15 @@ class PlantEvents:
 
     def _on_duty(self, data: bytes) -> None:
         try:
-            duty = duty_values(self._decode_duty(data))
+            stamp_ns = stamp_of(data)
+        except ValueError as error:
+            self._node.warn_malformed(MOTOR_DUTY, error)
+            return
+        try:
+            duty = decode_duty(data)
         except ValueError:
             duty = None
-        self._node.dispatch(self._master.on_duty, stamp_of(data), duty, data, is_stop=is_stop(data))
+        self._node.dispatch(self._master.on_duty, stamp_ns, duty, data, is_stop=is_stop(data))
 
     def _on_ack(self, header: Header) -> None:
         self._node.dispatch(self._master.on_ack, time_ns(header.stamp))

@@ -20,7 +20,7 @@ from rclpy.qos import (
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
-from ballbot_ros.messages.conversions import fill_clock
+from ballbot_ros.messages.conversions import encode_clock
 from ballbot_ros.messages.topics import CLOCK, HISTORY, TOPICS, message_class
 from ballbot_ros.nodes.base import FLUSH_S, BallbotNode, reliable_qos, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
@@ -102,10 +102,8 @@ class Player(BallbotNode[PlayerParameters]):
                 self._outputs[topic].publish(data)
             self.count_sample(stamp_ns)
         if self._made_clock and not self.playback.paused:
-            message = CLOCK.message_class()
             position_ns = round(self.playback.position(now) * 1e9)
-            fill_clock(message, self.playback.first_ns + position_ns)
-            self._made_clock.publish(message)
+            self._made_clock.publish(encode_clock(self.playback.first_ns + position_ns))
         if self.playback.finished:
             self.finish()
 

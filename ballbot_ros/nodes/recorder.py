@@ -14,7 +14,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ballbot_ros.messages.conversions import fill_time, time_ns
+from ballbot_ros.messages.conversions import encode_header, time_ns
 from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.participation import RunStatus, decode_run_status
 from ballbot_ros.messages.raw import decoder, has_stamp, same_content, stamp_of
@@ -128,8 +128,7 @@ class Recorder(BallbotNode[RecorderParameters]):
             self._fail(error)
             return
         if self._ticks.advance():
-            fill_time(self._ack.message.stamp, self._ticks.acked_ns)
-            self._ack.send(self._ticks.acked_ns)
+            self._send_ack()
 
     def _take(self, channel: _Channel, data: bytes, sequence: int) -> None:
         if channel.topic is RUN:
@@ -147,13 +146,20 @@ class Recorder(BallbotNode[RecorderParameters]):
             # that leaves in mid-run sends one, too.
             self._stop = self._stop or (channel.stream, data, sequence)
             return
-        stamp = stamp_of(data) if channel.is_stamped else 0
+        try:
+            stamp = stamp_of(data) if channel.is_stamped else 0
+        except ValueError as error:
+            self.warn_malformed(channel.topic, error)
+            return
         self._gate.take(channel.stream, stamp, data, sequence)
 
     def _repeat_ack(self) -> None:
         """Send the acknowledgement again: the plant may only now have discovered this node."""
         if self._ticks.acked_ns:
-            self._ack.send(self._ticks.acked_ns)
+            self._send_ack()
+
+    def _send_ack(self) -> None:
+        self._ack.publish(encode_header(self._ticks.acked_ns))
 
     def _on_run(self, run: Run) -> None:
         self._write_until(time.time_ns())

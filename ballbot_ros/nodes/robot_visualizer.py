@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import sys
 import time
-from typing import Any
+from collections.abc import Iterable, Mapping
 
-from ballbot_ros.messages.conversions import map_grid, stamp_ns
+from ballbot_ros.messages.conversions import encode_text, map_grid, stamp_ns
 from ballbot_ros.messages.markers import fill_transform
 from ballbot_ros.messages.topics import (
     LCD,
@@ -65,8 +65,7 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
         self._frames = Frames(dimensions)
         self._markers = RobotMarkers(dimensions, message_class('visualization_msgs/msg/Marker'))
         text = robot_description(dimensions, Bodies.from_parameters(self.parameters))
-        self._description.message.data = text
-        self._description.publish(self._description.message)
+        self._description.publish(encode_text(text))
 
     def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
@@ -101,9 +100,8 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
             if is_whole:
                 self._whole_at = time.monotonic()
             poses = poses_in_map(self._frames.at(snapshot.position, snapshot.psi))
-            message = self._markers_output.message
-            message.markers = self._markers.at(snapshot, poses, whole=is_whole)
-            self._markers_output.publish(message)
+            markers = self._markers.at(snapshot, poses, whole=is_whole)
+            self._markers_output.publish(MARKERS.message_class(markers=markers))
 
     def close(self) -> None:
         """Remove the subscriptions."""
@@ -127,30 +125,28 @@ class Transforms:
     """
 
     def __init__(self, node: AnyNode, frames: dict[str, Transform]) -> None:
-        new_transform = message_class('geometry_msgs/msg/TransformStamped')
-        self._moving = node.output(TF)
-        self._moving.message.transforms = [new_transform() for _ in MOVING]
-        self._fixed = node.output(TF_STATIC)
-        self._fixed.message.transforms = [new_transform()]
+        self._new_message = TF.message_class
+        self._new_transform = message_class('geometry_msgs/msg/TransformStamped')
+        self._moving, self._fixed = node.output(TF), node.output(TF_STATIC)
         self.fix(frames)
 
     def fix(self, frames: dict[str, Transform]) -> None:
         """Publish the fixed frame."""
-        _fill((SONAR,), self._fixed.message, 0, frames)
-        self._fixed.send(0)
+        self._fixed.publish(self._message((SONAR,), 0, frames))
 
     def publish(self, stamp_ns: int, frames: dict[str, Transform]) -> None:
         """Publish the moving frames."""
-        _fill(MOVING, self._moving.message, stamp_ns, frames)
-        self._moving.send(stamp_ns)
+        self._moving.publish(self._message(MOVING, stamp_ns, frames))
 
-
-def _fill(
-    names: tuple[str, ...], message: Any, stamp_ns: int, frames: dict[str, Transform]
-) -> None:
-    for name, each in zip(names, message.transforms, strict=True):
-        pose = (part.tolist() for part in frames[name])
-        fill_transform(each, stamp_ns, PARENTS[name], name, *pose)
+    def _message(
+        self, names: Iterable[str], stamp_ns: int, frames: Mapping[str, Transform]
+    ) -> object:
+        transforms = []
+        for name in names:
+            transforms.append(self._new_transform())
+            pose = (part.tolist() for part in frames[name])
+            fill_transform(transforms[-1], stamp_ns, PARENTS[name], name, *pose)
+        return self._new_message(transforms=transforms)
 
 
 def main() -> None:

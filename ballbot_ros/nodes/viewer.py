@@ -6,7 +6,7 @@ import sys
 import time
 from dataclasses import fields
 
-from ballbot_ros.messages.conversions import fill_joy, map_grid, stamp_ns, tone_of
+from ballbot_ros.messages.conversions import encode_joy, map_grid, stamp_ns, tone_of
 from ballbot_ros.messages.message_types import OccupancyGridMessage
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
@@ -164,8 +164,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         """Publish the on-screen sticks while they are held, and once after their release."""
         sticks = self._controls.drive(time.monotonic())
         if sticks is not None or self._is_driving:
-            fill_joy(self._joy.message, self.now_ns, sticks or (0.0, 0.0))
-            self._joy.send(self.now_ns)
+            self._joy.publish(encode_joy(self.now_ns, sticks or (0.0, 0.0)))
         self._is_driving = sticks is not None
 
     def close(self) -> None:

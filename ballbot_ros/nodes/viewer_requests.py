@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
-from ballbot_ros.messages.conversions import fill_push
+from ballbot_ros.messages.conversions import encode_push
 from ballbot_ros.messages.topics import PUSH, RUN
 from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.graph_observer import UNKNOWN_NODE
@@ -126,8 +126,7 @@ class ViewerRequests:
         """Push the body with a force [N] in plane signs."""
 
         def publish() -> None:
-            fill_push(self._push.message, self._node.now_ns, force)
-            self._push.send(self._node.now_ns)
+            self._push.publish(encode_push(self._node.now_ns, force))
 
         self._waiting.put(publish)
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
-from mcap.writer import Writer
 
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.mcap_writer import McapWriter
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.rosbag2 import (
     METADATA_NAME,
@@ -76,15 +76,12 @@ class RecordingWriter:
         with suppress(OSError):  # Some network file systems do not support locks.
             fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._open = True
-        self._writer = Writer(self._stream, chunk_size, enable_data_crcs=True)
         self._schemas: dict[str, int] = {}
         self._copied: dict[tuple[str, str, bytes], int] = {}
         self._topics: dict[int, RecordedTopic] = {}
-        self._oldest_ns = 2**63
-        self._newest_ns = -1
         with self._writing():
-            self._writer.start(Profile.ROS2, library='ballbot_ros')
-            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer = McapWriter(self._stream, Profile.ROS2, 'ballbot_ros', chunk_size)
+            self._writer.flush()
 
     def __enter__(self) -> RecordingWriter:
         return self
@@ -137,10 +134,10 @@ class RecordingWriter:
             )
         with self._writing():
             if type_name not in self._schemas:
-                self._schemas[type_name] = self._writer.register_schema(
+                self._schemas[type_name] = self._writer.add_schema(
                     type_name, SchemaEncoding.ROS2, definition.text.encode()
                 )
-            channel = self._writer.register_channel(
+            channel = self._writer.add_channel(
                 name,
                 MessageEncoding.CDR,
                 self._schemas[type_name],
@@ -173,8 +170,8 @@ class RecordingWriter:
         with self._writing():
             key = (name, encoding, text)
             if definition and key not in self._copied:
-                self._copied[key] = self._writer.register_schema(name, encoding, text)
-            number = self._writer.register_channel(
+                self._copied[key] = self._writer.add_schema(name, encoding, text)
+            number = self._writer.add_channel(
                 channel.topic,
                 channel.message_encoding,
                 self._copied[key] if definition else 0,
@@ -227,15 +224,11 @@ class RecordingWriter:
         except OSError as error:
             raise self._failure(error) from None
         topic.count += 1
-        if stamp_ns < self._oldest_ns:
-            self._oldest_ns = stamp_ns
-        if stamp_ns > self._newest_ns:
-            self._newest_ns = stamp_ns
 
     def flush(self) -> None:
         """Pass all messages to the operating system, so that killing this process loses none."""
         with self._writing():
-            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer.flush()
 
     def add_attachment(
         self, name: str, media_type: str, data: bytes, create_ns: int = 0, log_ns: int = 0
@@ -269,11 +262,11 @@ class RecordingWriter:
             return
         self.flush()
         name = os.fsencode(self.path.name).decode(errors='replace')
-        times = TimeRange(self._oldest_ns, self._newest_ns) if self._newest_ns >= 0 else None
+        times = TimeRange(*self._writer.times_ns) if self._writer.times_ns else None
         description = serialized_metadata(name, self._topics.values(), times)
         self.add_metadata(METADATA_NAME, {'serialized_metadata': description})
         with self._writing():
-            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._writer.finish()
             is_in_place = self._is_in_place()
             self._stream.close()
         self._open = False

@@ -6,7 +6,7 @@ import struct
 import pytest
 
 from ballbot_ros.analysis.message_comparison import MessageComparator, first_difference
-from ballbot_ros.messages.conversions import fill_duty
+from ballbot_ros.messages.conversions import encode_duty
 from ballbot_ros.messages.topics import LCD, MOTOR_DUTY, SONAR_RANGE
 from ballbot_ros.recording.encoding import encoder, new_message
 
@@ -14,9 +14,7 @@ TICK = 4_000_000
 
 
 def duty(stamp, x):
-    message = new_message(MOTOR_DUTY.type_name)
-    fill_duty(message, stamp, (x, 0))
-    return encoder(MOTOR_DUTY.type_name)(message)
+    return encode_duty(stamp, (x, 0))
 
 
 def compared(recorded, replayed):

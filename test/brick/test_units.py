@@ -1,7 +1,6 @@
 """Conversions that are exact both ways, and the one way to round."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from ballbot_ros.brick.units import (
     radians_to_degrees,
     sonar_cm_to_metres,
 )
-from ballbot_ros.messages.conversions import fill_sticks, stick_values
 
 INT32 = st.integers(-(2**31), 2**31 - 1)
 
@@ -68,14 +66,6 @@ def test_missing_distances_follow_rep_117():
     assert sonar_cm_to_metres(NO_ECHO_CM) == math.inf
     assert math.isnan(sonar_cm_to_metres(NO_DATA_CM))
     assert sonar_cm_to_metres(254) == 2.54
-
-
-def test_every_stick_value_comes_back_through_a_joy_message():
-    for vertical in range(-128, 128):
-        message = SimpleNamespace(header=SimpleNamespace(stamp=SimpleNamespace()))
-        fill_sticks(message, 0, (vertical, -vertical), '')
-        message.axes = np.array(message.axes, dtype=np.float32).tolist()
-        assert stick_values(message) == (vertical, -vertical)
 
 
 @given(st.floats(0.0, 12.0, width=32))

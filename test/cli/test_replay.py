@@ -15,7 +15,7 @@ from ballbot_ros.analysis.recorded_inputs import read_inputs
 from ballbot_ros.analysis.recording_replay import ReplayResult
 from ballbot_ros.analysis.replayed_controller import ReplayedController
 from ballbot_ros.cli.replay import print_results, replay_recording
-from ballbot_ros.messages.conversions import fill_duty, fill_header, fill_time
+from ballbot_ros.messages.conversions import encode_duty, fill_header, fill_time
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -394,9 +394,7 @@ def test_a_recording_that_was_cut_is_replayed_up_to_the_cut(push, tmp_path, repl
 def _foreign(path):
     with RecordingWriter(path) as writer:
         topic = writer.add_topic('/cmd', DUTY)
-        message = new_message(DUTY)
-        fill_duty(message, 0, (0, 0))
-        writer.write(topic, 0, encoder(DUTY)(message), 1)
+        writer.write(topic, 0, encode_duty(0, (0, 0)), 1)
 
 
 def _bare(path):

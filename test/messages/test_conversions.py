@@ -1,4 +1,4 @@
-"""Messages and plain values: exact both ways, through the encoding, for both message libraries."""
+"""Messages and plain values: exact both ways, as rosbags and rclpy read them."""
 
 import math
 
@@ -15,7 +15,6 @@ from ballbot_ros.messages.raw import decoder, stamp_of
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     BLUETOOTH_TX,
-    GAMEPAD_JOY,
     GYRO_IMU,
     JOINT_STATES,
     MAP,
@@ -25,7 +24,6 @@ from ballbot_ros.messages.topics import (
     PLANT_ODOM,
     SONAR_RANGE,
 )
-from ballbot_ros.parameters import SonarParameters
 from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.world.exports import occupancy_grid
@@ -36,23 +34,17 @@ finite = st.floats(-1e3, 1e3)
 pairs = st.tuples(finite, finite)
 
 
-def through_rosbags(topic, fill, *values):
-    message = new_message(topic.type_name)
-    fill(message, *values)
-    data = encoder(topic.type_name)(message)
-    return decoder(topic.type_name)(data), data
+def by_rosbags(topic, data):
+    return decoder(topic.type_name)(data)
 
 
-def through_rclpy(topic, fill, *values):
+def by_rclpy(topic, data):
     serialization = pytest.importorskip('rclpy.serialization')
-    message = topic.message_class()
-    fill(message, *values)
-    data = serialization.serialize_message(message)
-    return serialization.deserialize_message(data, topic.message_class), data
+    return serialization.deserialize_message(data, topic.message_class)
 
 
-@pytest.fixture(params=[through_rosbags, through_rclpy], scope='module')
-def through(request):
+@pytest.fixture(params=[by_rosbags, by_rclpy], scope='module')
+def read(request):
     return request.param
 
 
@@ -63,78 +55,92 @@ def truth(**values):
 
 
 @given(counts=st.tuples(st.integers(0, 1023), st.integers(0, 1023)))
-def test_gyro_readings_come_back(through, counts):
-    message, data = through(GYRO_IMU, devices.fill_gyro, STAMP, counts)
-    assert devices.gyro_counts(message) == counts
+def test_gyro_readings_come_back(read, counts):
+    data = devices.encode_gyro(STAMP, counts)
+    assert devices.decode_gyro(data) == counts
+    message = read(GYRO_IMU, data)
     assert stamp_of(data) == c.stamp_ns(message) == STAMP
+    assert message.angular_velocity.y == pytest.approx(math.radians(counts[0]))
+    assert message.orientation_covariance[0] == message.linear_acceleration_covariance[0] == -1.0
 
 
 @given(counts=st.tuples(int32, int32))
-def test_encoder_counts_come_back(through, counts):
-    message, _ = through(JOINT_STATES, devices.fill_encoders, STAMP, counts)
-    assert devices.encoder_counts(message) == counts
+def test_encoder_counts_come_back(read, counts):
+    data = devices.encode_encoders(STAMP, counts)
+    assert devices.decode_encoders(data) == counts
+    assert list(read(JOINT_STATES, data).name) == c.MOTOR_NAMES
 
 
-def test_the_joints_of_another_robot_are_refused(through):
-    def fill(message):
-        message.name, message.position = ['left_wheel', 'right_wheel'], [0.0, 0.0]
-
-    message, _ = through(JOINT_STATES, fill)
-    with pytest.raises(ValueError, match='left_wheel'):
-        devices.encoder_counts(message)
+@pytest.mark.parametrize('names', [['left_wheel', 'right_wheel'], ['motor_y', 'motor_x'], []])
+def test_the_joints_of_another_robot_are_refused(names):
+    message = new_message(JOINT_STATES.type_name)
+    message.name, message.position = names, [0.0, 0.0]
+    with pytest.raises(ValueError, match=r'not .*motor_x'):
+        devices.decode_encoders(encoder(JOINT_STATES.type_name)(message))
 
 
 @pytest.mark.parametrize('range_m', [-0.02, 2.56, 1e38])
 def test_a_distance_beyond_the_register_is_refused(range_m):
-    message, _ = through_rosbags(SONAR_RANGE, devices.fill_sonar, STAMP, 0)
+    message = new_message(SONAR_RANGE.type_name)
     message.range = range_m
     with pytest.raises(ValueError, match='not within 0 … 255'):
-        devices.sonar_range_cm(message)
+        devices.decode_sonar(encoder(SONAR_RANGE.type_name)(message))
 
 
-@pytest.mark.parametrize('sonar_cm', range(-1, 256))
-def test_every_sonar_reading_comes_back(sonar_cm):
-    message, _ = through_rosbags(SONAR_RANGE, devices.fill_sonar, STAMP, sonar_cm)
-    assert devices.sonar_range_cm(message) == sonar_cm
+def test_every_sonar_reading_comes_back():
+    readings = range(-1, 256)
+    assert [
+        devices.decode_sonar(devices.encode_sonar(STAMP, sonar_cm, 0.5)) for sonar_cm in readings
+    ] == list(readings)
 
 
-@pytest.mark.parametrize('cone_angle', [0.0, 0.52])
-def test_the_field_of_view_is_the_cone_of_the_driver(through, cone_angle):
-    parameters = SonarParameters(cone_angle=cone_angle)
-    message, _ = through(SONAR_RANGE, devices.describe_sonar, parameters)
-    assert message.field_of_view == pytest.approx(cone_angle)
-    assert message.max_range == pytest.approx(2.54)
+def test_the_field_of_view_is_the_cone_of_the_driver(read):
+    for cone_angle in (0.0, 0.52):
+        message = read(SONAR_RANGE, devices.encode_sonar(STAMP, 10, cone_angle))
+        assert message.field_of_view == pytest.approx(cone_angle)
+        assert message.max_range == pytest.approx(2.54)
 
 
-def test_no_echo_is_infinite_and_no_data_is_not_a_number(through):
-    assert through(SONAR_RANGE, devices.fill_sonar, STAMP, 255)[0].range == math.inf
-    assert math.isnan(through(SONAR_RANGE, devices.fill_sonar, STAMP, -1)[0].range)
+def test_no_echo_is_infinite_and_no_data_is_not_a_number(read):
+    assert read(SONAR_RANGE, devices.encode_sonar(STAMP, 255)).range == math.inf
+    assert math.isnan(read(SONAR_RANGE, devices.encode_sonar(STAMP, -1)).range)
 
 
-@pytest.mark.parametrize('value', range(-128, 128))
-def test_every_stick_value_comes_back(value):
-    message, _ = through_rosbags(GAMEPAD_JOY, c.fill_sticks, STAMP, (value, -value), 'joy')
-    assert c.stick_values(message) == (value, -value)
+@pytest.mark.parametrize('source', ['', 'scenario', 'joy', 'somebody else'])
+def test_every_stick_value_comes_back(source):
+    for value in range(-128, 128):
+        data = c.encode_sticks(STAMP, (value, -value), source)
+        assert c.decode_sticks(data) == (value, -value)
+    assert by_rclpy(c.GAMEPAD_JOY, data).header.frame_id == source
 
 
 @given(duty=st.tuples(st.integers(-100, 100), st.integers(-100, 100)))
-def test_duties_come_back(through, duty):
-    assert c.duty_values(through(MOTOR_DUTY, c.fill_duty, STAMP, duty)[0]) == duty
+def test_duties_come_back(read, duty):
+    data = c.encode_duty(STAMP, duty)
+    assert c.decode_duty(data) == duty
+    vector = read(MOTOR_DUTY, data).vector
+    assert (vector.x, vector.y, vector.z) == (*duty, 0.0)
+
+
+@pytest.mark.parametrize('duty', [(0.5, 0.0), (0.0, 101.0), (math.nan, 0.0), (-101.0, 0.0)])
+def test_a_duty_that_no_motor_has_is_not_a_duty(duty):
+    assert c.decode_duty(c.encode_duty(STAMP, duty)) is None
 
 
 @given(angle=pairs, rate=pairs, torque=pairs)
-def test_motor_truth_comes_back_to_the_bit(through, angle, rate, torque):
-    state = truth(motor_angle=angle, motor_rate=rate, motor_torque=torque)
-    message, _ = through(PLANT_JOINT_STATES, c.fill_motors, state)
-    assert c.motor_angles(message) == angle
+def test_motor_truth_comes_back_to_the_bit(read, angle, rate, torque):
+    data = c.encode_motors(truth(motor_angle=angle, motor_rate=rate, motor_torque=torque))
+    assert c.decode_motor_angles(data) == angle
+    message = read(PLANT_JOINT_STATES, data)
     assert tuple(message.velocity) == rate
     assert tuple(message.effort) == torque
 
 
 @given(psi=st.tuples(st.floats(-1.4, 1.4), st.floats(-1.4, 1.4)), rate=pairs)
-def test_body_truth_comes_back(through, psi, rate):
-    message, _ = through(PLANT_IMU, c.fill_body, truth(psi=psi, psi_rate=rate))
-    assert c.body_rates(message) == rate
+def test_body_truth_comes_back(read, psi, rate):
+    data = c.encode_body(truth(psi=psi, psi_rate=rate))
+    message = read(PLANT_IMU, data)
+    assert c.decode_body_rates(data) == c.body_rates(message) == rate
     assert c.body_pitch(message) == pytest.approx(psi, abs=1e-12)
     q = message.orientation
     assert q.w**2 + q.x**2 + q.y**2 + q.z**2 == pytest.approx(1.0)
@@ -144,44 +150,46 @@ def test_body_truth_comes_back(through, psi, rate):
 
 
 @given(position=pairs, velocity=pairs)
-def test_plane_y_is_minus_y_of_the_map(through, position, velocity):
-    state = truth(position=position, velocity=velocity)
-    message, _ = through(PLANT_ODOM, c.fill_odometry, state, 0.026)
-    assert c.ball_position(message) == position
+def test_plane_y_is_minus_y_of_the_map(read, position, velocity):
+    data = c.encode_odometry(truth(position=position, velocity=velocity), 0.026)
+    message = read(PLANT_ODOM, data)
+    assert c.decode_ball_position(data) == c.ball_position(message) == position
     assert message.pose.pose.position.y == -position[1]
     assert message.twist.twist.linear.x == velocity[0]
     assert message.twist.twist.linear.y == -velocity[1]
     assert message.pose.pose.position.z == 0.026
 
 
-def test_a_map_comes_back_as_its_grid(through):
+def test_a_map_comes_back_as_its_grid(read):
     grid = occupancy_grid(drawn('.#-', '##.'))
-    message, _ = through(MAP, c.fill_map, STAMP, grid)
-    back = c.map_grid(message)
+    back = c.map_grid(read(MAP, c.encode_map(STAMP, grid)))
     assert back[:2] == grid[:2]
     assert back.resolution == pytest.approx(grid.resolution)
     assert back.origin == grid.origin
     np.testing.assert_array_equal(back.cells, grid.cells)
 
 
-def test_a_rightward_push_in_the_map_is_positive_on_plane_y():
+def test_a_rightward_push_in_the_map_is_positive_on_plane_y(read):
     message = new_message('geometry_msgs/msg/WrenchStamped')
     message.wrench.force.x, message.wrench.force.y = 2.0, -3.0
     message.wrench.torque.y, message.wrench.torque.x = 0.4, 0.5
     assert c.push_forces(message) == ((2.0, 3.0), (0.4, 0.5))
+    assert c.push_forces(read(c.PUSH, c.encode_push(STAMP, (2.0, 3.0)))) == ((2.0, 3.0), (0, 0))
 
 
 @given(mv=st.integers(1000, 12000))
-def test_the_battery_voltage_is_exact_in_single_precision(mv):
+def test_the_battery_voltage_is_exact_in_single_precision(read, mv):
     volts = float(np.float32(mv / 1000))
-    message, _ = through_rosbags(BATTERY_STATE, c.fill_battery, truth(battery_voltage=volts))
+    data = c.encode_battery(truth(battery_voltage=volts))
+    message = read(BATTERY_STATE, data)
     assert message.voltage == volts
+    assert math.isnan(message.charge)
+    assert message.present
 
 
-def test_a_log_packet_travels_as_its_32_bytes(through):
+def test_a_log_packet_travels_as_its_32_bytes(read):
     packet = LogPacket(1234, 0, 0, 8005, 0, -5, 7, -100, 100, 0, 0, 255)
-    message, _ = through(BLUETOOTH_TX, c.fill_log, packet)
-    assert LogPacket.decode(bytes(message.data)) == packet
+    assert c.log_packet(read(BLUETOOTH_TX, c.encode_log(packet))) == packet
 
 
 @pytest.mark.parametrize('data', [b'', b'\0\1\0\0', bytes(11)])

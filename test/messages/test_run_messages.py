@@ -32,7 +32,9 @@ def loop():
 def sent(loop):
     """Return the topics by stamp, in the order of their messages."""
     found = defaultdict(list)
-    messages = RunMessages(lambda topic, stamp, data: found[stamp].append(topic), ParameterSet())
+    messages = RunMessages(
+        lambda topic: lambda stamp, data: found[stamp].append(topic), ParameterSet()
+    )
     start = loop.plant.time_ns
     messages.begin(start, None, [Push(start + 1, start + 2, (1.0, 0.0), (0.0, 0.0))])
     assert [found.pop(start), found.pop(start + 1), found.pop(start + 2)] == [

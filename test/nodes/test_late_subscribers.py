@@ -12,7 +12,7 @@ from graph import NODES, await_recording
 from ros_client import Client
 from std_srvs.srv import Trigger
 
-from ballbot_ros.messages.conversions import fill_clock
+from ballbot_ros.messages.conversions import encode_clock, encode_wall_hit
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CLOCK,
@@ -82,17 +82,15 @@ def test_changes_while_the_recorder_is_stopped_are_recorded(start_node, client, 
     )
     watched = (CLOCK.name, WALL_HIT.name, WALL_HIT.history.name, LCD.name)
     client.spin_until(lambda: all(client.node.count_subscribers(name) for name in watched))
-    fill_clock(clock.message, 1_000_000_000)
 
     def is_recorded():
-        clock.send(0)
+        clock.publish(encode_clock(1_000_000_000))
         return client.node.count_publishers('/diagnostics') and path.exists()
 
     client.spin_until(is_recorded)
     os.kill(recorder.process.pid, signal.SIGSTOP)
     for number in range(10):
-        hit.message.data = number % 2 == 0
-        hit.send(0)
+        hit.publish(encode_wall_hit(wall_hit=number % 2 == 0))
         lcd.publish(LCD.message_class(data=f'page {number}'))
     os.kill(recorder.process.pid, signal.SIGCONT)
     await_recording(path, f'/{LCD.name}', 10)

@@ -24,7 +24,6 @@ from sensor_msgs.msg import JointState, Joy  # noqa: E402
 from ballbot_ros.messages.conversions import (  # noqa: E402
     ball_position,
     stamp_ns,
-    stick_values,
 )
 from ballbot_ros.messages.topics import (  # noqa: E402
     DIAGNOSTICS,
@@ -56,6 +55,12 @@ from ballbot_ros.timing import (  # noqa: E402
 pytestmark = pytest.mark.graph
 
 PERIOD_S = 0.05
+
+
+def sticks_of(message):
+    """Return the sticks in a message of `gamepad`, as integers."""
+    return tuple(round(axis * 100.0) for axis in message.axes)
+
 
 JOYSTICK = f"""
 import rclpy
@@ -92,7 +97,7 @@ class Driver(Client):
 
     @property
     def sticks(self):
-        return stick_values(self.newest[GAMEPAD_JOY.name])
+        return sticks_of(self.newest[GAMEPAD_JOY.name])
 
     @property
     def source(self):
@@ -259,7 +264,7 @@ def test_a_repeated_request_for_a_tick_gets_the_same_sticks(domain, start_node):
             while stamp not in map(stamp_ns, answers):
                 plant.publish(JointState(header=header(stamp)))
                 client.executor.spin_once(timeout_sec=0.1)
-            return stick_values(answers[-1])
+            return sticks_of(answers[-1])
 
         stamps = itertools.count(FIRST_TICK_NS, SLOW_PERIOD_NS)
         asked = deque(maxlen=MAX_LEAD_TICKS * TICK_NS // SLOW_PERIOD_NS + 1)
@@ -300,8 +305,8 @@ def test_the_recorded_sticks_give_the_same_duties_again(domain, start_run, tmp_p
         stamps = [stamp for _, stamp, _ in reader.messages({'/joy'})]
     assert 1e9 <= min(stamps) <= max(stamps) <= 6e9
     assert 'joy' in {message.header.frame_id for _, _, message in messages}
-    assert len({stick_values(message) for _, _, message in messages}) > 20
-    sticks = {stamp - 1_000_000_000: stick_values(message) for _, stamp, message in messages}
+    assert len({sticks_of(message) for _, _, message in messages}) > 20
+    sticks = {stamp - 1_000_000_000: sticks_of(message) for _, stamp, message in messages}
 
     parameters = ParameterSet()
     parameters.update(load_scenario('stationary').parameters)

@@ -1,0 +1,263 @@
+"""A writer of MCAP files: the same bytes as the package mcap's, in a fifth of the time.
+
+A run without ROS records half a million messages a minute, and the package's writer took more time
+than everything else together. Messages are packed into their chunk at once here; all other records
+are the package's.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from array import array
+from collections import Counter
+from typing import BinaryIO
+
+import numpy as np
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+from mcap.writer import MCAP0_MAGIC
+
+_MESSAGE = struct.Struct('<BQHIQQ')
+"""Opcode and length of a message record, then channel, sequence, log time and publish time."""
+
+_MESSAGE_CODE = int(Opcode.MESSAGE)
+_MESSAGE_FIELDS = _MESSAGE.size - struct.calcsize('<BQ')
+_MESSAGE_INDEX = struct.Struct('<BQHI')
+"""Opcode and length of a message index, then channel and length of its entries."""
+
+_FOOTER = struct.Struct('<BQQQ')
+_FOOTER_LENGTH = 8 + 8 + 4
+
+
+class McapWriter:
+    """Writes an MCAP file with zstd chunks, all indexes and all checksums.
+
+    Parameters
+    ----------
+    stream : file object
+        Open for writing bytes, at its beginning.
+    profile, library : str
+        The contents of the header.
+    chunk_size : int
+        Uncompressed size above which a chunk is written [byte].
+
+    Attributes
+    ----------
+    times_ns : tuple of int or None
+        The first and the last log time in the written chunks [ns]; None before the first chunk.
+    """
+
+    def __init__(self, stream: BinaryIO, profile: str, library: str, chunk_size: int) -> None:
+        self._stream = stream
+        self._chunk_size = chunk_size
+        self.times_ns: tuple[int, int] | None = None
+        self._crc = 0
+        self._schemas: list[Schema] = []
+        self._channels: list[Channel] = []
+        self._counts: Counter[int] = Counter()
+        self._chunk_indexes: list[ChunkIndex] = []
+        self._attachment_indexes: list[AttachmentIndex] = []
+        self._metadata_indexes: list[MetadataIndex] = []
+        self._begin_chunk()
+        self._write(MCAP0_MAGIC + _encode(Header(profile, library)))
+
+    def _begin_chunk(self) -> None:
+        self._parts: list[bytes] = []
+        self._size = 0
+        self._entries: dict[int, array[int]] = {}
+        """Log time and offset of each message in the chunk, in turn, by channel."""
+
+    def _write(self, data: bytes) -> None:
+        self._crc = zlib.crc32(data, self._crc)
+        self._stream.write(data)
+
+    def add_schema(self, name: str, encoding: str, data: bytes) -> int:
+        """Add a schema, and return its number."""
+        schema = Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
+        self._schemas.append(schema)
+        self._add(_encode(schema))
+        return schema.id
+
+    def add_channel(self, topic: str, encoding: str, schema: int, metadata: dict[str, str]) -> int:
+        """Add a channel, and return its number; `schema` is 0 if it has none."""
+        channel = Channel(
+            id=len(self._channels) + 1,
+            topic=topic,
+            message_encoding=encoding,
+            schema_id=schema,
+            metadata=metadata,
+        )
+        self._channels.append(channel)
+        self._add(_encode(channel))
+        return channel.id
+
+    def _add(self, record: bytes) -> None:
+        self._parts.append(record)
+        self._size += len(record)
+        self._end_full_chunk()
+
+    def add_message(
+        self, channel: int, log_ns: int, data: bytes, publish_ns: int, sequence: int
+    ) -> None:
+        """Add a message; its channel, times [ns] and sequence number must be in range."""
+        length = _MESSAGE_FIELDS + len(data)
+        fields = _MESSAGE.pack(_MESSAGE_CODE, length, channel, sequence, log_ns, publish_ns)
+        entries = self._entries.get(channel)
+        if entries is None:
+            entries = self._entries[channel] = array('Q')
+        entries.append(log_ns)
+        entries.append(self._size)
+        self._parts += (fields, data)
+        self._size += _MESSAGE.size + len(data)
+        if self._size > self._chunk_size:
+            self._end_full_chunk()
+
+    def _end_full_chunk(self) -> None:
+        if self._size > self._chunk_size:
+            self._end_chunk()
+
+    def add_attachment(
+        self, create_ns: int, log_ns: int, name: str, media_type: str, data: bytes
+    ) -> None:
+        """Attach a file."""
+        record = _encode(
+            Attachment(
+                create_time=create_ns, log_time=log_ns, name=name, media_type=media_type, data=data
+            )
+        )
+        self._attachment_indexes.append(
+            AttachmentIndex(
+                offset=self._stream.tell(),
+                length=len(record),
+                create_time=create_ns,
+                log_time=log_ns,
+                data_size=len(data),
+                name=name,
+                media_type=media_type,
+            )
+        )
+        self._write(record)
+
+    def add_metadata(self, name: str, metadata: dict[str, str]) -> None:
+        """Add a metadata record."""
+        record = _encode(Metadata(name=name, metadata=metadata))
+        offset = self._stream.tell()
+        self._metadata_indexes.append(MetadataIndex(offset=offset, length=len(record), name=name))
+        self._write(record)
+
+    def _end_chunk(self) -> None:
+        """Write the chunk, and begin another one; keep a chunk that has no messages."""
+        if not self._entries:
+            return
+        data = b''.join(self._parts)
+        times = [entries[::2] for entries in self._entries.values()]
+        chunk = Chunk(
+            compression='zstd',
+            data=zstandard.compress(data),
+            message_start_time=min(map(min, times)),
+            message_end_time=max(map(max, times)),
+            uncompressed_crc=zlib.crc32(data),
+            uncompressed_size=len(data),
+        )
+        record, begin = _encode(chunk), self._stream.tell()
+        offsets, indexes, size = {}, [], 0
+        for channel, entries in self._entries.items():
+            self._counts[channel] += len(entries) // 2
+            offsets[channel] = begin + len(record) + size
+            indexes.append(_encode_index(channel, entries))
+            size += len(indexes[-1])
+        self._write(record + b''.join(indexes))
+        first, last = chunk.message_start_time, chunk.message_end_time
+        before = self.times_ns or (first, last)
+        self.times_ns = min(first, before[0]), max(last, before[1])
+        self._chunk_indexes.append(
+            ChunkIndex(
+                message_start_time=chunk.message_start_time,
+                message_end_time=chunk.message_end_time,
+                chunk_start_offset=begin,
+                chunk_length=len(record),
+                message_index_offsets=offsets,
+                message_index_length=size,
+                compression=chunk.compression,
+                compressed_size=len(chunk.data),
+                uncompressed_size=len(data),
+            )
+        )
+        self._begin_chunk()
+
+    def flush(self) -> None:
+        """End the chunk, and pass everything to the operating system."""
+        self._end_chunk()
+        self._stream.flush()
+
+    def finish(self) -> None:
+        """Write the end of the file; the stream stays open."""
+        self._end_chunk()
+        self._write(_encode(DataEnd(self._crc)))
+        statistics = Statistics(
+            attachment_count=len(self._attachment_indexes),
+            channel_count=len(self._channels),
+            channel_message_counts=self._counts,
+            chunk_count=len(self._chunk_indexes),
+            message_count=self._counts.total(),
+            metadata_count=len(self._metadata_indexes),
+            message_start_time=self.times_ns[0] if self.times_ns else 0,
+            message_end_time=self.times_ns[1] if self.times_ns else 0,
+            schema_count=len(self._schemas),
+        )
+        begin, groups, offsets = self._stream.tell(), b'', b''
+        for opcode, records in (
+            (Opcode.SCHEMA, self._schemas),
+            (Opcode.CHANNEL, self._channels),
+            (Opcode.STATISTICS, [statistics]),
+            (Opcode.CHUNK_INDEX, self._chunk_indexes),
+            (Opcode.ATTACHMENT_INDEX, self._attachment_indexes),
+            (Opcode.METADATA_INDEX, self._metadata_indexes),
+        ):
+            group = b''.join(map(_encode, records))
+            offsets += _encode(
+                SummaryOffset(
+                    group_opcode=opcode, group_start=begin + len(groups), group_length=len(group)
+                )
+            )
+            groups += group
+        offset_begin = begin + len(groups)
+        footer = _FOOTER.pack(Opcode.FOOTER, _FOOTER_LENGTH, begin, offset_begin)
+        self._stream.write(groups + offsets)
+        crc = zlib.crc32(groups + offsets + footer)
+        self._stream.write(
+            _encode(Footer(summary_start=begin, summary_offset_start=offset_begin, summary_crc=crc))
+            + MCAP0_MAGIC
+        )
+
+
+def _encode(record: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    record.write(builder)
+    data: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return data
+
+
+def _encode_index(channel: int, entries: array[int]) -> bytes:
+    """Return a message index: the log time and offset of each message of a channel."""
+    data = np.asarray(entries, '<u8').tobytes()
+    length = _MESSAGE_INDEX.size - struct.calcsize('<BQ') + len(data)
+    return _MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, length, channel, len(data)) + data
