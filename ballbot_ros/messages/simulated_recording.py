@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import cache
 from pathlib import Path
 
 from ballbot_ros.controller.interface import Program
@@ -39,7 +40,8 @@ class SimulatedRecording:
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
             self._writer.add_attachment(name, media_type(name), data)
-        self._messages = RunMessages(self._make_send, parameters)
+        # Cached, because plant and controller share the topic of the duties.
+        self._messages = RunMessages(cache(self._make_send), parameters)
         self._flushed_ns = 0
 
     def _make_send(self, topic: Topic) -> Send:
