@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from ballbot_ros.nodes.processes import children, threads_by_process
+from ballbot_ros.nodes.processes import descendants, threads_by_process
 from ballbot_ros.parameters import NODES
 from ballbot_ros.simulation.silence_timer import MAX_POLL_GAP_S, Threads, available_s
 
@@ -144,7 +144,7 @@ class Program:
     def nodes(self) -> dict[str, int]:
         """Return the process ids of the nodes that it has started, by name."""
         found = {}
-        for child in children(self.pid):
+        for child in descendants(self.pid):
             with suppress(OSError):
                 words = Path(f'/proc/{child}/cmdline').read_text().split('\0')
                 found.update({name: child for name in NODES if name in words})

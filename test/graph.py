@@ -135,7 +135,7 @@ def alive(pid):
 def children(pid):
     """Return the node processes of a run: pid by name."""
     found = {}
-    for child in processes.children(pid):
+    for child in processes.descendants(pid):
         with contextlib.suppress(OSError):
             for word in Path(f'/proc/{child}/cmdline').read_bytes().split(b'\0'):
                 name = word.decode()

@@ -15,6 +15,7 @@ from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.supervisor import Supervisor
 from ballbot_ros.parameters import VIEWER, ParameterSet, ViewerParameters
 from ballbot_ros.parameters.files import write_parameter_file
+from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.graph import ros
 from ballbot_ros.run.node_process import NodeProcess, stop_all
 from ballbot_ros.run.node_thread import NodeThread
@@ -84,7 +85,8 @@ class ViewerSession:
             folder = stack.enter_context(temporary_folder())
             parameter_file = Path(folder) / 'parameters.yaml'
             write_parameter_file(parameter_file, _address(self._parameters), [VIEWER])
-            self._viewer = NodeProcess(VIEWER, parameter_file, self._print)
+            client = stack.enter_context(ForkClient())
+            self._viewer = NodeProcess(client, VIEWER, parameter_file, self._print)
             stack.callback(stop_all, [self._viewer], last='')
             self._supervisor = Supervisor(self._reference)
             stack.callback(NodeThread(self._supervisor).close)

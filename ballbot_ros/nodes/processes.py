@@ -17,7 +17,7 @@ END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 
 _PR_SET_PDEATHSIG = 1
 _PROC = Path('/proc')
-_RUNNABLE, _WAITING, _ZOMBIE = 'R', 'SD', 'Z'
+_RUNNABLE, _WAITING, _ZOMBIE = 'R', ('S', 'D'), 'Z'
 
 
 def end_with_parent() -> bool:
@@ -56,13 +56,23 @@ def threads_of(process: int) -> Threads:
     return found
 
 
+def is_alive(process: int) -> bool:
+    """Return whether a process runs, also if it is stopped."""
+    return _state(process) not in ('', _ZOMBIE)
+
+
 def is_waiting(process: int) -> bool:
     """Return whether the main thread of a process waits; that of a stopped process does not."""
+    return _state(process) in _WAITING
+
+
+def _state(process: int) -> str:
+    """Return the letter of a process's state; '' if it is gone."""
     try:
         stat = (_PROC / str(process) / 'stat').read_text()
     except OSError:
-        return False
-    return stat.rpartition(')')[2].split()[0] in _WAITING
+        return ''
+    return stat.rpartition(')')[2].split()[0]
 
 
 def threads_by_process(processes: Iterable[int]) -> dict[int, Threads]:
@@ -84,6 +94,12 @@ def children(parent: int) -> list[int]:
         if int(fields[1]) == parent:
             found.append(int(entry.name))
     return found
+
+
+def descendants(ancestor: int) -> list[int]:
+    """Return the children of a process, and theirs, and so on."""
+    found = children(ancestor)
+    return found + [each for child in found for each in descendants(child)]
 
 
 class LocalProcessObserver:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from ballbot_ros.parameters import (
@@ -49,17 +50,21 @@ class NodeEntry:
     @property
     def maker(self) -> Callable[[NodeParameters | None], AnyNode]:
         """Function that creates the node, with given parameter values or those from ROS."""
-        make: Callable[[NodeParameters | None], AnyNode] = self._load(self.class_name)
+        make: Callable[[NodeParameters | None], AnyNode] = self._get(self.class_name)
         return make
 
     @property
     def main(self) -> Callable[[], None]:
         """Function that runs the node as a program."""
-        main: Callable[[], None] = self._load('main')
+        main: Callable[[], None] = self._get('main')
         return main
 
-    def _load(self, name: str) -> Any:
-        found = getattr(import_module(f'ballbot_ros.nodes.{self.module}'), name)
+    def load(self) -> ModuleType:
+        """Import the module."""
+        return import_module(f'ballbot_ros.nodes.{self.module}')
+
+    def _get(self, name: str) -> Any:
+        found = getattr(self.load(), name)
         return partial(found, self.parameters) if self.serves_several else found
 
 

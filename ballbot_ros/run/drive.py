@@ -24,6 +24,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.parameters.files import write_parameter_file
+from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.graph import graph_parameters, ros
 from ballbot_ros.run.node_process import NodeProcess, stop_all
 from ballbot_ros.run.node_thread import NodeThread
@@ -159,7 +160,7 @@ def _run_graph(
     parameter_file = scratch / 'parameters.yaml'
     write_parameter_file(parameter_file, parameters, ALL_NODES)
     processes: dict[str, NodeProcess] = {}
-    with StopRequest() as stop, ros('INFO'), PlantMonitor() as monitor:
+    with StopRequest() as stop, ForkClient() as client, ros('INFO'), PlantMonitor() as monitor:
         gamepad = GamepadTeleop(parameters.of(GamepadParameters))
         thread = NodeThread(gamepad)
         if no_keyboard:
@@ -171,7 +172,7 @@ def _run_graph(
             return bool(stop.signal or gamepad.finished or (terminal and terminal.is_closed))
 
         try:
-            start_nodes(names, parameter_file, observer.notice, processes)
+            start_nodes(client, names, parameter_file, observer.notice, processes)
             failure = watch(processes, monitor, observer, should_stop)
         finally:
             # The gamepad answers until the end, so that log and recording have the same packets.

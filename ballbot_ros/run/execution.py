@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 
 from ballbot_ros.analysis.figures import draw_motion
 from ballbot_ros.analysis.metrics import judge, measure
 from ballbot_ros.files import temporary_folder
+from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.observer import LogObserver, RunObserver
 from ballbot_ros.run.output_folder import output_files
 from ballbot_ros.run.requirements import require_rclpy
@@ -70,16 +71,19 @@ def _carry_out(
         from ballbot_ros.run.offline import run_offline
 
         return run_offline(spec, recording, observer)
-    require_rclpy(', or use --processes none')
-    with temporary_folder() as folder:
+    with temporary_folder() as folder, ExitStack() as stack:
         scratch = Path(folder)
+        if spec.processes is Processes.SEPARATE:
+            # Start it now: it imports the nodes while this process imports what it needs itself.
+            client = stack.enter_context(ForkClient())
+        require_rclpy(', or use --processes none')
         if spec.processes is Processes.ONE:
             from ballbot_ros.run.one_process import run_in_one_process
 
             return run_in_one_process(spec, recording, scratch, observer)
         from ballbot_ros.run.separate_processes import run_in_separate_processes
 
-        return run_in_separate_processes(spec, recording, scratch, observer, is_replaced)
+        return run_in_separate_processes(client, spec, recording, scratch, observer, is_replaced)
 
 
 def _with_metrics(spec: RunSpec, world: World | None, result: RunResult) -> RunResult:

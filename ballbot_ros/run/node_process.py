@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
 
-from ballbot_ros.nodes.domain_lock import LOCK_FD_ENV, DomainLock
-from ballbot_ros.nodes.processes import END_WITH_PARENT, threads_by_process
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.domain_lock import DomainLock
+from ballbot_ros.nodes.fork_server import NodeRequest
+from ballbot_ros.nodes.processes import threads_by_process
+from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.simulation.silence_timer import SilenceTimer
 
 GRACE_S = 1.5
@@ -32,6 +33,8 @@ class NodeProcess:
 
     Parameters
     ----------
+    client : ForkClient
+        Forks the node.
     name : str
         The node.
     parameter_file : Path
@@ -39,64 +42,65 @@ class NodeProcess:
         Receives each line of the node's output.
     lock : DomainLock or None
         The lock of the ROS domain, passed on to a plant; None for any other node.
+
+    Attributes
+    ----------
+    name : str
+    pid : int
     """
 
     def __init__(
         self,
+        client: ForkClient,
         name: str,
         parameter_file: Path,
         notice: Callable[[str], None],
         lock: DomainLock | None = None,
     ) -> None:
         self.name = name
+        self._client = client
         self._last_error_line = ''
-        self._process = subprocess.Popen(
-            [
-                sys.executable, '-m', 'ballbot_ros.nodes', name,
-                '--ros-args', '--params-file', str(parameter_file), '--log-level', 'WARN',
-            ],
-            env={
-                **os.environ,
-                # One thread for each node is enough; more would cost start-up time.
-                'OPENBLAS_NUM_THREADS': '1',
-                'RCUTILS_CONSOLE_OUTPUT_FORMAT': '{name}: {message}',
-                'RCUTILS_COLORIZED_OUTPUT': '0',
-                END_WITH_PARENT: str(os.getpid()),
-                **({LOCK_FD_ENV: str(lock.file)} if lock else {}),
-            },
-            pass_fds=(lock.file,) if lock else (),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            # Keep Ctrl-C from the node: it is for the run, which then stops its nodes in order.
-            start_new_session=True,
-        )  # fmt: skip
-        self._reader = threading.Thread(target=self._forward_output, args=(notice,), daemon=True)
+        arguments = [
+            name, '--ros-args', '--params-file', str(parameter_file), '--log-level', 'WARN',
+        ]  # fmt: skip
+        environment = {
+            **os.environ,
+            'RCUTILS_CONSOLE_OUTPUT_FORMAT': '{name}: {message}',
+            'RCUTILS_COLORIZED_OUTPUT': '0',
+        }
+        output, theirs = os.pipe()
+        try:
+            self.pid = client.start(
+                NodeRequest(name, arguments, environment), theirs, lock.file if lock else None
+            )
+        except BallbotError:
+            os.close(output)
+            raise
+        finally:
+            os.close(theirs)
+        self._reader = threading.Thread(
+            target=self._forward_output, args=(output, notice), daemon=True
+        )
         self._reader.start()
 
-    def _forward_output(self, notice: Callable[[str], None]) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            text = line.decode(errors='replace').rstrip()
-            if text.startswith((_ERROR, f'{self.name}: ')):
-                self._last_error_line = text.removeprefix(_ERROR).removeprefix(f'{self.name}: ')
-            if text:
-                notice(text)
-
-    @property
-    def pid(self) -> int:
-        """The process id."""
-        return self._process.pid
+    def _forward_output(self, output: int, notice: Callable[[str], None]) -> None:
+        with open(output, encoding='utf-8', errors='replace') as lines:
+            for line in lines:
+                text = line.rstrip()
+                if text.startswith((_ERROR, f'{self.name}: ')):
+                    self._last_error_line = text.removeprefix(_ERROR).removeprefix(f'{self.name}: ')
+                if text:
+                    notice(text)
 
     @property
     def running(self) -> bool:
         """Whether the process is still running."""
-        return self._process.poll() is None
+        return self.exit_status is None
 
     @property
     def exit_status(self) -> int | None:
         """The exit status, a negative signal number, or None while it runs."""
-        return self._process.poll()
+        return self._client.status_of(self.pid)
 
     @property
     def was_killed(self) -> bool:
@@ -123,13 +127,16 @@ class NodeProcess:
 
     def request_stop(self) -> None:
         """Send SIGTERM, which also quietly ends a node that is still starting."""
+        self._send(signal.SIGTERM)
+
+    def _send(self, number: signal.Signals) -> None:
         if self.running:
-            self._process.terminate()
+            with suppress(ProcessLookupError):
+                os.kill(self.pid, number)
 
     def wait(self, timeout_s: float) -> None:
         """Wait for the end, for at most `timeout_s` [s]."""
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(timeout_s)
+        self._client.await_end(self.pid, timeout_s)
 
     def forward_remaining_output(self) -> None:
         """Forward the last lines of a process that has ended."""
@@ -137,8 +144,8 @@ class NodeProcess:
 
     def kill(self) -> None:
         """Send SIGKILL, which also ends a stopped process."""
-        self._process.kill()
-        self._process.wait()
+        self._send(signal.SIGKILL)
+        self._client.await_end(self.pid)
 
 
 def stop_all(processes: Collection[NodeProcess], last: str) -> None:

@@ -12,6 +12,7 @@ from ballbot_ros.nodes.middleware import require_discovery, ros_domain
 from ballbot_ros.nodes.shared_memory import SETTLED_S, sweep
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER
 from ballbot_ros.parameters.files import write_parameter_file
+from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.graph import graph_parameters, ros
 from ballbot_ros.run.node_process import NodeProcess, stop_all
 from ballbot_ros.run.observer import RunObserver
@@ -27,6 +28,7 @@ POLL_S = 0.05
 
 
 def run_in_separate_processes(
+    client: ForkClient,
     spec: RunSpec,
     recording: Path | None,
     scratch: Path,
@@ -37,6 +39,8 @@ def run_in_separate_processes(
 
     Parameters
     ----------
+    client : ForkClient
+        Forks the nodes.
     spec : RunSpec
     recording : Path or None
         The file that the recorder writes.
@@ -56,7 +60,7 @@ def run_in_separate_processes(
     processes: dict[str, NodeProcess] = {}
     with StopRequest() as stop, ros():
         try:
-            start_nodes(names, parameter_file, observer.notice, processes)
+            start_nodes(client, names, parameter_file, observer.notice, processes)
             with PlantMonitor() as monitor:
 
                 def should_stop() -> bool:
@@ -75,6 +79,7 @@ def run_in_separate_processes(
 
 
 def start_nodes(
+    client: ForkClient,
     names: Iterable[str],
     parameter_file: Path,
     notice: Callable[[str], None],
@@ -93,7 +98,7 @@ def start_nodes(
     try:
         for name in names:
             inherited_lock = lock if name == PLANT else None
-            processes[name] = NodeProcess(name, parameter_file, notice, inherited_lock)
+            processes[name] = NodeProcess(client, name, parameter_file, notice, inherited_lock)
     finally:
         lock.release()
 

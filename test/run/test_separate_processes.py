@@ -8,6 +8,7 @@ pytest.importorskip('rclpy')
 
 from ballbot_ros.parameters import NODES, PLANT, VIEWER
 from ballbot_ros.run import separate_processes
+from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.node_process import NodeProcess
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.separate_processes import merge_process_failures, watch
@@ -133,13 +134,14 @@ def test_a_node_that_refuses_to_start_gives_the_reason(domain, monkeypatch, tmp_
     file = tmp_path / 'parameters.yaml'
     file.write_text(f'recorder: {{ros__parameters: {{output: {tmp_path}/parameters.yaml/x.mcap}}}}')
     lines = []
-    node = NodeProcess('recorder', file, lines.append)
-    node.wait(60.0)
-    node.forward_remaining_output()
-    assert node.exit_status == 2
-    # Check the last line only: the middleware may print something before it.
-    assert lines[-1] == f'error: {file}/x.mcap: File exists'
-    assert node.failure == f'recorder: {file}/x.mcap: File exists'
+    with ForkClient() as client:
+        node = NodeProcess(client, 'recorder', file, lines.append)
+        node.wait(60.0)
+        node.forward_remaining_output()
+        assert node.exit_status == 2
+        # Check the last line only: the middleware may print something before it.
+        assert lines[-1] == f'error: {file}/x.mcap: File exists'
+        assert node.failure == f'recorder: {file}/x.mcap: File exists'
 
 
 def test_a_node_that_dies_gives_no_reason():

@@ -1,0 +1,148 @@
+"""A process that has imported the nodes of a run, and forks them on request.
+
+Importing rclpy and the messages takes longer than everything else until the first tick, and every
+node needs the same. This process never initialises rclpy, so its forks start like new processes.
+
+``python -m ballbot_ros.nodes.fork_server SOCKET ROOM`` serves the command that started it:
+:class:`ballbot_ros.run.fork_client.ForkClient` describes the messages.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import selectors
+import socket
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from ballbot_ros.nodes.domain_lock import LOCK_FD_ENV
+from ballbot_ros.nodes.executables import start
+from ballbot_ros.nodes.processes import END_WITH_PARENT
+
+MAX_REQUEST_BYTES = 2**20
+ROOM = ' ' * 4096
+"""Argument of the fork server: its place in memory takes the command lines of the nodes."""
+
+_PR_SET_NAME = 15
+_ARG_START, _ARG_END = 45, 46
+"""Fields of ``/proc/self/stat`` after the name of the program."""
+
+
+class NodeRequest(NamedTuple):
+    """A node to be forked.
+
+    Attributes
+    ----------
+    name : str
+    arguments : sequence of str
+        Its command line.
+    environment : dict of str to str
+    """
+
+    name: str
+    arguments: Sequence[str]
+    environment: dict[str, str]
+
+
+def main() -> None:
+    """Fork nodes until the command ends; in a fork, run the node."""
+    with socket.socket(fileno=int(sys.argv[1])) as control:
+        import_nodes()
+        forked = serve(control)
+    if forked is None:
+        os._exit(0)  # there is nothing to clean up
+    become_node(*forked)
+
+
+def import_nodes() -> None:
+    """Import what the nodes of a run need, but leave errors to the nodes, which report them."""
+    with suppress(ImportError):
+        from std_srvs.srv import SetBool, Trigger
+
+        from ballbot_ros.messages.topics import TOPICS
+        from ballbot_ros.nodes.registry import REGISTRY
+        from ballbot_ros.parameters import NODES
+
+        for name in NODES:
+            REGISTRY[name].load()
+        for kind in (*(topic.message_class for topic in TOPICS), SetBool, Trigger):
+            type(kind).__import_type_support__()
+
+
+def serve(control: socket.socket) -> tuple[NodeRequest, list[int]] | None:
+    """Fork a node for each request, and report the end of each node.
+
+    Returns
+    -------
+    request : NodeRequest
+        In a fork: the node that it is to become.
+    files : list of int
+        Descriptors of the node's output and, for a plant, of the lock of the ROS domain.
+    """
+    with selectors.DefaultSelector() as selector:
+        selector.register(control, selectors.EVENT_READ)
+        while True:
+            for key, _ in selector.select():
+                if key.fileobj is not control:
+                    _, status = os.waitpid(key.data, 0)
+                    selector.unregister(key.fileobj)
+                    os.close(key.fd)
+                    with suppress(OSError):  # the command has just ended
+                        control.send(_encode(key.data, os.waitstatus_to_exitcode(status)))
+                    continue
+                request, files, *_ = socket.recv_fds(control, MAX_REQUEST_BYTES, 2)
+                if not request:
+                    return None
+                process = os.fork()
+                if process == 0:
+                    return NodeRequest(*json.loads(request)), files
+                for file in files:
+                    os.close(file)
+                selector.register(os.pidfd_open(process), selectors.EVENT_READ, process)
+                control.send(_encode(process))
+
+
+def _encode(*numbers: int) -> bytes:
+    return json.dumps(numbers).encode()
+
+
+def become_node(request: NodeRequest, files: list[int]) -> None:
+    """Run a node in this fork as in a process of its own."""
+    output, *lock = files
+    # Keep Ctrl-C from the node: it is for the run, which then stops its nodes in order.
+    os.setsid()
+    standard_input = os.open(os.devnull, os.O_RDONLY)
+    for file, number in ((standard_input, 0), (output, 1), (output, 2)):
+        os.dup2(file, number)
+    os.close(standard_input)
+    os.close(output)
+    os.environ.clear()
+    os.environ.update(request.environment)
+    os.environ[END_WITH_PARENT] = str(os.getppid())
+    if lock:
+        os.environ[LOCK_FD_ENV] = str(lock[0])
+    sys.argv = list(request.arguments)
+    set_command_line(request.name, request.arguments)
+    start(request.name)
+
+
+def set_command_line(name: str, words: Sequence[str]) -> None:
+    """Let tools like ``ps`` and ``pgrep`` see this process as a program of its own.
+
+    The command line replaces the one with which this process, or the one it was forked from, was
+    started; what has no room there is cut off.
+    """
+    stat = Path('/proc/self/stat').read_text().rpartition(')')[2].split()
+    begin, end = int(stat[_ARG_START]), int(stat[_ARG_END])
+    line = b'\0'.join(map(os.fsencode, words))[: end - begin - 1]
+    ctypes.memmove(begin, line.ljust(end - begin, b'\0'), end - begin)
+    ctypes.CDLL(None).prctl(_PR_SET_NAME, name.encode())
+
+
+if __name__ == '__main__':
+    main()
