@@ -141,11 +141,9 @@ def test_the_hardware_profile_has_all_the_faults_of_the_devices():
 
 @pytest.mark.parametrize('name', ['', 'nothing', 'Stationary', 'two\nlines', '..'])
 def test_the_error_for_an_unknown_scenario_lists_the_known_ones(name):
-    with pytest.raises(ScenarioError) as error:
-        load_scenario(name)
-    assert '\n' not in str(error.value)
-    assert repr(name) in str(error.value)
-    assert 'stationary' in str(error.value)
+    text = refusal(ScenarioError, load_scenario, name)
+    assert repr(name) in text
+    assert 'stationary' in text
 
 
 @pytest.mark.parametrize('name', ['nothing.yaml', './nothing', 'a/b.yml', '/'])
@@ -156,9 +154,7 @@ def test_a_missing_file_is_named_by_its_path(name):
 
 @pytest.mark.parametrize('name', ['', 'real', 'two\nlines', '../ballbot'])
 def test_the_error_for_an_unknown_profile_lists_the_known_ones(name):
-    with pytest.raises(ScenarioError, match='ideal') as error:
-        load_profile(name)
-    assert '\n' not in str(error.value)
+    assert 'ideal' in refusal(ScenarioError, load_profile, name)
 
 
 MISTAKES = [
