@@ -60,7 +60,7 @@ create() {
     ! "$python" -c "$supported" 2>/dev/null || break
   done
   [[ -n $python ]] ||
-    fail "no Python 3.10 to 3.13 with the modules $modules: sudo apt install python3-venv"
+    fail "found no Python 3.10 to 3.13 that imports $modules: sudo apt install python3-venv"
   "$python" -m venv "${options[@]}" "$venv" >"$log" 2>&1 ||
     fail "cannot create $venv (details in $log)"
 }
