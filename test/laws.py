@@ -4,7 +4,7 @@ from hypothesis import given, settings
 
 from ballbot_ros.errors import BallbotError
 
-__all__ = ['given', 'is_read_or_refused_in_one_line', 'settings']
+__all__ = ['given', 'is_read_or_refused_in_one_line', 'refusal', 'settings']
 
 settings.register_profile('laws', derandomize=True, max_examples=60, deadline=None, database=None)
 settings.load_profile('laws')
@@ -17,3 +17,15 @@ def is_read_or_refused_in_one_line(read, *arguments):
     except BallbotError as error:
         return '\n' not in str(error)
     return True
+
+
+def refusal(error, function, *arguments):
+    """Return the text of the error that a call must raise, which must be one line."""
+    text = None
+    try:
+        function(*arguments)
+    except error as refused:
+        text = str(refused)
+    assert text is not None, f'{function} accepts {arguments}'
+    assert '\n' not in text, arguments
+    return text

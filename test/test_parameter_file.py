@@ -2,7 +2,7 @@
 
 import pytest
 from hypothesis import strategies as st
-from laws import given, is_read_or_refused_in_one_line
+from laws import given, is_read_or_refused_in_one_line, refusal
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
@@ -109,40 +109,37 @@ def test_the_shipped_file_holds_the_defaults():
     assert len(list(shipped)) == sum(len(row.nodes) for row in TABLE)
 
 
-@pytest.mark.parametrize(
-    ('text', 'line', 'told'),
-    [
-        ('plant_sim:\n  ros__parameters:\n    grafity: 1\n', 3, "no parameter 'grafity'"),
-        ('plant_sim:\n  ros__parameters:\n    gravity: -1\n', 3, '-1 is not within 0 … 100 m/s²'),
-        ('plant_sim:\n  ros__parameters:\n    gravity: .nan\n', 3, 'nan is not within'),
-        ('plant_sim:\n  ros__parameters:\n    gravity: ten\n', 3, "'ten' is not a number"),
-        ('plant_sim:\n  ros__parameters:\n    gravity:\n', 3, 'None is not a number'),
-        ('plant_sim:\n  ros__parameters:\n    lockstep: 1\n', 3, '1 is not true or false'),
-        ('plant_sim:\n  ros__parameters:\n    plant_model: x\n', 3, 'not one of linear, nonlinear'),
-        ('plant_sim:\n  ros__parameters: {a: {b: 1}}\n', 2, "no parameter 'a'"),
-        ('controller:\n  ros__parameters:\n    k_f:\n      - 1\n', 3, 'not a list of 4 numbers'),
-        ('gyro: {ros__parameters: {noise: 1}}\n', 1, "unknown node 'gyro'"),
-        ('1: {ros__parameters: {noise: 1}}\n', 1, "unknown node '1'"),
-        ('/**: {ros__parameters: {voice: 1}}\n', 1, "no node has a parameter 'voice'"),
-        ('plant_sim:\n  gravity: 1\n', 1, 'must contain ros__parameters and nothing else'),
-        ('plant_sim: {}\n', 1, 'must contain ros__parameters and nothing else'),
-        ('plant_sim:\n', 1, 'is not a mapping'),
-        ('plant_sim:\n  ros__parameters:\n', 2, 'is not a mapping'),
-        ('plant_sim:\n  ros__parameters: [1]\n', 2, 'is not a mapping'),
-        ('- plant_sim\n', 1, 'is not a mapping'),
-        ('plant_sim\n', 1, 'is not a mapping'),
-        ('"two\\nlines": 1\n', 1, 'is not a mapping'),
-        ('a: 1\na: 2\n', 2, "duplicate key 'a'"),
-        ('a: [\n', 2, 'not YAML'),
-    ],
-)
-def test_mistakes_are_reported_in_one_line_with_file_and_line(read, text, line, told):
-    with pytest.raises(BallbotError) as error:
-        read(text)
-    message = str(error.value)
-    assert '\n' not in message
-    assert f'file.yaml:{line}: ' in message
-    assert told in message
+MISTAKES = [
+    ('plant_sim:\n  ros__parameters:\n    grafity: 1\n', 3, "no parameter 'grafity'"),
+    ('plant_sim:\n  ros__parameters:\n    gravity: -1\n', 3, '-1 is not within 0 … 100 m/s²'),
+    ('plant_sim:\n  ros__parameters:\n    gravity: .nan\n', 3, 'nan is not within'),
+    ('plant_sim:\n  ros__parameters:\n    gravity: ten\n', 3, "'ten' is not a number"),
+    ('plant_sim:\n  ros__parameters:\n    gravity:\n', 3, 'None is not a number'),
+    ('plant_sim:\n  ros__parameters:\n    lockstep: 1\n', 3, '1 is not true or false'),
+    ('plant_sim:\n  ros__parameters:\n    plant_model: x\n', 3, 'not one of linear, nonlinear'),
+    ('plant_sim:\n  ros__parameters: {a: {b: 1}}\n', 2, "no parameter 'a'"),
+    ('controller:\n  ros__parameters:\n    k_f:\n      - 1\n', 3, 'not a list of 4 numbers'),
+    ('gyro: {ros__parameters: {noise: 1}}\n', 1, "unknown node 'gyro'"),
+    ('1: {ros__parameters: {noise: 1}}\n', 1, "unknown node '1'"),
+    ('/**: {ros__parameters: {voice: 1}}\n', 1, "no node has a parameter 'voice'"),
+    ('plant_sim:\n  gravity: 1\n', 1, 'must contain ros__parameters and nothing else'),
+    ('plant_sim: {}\n', 1, 'must contain ros__parameters and nothing else'),
+    ('plant_sim:\n', 1, 'is not a mapping'),
+    ('plant_sim:\n  ros__parameters:\n', 2, 'is not a mapping'),
+    ('plant_sim:\n  ros__parameters: [1]\n', 2, 'is not a mapping'),
+    ('- plant_sim\n', 1, 'is not a mapping'),
+    ('plant_sim\n', 1, 'is not a mapping'),
+    ('"two\\nlines": 1\n', 1, 'is not a mapping'),
+    ('a: 1\na: 2\n', 2, "duplicate key 'a'"),
+    ('a: [\n', 2, 'not YAML'),
+]
+
+
+def test_mistakes_are_reported_in_one_line_with_file_and_line(read):
+    for text, line, told in MISTAKES:
+        message = refusal(BallbotError, read, text)
+        assert f'file.yaml:{line}: ' in message, text
+        assert told in message, text
 
 
 @pytest.mark.parametrize('number', ['9' * 400, '9' * 5000, '0x' + 'f' * 5000, '1e999'])

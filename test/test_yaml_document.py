@@ -2,6 +2,7 @@
 
 import math
 
+import laws
 import pytest
 from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line
@@ -68,10 +69,7 @@ def read(tmp_path_factory):
 
 def refusal(read, content):
     """Return the error without the file's name; it must be one line."""
-    with pytest.raises(YamlError) as error:
-        read(content)
-    line = str(error.value)
-    assert '\n' not in line
+    line = laws.refusal(YamlError, read, content)
     assert 'file.yaml:' in line
     return line.split('file.yaml:')[1]
 
@@ -168,10 +166,8 @@ def test_a_document_without_end_is_refused(read, content):
 
 @pytest.mark.parametrize('name', ['missing.yaml', '.', 'x' * 300 + '.yaml'])
 def test_a_file_that_can_not_be_read_is_refused_by_its_name(tmp_path, name):
-    with pytest.raises(YamlError) as error:
-        YamlDocument(tmp_path / name)
-    assert str(error.value).startswith(f'{tmp_path / name}: ')
-    assert '\n' not in str(error.value)
+    text = laws.refusal(YamlError, YamlDocument, tmp_path / name)
+    assert text.startswith(f'{tmp_path / name}: ')
 
 
 @given(texts)
@@ -184,15 +180,15 @@ def test_any_bytes_are_read_or_refused_in_one_line(read, data):
     assert is_read_or_refused_in_one_line(read, data)
 
 
-@pytest.mark.parametrize(
-    ('text', 'value'),
-    [
-        ('1e3', 1000.0), ('-1E-2', -0.01), ('1.5e+06', 1.5e6), ('.5', 0.5), ('5.', 5.0),
-        ('010', 10),
-        ('1:30', '1:30'), ('1_000', '1_000'), ('0x10', '0x10'), ('-.inf', -math.inf), ('', None),
-        ('[1, 2.0]', [1, 2.0]), ('true', True), ('a: [', 'a: ['), ('2024-99-99', '2024-99-99'),
-    ],
-)  # fmt: skip
-def test_numbers_are_those_of_yaml_1_2(text, value):
-    assert parse_value(text) == value
-    assert type(parse_value(text)) is type(value)
+NUMBERS = [
+    ('1e3', 1000.0), ('-1E-2', -0.01), ('1.5e+06', 1.5e6), ('.5', 0.5), ('5.', 5.0),
+    ('010', 10),
+    ('1:30', '1:30'), ('1_000', '1_000'), ('0x10', '0x10'), ('-.inf', -math.inf), ('', None),
+    ('[1, 2.0]', [1, 2.0]), ('true', True), ('a: [', 'a: ['), ('2024-99-99', '2024-99-99'),
+]  # fmt: skip
+
+
+def test_numbers_are_those_of_yaml_1_2():
+    for text, value in NUMBERS:
+        assert parse_value(text) == value, text
+        assert type(parse_value(text)) is type(value), text

@@ -18,17 +18,16 @@ def test_each_fault_has_a_unique_name():
     assert len(set(NAMES)) == len(NAMES)
 
 
-@pytest.mark.parametrize('fault', FAULTS, ids=NAMES)
-def test_the_same_seed_and_number_draw_the_same_attempt(fault):
-    assert [fault.attempt(3, number) for number in range(5)] == [
-        fault.attempt(3, number) for number in range(5)
-    ]
+def test_the_same_seed_and_number_draw_the_same_attempt():
+    for fault in FAULTS:
+        first, second = ([fault.attempt(3, number) for number in range(5)] for _ in range(2))
+        assert first == second, fault.name
 
 
-@pytest.mark.parametrize('fault', FAULTS[:-1], ids=NAMES[:-1])
-def test_another_seed_and_another_number_draw_another_attempt(fault):
-    assert len({str(fault.attempt(seed, 0)) for seed in range(5)}) > 2
-    assert len({str(fault.attempt(0, number)) for number in range(5)}) > 2
+def test_another_seed_and_another_number_draw_another_attempt():
+    for fault in FAULTS[:-1]:
+        assert len({str(fault.attempt(seed, 0)) for seed in range(5)}) > 2, fault.name
+        assert len({str(fault.attempt(0, number)) for number in range(5)}) > 2, fault.name
 
 
 @pytest.mark.parametrize('fault', OF_NODES, ids=lambda fault: fault.name)

@@ -49,31 +49,31 @@ def test_a_run_that_failed_as_expected_passes():
     assert judge(FAILED) == []
 
 
-@pytest.mark.parametrize(
-    ('run', 'failure'),
-    [
-        (replace(FAILED, end=ENDED._replace(status=None)), 'still running 15 s after'),
-        (replace(FAILED, end=ENDED._replace(survivors=('controller',))), 'left processes behind'),
-        (replace(FAILED, end=ENDED._replace(status=0)), 'outcome failed, status 0'),
-        (replace(FAILED, end=ENDED._replace(status=-11), result={}), 'outcome none, status -11'),
-        (replace(FAILED, text='Traceback (most recent call last):'), "printed 'Traceback"),
-        (replace(FAILED, text='controller was killed by SIGSEGV'),
-         "printed 'was killed by SIGSEGV'"),
-        (with_result(FAILED, outcome='stopped'), 'outcome stopped, status 1'),
-        (with_result(FAILED, reason='controller silent for 2 s'), 'does not name gyro_driver'),
-        (replace(FAILED, remains=None), 'no recording, although the run had 500 ticks'),
-        (with_remains(FAILED, problem='cut off'), 'cannot be read: cut off'),
-        (with_remains(FAILED, finished=False), 'not finished'),
-        (with_remains(FAILED, missing='3 of /gyro'), 'is incomplete: 3 of /gyro'),
-        (with_remains(FAILED, strange=2), '2 recorded duties do not belong to the next tick'),
-        (with_remains(FAILED, duties=tuple(DUTIES[:499])), 'recorded 499 duties of 500'),
-        (with_remains(FAILED, motors_off=False), 'the last recorded duty is (2.0, 1.0)'),
-        (with_remains(FAILED, duties=((5.0, 5.0), *DUTIES[1:500], (0.0, 0.0))), 'from tick 0 on'),
-    ],
-)  # fmt: skip
-def test_every_broken_guarantee_is_a_complaint(run, failure):
-    failures = judge(run)
-    assert any(failure in each for each in failures), failures
+BROKEN = [
+    (replace(FAILED, end=ENDED._replace(status=None)), 'still running 15 s after'),
+    (replace(FAILED, end=ENDED._replace(survivors=('controller',))), 'left processes behind'),
+    (replace(FAILED, end=ENDED._replace(status=0)), 'outcome failed, status 0'),
+    (replace(FAILED, end=ENDED._replace(status=-11), result={}), 'outcome none, status -11'),
+    (replace(FAILED, text='Traceback (most recent call last):'), "printed 'Traceback"),
+    (replace(FAILED, text='controller was killed by SIGSEGV'),
+     "printed 'was killed by SIGSEGV'"),
+    (with_result(FAILED, outcome='stopped'), 'outcome stopped, status 1'),
+    (with_result(FAILED, reason='controller silent for 2 s'), 'does not name gyro_driver'),
+    (replace(FAILED, remains=None), 'no recording, although the run had 500 ticks'),
+    (with_remains(FAILED, problem='cut off'), 'cannot be read: cut off'),
+    (with_remains(FAILED, finished=False), 'not finished'),
+    (with_remains(FAILED, missing='3 of /gyro'), 'is incomplete: 3 of /gyro'),
+    (with_remains(FAILED, strange=2), '2 recorded duties do not belong to the next tick'),
+    (with_remains(FAILED, duties=tuple(DUTIES[:499])), 'recorded 499 duties of 500'),
+    (with_remains(FAILED, motors_off=False), 'the last recorded duty is (2.0, 1.0)'),
+    (with_remains(FAILED, duties=((5.0, 5.0), *DUTIES[1:500], (0.0, 0.0))), 'from tick 0 on'),
+]  # fmt: skip
+
+
+def test_every_broken_guarantee_is_a_complaint():
+    for run, failure in BROKEN:
+        failures = judge(run)
+        assert any(failure in each for each in failures), (failure, failures)
 
 
 def test_a_run_may_complete_despite_the_fault_only_near_its_end():

@@ -116,14 +116,12 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize('mistake', MISTAKES)
-def test_a_mistake_is_one_line_and_exit_status_2(command, tmp_path, mistake):
-    arguments, hint = MISTAKES[mistake]
-    status, output, errors = command('run', *arguments(tmp_path))
-    assert status == 2
-    assert len(errors.splitlines()) == 1, errors
-    assert hint in errors
-    assert output == ''
+def test_a_mistake_is_one_line_and_exit_status_2(command, tmp_path):
+    for mistake, (arguments, hint) in MISTAKES.items():
+        status, output, errors = command('run', *arguments(tmp_path))
+        assert (status, output) == (2, ''), mistake
+        assert len(errors.splitlines()) == 1, (mistake, errors)
+        assert hint in errors, mistake
 
 
 def test_a_mistake_is_the_exit_status_of_the_process(start_run):

@@ -68,22 +68,22 @@ def test_settings_of_the_simulation_do_not_change_the_files():
     )
 
 
-@pytest.mark.parametrize('seed', range(20))
-def test_every_constant_is_exactly_the_single_or_integer_of_the_python_program(seed):
-    values = random_values(seed)
-    typed = ProgramConstants.of(values)
-    written = constants(values)
-    assert written.pop('ts1') == ['4.0']
-    written['sound_freq'] = written.pop('sound_frq')
-    periods = {'ts2_period', 'ts3_period'}  # they are in the OIL file
-    assert written.keys() | periods == ProgramConstants.__annotations__.keys()
-    for name, texts in written.items():
-        value = getattr(typed, name)
-        if isinstance(value, tuple | np.floating):
-            singles = np.atleast_1d(value)
-            assert [np.float32(text) for text in texts] == singles.tolist()
-        else:
-            assert texts == [str(int(value))]
+def test_every_constant_is_exactly_the_single_or_integer_of_the_python_program():
+    for seed in range(20):
+        values = random_values(seed)
+        typed = ProgramConstants.of(values)
+        written = constants(values)
+        assert written.pop('ts1') == ['4.0'], seed
+        written['sound_freq'] = written.pop('sound_frq')
+        periods = {'ts2_period', 'ts3_period'}  # they are in the OIL file
+        assert written.keys() | periods == ProgramConstants.__annotations__.keys(), seed
+        for name, texts in written.items():
+            value = getattr(typed, name)
+            if isinstance(value, tuple | np.floating):
+                singles = np.atleast_1d(value)
+                assert [np.float32(text) for text in texts] == singles.tolist(), (seed, name)
+            else:
+                assert texts == [str(int(value))], (seed, name)
 
 
 def test_the_smallest_type_holds_every_allowed_value():

@@ -3,8 +3,6 @@
 import ast
 from pathlib import Path
 
-import pytest
-
 import ballbot_ros
 
 PACKAGE = Path(ballbot_ros.__file__).parent
@@ -102,21 +100,20 @@ def forbidden(source):
     return found
 
 
-@pytest.mark.parametrize('path', sorted(FILES), ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_the_sources_use_no_forbidden_arithmetic(path):
-    assert not forbidden(path.read_text(encoding='utf-8'))
+def test_the_sources_use_no_forbidden_arithmetic():
+    found = {str(path): forbidden(path.read_text(encoding='utf-8')) for path in FILES}
+    assert {path: operations for path, operations in found.items() if operations} == {}
 
 
-@pytest.mark.parametrize(
-    'source',
-    [
-        'y = x ** 2', 'y = x ** 0.5', 'x **= 0.5', 'y = a @ b', 'a @= b', 'y = sum(values)',
-        'y = pow(x, 2)', 'y = a.sum()', 'y = a.dot(b)', 'import math as m', 'import numpy',
-        'from math import sin', 'import scipy.linalg', 'from numpy.linalg import inv',
-        'import statistics', 'import cmath', 'y = math.sin(x)', 'y = math.hypot(x, y)',
-        'y = np.linalg.inv(a)', 'y = np.random.default_rng()', 'y = np.exp(x)',
-        'from scipy.linalg import expm',
-    ],
-)  # fmt: skip
-def test_each_forbidden_operation_is_found(source):
-    assert forbidden(source)
+FORBIDDEN = [
+    'y = x ** 2', 'y = x ** 0.5', 'x **= 0.5', 'y = a @ b', 'a @= b', 'y = sum(values)',
+    'y = pow(x, 2)', 'y = a.sum()', 'y = a.dot(b)', 'import math as m', 'import numpy',
+    'from math import sin', 'import scipy.linalg', 'from numpy.linalg import inv',
+    'import statistics', 'import cmath', 'y = math.sin(x)', 'y = math.hypot(x, y)',
+    'y = np.linalg.inv(a)', 'y = np.random.default_rng()', 'y = np.exp(x)',
+    'from scipy.linalg import expm',
+]  # fmt: skip
+
+
+def test_each_forbidden_operation_is_found():
+    assert [source for source in FORBIDDEN if not forbidden(source)] == []

@@ -1,45 +1,53 @@
 """scripts/run and scripts/test on a simulated machine: no network, no real interpreter."""
 
-import contextlib
+import json
 import os
 import shutil
 import signal
 import subprocess
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from graph import LAST_RESORT_S, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
-TOOLS = (
-    *('bash', 'basename', 'cat', 'chmod', 'cp', 'df', 'dirname', 'env', 'flock', 'grep', 'mkdir'),
-    *('mv', 'readlink', 'rm', 'rmdir', 'sha256sum', 'sleep', 'tail', 'uname'),
-)
+TOOLS = ('bash', 'basename', 'cat', 'dirname', 'flock', 'grep', 'mkdir', 'readlink', 'rm', 'tail')
+INTERPRETER = Path(sys.executable).resolve()
+PRINT = 'import json, os, sys; print(json.dumps([sys.argv[1:], dict(os.environ)]))'
 
-# Answers the calls of the scripts to an interpreter. It is also the interpreter of the environments
+# An interpreter of some version, with some modules. It is also the interpreter of the environments
 # that it creates.
-PYTHON = r"""#!/usr/bin/env bash
-case "$*" in
-  -V) echo "Python $VERSION" ;;
-  *ensurepip*) $HAS_VENV ;;
-  *rclpy*) $HAS_RCLPY ;;
-  *numpy*) echo numpy==1.26.4 ;;
-  '-m venv '*)
-    echo "$*" >>"$MACHINE/calls"
-    mkdir -p "${!#}/bin"
-    cp "$0" "${!#}/bin/python"
-    ;;
-  '-m pip --version') $HAS_PIP ;;
-  '-m pip install '*)
-    cat "$MACHINE/pip.output" 2>/dev/null
-    echo "$*" >>"$MACHINE/calls"
-    source "$MACHINE/pip" || exit
-    { echo '#!/usr/bin/env bash'; echo 'printf "<%s>\n" "$@"; env'; } >"${0%/*}/ballbot"
-    chmod +x "${0%/*}/ballbot"
-    ;;
-  '-m pytest '*) printf '<%s>\n' "$@"; env ;;
-  *) echo "unexpected: $*" >&2; exit 99 ;;
-esac
+PYTHON = f"""#!{INTERPRETER} -IS
+import os, sys, time
+
+def write(mode, name, *lines):
+    with open(name, mode) as file:
+        print(*lines, sep='\\n', file=file)
+    os.chmod(name, 0o755)
+
+machine = os.environ['MACHINE']
+if {{'venv', 'pip'}} & {{*sys.argv}}:
+    write('a', machine + '/calls', ' '.join(sys.argv[2:]))
+match sys.argv[1:]:
+    case ['-V']:
+        print('Python', *VERSION)
+    case ['-c', code]:
+        sys.version_info = VERSION
+        for name in 'ensurepip', 'numpy', 'rclpy':
+            sys.modules[name] = sys if name in MODULES else None
+        sys.__version__ = '1.26.4'
+        exec(code)
+    case ['-m', 'venv', *_, env]:
+        os.mkdir(env + '/bin')
+        write('w', env + '/bin/python', open(__file__).read())
+        write('w', env + '/bin/pip', '#!/bin/sh', f'"{{env}}/bin/python" && echo in "{{env}}/lib"')
+    case ['-m', 'pip', *_]:
+        exec(open(machine + '/pip').read())
+        write('w', os.path.dirname(__file__) + '/ballbot', '#!{INTERPRETER} -IS', '{PRINT}')
+    case ['-m', 'pytest', *_]:
+        {PRINT}
 """
 
 
@@ -49,39 +57,35 @@ class Machine:
     def __init__(self, folder):
         self.folder = folder
         self.project = folder / 'my project'
-        self.environment = {'PATH': str(folder / 'bin'), 'MACHINE': str(folder), 'HOME': '/'}
+        self.venv = self.project / '.venv'
+        self.environment = {'PATH': str(folder / 'bin'), 'MACHINE': str(folder), 'CI': 'true'}
         (folder / 'bin').mkdir()
         for tool in TOOLS:
             (folder / 'bin' / tool).symlink_to(shutil.which(tool))
         shutil.copytree(ROOT / 'scripts', self.project / 'scripts')
         (self.project / 'ballbot_ros/parameters').mkdir(parents=True)
-        (self.project / 'setup.py').write_text('first')
-        (self.project / 'pyproject.toml').write_text('first')
+        for name in ('setup.py', 'pyproject.toml', 'ballbot_ros/parameters/nodes.py'):
+            (self.project / name).write_text("node: ClassVar[str] = 'first'")
         self.pip('')
 
-    @property
-    def venv(self):
-        return self.project / '.venv'
-
-    @property
-    def calls(self):
-        file = self.folder / 'calls'
-        return file.read_text().splitlines() if file.exists() else []
-
-    def program(self, name, text):
+    def python(self, name='python3', version=(3, 11, 2), modules=('ensurepip',)):
         file = self.folder / 'bin' / name
-        file.write_text(text)
+        file.write_text(PYTHON.replace('VERSION', str(version)).replace('MODULES', str(modules)))
         file.chmod(0o755)
 
-    def python(self, name='python3', version='3.11.2', *, venv=True, pip=True, rclpy=False):
-        text = PYTHON.replace('$VERSION', version)
-        for variable, has in (('VENV', venv), ('PIP', pip), ('RCLPY', rclpy)):
-            text = text.replace(f'$HAS_{variable}', 'true' if has else 'false')
-        self.program(name, text)
+    def pip(self, code):
+        """Let pip do this when it installs."""
+        (self.folder / 'pip').write_text(code)
 
-    def pip(self, commands, output=''):
-        (self.folder / 'pip').write_text(commands)
-        (self.folder / 'pip.output').write_text(output)
+    def calls(self):
+        """Return the calls of venv and pip since the last time."""
+        calls = self.folder / 'calls'
+        lines = calls.read_text().splitlines() if calls.exists() else []
+        calls.unlink(missing_ok=True)
+        return lines
+
+    def programs_called(self):
+        return [call.split()[0] for call in self.calls()]
 
     def start(self, script, *arguments, **environment):
         return subprocess.Popen(
@@ -95,355 +99,217 @@ class Machine:
         )
 
     def run(self, script, *arguments, **environment):
-        process = self.start(script, *arguments, **environment)
-        process.output, process.errors = process.communicate(timeout=LAST_RESORT_S)
-        return process
+        """Run a script; return the arguments and environment of its command, and the messages."""
+        return result(self.start(script, *arguments, **environment))
+
+    def refusal(self, **environment):
+        """Return the line with which scripts/run fails; only a line of progress precedes it."""
+        process = self.start('run', **environment)
+        output, messages = process.communicate(timeout=LAST_RESORT_S)
+        assert (process.returncode, output) == (2, ''), messages
+        progress, hint = messages.splitlines()
+        assert progress.startswith('Setting up .venv')
+        return hint
 
 
-def await_sleep(process):
-    """Wait until the simulated pip sleeps, since a shell about to start it may lose a signal."""
-    wait_for(lambda: 'sleep' in programs(process.pid), what='sleep')
-
-
-def programs(group):
-    """Return the names of the programs of a process group."""
-    for path in Path('/proc').glob('[0-9]*/stat'):
-        with contextlib.suppress(OSError):
-            name, _, rest = path.read_text().partition('(')[2].rpartition(')')
-            if int(rest.split()[2]) == group:
-                yield name
+def result(process):
+    output, messages = process.communicate(timeout=LAST_RESORT_S)
+    assert process.returncode == 0, messages
+    arguments, environment = json.loads(output)
+    return SimpleNamespace(arguments=arguments, environment=environment, messages=messages)
 
 
 @pytest.fixture
-def machine(tmp_path):
+def bare_machine(tmp_path):
     return Machine(tmp_path)
 
 
-def arguments(process):
-    return [line[1:-1] for line in process.output.splitlines() if line.startswith('<')]
-
-
-def variable(process, name):
-    prefix = f'{name}='
-    values = [line for line in process.output.splitlines() if line.startswith(prefix)]
-    return values[0].removeprefix(prefix) if values else None
-
-
-def assert_hint(process, *parts):
-    """Assert that the last line says what is wrong; progress lines may precede it."""
-    assert process.returncode == 2, process.errors
-    *progress, hint = process.errors.splitlines()
-    assert len(progress) <= 1
-    for part in parts:
-        assert part in hint
-    assert process.output == ''
+@pytest.fixture
+def machine(bare_machine):
+    bare_machine.python()
+    return bare_machine
 
 
 # --- Missing requirements ------------------------------------------------------------------------
 
 
-def test_no_python(machine):
-    assert_hint(machine.run('run'), 'Python 3.10 to 3.13', 'found none', 'sudo apt install')
+def test_a_machine_without_a_supported_python_gets_a_hint(bare_machine):
+    machine = bare_machine
+    unsupported = [{'version': (3, 9, 18)}, {'version': (3, 14, 0)}, {'modules': ()}]
+    hints = [machine.refusal()]
+    for python in unsupported:
+        machine.python(**python)
+        hints.append(machine.refusal())
+    assert set(hints) == {
+        'run: found no Python 3.10 to 3.13 that imports ensurepip: sudo apt install python3-venv'
+    }
 
 
-@pytest.mark.parametrize('version', ['3.9.18', '3.14.0'])
-def test_python_without_ros_wheels(machine, version):
-    machine.python(version=version)
-    assert_hint(machine.run('run'), 'Python 3.10 to 3.13', version.rpartition('.')[0])
+def test_the_scripts_use_another_python_if_the_first_does_not_qualify(bare_machine):
+    bare_machine.python(version=(3, 9, 18))
+    bare_machine.python('python3.12', version=(3, 12, 1), modules=())
+    bare_machine.python('python3.10', version=(3, 10, 13))
+    bare_machine.run('run')
+    assert (bare_machine.venv / 'run.stamp').read_text().startswith('Python 3 10 13 in ')
 
 
-def test_second_python_is_used_if_the_first_does_not_qualify(machine):
-    machine.python(version='3.9.18')
-    machine.python('python3.12', version='3.12.1', venv=False)
-    machine.python('python3.10', version='3.10.13')
-    assert machine.run('run').returncode == 0
-    assert (machine.venv / 'setup.stamp').read_text().startswith('3.10 ')
-
-
-@pytest.mark.parametrize('name', ['python3', 'python3.12'])
-def test_no_venv_module(machine, name):
-    machine.python(name, version='3.12.1', venv=False)
-    assert_hint(machine.run('run'), name, f'sudo apt install {name}-venv')
-    assert not machine.venv.exists()
-
-
-def test_no_pip(machine):
-    machine.python(pip=False)
-    assert_hint(machine.run('run'), 'without pip', 'sudo apt install python3-pip')
-
-
-def test_other_platform(machine):
-    machine.python()
-    (machine.folder / 'bin/uname').unlink()
-    machine.program('uname', '#!/usr/bin/env bash\necho Linux aarch64\n')
-    assert_hint(machine.run('run'), 'Linux x86_64', 'Linux aarch64', 'Jazzy')
-
-
-def test_no_network(machine):
-    machine.python()
-    machine.pip('exit 1', 'WARNING: Retrying after NewConnectionError(...)\nERROR: No match')
-    assert_hint(machine.run('run'), 'no network', str(machine.venv / 'setup.log'))
+def test_a_failed_installation_is_explained_and_repeated(machine):
+    machine.pip("sys.exit('noise\\nERROR: nothing at ' + os.environ['PIP_INDEX_URL'] + '\\nnote')")
+    hint = machine.refusal(PIP_INDEX_URL='http://nowhere')
+    assert '(no network?): ERROR: nothing at http://nowhere (details in ' in hint
+    assert hint.endswith(f'{machine.venv}/setup.log)')
     machine.pip('')
-    assert machine.run('run').returncode == 0
+    machine.run('run')
+    assert machine.programs_called() == ['venv', 'pip'] * 2
 
 
-def test_failing_installation_is_explained_by_its_last_error(machine):
-    machine.python()
-    machine.pip('exit 1', 'ERROR: the reason\nnote: more of it')
-    assert_hint(machine.run('run'), 'ERROR: the reason', str(machine.venv / 'setup.log'))
-
-
-def test_disk_full(machine):
-    machine.python()
-    machine.pip('exit 1', 'ERROR: [Errno 28] No space left on device')
-    assert_hint(machine.run('run'), 'no space left')
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason='root may write everywhere')
-def test_project_not_writable(machine):
-    machine.python()
-    machine.project.chmod(0o555)
-    try:
-        assert_hint(machine.run('run'), 'cannot write to')
-    finally:
-        machine.project.chmod(0o755)
-
-
-def test_environment_of_someone_else_is_left_alone(machine):
-    machine.python()
+def test_the_scripts_leave_the_environment_of_someone_else_alone(machine):
     machine.venv.mkdir()
     (machine.venv / 'precious').touch()
-    assert_hint(machine.run('run'), str(machine.venv), 'move it away')
+    assert machine.refusal().endswith(f'{machine.venv} was not made by these scripts: move it away')
     assert (machine.venv / 'precious').exists()
 
 
 # --- The command ---------------------------------------------------------------------------------
 
 
-def test_without_arguments_the_stationary_scenario_runs(machine):
-    machine.python()
-    assert arguments(machine.run('run')) == ['run', 'stationary']
-
-
-def test_arguments_are_passed_on(machine):
-    machine.python()
+def test_run_passes_its_arguments_to_the_command(machine):
+    assert machine.run('run').arguments == ['run', 'stationary']
     words = ['autonomous', '--set', 'a b', '', '*']
-    assert arguments(machine.run('run', *words)) == words
+    assert machine.run('run', *words).arguments == words
 
 
-def test_standard_output_has_only_the_commands_output(machine):
-    machine.python()
-    process = machine.run('run')
-    assert process.output.startswith('<run>')
-    assert process.errors == 'Setting up .venv: first time only, about a minute ...\n'
-
-
-def test_test_script_runs_pytest_with_chosen_plugins(machine):
-    machine.python()
-    process = machine.run('test', '-k', 'a b')
-    assert arguments(process)[:2] == ['-m', 'pytest']
-    assert arguments(process)[-2:] == ['-k', 'a b']
-    assert variable(process, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD') == '1'
-    assert variable(process, 'PWD') == str(machine.project)
+def test_the_test_script_runs_pytest_with_chosen_plugins(machine):
+    run = machine.run('test', '-k', 'a b')
+    assert run.arguments[:2] == ['-m', 'pytest']
+    assert run.arguments[-2:] == ['-k', 'a b']
+    assert run.environment['PYTEST_DISABLE_PLUGIN_AUTOLOAD'] == '1'
+    assert run.environment['PWD'] == str(machine.project)
 
 
 # --- Installation --------------------------------------------------------------------------------
 
 
-def test_later_runs_install_nothing(machine):
-    machine.python()
-    machine.run('run')
-    before = machine.calls
-    process = machine.run('run')
-    assert process.errors == ''
-    assert machine.calls == before
-    assert len(before) == 2
-    assert before[1].endswith('--editable .[ros,drive,viewer]')
-
-
-def test_test_script_adds_its_tools_once(machine):
-    machine.python()
-    machine.run('run')
+def test_each_script_installs_what_it_needs_once(machine):
+    assert machine.run('run').messages.startswith('Setting up .venv')
+    venv, pip = machine.calls()
+    assert venv == f'venv {machine.venv}'
+    assert pip == 'pip install --no-input -e .[ros,drive,viewer]'
     machine.run('test')
-    machine.run('run')
+    assert machine.calls() == ['pip install --no-input -e .[ros,drive,viewer,test]']
+    assert machine.run('run').messages == machine.run('test').messages == ''
+    assert machine.calls() == []
+
+
+def test_changed_requirements_and_nodes_update_the_environment(machine):
     machine.run('test')
-    assert len(machine.calls) == 3
-    assert machine.calls[2].endswith('--editable .[ros,drive,viewer,test]')
+    machine.calls()
+    for name in ('setup.py', 'pyproject.toml', 'ballbot_ros/parameters/new.py'):
+        (machine.project / name).write_text("    node: ClassVar[str] = 'second'")
+        machine.run('run')
+        assert machine.calls() == ['pip install --no-input -e .[ros,drive,viewer]'], name
+    machine.run('test')
+    assert machine.calls() == ['pip install --no-input -e .[ros,drive,viewer,test]']
 
 
-@pytest.mark.parametrize('name', ['setup.py', 'pyproject.toml', 'ballbot_ros/parameters/new.py'])
-def test_changed_requirements_and_nodes_are_installed(machine, name):
-    machine.python()
-    machine.run('run')
-    (machine.project / name).write_text("    node: ClassVar[str] = 'second'")
-    process = machine.run('run')
-    assert process.errors == 'Updating .venv ...\n'
-    assert [call.split()[1] for call in machine.calls] == ['venv', 'pip', 'pip']
-    assert machine.run('run').errors == ''
-
-
-def test_failed_update_leaves_the_environment_as_it_was(machine):
-    machine.python()
+def test_a_failed_update_leaves_the_environment_as_it_was(machine):
     machine.run('run')
     (machine.project / 'setup.py').write_text('second')
-    machine.pip('exit 1', 'NewConnectionError')
-    assert_hint(machine.run('run'), 'no network')
-    (machine.project / 'setup.py').write_text('first')
-    assert machine.run('run').errors == ''
+    machine.pip('sys.exit(1)')
+    machine.refusal()
+    (machine.project / 'setup.py').write_text("node: ClassVar[str] = 'first'")
+    assert machine.run('run').messages == ''
 
 
-def test_other_python_recreates_the_environment(machine):
-    machine.python()
-    machine.run('run')
-    (machine.venv / 'stale').touch()
-    machine.python(version='3.12.1')
-    shutil.copy(machine.folder / 'bin/python3', machine.venv / 'bin/python')
-    machine.run('run')
-    assert not (machine.venv / 'stale').exists()
-
-
-def test_vanished_python_recreates_the_environment(machine):
-    machine.python()
-    machine.run('run')
+def replace_python(machine):
+    """Act as a system that has upgraded the interpreter under the environment."""
     (machine.venv / 'bin/python').unlink()
-    (machine.venv / 'bin/python').symlink_to('/nonexistent/python')
-    assert machine.run('run').returncode == 0
-    assert not (machine.venv / 'bin/python').is_symlink()
 
 
-def test_moved_project_recreates_the_environment(machine):
-    machine.python()
-    machine.run('run')
+def move_project(machine):
     machine.project = machine.project.rename(machine.folder / 'elsewhere')
+    machine.venv = machine.project / '.venv'
+
+
+def activate(machine):
+    """Put the environment first on PATH, and make it unusable."""
+    machine.environment['PATH'] = f'{machine.venv}/bin:{machine.environment["PATH"]}'
+    shutil.copy(machine.venv / 'bin/python', machine.venv / 'bin/python3')
+    (machine.venv / 'run.stamp').unlink()
+
+
+@pytest.mark.parametrize('break_it', [replace_python, move_project, activate])
+def test_an_unusable_environment_is_created_again(machine, break_it):
     machine.run('run')
-    assert [call.split()[1] for call in machine.calls] == ['venv', 'pip'] * 2
-
-
-def test_missing_command_is_installed_again(machine):
-    machine.python()
+    machine.calls()
+    break_it(machine)
+    (machine.venv / 'stale').touch()
     machine.run('run')
-    (machine.venv / 'bin/ballbot').unlink()
-    assert arguments(machine.run('run')) == ['run', 'stationary']
+    assert machine.programs_called() == ['venv', 'pip']
+    assert not (machine.venv / 'stale').exists()
+    assert machine.run('run').messages == ''
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_interrupted_set_up_is_repeated(machine, number):
-    machine.python()
-    machine.pip('exec sleep 60')
+def test_a_killed_set_up_is_repeated(machine):
+    machine.pip("write('w', machine + '/started'); time.sleep(60)")
     process = machine.start('run')
-    await_sleep(process)
-    os.killpg(process.pid, number)
-    process.communicate(timeout=LAST_RESORT_S)
-    assert process.returncode in (130, -number)
-    machine.pip('')
-    assert machine.run('run').returncode == 0
-    assert [call.split()[1] for call in machine.calls] == ['venv', 'pip'] * 2
-
-
-def test_interrupted_update_is_repeated(machine):
-    machine.python()
-    machine.run('run')
-    machine.pip('exec sleep 60')
-    process = machine.start('test')
-    await_sleep(process)
+    wait_for((machine.folder / 'started').exists, what='the installation')
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate(timeout=LAST_RESORT_S)
     machine.pip('')
-    assert machine.run('run').errors == 'Updating .venv ...\n'
-
-
-def test_scripts_started_at_once_install_once(machine):
-    machine.python()
-    machine.pip('while [[ ! -e $MACHINE/go ]]; do sleep 0.02; done')
-    first = machine.start('run', 'first')
-    wait_for(lambda: len(machine.calls) == 2, what='the first installation')
-    second = machine.start('run', 'second')
-    assert 'Waiting' in second.stderr.readline()
-    (machine.folder / 'go').touch()
-    for process, word in ((first, '<first>'), (second, '<second>')):
-        assert process.communicate(timeout=LAST_RESORT_S)[0].startswith(word)
-        assert process.returncode == 0
-    assert len(machine.calls) == 2
-
-
-# --- Other environments --------------------------------------------------------------------------
-
-
-def test_other_virtual_environment_does_not_leak(machine):
-    machine.python()
-    other = machine.folder / 'other'
-    packages = other / 'lib/python3.12/site-packages'
-    (packages / 'ros_rcl.libs').mkdir(parents=True)
-    (other / 'pyvenv.cfg').touch()
-    process = machine.run(
-        'run',
-        _ROS_WHEELS_BOOTSTRAP_COMPLETE='1',
-        LD_LIBRARY_PATH=f'{other}/lib:/mine:{packages}/ros_rcl.libs',
-        PYTHONHOME='/nonexistent',
-        VIRTUAL_ENV=str(other),
-    )
-    assert variable(process, 'LD_LIBRARY_PATH') == '/mine'
-    assert variable(process, '_ROS_WHEELS_BOOTSTRAP_COMPLETE') is None
-    assert variable(process, 'PYTHONHOME') is None
-    assert variable(process, 'VIRTUAL_ENV') is None
-
-
-def test_activated_environment_is_not_recreated_with_its_own_python(machine):
-    machine.python()
     machine.run('run')
-    machine.environment['PATH'] = f'{machine.venv}/bin:{machine.environment["PATH"]}'
-    (machine.venv / 'setup.stamp').unlink()
-    assert machine.run('run').returncode == 0
+    assert machine.programs_called() == ['venv', 'pip'] * 2
 
 
-def test_another_copy_of_the_package_does_not_hide_this_one(machine):
-    machine.python()
-    installed = machine.folder / 'workspace/install'
-    (installed / 'ballbot_ros').mkdir(parents=True)
-    process = machine.run('run', PYTHONPATH=f'{installed}:{machine.project}:/mine')
-    assert variable(process, 'PYTHONPATH') == f'{machine.project}:/mine'
+def test_scripts_that_start_at_once_install_once(machine):
+    machine.pip("while not os.path.exists(machine + '/go'): time.sleep(0.02)")
+    processes = [machine.start('run', word) for word in ('first', 'second')]
+    for process in processes:
+        assert process.stderr.readline().startswith('Setting up .venv')
+    (machine.folder / 'go').touch()
+    assert [result(process).arguments for process in processes] == [['first'], ['second']]
+    assert machine.programs_called() == ['venv', 'pip']
 
 
-def sourced(distribution, prefix):
+# --- A sourced ROS -------------------------------------------------------------------------------
+
+
+def sourced(distribution):
+    prefix = f'/opt/ros/{distribution}'
     return {
         'ROS_DISTRO': distribution,
-        'ROS_VERSION': '2',
-        'AMENT_PREFIX_PATH': f'{prefix}:/opt/ros/{distribution}',
-        'PYTHONPATH': f'{prefix}/lib/python:/opt/ros/{distribution}/lib/python:/mine',
-        'LD_LIBRARY_PATH': f'/opt/ros/{distribution}/lib:{prefix}/lib',
+        'AMENT_PREFIX_PATH': prefix,
+        'PYTHONPATH': f'{prefix}/lib/python',
+        'LD_LIBRARY_PATH': f'{prefix}/lib',
     }
 
 
-def test_sourced_jazzy_is_used_in_a_separate_environment(machine):
-    machine.python(rclpy=True)
-    environment = sourced('jazzy', '/overlay')
-    process = machine.run('run', **environment)
-    assert process.returncode == 0
-    assert (machine.project / '.venv-jazzy/setup.stamp').exists()
-    assert not machine.venv.exists()
-    assert machine.calls[0].startswith('-m venv --system-site-packages')
-    assert machine.calls[1].endswith('--editable .[drive,viewer]')
-    assert (machine.project / '.venv-jazzy/constraints.txt').read_text() == 'numpy==1.26.4\n'
-    for name, value in environment.items():
-        assert variable(process, name) == value
-    machine.run('test', **environment)
-    assert machine.calls[2].endswith('--editable .[drive,viewer,test]')
-    assert machine.run('run', **environment).errors == ''
+def test_this_source_tree_hides_an_installed_copy(machine):
+    environment = machine.run('run', PYTHONPATH='/workspace/install').environment
+    assert environment['PYTHONPATH'] == f'{machine.project}:/workspace/install'
 
 
-def test_sourced_jazzy_without_its_rclpy_falls_back_to_the_wheels(machine):
-    machine.python(rclpy=False)
-    process = machine.run('run', **sourced('jazzy', '/overlay'))
-    assert process.errors.startswith('note: ROS_DISTRO is jazzy')
-    assert machine.venv.exists()
-
-
-def test_other_sourced_ros_is_reported_and_not_used(machine):
+def test_a_sourced_jazzy_gets_an_environment_without_the_wheels(bare_machine):
+    machine, jazzy = bare_machine, sourced('jazzy')
     machine.python()
-    process = machine.run('run', **sourced('humble', '/overlay'), RMW_IMPLEMENTATION='rmw_other')
-    notes = process.errors.splitlines()
-    assert notes[0].startswith("note: the sourced ROS is 'humble', not jazzy")
-    assert notes[1].startswith('note: the ROS 2 wheels lack rmw_other')
-    assert variable(process, 'PYTHONPATH') == '/mine'
-    for name in ('ROS_DISTRO', 'AMENT_PREFIX_PATH', 'LD_LIBRARY_PATH', 'RMW_IMPLEMENTATION'):
-        assert variable(process, name) is None
+    machine.python('python3.12', (3, 12, 3), ('ensurepip', 'numpy', 'rclpy'))
+    environment = machine.run('run', **jazzy).environment
+    assert machine.calls() == [
+        f'venv --system-site-packages {machine.venv}-jazzy',
+        'pip install --no-input -e .[drive,viewer] numpy==1.26.4',
+    ]
+    jazzy['PYTHONPATH'] = f'{machine.project}:{jazzy["PYTHONPATH"]}'
+    assert environment.items() >= jazzy.items()
+    assert machine.run('run', **jazzy).messages == ''
+    assert not machine.venv.exists()
+
+
+def test_a_sourced_jazzy_without_its_rclpy_gets_a_hint(machine):
+    assert 'that imports ensurepip,numpy,rclpy' in machine.refusal(**sourced('jazzy'))
+
+
+def test_another_sourced_ros_is_reported_and_not_used(machine):
+    run = machine.run('run', **sourced('humble'))
+    assert run.messages.startswith('note: the sourced ROS is humble, not jazzy')
+    assert run.environment['PYTHONPATH'] == str(machine.project)
+    assert not run.environment.keys() & {'ROS_DISTRO', 'AMENT_PREFIX_PATH', 'LD_LIBRARY_PATH'}

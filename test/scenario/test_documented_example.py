@@ -30,6 +30,5 @@ def test_the_example_meets_its_expectations(start_run, example):
     assert run.finish() == 0, run.result['reason']
 
 
-@pytest.mark.parametrize('key', [*sorted(SCENARIO_KEYS), *METRICS])
-def test_every_key_and_metric_is_on_the_page(key):
-    assert f'`{key}`' in PAGE
+def test_every_key_and_metric_is_on_the_page():
+    assert [key for key in (*SCENARIO_KEYS, *METRICS) if f'`{key}`' not in PAGE] == []

@@ -4,7 +4,7 @@ import math
 
 import pytest
 from hypothesis import strategies as st
-from laws import given, is_read_or_refused_in_one_line
+from laws import given, is_read_or_refused_in_one_line, refusal
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
@@ -141,11 +141,9 @@ def test_the_hardware_profile_has_all_the_faults_of_the_devices():
 
 @pytest.mark.parametrize('name', ['', 'nothing', 'Stationary', 'two\nlines', '..'])
 def test_the_error_for_an_unknown_scenario_lists_the_known_ones(name):
-    with pytest.raises(ScenarioError) as error:
-        load_scenario(name)
-    assert '\n' not in str(error.value)
-    assert repr(name) in str(error.value)
-    assert 'stationary' in str(error.value)
+    text = refusal(ScenarioError, load_scenario, name)
+    assert repr(name) in text
+    assert 'stationary' in text
 
 
 @pytest.mark.parametrize('name', ['nothing.yaml', './nothing', 'a/b.yml', '/'])
@@ -156,139 +154,133 @@ def test_a_missing_file_is_named_by_its_path(name):
 
 @pytest.mark.parametrize('name', ['', 'real', 'two\nlines', '../ballbot'])
 def test_the_error_for_an_unknown_profile_lists_the_known_ones(name):
-    with pytest.raises(ScenarioError, match='ideal') as error:
-        load_profile(name)
-    assert '\n' not in str(error.value)
+    assert 'ideal' in refusal(ScenarioError, load_profile, name)
 
 
-@pytest.mark.parametrize(
-    ('text', 'line', 'told'),
-    [
-        ('', None, 'the scenario is not a mapping'),
-        ('- a\n', 1, 'the scenario is not a mapping'),
-        ('duration: 1\n', 1, 'purpose is missing'),
-        ('purpose: x\n', 1, 'duration is missing'),
-        ('purpose: x\nduration: 0\n', 2, 'longer than 0 s'),
-        ('purpose: x\nduration: -1\n', 2, '-1 is not within'),
-        ('purpose: x\nduration: long\n', 2, "'long' is not a number"),
-        (HEAD + 'goal: 1\n', 3, "unknown key 'goal'; known: duration, "),
-        (HEAD + 'seed: -1\n', 3, '-1 is not within'),
-        (HEAD + 'seed: 1.5\n', 3, '1.5 is not a whole number'),
-        (HEAD + 'profile: real\n', 3, "unknown profile 'real'"),
-        (HEAD + 'start: 4\n', 3, 'is not a mapping'),
-        (
-            HEAD + 'start:\n  pitch_x_deg: 90\n',
-            4,
-            "'pitch_x_deg': 90 is not within -85.9 … 85.9 deg",
-        ),
-        (HEAD + 'start:\n  pitch_deg: 4\n', 4, "unknown key 'pitch_deg'"),
-        (HEAD + 'start:\n  pitch_x_deg: .nan\n', 4, 'nan is not finite'),
-        (HEAD + 'start:\n  pitch_x_deg: x\n', 4, "'x' is not a number"),
-        (HEAD + 'sticks:\n  left: []\n', 4, "unknown key 'left'"),
-        (HEAD + 'sticks:\n  vertical: 1\n', 4, 'is not a list'),
-        (HEAD + 'mode: manual\n', 3, "'manual' is not one of remote, autonomous"),
-        (HEAD + 'plant_model: 1\n', 3, '1 is not text'),
-        (STICK + '    - [0, 1]\n', 5, 'is not a mapping'),
-        (STICK + '    - {from: 1, value: 1}\n', 5, 'a segment needs a name'),
-        (STICK + '    - {name: "", from: 1, value: 1}\n', 5, 'a segment needs a name'),
-        (STICK + '    - {name: a, to: 1, value: 1}\n', 5, "'a' needs 'from', or points"),
-        (STICK + '    - {name: a, from: 1}\n', 5, "'a' needs 'value', or points"),
-        (STICK + '    - {name: a, from: 1, at: 1}\n', 5, "unknown key 'at'"),
-        (STICK + '    - {name: a, from: 1, points: []}\n', 5, 'points, or from, to and value'),
-        (STICK + '    - {name: a, points: [[1, 1]]}\n', 5, 'needs at least two points'),
-        (STICK + '    - {name: a, points: [[1, 1], [1, 2]]}\n', 5, 'has no duration'),
-        (STICK + '    - {name: a, points: [[1, 1], [2]]}\n', 5, '[2] is not a pair'),
-        (
-            STICK + '    - name: a\n      points:\n      - [2, 1]\n      - [1, 1]\n',
-            8,
-            'back to 1 s',
-        ),
-        (STICK + '    - {name: a, from: 2, to: 1, value: 1}\n', 5, 'goes back from 2 to 1 s'),
-        (STICK + '    - {name: a, from: 2, to: 2, value: 1}\n', 5, 'goes back from 2 to 2 s'),
-        (STICK + '    - {name: a, from: -1, value: 1}\n', 5, '-1 s is not within 0'),
-        (STICK + '    - {name: a, from: 0, value: 101}\n', 5, '101 is not within -100 … 100'),
-        (STICK + '    - {name: a, points: [[0, 0], [1, -101]]}\n', 5, '-101 is not within'),
-        (STICK + '    - {name: a, from: 0, value: .nan}\n', 5, 'nan is not finite'),
-        (
-            STICK
-            + '    - {name: a, from: 1, to: 3, value: 1}\n    - {name: b, from: 2, value: 1}\n',
-            6,
-            "time goes back: 'b' begins at 2 s, 'a' lasts until 3 s",
-        ),
-        (
-            STICK + '    - {name: a, from: 1, value: 1}\n' + LATER,
-            6,
-            "'a' lasts until the end",
-        ),
-        (HEAD + 'pushes: {time: 1}\n', 3, 'is not a list'),
-        (PUSH + '{duration: 1, force: 1, direction: left}\n', 4, 'a push needs a time'),
-        (PUSH + '{time: 1, force: 1, direction: left}\n', 4, 'a push needs a duration'),
-        (PUSH + '{time: 1, duration: 1, direction: left}\n', 4, 'a push needs a force'),
-        (PUSH + '{time: 1, duration: 1, force: 1}\n', 4, 'a push needs a direction'),
-        (PUSH + '{time: -1, duration: 1, force: 1, direction: 0}\n', 4, '-1 s is not within'),
-        (PUSH + '{time: 1, duration: 1, force: -1, direction: 0}\n', 4, '-1 is not within 0'),
-        (PUSH + '{time: 1, duration: 1, force: 1, direction: up}\n', 4, "'up' is neither one of"),
-        (PUSH + '{time: 1, duration: 1, force_x: 1}\n', 4, "unknown key 'force_x'"),
-        (PUSH + '{time: 1, duration: .inf, force: 1, direction: 0}\n', 4, 'inf is not finite'),
-        (PUSH + '{time: 1.0e+300, duration: 1, force: 1, direction: 0}\n', 4, ''),
-        (PUSH + '{time: 1, duration: 1, force: 1.0e+308, direction: 0}\n', 4, ''),
-        (HEAD + 'parameters:\n  plant_sim: {grafity: 1}\n', 4, "no parameter 'grafity'"),
-        (HEAD + 'parameters:\n  plant_sim:\n    gravity: -1\n', 5, '-1 is not within'),
-        (HEAD + 'parameters:\n  plant: {gravity: 1}\n', 4, "unknown node 'plant'"),
-        (HEAD + 'parameters:\n  plant_sim: 1\n', 4, 'is not a mapping'),
-        (HEAD + 'parameters:\n  "two\\nlines": 1\n', 4, 'is not a mapping'),
-        (HEAD + 'expectations:\n  peak: {max: 1}\n', 4, "unknown metric 'peak'; known: settling"),
-        (HEAD + 'expectations:\n  peak_pitch_deg: {}\n', 4, 'neither min nor max'),
-        (HEAD + 'map: nosuch\n', 3, "unknown map 'nosuch'; shipped: corridor, track"),
-        (HEAD + 'map: 5\n', 3, '5 is not text'),
-        (HEAD + 'map: ./nosuch.png\n', 3, 'No such file'),
-        (HEAD + 'map: track\nstart: {position_x: 1.5}\n', 4, 'is off the map'),
-        (HEAD + 'map: track\nstart: {position_x: 0.9}\n', 4, 'puts the body in a wall'),
-        (HEAD + 'profile: null\n', 3, 'profile: None is not a line of text'),
-        (
-            HEAD + 'parameters:\n  plant_sim: {scenario: x}\n',
-            4,
-            'cannot set the parameter scenario',
-        ),
-        (STICK + '    - 5\n', 5, "'vertical' 1 is not a mapping"),
-        (STICK + '    - {name: a, from: x, value: 1}\n', 5, "'from': 'x' is not a number"),
-        (STICK + '    - {name: a, from: 6, value: 1}\n', 5, 'begins after the end of the run'),
-        (PUSH + '{time: 6, duration: 1, force: 1, direction: 0}\n', 4, 'after the end'),
-        (PUSH + '{time: 1, duration: 0, force: 1, direction: 0}\n', 4, 'longer than 0 s'),
-        (
-            HEAD + 'expectations:\n  peak_pitch_deg: {min: 2, max: 1}\n',
-            4,
-            'min 2 is more than max 1',
-        ),
-        (HEAD + 'expectations:\n  peak_pitch_deg: []\n', 4, 'neither min nor max'),
-        (HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, to: 0.5}\n', 4, 'before the release'),
-        (HEAD + 'expectations:\n  wall_clearance_m: {min: 1}\n', 4, 'needs a map'),
-        (
-            HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, from: 3, to: 2}\n',
-            4,
-            'is empty or not within the run',
-        ),
-        (
-            HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, from: 5}\n',
-            4,
-            'within the run, 0 … 5 s',
-        ),
-        (HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, to: 6}\n', 4, 'within the run, 0 … 5 s'),
-        (HEAD + 'expectations:\n  peak_pitch_deg:\n  - {max: 1}\n  - 1\n', 6, 'not a mapping'),
-        (HEAD + 'expectations:\n  peak_pitch_deg: {most: 1}\n', 4, "unknown key 'most'"),
-        (HEAD + 'expectations:\n  peak_pitch_deg: {max: .nan}\n', 4, 'nan is not finite'),
-        (HEAD + 'duration: 6\n', 3, "duplicate key 'duration'"),
-        (HEAD + 'start: {\n', 4, 'not YAML'),
-    ],
-)
-def test_mistakes_are_reported_in_one_line_with_file_and_line(load, text, line, told):
-    with pytest.raises(BallbotError) as error:
-        load(text)
-    message = str(error.value)
-    assert '\n' not in message
-    assert message.startswith('/')
-    assert f'mine.yaml:{line}: ' in message if line else 'mine.yaml: ' in message
-    assert told in message
+MISTAKES = [
+    ('', None, 'the scenario is not a mapping'),
+    ('- a\n', 1, 'the scenario is not a mapping'),
+    ('duration: 1\n', 1, 'purpose is missing'),
+    ('purpose: x\n', 1, 'duration is missing'),
+    ('purpose: x\nduration: 0\n', 2, 'longer than 0 s'),
+    ('purpose: x\nduration: -1\n', 2, '-1 is not within'),
+    ('purpose: x\nduration: long\n', 2, "'long' is not a number"),
+    (HEAD + 'goal: 1\n', 3, "unknown key 'goal'; known: duration, "),
+    (HEAD + 'seed: -1\n', 3, '-1 is not within'),
+    (HEAD + 'seed: 1.5\n', 3, '1.5 is not a whole number'),
+    (HEAD + 'profile: real\n', 3, "unknown profile 'real'"),
+    (HEAD + 'start: 4\n', 3, 'is not a mapping'),
+    (
+        HEAD + 'start:\n  pitch_x_deg: 90\n',
+        4,
+        "'pitch_x_deg': 90 is not within -85.9 … 85.9 deg",
+    ),
+    (HEAD + 'start:\n  pitch_deg: 4\n', 4, "unknown key 'pitch_deg'"),
+    (HEAD + 'start:\n  pitch_x_deg: .nan\n', 4, 'nan is not finite'),
+    (HEAD + 'start:\n  pitch_x_deg: x\n', 4, "'x' is not a number"),
+    (HEAD + 'sticks:\n  left: []\n', 4, "unknown key 'left'"),
+    (HEAD + 'sticks:\n  vertical: 1\n', 4, 'is not a list'),
+    (HEAD + 'mode: manual\n', 3, "'manual' is not one of remote, autonomous"),
+    (HEAD + 'plant_model: 1\n', 3, '1 is not text'),
+    (STICK + '    - [0, 1]\n', 5, 'is not a mapping'),
+    (STICK + '    - {from: 1, value: 1}\n', 5, 'a segment needs a name'),
+    (STICK + '    - {name: "", from: 1, value: 1}\n', 5, 'a segment needs a name'),
+    (STICK + '    - {name: a, to: 1, value: 1}\n', 5, "'a' needs 'from', or points"),
+    (STICK + '    - {name: a, from: 1}\n', 5, "'a' needs 'value', or points"),
+    (STICK + '    - {name: a, from: 1, at: 1}\n', 5, "unknown key 'at'"),
+    (STICK + '    - {name: a, from: 1, points: []}\n', 5, 'points, or from, to and value'),
+    (STICK + '    - {name: a, points: [[1, 1]]}\n', 5, 'needs at least two points'),
+    (STICK + '    - {name: a, points: [[1, 1], [1, 2]]}\n', 5, 'has no duration'),
+    (STICK + '    - {name: a, points: [[1, 1], [2]]}\n', 5, '[2] is not a pair'),
+    (
+        STICK + '    - name: a\n      points:\n      - [2, 1]\n      - [1, 1]\n',
+        8,
+        'back to 1 s',
+    ),
+    (STICK + '    - {name: a, from: 2, to: 1, value: 1}\n', 5, 'goes back from 2 to 1 s'),
+    (STICK + '    - {name: a, from: 2, to: 2, value: 1}\n', 5, 'goes back from 2 to 2 s'),
+    (STICK + '    - {name: a, from: -1, value: 1}\n', 5, '-1 s is not within 0'),
+    (STICK + '    - {name: a, from: 0, value: 101}\n', 5, '101 is not within -100 … 100'),
+    (STICK + '    - {name: a, points: [[0, 0], [1, -101]]}\n', 5, '-101 is not within'),
+    (STICK + '    - {name: a, from: 0, value: .nan}\n', 5, 'nan is not finite'),
+    (
+        STICK + '    - {name: a, from: 1, to: 3, value: 1}\n    - {name: b, from: 2, value: 1}\n',
+        6,
+        "time goes back: 'b' begins at 2 s, 'a' lasts until 3 s",
+    ),
+    (
+        STICK + '    - {name: a, from: 1, value: 1}\n' + LATER,
+        6,
+        "'a' lasts until the end",
+    ),
+    (HEAD + 'pushes: {time: 1}\n', 3, 'is not a list'),
+    (PUSH + '{duration: 1, force: 1, direction: left}\n', 4, 'a push needs a time'),
+    (PUSH + '{time: 1, force: 1, direction: left}\n', 4, 'a push needs a duration'),
+    (PUSH + '{time: 1, duration: 1, direction: left}\n', 4, 'a push needs a force'),
+    (PUSH + '{time: 1, duration: 1, force: 1}\n', 4, 'a push needs a direction'),
+    (PUSH + '{time: -1, duration: 1, force: 1, direction: 0}\n', 4, '-1 s is not within'),
+    (PUSH + '{time: 1, duration: 1, force: -1, direction: 0}\n', 4, '-1 is not within 0'),
+    (PUSH + '{time: 1, duration: 1, force: 1, direction: up}\n', 4, "'up' is neither one of"),
+    (PUSH + '{time: 1, duration: 1, force_x: 1}\n', 4, "unknown key 'force_x'"),
+    (PUSH + '{time: 1, duration: .inf, force: 1, direction: 0}\n', 4, 'inf is not finite'),
+    (PUSH + '{time: 1.0e+300, duration: 1, force: 1, direction: 0}\n', 4, ''),
+    (PUSH + '{time: 1, duration: 1, force: 1.0e+308, direction: 0}\n', 4, ''),
+    (HEAD + 'parameters:\n  plant_sim: {grafity: 1}\n', 4, "no parameter 'grafity'"),
+    (HEAD + 'parameters:\n  plant_sim:\n    gravity: -1\n', 5, '-1 is not within'),
+    (HEAD + 'parameters:\n  plant: {gravity: 1}\n', 4, "unknown node 'plant'"),
+    (HEAD + 'parameters:\n  plant_sim: 1\n', 4, 'is not a mapping'),
+    (HEAD + 'parameters:\n  "two\\nlines": 1\n', 4, 'is not a mapping'),
+    (HEAD + 'expectations:\n  peak: {max: 1}\n', 4, "unknown metric 'peak'; known: settling"),
+    (HEAD + 'expectations:\n  peak_pitch_deg: {}\n', 4, 'neither min nor max'),
+    (HEAD + 'map: nosuch\n', 3, "unknown map 'nosuch'; shipped: corridor, track"),
+    (HEAD + 'map: 5\n', 3, '5 is not text'),
+    (HEAD + 'map: ./nosuch.png\n', 3, 'No such file'),
+    (HEAD + 'map: track\nstart: {position_x: 1.5}\n', 4, 'is off the map'),
+    (HEAD + 'map: track\nstart: {position_x: 0.9}\n', 4, 'puts the body in a wall'),
+    (HEAD + 'profile: null\n', 3, 'profile: None is not a line of text'),
+    (
+        HEAD + 'parameters:\n  plant_sim: {scenario: x}\n',
+        4,
+        'cannot set the parameter scenario',
+    ),
+    (STICK + '    - 5\n', 5, "'vertical' 1 is not a mapping"),
+    (STICK + '    - {name: a, from: x, value: 1}\n', 5, "'from': 'x' is not a number"),
+    (STICK + '    - {name: a, from: 6, value: 1}\n', 5, 'begins after the end of the run'),
+    (PUSH + '{time: 6, duration: 1, force: 1, direction: 0}\n', 4, 'after the end'),
+    (PUSH + '{time: 1, duration: 0, force: 1, direction: 0}\n', 4, 'longer than 0 s'),
+    (
+        HEAD + 'expectations:\n  peak_pitch_deg: {min: 2, max: 1}\n',
+        4,
+        'min 2 is more than max 1',
+    ),
+    (HEAD + 'expectations:\n  peak_pitch_deg: []\n', 4, 'neither min nor max'),
+    (HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, to: 0.5}\n', 4, 'before the release'),
+    (HEAD + 'expectations:\n  wall_clearance_m: {min: 1}\n', 4, 'needs a map'),
+    (
+        HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, from: 3, to: 2}\n',
+        4,
+        'is empty or not within the run',
+    ),
+    (
+        HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, from: 5}\n',
+        4,
+        'within the run, 0 … 5 s',
+    ),
+    (HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, to: 6}\n', 4, 'within the run, 0 … 5 s'),
+    (HEAD + 'expectations:\n  peak_pitch_deg:\n  - {max: 1}\n  - 1\n', 6, 'not a mapping'),
+    (HEAD + 'expectations:\n  peak_pitch_deg: {most: 1}\n', 4, "unknown key 'most'"),
+    (HEAD + 'expectations:\n  peak_pitch_deg: {max: .nan}\n', 4, 'nan is not finite'),
+    (HEAD + 'duration: 6\n', 3, "duplicate key 'duration'"),
+    (HEAD + 'start: {\n', 4, 'not YAML'),
+]
+
+
+def test_mistakes_are_reported_in_one_line_with_file_and_line(load):
+    for text, line, told in MISTAKES:
+        message = refusal(BallbotError, load, text)
+        assert message.startswith('/'), text
+        assert (f'mine.yaml:{line}: ' if line else 'mine.yaml: ') in message, text
+        assert told in message, text
 
 
 @pytest.mark.parametrize('number', ['9' * 400, '0x' + 'f' * 400, '1.0e+999'])

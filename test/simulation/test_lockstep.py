@@ -148,54 +148,54 @@ IGNORE, STORE, RESEND, OBJECT, MISSED = (
 BEGUN = (STORE, STORE, TICK)
 
 
-@pytest.mark.parametrize(
-    ('events', 'steps'),
-    [
-        # A sample from the plant itself opens the run; earlier samples belong to another run.
-        (FIRST, BEGUN),
-        ((('gyro', 1000), ('sonar', 1000), *FIRST), (IGNORE, IGNORE, *BEGUN)),
-        ((('gyro', 5000), ('sonar', 400), *FIRST), (IGNORE, IGNORE, *BEGUN)),
-        ((('gyro', 1000, b'of another run'), *FIRST), (IGNORE, *BEGUN)),
-        ((('battery', 900), ('gyro', 1000), *FIRST), (IGNORE, IGNORE, *BEGUN)),
-        # There is only one sample per stamp.
-        ((*FIRST, ('gyro', 1000, b'other')), (*BEGUN, OBJECT)),
-        ((*FIRST, ('sonar', 1000, b'other')), (*BEGUN, OBJECT)),
-        ((*FIRST, ('battery', 1000, b'other')), (*BEGUN, OBJECT)),
-        ((*FIRST[:2], ('gyro', 1000, b'other')), (STORE, STORE, OBJECT)),
-        ((*FIRST, *SECOND, ('gyro', 1000, b'other')), (*BEGUN, None, TICK, OBJECT)),
-        # If asked again, the controller repeats its answer, but only to the previous tick.
-        ((*FIRST, ('gyro', 1000)), (*BEGUN, RESEND)),
-        ((*FIRST, TS1_FIRED, ('gyro', 1000)), (*BEGUN, None, RESEND)),
-        ((*FIRST, *SECOND, ('gyro', 1000)), (*BEGUN, None, TICK, IGNORE)),
-        ((*FIRST, *SECOND, ('sonar', 1000)), (*BEGUN, None, TICK, IGNORE)),
-        # No sample can be ahead of the plant.
-        ((*FIRST, ('gyro', 1008)), (*BEGUN, OBJECT)),
-        ((*FIRST, ('sonar', 10**12)), (*BEGUN, OBJECT)),
-        ((*FIRST, ('gyro', 0), ('gyro', 996)), (*BEGUN, IGNORE, IGNORE)),
-        # A controller that joins later has missed the start.
-        ((('gyro', 1400), ('battery', 1400), ('gyro', 1404)), (IGNORE, STORE, MISSED)),
-        ((('battery', 1000), ('gyro', 1004)), (STORE, MISSED)),
-        # A sample of another clock does not replace the first one.
-        ((('battery', 1000), ('gyro', 5000), *FIRST[1:]), (STORE, MISSED, STORE, TICK)),
-        ((('battery', 1000), ('sonar', 10**12), *FIRST[1:]), (STORE, IGNORE, STORE, TICK)),
-        # A tick waits for its timers, which may fire in any order.
-        ((*FIRST, ('gyro', 1004), TS1_FIRED), (*BEGUN, STORE, TICK)),
-        ((*FIRST, ('gyro', 1004), (TS1, 1000), (TS1, 1008)), (*BEGUN, STORE, None, None)),
-        ((*FIRST, ('gyro', 1004), (TS1, 1003), TS1_FIRED), (*BEGUN, STORE, None, TICK)),
-        ((*FIRST, ('gyro', 1004), (TS2, 1004), TS1_FIRED), (*BEGUN, STORE, None, TICK)),
-        ((*FIRST, *SECOND, TS1_FIRED, ('gyro', 1008)), (*BEGUN, None, TICK, None, STORE)),
-        # If asked again when all inputs have arrived, the controller forces the releases.
-        ((*FIRST, ('gyro', 1004), ('gyro', 1004)), (*BEGUN, STORE, TICK)),
-        ((*FIRST, ('gyro', 1004), ('gyro', 1000)), (*BEGUN, STORE, RESEND)),
-        # The first tick needs no timer, and a callback does not disturb it.
-        (((TS1, 1000), (TS2, 996), *FIRST), (None, None, *BEGUN)),
-        ((FIRST[0], (TS1, 1000), *FIRST[1:], (TS2, 1000)), (STORE, None, STORE, TICK, None)),
-    ],
-)
-def test_each_event_has_its_reaction(events, steps):
-    ticks = Ticks()
-    assert ticks.feed_all(*events) == list(steps)
-    assert ticks.times_ms == [1000, 1004][: steps.count(TICK)]
+REACTIONS = [
+    # A sample from the plant itself opens the run; earlier samples belong to another run.
+    (FIRST, BEGUN),
+    ((('gyro', 1000), ('sonar', 1000), *FIRST), (IGNORE, IGNORE, *BEGUN)),
+    ((('gyro', 5000), ('sonar', 400), *FIRST), (IGNORE, IGNORE, *BEGUN)),
+    ((('gyro', 1000, b'of another run'), *FIRST), (IGNORE, *BEGUN)),
+    ((('battery', 900), ('gyro', 1000), *FIRST), (IGNORE, IGNORE, *BEGUN)),
+    # There is only one sample per stamp.
+    ((*FIRST, ('gyro', 1000, b'other')), (*BEGUN, OBJECT)),
+    ((*FIRST, ('sonar', 1000, b'other')), (*BEGUN, OBJECT)),
+    ((*FIRST, ('battery', 1000, b'other')), (*BEGUN, OBJECT)),
+    ((*FIRST[:2], ('gyro', 1000, b'other')), (STORE, STORE, OBJECT)),
+    ((*FIRST, *SECOND, ('gyro', 1000, b'other')), (*BEGUN, None, TICK, OBJECT)),
+    # If asked again, the controller repeats its answer, but only to the previous tick.
+    ((*FIRST, ('gyro', 1000)), (*BEGUN, RESEND)),
+    ((*FIRST, TS1_FIRED, ('gyro', 1000)), (*BEGUN, None, RESEND)),
+    ((*FIRST, *SECOND, ('gyro', 1000)), (*BEGUN, None, TICK, IGNORE)),
+    ((*FIRST, *SECOND, ('sonar', 1000)), (*BEGUN, None, TICK, IGNORE)),
+    # No sample can be ahead of the plant.
+    ((*FIRST, ('gyro', 1008)), (*BEGUN, OBJECT)),
+    ((*FIRST, ('sonar', 10**12)), (*BEGUN, OBJECT)),
+    ((*FIRST, ('gyro', 0), ('gyro', 996)), (*BEGUN, IGNORE, IGNORE)),
+    # A controller that joins later has missed the start.
+    ((('gyro', 1400), ('battery', 1400), ('gyro', 1404)), (IGNORE, STORE, MISSED)),
+    ((('battery', 1000), ('gyro', 1004)), (STORE, MISSED)),
+    # A sample of another clock does not replace the first one.
+    ((('battery', 1000), ('gyro', 5000), *FIRST[1:]), (STORE, MISSED, STORE, TICK)),
+    ((('battery', 1000), ('sonar', 10**12), *FIRST[1:]), (STORE, IGNORE, STORE, TICK)),
+    # A tick waits for its timers, which may fire in any order.
+    ((*FIRST, ('gyro', 1004), TS1_FIRED), (*BEGUN, STORE, TICK)),
+    ((*FIRST, ('gyro', 1004), (TS1, 1000), (TS1, 1008)), (*BEGUN, STORE, None, None)),
+    ((*FIRST, ('gyro', 1004), (TS1, 1003), TS1_FIRED), (*BEGUN, STORE, None, TICK)),
+    ((*FIRST, ('gyro', 1004), (TS2, 1004), TS1_FIRED), (*BEGUN, STORE, None, TICK)),
+    ((*FIRST, *SECOND, TS1_FIRED, ('gyro', 1008)), (*BEGUN, None, TICK, None, STORE)),
+    # If asked again when all inputs have arrived, the controller forces the releases.
+    ((*FIRST, ('gyro', 1004), ('gyro', 1004)), (*BEGUN, STORE, TICK)),
+    ((*FIRST, ('gyro', 1004), ('gyro', 1000)), (*BEGUN, STORE, RESEND)),
+    # The first tick needs no timer, and a callback does not disturb it.
+    (((TS1, 1000), (TS2, 996), *FIRST), (None, None, *BEGUN)),
+    ((FIRST[0], (TS1, 1000), *FIRST[1:], (TS2, 1000)), (STORE, None, STORE, TICK, None)),
+]
+
+
+def test_each_event_has_its_reaction():
+    for events, steps in REACTIONS:
+        ticks = Ticks()
+        assert ticks.feed_all(*events) == list(steps), events
+        assert ticks.times_ms == [1000, 1004][: steps.count(TICK)], events
 
 
 def test_a_tick_runs_the_due_tasks_and_names_those_not_released_by_their_timers():
@@ -224,22 +224,22 @@ def test_a_tick_comes_with_the_last_of_its_inputs_and_releases_in_every_order():
 
 
 @pytest.mark.parametrize('dropped', [(TS1,), (TS2,), (TS3,), (TS1, TS3), (TS1, TS2, TS3)])
-@pytest.mark.parametrize('name', PERIODS)
-def test_a_dropped_callback_stalls_the_tick_until_the_plant_asks_again(dropped, name):
-    ticks = Ticks()
-    ticks.feed_all(*FIRST)
-    for now_ms in range(1004, 1100, 4):
-        ticks.tick(now_ms)
-    ticks.feed_all(*((task, 1100) for task in (TS1, TS2, TS3) if task not in dropped))
-    assert ticks.feed_all(*((each, 1100) for each in PERIODS)) == [STORE] * 3
-    assert ticks.forced == 0
-    assert ticks.feed(name, 1100) == TICK
-    assert ticks.ran[-1] == DueTick(1100 * MS, (TS1, TS2, TS3), dropped)
-    assert ticks.forced == len(dropped)
-    # Late callbacks change nothing, and the next ticks run normally.
-    assert ticks.feed_all(*((task, 1100) for task in dropped)) == [None] * len(dropped)
-    assert ticks.tick(1104) == [None, TICK]
-    assert ticks.forced == len(dropped)
+def test_a_dropped_callback_stalls_the_tick_until_the_plant_asks_again(dropped):
+    for name in PERIODS:
+        ticks = Ticks()
+        ticks.feed_all(*FIRST)
+        for now_ms in range(1004, 1100, 4):
+            ticks.tick(now_ms)
+        ticks.feed_all(*((task, 1100) for task in (TS1, TS2, TS3) if task not in dropped))
+        assert ticks.feed_all(*((each, 1100) for each in PERIODS)) == [STORE] * 3, name
+        assert ticks.forced == 0, name
+        assert ticks.feed(name, 1100) == TICK, name
+        assert ticks.ran[-1] == DueTick(1100 * MS, (TS1, TS2, TS3), dropped), name
+        assert ticks.forced == len(dropped), name
+        # Late callbacks change nothing, and the next ticks run normally.
+        assert ticks.feed_all(*((task, 1100) for task in dropped)) == [None] * len(dropped), name
+        assert ticks.tick(1104) == [None, TICK], name
+        assert ticks.forced == len(dropped), name
 
 
 def test_nothing_is_forced_while_an_input_is_missing():
@@ -303,14 +303,14 @@ def test_a_rejoined_run_forces_the_first_releases_and_counts_them():
     assert ticks.forced == 2
 
 
-@pytest.mark.parametrize('seed', range(30))
-def test_repeated_leftover_or_reordered_messages_do_not_change_the_ticks(seed):
+def shuffled(seed):
+    """Return the ticks of a run whose messages are repeated, reordered and mixed with others'."""
     chance = random.Random(seed)
     ticks = Ticks()
 
     def take_something_of_another_run():
         event = (chance.choice(list(PERIODS)), 4 * chance.randrange(250), b'old')
-        assert ticks.feed(*event) is IGNORE
+        assert ticks.feed(*event) is IGNORE, seed
 
     take_something_of_another_run()
     ticks.feed('battery', 1000)
@@ -320,10 +320,16 @@ def test_repeated_leftover_or_reordered_messages_do_not_change_the_ticks(seed):
         events = [*inputs[1:], *chance.choices(inputs[1:] or [TS1], k=2), *timers, *timers]
         chance.shuffle(events)
         for name in [*events, inputs[0], *chance.choices(inputs, k=chance.randrange(3))]:
-            assert ticks.feed(name, now) in (STORE, TICK, RESEND, IGNORE, None)
+            assert ticks.feed(name, now) in (STORE, TICK, RESEND, IGNORE, None), seed
             take_something_of_another_run()
-    assert ticks.times_ms == list(range(1000, 1200, 4))
-    assert ticks.forced == 0
+    return ticks
+
+
+def test_repeated_leftover_or_reordered_messages_do_not_change_the_ticks():
+    for seed in range(30):
+        ticks = shuffled(seed)
+        assert ticks.times_ms == list(range(1000, 1200, 4)), seed
+        assert ticks.forced == 0, seed
 
 
 class Disturbed(RuleBasedStateMachine):
