@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import click
@@ -15,6 +15,7 @@ from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.result import print_json, print_table
 from ballbot_ros.run.execution import execute
+from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.requirements import require_rclpy
 from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
 
@@ -38,9 +39,12 @@ def run_and_print(
     is_replaced : callable or None
         Returns whether another run has been requested, which replaces this one.
     """
-    spec = RunSpec.of_scenario(reference, options)
-    with Progress(spec.name, spec.plant.duration) as progress, _stdout_to_stderr():
-        result = execute(spec, progress, is_replaced)
+    # Start early: it imports the nodes while this process prepares the run.
+    early = ForkClient() if options.processes is Processes.SEPARATE else nullcontext()
+    with early as client:
+        spec = RunSpec.of_scenario(reference, options)
+        with Progress(spec.name, spec.plant.duration) as progress, _stdout_to_stderr():
+            result = execute(spec, progress, is_replaced, client)
     (print_json if as_json else print_table)(spec, result)
     return result.exit_status
 

@@ -122,14 +122,9 @@ def elements(name: str, count: int) -> list[str]:
 
 def _find(data: bytes, number: float) -> tuple[int, str]:
     """Return offset and type code of the only occurrence of a number."""
-    found = [
-        (offset, code)
-        for code in 'fd'
-        for offset in range(len(data))
-        if data.startswith(struct.pack(f'<{code}', number), offset)
-    ]
-    (place,) = found
-    return place
+    marks = {code: struct.pack(f'<{code}', number) for code in 'fd'}
+    ((code, mark),) = ((code, mark) for code, mark in marks.items() if data.count(mark) == 1)
+    return data.index(mark), code
 
 
 def _picker(indices: Iterable[int]) -> Callable[[Sequence[Any]], tuple[Any, ...]]:

@@ -3,8 +3,8 @@
 Importing rclpy and the messages takes longer than everything else until the first tick, and every
 node needs the same. This process never initialises rclpy, so its forks start like new processes.
 
-``python -m ballbot_ros.nodes.fork_server SOCKET ROOM`` serves the command that started it:
-:class:`ballbot_ros.run.fork_client.ForkClient` describes the messages.
+It serves the command that started it; :class:`ballbot_ros.run.fork_client.ForkClient` describes the
+messages.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import os
 import selectors
 import socket
 import sys
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -25,8 +26,9 @@ from ballbot_ros.nodes.executables import start
 from ballbot_ros.nodes.processes import END_WITH_PARENT
 
 MAX_REQUEST_BYTES = 2**20
+PROGRAM = f'from {__name__} import main; main()'
 ROOM = ' ' * 4096
-"""Argument of the fork server: its place in memory takes the command lines of the nodes."""
+"""Last argument of the program: its place in memory takes the command lines of the nodes."""
 
 _PR_SET_NAME = 15
 _ARG_START, _ARG_END = 45, 46
@@ -98,7 +100,10 @@ def serve(control: socket.socket) -> tuple[NodeRequest, list[int]] | None:
                 request, files, *_ = socket.recv_fds(control, MAX_REQUEST_BYTES, 2)
                 if not request:
                     return None
-                process = os.fork()
+                with warnings.catch_warnings():
+                    # rcl has loaded LTTng, whose threads a fork lacks and does not need.
+                    warnings.simplefilter('ignore', DeprecationWarning)
+                    process = os.fork()
                 if process == 0:
                     return NodeRequest(*json.loads(request)), files
                 for file in files:
@@ -142,7 +147,3 @@ def set_command_line(name: str, words: Sequence[str]) -> None:
     line = b'\0'.join(map(os.fsencode, words))[: end - begin - 1]
     ctypes.memmove(begin, line.ljust(end - begin, b'\0'), end - begin)
     ctypes.CDLL(None).prctl(_PR_SET_NAME, name.encode())
-
-
-if __name__ == '__main__':
-    main()

@@ -24,6 +24,7 @@ def execute(
     spec: RunSpec,
     observer: RunObserver | None = None,
     is_replaced: Callable[[], bool] | None = None,
+    client: ForkClient | None = None,
 ) -> RunResult:
     """Run a scenario, measure and judge it, and draw its figure.
 
@@ -35,6 +36,9 @@ def execute(
     is_replaced : callable or None
         Returns whether another run replaces this one; only for nodes in separate processes. None if
         no run will replace it.
+    client : ForkClient or None
+        Forks the nodes that are separate processes. One that was started early has already imported
+        them; None to start one for this run.
 
     Returns
     -------
@@ -50,7 +54,7 @@ def execute(
     # Read the map before the run: its file may change in the meantime.
     world = World.of(spec.plant)
     with output_files(spec) as files:
-        result = _carry_out(spec, files.recording, observer or LogObserver(), is_replaced)
+        result = _carry_out(spec, files.recording, observer or LogObserver(), is_replaced, client)
         result = _with_metrics(spec, world, result)
         if files.recording and files.recording.exists():
             result = replace(result, recording=files.recording)
@@ -65,6 +69,7 @@ def _carry_out(
     recording: Path | None,
     observer: RunObserver,
     is_replaced: Callable[[], bool] | None,
+    client: ForkClient | None,
 ) -> RunResult:
     # Import only what these processes need: without ROS there is no rclpy.
     if spec.processes is Processes.NONE:
@@ -73,11 +78,10 @@ def _carry_out(
         return run_offline(spec, recording, observer)
     with temporary_folder() as folder, ExitStack() as stack:
         scratch = Path(folder)
-        if spec.processes is Processes.SEPARATE:
-            # Start it now: it imports the nodes while this process imports what it needs itself.
+        if spec.processes is Processes.SEPARATE and client is None:
             client = stack.enter_context(ForkClient())
         require_rclpy(', or use --processes none')
-        if spec.processes is Processes.ONE:
+        if client is None:
             from ballbot_ros.run.one_process import run_in_one_process
 
             return run_in_one_process(spec, recording, scratch, observer)

@@ -13,7 +13,7 @@ import sys
 import time
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.fork_server import ROOM, NodeRequest
+from ballbot_ros.nodes.fork_server import PROGRAM, ROOM, NodeRequest
 from ballbot_ros.nodes.processes import is_alive
 
 _POLL_S = 0.05
@@ -34,7 +34,7 @@ class ForkClient:
         self._is_gone = False
         with theirs:
             self._server = subprocess.Popen(
-                [sys.executable, '-m', 'ballbot_ros.nodes.fork_server', str(theirs.fileno()), ROOM],
+                [sys.executable, '-c', PROGRAM, str(theirs.fileno()), ROOM],
                 # One thread for each node is enough; more would cost start-up time.
                 env={**os.environ, 'OPENBLAS_NUM_THREADS': '1'},
                 pass_fds=[theirs.fileno()],
@@ -48,6 +48,7 @@ class ForkClient:
 
     def __exit__(self, *error: object) -> None:
         self._control.close()
+        self._server.kill()  # it may still be importing
         self._server.wait()
 
     def start(self, request: NodeRequest, output: int, lock: int | None = None) -> int:

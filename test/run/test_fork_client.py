@@ -1,0 +1,169 @@
+"""Nodes as forks of one process: each is like a process of its own."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from graph import alive, wait_for
+
+pytest.importorskip('rclpy')
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.domain_lock import DomainLock
+from ballbot_ros.nodes.fork_server import NodeRequest
+from ballbot_ros.nodes.processes import children
+from ballbot_ros.run.fork_client import ForkClient
+
+pytestmark = pytest.mark.graph
+
+
+class Nodes:
+    """Nodes of a fork client, with their output in files."""
+
+    def __init__(self, client, folder, domain):
+        self.client, self._folder = client, folder
+        self._environment = {
+            **os.environ,
+            'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        }
+
+    def start(self, name, *arguments, lock=None, **environment):
+        with self.output_of(name).open('wb') as output:
+            request = NodeRequest(name, [name, *arguments], self._environment | environment)
+            return self.client.start(request, output.fileno(), lock)
+
+    def output_of(self, name):
+        return self._folder / f'{name}.txt'
+
+    def await_start(self, name):
+        wait_for(lambda: 'started' in self.output_of(name).read_text(), what=f'start of {name}')
+
+
+@pytest.fixture
+def nodes(tmp_path, domain):
+    with ForkClient() as client:
+        yield Nodes(client, tmp_path, domain)
+
+
+def field(process, name):
+    lines = Path(f'/proc/{process}/status').read_text().splitlines()
+    return next(line.split()[1] for line in lines if line.startswith(f'{name}:'))
+
+
+def test_each_node_is_a_process_of_its_own_name_session_and_environment(nodes):
+    folder = ('--ros-args', '--log-level', 'INFO')
+    running = {name: nodes.start(name, *folder) for name in ('gyro_driver', 'encoder_driver')}
+    for name, process in running.items():
+        nodes.await_start(name)
+        line = Path(f'/proc/{process}/cmdline').read_text()
+        assert line.rstrip('\0').split('\0') == [name, *folder]
+        assert field(process, 'Name') == name
+        assert os.getsid(process) == process
+        assert str(Path(f'/proc/{process}/fd/0').readlink()) == os.devnull
+        assert nodes.client.status_of(process) is None
+    assert len(set(running.values())) == 2
+    # Nothing of one node is open in another, such as its output.
+    for name, process in running.items():
+        files = [str(each.readlink()) for each in Path(f'/proc/{process}/fd').iterdir()]
+        assert [file for file in files if file.endswith('.txt')] == [str(nodes.output_of(name))] * 2
+
+
+def test_a_long_command_line_is_cut_off_and_leaves_the_environment_alone(nodes):
+    process = nodes.start('gyro_driver', '--ros-args', '-p', f'gyro_{"x" * 6000}:=1')
+    wait_for(lambda: nodes.client.status_of(process) is not None, what='its end')
+    assert nodes.client.status_of(process) == 2
+    assert 'has no parameter' in nodes.output_of('gyro_driver').read_text()
+
+
+@pytest.mark.parametrize(
+    ('number', 'status'), [(signal.SIGTERM, 0), (signal.SIGINT, 0), (signal.SIGKILL, -9)]
+)
+def test_the_end_of_a_node_is_reported(nodes, number, status):
+    process, other = nodes.start('gyro_driver'), nodes.start('encoder_driver')
+    nodes.await_start('gyro_driver')
+    os.kill(process, number)
+    nodes.client.await_end(process)
+    assert nodes.client.status_of(process) == status
+    assert nodes.client.status_of(other) is None
+
+
+def test_a_mistake_in_the_parameters_is_status_2_and_one_line(nodes):
+    process = nodes.start('gyro_driver', '--ros-args', '-p', 'offset:=much')
+    nodes.client.await_end(process)
+    assert nodes.client.status_of(process) == 2
+    (line,) = nodes.output_of('gyro_driver').read_text().splitlines()
+    assert line.startswith('error: ')
+
+
+def test_a_wait_is_not_longer_than_allowed(nodes):
+    process = nodes.start('gyro_driver')
+    nodes.client.await_end(process, 0.05)
+    assert nodes.client.status_of(process) is None
+
+
+def test_a_plant_takes_over_the_lock_of_its_domain(nodes, domain):
+    lock = DomainLock(domain)
+    process = nodes.start('plant_sim', lock=lock.file)
+    lock.release()
+    nodes.await_start('plant_sim')
+    with pytest.raises(BallbotError, match='another plant'):
+        DomainLock(domain)
+    os.kill(process, signal.SIGKILL)
+    nodes.client.await_end(process)
+    DomainLock(domain).release()
+
+
+def test_no_node_outlives_the_fork_server(nodes):
+    process = nodes.start('gyro_driver')
+    nodes.await_start('gyro_driver')
+    (server,) = [each for each in children(os.getpid()) if process in children(each)]
+    os.kill(server, signal.SIGKILL)
+    nodes.client.await_end(process)
+    assert nodes.client.status_of(process) == -signal.SIGTERM
+    assert not alive(process)
+    with pytest.raises(BallbotError, match='encoder_driver cannot be started'):
+        nodes.start('encoder_driver')
+
+
+COMMAND = """
+import json, os, sys
+from ballbot_ros.nodes.fork_server import NodeRequest
+from ballbot_ros.run.fork_client import ForkClient
+client = ForkClient()
+node = client.start(NodeRequest('gyro_driver', ['gyro_driver'], dict(os.environ)), 2)
+print(json.dumps([client._server.pid, node]), flush=True)
+sys.stdin.read()
+"""
+
+
+def test_everything_ends_with_a_killed_command(domain):
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+    with contextlib.ExitStack() as stack:
+        command = stack.enter_context(
+            subprocess.Popen(
+                [sys.executable, '-c', COMMAND], env=environment, stdin=-1, stdout=-1, stderr=-1
+            )
+        )
+        server, node = json.loads(command.stdout.readline())
+        command.kill()
+        wait_for(lambda: not alive(server) and not alive(node), what='the end of both')
+
+
+CHECK = """
+import os, rclpy
+from ballbot_ros.nodes.fork_server import import_nodes
+import_nodes()
+import sys
+print(rclpy.ok(), {'ballbot_ros.nodes.plant_sim', 'ballbot_ros.nodes.recorder'} <= set(sys.modules))
+"""
+
+
+def test_the_fork_server_has_imported_the_nodes_but_not_initialised_ros():
+    done = subprocess.run([sys.executable, '-c', CHECK], capture_output=True, text=True, check=True)
+    assert done.stdout == 'False True\n'
