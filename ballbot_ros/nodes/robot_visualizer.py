@@ -149,8 +149,7 @@ def _fill(
     names: tuple[str, ...], message: Any, stamp_ns: int, frames: dict[str, Transform]
 ) -> None:
     for name, each in zip(names, message.transforms, strict=True):
-        pose = (part.tolist() for part in frames[name])
-        fill_transform(each, stamp_ns, PARENTS[name], name, *pose)
+        fill_transform(each, stamp_ns, PARENTS[name], name, *frames[name].values())
 
 
 def main() -> None:

@@ -25,6 +25,7 @@ from ballbot_ros.viewer.robot import (
     parts,
     sonar_position,
     wheel_centres,
+    wxyz,
 )
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.world.exports import WALL_HEIGHT_CM
@@ -166,11 +167,11 @@ class Robot:
         self._root.visible = True
         ball = snapshot.position[0], -snapshot.position[1], self._dimensions.ball_radius
         self._links[BALL].position = self._links[BODY].position = ball
-        self._links[BALL].wxyz = self._orientation.ball(snapshot.position)
+        self._links[BALL].wxyz = wxyz(self._orientation.ball(snapshot.position))
         self._links[BODY].wxyz = body_orientation(snapshot.psi)
         rotations = self._orientation.wheels(snapshot.position, snapshot.psi)
         for link, rotation in zip((WHEEL_X, WHEEL_Y), rotations, strict=True):
-            self._links[link].wxyz = rotation
+            self._links[link].wxyz = wxyz(rotation)
         if self._cone is not None:
             self._cone.visible = echo = math.isfinite(snapshot.sonar) and snapshot.sonar > 0.0
             if echo:

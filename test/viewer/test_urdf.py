@@ -109,7 +109,7 @@ def test_motor_angles_turn_the_wheels_as_the_motion_does(position, psi):
     rotations = RollingOrientation(DIMENSIONS).wheels(position, psi)
     for link, rotation in zip((WHEEL_X, WHEEL_Y), rotations, strict=True):
         found = ROBOT.get_transform(link, BODY)[:3, :3]
-        assert found == pytest.approx(transformations.quaternion_matrix(rotation)[:3, :3], abs=1e-6)
+        assert found == pytest.approx(rotation.as_matrix(), abs=1e-6)
 
 
 def test_masses_and_inertias_are_those_of_the_model():
