@@ -79,15 +79,10 @@ class ComparedRun:
     ----------
     letter : str
         ``A`` for the reference, ``B`` and so on.
-    path : Path
-    outcome, reason : str
     trusted : bool
         Whether the run is complete and did not fail.
-    metrics : dict of str to float
     tables : dict of str to Table
         The numbers of each figure, by the figure's name.
-    floor : FloorMap, OccupancyGrid or None
-    notes : tuple of str
     """
 
     letter: str

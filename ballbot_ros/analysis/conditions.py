@@ -26,12 +26,10 @@ class Condition:
 
     Attributes
     ----------
-    metric : str
     sign : str
         ``>``: the metric rose by more than `amount`; ``<``: it fell by more than `amount`.
     amount : float
         In percent of the reference's magnitude, or in the metric's own unit; not negative.
-    percent : bool
     """
 
     metric: str

@@ -77,9 +77,7 @@ def draw_line(
 
     Parameters
     ----------
-    axes : matplotlib Axes
     x, y : ndarray, shape (n,)
-    line : Line
     height : float
         Z-order: higher lines cover lower ones.
     """
@@ -135,7 +133,6 @@ def draw_floor(axes: Axes, floor: FloorMap | OccupancyGrid | None) -> None:
 
     Parameters
     ----------
-    axes : matplotlib Axes
     floor : FloorMap, OccupancyGrid or None
         Source of the walls and, if it is a map, of the lines; None for an empty floor.
     """
@@ -182,10 +179,8 @@ def draw_track(axes: Axes, table: Table, line: Line) -> None:
 
     Parameters
     ----------
-    axes : matplotlib Axes
     table : Table
         With the columns ``map_x_cm`` and ``map_y_cm``.
-    line : Line
     """
     x, y = table['map_x_cm'], table['map_y_cm']
     draw_line(axes, x, y, line)

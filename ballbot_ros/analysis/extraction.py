@@ -134,12 +134,6 @@ class Status(NamedTuple):
     """A node's report in ``/diagnostics``.
 
     Equal texts share one object: in an hour, nodes repeat the same text thousands of times.
-
-    Attributes
-    ----------
-    name, message : str
-    level : int
-    keys, texts : tuple of str
     """
 
     name: str
@@ -160,8 +154,6 @@ class TopicStatistics:
 
     Attributes
     ----------
-    topic, type_name : str
-    count : int
     first_ns, last_ns, gap_ns : int
         Oldest and newest log time, and the longest time between two messages.
     age_sum_ms, age_max_ms : float

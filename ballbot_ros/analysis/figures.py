@@ -49,7 +49,6 @@ def draw_motion(
 
     Parameters
     ----------
-    trajectory : Trajectory
     path : Path
         The PNG to write.
     title : str

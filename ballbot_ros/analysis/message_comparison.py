@@ -26,7 +26,6 @@ class MessageDifference(NamedTuple):
     ----------
     stamp_ns : int
         Sim time of the tick [ns].
-    topic : str
     what : str
         The first differing field with both values, or that the message has no counterpart.
     epoch : int

@@ -48,7 +48,6 @@ class RunInputs:
 
     Attributes
     ----------
-    run : RecordedRun
     last_ns : int
         Sim time of the last tick with a duty [ns]; one tick before the start if there is none.
     sticks : mapping of int to tuple of int
@@ -88,7 +87,6 @@ class RecordedInputs:
 
     Attributes
     ----------
-    recording : RobotRecording
     runs : tuple of RunInputs
         In the order of the file.
     announced : AnnouncedParameters

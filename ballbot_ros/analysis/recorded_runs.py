@@ -62,7 +62,6 @@ def samples_in(batch: Batch, rows: Mapping[Topic, Rows]) -> dict[Topic, Rows]:
 
     Parameters
     ----------
-    batch : Batch
     rows : mapping of Topic to ndarray
         The rows of the batch by topic.
     """
@@ -171,7 +170,6 @@ class RunFinder:
 
         Parameters
         ----------
-        batch : Batch
         rows : mapping of Topic to ndarray
             The rows of the batch by topic.
         samples : mapping of Topic to ndarray
@@ -277,11 +275,8 @@ def messages_by_epoch(
 
     Parameters
     ----------
-    reader : RecordingReader
-    topics : RobotTopics
     finder : RunFinder
         Finds the epochs of the messages. For this it also receives all samples and announcements.
-    wanted : collection of Topic
     """
     read = [n for n, topic in topics.by_name.items() if topic in (*wanted, RUN) or topic.period_ns]
     well_typed = topics.well_typed
@@ -305,8 +300,6 @@ class RobotRecording:
 
     Attributes
     ----------
-    reader : RecordingReader
-    topics : RobotTopics
     epochs : int
         Number of epochs in the file, at least 1.
     """
@@ -320,7 +313,6 @@ class RobotRecording:
 
         Parameters
         ----------
-        wanted : collection of Topic
         start_ns : int
             First log time [ns].
         """

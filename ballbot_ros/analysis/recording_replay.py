@@ -101,7 +101,6 @@ class RecordingReplay:
 
     Parameters
     ----------
-    reader : RecordingReader
     scratch : Path
         Folder for the attachments of the recording.
     controller : str or None
@@ -194,7 +193,6 @@ class RecordingReplay:
         ----------
         assignments : sequence of str
             Parameters of the other controller as ``controller.param=value``; they stay in effect.
-        update : callable
 
         Raises
         ------

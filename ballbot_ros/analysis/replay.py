@@ -56,8 +56,6 @@ class ReplayedTick(NamedTuple):
     ----------
     stamp_ns : int
         Sim time of the tick [ns].
-    inputs : DeviceInputs
-    outputs : DeviceOutputs
     """
 
     stamp_ns: int
@@ -149,10 +147,8 @@ def compare_events(
 
     Parameters
     ----------
-    recording : RobotRecording
     runs : iterable of RunInputs
         The compared runs, in file order.
-    comparator : MessageComparator
     """
     ends = {each.run.epoch: max(each.run.start_ns, each.last_ns) for each in runs}
     for epoch, topic, raw in recording.messages(EVENTS):

@@ -75,7 +75,6 @@ class RunData:
 
     Attributes
     ----------
-    path : Path
     number, count : int
         Number of the run in the file, from 1, and number of runs.
     trajectory : Trajectory

@@ -26,7 +26,6 @@ class Line:
 
     Attributes
     ----------
-    color : str
     width : float
         [point]
     dash : str

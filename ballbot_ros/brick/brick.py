@@ -53,8 +53,6 @@ class DeviceOutputs:
     ----------
     duty : tuple of int
         Motors B (plane x) and C (plane y) [%], which hold the value until the next one.
-    log : list of LogPacket
-    tones : list of Tone
     pages : list of str
         LCD pages.
     """

@@ -28,7 +28,6 @@ def gyro_reading(constants: GyroConstants, rate: float, error: float, stamp_ns: 
 
     Parameters
     ----------
-    constants : tuple
     rate : float
         Body pitch rate [rad/s].
     error : float
@@ -52,11 +51,6 @@ class Gyro:
 
     The rate saturates at the gyro's range; offset, drift and noise add to it; the sum is rounded
     and bounded by the converter. The drift is a sine whose phase is drawn from the seed.
-
-    Parameters
-    ----------
-    parameters : GyroParameters
-        The parameters of ``gyro_driver``.
     """
 
     def __init__(self, parameters: GyroParameters) -> None:

@@ -29,10 +29,6 @@ class Schedule:
 
     A tick is much longer than its tasks, so each runs to its end before the next.
 
-    Parameters
-    ----------
-    tasks : iterable of TaskTiming
-
     Attributes
     ----------
     tasks : list of TaskTiming

@@ -17,7 +17,6 @@ def invoke(command: click.Command, name: str, failed: int = 2) -> int:
 
     Parameters
     ----------
-    command : click.Command
     name : str
         The program's name in the help text.
     failed : int

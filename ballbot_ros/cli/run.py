@@ -32,7 +32,6 @@ def run_and_print(
     ----------
     reference : str
         Name or file of the scenario.
-    options : RunOptions
     as_json : bool
         Whether to print the result as JSON.
     is_replaced : callable or None

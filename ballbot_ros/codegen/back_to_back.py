@@ -48,11 +48,8 @@ def compare(
 
     Parameters
     ----------
-    parameters : ControllerParameters
-        The parameters of the node ``controller``, for the Python program.
     compiled : CompiledProgram
         Newly created.
-    steps : iterable of ProgramInput
 
     Raises
     ------

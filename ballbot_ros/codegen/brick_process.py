@@ -46,8 +46,6 @@ class Answer(NamedTuple):
         Motors B and C [%].
     faults : int
         Calls that no valid program makes; see ``target/brick.c``.
-    log : Log or None
-    tones : list of Tone
     page : str or None
         Name passed to the status display.
     read_sonar : bool

@@ -37,7 +37,6 @@ class CompiledProgram:
 
     Parameters
     ----------
-    process : ProgramProcess
     tasks : sequence of TaskTiming
         The tasks of the OIL file, in file order.
     autonomous : bool
@@ -45,10 +44,6 @@ class CompiledProgram:
 
     Attributes
     ----------
-    brick : Brick
-    x, y : Plane
-    control_mode : ControlMode
-    operating_state : OperatingState
     state : bytes
         The C structure ``ballbot`` after the last tick.
     stack_bytes : tuple of int

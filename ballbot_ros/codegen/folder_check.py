@@ -33,8 +33,6 @@ class TaskCost:
 
     Attributes
     ----------
-    name : str
-    is_periodic : bool
     instructions : int
         Maximum per call.
     stack_bytes : int
@@ -86,8 +84,6 @@ class BuiltApplication:
 
     Parameters
     ----------
-    folder : Path
-    target : Target
     scratch : Path
         Folder for the compiler's output.
 

@@ -37,11 +37,6 @@ def program_maker(parameters: ControllerParameters) -> Callable[[], Program]:
 
     C is generated and compiled once, here; each program is then a separate process.
 
-    Parameters
-    ----------
-    parameters : ControllerParameters
-        The parameters of the node ``controller``.
-
     Raises
     ------
     CodegenError

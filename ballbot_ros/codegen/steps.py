@@ -40,7 +40,6 @@ def random_steps(seed: int, ticks: int, *, out_of_range: bool) -> Iterator[Progr
 
     Parameters
     ----------
-    seed, ticks : int
     out_of_range : bool
         Whether readings jump over the full ranges of their types, beyond those of the devices;
         otherwise they stay near balance.

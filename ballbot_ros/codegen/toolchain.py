@@ -58,13 +58,10 @@ class Target:
     ----------
     title : str
         Description of the machine.
-    compiler : str
     flags : tuple of str
         For compiling and linking.
-    link_flags : tuple of str
     runner : tuple of str
         Command that runs the executable.
-    tools : tuple of Tool
     """
 
     title: str
@@ -133,7 +130,6 @@ def build(
     ----------
     folder : Path
         The generated application.
-    target : Target
     scratch : Path
         Folder for objects and executable, created if necessary.
     extra_flags : sequence of str

@@ -26,7 +26,6 @@ def zero_order_hold(a: Matrix, b: Matrix, dt: float) -> tuple[Matrix, Matrix]:
     ----------
     a : ndarray, shape (n, n)
     b : ndarray, shape (n, m)
-    dt : float
 
     Returns
     -------

@@ -39,7 +39,6 @@ class Parameter:
     ----------
     nodes : tuple of str
         The nodes that declare it; usually one.
-    name : str
     default : bool, int, float, str or tuple of float
         Default of the ``ideal`` profile; its type is the parameter's type.
     unit : str

@@ -69,8 +69,6 @@ class Plant:
 
     Parameters
     ----------
-    parameters : PlantParameters
-        The parameters of ``plant_sim``.
     start_ns : int
         Sim time [ns] of the first tick.
     floor : Floor or None

@@ -63,7 +63,6 @@ def state_after_impact(
     ----------
     before, after : tuple of float
         State of the plane before the step, and after it if there were no wall.
-    mass : MassMatrix
     linear : bool
         Whether the plane follows the linear model.
     """
@@ -79,8 +78,6 @@ class WallContact:
 
     Parameters
     ----------
-    floor : Floor
-    physical : PhysicalParameters
     linear : bool
         Whether the planes follow the linear model.
     start : tuple of float

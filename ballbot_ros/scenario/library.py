@@ -23,7 +23,6 @@ def load_scenario(name_or_file: str, profile: str | None = None) -> Scenario:
 
     Parameters
     ----------
-    name_or_file : str
     profile : str or None
         Device profile to use instead of the scenario's.
 

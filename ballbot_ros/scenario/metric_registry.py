@@ -12,13 +12,7 @@ Function = Callable[[Measured], float]
 
 @dataclass(frozen=True)
 class Metric(Generic[Measured]):
-    """A metric: its meaning, and the function that computes it, with NaN for missing data.
-
-    Attributes
-    ----------
-    meaning : str
-    compute : callable
-    """
+    """A metric: its meaning, and the function that computes it, with NaN for missing data."""
 
     meaning: str
     compute: Function[Measured]
@@ -34,7 +28,6 @@ class MetricRegistry(dict[str, Metric[Measured]]):
 
         Parameters
         ----------
-        meaning : str
         name : str, optional
             Name of the metric, ending in its unit; by default the function's name.
         """

@@ -67,7 +67,6 @@ class ScenarioReader:
 
     Parameters
     ----------
-    document : YamlDocument
     load_profile : callable
         Returns the parameters of a profile, by name.
     """

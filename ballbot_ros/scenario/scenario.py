@@ -82,8 +82,6 @@ class Scenario:
         The values that the scenario sets, including duration and start state.
     vertical, horizontal : StickSignal
         The sticks in packet units: -100 is up, forward; +100 is right.
-    pushes : tuple of ScheduledPush
-    expectations : tuple of Expectation
     text : str
         Text of the file, for the recording.
     """

@@ -65,7 +65,6 @@ class Gamepad:
     ----------
     wanted : str
         ``any``, the number of a device, or part of its name.
-    backend : Backend
     on_state : callable
         Receives the state at every poll.
     on_disconnected : callable

@@ -29,7 +29,6 @@ class KeyboardSticks:
 
     Attributes
     ----------
-    full : int
     speed_percent : int
         Share of the full stick for a key.
     """

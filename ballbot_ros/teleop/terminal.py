@@ -46,7 +46,6 @@ class Terminal:
 
     Parameters
     ----------
-    keys : KeyboardSticks
     status : callable
         Returns the content of the panel, as names and texts.
     on_sticks : callable

@@ -74,6 +74,5 @@ class AccessPolicy:
         ----------
         host : str
             Address and port that the browser uses for this machine.
-        target : str
         """
         return f'/?websocket=ws://{host}/?token={self.token}' if self.may_steer(target) else '/'

@@ -81,14 +81,8 @@ class LiveControls:
 
     Parameters
     ----------
-    gui : viser.GuiApi
-    plant : PlantControls
     scenarios : sequence of str
         The scenarios to choose from.
-
-    Attributes
-    ----------
-    sticks : OnScreenSticks
     """
 
     def __init__(self, gui: viser.GuiApi, plant: PlantControls, scenarios: Sequence[str]) -> None:

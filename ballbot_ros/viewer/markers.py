@@ -52,7 +52,6 @@ class RobotMarkers:
 
     Parameters
     ----------
-    dimensions : Dimensions
     new_marker : callable
         Creates an empty ``visualization_msgs/Marker``.
     """
@@ -119,7 +118,6 @@ class RobotMarkers:
 
         Parameters
         ----------
-        snapshot : Snapshot
         poses : dict of Transform
             Each frame in ``map``.
         whole : bool

@@ -57,9 +57,6 @@ class Page:
 
     Parameters
     ----------
-    dimensions : Dimensions
-    title : str
-    host : str
     port : int
         0 for a free one.
 

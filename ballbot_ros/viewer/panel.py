@@ -32,12 +32,7 @@ _PLOTS: tuple[tuple[str, tuple[int, ...], float, float, tuple[str, ...]], ...] =
 
 
 class Panel:
-    """State and plots.
-
-    Parameters
-    ----------
-    gui : viser.GuiApi
-    """
+    """State and plots."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._status = gui.add_html('', order=0.0)
@@ -57,7 +52,6 @@ class Panel:
 
         Parameters
         ----------
-        snapshot : Snapshot
         trace : ndarray, shape (n, 8)
             Columns as of :meth:`ballbot_ros.viewer.snapshot.History.trace`.
         factor : float or None

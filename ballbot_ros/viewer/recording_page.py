@@ -29,7 +29,6 @@ class PlaybackClock:
         Time in the run [s].
     rate : float
         Seconds of the run per second.
-    is_playing : bool
     """
 
     def __init__(self, end: float) -> None:
@@ -69,11 +68,6 @@ class RecordingPage:
     next update. viser calls coroutines in its event loop, one message after the other. Callbacks
     are therefore coroutines, which keeps the requests in order. The clock moves the slider in the
     event loop, too, so that it can't do so between a user's move and its callback.
-
-    Parameters
-    ----------
-    page : Page
-    runs : sequence of PlaybackRun
     """
 
     def __init__(self, page: Page, runs: Sequence[PlaybackRun]) -> None:

@@ -60,7 +60,6 @@ class Part(NamedTuple):
         Position of its centre in the link.
     rpy : tuple of float
         Roll, pitch and yaw in the link, as in URDF [rad].
-    colour : tuple of int
     """
 
     link: str

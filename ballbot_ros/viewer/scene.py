@@ -42,12 +42,7 @@ _FACES_FORWARD = (0.5, -0.5, -0.5, 0.5)
 
 
 class Scene:
-    """Everything visible except the camera.
-
-    Parameters
-    ----------
-    api : viser.SceneApi
-    """
+    """Everything visible except the camera."""
 
     def __init__(self, api: SceneApi) -> None:
         self._api = api
@@ -106,10 +101,8 @@ class Robot:
 
     Parameters
     ----------
-    api : viser.SceneApi
     name : str
         Its name in the scene.
-    dimensions : Dimensions
     ghost : bool
         Whether it is transparent, without sonar cone and display.
     """

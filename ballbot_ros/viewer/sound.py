@@ -21,7 +21,6 @@ def tone_html(tone: Tone, number: int) -> str:
 
     Parameters
     ----------
-    tone : Tone
     number : int
         Number of the tone, so that a repeated tone plays again.
     """

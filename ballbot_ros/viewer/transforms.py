@@ -62,10 +62,6 @@ class Frames:
     ``base_link`` and ``ball`` have their origin in the ball's centre. The axes of ``ball`` stay
     parallel to those of ``map`` (docs/frames.md), so in ``base_link`` it rotates opposite to the
     pitch.
-
-    Parameters
-    ----------
-    dimensions : Dimensions
     """
 
     def __init__(self, dimensions: Dimensions) -> None:

@@ -67,7 +67,6 @@ def write_files(floor_map: FloorMap, *, wrl: Path | None, nav2: Path | None) -> 
 
     Parameters
     ----------
-    floor_map : FloorMap
     wrl, nav2 : Path or None
         The .wrl and the .yaml file to create; the .pgm is named after the .yaml.
 

@@ -23,13 +23,8 @@ class World:
 
     Parameters
     ----------
-    floor_map : FloorMap
     body_depth, body_width : float
         Sides of the body [m], along x and along y.
-
-    Attributes
-    ----------
-    map : FloorMap
     """
 
     def __init__(self, floor_map: FloorMap, body_depth: float, body_width: float) -> None:
