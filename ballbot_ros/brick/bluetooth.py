@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from ballbot_ros.errors import BallbotError
 
 PACKET_SIZE = 32
-STREAM_HEADER = struct.pack('<H', PACKET_SIZE)
-"""Length prefix of each packet on the serial line."""
 
 _STICKS = struct.Struct('<bb30x')
 _LOG = struct.Struct('<IbbHiiihhhhi')

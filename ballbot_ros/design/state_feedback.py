@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import control
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,27 +14,11 @@ class DesignError(BallbotError):
     """A system or weight for which no controller exists."""
 
 
-def controllability_rank(a: ArrayLike, b: ArrayLike) -> int:
-    """Return the rank of the controllability matrix [B, AB, ..., A^(n-1) B] (A.5).
-
-    Its columns are scaled to equal size, which does not change the rank.
-
-    Parameters
-    ----------
-    a : array_like, shape (n, n)
-    b : array_like, shape (n, m)
-    """
-    matrix = np.asarray(control.ctrb(np.asarray(a, float), np.asarray(b, float)))
-    largest = np.abs(matrix).max(axis=0)
-    largest[largest == 0.0] = 1.0
-    return int(np.linalg.matrix_rank(matrix / largest))
-
-
 def require_controllable(a: ArrayLike, b: ArrayLike) -> None:
     """Raise DesignError unless the pair (A, B) is controllable.
 
-    By Hautus' test, [A - sI, B] has full rank at every pole s of A. Unlike the powers of A in
-    the controllability matrix, this test tolerates rounding even for a stiff system.
+    By Hautus' test, [A - sI, B] has full rank at every pole s of A. Unlike the rank of the
+    controllability matrix (A.5), this test tolerates rounding even for a stiff system.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     if a.ndim != 2 or a.shape[0] != a.shape[1] or b.shape[:1] != a.shape[:1]:
@@ -69,18 +51,3 @@ def lqr(a: ArrayLike, b: ArrayLike, q: ArrayLike, r: ArrayLike) -> Matrix:
     except (control.ControlArgument, ValueError, np.linalg.LinAlgError) as error:
         raise DesignError(f'no linear quadratic regulator: {error}') from None
     return np.asarray(gain, float)
-
-
-def place(a: ArrayLike, b: ArrayLike, poles: Sequence[complex]) -> Matrix:
-    """Return the gain K (m, n) that puts the poles of A - BK at `poles`.
-
-    Raises
-    ------
-    DesignError
-        If (A, B) is not controllable, or the poles can't be placed there.
-    """
-    require_controllable(a, b)
-    try:
-        return np.asarray(control.place(a, b, poles), float)
-    except (control.ControlArgument, ValueError, np.linalg.LinAlgError) as error:
-        raise DesignError(f'the poles cannot be placed: {error}') from None

@@ -122,20 +122,6 @@ def mass_matrix(p: PhysicalParameters) -> MassMatrix:
     )
 
 
-def linear_matrices(p: PhysicalParameters) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Return E, F, G (2, 2) and H (2, 1) of the linearised equations (3.22).
-
-    ``E (theta'', psi'') + F (theta', psi') + G (theta, psi) = H v``, angles in rad.
-    """
-    m = mass_matrix(p)
-    m12 = m.coupling - m.drive
-    e = np.array([[m.m11, m12], [m12, m.m22]])
-    f = np.array([[p.beta + p.ball_friction, -p.beta], [-p.beta, p.beta]])
-    g = np.array([[0.0, 0.0], [0.0, -p.body_mass * p.body_height * p.gravity]])
-    h = np.array([[p.alpha], [-p.alpha]])
-    return e, f, g, h
-
-
 def state_space(p: PhysicalParameters) -> tuple[Matrix, Matrix]:
     """Return A (4, 4) and B (4, 3) of the linear state equation (3.24), angles in rad.
 
@@ -184,19 +170,3 @@ def impulse_ratio(m: MassMatrix, psi: float) -> float:
     """
     _, cosine = sine_cosine(psi)
     return (m.coupling * cosine - m.drive) / m.m22
-
-
-def energy(p: PhysicalParameters, state: tuple[float, float, float, float]) -> float:
-    """Return the mechanical energy T1 + T2 + U [J] of one plane, (3.5)-(3.7).
-
-    The height of the ball's centre is the zero of the potential.
-    """
-    _, psi, theta_dot, psi_dot = state
-    m = mass_matrix(p)
-    _, cosine = sine_cosine(psi)
-    return (
-        0.5 * m.m11 * theta_dot * theta_dot
-        + (m.coupling * cosine - m.drive) * theta_dot * psi_dot
-        + 0.5 * m.m22 * psi_dot * psi_dot
-        + p.body_mass * p.body_height * p.gravity * cosine
-    )

@@ -75,7 +75,6 @@ class Page:
         self._title = title
         self._dimensions = dimensions
         self._area = Area.of(None)
-        self._now: Snapshot | None = None
         self._views: dict[int, str] = {}
         self._aspects: dict[int, float] = {}  # aspect ratio at the last update of each camera
         self._lock = threading.Lock()
