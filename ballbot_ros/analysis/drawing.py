@@ -35,14 +35,7 @@ _OCCUPIED_PERCENT = 50
 class Quantity:
     """A quantity with a column for each plane.
 
-    Attributes
-    ----------
-    name : str
-        Name of its columns and its figure.
-    suffix : str
-        Suffix of its column names: the unit.
-    label : str
-        Label of its axis.
+    Its name is that of its figure and of its columns, which end in the unit.
     """
 
     name: str
@@ -73,13 +66,9 @@ def draw_planes(axes: Axes, quantity: Quantity, table: Table) -> None:
 def draw_line(
     axes: Axes, x: NDArray[Any], y: NDArray[Any], line: Line, height: float = _LINES
 ) -> None:
-    """Draw a line through points, in front of earlier ones.
+    """Draw a line through points, each of shape (n,), in front of earlier ones.
 
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-    height : float
-        Z-order: higher lines cover lower ones.
+    `height` is the z-order: higher lines cover lower ones.
     """
     axes.plot(
         x, y, color=line.color, linewidth=line.width, linestyle=line.dash,
@@ -131,10 +120,7 @@ def set_min_span(axes: Axes, span: float) -> None:
 def draw_floor(axes: Axes, floor: FloorMap | OccupancyGrid | None) -> None:
     """Draw the floor from above, in the axes of ``map``, with forward on the right.
 
-    Parameters
-    ----------
-    floor : FloorMap, OccupancyGrid or None
-        Source of the walls and, if it is a map, of the lines; None for an empty floor.
+    A map has walls and lines, a grid only walls; None is an empty floor.
     """
     if isinstance(floor, FloorMap):
         _draw_map(axes, floor)
@@ -172,15 +158,10 @@ def _draw_shades(
 
 
 def draw_track(axes: Axes, table: Table, line: Line) -> None:
-    """Draw the track of the ball, with a dot at its start and a square at its end.
+    """Draw a table of ``track_columns``, with a dot at its start and a square at its end.
 
     If the line has a label, because it is one of several, dot and square have its colour. If not,
     they have their own colours and entries in the legend.
-
-    Parameters
-    ----------
-    table : Table
-        With the columns ``map_x_cm`` and ``map_y_cm``.
     """
     x, y = table['map_x_cm'], table['map_y_cm']
     draw_line(axes, x, y, line)

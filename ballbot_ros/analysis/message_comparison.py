@@ -45,11 +45,6 @@ class MessageComparator:
     ----------
     topics : iterable of Topic
         The compared topics, in the order in which a tick causes their messages.
-
-    Attributes
-    ----------
-    compared : int
-        Number of pairs so far.
     """
 
     def __init__(self, topics: Iterable[Topic]) -> None:
@@ -87,11 +82,7 @@ class MessageComparator:
     def first_difference(self, *, complete: bool) -> MessageDifference | None:
         """Return the earliest difference; within one tick, the first in causal order.
 
-        Parameters
-        ----------
-        complete : bool
-            Whether the recording claims to be complete, so that a message without a counterpart is
-            a difference.
+        If the recording claims to be `complete`, a message without a counterpart is a difference.
         """
         found = dict(self._first)
         if complete:

@@ -87,15 +87,7 @@ class RunInputs:
 
 @dataclass(frozen=True)
 class RecordedInputs:
-    """The data of a recording that are needed to replay its runs.
-
-    Attributes
-    ----------
-    runs : tuple of RunInputs
-        In the order of the file.
-    announced : AnnouncedParameters
-        The announced parameters.
-    """
+    """The data of a recording that are needed to replay its runs, in the order of the file."""
 
     recording: RobotRecording
     runs: tuple[RunInputs, ...]

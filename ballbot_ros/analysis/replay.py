@@ -50,13 +50,7 @@ ALL_TOPICS = (
 
 
 class ReplayedTick(NamedTuple):
-    """A controller's outputs for recorded inputs.
-
-    Attributes
-    ----------
-    stamp_ns : int
-        Sim time of the tick [ns].
-    """
+    """A controller's outputs for recorded inputs, at a sim time [ns]."""
 
     stamp_ns: int
     inputs: DeviceInputs
@@ -143,13 +137,7 @@ def replay_run(
 def compare_events(
     recording: RobotRecording, runs: Iterable[RunInputs], comparator: MessageComparator
 ) -> None:
-    """Add the recorded events to a comparator, in each epoch up to the end of its last run.
-
-    Parameters
-    ----------
-    runs : iterable of RunInputs
-        The compared runs, in file order.
-    """
+    """Add the events to a comparator, in each epoch up to the end of the last of the `runs`."""
     ends = {each.run.epoch: max(each.run.start_ns, each.last_ns) for each in runs}
     for epoch, topic, raw in recording.messages(EVENTS):
         if epoch in ends and raw.stamp_ns <= ends[epoch]:

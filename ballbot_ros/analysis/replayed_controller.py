@@ -41,17 +41,9 @@ def choose_controller(
     """Return the controller for a replay: the requested one, or else the recorded one.
 
     Python replaces an implementation that can't run here, since the two are proven bit-identical.
-
-    Parameters
-    ----------
-    participant : Participant or None
-        The run's controller as announced; None if unknown.
-    attached : str
-        The parameter `implementation` in the attached parameters.
-    requested : str or None
-        The requested implementation.
-    missing_tool : callable
-        Returns the tool that an implementation lacks on this machine; '' for none.
+    `participant` is the run's controller as announced, if known; `attached` is the parameter
+    `implementation` in the attached parameters. `missing_tool` returns the tool that an
+    implementation lacks on this machine; '' for none.
     """
     parameters: dict[str, object] = dict(participant.parameters) if participant else {}
     recorded = str(parameters.get('implementation', attached))

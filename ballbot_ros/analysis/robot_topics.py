@@ -71,12 +71,9 @@ def robot_topics(reader: RecordingReader) -> RobotTopics:
 
 
 def robot_namespace(reader: RecordingReader, marks: Iterable[Topic]) -> str | None:
-    """Return the namespace of the topics `marks` in a recording.
+    """Return the namespace of the topics `marks` in a recording; None if it has none of them.
 
-    Returns
-    -------
-    str or None
-        Such as ``/robot``, or '' for none; None if the recording has none of the topics.
+    The namespace is such as ``/robot``, or '' for none.
 
     Raises
     ------

@@ -169,14 +169,8 @@ def read_run(
 ) -> RunData:
     """Read a run of a recording; of a damaged file, the part before the damage.
 
-    Parameters
-    ----------
-    path : path-like
-        The MCAP file.
-    number : int or None
-        Number of the run in the file, from 1; None for the last.
-    progress : callable
-        Called from time to time with the number of messages read and their total.
+    Runs are numbered from 1 in the file; None means the last. From time to time `progress` is
+    called with the number of messages read and their total.
 
     Raises
     ------

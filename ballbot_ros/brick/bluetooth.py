@@ -21,12 +21,7 @@ class PacketError(BallbotError):
 class GamepadPacket:
     """Packet from the PC to the NXT: the sticks.
 
-    Attributes
-    ----------
-    vertical : int
-        Left stick, -100 (up) ... +100 (down).
-    horizontal : int
-        Right stick, -100 (left) ... +100 (right).
+    Left vertical, -100 (up) ... +100 (down), and right horizontal, -100 (left) ... +100 (right).
     """
 
     vertical: int = 0

@@ -28,11 +28,6 @@ class Schedule:
     """Determines the tasks due at a time, highest priority first; all alarms start in phase.
 
     A tick is much longer than its tasks, so each runs to its end before the next.
-
-    Attributes
-    ----------
-    tasks : list of TaskTiming
-        Highest priority first.
     """
 
     def __init__(self, tasks: Iterable[TaskTiming]) -> None:

@@ -26,16 +26,9 @@ def run_and_print(
     as_json: bool,
     is_replaced: Callable[[], bool] | None = None,
 ) -> int:
-    """Run a scenario, print its result, return the exit status.
+    """Run a scenario, given by name or file, print its result, return the exit status.
 
-    Parameters
-    ----------
-    reference : str
-        Name or file of the scenario.
-    as_json : bool
-        Whether to print the result as JSON.
-    is_replaced : callable or None
-        Returns whether another run has been requested, which replaces this one.
+    `is_replaced` returns whether another run has been requested, which replaces this one.
     """
     spec = RunSpec.of_scenario(reference, options)
     with Progress(spec.name, spec.plant.duration) as progress, _stdout_to_stderr():

@@ -62,14 +62,8 @@ def run_with_viewer(reference: str, options: RunOptions, *, as_json: bool) -> in
 class ViewerSession:
     """The viewer's process, and the node that receives the page's requests.
 
-    Parameters
-    ----------
-    parameters : ParameterSet
-        Parameters of the first run, with the address of the page.
-    reference : str
-        Scenario of the first run.
-    console : Console
-        Prints the viewer's lines.
+    The parameters are those of the first run, with the address of the page. The console prints the
+    viewer's lines.
     """
 
     def __init__(self, parameters: ParameterSet, reference: str, console: Console) -> None:

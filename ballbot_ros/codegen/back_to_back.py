@@ -41,15 +41,10 @@ class EquivalenceResult(NamedTuple):
 def compare(
     parameters: ControllerParameters, compiled: CompiledProgram, steps: Iterable[ProgramInput]
 ) -> EquivalenceResult:
-    """Run both programs on the same inputs until they differ.
+    """Run both programs, the compiled one newly created, on the same inputs until they differ.
 
     Duties, log packets, tones, display pages and every bit of the shared data are compared after
     each tick.
-
-    Parameters
-    ----------
-    compiled : CompiledProgram
-        Newly created.
 
     Raises
     ------

@@ -76,16 +76,9 @@ def encode_request(
     sticks: tuple[int, int] | None,
     due: Sequence[int],
 ) -> bytes:
-    """Return the request for a tick.
+    """Return the request for a tick: device readings, and the numbers of the due tasks in order.
 
-    Parameters
-    ----------
-    systick_ms, revolutions, sonar_reply_cm, gyro, battery_mv : int or tuple of int
-        Readings of the devices.
-    sticks : tuple of int or None
-        A packet that has arrived.
-    due : sequence of int
-        Numbers of the tasks to run, in order.
+    `sticks` is a packet that has arrived, or None.
 
     Raises
     ------
@@ -102,12 +95,7 @@ def encode_request(
 
 
 class BrickProcess:
-    """A running process of the compiled program.
-
-    Parameters
-    ----------
-    command : sequence of str
-        Result of :func:`ballbot_ros.codegen.toolchain.build`.
+    """A running process of the compiled program, started by the command from ``toolchain.build``.
 
     Raises
     ------

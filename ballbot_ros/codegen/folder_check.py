@@ -29,15 +29,7 @@ class FolderComparison:
 
 @dataclass(frozen=True)
 class TaskCost:
-    """Cost of a task.
-
-    Attributes
-    ----------
-    instructions : int
-        Maximum per call.
-    stack_bytes : int
-        Maximum usage.
-    """
+    """Cost of a task: the most instructions of a call, and the most stack."""
 
     name: str
     is_periodic: bool
@@ -80,12 +72,7 @@ def read_folder_parameters(folder: Path) -> ParameterSet:
 
 
 class BuiltApplication:
-    """A generated folder, built for a target.
-
-    Parameters
-    ----------
-    scratch : Path
-        Folder for the compiler's output.
+    """A generated folder, built for a target in the folder `scratch`.
 
     Raises
     ------

@@ -28,10 +28,7 @@ DETERMINISM_FLAGS = ('-ffp-contract=off', '-fsigned-char')
 class Tool:
     """A command and its Debian package.
 
-    Attributes
-    ----------
-    file : str
-        If the command is a compiler: another file that it requires; '' for none.
+    If the command is a compiler, `file` is another file that it requires; '' for none.
     """
 
     command: str
@@ -124,21 +121,10 @@ def require_tools(target: Target) -> None:
 def build(
     folder: Path, target: Target, scratch: Path, extra_flags: Sequence[str] = ()
 ) -> list[str]:
-    """Compile a generated folder together with the brick's stand-in.
+    """Compile a generated folder together with the brick's stand-in; return its command.
 
-    Parameters
-    ----------
-    folder : Path
-        The generated application.
-    scratch : Path
-        Folder for objects and executable, created if necessary.
-    extra_flags : sequence of str
-        Additional flags for the generated files and for linking.
-
-    Returns
-    -------
-    list of str
-        The command that runs it.
+    Objects and executable go to the folder `scratch`, created if necessary. The extra flags are for
+    the generated files and for linking.
 
     Raises
     ------

@@ -21,10 +21,7 @@ def scenario_names() -> list[str]:
 def load_scenario(name_or_file: str, profile: str | None = None) -> Scenario:
     """Load a shipped scenario by its name, or a file by its path.
 
-    Parameters
-    ----------
-    profile : str or None
-        Device profile to use instead of the scenario's.
+    `profile` is a device profile to use instead of the scenario's.
 
     Raises
     ------

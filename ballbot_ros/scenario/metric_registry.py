@@ -26,10 +26,7 @@ class MetricRegistry(dict[str, Metric[Measured]]):
     ) -> Callable[[Function[Measured]], Function[Measured]]:
         """Register the decorated function as a metric.
 
-        Parameters
-        ----------
-        name : str, optional
-            Name of the metric, ending in its unit; by default the function's name.
+        The `name`, by default the function's, ends in the metric's unit.
         """
 
         def register(compute: Function[Measured]) -> Function[Measured]:

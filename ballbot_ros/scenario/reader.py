@@ -63,25 +63,14 @@ _Part = TypeVar('_Part')
 
 
 class ScenarioReader:
-    """Reads and checks one document.
-
-    Parameters
-    ----------
-    load_profile : callable
-        Returns the parameters of a profile, by name.
-    """
+    """Reads and checks one document; `load_profile` returns the parameters of a profile."""
 
     def __init__(self, document: YamlDocument, load_profile: Callable[[str], ParameterSet]) -> None:
         self._document = document
         self._load_profile = load_profile
 
     def scenario(self, profile: str | None = None) -> Scenario:
-        """Return the scenario in the document.
-
-        Parameters
-        ----------
-        profile : str or None
-            Device profile to use instead of the document's.
+        """Return the scenario in the document; `profile` replaces the document's device profile.
 
         Raises
         ------

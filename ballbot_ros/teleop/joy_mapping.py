@@ -56,12 +56,7 @@ class JoyMapping(Subset):
     def sticks(self, axes: Sequence[float], buttons: Sequence[int]) -> Sticks | None:
         """Return the sticks, or None while a required enable button is not pressed.
 
-        Parameters
-        ----------
-        axes : sequence of float, shape (n,)
-            -1 ... 1, left and up positive.
-        buttons : sequence of int, shape (m,)
-            1 if pressed.
+        Axes are -1 ... 1, left and up positive; a pressed button is 1.
 
         Raises
         ------

@@ -48,12 +48,8 @@ _BEAM_SIDES = 12
 class RobotMarkers:
     """Creates the markers that have changed; each keeps its namespace and number.
 
-    The namespaces are the links, ``sonar``, ``trail``, ``text`` and ``walls``.
-
-    Parameters
-    ----------
-    new_marker : callable
-        Creates an empty ``visualization_msgs/Marker``.
+    The namespaces are the links, ``sonar``, ``trail``, ``text`` and ``walls``. `new_marker` creates
+    an empty ``visualization_msgs/Marker``.
     """
 
     def __init__(self, dimensions: Dimensions, new_marker: Callable[[], Any]) -> None:
@@ -114,20 +110,10 @@ class RobotMarkers:
             self._is_longer = True
 
     def at(self, snapshot: Snapshot, poses: dict[str, Transform], *, whole: bool) -> list[Any]:
-        """Return the changed markers, or all of them.
+        """Return the changed markers, or the `whole` of them, for the frames' poses in ``map``.
 
-        Parameters
-        ----------
-        poses : dict of Transform
-            Each frame in ``map``.
-        whole : bool
-            Whether to include unchanged markers.
-
-        Returns
-        -------
-        list
-            The same objects each time, updated; at the start of a run, first a marker that deletes
-            all.
+        They are the same objects each time, updated; at the start of a run, the first one deletes
+        all.
         """
         stamp_ns = round(snapshot.time * SECOND_NS)
         markers = [self._erase] if self._is_new else []

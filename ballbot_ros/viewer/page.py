@@ -55,15 +55,10 @@ class Page:
     viser keeps only the newest value of everything and sends it from its own thread as fast as each
     browser accepts it. A slow or stalled browser receives less and delays nobody.
 
-    Parameters
-    ----------
-    port : int
-        0 for a free one.
-
     Raises
     ------
     ViewerError
-        If a page can't be served at this address.
+        If a page can't be served at this address; port 0 means a free one.
     """
 
     def __init__(self, dimensions: Dimensions, title: str, host: str, port: int) -> None:

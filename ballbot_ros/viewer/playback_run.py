@@ -26,11 +26,6 @@ _SAMPLES = 600
 class PlaybackRun:
     """A run of a recording.
 
-    Parameters
-    ----------
-    progress : callable
-        Called from time to time with the number of messages read and their total.
-
     Attributes
     ----------
     end : float

@@ -16,20 +16,7 @@ _RATES_WITH_TONES = (0.5, 1.0, 2.0)
 
 
 class PlaybackClock:
-    """Playback time of a run.
-
-    Parameters
-    ----------
-    end : float
-        End of the playback [s].
-
-    Attributes
-    ----------
-    time : float
-        Time in the run [s].
-    rate : float
-        Seconds of the run per second.
-    """
+    """Playback time of a run up to `end` [s]; `rate` is in seconds of the run per second."""
 
     def __init__(self, end: float) -> None:
         self.end = end

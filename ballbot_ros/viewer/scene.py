@@ -97,15 +97,7 @@ class Scene:
 
 
 class Robot:
-    """A robot in the scene, with its trail.
-
-    Parameters
-    ----------
-    name : str
-        Its name in the scene.
-    ghost : bool
-        Whether it is transparent, without sonar cone and display.
-    """
+    """A robot in the scene, with its trail; a ghost is transparent, without cone and display."""
 
     def __init__(self, api: SceneApi, name: str, dimensions: Dimensions, *, ghost: bool) -> None:
         self._dimensions = dimensions

@@ -34,12 +34,7 @@ MOVING = (BODY, BALL, WHEEL_X, WHEEL_Y)
 class Transform(NamedTuple):
     """The pose of a frame in another one, or the poses of many objects.
 
-    Attributes
-    ----------
-    position : ndarray
-        Shape (3,) or (n, 3) [m].
-    rotation : Rotation
-        One rotation, or n.
+    The position [m] has the shape (3,) or (n, 3); the rotation is one, or n.
     """
 
     position: NDArray[np.float64]

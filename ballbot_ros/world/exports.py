@@ -63,17 +63,9 @@ def _lower_left_corner(floor_map: FloorMap) -> tuple[float, float]:
 
 
 def write_files(floor_map: FloorMap, *, wrl: Path | None, nav2: Path | None) -> list[Path]:
-    """Write a map as VRML, as nav2's YAML with its image, or as both.
+    """Write a map as VRML, as nav2's YAML with its image, or as both; return the written files.
 
-    Parameters
-    ----------
-    wrl, nav2 : Path or None
-        The .wrl and the .yaml file to create; the .pgm is named after the .yaml.
-
-    Returns
-    -------
-    list of Path
-        The written files.
+    The .pgm is named after the .yaml.
 
     Raises
     ------
