@@ -5,25 +5,15 @@ from __future__ import annotations
 import ipaddress
 import socket
 
-from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.errors import ViewerError, importing
 
 LOOPBACK = ('127.0.0.1', 'localhost', '::1')
 
 
 def require_viser() -> None:
-    """Check that viser is installed.
-
-    Raises
-    ------
-    ViewerError
-        If viser is not installed.
-    """
-    try:
+    """Raise ViewerError if viser is not installed."""
+    with importing():
         import viser  # noqa: F401
-    except ImportError as error:
-        raise ViewerError(
-            f'package not found ({error}): install it with `pip install "ballbot_ros[viewer]"`'
-        ) from None
 
 
 def check_address(host: str, port: int) -> None:

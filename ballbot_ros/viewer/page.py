@@ -68,7 +68,7 @@ class Page:
         with contextlib.redirect_stdout(io.StringIO()):  # suppress viser's greeting
             self.server = GuardedServer(self._policy, port, title)
         self._title = title
-        self._dimensions = dimensions
+        self.dimensions = dimensions  # of the robot shown
         self._area = Area.of(None)
         self._views: dict[int, str] = {}
         self._aspects: dict[int, float] = {}  # aspect ratio at the last update of each camera
@@ -88,18 +88,13 @@ class Page:
         return self._policy.address(self.server.get_port())
 
     @property
-    def dimensions(self) -> Dimensions:
-        """The dimensions of the robot shown."""
-        return self._dimensions
-
-    @property
     def has_clients(self) -> bool:
         """Whether a browser is connected."""
         return bool(self._views)
 
     def show_robot(self, dimensions: Dimensions) -> Robot:
         """Show the robot, replacing another one."""
-        self._dimensions = dimensions
+        self.dimensions = dimensions
         return self.scene.add_robot('robot', dimensions)
 
     def notify(self, text: str) -> None:
@@ -169,7 +164,7 @@ class Page:
                 return
             self._aspects[number] = aspect
             area = self._area
-        to = camera(view, snapshot, self._dimensions, area, aspect)
+        to = camera(view, snapshot, self.dimensions, area, aspect)
         with client.atomic():
             client.camera.up_direction = np.array(to.up)
             client.camera.position = np.array(to.position)

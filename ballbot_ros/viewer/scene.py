@@ -29,7 +29,7 @@ from ballbot_ros.viewer.robot import (
 )
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.world.exports import WALL_HEIGHT_CM
-from ballbot_ros.world.floor_map import CELL_M, FloorMap
+from ballbot_ros.world.floor_map import FloorMap
 
 SKY_RADIUS = 40.0
 GHOST_OPACITY = 0.35
@@ -75,8 +75,9 @@ class Scene:
                 plane_color=colours.FLOOR, plane_opacity=1.0, shadow_opacity=0.25,
             )  # fmt: skip
             return
-        half_x, half_y = floor_map.columns * CELL_M / 2, floor_map.rows * CELL_M / 2
-        self._add_prisms('base', [(-half_x, -half_y, half_x, half_y)], -0.02, 0.0, colours.FLOOR)
+        area = floor.Area.of(floor_map)
+        base = -area.half_x, -area.half_y, area.half_x, area.half_y
+        self._add_prisms('base', [base], -0.02, 0.0, colours.FLOOR)
         if lines := floor.lines(floor_map):
             self._add_prisms('lines', lines, 0.0, _LIFT, colours.LINE)
         if walls := floor.walls(floor_map):
