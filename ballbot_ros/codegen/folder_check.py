@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.codegen.application import PARAMETER_FILE, read_tasks
-from ballbot_ros.codegen.back_to_back import compare
+from ballbot_ros.codegen.back_to_back import EquivalenceResult, compare
 from ballbot_ros.codegen.brick_process import Answer, BrickProcess
 from ballbot_ros.codegen.compiled_program import CompiledProgram
 from ballbot_ros.codegen.errors import CodegenError
@@ -17,14 +17,6 @@ from ballbot_ros.codegen.steps import InputSequence
 from ballbot_ros.codegen.toolchain import Target, build
 from ballbot_ros.parameters import ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
-
-
-@dataclass(frozen=True)
-class FolderComparison:
-    """The number of compared ticks, and the first difference as text; '' if there is none."""
-
-    ticks: int
-    difference: str = ''
 
 
 @dataclass(frozen=True)
@@ -90,7 +82,7 @@ class BuiltApplication:
     def _program(self, process: BrickProcess | _RequestRecorder) -> CompiledProgram:
         return CompiledProgram(process, self._tasks, self._parameters.mode == 'autonomous')
 
-    def compare(self, sequences: Sequence[InputSequence]) -> FolderComparison:
+    def compare(self, sequences: Sequence[InputSequence]) -> EquivalenceResult:
         """Run the C and the Python program on the same inputs until they differ."""
         ticks = 0
         for sequence in sequences:
@@ -98,9 +90,9 @@ class BuiltApplication:
             result = compare(self._parameters, program, sequence.steps)
             ticks += result.ticks
             if result.difference:
-                return FolderComparison(ticks, f'{sequence.name}, {result.difference}')
+                return EquivalenceResult(ticks, f'{sequence.name}, {result.difference}')
             self._stack = list(map(max, self._stack, program.stack_bytes))
-        return FolderComparison(ticks)
+        return EquivalenceResult(ticks)
 
     def cost(self, sequences: Sequence[InputSequence]) -> ProgramCost:
         """Measure instructions on `sequences`, and memory; stack usage is that of comparisons."""

@@ -106,18 +106,6 @@ def missing_tool(target: Target) -> str:
     return ''
 
 
-def require_tools(target: Target) -> None:
-    """Check that a target's tools are installed.
-
-    Raises
-    ------
-    CodegenError
-        If one is missing; the message names its package.
-    """
-    if reason := missing_tool(target):
-        raise CodegenError(reason)
-
-
 def build(
     folder: Path, target: Target, scratch: Path, extra_flags: Sequence[str] = ()
 ) -> list[str]:
@@ -131,7 +119,8 @@ def build(
     CodegenError
         If a tool or file is missing, or the compilation fails.
     """
-    require_tools(target)
+    if reason := missing_tool(target):
+        raise CodegenError(reason)
     tasks = [task.name for task in read_tasks(folder)]
     # Generate kernel_id.h from the OIL file, as the platform does.
     kernel_id = (

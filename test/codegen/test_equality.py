@@ -87,7 +87,7 @@ def steps_of(ticks, systick_ms=1000, **inputs):
 
 def assert_equal(made, steps):
     comparison = compare(made.parameters, made.program(), steps)
-    assert comparison.difference is None, str(comparison.difference)
+    assert not comparison.difference, comparison.difference
     return comparison.ticks
 
 
@@ -136,7 +136,7 @@ def test_a_restarted_program_equals_a_new_one(built, parameters, target):
             used.tick(*step)
         used.brick = Brick()
         comparison = compare(made.parameters, used, restarted_steps(SEQUENCES + seed))
-        assert comparison.difference is None, str(comparison.difference)
+        assert not comparison.difference, comparison.difference
 
 
 @pytest.mark.parametrize('target', TARGETS)
@@ -257,7 +257,7 @@ def test_a_changed_parameter_changes_both(built, target, changed):
     assert_equal(made, steps)
     comparison = compare(values_of(CONTROLLER), made.program(), steps)
     assert comparison.difference
-    assert 'in C and' in str(comparison.difference)
+    assert 'in C and' in comparison.difference
 
 
 @pytest.mark.parametrize('target', TARGETS)
