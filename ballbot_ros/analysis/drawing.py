@@ -88,12 +88,6 @@ def label_time(axes: Axes) -> None:
     axes.set_xlabel('time [s]')
 
 
-def draw_bounds(axes: Axes, bounds: Iterable[float]) -> None:
-    """Draw dotted lines at values that the curves can't exceed."""
-    for bound in bounds:
-        axes.axhline(bound, color=GRAY, linewidth=0.8, linestyle=':')
-
-
 def shade_intervals(axes: Axes, intervals: Iterable[Interval]) -> None:
     """Shade intervals of time."""
     for interval in intervals:

@@ -43,6 +43,7 @@ from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.recording.attachments import PARAMETERS
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.simulation.closed_loop import Tick
 from ballbot_ros.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.world.library import is_file_name
 
@@ -167,19 +168,13 @@ class RecordingReplay:
 
     def replay_controller(self, update: ReportTime) -> ReplayResult:
         """Run the controller on the recorded samples; compare its messages."""
-
-        def ticks(job: _Job, comparator: MessageComparator) -> Iterator[object]:
-            return replay_controller(self._recording, job.inputs, job.program(), comparator)
-
-        return self._compare('controller', self._jobs, CONTROLLER_TOPICS, ticks, update)
+        return self._compare(
+            'controller', self._jobs, CONTROLLER_TOPICS, self._controller_ticks, update
+        )
 
     def replay_robot(self, update: ReportTime) -> ReplayResult:
         """Run the whole robot; compare all messages."""
-
-        def ticks(job: _Job, comparator: MessageComparator) -> Iterator[object]:
-            return replay_run(self._recording, job.inputs, job.parameters, comparator)
-
-        result = self._compare('robot', self._begun, ALL_TOPICS, ticks, update)
+        result = self._compare('robot', self._begun, ALL_TOPICS, self._robot_ticks, update)
         if result.difference is None:
             return result
         # Show the last run that had begun by then; it may have ended before the difference.
@@ -214,9 +209,7 @@ class RecordingReplay:
         divergences = []
         for job in self._jobs:
             divergence = Divergence()
-            for tick in replay_controller(
-                self._recording, job.inputs, job.program(), MessageComparator(())
-            ):
+            for tick in self._controller_ticks(job):
                 if tick.stamp_ns in job.inputs.duties:
                     duty = job.inputs.duties[tick.stamp_ns]
                     divergence.add(tick.stamp_ns, duty, tick.outputs.duty)
@@ -224,6 +217,15 @@ class RecordingReplay:
                 update(done)
             divergences.append(divergence)
         return divergences
+
+    def _controller_ticks(
+        self, job: _Job, comparator: MessageComparator | None = None
+    ) -> Iterator[ReplayedTick]:
+        comparator = comparator or MessageComparator(())
+        return replay_controller(self._recording, job.inputs, job.program(), comparator)
+
+    def _robot_ticks(self, job: _Job, comparator: MessageComparator) -> Iterator[Tick]:
+        return replay_run(self._recording, job.inputs, job.parameters, comparator)
 
     def _compare(
         self,
@@ -247,9 +249,7 @@ class RecordingReplay:
         """Return the recorded inputs around a tick, and the controller's outputs for them."""
         margin_ns = CONTEXT_TICKS * TICK_NS
         found = []
-        for tick in replay_controller(
-            self._recording, job.inputs, job.program(), MessageComparator(())
-        ):
+        for tick in self._controller_ticks(job):
             if tick.stamp_ns > stamp_ns + margin_ns:
                 break
             if tick.stamp_ns >= stamp_ns - margin_ns:

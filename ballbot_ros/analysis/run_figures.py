@@ -12,7 +12,6 @@ from ballbot_ros.analysis.drawing import (
     DUTY,
     PITCH,
     POSITION,
-    draw_bounds,
     draw_floor,
     draw_line,
     draw_planes,
@@ -150,7 +149,8 @@ def _draw_duty(run: RunData, table: Table) -> Figure:
     figure = new_figure(WIDTH, 2.8)
     axes = figure.subplots()
     draw_planes(axes, DUTY, table)
-    draw_bounds(axes, (-100.0, 100.0))
+    for limit in (-100.0, 100.0):
+        axes.axhline(limit, color=GRAY, linewidth=0.8, linestyle=':')
     shade_intervals(axes, _calibration(run))
     legend_above(axes)
     label_time(axes)

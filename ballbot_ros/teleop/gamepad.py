@@ -84,11 +84,8 @@ class Gamepad:
     ) -> None:
         self._wanted = wanted
         self._backend = backend
-        self._on_state, self._on_disconnected, self._on_problem = (
-            on_state,
-            on_disconnected,
-            on_problem,
-        )
+        self._on_state, self._on_disconnected = on_state, on_disconnected
+        self._on_problem = on_problem
         self._pad: OpenGamepad | None = None
         self._refused: set[GamepadDevice] = set()
         self.name = ''
