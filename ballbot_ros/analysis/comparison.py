@@ -217,13 +217,7 @@ def _signed(value: float) -> str:
 
 
 def write_comparison(runs: Sequence[ComparedRun], failed: Sequence[str], folder: Path) -> None:
-    """Write the comparison as a page with figures, and its metrics as CSV.
-
-    Raises
-    ------
-    ReportError
-        If the folder cannot be written.
-    """
+    """Write page, figures and metrics of the comparison, as :func:`write_folder` does."""
     figures = list(_figures(runs))
     page = render_template(
         'compare.html',

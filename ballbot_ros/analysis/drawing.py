@@ -151,6 +151,11 @@ def _draw_shades(
     )  # fmt: skip
 
 
+# Row of the table, name, marker, size, colour and colour of the edge. The square is smaller and has
+# a white edge: both marks stay visible in one place and one colour.
+_ENDS = ((0, 'start', 'o', 8.0, GRAY, None), (-1, 'end', 's', 6.5, ORANGE, 'white'))
+
+
 def draw_track(axes: Axes, table: Table, line: Line) -> None:
     """Draw a table of ``track_columns``, with a dot at its start and a square at its end.
 
@@ -159,28 +164,12 @@ def draw_track(axes: Axes, table: Table, line: Line) -> None:
     """
     x, y = table['map_x_cm'], table['map_y_cm']
     draw_line(axes, x, y, line)
-    for end in (_START, _END):
+    for row, name, marker, size, color, edge in _ENDS:
         axes.plot(
-            x[end.row], y[end.row], marker=end.marker, markersize=end.size, linestyle='',
-            color=line.color if line.label else end.color, markeredgecolor=end.edge,
-            label=None if line.label else end.name,
+            x[row], y[row], marker=marker, markersize=size, linestyle='',
+            color=line.color if line.label else color, markeredgecolor=edge,
+            label=None if line.label else name,
         )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _EndMark:
-    """Marker of one end of a track, at a row of its table."""
-
-    row: int
-    name: str
-    marker: str
-    size: float
-    color: str
-    edge: str | None = None
-
-
-# The square is smaller and has a white edge: both marks stay visible in one place and one colour.
-_START, _END = _EndMark(0, 'start', 'o', 8.0, GRAY), _EndMark(-1, 'end', 's', 6.5, ORANGE, 'white')
 
 
 def legend_above(axes: Axes, columns: int = 2) -> None:

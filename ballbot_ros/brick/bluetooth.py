@@ -28,13 +28,7 @@ class GamepadPacket:
     horizontal: int = 0
 
     def encode(self) -> bytes:
-        """Return the packet's 32 bytes.
-
-        Raises
-        ------
-        PacketError
-            If a value does not fit a signed byte.
-        """
+        """Return the packet's 32 bytes; raise PacketError if a value does not fit a signed byte."""
         return _pack(_STICKS, self.vertical, self.horizontal)
 
     @classmethod
@@ -77,13 +71,7 @@ class LogPacket:
     sonar_cm: int
 
     def encode(self) -> bytes:
-        """Return the packet's 32 bytes.
-
-        Raises
-        ------
-        PacketError
-            If a value does not fit its field.
-        """
+        """Return the packet's 32 bytes; raise PacketError if a value does not fit its field."""
         return _pack(
             _LOG, self.time_ms, self.data1, self.data2, self.battery_mv,
             self.rev_a, self.rev_b, self.rev_c,

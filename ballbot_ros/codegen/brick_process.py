@@ -131,13 +131,7 @@ class BrickProcess:
             )
 
     def exchange(self, request: bytes) -> Answer:
-        """Run a tick.
-
-        Raises
-        ------
-        CodegenError
-            If the program has ended.
-        """
+        """Run a tick; raise CodegenError if the program has ended."""
         with contextlib.suppress(BrokenPipeError):
             self._to.write(request)
             self._to.flush()

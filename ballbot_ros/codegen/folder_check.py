@@ -50,13 +50,7 @@ class _RequestRecorder:
 
 
 def read_folder_parameters(folder: Path) -> ParameterSet:
-    """Return the parameters of a generated folder.
-
-    Raises
-    ------
-    CodegenError
-        If it is not a generated folder.
-    """
+    """Return the parameters of a generated folder; raise CodegenError if it is not one."""
     file = folder / PARAMETER_FILE
     if not file.is_file():
         raise CodegenError(f'{file}: not found; the folder was not written by ballbot codegen')

@@ -21,13 +21,7 @@ def missing_tool_for(name: str) -> str:
 
 
 def require_implementation(name: str) -> None:
-    """Check that an implementation can be built.
-
-    Raises
-    ------
-    CodegenError
-        If a tool is missing; the message names its Debian package.
-    """
+    """Raise CodegenError, which names the Debian package, if an implementation lacks a tool."""
     if reason := missing_tool_for(name):
         raise CodegenError(reason)
 

@@ -158,13 +158,7 @@ def object_file(source: str) -> str:
 
 
 def run_tool(command: Sequence[str], folder: Path | None = None) -> str:
-    """Run a tool; return its output.
-
-    Raises
-    ------
-    CodegenError
-        If it fails, with the first error that it reports.
-    """
+    """Run a tool; return its output, or raise CodegenError with the first error that it reports."""
     done = subprocess.run(
         command, cwd=folder, capture_output=True, text=True, errors='replace', check=False,
         stdin=subprocess.DEVNULL,

@@ -42,13 +42,7 @@ def load_scenario(name_or_file: str, profile: str | None = None) -> Scenario:
 
 
 def scenario_of(name_or_file: str) -> Scenario:
-    """Load a scenario, or for '' return one without any events.
-
-    Raises
-    ------
-    ScenarioError, YamlError, ParameterError
-        As :func:`load_scenario` does.
-    """
+    """Load a scenario as :func:`load_scenario` does, or for '' return one without any events."""
     return load_scenario(name_or_file) if name_or_file else Scenario()
 
 

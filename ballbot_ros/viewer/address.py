@@ -17,13 +17,7 @@ def require_viser() -> None:
 
 
 def check_address(host: str, port: int) -> None:
-    """Check that a page can be served at an address; port 0 means any free port.
-
-    Raises
-    ------
-    ViewerError
-        If the port is in use, or the host is not an address of this machine.
-    """
+    """Raise ViewerError if no page can be served at an address; port 0 means any free port."""
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as probe:

@@ -30,13 +30,7 @@ def browser_program() -> str:
 
 @contextmanager
 def browser_page(width: int, height: int) -> Iterator[Page]:
-    """Open a page of this size [px].
-
-    Raises
-    ------
-    ViewerError
-        If Chromium, or Playwright to control it, is not installed.
-    """
+    """Open a page of this size [px]; raise ViewerError without Chromium or Playwright."""
     program = browser_program()
     with importing():
         from playwright.sync_api import sync_playwright

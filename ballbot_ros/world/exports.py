@@ -148,6 +148,8 @@ def _write_nav2(floor_map: FloorMap, image: str, stream: BinaryIO) -> None:
 
 
 def _write_pgm(floor_map: FloorMap, stream: BinaryIO) -> None:
+    # Imported here, so that nodes without a map start faster.
+    from PIL import Image
+
     pixels = np.where(floor_map.walls, _PGM_WALL, _PGM_FREE).astype(np.uint8)
-    stream.write(f'P5\n{floor_map.columns} {floor_map.rows}\n255\n'.encode())
-    stream.write(pixels.tobytes())
+    Image.fromarray(pixels).save(stream, 'PPM')

@@ -54,12 +54,7 @@ class World:
         return world
 
     def check_start(self, position: Pair) -> None:
-        """Refuse a start position that is off the map or puts the body in a wall.
-
-        Raises
-        ------
-        WorldError
-        """
+        """Raise WorldError if a start position is off the map or puts the body in a wall."""
         x, y = position[0], -position[1] + 0.0
         where = f'the start position x {x:g} m, y {y:g} m (map)'
         if not self.map.contains(self.map.point(position)):
