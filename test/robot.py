@@ -4,13 +4,18 @@ import math
 
 import numpy as np
 
-from ballbot_ros.parameters import PLANT, ParameterSet
+from ballbot_ros.brick.brick import DeviceInputs
+from ballbot_ros.parameters import PLANT, Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.plant.model import PhysicalParameters, mass_matrix
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 
 START_NS = 1_000_000_000
+DIMENSIONS = Dimensions.from_parameters(ViewerParameters())
+AT_REST = DeviceInputs(
+    gyro=(600, 600), revolutions=(0, 0), sonar_cm=255, battery_mv=8003, sticks=(0, 0)
+)
 
 
 def values_of(node, **changes):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from generated import Built, need, random_values
-from robot import values_of
+from robot import AT_REST, values_of
 
 from ballbot_ros.brick.brick import Brick, DeviceInputs
 from ballbot_ros.codegen.back_to_back import compare
@@ -34,9 +34,6 @@ from ballbot_ros.simulation.scenario_steps import scenario_steps
 GOLDEN = sorted((Path(__file__).parents[1] / 'controller' / 'golden').glob('*.npz'))
 RANDOM_SETS, SEQUENCES = 10, 100
 TICKS = 50
-AT_REST = DeviceInputs(
-    gyro=(600, 600), revolutions=(0, 0), sonar_cm=255, battery_mv=8003, sticks=(0, 0)
-)
 
 
 @pytest.fixture(scope='module')

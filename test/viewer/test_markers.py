@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 from laws import given
+from robot import DIMENSIONS
 from trimesh import transformations
 
 from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.messages.markers import ADD, DELETE, DELETE_ALL, SHAPES, fill_transform
 from ballbot_ros.messages.raw import decoder
-from ballbot_ros.parameters import Dimensions, ParameterSet, VisualizerParameters
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.viewer import colours
 from ballbot_ros.viewer.floor import walls
@@ -40,7 +40,6 @@ from ballbot_ros.viewer.transforms import (
 )
 from ballbot_ros.world.floor_map import FLOOR, WALL, FloorMap
 
-DIMENSIONS = Dimensions.from_parameters(ParameterSet().of(VisualizerParameters))
 FRAMES = Frames(DIMENSIONS)
 ARRAY, TRANSFORMS = 'visualization_msgs/msg/MarkerArray', 'tf2_msgs/msg/TFMessage'
 

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from robot import DIMENSIONS
 
 from ballbot_ros.messages.conversions import pitch_angles
-from ballbot_ros.parameters import Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.robot import (
     BALL,
@@ -18,8 +18,6 @@ from ballbot_ros.viewer.robot import (
 )
 from ballbot_ros.viewer.snapshot import TRAIL_POINTS, WINDOW_S, History, Snapshot
 from ballbot_ros.viewer.views import CHASER_1, CHASER_2, ROBOT, TOP, TRACKING, VIEWS, camera
-
-DIMENSIONS = Dimensions.from_parameters(ParameterSet().of(ViewerParameters))
 
 
 def snapshot(position=(0.0, 0.0), psi=(0.0, 0.0), time=1.0):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 from laws import given
+from robot import DIMENSIONS
 
 yourdfpy = pytest.importorskip('yourdfpy')
 
@@ -18,7 +19,6 @@ from ballbot_ros.messages.conversions import MOTOR_NAMES  # noqa: E402
 from ballbot_ros.parameters import (  # noqa: E402
     VISUALIZER,
     Dimensions,
-    ParameterSet,
     VisualizerParameters,
     parameters_of,
 )
@@ -37,8 +37,7 @@ from ballbot_ros.viewer.robot import (  # noqa: E402
 )
 from ballbot_ros.viewer.urdf import robot_description  # noqa: E402
 
-VALUES = ParameterSet().of(VisualizerParameters)
-DIMENSIONS, BODIES = Dimensions.from_parameters(VALUES), Bodies.from_parameters(VALUES)
+BODIES = Bodies.from_parameters(VisualizerParameters())
 lengths = st.floats(1e-3, 1.0)
 
 
