@@ -20,16 +20,9 @@ _EXTRA, _MISSING = 'recorded but not replayed', 'replayed but not recorded'
 
 
 class MessageDifference(NamedTuple):
-    """A difference between a recorded and a replayed message.
+    """A difference between a recorded and a replayed message, at the sim time of a tick [ns].
 
-    Attributes
-    ----------
-    stamp_ns : int
-        Sim time of the tick [ns].
-    what : str
-        The first differing field with both values, or that the message has no counterpart.
-    epoch : int
-        The epoch of the tick in the file.
+    `what` is the first differing field with both values, or that the message has no counterpart.
     """
 
     stamp_ns: int

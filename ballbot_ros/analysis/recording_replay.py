@@ -56,19 +56,10 @@ ReportTime = Callable[[float], None]
 
 @dataclass(frozen=True)
 class ReplayResult:
-    """Result of a comparison.
+    """Result of a comparison of the ``controller`` or the ``robot``: the part that was run again.
 
-    Attributes
-    ----------
-    subject : str
-        ``controller`` or ``robot``: the part that was run again.
-    ticks, messages : int
-        Number of compared ticks and messages.
-    difference : MessageDifference or None
-        The first difference; None if all messages are identical.
-    context : sequence of ReplayedTick
-        The ticks around a difference of the robot: recorded inputs, and the controller's outputs
-        for them.
+    It has the numbers of compared ticks and messages, and the first difference, if any. `context`
+    has the ticks around a difference of the robot: recorded inputs, and the controller's outputs.
     """
 
     subject: str
@@ -98,14 +89,9 @@ class _Job(NamedTuple):
 
 
 class RecordingReplay:
-    """Replays the runs of a recording.
+    """Replays the runs of a recording, whose attachments go to the folder `scratch`.
 
-    Parameters
-    ----------
-    scratch : Path
-        Folder for the attachments of the recording.
-    controller : str or None
-        Implementation of the controller; None for the recorded one.
+    The implementation of the controller is `controller`, or the recorded one.
 
     Attributes
     ----------

@@ -16,15 +16,8 @@ OUR_PACKAGE = 'ballbot_ros'
 class ReplayedController:
     """The control program that stands in for a recorded one.
 
-    Attributes
-    ----------
-    recorded : str
-        The recorded controller: a value of the parameter `implementation`, or the announced name of
-        a foreign controller.
-    replayed : str
-        A value of the parameter `implementation`.
-    reason : str
-        Why it is not the recorded controller; empty if it is, or if it was requested.
+    Both are values of the parameter `implementation`; a foreign recorded controller has its
+    announced name. The reason says why they differ; empty if they don't, or if one was requested.
     """
 
     recorded: str

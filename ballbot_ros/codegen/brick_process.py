@@ -48,8 +48,6 @@ class Answer(NamedTuple):
         Calls that no valid program makes; see ``target/brick.c``.
     page : str or None
         Name passed to the status display.
-    read_sonar : bool
-        Whether the program read the sonar.
     stack_bytes : tuple of int
         Maximum stack usage of each task so far; zeros if not measured.
     state : bytes

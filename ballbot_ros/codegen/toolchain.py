@@ -51,14 +51,7 @@ class Tool:
 class Target:
     """A machine to build the generated program for.
 
-    Attributes
-    ----------
-    title : str
-        Description of the machine.
-    flags : tuple of str
-        For compiling and linking.
-    runner : tuple of str
-        Command that runs the executable.
+    `flags` are for compiling and linking; `runner` is the command that runs the executable.
     """
 
     title: str

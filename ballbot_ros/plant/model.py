@@ -130,34 +130,25 @@ def state_space(p: PhysicalParameters) -> tuple[Matrix, Matrix]:
     """
     m = mass_matrix(p)
     determinant = m.determinant(1.0)
-    inverse_11, inverse_22 = m.m22 / determinant, m.m11 / determinant
-    inverse_12 = (m.drive - m.coupling) / determinant
+    # The inverse of the mass matrix.
+    i11, i22 = m.m22 / determinant, m.m11 / determinant
+    i12 = (m.drive - m.coupling) / determinant
     weight = p.body_mass * p.body_height * p.gravity
     beta, friction = p.beta, p.beta + p.ball_friction
     a = np.array(
         [
             [0.0, 0.0, 1.0, 0.0],
             [0.0, 0.0, 0.0, 1.0],
-            [
-                0.0,
-                inverse_12 * weight,
-                inverse_12 * beta - inverse_11 * friction,
-                (inverse_11 - inverse_12) * beta,
-            ],
-            [
-                0.0,
-                inverse_22 * weight,
-                inverse_22 * beta - inverse_12 * friction,
-                (inverse_12 - inverse_22) * beta,
-            ],
+            [0.0, i12 * weight, i12 * beta - i11 * friction, (i11 - i12) * beta],
+            [0.0, i22 * weight, i22 * beta - i12 * friction, (i12 - i22) * beta],
         ]
     )
     b = np.array(
         [
             [0.0, 0.0, 0.0],
             [0.0, 0.0, 0.0],
-            [(inverse_11 - inverse_12) * p.alpha, inverse_11, inverse_12],
-            [(inverse_12 - inverse_22) * p.alpha, inverse_12, inverse_22],
+            [(i11 - i12) * p.alpha, i11, i12],
+            [(i12 - i22) * p.alpha, i12, i22],
         ]
     )
     return a, b

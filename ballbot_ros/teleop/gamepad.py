@@ -59,12 +59,10 @@ class Backend(Protocol):
 
 
 class Gamepad:
-    """Polls one gamepad on its own thread.
+    """Polls one gamepad on its own thread: ``any``, one by its number, or by a part of its name.
 
     Parameters
     ----------
-    wanted : str
-        ``any``, the number of a device, or part of its name.
     on_state : callable
         Receives the state at every poll.
     on_disconnected : callable

@@ -16,16 +16,8 @@ class AccessPolicy:
     Any web page open in a browser on this machine can send requests here. It can't forge two
     headers: ``Origin`` names the requesting page, ``Host`` the requested address. Since the name of
     a foreign page may point to this machine, too (DNS rebinding), only this machine's own names are
-    accepted.
-
-    Attributes
-    ----------
-    host : str
-        The address that serves the page.
-    machine : str
-        Host name of this machine.
-    token : str
-        Letters, digits, ``-`` and ``_``; a page with the token may steer.
+    accepted: `host`, which serves the page, and the host name `machine`. A page with the token,
+    which has letters, digits, ``-`` and ``_``, may steer.
     """
 
     host: str
