@@ -1,1 +1,1 @@
-"""Controller design on python-control: servo LQR and margins. No ROS."""
+"""Controller design on python-control: servo LQR, pole placement, margins. No ROS."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import control
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,3 +53,18 @@ def lqr(a: ArrayLike, b: ArrayLike, q: ArrayLike, r: ArrayLike) -> Matrix:
     except (control.ControlArgument, ValueError, np.linalg.LinAlgError) as error:
         raise DesignError(f'no linear quadratic regulator: {error}') from None
     return np.asarray(gain, float)
+
+
+def place(a: ArrayLike, b: ArrayLike, poles: Sequence[complex]) -> Matrix:
+    """Return the gain K (m, n) that puts the poles of A - BK at `poles`.
+
+    Raises
+    ------
+    DesignError
+        If (A, B) is not controllable, or the poles can't be placed there.
+    """
+    require_controllable(a, b)
+    try:
+        return np.asarray(control.place(a, b, poles), float)
+    except (control.ControlArgument, ValueError, np.linalg.LinAlgError) as error:
+        raise DesignError(f'the poles cannot be placed: {error}') from None
