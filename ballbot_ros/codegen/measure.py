@@ -28,7 +28,7 @@ _SYMBOL = re.compile(r'^([0-9a-f]+) (?:([0-9a-f]+) )?[tTwW] (\S+)$', re.MULTILIN
 class Memory(NamedTuple):
     """Size of the program with the arithmetic routines that it links, without the platform.
 
-    Sections, and the stacks of all tasks.
+    It has the sections, and the stacks of all tasks.
     """
 
     text: int

@@ -110,7 +110,7 @@ class RobotMarkers:
             self._is_longer = True
 
     def at(self, snapshot: Snapshot, poses: dict[str, Transform], *, whole: bool) -> list[Any]:
-        """Return the changed markers, or the `whole` of them, for the frames' poses in ``map``.
+        """Return the changed markers or, if `whole`, all, for the frames' poses in ``map``.
 
         They are the same objects each time, updated; at the start of a run, the first one deletes
         all.

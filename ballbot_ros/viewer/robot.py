@@ -217,11 +217,11 @@ class RollingOrientation:
 
     def ball(self, position: Pair) -> Rotation:
         """Roll the ball to `position` [m]; return its orientation."""
-        if self._from is not None:
-            dx, dy = position[0] - self._from[0], self._from[1] - position[1]
+        before, self._from = self._from or position, position
+        dx, dy = position[0] - before[0], before[1] - position[1]
+        if math.isfinite(dx + dy):  # a foreign plant may publish any value
             radius = self._dimensions.ball_radius
             self._ball = Rotation.from_rotvec((-dy / radius, dx / radius, 0.0)) * self._ball
-        self._from = position
         return self._ball
 
     def wheels(self, position: Pair, psi: Pair) -> tuple[Rotation, Rotation]:

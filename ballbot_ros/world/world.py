@@ -86,8 +86,8 @@ class World:
     def touching(self, position: Pair) -> tuple[str, ...]:
         """Return which of the document's six points of the outline are in a wall (B.3).
 
-        Such as 'front left'; 'between two points of the outline' if none of the points is in the
-        wall; empty if the body is not in a wall.
+        They are such as 'front left'; 'between two points of the outline' if none of the points is
+        in the wall; empty if the body is not in a wall.
         """
         if not self.blocked(position):
             return ()

@@ -48,6 +48,13 @@ def test_the_top_of_a_rolling_ball_moves_where_it_rolls():
         assert sign * orientation.ball(step).apply((0.0, 0.0, 1.0))[axis] > 0.0
 
 
+def test_a_position_without_a_value_does_not_turn_the_ball():
+    orientation = RollingOrientation(DIMENSIONS)
+    for x in (0.0, math.nan, 0.0, math.inf, 0.0):
+        rotation = orientation.ball((x, 0.0))
+    assert rotation.magnitude() == 0.0
+
+
 def test_wheels_turn_without_slip():
     """Where they touch, at the ball's equator, wheel and ball have the same velocity."""
     angle = 1e-4
