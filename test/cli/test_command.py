@@ -34,7 +34,7 @@ def test_the_help_line_is_only_in_the_table(name):
     """Help shows the line in the table; a copy at the command would become outdated unnoticed."""
     assert load_command(name).short_help is None
     shown = CliRunner().invoke(ballbot, ['--help'], terminal_width=100).output
-    assert f'  {name:<9}  {COMMANDS[name][1]}\n' in shown
+    assert f'  {name:<9}  {COMMANDS[name]}\n' in shown
 
 
 @pytest.mark.parametrize('word', ['--help', '--version'])
