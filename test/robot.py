@@ -2,13 +2,20 @@
 
 import math
 
-from ballbot_ros.parameters import PLANT, ParameterSet
-from ballbot_ros.plant.model import PhysicalParameters
+import numpy as np
+
+from ballbot_ros.brick.brick import DeviceInputs
+from ballbot_ros.parameters import PLANT, Dimensions, ParameterSet, ViewerParameters
+from ballbot_ros.plant.model import PhysicalParameters, mass_matrix
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 
 START_NS = 1_000_000_000
+DIMENSIONS = Dimensions.from_parameters(ViewerParameters())
+AT_REST = DeviceInputs(
+    gyro=(600, 600), revolutions=(0, 0), sonar_cm=255, battery_mv=8003, sticks=(0, 0)
+)
 
 
 def values_of(node, **changes):
@@ -20,6 +27,13 @@ def values_of(node, **changes):
 
 def physical(**changes):
     return PhysicalParameters.from_parameters(values_of(PLANT, **changes))
+
+
+def mass_matrix_at(p, psi):
+    """Return the mass matrix of (3.11)-(3.12) at a pitch, shape (2, 2)."""
+    m = mass_matrix(p)
+    m12 = p.body_mass * p.body_height * p.ball_radius * math.cos(psi) - p.drive_inertia
+    return np.array([[m.m11, m12], [m12, m.m22]])
 
 
 def make_plant(**changes):

@@ -78,16 +78,10 @@ class AnnouncedParameters:
     def of(
         self, run: str, attached: ParameterSet, files: Mapping[str, AttachedFile]
     ) -> ParameterSet:
-        """Return the parameters of a run.
+        """Return the parameters of a run by its name in ``plant/run``.
 
-        Parameters
-        ----------
-        run : str
-            Its name in ``plant/run``.
-        attached : ParameterSet
-            The attached parameters, which apply where no value was announced.
-        files : mapping of str to AttachedFile
-            The attachments, which include the map if it was a file.
+        The attached parameters apply where no value was announced; the attached files include the
+        map if it was a file.
         """
         parameters = ParameterSet()
         parameters.update(attached)

@@ -33,12 +33,9 @@ class Assessment:
 
     Attributes
     ----------
-    run : RunData
     metrics : dict of str to float
         The metrics of :data:`~ballbot_ros.scenario.metrics.METRICS`, then those of
         :data:`~ballbot_ros.analysis.run_metrics.RUN_METRICS`; NaN if the data are missing.
-    expectations : tuple of ExpectationResult
-    outcome : Verdict
     reason : str
         Why the run did not pass; empty if it passed.
     """

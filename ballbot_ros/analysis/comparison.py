@@ -79,15 +79,10 @@ class ComparedRun:
     ----------
     letter : str
         ``A`` for the reference, ``B`` and so on.
-    path : Path
-    outcome, reason : str
     trusted : bool
         Whether the run is complete and did not fail.
-    metrics : dict of str to float
     tables : dict of str to Table
         The numbers of each figure, by the figure's name.
-    floor : FloorMap, OccupancyGrid or None
-    notes : tuple of str
     """
 
     letter: str
@@ -222,13 +217,7 @@ def _signed(value: float) -> str:
 
 
 def write_comparison(runs: Sequence[ComparedRun], failed: Sequence[str], folder: Path) -> None:
-    """Write the comparison as a page with figures, and its metrics as CSV.
-
-    Raises
-    ------
-    ReportError
-        If the folder cannot be written.
-    """
+    """Write page, figures and metrics of the comparison, as :func:`write_folder` does."""
     figures = list(_figures(runs))
     page = render_template(
         'compare.html',

@@ -24,14 +24,8 @@ class ConditionError(BallbotError):
 class Condition:
     """A limit on the change of a metric.
 
-    Attributes
-    ----------
-    metric : str
-    sign : str
-        ``>``: the metric rose by more than `amount`; ``<``: it fell by more than `amount`.
-    amount : float
-        In percent of the reference's magnitude, or in the metric's own unit; not negative.
-    percent : bool
+    With the sign ``>``, the metric rose by more than `amount`; with ``<``, it fell by more. The
+    amount is in percent of the reference's magnitude, or in the metric's own unit; not negative.
     """
 
     metric: str

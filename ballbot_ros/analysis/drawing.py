@@ -35,14 +35,7 @@ _OCCUPIED_PERCENT = 50
 class Quantity:
     """A quantity with a column for each plane.
 
-    Attributes
-    ----------
-    name : str
-        Name of its columns and its figure.
-    suffix : str
-        Suffix of its column names: the unit.
-    label : str
-        Label of its axis.
+    Its name is that of its figure and of its columns, which end in the unit.
     """
 
     name: str
@@ -73,15 +66,9 @@ def draw_planes(axes: Axes, quantity: Quantity, table: Table) -> None:
 def draw_line(
     axes: Axes, x: NDArray[Any], y: NDArray[Any], line: Line, height: float = _LINES
 ) -> None:
-    """Draw a line through points, in front of earlier ones.
+    """Draw a line through points, each of shape (n,), in front of earlier ones.
 
-    Parameters
-    ----------
-    axes : matplotlib Axes
-    x, y : ndarray, shape (n,)
-    line : Line
-    height : float
-        Z-order: higher lines cover lower ones.
+    `height` is the z-order: higher lines cover lower ones.
     """
     axes.plot(
         x, y, color=line.color, linewidth=line.width, linestyle=line.dash,
@@ -99,12 +86,6 @@ def frame_curves(axes: Axes, label: str) -> None:
 def label_time(axes: Axes) -> None:
     """Label the horizontal axis as time."""
     axes.set_xlabel('time [s]')
-
-
-def draw_bounds(axes: Axes, bounds: Iterable[float]) -> None:
-    """Draw dotted lines at values that the curves can't exceed."""
-    for bound in bounds:
-        axes.axhline(bound, color=GRAY, linewidth=0.8, linestyle=':')
 
 
 def shade_intervals(axes: Axes, intervals: Iterable[Interval]) -> None:
@@ -133,11 +114,7 @@ def set_min_span(axes: Axes, span: float) -> None:
 def draw_floor(axes: Axes, floor: FloorMap | OccupancyGrid | None) -> None:
     """Draw the floor from above, in the axes of ``map``, with forward on the right.
 
-    Parameters
-    ----------
-    axes : matplotlib Axes
-    floor : FloorMap, OccupancyGrid or None
-        Source of the walls and, if it is a map, of the lines; None for an empty floor.
+    A map has walls and lines, a grid only walls; None is an empty floor.
     """
     if isinstance(floor, FloorMap):
         _draw_map(axes, floor)
@@ -174,43 +151,25 @@ def _draw_shades(
     )  # fmt: skip
 
 
+# Row of the table, name, marker, size, colour and colour of the edge. The square is smaller and has
+# a white edge: both marks stay visible in one place and one colour.
+_ENDS = ((0, 'start', 'o', 8.0, GRAY, None), (-1, 'end', 's', 6.5, ORANGE, 'white'))
+
+
 def draw_track(axes: Axes, table: Table, line: Line) -> None:
-    """Draw the track of the ball, with a dot at its start and a square at its end.
+    """Draw a table of ``track_columns``, with a dot at its start and a square at its end.
 
     If the line has a label, because it is one of several, dot and square have its colour. If not,
     they have their own colours and entries in the legend.
-
-    Parameters
-    ----------
-    axes : matplotlib Axes
-    table : Table
-        With the columns ``map_x_cm`` and ``map_y_cm``.
-    line : Line
     """
     x, y = table['map_x_cm'], table['map_y_cm']
     draw_line(axes, x, y, line)
-    for end in (_START, _END):
+    for row, name, marker, size, color, edge in _ENDS:
         axes.plot(
-            x[end.row], y[end.row], marker=end.marker, markersize=end.size, linestyle='',
-            color=line.color if line.label else end.color, markeredgecolor=end.edge,
-            label=None if line.label else end.name,
+            x[row], y[row], marker=marker, markersize=size, linestyle='',
+            color=line.color if line.label else color, markeredgecolor=edge,
+            label=None if line.label else name,
         )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _EndMark:
-    """Marker of one end of a track, at a row of its table."""
-
-    row: int
-    name: str
-    marker: str
-    size: float
-    color: str
-    edge: str | None = None
-
-
-# The square is smaller and has a white edge: both marks stay visible in one place and one colour.
-_START, _END = _EndMark(0, 'start', 'o', 8.0, GRAY), _EndMark(-1, 'end', 's', 6.5, ORANGE, 'white')
 
 
 def legend_above(axes: Axes, columns: int = 2) -> None:

@@ -86,12 +86,7 @@ x, y [rad/s]; gyro x, y with offset [rad/s]; distance [m]; voltage [V].
 class SampleBuffer:
     """The samples of a stamped topic, by epoch of the file.
 
-    Parameters
-    ----------
-    type_code : str
-        Type code of the values, as in the module `array`.
-    width : int
-        Numbers per sample.
+    A sample has `width` numbers, of a type code of the module `array`.
     """
 
     def __init__(self, type_code: str, width: int) -> None:
@@ -105,14 +100,7 @@ class SampleBuffer:
     def extend(
         self, stamps: NDArray[np.int64], values: NDArray[Any], epochs: NDArray[np.intp]
     ) -> None:
-        """Add samples.
-
-        Parameters
-        ----------
-        stamps : ndarray, shape (n,)
-        values : ndarray, shape (n, width)
-        epochs : ndarray, shape (n,)
-        """
+        """Add samples: stamps (n,), values (n, width) and epochs (n,)."""
         for epoch in np.unique(epochs).tolist():
             column, numbers = self._epochs.setdefault(epoch, (array('q'), array(self._type_code)))
             selected = epochs == epoch
@@ -134,12 +122,6 @@ class Status(NamedTuple):
     """A node's report in ``/diagnostics``.
 
     Equal texts share one object: in an hour, nodes repeat the same text thousands of times.
-
-    Attributes
-    ----------
-    name, message : str
-    level : int
-    keys, texts : tuple of str
     """
 
     name: str
@@ -158,15 +140,9 @@ class Status(NamedTuple):
 class TopicStatistics:
     """Arrival statistics of a topic.
 
-    Attributes
-    ----------
-    topic, type_name : str
-    count : int
-    first_ns, last_ns, gap_ns : int
-        Oldest and newest log time, and the longest time between two messages.
-    age_sum_ms, age_max_ms : float
-        Sum and maximum of the messages' ages: the newest log time so far in the file, minus the
-        message's stamp.
+    They include the oldest and newest log time and the longest time between two messages, and sum
+    and maximum of the messages' ages: the newest log time so far in the file, minus the message's
+    stamp.
     """
 
     topic: str

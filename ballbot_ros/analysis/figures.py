@@ -45,21 +45,9 @@ def draw_motion(
 ) -> None:
     """Draw position, body pitch and duty against time, like the document's figures 8-2 and 8-3.
 
-    With a map, or if the ball moves in both planes, the track is drawn next to them.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-    path : Path
-        The PNG to write.
-    title : str
-        Heading.
-    hold_time : float
-        End of the gyro calibration [s]; the time up to it is shaded.
-    segments : iterable of Segment
-        Stick segments, shaded and named.
-    floor_map : FloorMap or None
-        Floor below the track.
+    With a map, or if the ball moves in both planes, the track is drawn next to them. The gyro
+    calibration, up to `hold_time` [s], is shaded, and so are the segments of the sticks; both are
+    named. `path` is the PNG to write.
     """
     position = trajectory.position
     with_track = len(position) > 0 and (

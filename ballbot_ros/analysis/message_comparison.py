@@ -20,17 +20,9 @@ _EXTRA, _MISSING = 'recorded but not replayed', 'replayed but not recorded'
 
 
 class MessageDifference(NamedTuple):
-    """A difference between a recorded and a replayed message.
+    """A difference between a recorded and a replayed message, at the sim time of a tick [ns].
 
-    Attributes
-    ----------
-    stamp_ns : int
-        Sim time of the tick [ns].
-    topic : str
-    what : str
-        The first differing field with both values, or that the message has no counterpart.
-    epoch : int
-        The epoch of the tick in the file.
+    `what` is the first differing field with both values, or that the message has no counterpart.
     """
 
     stamp_ns: int
@@ -46,11 +38,6 @@ class MessageComparator:
     ----------
     topics : iterable of Topic
         The compared topics, in the order in which a tick causes their messages.
-
-    Attributes
-    ----------
-    compared : int
-        Number of pairs so far.
     """
 
     def __init__(self, topics: Iterable[Topic]) -> None:
@@ -88,11 +75,7 @@ class MessageComparator:
     def first_difference(self, *, complete: bool) -> MessageDifference | None:
         """Return the earliest difference; within one tick, the first in causal order.
 
-        Parameters
-        ----------
-        complete : bool
-            Whether the recording claims to be complete, so that a message without a counterpart is
-            a difference.
+        If the recording claims to be `complete`, a message without a counterpart is a difference.
         """
         found = dict(self._first)
         if complete:

@@ -82,7 +82,6 @@ def measure(
 
     Parameters
     ----------
-    trajectory : Trajectory
     plant : PlantParameters
         The parameters of ``plant_sim``, for the start position and the release (``hold_time``).
     clearance : callable or None

@@ -27,12 +27,10 @@ class RecordedAttachments:
 
     Attributes
     ----------
-    scenario : Scenario or None
     parameters : ParameterSet
         All parameters, with defaults for those that are neither attached nor announced.
     has_parameters : bool
         Whether the parameters were attached, or announced by the participants.
-    versions : dict of str to str
     floor_map : FloorMap or None
         None if no map is attached.
     notices : list of str

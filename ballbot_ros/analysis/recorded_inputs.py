@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from operator import attrgetter
 
@@ -48,7 +48,6 @@ class RunInputs:
 
     Attributes
     ----------
-    run : RecordedRun
     last_ns : int
         Sim time of the last tick with a duty [ns]; one tick before the start if there is none.
     sticks : mapping of int to tuple of int
@@ -78,22 +77,17 @@ class RunInputs:
         return self.sticks.get(self.run.start_ns + round(time * 1e9), (0, 0))
 
     def pushes_from(self, start_ns: int) -> Sequence[Push]:
-        """Return the pushes of the run."""
-        return self.pushes
+        """Return the pushes of a run that begins at sim time `start_ns`."""
+        later_ns = start_ns - self.run.start_ns
+        return [
+            replace(push, start_ns=push.start_ns + later_ns, end_ns=push.end_ns + later_ns)
+            for push in self.pushes
+        ]
 
 
 @dataclass(frozen=True)
 class RecordedInputs:
-    """The data of a recording that are needed to replay its runs.
-
-    Attributes
-    ----------
-    recording : RobotRecording
-    runs : tuple of RunInputs
-        In the order of the file.
-    announced : AnnouncedParameters
-        The announced parameters.
-    """
+    """The data of a recording that are needed to replay its runs, in the order of the file."""
 
     recording: RobotRecording
     runs: tuple[RunInputs, ...]

@@ -56,16 +56,7 @@ class RecordedRun:
 
 
 def samples_in(batch: Batch, rows: Mapping[Topic, Rows]) -> dict[Topic, Rows]:
-    """Return the rows of each topic that are samples.
-
-    Samples are the messages of a periodic topic, without motor stops.
-
-    Parameters
-    ----------
-    batch : Batch
-    rows : mapping of Topic to ndarray
-        The rows of the batch by topic.
-    """
+    """Return the rows of each topic that are samples: periodic messages, without motor stops."""
     samples = {}
     for topic, topic_rows in rows.items():
         if topic is MOTOR_DUTY:
@@ -76,14 +67,9 @@ def samples_in(batch: Batch, rows: Mapping[Topic, Rows]) -> dict[Topic, Rows]:
 
 
 class EpochAssignment(NamedTuple):
-    """The epochs of the messages in a batch.
+    """The epoch of each message in a batch, and which are new samples.
 
-    Attributes
-    ----------
-    epochs : ndarray of int, shape (n,)
-        The epoch of each message.
-    is_new : ndarray of bool, shape (n,)
-        Whether a message is a sample that is newer than all earlier ones of its topic and epoch.
+    A new sample is newer than all earlier ones of its topic and epoch.
     """
 
     epochs: NDArray[np.intp]
@@ -129,11 +115,6 @@ class RunFinder:
     separately. The first topic whose time goes back begins the next epoch, and the others follow.
     A message without a stamp belongs to the epoch around it. If it is from the plant and follows
     the announcement of the next epoch's first run, it belongs to the next epoch.
-
-    Parameters
-    ----------
-    reader : RecordingReader
-        Decodes ``plant/run``.
     """
 
     def __init__(self, reader: RecordingReader) -> None:
@@ -171,7 +152,6 @@ class RunFinder:
 
         Parameters
         ----------
-        batch : Batch
         rows : mapping of Topic to ndarray
             The rows of the batch by topic.
         samples : mapping of Topic to ndarray
@@ -273,15 +253,9 @@ class RunFinder:
 def messages_by_epoch(
     reader: RecordingReader, topics: RobotTopics, finder: RunFinder, wanted: Collection[Topic]
 ) -> Iterator[EpochMessage]:
-    """Iterate over the messages of some topics in file order.
+    """Iterate over the messages of some topics in file order, with the epochs that `finder` finds.
 
-    Parameters
-    ----------
-    reader : RecordingReader
-    topics : RobotTopics
-    finder : RunFinder
-        Finds the epochs of the messages. For this it also receives all samples and announcements.
-    wanted : collection of Topic
+    For this it also receives all samples and announcements.
     """
     read = [n for n, topic in topics.by_name.items() if topic in (*wanted, RUN) or topic.period_ns]
     well_typed = topics.well_typed
@@ -301,29 +275,14 @@ def messages_by_epoch(
 
 @dataclass(frozen=True)
 class RobotRecording:
-    """A recording of the robot, with its topics and its number of epochs.
-
-    Attributes
-    ----------
-    reader : RecordingReader
-    topics : RobotTopics
-    epochs : int
-        Number of epochs in the file, at least 1.
-    """
+    """A recording of the robot, with its topics and its number of epochs, at least 1."""
 
     reader: RecordingReader
     topics: RobotTopics
     epochs: int
 
     def messages(self, wanted: Collection[Topic], start_ns: int = 0) -> Iterator[EpochMessage]:
-        """Iterate over the messages of some topics in file order.
-
-        Parameters
-        ----------
-        wanted : collection of Topic
-        start_ns : int
-            First log time [ns].
-        """
+        """Iterate over the messages of some topics in file order, from a log time [ns] on."""
         if self.epochs == 1:
             names = {name: topic for name, topic in self.topics.by_name.items() if topic in wanted}
             for raw in self.reader.raw_messages(names, start_ns):

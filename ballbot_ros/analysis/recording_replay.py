@@ -43,6 +43,7 @@ from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.recording.attachments import PARAMETERS
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.simulation.closed_loop import Tick
 from ballbot_ros.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.world.library import is_file_name
 
@@ -55,19 +56,10 @@ ReportTime = Callable[[float], None]
 
 @dataclass(frozen=True)
 class ReplayResult:
-    """Result of a comparison.
+    """Result of a comparison of the ``controller`` or the ``robot``: the part that was run again.
 
-    Attributes
-    ----------
-    subject : str
-        ``controller`` or ``robot``: the part that was run again.
-    ticks, messages : int
-        Number of compared ticks and messages.
-    difference : MessageDifference or None
-        The first difference; None if all messages are identical.
-    context : sequence of ReplayedTick
-        The ticks around a difference of the robot: recorded inputs, and the controller's outputs
-        for them.
+    It has the numbers of compared ticks and messages, and the first difference, if any. `context`
+    has the ticks around a difference of the robot: recorded inputs, and the controller's outputs.
     """
 
     subject: str
@@ -97,15 +89,9 @@ class _Job(NamedTuple):
 
 
 class RecordingReplay:
-    """Replays the runs of a recording.
+    """Replays the runs of a recording, whose attachments go to the folder `scratch`.
 
-    Parameters
-    ----------
-    reader : RecordingReader
-    scratch : Path
-        Folder for the attachments of the recording.
-    controller : str or None
-        Implementation of the controller; None for the recorded one.
+    The implementation of the controller is `controller`, or the recorded one.
 
     Attributes
     ----------
@@ -168,19 +154,13 @@ class RecordingReplay:
 
     def replay_controller(self, update: ReportTime) -> ReplayResult:
         """Run the controller on the recorded samples; compare its messages."""
-
-        def ticks(job: _Job, comparator: MessageComparator) -> Iterator[object]:
-            return replay_controller(self._recording, job.inputs, job.program(), comparator)
-
-        return self._compare('controller', self._jobs, CONTROLLER_TOPICS, ticks, update)
+        return self._compare(
+            'controller', self._jobs, CONTROLLER_TOPICS, self._controller_ticks, update
+        )
 
     def replay_robot(self, update: ReportTime) -> ReplayResult:
         """Run the whole robot; compare all messages."""
-
-        def ticks(job: _Job, comparator: MessageComparator) -> Iterator[object]:
-            return replay_run(self._recording, job.inputs, job.parameters, comparator)
-
-        result = self._compare('robot', self._begun, ALL_TOPICS, ticks, update)
+        result = self._compare('robot', self._begun, ALL_TOPICS, self._robot_ticks, update)
         if result.difference is None:
             return result
         # Show the last run that had begun by then; it may have ended before the difference.
@@ -194,7 +174,6 @@ class RecordingReplay:
         ----------
         assignments : sequence of str
             Parameters of the other controller as ``controller.param=value``; they stay in effect.
-        update : callable
 
         Raises
         ------
@@ -216,9 +195,7 @@ class RecordingReplay:
         divergences = []
         for job in self._jobs:
             divergence = Divergence()
-            for tick in replay_controller(
-                self._recording, job.inputs, job.program(), MessageComparator(())
-            ):
+            for tick in self._controller_ticks(job):
                 if tick.stamp_ns in job.inputs.duties:
                     duty = job.inputs.duties[tick.stamp_ns]
                     divergence.add(tick.stamp_ns, duty, tick.outputs.duty)
@@ -226,6 +203,15 @@ class RecordingReplay:
                 update(done)
             divergences.append(divergence)
         return divergences
+
+    def _controller_ticks(
+        self, job: _Job, comparator: MessageComparator | None = None
+    ) -> Iterator[ReplayedTick]:
+        comparator = comparator or MessageComparator(())
+        return replay_controller(self._recording, job.inputs, job.program(), comparator)
+
+    def _robot_ticks(self, job: _Job, comparator: MessageComparator) -> Iterator[Tick]:
+        return replay_run(self._recording, job.inputs, job.parameters, comparator)
 
     def _compare(
         self,
@@ -249,9 +235,7 @@ class RecordingReplay:
         """Return the recorded inputs around a tick, and the controller's outputs for them."""
         margin_ns = CONTEXT_TICKS * TICK_NS
         found = []
-        for tick in replay_controller(
-            self._recording, job.inputs, job.program(), MessageComparator(())
-        ):
+        for tick in self._controller_ticks(job):
             if tick.stamp_ns > stamp_ns + margin_ns:
                 break
             if tick.stamp_ns >= stamp_ns - margin_ns:

@@ -49,15 +49,7 @@ ALL_TOPICS = (
 
 
 class ReplayedTick(NamedTuple):
-    """A controller's outputs for recorded inputs.
-
-    Attributes
-    ----------
-    stamp_ns : int
-        Sim time of the tick [ns].
-    inputs : DeviceInputs
-    outputs : DeviceOutputs
-    """
+    """A controller's outputs for recorded inputs, at a sim time [ns]."""
 
     stamp_ns: int
     inputs: DeviceInputs
@@ -143,15 +135,7 @@ def replay_run(
 def compare_events(
     recording: RobotRecording, runs: Iterable[RunInputs], comparator: MessageComparator
 ) -> None:
-    """Add the recorded events to a comparator, in each epoch up to the end of its last run.
-
-    Parameters
-    ----------
-    recording : RobotRecording
-    runs : iterable of RunInputs
-        The compared runs, in file order.
-    comparator : MessageComparator
-    """
+    """Add the events to a comparator, in each epoch up to the end of the last of the `runs`."""
     ends = {each.run.epoch: max(each.run.start_ns, each.last_ns) for each in runs}
     for epoch, topic, raw in recording.messages(EVENTS):
         if epoch in ends and raw.stamp_ns <= ends[epoch]:

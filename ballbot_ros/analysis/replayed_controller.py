@@ -16,15 +16,8 @@ OUR_PACKAGE = 'ballbot_ros'
 class ReplayedController:
     """The control program that stands in for a recorded one.
 
-    Attributes
-    ----------
-    recorded : str
-        The recorded controller: a value of the parameter `implementation`, or the announced name of
-        a foreign controller.
-    replayed : str
-        A value of the parameter `implementation`.
-    reason : str
-        Why it is not the recorded controller; empty if it is, or if it was requested.
+    Both are values of the parameter `implementation`; a foreign recorded controller has its
+    announced name. The reason says why they differ; empty if they don't, or if one was requested.
     """
 
     recorded: str
@@ -41,17 +34,9 @@ def choose_controller(
     """Return the controller for a replay: the requested one, or else the recorded one.
 
     Python replaces an implementation that can't run here, since the two are proven bit-identical.
-
-    Parameters
-    ----------
-    participant : Participant or None
-        The run's controller as announced; None if unknown.
-    attached : str
-        The parameter `implementation` in the attached parameters.
-    requested : str or None
-        The requested implementation.
-    missing_tool : callable
-        Returns the tool that an implementation lacks on this machine; '' for none.
+    `participant` is the run's controller as announced, if known; `attached` is the parameter
+    `implementation` in the attached parameters. `missing_tool` returns the tool that an
+    implementation lacks on this machine; '' for none.
     """
     parameters: dict[str, object] = dict(participant.parameters) if participant else {}
     recorded = str(parameters.get('implementation', attached))

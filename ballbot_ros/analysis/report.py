@@ -40,13 +40,7 @@ MEANINGS: Mapping[str, str] = {**METRICS.meanings, **RUN_METRICS.meanings}
 
 
 def write_report(assessment: Assessment, folder: Path) -> None:
-    """Write the report of a run into `folder`, which is created if necessary.
-
-    Raises
-    ------
-    ReportError
-        If the folder cannot be written.
-    """
+    """Write the report of a run into `folder`, as :func:`write_folder` does."""
     figures = draw_figures(assessment.run)
     page = report_page(assessment, figures)
     metrics = csv_text(

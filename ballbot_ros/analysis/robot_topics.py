@@ -18,16 +18,9 @@ IDENTIFYING_TOPICS = (
 
 @dataclass(frozen=True)
 class RobotTopics:
-    """The robot's topics in a recording.
+    """The robot's topics in a recording, by full name; its namespace is such as ``/robot``, or ''.
 
-    Attributes
-    ----------
-    namespace : str
-        Such as ``/robot``; '' for none.
-    by_name : mapping of str to Topic
-        The topics in the file, by their full names.
-    wrong_types : mapping of str to str
-        The recorded types of topics that should have another type, by full name.
+    `wrong_types` are the recorded types of topics that should have another type.
     """
 
     namespace: str
@@ -71,12 +64,9 @@ def robot_topics(reader: RecordingReader) -> RobotTopics:
 
 
 def robot_namespace(reader: RecordingReader, marks: Iterable[Topic]) -> str | None:
-    """Return the namespace of the topics `marks` in a recording.
+    """Return the namespace of the topics `marks` in a recording; None if it has none of them.
 
-    Returns
-    -------
-    str or None
-        Such as ``/robot``, or '' for none; None if the recording has none of the topics.
+    The namespace is such as ``/robot``, or '' for none.
 
     Raises
     ------

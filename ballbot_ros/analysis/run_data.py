@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,7 @@ from ballbot_ros.world.exports import OccupancyGrid
 from ballbot_ros.world.floor_map import FloorMap
 
 Integers = NDArray[np.int64]
+_Event = TypeVar('_Event')
 
 
 def seconds(stamps: Integers) -> Floats:
@@ -75,7 +76,6 @@ class RunData:
 
     Attributes
     ----------
-    path : Path
     number, count : int
         Number of the run in the file, from 1, and number of runs.
     trajectory : Trajectory
@@ -170,14 +170,8 @@ def read_run(
 ) -> RunData:
     """Read a run of a recording; of a damaged file, the part before the damage.
 
-    Parameters
-    ----------
-    path : path-like
-        The MCAP file.
-    number : int or None
-        Number of the run in the file, from 1; None for the last.
-    progress : callable
-        Called from time to time with the number of messages read and their total.
+    Runs are numbered from 1 in the file; None means the last. From time to time `progress` is
+    called with the number of messages read and their total.
 
     Raises
     ------
@@ -195,7 +189,6 @@ def read_run(
         known = 'run 1' if len(runs) == 1 else f'runs 1 … {len(runs)}'
         raise RecordingError(f'{path}: run {number} not found; the file has {known}')
     run = runs[number - 1]
-    start = run.start_ns
     attached = attached.for_run(run.name, extraction.announced)
     notices = [*extraction.notices, *attached.notices]
     if len(runs) > 1:
@@ -205,7 +198,7 @@ def read_run(
         raise RecordingError(f'{path}: run {number} of {len(runs)} has no ticks')
     plant = attached.parameters.of(PlantParameters)
     has_map = bool(plant.map) or not extraction.announced.has_parameters(run.name)
-    trajectory, missing = _trajectory(series, start, plant.lockstep)
+    trajectory, missing = _trajectory(series, run.start_ns, plant.lockstep)
     last = trajectory.time[-1] if len(trajectory.time) else 0.0
     if not attached.has_parameters and PLANT_ODOM in series:
         x, y = map(float, series[PLANT_ODOM].values[0])
@@ -225,21 +218,9 @@ def read_run(
         series=series,
         states=_states(extraction, run, last),
         grid=_grid(extraction, run) if has_map else None,
-        statuses=tuple(
-            ((stamp - start) / SECOND_NS, status)
-            for epoch, stamp, status in extraction.statuses
-            if run.has(epoch, stamp)
-        ),
-        pages=tuple(
-            ((stamp - start) / SECOND_NS, page)
-            for epoch, stamp, page in extraction.pages
-            if run.has(epoch, stamp)
-        ),
-        tones=tuple(
-            ((stamp - start) / SECOND_NS, tone)
-            for epoch, stamp, tone in extraction.tones
-            if run.has(epoch, stamp)
-        ),
+        statuses=_events(extraction.statuses, run),
+        pages=_events(extraction.pages, run),
+        tones=_events(extraction.tones, run),
         topic_statistics=tuple(extraction.topic_statistics.values()),
         attached=attached,
         damage=damage,
@@ -301,12 +282,19 @@ def _trajectory(
     return Trajectory(seconds(stamps) - start * 1e-9, position, psi, duties), max(0, missing)
 
 
-def _states(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Interval, ...]:
-    changes = [
-        ((stamp - run.start_ns) / SECOND_NS, state)
-        for epoch, stamp, state in extraction.states
+def _events(
+    events: list[tuple[int, int, _Event]], run: RecordedRun
+) -> tuple[tuple[float, _Event], ...]:
+    """Return the events of a run with their times [s]."""
+    return tuple(
+        ((stamp - run.start_ns) / SECOND_NS, event)
+        for epoch, stamp, event in events
         if run.has(epoch, stamp)
-    ]
+    )
+
+
+def _states(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Interval, ...]:
+    changes = _events(extraction.states, run)
     ends = [time for time, _ in changes[1:]] + [float(last) + TICK_S]
     return tuple(
         Interval(time, until, state)

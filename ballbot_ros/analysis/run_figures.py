@@ -12,7 +12,6 @@ from ballbot_ros.analysis.drawing import (
     DUTY,
     PITCH,
     POSITION,
-    draw_bounds,
     draw_floor,
     draw_line,
     draw_planes,
@@ -74,20 +73,9 @@ MIN_AXIS_SPAN = 1.0
 
 @dataclass(frozen=True)
 class RunFigure:
-    """A figure of a run.
+    """A figure of a run: its file name without extension, heading and caption.
 
-    Attributes
-    ----------
-    name : str
-        File name without extension.
-    title, caption : str
-        Heading and caption.
-    needs : tuple of Topic
-        The topics that the figure requires.
-    table : callable
-        Returns the numbers of the figure for a run.
-    draw : callable
-        Draws the figure from run and table.
+    It `needs` topics, makes its numbers from a run as a table, and draws them.
     """
 
     name: str
@@ -150,7 +138,8 @@ def _draw_duty(run: RunData, table: Table) -> Figure:
     figure = new_figure(WIDTH, 2.8)
     axes = figure.subplots()
     draw_planes(axes, DUTY, table)
-    draw_bounds(axes, (-100.0, 100.0))
+    for limit in (-100.0, 100.0):
+        axes.axhline(limit, color=GRAY, linewidth=0.8, linestyle=':')
     shade_intervals(axes, _calibration(run))
     legend_above(axes)
     label_time(axes)
@@ -159,17 +148,7 @@ def _draw_duty(run: RunData, table: Table) -> Figure:
 
 @dataclass(frozen=True)
 class _Pair:
-    """The true column of a quantity and a column to compare with it; {} stands for the plane.
-
-    Attributes
-    ----------
-    true, other : str
-        The columns.
-    label : str
-        Label of the axis.
-    name : str
-        Name of the other column.
-    """
+    """A true column and one to compare with it, {} for the plane; names of axis and other."""
 
     true: str
     other: str

@@ -158,26 +158,18 @@ def position_error_rms_m(run: RunData) -> float:
     return _rms(position_error(run))
 
 
-@RUN_METRICS.metric(
-    'root mean square of the error of the estimated gyro offset (reading minus estimated pitch '
-    'rate, against reading minus true rate, 1 s mean), plane x'
-)
-def gyro_offset_error_x_deg_per_s(run: RunData) -> float:
-    return _offset_error(run, 0)
-
-
-@RUN_METRICS.metric(
-    'root mean square of the error of the estimated gyro offset (reading minus estimated pitch '
-    'rate, against reading minus true rate, 1 s mean), plane y'
-)
-def gyro_offset_error_y_deg_per_s(run: RunData) -> float:
-    return _offset_error(run, 1)
-
-
 def _offset_error(run: RunData, plane: int) -> float:
     if not {CONTROLLER_STATE, GYRO_IMU, PLANT_IMU} <= run.series.keys():
         return math.nan
     return _rms((estimated_gyro_offset(run) - true_gyro_offset(run))[:, plane])
+
+
+for _number, _plane in enumerate('xy'):
+    RUN_METRICS.metric(
+        'root mean square of the error of the estimated gyro offset (reading minus estimated pitch '
+        f'rate, against reading minus true rate, 1 s mean), plane {_plane}',
+        f'gyro_offset_error_{_plane}_deg_per_s',
+    )(partial(_offset_error, plane=_number))
 
 
 def _time_in(run: RunData, state: str) -> float:

@@ -22,18 +22,7 @@ _TITLE_LETTERS_PER_INCH = 11
 
 @dataclass(frozen=True)
 class Line:
-    """Style of a curve.
-
-    Attributes
-    ----------
-    color : str
-    width : float
-        [point]
-    dash : str
-        A line style of matplotlib.
-    label : str
-        Its name in the legend; '' for none.
-    """
+    """Style of a curve: width [point], a line style of matplotlib, its name in the legend or ''."""
 
     color: str
     width: float = 1.4

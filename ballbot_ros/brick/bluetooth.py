@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from ballbot_ros.errors import BallbotError
 
 PACKET_SIZE = 32
-STREAM_HEADER = struct.pack('<H', PACKET_SIZE)
-"""Length prefix of each packet on the serial line."""
 
 _STICKS = struct.Struct('<bb30x')
 _LOG = struct.Struct('<IbbHiiihhhhi')
@@ -23,25 +21,14 @@ class PacketError(BallbotError):
 class GamepadPacket:
     """Packet from the PC to the NXT: the sticks.
 
-    Attributes
-    ----------
-    vertical : int
-        Left stick, -100 (up) ... +100 (down).
-    horizontal : int
-        Right stick, -100 (left) ... +100 (right).
+    Left vertical, -100 (up) ... +100 (down), and right horizontal, -100 (left) ... +100 (right).
     """
 
     vertical: int = 0
     horizontal: int = 0
 
     def encode(self) -> bytes:
-        """Return the packet's 32 bytes.
-
-        Raises
-        ------
-        PacketError
-            If a value does not fit a signed byte.
-        """
+        """Return the packet's 32 bytes; raise PacketError if a value does not fit a signed byte."""
         return _pack(_STICKS, self.vertical, self.horizontal)
 
     @classmethod
@@ -84,13 +71,7 @@ class LogPacket:
     sonar_cm: int
 
     def encode(self) -> bytes:
-        """Return the packet's 32 bytes.
-
-        Raises
-        ------
-        PacketError
-            If a value does not fit its field.
-        """
+        """Return the packet's 32 bytes; raise PacketError if a value does not fit its field."""
         return _pack(
             _LOG, self.time_ms, self.data1, self.data2, self.battery_mv,
             self.rev_a, self.rev_b, self.rev_c,

@@ -49,14 +49,8 @@ class Tone(NamedTuple):
 class DeviceOutputs:
     """The outputs of a tick.
 
-    Attributes
-    ----------
-    duty : tuple of int
-        Motors B (plane x) and C (plane y) [%], which hold the value until the next one.
-    log : list of LogPacket
-    tones : list of Tone
-    pages : list of str
-        LCD pages.
+    The duty [%] of motors B (plane x) and C (plane y) holds until the next one; `pages` are those
+    of the LCD.
     """
 
     duty: tuple[int, int] = (0, 0)

@@ -24,17 +24,9 @@ Reading at rest, range of the rate, standard deviation of the noise and amplitud
 
 
 def gyro_reading(constants: GyroConstants, rate: float, error: float, stamp_ns: int) -> int:
-    """Return the reading [deg/s + offset], 0 ... 1023.
+    """Return the reading [deg/s + offset], 0 ... 1023, at a sim time [ns].
 
-    Parameters
-    ----------
-    constants : tuple
-    rate : float
-        Body pitch rate [rad/s].
-    error : float
-        A normal number.
-    stamp_ns : int
-        Sim time [ns] of the sample.
+    `rate` is the body's pitch rate [rad/s], `error` a normal number.
     """
     offset, limit, sigma, drift, drift_period_ns, drift_phase = constants
     value = max(-limit, min(limit, rate * _DEGREES)) + offset
@@ -52,11 +44,6 @@ class Gyro:
 
     The rate saturates at the gyro's range; offset, drift and noise add to it; the sum is rounded
     and bounded by the converter. The drift is a sine whose phase is drawn from the seed.
-
-    Parameters
-    ----------
-    parameters : GyroParameters
-        The parameters of ``gyro_driver``.
     """
 
     def __init__(self, parameters: GyroParameters) -> None:
@@ -73,14 +60,9 @@ class Gyro:
         )
 
     def read(self, rates: tuple[float, float], stamp_ns: int) -> tuple[int, int]:
-        """Return the readings of both gyros [deg/s + offset], 0 ... 1023.
+        """Return the readings of both gyros [deg/s + offset], 0 ... 1023, at a sim time [ns].
 
-        Parameters
-        ----------
-        rates : tuple of float
-            Body pitch rates [rad/s] of planes x and y.
-        stamp_ns : int
-            Sim time [ns] of the sample.
+        The rates are the body's pitch rates [rad/s] of planes x and y.
         """
         errors = self._noise.pair(stamp_ns // TICK_NS) if self._sigma else (0.0, 0.0)
         return (

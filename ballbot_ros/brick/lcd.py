@@ -20,20 +20,9 @@ def status_page(
 ) -> str:
     """Return the page: eight lines of sixteen characters.
 
-    Parameters
-    ----------
-    name : str
-        Program name, the first line.
-    systick_ms, battery_mv : int
-        Shown in s and in 0.1 V.
-    revolutions : sequence of int, length 3
-        Motors A, B, C [deg].
-    adc : sequence of int, length 4
-        Sensor ports S1 ... S4.
-    bluetooth_connected : bool
-        Shown as 1 or 0 before the sonar's distance [cm].
-    sonar_cm : int
-        The program's last reading of the ultrasonic sensor; -1 before its first request.
+    Below the program's `name` it shows the time in s, the battery in 0.1 V, motors A, B, C [deg],
+    ports S1 ... S4, whether Bluetooth is connected, and the program's last reading of the sonar
+    [cm], which is -1 before its first request.
     """
     lines = (
         name,

@@ -19,16 +19,8 @@ _WORD = 0xFFFFFFFF
 class DeviceNoise:
     """Two random numbers for each sample, generated in blocks.
 
-    The key of the generator is the seed, its counter the sample number and the device.
-
-    Parameters
-    ----------
-    seed : int
-        The run's seed, 0 ... 2^64 - 1.
-    device : str
-        Name of the device, which selects its stream.
-    draw : callable
-        Converts 53 random bits to a number: ``uniform`` or ``normal``.
+    The key of the generator is the seed, 0 ... 2^64 - 1; its counter is the sample number and the
+    device. `draw` converts 53 random bits to a number: ``uniform`` or ``normal``.
     """
 
     def __init__(self, seed: int, device: str, draw: Callable[[int], float]) -> None:

@@ -7,16 +7,10 @@ from typing import NamedTuple
 
 
 class TaskTiming(NamedTuple):
-    """Priority and period of a task.
+    """Priority and period of a task, whose name is also that of the function.
 
-    Attributes
-    ----------
-    name : str
-        Name in the OIL file, and of the function.
-    priority : int
-        Higher values run first.
-    period_ms : int
-        Period of its alarm; 0 for a task that runs once at the start.
+    Higher priorities run first. The period is that of its alarm [ms]; 0 for a task that runs once
+    at the start.
     """
 
     name: str
@@ -28,15 +22,6 @@ class Schedule:
     """Determines the tasks due at a time, highest priority first; all alarms start in phase.
 
     A tick is much longer than its tasks, so each runs to its end before the next.
-
-    Parameters
-    ----------
-    tasks : iterable of TaskTiming
-
-    Attributes
-    ----------
-    tasks : list of TaskTiming
-        Highest priority first.
     """
 
     def __init__(self, tasks: Iterable[TaskTiming]) -> None:

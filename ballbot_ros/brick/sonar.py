@@ -45,13 +45,7 @@ def sonar_reading(
 
 
 class Sonar:
-    """Distance in whole centimetres; 255 means no echo.
-
-    Parameters
-    ----------
-    parameters : SonarParameters
-        The parameters of ``sonar_driver``.
-    """
+    """Distance in whole centimetres; 255 means no echo."""
 
     def __init__(self, parameters: SonarParameters) -> None:
         self._error: float = parameters.noise_cm

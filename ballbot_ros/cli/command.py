@@ -9,31 +9,30 @@ import click
 from ballbot_ros import __version__
 
 COMMANDS = {
-    'run': ('run', 'Run a scenario and judge it by its expectations.'),
-    'drive': ('drive', 'Drive the robot by hand.'),
-    'scenarios': ('scenarios', 'List the shipped scenarios.'),
-    'report': ('report', 'Write a page with figures and metrics of a recorded run.'),
-    'compare': ('compare', 'Compare the metrics of recorded runs.'),
-    'view': ('view', 'Show recorded runs in a browser.'),
-    'render': ('render', 'Render a picture or a film of a recorded run.'),
-    'replay': ('replay', 'Run a recorded run again and report differences.'),
-    'info': ('info', 'Describe a recording.'),
-    'play': ('play', 'Publish a recording into the graph.'),
-    'export': ('export', 'Write a recording as tables.'),
-    'repair': ('repair', 'Recover a damaged recording.'),
-    'log2csv': ('log2csv', 'Write the data log of a recording as CSV.'),
-    'map': ('map', 'Check a map image; export it for other programs.'),
-    'design': ('design', 'Print the model, its poles and the servo gains.'),
-    'codegen': ('codegen', 'Generate the controller as C for the brick, or check it.'),
-    'doctor': ('doctor', 'Check that this machine is ready.'),
+    'run': 'Run a scenario and judge it by its expectations.',
+    'drive': 'Drive the robot by hand.',
+    'scenarios': 'List the shipped scenarios.',
+    'report': 'Write a page with figures and metrics of a recorded run.',
+    'compare': 'Compare the metrics of recorded runs.',
+    'view': 'Show recorded runs in a browser.',
+    'render': 'Render a picture or a film of a recorded run.',
+    'replay': 'Run a recorded run again and report differences.',
+    'info': 'Describe a recording.',
+    'play': 'Publish a recording into the graph.',
+    'export': 'Write a recording as tables.',
+    'repair': 'Recover a damaged recording.',
+    'log2csv': 'Write the data log of a recording as CSV.',
+    'map': 'Check a map image; export it for other programs.',
+    'design': 'Print the model, its poles and the servo gains.',
+    'codegen': 'Generate the controller as C for the brick, or check it.',
+    'doctor': 'Check that this machine is ready.',
 }
-"""For each command, the module in this package that declares it as `command`, and its line in the
-help of `ballbot`."""
+"""The line of each command in the help of `ballbot`; the module of the same name declares it."""
 
 
 def load_command(name: str) -> click.Command:
     """Import the module of a command, and return the command."""
-    command: click.Command = import_module(f'{__package__}.{COMMANDS[name][0]}').command
+    command: click.Command = import_module(f'{__package__}.{name}').command
     return command
 
 
@@ -55,7 +54,7 @@ class _LazyGroup(click.Group):
 
 @click.group(
     cls=_LazyGroup,
-    commands=[click.Command(name, short_help=line) for name, (_, line) in COMMANDS.items()],
+    commands=[click.Command(name, short_help=line) for name, line in COMMANDS.items()],
     context_settings={'help_option_names': ['-h', '--help'], 'max_content_width': 100},
 )
 @click.version_option(__version__, prog_name='ballbot')

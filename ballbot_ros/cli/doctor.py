@@ -13,10 +13,7 @@ from ballbot_ros.run.machine_checks import CHECKS, remove_leftovers
 def run_checks(*, fix: bool = False) -> int:
     """Run every check; return 0 if all are OK, else 1.
 
-    Parameters
-    ----------
-    fix : bool
-        Whether to remove what killed processes left in shared memory.
+    With `fix`, remove what killed processes left in shared memory.
     """
     console = Console(highlight=False, markup=False)
     failed = False

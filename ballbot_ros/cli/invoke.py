@@ -15,14 +15,8 @@ from ballbot_ros.standard_streams import open_standard_streams
 def invoke(command: click.Command, name: str, failed: int = 2) -> int:
     """Run a command with the arguments of the command line; return its exit status.
 
-    Parameters
-    ----------
-    command : click.Command
-    name : str
-        The program's name in the help text.
-    failed : int
-        Exit status after a `BallbotError` or `OSError`, which is printed on one line. For invalid
-        arguments the status is 2.
+    A `BallbotError` or `OSError` is printed on one line, and the status is then `failed`; for
+    invalid arguments it is 2.
     """
     open_standard_streams()
     if isinstance(sys.stdout, TextIOWrapper):

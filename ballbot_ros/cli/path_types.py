@@ -10,15 +10,7 @@ import click
 
 
 class _File(click.Path):
-    """A file path; rejects an argument that can only mean a folder.
-
-    Parameters
-    ----------
-    is_folder : callable
-        Returns whether the argument means a folder.
-    wanted : str
-        Description of a valid argument.
-    """
+    """A file path; rejects an argument that can only mean a folder, and says what is `wanted`."""
 
     def __init__(self, is_folder: Callable[[str], bool], wanted: str) -> None:
         super().__init__(path_type=Path)

@@ -12,16 +12,9 @@ from ballbot_ros.progress import PROGRESS_PERIOD_S
 
 
 class Progress:
-    """A bar on a terminal; on a pipe or file, only the notices.
+    """A bar on a terminal; on a pipe or file, or without `bar`, only the notices.
 
-    Parameters
-    ----------
-    name : str
-        Name of the run.
-    duration : float
-        Its length in sim time [s]; 0 for an endless run.
-    bar : bool
-        Whether to show a bar; False if the gamepad node uses the terminal.
+    The duration is in sim time [s]; 0 for an endless run.
     """
 
     def __init__(self, name: str, duration: float, *, bar: bool = True) -> None:

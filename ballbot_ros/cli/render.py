@@ -11,7 +11,7 @@ from ballbot_ros.cli.path_types import NEW_FILE, RECORDING
 from ballbot_ros.stop_request import defer_sigint
 from ballbot_ros.viewer.address import require_viser
 from ballbot_ros.viewer.browser import browser_program
-from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.errors import ViewerError, importing
 from ballbot_ros.viewer.views import VIEWS
 
 OUTPUT_SUFFIXES = ('.png', '.gif', '.mp4')
@@ -51,13 +51,8 @@ def command(recording: Path, view: str, output: Path, moment: float | None) -> N
     if moment is not None and not moment <= run.end:  # also refuses NaN
         raise ViewerError(f'--time {moment:g}: the run ends at {run.end:g} s')
     # Imported only here: viser takes a second.
-    try:
-        with defer_sigint():
-            from ballbot_ros.viewer.render import render_to_file
-    except ImportError as error:
-        raise ViewerError(
-            f'package not found ({error}): install it with `pip install "ballbot_ros[viewer]"`'
-        ) from None
+    with importing(), defer_sigint():
+        from ballbot_ros.viewer.render import render_to_file
     with file_progress(output.name) as progress:
         render_to_file(run, view, output, run.end if moment is None else moment, progress)
     click.echo(f'picture  {output}')

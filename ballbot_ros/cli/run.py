@@ -27,17 +27,9 @@ def run_and_print(
     as_json: bool,
     is_replaced: Callable[[], bool] | None = None,
 ) -> int:
-    """Run a scenario, print its result, return the exit status.
+    """Run a scenario, given by name or file, print its result, return the exit status.
 
-    Parameters
-    ----------
-    reference : str
-        Name or file of the scenario.
-    options : RunOptions
-    as_json : bool
-        Whether to print the result as JSON.
-    is_replaced : callable or None
-        Returns whether another run has been requested, which replaces this one.
+    `is_replaced` returns whether another run has been requested, which replaces this one.
     """
     # Start early: it imports the nodes while this process prepares the run.
     early = ForkClient() if options.processes is Processes.SEPARATE else nullcontext()

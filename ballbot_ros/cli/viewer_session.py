@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,7 +39,10 @@ def run_with_viewer(reference: str, options: RunOptions, *, as_json: bool) -> in
     parameters = RunSpec.of_scenario(reference, options).parameters
     require_viewer(parameters, options.processes)
     console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
-    with StopRequest() as stop, ViewerSession(parameters, reference, console) as session:
+    with (
+        StopRequest() as stop,
+        closing(ViewerSession(parameters, reference, console)) as session,
+    ):
 
         def run(reference: str, options: RunOptions) -> int:
             return run_and_print(
@@ -63,38 +66,23 @@ def run_with_viewer(reference: str, options: RunOptions, *, as_json: bool) -> in
 class ViewerSession:
     """The viewer's process, and the node that receives the page's requests.
 
-    Parameters
-    ----------
-    parameters : ParameterSet
-        Parameters of the first run, with the address of the page.
-    reference : str
-        Scenario of the first run.
-    console : Console
-        Prints the viewer's lines.
+    The parameters are those of the first run, with the address of the page. The console prints the
+    viewer's lines.
     """
 
     def __init__(self, parameters: ParameterSet, reference: str, console: Console) -> None:
-        self._parameters = parameters
-        self._reference = reference
         self._console = console
-        self._stack = ExitStack()
-
-    def __enter__(self) -> ViewerSession:
         with ExitStack() as stack:
             stack.enter_context(ros())
             folder = stack.enter_context(temporary_folder())
             parameter_file = Path(folder) / 'parameters.yaml'
-            write_parameter_file(parameter_file, _address(self._parameters), [VIEWER])
+            write_parameter_file(parameter_file, _address(parameters), [VIEWER])
             client = stack.enter_context(ForkClient())
             self._viewer = NodeProcess(client, VIEWER, parameter_file, self._print)
             stack.callback(stop_all, [self._viewer], last='')
-            self._supervisor = Supervisor(self._reference)
+            self._supervisor = Supervisor(reference)
             stack.callback(NodeThread(self._supervisor).close)
-            self._stack = stack.pop_all()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
+            self.close = stack.pop_all().close
 
     def _print(self, line: str) -> None:
         self._console.print(line)

@@ -47,11 +47,6 @@ def application_files(parameters: ControllerParameters) -> dict[str, str]:
     """Return the text of every file of the application, by name.
 
     Equal parameters give equal text.
-
-    Parameters
-    ----------
-    parameters : ControllerParameters
-        The parameters of the node ``controller``.
     """
     environment = Environment(
         loader=PackageLoader('ballbot_ros.codegen'),

@@ -16,43 +16,20 @@ from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.parameters import ControllerParameters
 
 
-class ProgramDifference(NamedTuple):
-    """The first difference between the two programs."""
-
-    elapsed_ms: int
-    what: str
-    python: object
-    compiled: object
-
-    def __str__(self) -> str:
-        return (
-            f'at {self.elapsed_ms} ms {self.what} is {self.compiled!r} in C and {self.python!r} '
-            'in Python'
-        )
-
-
 class EquivalenceResult(NamedTuple):
-    """The number of compared ticks, and the difference that ended the comparison, if any."""
+    """The number of compared ticks, and the first difference as text; '' if there is none."""
 
     ticks: int
-    difference: ProgramDifference | None
+    difference: str = ''
 
 
 def compare(
     parameters: ControllerParameters, compiled: CompiledProgram, steps: Iterable[ProgramInput]
 ) -> EquivalenceResult:
-    """Run both programs on the same inputs until they differ.
+    """Run both programs, the compiled one newly created, on the same inputs until they differ.
 
     Duties, log packets, tones, display pages and every bit of the shared data are compared after
     each tick.
-
-    Parameters
-    ----------
-    parameters : ControllerParameters
-        The parameters of the node ``controller``, for the Python program.
-    compiled : CompiledProgram
-        Newly created.
-    steps : iterable of ProgramInput
 
     Raises
     ------
@@ -73,7 +50,7 @@ def compare(
                 return EquivalenceResult(
                     ticks, _difference(step, expected, outputs, state, compiled)
                 )
-    return EquivalenceResult(ticks, None)
+    return EquivalenceResult(ticks)
 
 
 def _difference(
@@ -82,10 +59,10 @@ def _difference(
     outputs: DeviceOutputs,
     state: bytes,
     compiled: CompiledProgram,
-) -> ProgramDifference:
+) -> str:
     """Return the first difference in the order of computation: data, then outputs."""
     wanted = {**named_values(state), **asdict(expected)}
     got = {**named_values(compiled.state), **asdict(outputs)}
     # Compare the values as text: zeros of different sign are equal as numbers.
     name = next(name for name in wanted if repr(wanted[name]) != repr(got[name]))
-    return ProgramDifference(step.elapsed_ms, name, wanted[name], got[name])
+    return f'at {step.elapsed_ms} ms {name} is {got[name]!r} in C and {wanted[name]!r} in Python'

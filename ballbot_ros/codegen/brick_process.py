@@ -46,12 +46,8 @@ class Answer(NamedTuple):
         Motors B and C [%].
     faults : int
         Calls that no valid program makes; see ``target/brick.c``.
-    log : Log or None
-    tones : list of Tone
     page : str or None
         Name passed to the status display.
-    read_sonar : bool
-        Whether the program read the sonar.
     stack_bytes : tuple of int
         Maximum stack usage of each task so far; zeros if not measured.
     state : bytes
@@ -78,16 +74,9 @@ def encode_request(
     sticks: tuple[int, int] | None,
     due: Sequence[int],
 ) -> bytes:
-    """Return the request for a tick.
+    """Return the request for a tick: device readings, and the numbers of the due tasks in order.
 
-    Parameters
-    ----------
-    systick_ms, revolutions, sonar_reply_cm, gyro, battery_mv : int or tuple of int
-        Readings of the devices.
-    sticks : tuple of int or None
-        A packet that has arrived.
-    due : sequence of int
-        Numbers of the tasks to run, in order.
+    `sticks` is a packet that has arrived, or None.
 
     Raises
     ------
@@ -104,12 +93,7 @@ def encode_request(
 
 
 class BrickProcess:
-    """A running process of the compiled program.
-
-    Parameters
-    ----------
-    command : sequence of str
-        Result of :func:`ballbot_ros.codegen.toolchain.build`.
+    """A running process of the compiled program, started by the command from ``toolchain.build``.
 
     Raises
     ------
@@ -145,13 +129,7 @@ class BrickProcess:
             )
 
     def exchange(self, request: bytes) -> Answer:
-        """Run a tick.
-
-        Raises
-        ------
-        CodegenError
-            If the program has ended.
-        """
+        """Run a tick; raise CodegenError if the program has ended."""
         with contextlib.suppress(BrokenPipeError):
             self._to.write(request)
             self._to.flush()

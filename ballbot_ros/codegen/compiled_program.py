@@ -33,22 +33,11 @@ class CompiledProgram:
     """The generated C, with the interface of the Python ``ControlProgram``.
 
     It uses the same :class:`Brick`, which here stands for the firmware: the brick, not the program,
-    writes the other fields of the log packet and the text of the display.
-
-    Parameters
-    ----------
-    process : ProgramProcess
-    tasks : sequence of TaskTiming
-        The tasks of the OIL file, in file order.
-    autonomous : bool
-        The drive mode.
+    writes the other fields of the log packet and the text of the display. The tasks are those of
+    the OIL file, in file order.
 
     Attributes
     ----------
-    brick : Brick
-    x, y : Plane
-    control_mode : ControlMode
-    operating_state : OperatingState
     state : bytes
         The C structure ``ballbot`` after the last tick.
     stack_bytes : tuple of int

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.codegen.application import PARAMETER_FILE, read_tasks
-from ballbot_ros.codegen.back_to_back import compare
+from ballbot_ros.codegen.back_to_back import EquivalenceResult, compare
 from ballbot_ros.codegen.brick_process import Answer, BrickProcess
 from ballbot_ros.codegen.compiled_program import CompiledProgram
 from ballbot_ros.codegen.errors import CodegenError
@@ -20,26 +20,8 @@ from ballbot_ros.parameters.files import read_parameter_file
 
 
 @dataclass(frozen=True)
-class FolderComparison:
-    """The number of compared ticks, and the first difference as text; '' if there is none."""
-
-    ticks: int
-    difference: str = ''
-
-
-@dataclass(frozen=True)
 class TaskCost:
-    """Cost of a task.
-
-    Attributes
-    ----------
-    name : str
-    is_periodic : bool
-    instructions : int
-        Maximum per call.
-    stack_bytes : int
-        Maximum usage.
-    """
+    """Cost of a task: the most instructions of a call, and the most stack."""
 
     name: str
     is_periodic: bool
@@ -68,13 +50,7 @@ class _RequestRecorder:
 
 
 def read_folder_parameters(folder: Path) -> ParameterSet:
-    """Return the parameters of a generated folder.
-
-    Raises
-    ------
-    CodegenError
-        If it is not a generated folder.
-    """
+    """Return the parameters of a generated folder; raise CodegenError if it is not one."""
     file = folder / PARAMETER_FILE
     if not file.is_file():
         raise CodegenError(f'{file}: not found; the folder was not written by ballbot codegen')
@@ -82,14 +58,7 @@ def read_folder_parameters(folder: Path) -> ParameterSet:
 
 
 class BuiltApplication:
-    """A generated folder, built for a target.
-
-    Parameters
-    ----------
-    folder : Path
-    target : Target
-    scratch : Path
-        Folder for the compiler's output.
+    """A generated folder, built for a target in the folder `scratch`.
 
     Raises
     ------
@@ -107,7 +76,7 @@ class BuiltApplication:
     def _program(self, process: BrickProcess | _RequestRecorder) -> CompiledProgram:
         return CompiledProgram(process, self._tasks, self._parameters.mode == 'autonomous')
 
-    def compare(self, sequences: Sequence[InputSequence]) -> FolderComparison:
+    def compare(self, sequences: Sequence[InputSequence]) -> EquivalenceResult:
         """Run the C and the Python program on the same inputs until they differ."""
         ticks = 0
         for sequence in sequences:
@@ -115,9 +84,9 @@ class BuiltApplication:
             result = compare(self._parameters, program, sequence.steps)
             ticks += result.ticks
             if result.difference:
-                return FolderComparison(ticks, f'{sequence.name}, {result.difference}')
+                return EquivalenceResult(ticks, f'{sequence.name}, {result.difference}')
             self._stack = list(map(max, self._stack, program.stack_bytes))
-        return FolderComparison(ticks)
+        return EquivalenceResult(ticks)
 
     def cost(self, sequences: Sequence[InputSequence]) -> ProgramCost:
         """Measure instructions on `sequences`, and memory; stack usage is that of comparisons."""

@@ -21,13 +21,7 @@ def missing_tool_for(name: str) -> str:
 
 
 def require_implementation(name: str) -> None:
-    """Check that an implementation can be built.
-
-    Raises
-    ------
-    CodegenError
-        If a tool is missing; the message names its Debian package.
-    """
+    """Raise CodegenError, which names the Debian package, if an implementation lacks a tool."""
     if reason := missing_tool_for(name):
         raise CodegenError(reason)
 
@@ -36,11 +30,6 @@ def program_maker(parameters: ControllerParameters) -> Callable[[], Program]:
     """Return a function that creates programs of the selected implementation.
 
     C is generated and compiled once, here; each program is then a separate process.
-
-    Parameters
-    ----------
-    parameters : ControllerParameters
-        The parameters of the node ``controller``.
 
     Raises
     ------

@@ -28,12 +28,7 @@ _SYMBOL = re.compile(r'^([0-9a-f]+) (?:([0-9a-f]+) )?[tTwW] (\S+)$', re.MULTILIN
 class Memory(NamedTuple):
     """Size of the program with the arithmetic routines that it links, without the platform.
 
-    Attributes
-    ----------
-    text, rodata, data, bss : int
-        The sections.
-    stacks : int
-        The stacks of all tasks.
+    It has the sections, and the stacks of all tasks.
     """
 
     text: int
@@ -80,16 +75,8 @@ def count_instructions(
 
     The emulator logs each block of instructions at its translation and at each execution; a count
     is the sum of the lengths of the executed blocks. Instructions of the brick's stand-in don't
-    count, as the brick has the platform's device functions instead.
-
-    Parameters
-    ----------
-    command : sequence of str
-        Runs the program built for ARM.
-    requests : sequence of bytes
-        One per tick.
-    tasks : sequence of str
-        Names of the tasks.
+    count, as the brick has the platform's device functions instead. `command` runs the program
+    built for ARM, with a request per tick.
 
     Raises
     ------

@@ -16,18 +16,9 @@ _ZEROS = {'float': '0.0f', 'S32': '0', 'U32': '0U', 'U8': '0U'}
 class StateVariable:
     """A variable of the generated program.
 
-    Attributes
-    ----------
-    name : str
-        Member of the C structure; the Python program's attribute has the same name.
-    c_type : str
-        Type of the member, or of its elements.
-    unit, scaling, description, source : str
-        For the data dictionary.
-    length : int
-        Number of elements.
-    initial : str
-        The C expression that task_init assigns to it, or to each element; zero by default.
+    The member of the C structure and the Python program's attribute have the same name. The type is
+    that of the member, or of each of its elements; `initial` is the C expression that task_init
+    assigns to them, zero by default. The other texts are for the data dictionary.
     """
 
     name: str

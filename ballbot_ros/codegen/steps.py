@@ -36,14 +36,8 @@ def random_steps(seed: int, ticks: int, *, out_of_range: bool) -> Iterator[Progr
     """Yield random inputs that depend on `seed` alone.
 
     The sonar and the battery deliver at their own rates, stick packets arrive at random ticks. The
-    system time starts anywhere, often shortly before it wraps around.
-
-    Parameters
-    ----------
-    seed, ticks : int
-    out_of_range : bool
-        Whether readings jump over the full ranges of their types, beyond those of the devices;
-        otherwise they stay near balance.
+    system time starts anywhere, often shortly before it wraps around. Readings stay near balance
+    or, if `out_of_range`, jump over the full ranges of their types, beyond those of the devices.
     """
     draw = random.Random(seed)
     start = draw.choice((1000, draw.randrange(2**32), 2**32 - draw.randrange(4 * ticks + 4)))

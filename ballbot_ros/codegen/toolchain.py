@@ -28,10 +28,7 @@ DETERMINISM_FLAGS = ('-ffp-contract=off', '-fsigned-char')
 class Tool:
     """A command and its Debian package.
 
-    Attributes
-    ----------
-    file : str
-        If the command is a compiler: another file that it requires; '' for none.
+    If the command is a compiler, `file` is another file that it requires; '' for none.
     """
 
     command: str
@@ -54,17 +51,7 @@ class Tool:
 class Target:
     """A machine to build the generated program for.
 
-    Attributes
-    ----------
-    title : str
-        Description of the machine.
-    compiler : str
-    flags : tuple of str
-        For compiling and linking.
-    link_flags : tuple of str
-    runner : tuple of str
-        Command that runs the executable.
-    tools : tuple of Tool
+    `flags` are for compiling and linking; `runner` is the command that runs the executable.
     """
 
     title: str
@@ -112,44 +99,21 @@ def missing_tool(target: Target) -> str:
     return ''
 
 
-def require_tools(target: Target) -> None:
-    """Check that a target's tools are installed.
-
-    Raises
-    ------
-    CodegenError
-        If one is missing; the message names its package.
-    """
-    if reason := missing_tool(target):
-        raise CodegenError(reason)
-
-
 def build(
     folder: Path, target: Target, scratch: Path, extra_flags: Sequence[str] = ()
 ) -> list[str]:
-    """Compile a generated folder together with the brick's stand-in.
+    """Compile a generated folder together with the brick's stand-in; return its command.
 
-    Parameters
-    ----------
-    folder : Path
-        The generated application.
-    target : Target
-    scratch : Path
-        Folder for objects and executable, created if necessary.
-    extra_flags : sequence of str
-        Additional flags for the generated files and for linking.
-
-    Returns
-    -------
-    list of str
-        The command that runs it.
+    Objects and executable go to the folder `scratch`, created if necessary. The extra flags are for
+    the generated files and for linking.
 
     Raises
     ------
     CodegenError
         If a tool or file is missing, or the compilation fails.
     """
-    require_tools(target)
+    if reason := missing_tool(target):
+        raise CodegenError(reason)
     tasks = [task.name for task in read_tasks(folder)]
     # Generate kernel_id.h from the OIL file, as the platform does.
     kernel_id = (
@@ -187,13 +151,7 @@ def object_file(source: str) -> str:
 
 
 def run_tool(command: Sequence[str], folder: Path | None = None) -> str:
-    """Run a tool; return its output.
-
-    Raises
-    ------
-    CodegenError
-        If it fails, with the first error that it reports.
-    """
+    """Run a tool; return its output, or raise CodegenError with the first error that it reports."""
     done = subprocess.run(
         command, cwd=folder, capture_output=True, text=True, errors='replace', check=False,
         stdin=subprocess.DEVNULL,

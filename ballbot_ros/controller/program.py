@@ -39,18 +39,12 @@ def operating_state(
 class ControlProgram:
     """The program on the brick: its shared data and tasks.
 
-    Parameters
-    ----------
-    parameters : ControllerParameters
-        The parameters of the node ``controller``.
-
     Attributes
     ----------
     brick : Brick
         The devices it reads and sets.
     x, y : Axis
         The controllers of both planes.
-    control_mode : ControlMode
     battery : Single
         Averaged battery voltage [mV].
     distance_cm : int

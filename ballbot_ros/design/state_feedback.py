@@ -16,27 +16,11 @@ class DesignError(BallbotError):
     """A system or weight for which no controller exists."""
 
 
-def controllability_rank(a: ArrayLike, b: ArrayLike) -> int:
-    """Return the rank of the controllability matrix [B, AB, ..., A^(n-1) B] (A.5).
-
-    Its columns are scaled to equal size, which does not change the rank.
-
-    Parameters
-    ----------
-    a : array_like, shape (n, n)
-    b : array_like, shape (n, m)
-    """
-    matrix = np.asarray(control.ctrb(np.asarray(a, float), np.asarray(b, float)))
-    largest = np.abs(matrix).max(axis=0)
-    largest[largest == 0.0] = 1.0
-    return int(np.linalg.matrix_rank(matrix / largest))
-
-
 def require_controllable(a: ArrayLike, b: ArrayLike) -> None:
     """Raise DesignError unless the pair (A, B) is controllable.
 
-    By Hautus' test, [A - sI, B] has full rank at every pole s of A. Unlike the powers of A in
-    the controllability matrix, this test tolerates rounding even for a stiff system.
+    By Hautus' test, [A - sI, B] has full rank at every pole s of A. Unlike the rank of the
+    controllability matrix (A.5), this test tolerates rounding even for a stiff system.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     if a.ndim != 2 or a.shape[0] != a.shape[1] or b.shape[:1] != a.shape[:1]:

@@ -144,8 +144,7 @@ class Transforms:
         transforms = []
         for name in names:
             transforms.append(self._new_transform())
-            pose = (part.tolist() for part in frames[name])
-            fill_transform(transforms[-1], stamp_ns, PARENTS[name], name, *pose)
+            fill_transform(transforms[-1], stamp_ns, PARENTS[name], name, *frames[name].values())
         return self._new_message(transforms=transforms)
 
 

@@ -17,23 +17,10 @@ _MAX_DOUBLINGS = 1100
 def zero_order_hold(a: Matrix, b: Matrix, dt: float) -> tuple[Matrix, Matrix]:
     """Return the discrete matrices of x' = A x + B u with u held for `dt` seconds.
 
-    Scaling and squaring are applied to exp(M) - I with M = [[A, B], [0, 0]] dt, so that motions
-    much slower than `dt` keep all their digits. The products are computed element by element in a
-    fixed order, because those of numpy and the ``expm`` of scipy round differently on different
-    processors.
-
-    Parameters
-    ----------
-    a : ndarray, shape (n, n)
-    b : ndarray, shape (n, m)
-    dt : float
-
-    Returns
-    -------
-    ndarray, shape (n, n)
-        The transition matrix.
-    ndarray, shape (n, m)
-        The effect of the inputs.
+    They are the transition (n, n) and the effect of the inputs (n, m). Scaling and squaring are
+    applied to exp(M) - I with M = [[A, B], [0, 0]] dt, so that motions much slower than `dt` keep
+    all their digits. The products are computed element by element in a fixed order, because those
+    of numpy and the ``expm`` of scipy round differently on different processors.
     """
     n, m = b.shape
     # The upper rows of [[A, B], [0, 0]] dt; the lower ones are zero in all that follows.

@@ -66,15 +66,8 @@ def sine_cosine(angle: float) -> tuple[float, float]:
 
 
 def natural_log(x: float) -> float:
-    """Return the natural logarithm to about one unit in the last place.
+    """Return the natural logarithm of a finite x > 0 to about one unit in the last place.
 
-    Parameters
-    ----------
-    x : float
-        Positive and finite.
-
-    Notes
-    -----
     With x = m·2^e and m within sqrt(1/2) ... sqrt(2): e·ln 2 + 2 artanh((m - 1)/(m + 1)).
     """
     mantissa, exponent = math.frexp(x)

@@ -27,14 +27,9 @@ class Words(NamedTuple):
 
 
 def philox4x32(c0: Any, c1: Any, c2: Any, c3: Any, k0: Any, k1: Any) -> Words:
-    """Return Philox4x32-10 of the counter c0 ... c3 with the key k0, k1.
+    """Return Philox4x32-10 of the counter c0 ... c3 with the key k0, k1, all of 32 bits as uint64.
 
     It uses only integer operations, so numbers and arrays give the same results.
-
-    Parameters
-    ----------
-    c0, c1, c2, c3, k0, k1 : uint64 or ndarray of uint64
-        Words of 32 bits.
     """
     for _ in range(_ROUNDS):
         product_0 = _MULTIPLIER_0 * c0

@@ -24,7 +24,6 @@ from ballbot_ros.parameters.table import (
     CONTROLLER,
     DRIVER_PERIODS_NS,
     DRIVERS,
-    ENCODER,
     EXECUTABLES,
     GAMEPAD,
     GYRO,
@@ -54,7 +53,7 @@ from ballbot_ros.parameters.tools import (
 )
 
 __all__ = [
-    'ALL_NODES', 'CONTROLLER', 'DEVICES', 'DRIVERS', 'DRIVER_PERIODS_NS', 'ENCODER', 'EXECUTABLES',
+    'ALL_NODES', 'CONTROLLER', 'DEVICES', 'DRIVERS', 'DRIVER_PERIODS_NS', 'EXECUTABLES',
     'GAMEPAD', 'GYRO', 'NODES', 'OPTIONAL_NODES', 'PATHS', 'PLANT', 'PLAYER', 'RECORDER',
     'SHARED_PARAMETERS', 'SIMULATED', 'SONAR', 'SUPERVISOR', 'TABLE', 'VIEWER', 'VISUALIZER',
     'ControllerParameters', 'Dimensions', 'DriverParameters', 'EncoderParameters',

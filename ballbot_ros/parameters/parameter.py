@@ -39,7 +39,6 @@ class Parameter:
     ----------
     nodes : tuple of str
         The nodes that declare it; usually one.
-    name : str
     default : bool, int, float, str or tuple of float
         Default of the ``ideal`` profile; its type is the parameter's type.
     unit : str
@@ -69,13 +68,7 @@ class Parameter:
     takes_effect: TakesEffect
 
     def check(self, value: object, where: str) -> Value:
-        """Return `value` in the parameter's own type.
-
-        Raises
-        ------
-        ParameterError
-            If the type is wrong or the value is out of bounds.
-        """
+        """Return `value` in the parameter's own type; raise ParameterError if it is not allowed."""
         name = f'{where}{self.name}'
         if isinstance(self.default, tuple):
             if not isinstance(value, list | tuple) or len(value) != len(self.default):

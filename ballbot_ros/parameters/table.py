@@ -13,7 +13,6 @@ from difflib import get_close_matches
 from ballbot_ros.parameters.controller import ControllerParameters
 from ballbot_ros.parameters.devices import (
     DEVICES,
-    EncoderParameters,
     GyroParameters,
     SonarParameters,
 )
@@ -51,7 +50,6 @@ CLASSES = {cls.node: cls for cls in PARTICIPANTS + OPTIONAL_CLASSES}
 
 PLANT = PlantParameters.node
 GYRO = GyroParameters.node
-ENCODER = EncoderParameters.node
 SONAR = SonarParameters.node
 CONTROLLER = ControllerParameters.node
 GAMEPAD = GamepadParameters.node

@@ -11,12 +11,8 @@ from ballbot_ros.parameters import Subset
 class Actuator(Subset):
     """Dead zone of the driveline friction and the voltage law (6.1).
 
-    Attributes
-    ----------
-    dead_zone : float
-        Duty [%] lost to friction on either side of zero.
-    voltage_slope, voltage_offset : float
-        ``v_max = slope * battery [mV] + offset`` [V].
+    `dead_zone` is the duty [%] lost to friction on either side of zero. At full duty the voltage is
+    ``v_max = slope * battery [mV] + offset`` [V].
     """
 
     dead_zone: float
@@ -35,14 +31,7 @@ def motor_voltage(
 ) -> float:
     """Return the motor voltage [V] of an integer `duty` within -100 ... 100 %.
 
-    Parameters
-    ----------
-    duty : int
-        Duty [%].
-    battery_v : float
-        Battery voltage [V].
-    dead_zone, slope, offset : float
-        As in :class:`Actuator`.
+    The battery voltage is in V; the others are as in :class:`Actuator`.
     """
     return effective_duty(duty, dead_zone) / 100.0 * max_voltage(battery_v, slope, offset)
 

@@ -122,20 +122,6 @@ def mass_matrix(p: PhysicalParameters) -> MassMatrix:
     )
 
 
-def linear_matrices(p: PhysicalParameters) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Return E, F, G (2, 2) and H (2, 1) of the linearised equations (3.22).
-
-    ``E (theta'', psi'') + F (theta', psi') + G (theta, psi) = H v``, angles in rad.
-    """
-    m = mass_matrix(p)
-    m12 = m.coupling - m.drive
-    e = np.array([[m.m11, m12], [m12, m.m22]])
-    f = np.array([[p.beta + p.ball_friction, -p.beta], [-p.beta, p.beta]])
-    g = np.array([[0.0, 0.0], [0.0, -p.body_mass * p.body_height * p.gravity]])
-    h = np.array([[p.alpha], [-p.alpha]])
-    return e, f, g, h
-
-
 def state_space(p: PhysicalParameters) -> tuple[Matrix, Matrix]:
     """Return A (4, 4) and B (4, 3) of the linear state equation (3.24), angles in rad.
 
@@ -144,34 +130,25 @@ def state_space(p: PhysicalParameters) -> tuple[Matrix, Matrix]:
     """
     m = mass_matrix(p)
     determinant = m.determinant(1.0)
-    inverse_11, inverse_22 = m.m22 / determinant, m.m11 / determinant
-    inverse_12 = (m.drive - m.coupling) / determinant
+    # The inverse of the mass matrix.
+    i11, i22 = m.m22 / determinant, m.m11 / determinant
+    i12 = (m.drive - m.coupling) / determinant
     weight = p.body_mass * p.body_height * p.gravity
     beta, friction = p.beta, p.beta + p.ball_friction
     a = np.array(
         [
             [0.0, 0.0, 1.0, 0.0],
             [0.0, 0.0, 0.0, 1.0],
-            [
-                0.0,
-                inverse_12 * weight,
-                inverse_12 * beta - inverse_11 * friction,
-                (inverse_11 - inverse_12) * beta,
-            ],
-            [
-                0.0,
-                inverse_22 * weight,
-                inverse_22 * beta - inverse_12 * friction,
-                (inverse_12 - inverse_22) * beta,
-            ],
+            [0.0, i12 * weight, i12 * beta - i11 * friction, (i11 - i12) * beta],
+            [0.0, i22 * weight, i22 * beta - i12 * friction, (i12 - i22) * beta],
         ]
     )
     b = np.array(
         [
             [0.0, 0.0, 0.0],
             [0.0, 0.0, 0.0],
-            [(inverse_11 - inverse_12) * p.alpha, inverse_11, inverse_12],
-            [(inverse_12 - inverse_22) * p.alpha, inverse_12, inverse_22],
+            [(i11 - i12) * p.alpha, i11, i12],
+            [(i12 - i22) * p.alpha, i12, i22],
         ]
     )
     return a, b
@@ -184,19 +161,3 @@ def impulse_ratio(m: MassMatrix, psi: float) -> float:
     """
     _, cosine = sine_cosine(psi)
     return (m.coupling * cosine - m.drive) / m.m22
-
-
-def energy(p: PhysicalParameters, state: tuple[float, float, float, float]) -> float:
-    """Return the mechanical energy T1 + T2 + U [J] of one plane, (3.5)-(3.7).
-
-    The height of the ball's centre is the zero of the potential.
-    """
-    _, psi, theta_dot, psi_dot = state
-    m = mass_matrix(p)
-    _, cosine = sine_cosine(psi)
-    return (
-        0.5 * m.m11 * theta_dot * theta_dot
-        + (m.coupling * cosine - m.drive) * theta_dot * psi_dot
-        + 0.5 * m.m22 * psi_dot * psi_dot
-        + p.body_mass * p.body_height * p.gravity * cosine
-    )

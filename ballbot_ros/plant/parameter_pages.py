@@ -56,7 +56,7 @@ def reference_page() -> str:
             '| parameter | default | unit | allowed | meaning | source |',
             '|---|---|---|---|---|---|',
         ]
-        for row in _rows_of(nodes):
+        for row in (row for row in TABLE if row.nodes == nodes):
             note = _NOTES.get(row.takes_effect, '')
             lines.append(
                 f'| `{row.name}` | {_text(row.default)} | {row.unit} | {_allowed(row)} '
@@ -79,15 +79,9 @@ def reference_page() -> str:
 
 def _groups() -> list[tuple[str, ...]]:
     """Return the sets of nodes that share parameters, largest sets first, then node by node."""
-    return sorted({row.nodes for row in TABLE}, key=lambda nodes: (-len(nodes), _order(nodes)))
-
-
-def _order(nodes: tuple[str, ...]) -> list[int]:
-    return [ALL_NODES.index(node) for node in nodes]
-
-
-def _rows_of(nodes: tuple[str, ...]) -> list[Parameter]:
-    return [row for row in TABLE if row.nodes == nodes]
+    return sorted(
+        {row.nodes for row in TABLE}, key=lambda nodes: (-len(nodes), *map(ALL_NODES.index, nodes))
+    )
 
 
 def _key(nodes: tuple[str, ...]) -> str:

@@ -25,12 +25,7 @@ def state_after_fall(state: PlaneState, fall_angle: float) -> PlaneState:
 def shaft_angle(shaft: float, wheel: float, half_play: float) -> float:
     """Return the angle of the motor shaft, which the wheel drags along within the gear play.
 
-    Parameters
-    ----------
-    shaft, wheel : float
-        Previous angle of the shaft, and current angle of the wheel [rad].
-    half_play : float
-        Half of the gear play [rad].
+    The previous angle of the shaft, the wheel's angle and half of the play are in rad.
     """
     return min(wheel + half_play, max(wheel - half_play, shaft))
 
@@ -69,8 +64,6 @@ class Plant:
 
     Parameters
     ----------
-    parameters : PlantParameters
-        The parameters of ``plant_sim``.
     start_ns : int
         Sim time [ns] of the first tick.
     floor : Floor or None

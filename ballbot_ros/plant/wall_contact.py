@@ -25,16 +25,10 @@ class Floor(Protocol):
 
 
 class WallHit(NamedTuple):
-    """The start of a contact with a wall.
+    """The start of a contact with a wall, at a sim time [ns].
 
-    Attributes
-    ----------
-    time_ns : int
-        Sim time [ns].
-    position : tuple of float
-        Position of the ball's centre [m] in plane signs, where it was stopped.
-    parts : tuple of str
-        The parts of the body that would have been in the wall.
+    The ball's centre was stopped at `position` [m] in plane signs; `parts` of the body would have
+    been in the wall.
     """
 
     time_ns: int
@@ -57,15 +51,7 @@ def state_after_impact(
 
     The impulse acts on theta alone, so the second row of M Δ(theta', psi') = (impulse, 0) couples
     the jump of psi' to that of theta'. A wall can't pull: a plane that has reversed within the step
-    keeps its velocity.
-
-    Parameters
-    ----------
-    before, after : tuple of float
-        State of the plane before the step, and after it if there were no wall.
-    mass : MassMatrix
-    linear : bool
-        Whether the plane follows the linear model.
+    keeps its velocity. The states are `before` the step, and `after` it if there were no wall.
     """
     theta, psi, theta_dot, psi_dot = after
     if (theta > before[0]) == (theta_dot > 0.0):
@@ -75,16 +61,9 @@ def state_after_impact(
 
 
 class WallContact:
-    """Stops the planes at walls.
+    """Stops the planes, which follow the linear or the nonlinear model, at walls.
 
-    Parameters
-    ----------
-    floor : Floor
-    physical : PhysicalParameters
-    linear : bool
-        Whether the planes follow the linear model.
-    start : tuple of float
-        The ball's position [m] where both theta are zero.
+    The ball's position is `start` [m] where both theta are zero.
 
     Attributes
     ----------
@@ -107,14 +86,9 @@ class WallContact:
         self.newest: WallHit | None = None
 
     def resolve(self, before: Planes, after: Planes, time_ns: int) -> Planes:
-        """Return the planes after a step, stopped if the body would be in a wall.
+        """Return the planes at the end of a step [ns], stopped if the body would be in a wall.
 
-        Parameters
-        ----------
-        before, after : tuple of PlaneState
-            The planes before the step, and after it if there were no walls.
-        time_ns : int
-            Sim time at the end of the step [ns].
+        They are `before` the step, and `after` it if there were no walls.
         """
         attempted = self._position(after)
         if not self._floor.blocked(attempted):

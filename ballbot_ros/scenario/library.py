@@ -21,11 +21,7 @@ def scenario_names() -> list[str]:
 def load_scenario(name_or_file: str, profile: str | None = None) -> Scenario:
     """Load a shipped scenario by its name, or a file by its path.
 
-    Parameters
-    ----------
-    name_or_file : str
-    profile : str or None
-        Device profile to use instead of the scenario's.
+    `profile` is a device profile to use instead of the scenario's.
 
     Raises
     ------
@@ -46,13 +42,7 @@ def load_scenario(name_or_file: str, profile: str | None = None) -> Scenario:
 
 
 def scenario_of(name_or_file: str) -> Scenario:
-    """Load a scenario, or for '' return one without any events.
-
-    Raises
-    ------
-    ScenarioError, YamlError, ParameterError
-        As :func:`load_scenario` does.
-    """
+    """Load a scenario as :func:`load_scenario` does, or for '' return one without any events."""
     return load_scenario(name_or_file) if name_or_file else Scenario()
 
 

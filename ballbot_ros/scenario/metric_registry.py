@@ -12,13 +12,7 @@ Function = Callable[[Measured], float]
 
 @dataclass(frozen=True)
 class Metric(Generic[Measured]):
-    """A metric: its meaning, and the function that computes it, with NaN for missing data.
-
-    Attributes
-    ----------
-    meaning : str
-    compute : callable
-    """
+    """A metric: its meaning, and the function that computes it, with NaN for missing data."""
 
     meaning: str
     compute: Function[Measured]
@@ -32,11 +26,7 @@ class MetricRegistry(dict[str, Metric[Measured]]):
     ) -> Callable[[Function[Measured]], Function[Measured]]:
         """Register the decorated function as a metric.
 
-        Parameters
-        ----------
-        meaning : str
-        name : str, optional
-            Name of the metric, ending in its unit; by default the function's name.
+        The `name`, by default the function's, ends in the metric's unit.
         """
 
         def register(compute: Function[Measured]) -> Function[Measured]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Callable, Collection, Mapping
+from itertools import pairwise
 from typing import TypeVar, cast
 
 import yaml
@@ -63,26 +64,14 @@ _Part = TypeVar('_Part')
 
 
 class ScenarioReader:
-    """Reads and checks one document.
-
-    Parameters
-    ----------
-    document : YamlDocument
-    load_profile : callable
-        Returns the parameters of a profile, by name.
-    """
+    """Reads and checks one document; `load_profile` returns the parameters of a profile."""
 
     def __init__(self, document: YamlDocument, load_profile: Callable[[str], ParameterSet]) -> None:
         self._document = document
         self._load_profile = load_profile
 
     def scenario(self, profile: str | None = None) -> Scenario:
-        """Return the scenario in the document.
-
-        Parameters
-        ----------
-        profile : str or None
-            Device profile to use instead of the document's.
+        """Return the scenario in the document; `profile` replaces the document's device profile.
 
         Raises
         ------
@@ -186,8 +175,7 @@ class ScenarioReader:
                 raise self._error(
                     (*keys, index), f'{segment.name!r} begins after the end of the run'
                 )
-        for index in range(1, len(segments)):
-            before, after = segments[index - 1], segments[index]
+        for index, (before, after) in enumerate(pairwise(segments), 1):
             if after.start < before.end:
                 raise self._error(
                     (*keys, index),
@@ -210,11 +198,9 @@ class ScenarioReader:
             points = self._each(values['points'], (*keys, 'points'), self._point)
             if len(points) < 2:
                 raise self._error((*keys, 'points'), 'a segment needs at least two points')
-            for index in range(1, len(points)):
-                if points[index][0] < points[index - 1][0]:
-                    raise self._error(
-                        (*keys, 'points', index), f'time goes back to {points[index][0]:g} s'
-                    )
+            for index, ((before, _), (after, _)) in enumerate(pairwise(points), 1):
+                if after < before:
+                    raise self._error((*keys, 'points', index), f'time goes back to {after:g} s')
             if points[-1][0] <= points[0][0]:
                 raise self._error((*keys, 'points'), f'{name!r} has no duration')
             return Segment(name, tuple(points))

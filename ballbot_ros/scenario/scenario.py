@@ -12,16 +12,9 @@ from ballbot_ros.scenario.signal import StickSignal
 
 @dataclass(frozen=True)
 class Expectation:
-    """Bounds on a metric of a run or of a part of it.
+    """Inclusive bounds, or None for no bound, on a metric of a run or of a part of it.
 
-    Attributes
-    ----------
-    metric : str
-        Name of the metric, with its unit (``settling_time_s``).
-    minimum, maximum : float or None
-        Inclusive bounds; None for no bound.
-    start, end : float
-        The measured window [s], counted from the start of the run.
+    The measured window, `start` to `end` [s], counts from the start of the run.
     """
 
     metric: str
@@ -82,8 +75,6 @@ class Scenario:
         The values that the scenario sets, including duration and start state.
     vertical, horizontal : StickSignal
         The sticks in packet units: -100 is up, forward; +100 is right.
-    pushes : tuple of ScheduledPush
-    expectations : tuple of Expectation
     text : str
         Text of the file, for the recording.
     """

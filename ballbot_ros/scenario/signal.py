@@ -11,15 +11,10 @@ from ballbot_ros.brick.units import quantise
 
 @dataclass(frozen=True)
 class Segment:
-    """A part of a signal.
+    """A part of a signal, with a name for pictures.
 
-    Attributes
-    ----------
-    name : str
-        Its purpose, shown in pictures.
-    points : sequence of (float, float)
-        Two or more times [s], never decreasing, and values, joined by straight lines; two points at
-        one time are a step.
+    Its points are two or more times [s], never decreasing, and values, joined by straight lines;
+    two points at one time are a step.
     """
 
     name: str
@@ -45,13 +40,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class StickSignal:
-    """A stick's signal: its segments, and neutral in between.
-
-    Attributes
-    ----------
-    segments : sequence of Segment
-        In order of time, without overlap.
-    """
+    """A stick's signal: its segments, in order of time without overlap, and neutral in between."""
 
     segments: Sequence[Segment] = ()
 

@@ -19,19 +19,10 @@ _CLOCK_PERIOD_MS = 2**32
 class CsvLog:
     """Writes log packets, with a separate file for each run.
 
-    The first file is created at once. The files of further runs, ``…_2.csv`` and so on, are created
-    with their first packet: the announcement of a run can overtake the last packets of the previous
-    run. The time of a packet shows which run it belongs to. Files are never overwritten.
-
-    Parameters
-    ----------
-    path : Path
-        The first file.
-
-    Attributes
-    ----------
-    paths : list of Path
-        The files so far.
+    The first file, `path`, is created at once. The files of further runs, ``…_2.csv`` and so on,
+    are created with their first packet: the announcement of a run can overtake the last packets of
+    the previous run. The time of a packet shows which run it belongs to. Files are never
+    overwritten; `paths` are those so far.
 
     Raises
     ------

@@ -59,13 +59,10 @@ class Backend(Protocol):
 
 
 class Gamepad:
-    """Polls one gamepad on its own thread.
+    """Polls one gamepad on its own thread: ``any``, one by its number, or by a part of its name.
 
     Parameters
     ----------
-    wanted : str
-        ``any``, the number of a device, or part of its name.
-    backend : Backend
     on_state : callable
         Receives the state at every poll.
     on_disconnected : callable
@@ -85,11 +82,8 @@ class Gamepad:
     ) -> None:
         self._wanted = wanted
         self._backend = backend
-        self._on_state, self._on_disconnected, self._on_problem = (
-            on_state,
-            on_disconnected,
-            on_problem,
-        )
+        self._on_state, self._on_disconnected = on_state, on_disconnected
+        self._on_problem = on_problem
         self._pad: OpenGamepad | None = None
         self._refused: set[GamepadDevice] = set()
         self.name = ''

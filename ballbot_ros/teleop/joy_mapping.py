@@ -35,10 +35,8 @@ class JoyMapping(Subset):
         Buttons that enable the sticks, with normal and with turbo scales.
     deadzone : float
         Neutral share of an axis around its centre; the rest is scaled to the full range.
-    axis_forward, axis_rightward : int
     scale_forward, scale_rightward, scale_forward_turbo, scale_rightward_turbo : float
         Share of the full stick at a full axis, 0 ... 1.
-    invert_forward, invert_rightward : bool
     """
 
     gp_max: int
@@ -58,12 +56,7 @@ class JoyMapping(Subset):
     def sticks(self, axes: Sequence[float], buttons: Sequence[int]) -> Sticks | None:
         """Return the sticks, or None while a required enable button is not pressed.
 
-        Parameters
-        ----------
-        axes : sequence of float, shape (n,)
-            -1 ... 1, left and up positive.
-        buttons : sequence of int, shape (m,)
-            1 if pressed.
+        Axes are -1 ... 1, left and up positive; a pressed button is 1.
 
         Raises
         ------

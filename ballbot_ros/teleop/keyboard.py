@@ -17,21 +17,10 @@ _ARROWS = {'up': (0, -1), 'down': (0, 1), 'left': (1, -1), 'right': (1, 1)}
 
 
 class KeyboardSticks:
-    """The sticks that the arrow keys move.
+    """The sticks that the arrow keys move, by `speed_percent` of a full stick (``gp_max``).
 
     Arrows for different sticks combine to a diagonal while both count as held. All times are from
     one monotonic clock [s].
-
-    Parameters
-    ----------
-    full : int
-        Value of a full stick (``gp_max``).
-
-    Attributes
-    ----------
-    full : int
-    speed_percent : int
-        Share of the full stick for a key.
     """
 
     def __init__(self, full: int) -> None:

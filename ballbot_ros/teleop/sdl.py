@@ -24,13 +24,7 @@ _BUTTONS = 15
 
 
 class SdlBackend:
-    """Finds and reads gamepads with pygame.
-
-    Raises
-    ------
-    TeleopError
-        If pygame is not installed.
-    """
+    """Finds and reads gamepads with pygame; raises TeleopError if it is not installed."""
 
     def __init__(self) -> None:
         os.environ.update(_SETTINGS)

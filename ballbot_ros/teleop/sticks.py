@@ -11,13 +11,5 @@ NEUTRAL: Sticks = (0, 0)
 
 
 def sticks_of(forward: float, rightward: float, full: int) -> Sticks:
-    """Return the sticks for shares of the full speed.
-
-    Parameters
-    ----------
-    forward, rightward : float
-        Shares, -1 ... 1.
-    full : int
-        Value of a fully deflected stick (``gp_max``).
-    """
+    """Return the sticks for shares of the full speed, -1 ... 1, and a full stick (``gp_max``)."""
     return -quantise(forward * full), quantise(rightward * full)

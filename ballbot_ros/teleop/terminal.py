@@ -46,7 +46,6 @@ class Terminal:
 
     Parameters
     ----------
-    keys : KeyboardSticks
     status : callable
         Returns the content of the panel, as names and texts.
     on_sticks : callable
@@ -188,15 +187,7 @@ async def _show_above(others: _Redirected) -> None:
 
 
 class _Redirected:
-    """Captures the process's output to the terminal, except the panel.
-
-    Attributes
-    ----------
-    terminal : file
-        The terminal.
-    pipe : file
-        The captured output.
-    """
+    """Captures the process's output, except the panel, to the terminal: `pipe` has the output."""
 
     def __enter__(self) -> _Redirected:
         sys.stdout.flush()

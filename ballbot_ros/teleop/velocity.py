@@ -14,14 +14,7 @@ from ballbot_ros.teleop.sticks import NEUTRAL, Sticks, sticks_of
 class VelocityMapping(Subset):
     """The inverse of the controller's mapping from sticks to speed.
 
-    Attributes
-    ----------
-    k_thetadot : float
-        Ball rate at a full stick [deg/s].
-    ball_radius : float
-        Rs [m].
-    gp_max : int
-        Value of a full stick.
+    The ball's rate at a full stick (`gp_max`) is `k_thetadot` [deg/s]; its radius is Rs [m].
     """
 
     k_thetadot: float
@@ -34,14 +27,9 @@ class VelocityMapping(Subset):
         return math.radians(self.k_thetadot) * self.ball_radius
 
     def sticks(self, forward: float, left: float) -> Sticks:
-        """Return the sticks for a velocity in the axes of REP 103.
+        """Return the sticks for a velocity [m/s] in the axes of REP 103.
 
         A velocity beyond the full stick is scaled down in both planes, which keeps its direction.
-
-        Parameters
-        ----------
-        forward, left : float
-            [m/s]
 
         Raises
         ------

@@ -16,16 +16,8 @@ class AccessPolicy:
     Any web page open in a browser on this machine can send requests here. It can't forge two
     headers: ``Origin`` names the requesting page, ``Host`` the requested address. Since the name of
     a foreign page may point to this machine, too (DNS rebinding), only this machine's own names are
-    accepted.
-
-    Attributes
-    ----------
-    host : str
-        The address that serves the page.
-    machine : str
-        Host name of this machine.
-    token : str
-        Letters, digits, ``-`` and ``_``; a page with the token may steer.
+    accepted: `host`, which serves the page, and the host name `machine`. A page with the token,
+    which has letters, digits, ``-`` and ``_``, may steer.
     """
 
     host: str
@@ -38,14 +30,9 @@ class AccessPolicy:
         return f'http://{url_authority(name, port)}/?token={self.token}'
 
     def allows(self, hosts: Sequence[str], origins: Sequence[str], at: tuple[str, int]) -> bool:
-        """Return whether to answer a request.
+        """Return whether to answer a request that arrived `at` this local address and port.
 
-        Parameters
-        ----------
-        hosts, origins : sequence of str
-            Values of its headers ``Host`` and ``Origin``; only browsers send the latter.
-        at : tuple
-            Local address and port that received it.
+        `hosts` and `origins` are its headers ``Host`` and, from a browser, ``Origin``.
         """
         if len(hosts) != 1:
             return False
@@ -65,15 +52,9 @@ class AccessPolicy:
         return hmac.compare_digest(token.encode(errors='replace'), self.token.encode())
 
     def page(self, host: str, target: str) -> str:
-        """Return where to redirect a browser that requests `target`, a path with a query.
+        """Return where to redirect a browser that requests a path with a query from `host`.
 
         viser's page connects to the address in its query. A query written by somebody else could
         make it show and run foreign content.
-
-        Parameters
-        ----------
-        host : str
-            Address and port that the browser uses for this machine.
-        target : str
         """
         return f'/?websocket=ws://{host}/?token={self.token}' if self.may_steer(target) else '/'

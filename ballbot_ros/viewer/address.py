@@ -5,35 +5,19 @@ from __future__ import annotations
 import ipaddress
 import socket
 
-from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.errors import ViewerError, importing
 
 LOOPBACK = ('127.0.0.1', 'localhost', '::1')
 
 
 def require_viser() -> None:
-    """Check that viser is installed.
-
-    Raises
-    ------
-    ViewerError
-        If viser is not installed.
-    """
-    try:
+    """Raise ViewerError if viser is not installed."""
+    with importing():
         import viser  # noqa: F401
-    except ImportError as error:
-        raise ViewerError(
-            f'package not found ({error}): install it with `pip install "ballbot_ros[viewer]"`'
-        ) from None
 
 
 def check_address(host: str, port: int) -> None:
-    """Check that a page can be served at an address; port 0 means any free port.
-
-    Raises
-    ------
-    ViewerError
-        If the port is in use, or the host is not an address of this machine.
-    """
+    """Raise ViewerError if no page can be served at an address; port 0 means any free port."""
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as probe:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.errors import ViewerError, importing
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -21,13 +21,7 @@ _FLAGS = (
 
 
 def browser_program() -> str:
-    """Return the path of Chromium.
-
-    Raises
-    ------
-    ViewerError
-        If it is not installed.
-    """
+    """Return the path of Chromium; raise ViewerError if it is not installed."""
     for name in PROGRAMS:
         if path := shutil.which(name):
             return path
@@ -36,20 +30,10 @@ def browser_program() -> str:
 
 @contextmanager
 def browser_page(width: int, height: int) -> Iterator[Page]:
-    """Open a page of this size [px].
-
-    Raises
-    ------
-    ViewerError
-        If Chromium, or Playwright to control it, is not installed.
-    """
+    """Open a page of this size [px]; raise ViewerError without Chromium or Playwright."""
     program = browser_program()
-    try:
+    with importing():
         from playwright.sync_api import sync_playwright
-    except ImportError as error:
-        raise ViewerError(
-            f'package not found ({error}): install it with `pip install "ballbot_ros[viewer]"`'
-        ) from None
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=list(_FLAGS))
         yield browser.new_page(viewport={'width': width, 'height': height})

@@ -74,12 +74,6 @@ class GuardedServer(viser.ViserServer):
     state, such as its camera, are not affected. The message queues are replaced by thread-safe
     ones.
 
-    Parameters
-    ----------
-    policy : AccessPolicy
-    port : int
-    title : str
-
     Raises
     ------
     ViewerError

@@ -77,19 +77,7 @@ class OnScreenSticks:
 
 
 class LiveControls:
-    """The controls of a live page.
-
-    Parameters
-    ----------
-    gui : viser.GuiApi
-    plant : PlantControls
-    scenarios : sequence of str
-        The scenarios to choose from.
-
-    Attributes
-    ----------
-    sticks : OnScreenSticks
-    """
+    """The controls of a live page; `scenarios` are the choices for the next run."""
 
     def __init__(self, gui: viser.GuiApi, plant: PlantControls, scenarios: Sequence[str]) -> None:
         self.sticks = OnScreenSticks()

@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ballbot_ros.messages.markers import (
     ADD,
@@ -31,7 +32,7 @@ from ballbot_ros.viewer.robot import (
     parts,
 )
 from ballbot_ros.viewer.snapshot import Snapshot
-from ballbot_ros.viewer.transforms import SONAR, Transform, quaternion_from_rpy
+from ballbot_ros.viewer.transforms import SONAR, Transform
 from ballbot_ros.world.exports import WALL_HEIGHT_CM
 from ballbot_ros.world.floor_map import FloorMap
 
@@ -47,13 +48,8 @@ _BEAM_SIDES = 12
 class RobotMarkers:
     """Creates the markers that have changed; each keeps its namespace and number.
 
-    The namespaces are the links, ``sonar``, ``trail``, ``text`` and ``walls``.
-
-    Parameters
-    ----------
-    dimensions : Dimensions
-    new_marker : callable
-        Creates an empty ``visualization_msgs/Marker``.
+    The namespaces are the links, ``sonar``, ``trail``, ``text`` and ``walls``. `new_marker` creates
+    an empty ``visualization_msgs/Marker``.
     """
 
     def __init__(self, dimensions: Dimensions, new_marker: Callable[[], Any]) -> None:
@@ -61,15 +57,16 @@ class RobotMarkers:
         self._links: dict[str, tuple[list[Any], Transform]] = {}
         for link in LINKS:
             pieces = [part for part in parts(dimensions) if part.link == link]
-            markers = [
-                self._make(link, number, part.shape, part.size, part.colour)
-                for number, part in enumerate(pieces)
-            ]
-            poses = Transform(
-                np.array([part.position for part in pieces]).reshape(-1, 3),
-                np.array([quaternion_from_rpy(part.rpy) for part in pieces]).reshape(-1, 4),
-            )
-            self._links[link] = markers, poses
+            if pieces:  # not those of a wheel without width
+                markers = [
+                    self._make(link, number, part.shape, part.size, part.colour)
+                    for number, part in enumerate(pieces)
+                ]
+                poses = Transform(
+                    np.array([part.position for part in pieces]),
+                    Rotation.from_euler('xyz', [part.rpy for part in pieces]),
+                )
+                self._links[link] = markers, poses
         self._beam = self._make(SONAR, 0, 'triangles', (), colours.BEAM, colours.BEAM_OPACITY)
         self._trail = self._make('trail', 0, 'line', (_TRAIL_WIDTH,), colours.TRAIL)
         self._text = self._make('text', 0, 'text', (_LETTER_HEIGHT,), colours.WHITE)
@@ -113,27 +110,15 @@ class RobotMarkers:
             self._is_longer = True
 
     def at(self, snapshot: Snapshot, poses: dict[str, Transform], *, whole: bool) -> list[Any]:
-        """Return the changed markers, or all of them.
+        """Return the changed markers or, if `whole`, all, for the frames' poses in ``map``.
 
-        Parameters
-        ----------
-        snapshot : Snapshot
-        poses : dict of Transform
-            Each frame in ``map``.
-        whole : bool
-            Whether to include unchanged markers.
-
-        Returns
-        -------
-        list
-            The same objects each time, updated; at the start of a run, first a marker that deletes
-            all.
+        They are the same objects each time, updated; at the start of a run, the first one deletes
+        all.
         """
         stamp_ns = round(snapshot.time * SECOND_NS)
         markers = [self._erase] if self._is_new else []
         for link, (pieces, local) in self._links.items():
-            position, rotation = poses[link].compose(local)
-            for piece, *pose in zip(pieces, position.tolist(), rotation.tolist(), strict=True):
+            for piece, *pose in zip(pieces, *poses[link].compose(local).values(), strict=True):
                 place_marker(piece, stamp_ns, *pose)
             markers += pieces
         self._show_beam(stamp_ns, snapshot, poses[SONAR])
@@ -150,7 +135,7 @@ class RobotMarkers:
     def _show_beam(self, stamp_ns: int, snapshot: Snapshot, sensor: Transform) -> None:
         """Show the sonar's cone up to the measured distance; hide it without an echo."""
         reach = snapshot.sonar
-        place_marker(self._beam, stamp_ns, *(each.tolist() for each in sensor))
+        place_marker(self._beam, stamp_ns, *sensor.values())
         self._beam.action = ADD if math.isfinite(reach) and reach > 0.0 else DELETE
         if self._beam.action == ADD:
             radius = reach * cone_slope(snapshot.cone_angle)

@@ -55,18 +55,10 @@ class Page:
     viser keeps only the newest value of everything and sends it from its own thread as fast as each
     browser accepts it. A slow or stalled browser receives less and delays nobody.
 
-    Parameters
-    ----------
-    dimensions : Dimensions
-    title : str
-    host : str
-    port : int
-        0 for a free one.
-
     Raises
     ------
     ViewerError
-        If a page can't be served at this address.
+        If a page can't be served at this address; port 0 means a free one.
     """
 
     def __init__(self, dimensions: Dimensions, title: str, host: str, port: int) -> None:
@@ -76,9 +68,8 @@ class Page:
         with contextlib.redirect_stdout(io.StringIO()):  # suppress viser's greeting
             self.server = GuardedServer(self._policy, port, title)
         self._title = title
-        self._dimensions = dimensions
+        self.dimensions = dimensions  # of the robot shown
         self._area = Area.of(None)
-        self._now: Snapshot | None = None
         self._views: dict[int, str] = {}
         self._aspects: dict[int, float] = {}  # aspect ratio at the last update of each camera
         self._lock = threading.Lock()
@@ -97,18 +88,13 @@ class Page:
         return self._policy.address(self.server.get_port())
 
     @property
-    def dimensions(self) -> Dimensions:
-        """The dimensions of the robot shown."""
-        return self._dimensions
-
-    @property
     def has_clients(self) -> bool:
         """Whether a browser is connected."""
         return bool(self._views)
 
     def show_robot(self, dimensions: Dimensions) -> Robot:
         """Show the robot, replacing another one."""
-        self._dimensions = dimensions
+        self.dimensions = dimensions
         return self.scene.add_robot('robot', dimensions)
 
     def notify(self, text: str) -> None:
@@ -178,7 +164,7 @@ class Page:
                 return
             self._aspects[number] = aspect
             area = self._area
-        to = camera(view, snapshot, self._dimensions, area, aspect)
+        to = camera(view, snapshot, self.dimensions, area, aspect)
         with client.atomic():
             client.camera.up_direction = np.array(to.up)
             client.camera.position = np.array(to.position)

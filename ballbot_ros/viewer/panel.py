@@ -32,12 +32,7 @@ _PLOTS: tuple[tuple[str, tuple[int, ...], float, float, tuple[str, ...]], ...] =
 
 
 class Panel:
-    """State and plots.
-
-    Parameters
-    ----------
-    gui : viser.GuiApi
-    """
+    """State and plots."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._status = gui.add_html('', order=0.0)
@@ -53,15 +48,9 @@ class Panel:
     def show(
         self, snapshot: Snapshot, trace: NDArray[np.float64], factor: float | None = None
     ) -> None:
-        """Show the state and the last seconds.
+        """Show the state, and the last seconds in the columns of ``History.trace``.
 
-        Parameters
-        ----------
-        snapshot : Snapshot
-        trace : ndarray, shape (n, 8)
-            Columns as of :meth:`ballbot_ros.viewer.snapshot.History.trace`.
-        factor : float or None
-            Speed in multiples of real time; None to omit.
+        `factor` is the speed in multiples of real time; None to omit.
         """
         if time.monotonic() > self._tone_end:
             self._sound.content = ''  # browsers that connect later must not play an old tone

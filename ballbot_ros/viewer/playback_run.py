@@ -26,21 +26,12 @@ _SAMPLES = 600
 class PlaybackRun:
     """A run of a recording.
 
-    Parameters
-    ----------
-    path : Path
-    progress : callable
-        Called from time to time with the number of messages read and their total.
-
     Attributes
     ----------
-    name : str
     end : float
         Time of the last tick [s].
     damage : str or None
         What is missing in the file, according to the reader; None if nothing is.
-    dimensions : Dimensions
-    floor_map : FloorMap or None
     start : tuple of float
         x and y of the first tick in ``map`` [m].
 

@@ -16,21 +16,7 @@ _RATES_WITH_TONES = (0.5, 1.0, 2.0)
 
 
 class PlaybackClock:
-    """Playback time of a run.
-
-    Parameters
-    ----------
-    end : float
-        End of the playback [s].
-
-    Attributes
-    ----------
-    time : float
-        Time in the run [s].
-    rate : float
-        Seconds of the run per second.
-    is_playing : bool
-    """
+    """Playback time of a run up to `end` [s]; `rate` is in seconds of the run per second."""
 
     def __init__(self, end: float) -> None:
         self.end = end
@@ -69,11 +55,6 @@ class RecordingPage:
     next update. viser calls coroutines in its event loop, one message after the other. Callbacks
     are therefore coroutines, which keeps the requests in order. The clock moves the slider in the
     event loop, too, so that it can't do so between a user's move and its callback.
-
-    Parameters
-    ----------
-    page : Page
-    runs : sequence of PlaybackRun
     """
 
     def __init__(self, page: Page, runs: Sequence[PlaybackRun]) -> None:

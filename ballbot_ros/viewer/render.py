@@ -34,13 +34,7 @@ Image = NDArray[np.uint8]
 
 
 def frames(run: PlaybackRun, shots: Sequence[tuple[str, float]]) -> Iterator[Image]:
-    """Yield a picture of the run for each view and time [s].
-
-    Raises
-    ------
-    ViewerError
-        If there is no browser, or it fails to render.
-    """
+    """Yield a picture of the run for each view and time [s]; raise ViewerError if that fails."""
     with browser_page(WIDTH, HEIGHT) as browser:
         page = Page(run.dimensions, run.name, '127.0.0.1', 0)
         try:

@@ -12,15 +12,15 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.colours import BLACK, BLUE, DARK, LIGHT, ORANGE, WHITE, Colour
 
 Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-"""w, x, y, z."""
 
 BALL, BODY, WHEEL_X, WHEEL_Y = 'ball', 'base_link', 'wheel_x', 'wheel_y'
 LINKS = (BALL, BODY, WHEEL_X, WHEEL_Y)
@@ -60,7 +60,6 @@ class Part(NamedTuple):
         Position of its centre in the link.
     rpy : tuple of float
         Roll, pitch and yaw in the link, as in URDF [rad].
-    colour : tuple of int
     """
 
     link: str
@@ -193,17 +192,15 @@ def cone_slope(cone_angle: float) -> float:
     return math.tan(min(largest, max(smallest, cone_angle)) / 2.0)
 
 
-def rotate_vector(quaternion: ArrayLike, vector: ArrayLike) -> NDArray[np.float64]:
-    """Rotate one vector or many by a unit quaternion, shape (3,) or (n, 3)."""
-    w, x, y, z = np.asarray(quaternion).tolist()
-    matrix = np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
-    return np.asarray(np.asarray(vector) @ matrix.T)
+def wxyz(rotation: Rotation) -> NDArray[np.float64]:
+    """Return unit quaternions w, x, y, z, as messages and viser have them; shape (4,) or (n, 4)."""
+    return np.roll(rotation.as_quat(), 1, axis=-1)
+
+
+def body_rotation(psi: Pair) -> Rotation:
+    """Return the orientation of ``base_link`` in ``map`` for the pitch angles `psi` [rad]."""
+    w, x, y, z = body_orientation(psi)
+    return Rotation.from_quat((x, y, z, w))
 
 
 class RollingOrientation:
@@ -216,48 +213,25 @@ class RollingOrientation:
     def __init__(self, dimensions: Dimensions) -> None:
         self._dimensions = dimensions
         self._from: Pair | None = None
-        self._ball = np.array([1.0, 0.0, 0.0, 0.0])
+        self._ball = Rotation.identity()
 
-    def ball(self, position: Pair) -> Quaternion:
+    def ball(self, position: Pair) -> Rotation:
         """Roll the ball to `position` [m]; return its orientation."""
-        if self._from is not None:
-            dx, dy = position[0] - self._from[0], self._from[1] - position[1]
-            distance = math.hypot(dx, dy)
-            if distance > 0.0:
-                half = distance / self._dimensions.ball_radius / 2.0
-                axis = np.array([-dy, dx, 0.0]) * (math.sin(half) / distance)
-                turned = quaternion_multiply(np.array([math.cos(half), *axis]), self._ball)
-                self._ball = turned / np.linalg.norm(turned)
-        self._from = position
-        w, x, y, z = self._ball.tolist()
-        return w, x, y, z
+        before, self._from = self._from or position, position
+        dx, dy = position[0] - before[0], before[1] - position[1]
+        if math.isfinite(dx + dy):  # a foreign plant may publish any value
+            radius = self._dimensions.ball_radius
+            self._ball = Rotation.from_rotvec((-dy / radius, dx / radius, 0.0)) * self._ball
+        return self._ball
 
-    def wheels(self, position: Pair, psi: Pair) -> tuple[Quaternion, Quaternion]:
+    def wheels(self, position: Pair, psi: Pair) -> tuple[Rotation, Rotation]:
         """Return the orientations of wheels x and y in ``base_link``.
 
         The wheels touch the ball at its equator, so they turn against it.
         """
         ratio = self._dimensions.ball_radius / self._dimensions.wheel_radius
         x, y = (
-            -ratio * (coordinate / self._dimensions.ball_radius - pitch) / 2.0
+            -ratio * (coordinate / self._dimensions.ball_radius - pitch)
             for coordinate, pitch in zip(position, psi, strict=True)
         )
-        return (math.cos(x), 0.0, math.sin(x), 0.0), (math.cos(y), math.sin(y), 0.0, 0.0)
-
-
-def quaternion_multiply(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
-    """Return the product a·b of a quaternion and one or many others: `b` is applied first.
-
-    Parameters
-    ----------
-    a : array_like, shape (4,)
-    b : array_like, shape (4,) or (n, 4)
-
-    Returns
-    -------
-    ndarray
-        Same shape as `b`.
-    """
-    w, x, y, z = np.asarray(a).tolist()
-    matrix = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
-    return np.asarray(np.asarray(b) @ matrix.T)
+        return Rotation.from_euler('y', x), Rotation.from_euler('x', y)

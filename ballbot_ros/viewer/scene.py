@@ -25,10 +25,11 @@ from ballbot_ros.viewer.robot import (
     parts,
     sonar_position,
     wheel_centres,
+    wxyz,
 )
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.world.exports import WALL_HEIGHT_CM
-from ballbot_ros.world.floor_map import CELL_M, FloorMap
+from ballbot_ros.world.floor_map import FloorMap
 
 SKY_RADIUS = 40.0
 GHOST_OPACITY = 0.35
@@ -41,12 +42,7 @@ _FACES_FORWARD = (0.5, -0.5, -0.5, 0.5)
 
 
 class Scene:
-    """Everything visible except the camera.
-
-    Parameters
-    ----------
-    api : viser.SceneApi
-    """
+    """Everything visible except the camera."""
 
     def __init__(self, api: SceneApi) -> None:
         self._api = api
@@ -79,8 +75,9 @@ class Scene:
                 plane_color=colours.FLOOR, plane_opacity=1.0, shadow_opacity=0.25,
             )  # fmt: skip
             return
-        half_x, half_y = floor_map.columns * CELL_M / 2, floor_map.rows * CELL_M / 2
-        self._add_prisms('base', [(-half_x, -half_y, half_x, half_y)], -0.02, 0.0, colours.FLOOR)
+        area = floor.Area.of(floor_map)
+        base = -area.half_x, -area.half_y, area.half_x, area.half_y
+        self._add_prisms('base', [base], -0.02, 0.0, colours.FLOOR)
         if lines := floor.lines(floor_map):
             self._add_prisms('lines', lines, 0.0, _LIFT, colours.LINE)
         if walls := floor.walls(floor_map):
@@ -101,17 +98,7 @@ class Scene:
 
 
 class Robot:
-    """A robot in the scene, with its trail.
-
-    Parameters
-    ----------
-    api : viser.SceneApi
-    name : str
-        Its name in the scene.
-    dimensions : Dimensions
-    ghost : bool
-        Whether it is transparent, without sonar cone and display.
-    """
+    """A robot in the scene, with its trail; a ghost is transparent, without cone and display."""
 
     def __init__(self, api: SceneApi, name: str, dimensions: Dimensions, *, ghost: bool) -> None:
         self._dimensions = dimensions
@@ -166,11 +153,11 @@ class Robot:
         self._root.visible = True
         ball = snapshot.position[0], -snapshot.position[1], self._dimensions.ball_radius
         self._links[BALL].position = self._links[BODY].position = ball
-        self._links[BALL].wxyz = self._orientation.ball(snapshot.position)
+        self._links[BALL].wxyz = wxyz(self._orientation.ball(snapshot.position))
         self._links[BODY].wxyz = body_orientation(snapshot.psi)
         rotations = self._orientation.wheels(snapshot.position, snapshot.psi)
         for link, rotation in zip((WHEEL_X, WHEEL_Y), rotations, strict=True):
-            self._links[link].wxyz = rotation
+            self._links[link].wxyz = wxyz(rotation)
         if self._cone is not None:
             self._cone.visible = echo = math.isfinite(snapshot.sonar) and snapshot.sonar > 0.0
             if echo:

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ballbot_ros.viewer.colours import Colour
 from ballbot_ros.viewer.floor import Rectangle
-from ballbot_ros.viewer.robot import Part, Vector, rotate_vector
-from ballbot_ros.viewer.transforms import quaternion_from_rpy
+from ballbot_ros.viewer.robot import Part
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 """Vertices, shape (n, 3), and faces, shape (m, 3)."""
@@ -26,7 +26,8 @@ def link_meshes(parts: Iterable[Part]) -> dict[tuple[str, Colour], Mesh]:
     pieces: dict[tuple[str, Colour], list[Any]] = defaultdict(list)
     for part in parts:
         mesh = _primitive(part)
-        mesh.apply_transform(_pose(part.rpy, part.position))
+        rotation = Rotation.from_euler('xyz', part.rpy)
+        mesh.vertices = rotation.apply(mesh.vertices) + part.position
         pieces[part.link, part.colour].append(mesh)
     return {key: _mesh(trimesh.util.concatenate(meshes)) for key, meshes in pieces.items()}
 
@@ -37,14 +38,6 @@ def _primitive(part: Part) -> Any:
     if part.shape == 'cylinder':
         return trimesh.creation.cylinder(part.size[0], part.size[1], sections=_SIDES)
     return trimesh.creation.icosphere(3, part.size[0])
-
-
-def _pose(rpy: Vector, position: Vector = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
-    """Return the homogeneous matrix of a pose, shape (4, 4)."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotate_vector(quaternion_from_rpy(rpy), np.eye(3)).T
-    matrix[:3, 3] = position
-    return matrix
 
 
 def ball_sectors(radius: float) -> tuple[Mesh, Mesh]:
@@ -70,8 +63,7 @@ def unit_cone() -> Mesh:
     """Return a cone of length and radius 1 m along +x with its tip in the origin."""
     mesh = trimesh.creation.cone(1.0, 1.0, sections=_SIDES)
     # trimesh puts the base at the origin: move the tip there, and turn the axis to +x.
-    mesh.apply_translation((0.0, 0.0, -1.0))
-    mesh.apply_transform(_pose((0.0, -np.pi / 2.0, 0.0)))
+    mesh.vertices = Rotation.from_euler('y', -np.pi / 2.0).apply(mesh.vertices - (0.0, 0.0, 1.0))
     return _mesh(mesh)
 
 

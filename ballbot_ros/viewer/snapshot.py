@@ -28,14 +28,10 @@ class Snapshot(NamedTuple):
     ----------
     time : float
         Sim time, or time since the start of a recorded run [s].
-    position, psi : tuple of float
-        Ball centre [m] and body pitch [rad].
-    duty : tuple of float
-        Motor duty [%].
-    sonar : float
-        Distance [m]; inf without an echo, NaN without data.
-    cone_angle : float
-        Opening of the sonar's cone [rad].
+    position, psi, duty : tuple of float
+        Ball centre [m], body pitch [rad] and motor duty [%].
+    sonar, cone_angle : float
+        Distance [m], inf without an echo, NaN without data; opening of the sonar's cone [rad].
     battery : float
         Voltage [V]; NaN if unknown.
     state : str

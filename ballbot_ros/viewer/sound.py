@@ -17,13 +17,8 @@ _MAX_TONE_S = 5.0
 def tone_html(tone: Tone, number: int) -> str:
     """Return an HTML element that plays a tone once.
 
-    Browsers play it only after a click on the page.
-
-    Parameters
-    ----------
-    tone : Tone
-    number : int
-        Number of the tone, so that a repeated tone plays again.
+    Browsers play it only after a click on the page. The `number` differs from tone to tone, so that
+    a repeated one plays again.
     """
     time = np.arange(round(min(tone.duration_ms * 1e-3, _MAX_TONE_S) * _RATE)) / _RATE
     loudness = min(max(tone.volume, 0), 100) / 100.0

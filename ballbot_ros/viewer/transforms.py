@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.robot import (
@@ -16,11 +16,10 @@ from ballbot_ros.viewer.robot import (
     WHEEL_X,
     WHEEL_Y,
     RollingOrientation,
-    Vector,
-    quaternion_multiply,
-    rotate_vector,
+    body_rotation,
     sonar_position,
     wheel_centres,
+    wxyz,
 )
 
 MAP, SONAR = 'map', 'sonar'
@@ -31,39 +30,25 @@ PARENTS = {BODY: MAP, BALL: BODY, WHEEL_X: BODY, WHEEL_Y: BODY, SONAR: BODY}
 MOVING = (BODY, BALL, WHEEL_X, WHEEL_Y)
 """The frames that move in their parents; the others are fixed."""
 
-IDENTITY_ROTATION = (1.0, 0.0, 0.0, 0.0)
-
 
 class Transform(NamedTuple):
     """The pose of a frame in another one, or the poses of many objects.
 
-    Attributes
-    ----------
-    position : ndarray
-        Shape (3,) or (n, 3) [m].
-    rotation : ndarray
-        Unit quaternion w, x, y, z; shape (4,) or (n, 4).
+    The position [m] has the shape (3,) or (n, 3); the rotation is one, or n.
     """
 
     position: NDArray[np.float64]
-    rotation: NDArray[np.float64]
+    rotation: Rotation
 
     def compose(self, child: Transform) -> Transform:
         """Return the pose in the outer frame of an object at `child` in this frame."""
         return Transform(
-            self.position + rotate_vector(self.rotation, child.position),
-            quaternion_multiply(self.rotation, child.rotation),
+            self.position + self.rotation.apply(child.position), self.rotation * child.rotation
         )
 
-
-def quaternion_from_rpy(rpy: Vector) -> NDArray[np.float64]:
-    """Return the quaternion of roll, pitch and yaw as in URDF [rad]: about x, then y, then z."""
-    rotation = np.array(IDENTITY_ROTATION)
-    for axis, angle in enumerate(rpy):
-        step = np.zeros(4)
-        step[0], step[axis + 1] = np.cos(angle / 2.0), np.sin(angle / 2.0)
-        rotation = quaternion_multiply(step, rotation)
-    return rotation
+    def values(self) -> tuple[list[Any], list[Any]]:
+        """Return position and quaternion w, x, y, z in the form that messages take."""
+        return self.position.tolist(), wxyz(self.rotation).tolist()
 
 
 class Frames:
@@ -72,10 +57,6 @@ class Frames:
     ``base_link`` and ``ball`` have their origin in the ball's centre. The axes of ``ball`` stay
     parallel to those of ``map`` (docs/frames.md), so in ``base_link`` it rotates opposite to the
     pitch.
-
-    Parameters
-    ----------
-    dimensions : Dimensions
     """
 
     def __init__(self, dimensions: Dimensions) -> None:
@@ -94,13 +75,13 @@ class Frames:
 
         Both are in plane signs.
         """
-        body = np.array(body_orientation(psi))
+        body = body_rotation(psi)
         wheel_x, wheel_y = self._orientation.wheels(position, psi)
         rotations = {
-            BALL: body * (1.0, -1.0, -1.0, -1.0),
-            WHEEL_X: np.array(wheel_x),
-            WHEEL_Y: np.array(wheel_y),
-            SONAR: np.array(IDENTITY_ROTATION),
+            BALL: body.inv(),
+            WHEEL_X: wheel_x,
+            WHEEL_Y: wheel_y,
+            SONAR: Rotation.identity(),
         }
         centre = np.array([position[0], -position[1], self._height])
         return {BODY: Transform(centre, body)} | {

@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.viewer.floor import Area
-from ballbot_ros.viewer.robot import rotate_vector, sonar_position
+from ballbot_ros.viewer.robot import body_rotation, sonar_position
 from ballbot_ros.viewer.snapshot import Snapshot
 
 TOP, VISTA, CHASER_1, CHASER_2, ROBOT = VIEWS = ('top', 'vista', 'chaser1', 'chaser2', 'robot')
@@ -56,14 +55,11 @@ def camera(
         return Camera(away, (x, y, -0.10 * far), _UP, _NARROW)
     ball = np.array([snapshot.position[0], -snapshot.position[1], dimensions.ball_radius])
     if view == ROBOT:
-        rotation = body_orientation(snapshot.psi)
-        eye = (
-            ball
-            + rotate_vector(rotation, sonar_position(dimensions))
-            + rotate_vector(rotation, (0.01, 0.0, 0.0))
+        lens, ahead, up = body_rotation(snapshot.psi).apply(
+            [sonar_position(dimensions), (1.0, 0.0, 0.0), _UP]
         )
-        ahead = eye + rotate_vector(rotation, (1.0, 0.0, 0.0))
-        return Camera(_vector(eye), _vector(ahead), _vector(rotate_vector(rotation, _UP)), _WIDE)
+        eye = ball + lens + 0.01 * ahead
+        return Camera(_vector(eye), _vector(eye + ahead), _vector(up), _WIDE)
     target = ball + np.array([0.0, 0.0, _CHASED_HEIGHT])
     return Camera(_vector(target + _CHASERS[view]), _vector(target), _UP, _NARROW)
 

@@ -26,12 +26,9 @@ Ray = Callable[[Pair, float], float]
 
 
 def wall_distance(floor_map: FloorMap) -> NDArray[np.int32]:
-    """Return the chessboard distance [cells] from each cell to the nearest wall.
+    """Return the chessboard distance [cells] from each cell to the nearest wall, (rows, columns).
 
-    Returns
-    -------
-    ndarray, shape (rows, columns)
-        0 in a wall; without walls, the longer side of the map in every cell.
+    It is 0 in a wall; without walls, it is the longer side of the map in every cell.
     """
     # Imported here, so that nodes without a map start faster.
     from scipy.ndimage import distance_transform_cdt

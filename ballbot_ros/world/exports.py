@@ -63,18 +63,9 @@ def _lower_left_corner(floor_map: FloorMap) -> tuple[float, float]:
 
 
 def write_files(floor_map: FloorMap, *, wrl: Path | None, nav2: Path | None) -> list[Path]:
-    """Write a map as VRML, as nav2's YAML with its image, or as both.
+    """Write a map as VRML, as nav2's YAML with its image, or as both; return the written files.
 
-    Parameters
-    ----------
-    floor_map : FloorMap
-    wrl, nav2 : Path or None
-        The .wrl and the .yaml file to create; the .pgm is named after the .yaml.
-
-    Returns
-    -------
-    list of Path
-        The written files.
+    The .pgm is named after the .yaml.
 
     Raises
     ------
@@ -157,6 +148,8 @@ def _write_nav2(floor_map: FloorMap, image: str, stream: BinaryIO) -> None:
 
 
 def _write_pgm(floor_map: FloorMap, stream: BinaryIO) -> None:
+    # Imported here, so that nodes without a map start faster.
+    from PIL import Image
+
     pixels = np.where(floor_map.walls, _PGM_WALL, _PGM_FREE).astype(np.uint8)
-    stream.write(f'P5\n{floor_map.columns} {floor_map.rows}\n255\n'.encode())
-    stream.write(pixels.tobytes())
+    Image.fromarray(pixels).save(stream, 'PPM')

@@ -23,13 +23,7 @@ def is_file_name(name_or_file: str) -> bool:
 
 
 def map_path(name_or_file: str) -> Path:
-    """Return the image of a shipped map, given by its name, or the given path.
-
-    Raises
-    ------
-    WorldError
-        If no map of that name is shipped.
-    """
+    """Return the image of a shipped map or the given path; raise WorldError for an unknown name."""
     if is_file_name(name_or_file):
         return Path(name_or_file)
     if name_or_file in map_names():
@@ -41,13 +35,7 @@ def map_path(name_or_file: str) -> Path:
 
 
 def read_map_file(name_or_file: str) -> bytes:
-    """Read the image file of a map unchanged.
-
-    Raises
-    ------
-    WorldError
-        If the file does not exist.
-    """
+    """Read the image file of a map unchanged; raise WorldError if it does not exist."""
     path = map_path(name_or_file)
     try:
         return read_bytes(path)
@@ -56,13 +44,7 @@ def read_map_file(name_or_file: str) -> bytes:
 
 
 def load_map(name_or_file: str) -> FloorMap:
-    """Load a shipped map by its name, or an image by its path.
-
-    Raises
-    ------
-    WorldError
-        If there is no such map, or the image is not a map.
-    """
+    """Load a shipped map by its name, or an image by its path; raise WorldError if it is no map."""
     # Imported here, so that nodes without a map start faster.
     from ballbot_ros.world.image import read_map
 

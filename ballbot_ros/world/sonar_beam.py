@@ -16,12 +16,7 @@ class SonarBeam:
     """A single ray along +x of ``map``, or a fan of rays, of which the nearest echo counts.
 
     The sensor is in the centre of the upright body's front face: the robot has no yaw, and its
-    pitch is neglected.
-
-    Parameters
-    ----------
-    parameters : SonarParameters
-        The parameters of ``sonar_driver``. Without a ``map`` there are no walls.
+    pitch is neglected. Without a parameter ``map`` there are no walls.
 
     Raises
     ------
@@ -50,10 +45,7 @@ class SonarBeam:
     def distance_m(self, position: Pair) -> float:
         """Return the distance [m] from the sensor to the nearest wall, inf if there is none.
 
-        Parameters
-        ----------
-        position : tuple of float
-            The ball's centre [m], in plane signs.
+        `position` is the ball's centre [m], in plane signs.
         """
         if self._map is None:
             return math.inf

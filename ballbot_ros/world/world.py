@@ -19,17 +19,7 @@ class World:
     """A floor with walls, and the outline of the upright body: a rectangle around the ball.
 
     Only walls block the robot; the floor off the map is free. Positions are those of the ball's
-    centre [m] in plane signs (docs/frames.md).
-
-    Parameters
-    ----------
-    floor_map : FloorMap
-    body_depth, body_width : float
-        Sides of the body [m], along x and along y.
-
-    Attributes
-    ----------
-    map : FloorMap
+    centre [m] in plane signs (docs/frames.md). The body's depth and width [m] are along x and y.
     """
 
     def __init__(self, floor_map: FloorMap, body_depth: float, body_width: float) -> None:
@@ -64,12 +54,7 @@ class World:
         return world
 
     def check_start(self, position: Pair) -> None:
-        """Refuse a start position that is off the map or puts the body in a wall.
-
-        Raises
-        ------
-        WorldError
-        """
+        """Raise WorldError if a start position is off the map or puts the body in a wall."""
         x, y = position[0], -position[1] + 0.0
         where = f'the start position x {x:g} m, y {y:g} m (map)'
         if not self.map.contains(self.map.point(position)):
@@ -101,11 +86,8 @@ class World:
     def touching(self, position: Pair) -> tuple[str, ...]:
         """Return which of the document's six points of the outline are in a wall (B.3).
 
-        Returns
-        -------
-        tuple of str
-            Such as 'front left'; 'between two points of the outline' if none of the points is in
-            the wall; empty if the body is not in a wall.
+        They are such as 'front left'; 'between two points of the outline' if none of the points is
+        in the wall; empty if the body is not in a wall.
         """
         if not self.blocked(position):
             return ()
@@ -118,17 +100,10 @@ class World:
         return names or ('between two points of the outline',)
 
     def clearance(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the distance [m] from the outline to the nearest wall, to about 1 cm.
+        """Return the distances [m] from the outline to the nearest wall, (n,), at positions (n, 2).
 
-        Parameters
-        ----------
-        positions : ndarray, shape (n, 2)
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            0 if the body is in a wall, inf if the map has no walls. A lower bound if the outline
-            extends beyond the map.
+        They are exact to about 1 cm: 0 if the body is in a wall, inf if the map has no walls, a
+        lower bound if the outline extends beyond the map.
         """
         # Imported here, so that nodes without a map start faster.
         from scipy.ndimage import distance_transform_edt

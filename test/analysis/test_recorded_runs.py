@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.analysis.extraction import extract
-from ballbot_ros.analysis.recorded_inputs import read_inputs
+from ballbot_ros.analysis.recorded_inputs import RunInputs, read_inputs
 from ballbot_ros.analysis.recorded_runs import (
     END_OF_TIME_NS,
     RecordedRun,
@@ -28,6 +28,7 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     WALL_HIT,
 )
+from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -287,6 +288,14 @@ def test_replay_and_report_find_the_same_runs(short, driven, copy):
     assert [each.run.epoch for each in inputs.runs] == [0, 1, 2]
     counts = [each[1]['ticks'] for each in (short, driven, short)]
     assert [each.ticks for each in inputs.runs] == counts
+
+
+def test_pushes_and_sticks_move_with_the_start_of_a_run():
+    push = Push(4 * S, 5 * S, (1.0, 2.0))
+    inputs = RunInputs(RecordedRun(0, 'run', 3 * S), 9 * S, {4 * S: (1, 2)}, {}, {}, [push])
+    assert inputs.pushes_from(3 * S) == [push]
+    assert inputs.pushes_from(1 * S) == [Push(2 * S, 3 * S, (1.0, 2.0))]
+    assert inputs.sticks_at(1.0) == (1, 2)
 
 
 def test_an_input_of_another_type_is_one_line(short, copy):

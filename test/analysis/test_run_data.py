@@ -122,7 +122,7 @@ def test_a_free_running_recording_has_a_notice_about_its_duties(make_run):
 
 
 def test_a_run_that_was_stopped_early_is_incomplete(short, copy):
-    path = copy(short[0], edit=lambda raw: raw.data if raw.stamp_ns < 3_000_000_000 else None)
+    path = copy(short[0], edit=lambda raw, _: raw.data if raw.stamp_ns < 3_000_000_000 else None)
     assessment = assess(read_run(path))
     assert assessment.run.damage is None
     assert assessment.outcome == 'incomplete'
@@ -195,7 +195,7 @@ def test_a_namespace_is_found(short, short_assessment, tmp_path):
 def test_a_missing_tick_is_counted_and_prevents_a_verdict(short, copy):
     dropped = []
 
-    def lose(raw):
+    def lose(raw, _):
         if raw.topic == '/motor_duty' and raw.stamp_ns == 2_500_000_000:
             dropped.append(raw)
             return None
@@ -223,7 +223,7 @@ def test_the_last_of_two_runs_is_reported_by_default(short, driven, driven_asses
 
 
 def test_without_attachments_the_defaults_are_used_with_a_notice(short, copy):
-    part = assess(read_run(copy(short[0], attachments=False)))
+    part = assess(read_run(copy(short[0], attach=lambda data: None)))
     assert len(part.run.notices) == 3
     assert part.outcome == 'not judged'
     assert part.as_json()['seed'] is None
@@ -236,7 +236,7 @@ def test_a_topic_of_another_type_is_left_out(short, copy):
 
 
 def test_a_malformed_message_is_one_line(short, copy):
-    path = copy(short[0], edit=lambda raw: raw.data[:9] if raw.topic == '/gyro' else raw.data)
+    path = copy(short[0], edit=lambda raw, _: raw.data[:9] if raw.topic == '/gyro' else raw.data)
     with pytest.raises(
         RecordingError, match=r'/gyro at .* is not a valid sensor_msgs/msg/Imu'
     ) as refused:
@@ -255,13 +255,13 @@ def test_a_foreign_file_is_one_line(short, copy, kept, words):
 
 
 def test_a_run_without_ticks_is_one_line(short, copy):
-    path = copy(short[0], edit=lambda raw: raw.data if raw.topic == '/plant/run' else None)
+    path = copy(short[0], edit=lambda raw, _: raw.data if raw.topic == '/plant/run' else None)
     with pytest.raises(RecordingError, match='nothing to report'):
         read_run(path)
 
 
 def test_a_run_of_one_tick_can_be_reported(short, copy):
-    path = copy(short[0], edit=lambda raw: raw.data if raw.stamp_ns == 1_000_000_000 else None)
+    path = copy(short[0], edit=lambda raw, _: raw.data if raw.stamp_ns == 1_000_000_000 else None)
     run = read_run(path)
     assert len(run.trajectory.time) == 1
     assert not run.complete

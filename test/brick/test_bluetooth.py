@@ -6,7 +6,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.brick.bluetooth import STREAM_HEADER, GamepadPacket, LogPacket, PacketError
+from ballbot_ros.brick.bluetooth import GamepadPacket, LogPacket, PacketError
 
 # The data logger's record: offset, size, signed.
 LAYOUT = {
@@ -36,10 +36,6 @@ log_packets = st.builds(
     **{name: st.integers(*bounds(size, signed)) for name, (_, size, signed) in LAYOUT.items()},
 )
 sticks = st.integers(-128, 127)
-
-
-def test_the_stream_header_is_the_length_little_endian():
-    assert bytes.fromhex('2000') == STREAM_HEADER
 
 
 def test_a_gamepad_packet_in_bytes():

@@ -32,7 +32,7 @@ def test_every_row_names_a_module_with_that_command():
 def test_the_help_line_is_only_in_the_table():
     """Help shows the line in the table; a copy at the command would become outdated unnoticed."""
     shown = CliRunner().invoke(ballbot, ['--help'], terminal_width=100).output
-    for name, (_, line) in COMMANDS.items():
+    for name, line in COMMANDS.items():
         assert load_command(name).short_help is None, name
         assert f'  {name:<9}  {line}\n' in shown
 

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import pytest
 from golden_runs import WITHOUT_FMA
 from graph import Run, free_domain
+from recordings import copy_recording
 
 from ballbot_ros.analysis.message_comparison import MessageDifference
 from ballbot_ros.analysis.recorded_inputs import read_inputs
@@ -55,19 +56,11 @@ def copy(recording, path, change, also=()):
 
     The messages `also`, given as topic, stamp and data, come first.
     """
-    with RecordingReader(recording) as reader, RecordingWriter(path) as writer:
-        for name, file in reader.attachments().items():
-            writer.add_attachment(name, file.media_type, file.data)
-        topics = {
-            name: writer.add_topic(name, topic.type_name) for name, topic in reader.topics().items()
-        }
-        for name, stamp_ns, data in also:
-            writer.write(topics[name], stamp_ns, data, 1)
-        for message in reader.raw_messages():
-            data = change(message.topic, message.stamp_ns, message.data)
-            if data is not None:
-                writer.write(topics[message.topic], message.stamp_ns, data, message.sequence)
-    return path
+
+    def edit(raw, _):
+        return change(raw.topic, raw.stamp_ns, raw.data)
+
+    return copy_recording(path, recording, edit=edit, first=also)
 
 
 @pytest.mark.parametrize('name', scenario_names())
@@ -181,18 +174,10 @@ def push_by(push, tmp_path):
     """Return the same run as if another implementation of the controller had recorded it."""
 
     def change(name):
-        path = tmp_path / f'{name}.mcap'
-        with RecordingReader(push) as reader, RecordingWriter(path) as writer:
-            for attached, file in reader.attachments().items():
-                was, now = (f'implementation: {each}\n'.encode() for each in ('python', name))
-                writer.add_attachment(attached, file.media_type, file.data.replace(was, now))
-            topics = {
-                topic: writer.add_topic(topic, each.type_name)
-                for topic, each in reader.topics().items()
-            }
-            for topic, stamp_ns, sequence, data in reader.raw_messages():
-                writer.write(topics[topic], stamp_ns, data, sequence)
-        return path
+        was, now = (f'implementation: {each}\n'.encode() for each in ('python', name))
+        return copy_recording(
+            tmp_path / f'{name}.mcap', push, attach=lambda data: data.replace(was, now)
+        )
 
     return change
 
@@ -276,25 +261,21 @@ def two_plants(push, tmp_path):
     def write(change=lambda plant, topic, stamp, data: data):
         path = tmp_path / 'two_plants.mcap'
         path.unlink(missing_ok=True)
-        with RecordingReader(push) as reader, RecordingWriter(path) as writer:
-            for name, file in reader.attachments().items():
-                writer.add_attachment(name, file.media_type, file.data)
-            topics = {
-                name: writer.add_topic(name, each.type_name)
-                for name, each in reader.topics().items()
-            }
-            for plant, end_ns in enumerate((3_000_000_000, 5_000_000_000), 1):
-                for raw in reader.raw_messages():
-                    data = raw.data
-                    if raw.topic == '/plant/run':
-                        run = new_message('std_msgs/msg/Header')
-                        fill_header(run, raw.stamp_ns, f'1 plant{plant}')
-                        data = encoder('std_msgs/msg/Header')(run)
-                    if raw.stamp_ns < end_ns:
-                        data = change(plant, raw.topic, raw.stamp_ns, data)
-                        if data is not None:
-                            writer.write(topics[raw.topic], raw.stamp_ns, data, raw.sequence)
-        return path
+        ends_ns = {1: 3_000_000_000, 2: 5_000_000_000}
+
+        def edit(raw, plant):
+            data = raw.data
+            if raw.topic == '/plant/run':
+                run = new_message('std_msgs/msg/Header')
+                fill_header(run, raw.stamp_ns, f'1 plant{plant}')
+                data = encoder('std_msgs/msg/Header')(run)
+            return (
+                change(plant, raw.topic, raw.stamp_ns, data)
+                if raw.stamp_ns < ends_ns[plant]
+                else None
+            )
+
+        return copy_recording(path, push, push, edit=edit)
 
     return write
 

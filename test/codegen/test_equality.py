@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from generated import Built, need, random_values
-from robot import values_of
+from robot import AT_REST, values_of
 
 from ballbot_ros.brick.brick import Brick, DeviceInputs
 from ballbot_ros.codegen.back_to_back import compare
@@ -34,9 +34,6 @@ from ballbot_ros.simulation.scenario_steps import scenario_steps
 GOLDEN = sorted((Path(__file__).parents[1] / 'controller' / 'golden').glob('*.npz'))
 RANDOM_SETS, SEQUENCES = 10, 100
 TICKS = 50
-AT_REST = DeviceInputs(
-    gyro=(600, 600), revolutions=(0, 0), sonar_cm=255, battery_mv=8003, sticks=(0, 0)
-)
 
 
 @pytest.fixture(scope='module')
@@ -87,7 +84,7 @@ def steps_of(ticks, systick_ms=1000, **inputs):
 
 def assert_equal(made, steps):
     comparison = compare(made.parameters, made.program(), steps)
-    assert comparison.difference is None, str(comparison.difference)
+    assert not comparison.difference, comparison.difference
     return comparison.ticks
 
 
@@ -136,7 +133,7 @@ def test_a_restarted_program_equals_a_new_one(built, parameters, target):
             used.tick(*step)
         used.brick = Brick()
         comparison = compare(made.parameters, used, restarted_steps(SEQUENCES + seed))
-        assert comparison.difference is None, str(comparison.difference)
+        assert not comparison.difference, comparison.difference
 
 
 @pytest.mark.parametrize('target', TARGETS)
@@ -257,7 +254,7 @@ def test_a_changed_parameter_changes_both(built, target, changed):
     assert_equal(made, steps)
     comparison = compare(values_of(CONTROLLER), made.program(), steps)
     assert comparison.difference
-    assert 'in C and' in str(comparison.difference)
+    assert 'in C and' in comparison.difference
 
 
 @pytest.mark.parametrize('target', TARGETS)

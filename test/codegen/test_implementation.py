@@ -7,16 +7,13 @@ from pathlib import Path
 
 import pytest
 from generated import need
-from robot import values_of
+from robot import AT_REST, values_of
 
-from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.implementation import program_maker
 from ballbot_ros.codegen.toolchain import TARGETS
 from ballbot_ros.controller.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER
-
-AT_REST = DeviceInputs((600, 600), (0, 0), 255, 8003, (0, 0))
 
 
 def own_children():

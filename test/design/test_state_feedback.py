@@ -5,15 +5,11 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.design.state_feedback import DesignError, controllability_rank, lqr, place
+from ballbot_ros.design.state_feedback import DesignError, lqr, place
 
 A = [[0.0, 1.0], [-2.0, -3.0]]
 B = [[0.0], [1.0]]
 UNCONTROLLABLE = [[1.0, 0.0], [0.0, 2.0]], [[1.0], [0.0]]
-
-
-def test_the_example_of_appendix_a_is_controllable():
-    assert controllability_rank(A, B) == 2
 
 
 def test_pole_placement_of_appendix_a():
@@ -22,12 +18,6 @@ def test_pole_placement_of_appendix_a():
 
 def test_lqr_of_appendix_a():
     np.testing.assert_allclose(lqr(A, B, np.diag([100.0, 1.0]), [[1.0]]), [[8.1980, 2.1377]], 1e-4)
-
-
-def test_the_rank_is_the_number_of_controllable_states():
-    assert controllability_rank(*UNCONTROLLABLE) == 1
-    assert controllability_rank(A, [[0.0], [0.0]]) == 0
-    assert controllability_rank(np.eye(3), np.eye(3)) == 3
 
 
 @given(st.floats(-9.0, -0.1), st.floats(0.1, 9.0))

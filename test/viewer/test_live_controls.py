@@ -2,13 +2,10 @@
 
 import pytest
 from browsing import StubRobot, receive
+from robot import DIMENSIONS
 
-from ballbot_ros.parameters import ParameterSet, ViewerParameters
 from ballbot_ros.viewer.live_controls import PAUSE, RUN, STEP, LiveControls
 from ballbot_ros.viewer.page import Page
-from ballbot_ros.viewer.robot import Dimensions
-
-DIMENSIONS = Dimensions.from_parameters(ParameterSet().of(ViewerParameters))
 
 
 @pytest.fixture

@@ -1,17 +1,18 @@
 """Markers and transforms for other tools: the parts are where the viewer's scene has them."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import strategies as st
 from laws import given
+from robot import DIMENSIONS
 from trimesh import transformations
 
 from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.messages.markers import ADD, DELETE, DELETE_ALL, SHAPES, fill_transform
 from ballbot_ros.messages.raw import decoder
-from ballbot_ros.parameters import Dimensions, ParameterSet, VisualizerParameters
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.viewer import colours
 from ballbot_ros.viewer.floor import walls
@@ -26,6 +27,7 @@ from ballbot_ros.viewer.robot import (
     parts,
     sonar_position,
     wheel_centres,
+    wxyz,
 )
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.transforms import (
@@ -35,11 +37,9 @@ from ballbot_ros.viewer.transforms import (
     SONAR,
     Frames,
     poses_in_map,
-    quaternion_from_rpy,
 )
 from ballbot_ros.world.floor_map import FLOOR, WALL, FloorMap
 
-DIMENSIONS = Dimensions.from_parameters(ParameterSet().of(VisualizerParameters))
 FRAMES = Frames(DIMENSIONS)
 ARRAY, TRANSFORMS = 'visualization_msgs/msg/MarkerArray', 'tf2_msgs/msg/TFMessage'
 
@@ -71,7 +71,7 @@ def matrix_of(point, quaternion):
     return matrix
 
 
-def placed(position, rotation):
+def placed(position, rotation=(1.0, 0.0, 0.0, 0.0)):
     matrix = transformations.quaternion_matrix(rotation)
     matrix[:3, 3] = position
     return matrix
@@ -81,16 +81,14 @@ def scene(position, psi):
     """Return the pose of each link in ``map``; the scene has the body's frames below the body."""
     centre = (position[0], -position[1], DIMENSIONS.ball_radius)
     body = placed(centre, body_orientation(psi))
-    wheels = zip(
-        wheel_centres(DIMENSIONS), RollingOrientation(DIMENSIONS).wheels(position, psi), strict=True
-    )
-    wheel_x, wheel_y = (body @ placed(*wheel) for wheel in wheels)
+    turned = map(wxyz, RollingOrientation(DIMENSIONS).wheels(position, psi))
+    wheel_x, wheel_y = map(placed, wheel_centres(DIMENSIONS), turned)
     return {
-        BALL: placed(centre, (1.0, 0.0, 0.0, 0.0)),
+        BALL: placed(centre),
         BODY: body,
-        WHEEL_X: wheel_x,
-        WHEEL_Y: wheel_y,
-        SONAR: body @ placed(sonar_position(DIMENSIONS), (1.0, 0.0, 0.0, 0.0)),
+        WHEEL_X: body @ wheel_x,
+        WHEEL_Y: body @ wheel_y,
+        SONAR: body @ placed(sonar_position(DIMENSIONS)),
     }
 
 
@@ -122,7 +120,7 @@ def test_transforms_chain_to_the_same_places(position, psi):
     assert set(frames) == set(PARENTS) == {*MOVING, SONAR}
     for child, parent in PARENTS.items():
         each = new_message('geometry_msgs/msg/TransformStamped')
-        fill_transform(each, 1_500_000_000, parent, child, *(v.tolist() for v in frames[child]))
+        fill_transform(each, 1_500_000_000, parent, child, *frames[child].values())
         message.transforms.append(each)
     sent = decoder(TRANSFORMS)(encoder(TRANSFORMS)(message)).transforms
     tree = {MAP: np.eye(4)}
@@ -135,11 +133,10 @@ def test_transforms_chain_to_the_same_places(position, psi):
         assert tree[link] == pytest.approx(expected, abs=1e-9)
 
 
-@given(st.tuples(*[st.floats(-math.pi, math.pi)] * 3))
-def test_rotations_are_those_of_urdf(angles):
-    assert transformations.quaternion_matrix(quaternion_from_rpy(angles)) == pytest.approx(
-        transformations.euler_matrix(*angles), abs=1e-9
-    )
+def test_a_wheel_without_width_has_no_markers():
+    markers = RobotMarkers(replace(DIMENSIONS, wheel_width=0.0), new_marker)
+    links = {namespace for namespace, _ in markers_at(markers, still(1.0))} & set(LINKS)
+    assert links == {BALL, BODY}
 
 
 def test_parts_have_their_shapes_and_colours():

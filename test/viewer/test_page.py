@@ -17,6 +17,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('needs_browser')]
 
 from browsing import StubRobot, another, browsing, running, serving, wait_until  # noqa: E402
 from graph import LAST_RESORT_S, wait_for  # noqa: E402
+from robot import DIMENSIONS  # noqa: E402
 from ros_client import Client  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
@@ -27,7 +28,6 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     PLANT_ODOM,
     VIEWER_JOY,
 )
-from ballbot_ros.parameters import Dimensions, ParameterSet, ViewerParameters  # noqa: E402
 from ballbot_ros.viewer.floor import Area, lines  # noqa: E402
 from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
@@ -42,7 +42,6 @@ from ballbot_ros.world.library import load_map  # noqa: E402
 
 START = (0.0, -0.3)
 DRIVE = ('drive', '--no-keyboard', '--no-record', '--map', 'track', '--start', *START)
-DIMENSIONS = Dimensions.from_parameters(ParameterSet().of(ViewerParameters))
 
 
 HANDSHAKE = """GET / HTTP/1.1\r

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 from laws import given
+from robot import DIMENSIONS
 
 yourdfpy = pytest.importorskip('yourdfpy')
 
@@ -18,7 +19,6 @@ from ballbot_ros.messages.conversions import MOTOR_NAMES  # noqa: E402
 from ballbot_ros.parameters import (  # noqa: E402
     VISUALIZER,
     Dimensions,
-    ParameterSet,
     VisualizerParameters,
     parameters_of,
 )
@@ -37,8 +37,7 @@ from ballbot_ros.viewer.robot import (  # noqa: E402
 )
 from ballbot_ros.viewer.urdf import robot_description  # noqa: E402
 
-VALUES = ParameterSet().of(VisualizerParameters)
-DIMENSIONS, BODIES = Dimensions.from_parameters(VALUES), Bodies.from_parameters(VALUES)
+BODIES = Bodies.from_parameters(VisualizerParameters())
 lengths = st.floats(1e-3, 1.0)
 
 
@@ -109,7 +108,7 @@ def test_motor_angles_turn_the_wheels_as_the_motion_does(position, psi):
     rotations = RollingOrientation(DIMENSIONS).wheels(position, psi)
     for link, rotation in zip((WHEEL_X, WHEEL_Y), rotations, strict=True):
         found = ROBOT.get_transform(link, BODY)[:3, :3]
-        assert found == pytest.approx(transformations.quaternion_matrix(rotation)[:3, :3], abs=1e-6)
+        assert found == pytest.approx(rotation.as_matrix(), abs=1e-6)
 
 
 def test_masses_and_inertias_are_those_of_the_model():
