@@ -8,7 +8,8 @@ from hypothesis import example, settings
 from hypothesis import strategies as st
 from laws import given
 from mcap.opcode import Opcode
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import CompressionType, IndexType
+from recorded_bytes import flip, write_foreign
 from text_messages import STRING, string
 
 from ballbot_ros.recording.encoding import encoder, new_message
@@ -34,25 +35,7 @@ def damaged(recording, tmp_path_factory):
     return read
 
 
-def write_foreign(
-    path,
-    *,
-    encoding='cdr',
-    type_name=STRING,
-    definition=b'string data',
-    profile='ros2',
-    data=None,
-    **options,
-):
-    with path.open('wb') as stream:
-        writer = Writer(stream, **options)
-        writer.start(profile)
-        schema = writer.register_schema(type_name, 'ros2msg', definition)
-        channel = writer.register_channel('/lcd', encoding, schema)
-        for number in range(10):
-            writer.add_message(channel, number, data or string(str(number)), number, number)
-        writer.finish()
-    return path
+NUMBERS = [str(number) for number in range(10)]
 
 
 def test_every_message_comes_back(recording, sample, plain):
@@ -126,8 +109,7 @@ def test_complete_chunks_before_a_cut_are_read(tmp_path):
 @given(place=st.floats(0, 1, exclude_max=True), value=st.integers(1, 255))
 def test_a_corrupt_byte_is_no_traceback(place, value, damaged):
     def change(content):
-        position = int(place * len(content))
-        return content[:position] + bytes([content[position] ^ value]) + content[position + 1 :]
+        return flip(content, int(place * len(content)), value)
 
     try:
         raw, _, _, damage = damaged(change)
@@ -148,10 +130,6 @@ def test_garbage_after_a_cut_is_no_traceback(tail, sample, damaged):
     assert [message.data for message in raw][:100] == [row[4] for row in sample[:100]]
 
 
-def flip(content, position):
-    return content[:position] + bytes([content[position] ^ 1]) + content[position + 1 :]
-
-
 def test_a_corrupt_chunk_ends_the_reading(sample, damaged):
     def change(content):
         return flip(content, content.index(b'zstd', content.index(b'zstd') + 4) + 100)
@@ -166,7 +144,7 @@ def test_a_missing_chunk_is_noticed(damaged):
     def change(content):
         position = content.index(b'zstd', content.index(b'zstd') + 4) - 41
         assert content[position] == Opcode.CHUNK
-        return content[:position] + b'\xff' + content[position + 1 :]
+        return flip(content, position, 0xFF ^ Opcode.CHUNK)
 
     raw, _, count, damage = damaged(change)
     assert len(raw) == count == 180
@@ -205,7 +183,8 @@ def test_files_that_cannot_be_opened_are_errors(tmp_path):
 
 
 def test_another_profile_is_an_error(tmp_path):
-    path = write_foreign(tmp_path / 'ros1.mcap', profile='ros1')
+    path = tmp_path / 'ros1.mcap'
+    write_foreign(path, NUMBERS, profile='ros1')
     with pytest.raises(RecordingError, match=r"ros1\.mcap: profile 'ros1' is not 'ros2'$"):
         RecordingReader(path)
 
@@ -219,27 +198,27 @@ def test_an_unknown_topic_is_an_error(recording):
                 next(read(['/gyro']))
 
 
-@pytest.mark.parametrize(
-    ('options', 'reason'),
-    [
+def test_messages_that_cannot_be_decoded_can_be_read_raw(tmp_path):
+    path = tmp_path / 'foreign.mcap'
+    for contents, options, reason in (
         (
+            NUMBERS,
             {'type_name': 'a/msg/B', 'definition': b''},
-            "is not a valid a/msg/B: 'a/msg/B' is not a message type of ROS 2 Jazzy",
+            "a/msg/B: 'a/msg/B' is not a message type of ROS 2 Jazzy",
         ),
         (
+            NUMBERS,
             {'type_name': 'a/msg/B', 'definition': b'a/Unknown data'},
-            'is not a valid a/msg/B: its definition is invalid: ',
+            'a/msg/B: its definition is invalid: ',
         ),
-        ({'encoding': 'json', 'data': b'{}'}, 'is not a valid std_msgs/msg/String: '),
-    ],
-)
-def test_messages_that_cannot_be_decoded_can_be_read_raw(tmp_path, options, reason):
-    path = write_foreign(tmp_path / 'foreign.mcap', **options)
-    with RecordingReader(path) as reader:
-        assert len(list(reader.raw_messages())) == 10
-        with pytest.raises(RecordingError) as error:
-            next(reader.messages())
-    assert str(error.value).startswith(f'{path}: /lcd at 0 ns {reason}')
+        ([b'{}'] * 10, {'encoding': 'json'}, 'std_msgs/msg/String: '),
+    ):
+        write_foreign(path, contents, **options)
+        with RecordingReader(path) as reader:
+            assert len(list(reader.raw_messages())) == 10, reason
+            with pytest.raises(RecordingError) as error:
+                next(reader.messages())
+        assert str(error.value).startswith(f'{path}: /lcd at 0 ns is not a valid {reason}')
 
 
 @pytest.mark.parametrize('data', [b'', b'\0', string('abc')[:-2], b'\0\1\0\0\1\0\0\0\xff\0'])
@@ -274,37 +253,30 @@ def test_big_endian_and_padded_messages_are_read(tmp_path):
     assert second.frame_id == ''
 
 
-@pytest.mark.parametrize(
-    'options',
-    [
+def test_files_of_other_writers_are_read(tmp_path):
+    path = tmp_path / 'foreign.mcap'
+    for options in (
         {'use_chunking': False},
         {'compression': CompressionType.LZ4},
         {'compression': CompressionType.NONE, 'chunk_size': 100},
         {'use_statistics': False},
         {'repeat_channels': False, 'repeat_schemas': False},
         {'index_types': IndexType.NONE, 'enable_crcs': False},
-    ],
-)
-def test_files_of_other_writers_are_read(tmp_path, options):
-    path = write_foreign(tmp_path / 'foreign.mcap', **options)
-    with RecordingReader(path) as reader:
-        assert reader.complete
-        assert reader.topics() == {'/lcd': (STRING, 10)}
-        assert [message.data for _, _, message in reader.messages()] == [
-            str(number) for number in range(10)
-        ]
+    ):
+        write_foreign(path, NUMBERS, **options)
+        with RecordingReader(path) as reader:
+            assert reader.complete, options
+            assert reader.topics() == {'/lcd': (STRING, 10)}, options
+            assert [message.data for _, _, message in reader.messages()] == NUMBERS, options
 
 
 def test_the_definition_in_the_file_counts(tmp_path):
     # A String unlike that of any ROS release, and a type that is not installed.
     for type_name in (STRING, 'a/msg/B'):
         data = b'\0\1\0\0\7\0\0\0\2\0\0\0a\0'
-        path = write_foreign(
-            tmp_path / f'{type_name[0]}.mcap',
-            type_name=type_name,
-            definition=b'int32 number\nstring data',
-            data=data,
-        )
+        path = tmp_path / f'{type_name[0]}.mcap'
+        definition = b'int32 number\nstring data'
+        write_foreign(path, [data], type_name=type_name, definition=definition)
         with RecordingReader(path) as reader:
             _, _, message = next(reader.messages())
         assert (message.number, message.data) == (7, 'a')

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from laws import given
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import CompressionType, IndexType
 from mcap_ros2.decoder import DecoderFactory
+from recorded_bytes import flip, write_foreign
 from rosbags.highlevel import AnyReader
 from text_messages import STRING, string
 
@@ -114,10 +115,6 @@ def assert_everyone_reads(path, count):
         with AnyReader([path]) as reader:
             decoded = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()]
         assert len(decoded) == count
-
-
-def flip(content, position, bits=1):
-    return content[:position] + bytes([content[position] ^ bits]) + content[position + 1 :]
 
 
 def test_a_complete_file_is_left_alone(whole):
@@ -302,22 +299,8 @@ def test_damage_in_a_part_without_a_checksum_is_described(content, repair_bytes)
         )
 
 
-def write_foreign(path, contents=range(40), **options):
-    with path.open('wb') as stream:
-        writer = Writer(stream, **options)
-        writer.start('ros2', 'another recorder')
-        schema = writer.register_schema('some_msgs/msg/Own', 'ros2msg', b'string data')
-        qos = {'offered_qos_profiles': '- history: 1\n', 'more': 'kept'}
-        channel = writer.register_channel('/own', 'cdr', schema, qos)
-        for number, content in enumerate(contents):
-            data = content if isinstance(content, bytes) else string(f'{content:02d}')
-            writer.add_message(channel, number, data, number + 7, number)
-        writer.add_attachment(3, 4, 'notes.txt', 'text/plain', b'notes')
-        writer.add_metadata('origin', {'robot': 'another'})
-        writer.finish()
-    return path.read_bytes()
-
-
+TEXTS = [f'{number:02d}' for number in range(40)]
+QOS = {'offered_qos_profiles': '- history: 1\n', 'more': 'kept'}
 UNCHUNKED = {'use_chunking': False}
 UNCOMPRESSED = {'compression': CompressionType.NONE, 'chunk_size': 100}
 FOREIGN = (
@@ -339,7 +322,7 @@ FOREIGN = (
 def test_everything_is_kept_of_files_of_others(tmp_path):
     path = tmp_path / 'foreign.mcap'
     for options in FOREIGN:
-        content = write_foreign(path, **options)
+        content = write_foreign(path, TEXTS, type_name='some_msgs/msg/Own', metadata=QOS, **options)
         assert repair(path) == Repair(None, 40, 'no repair needed, 40 messages intact'), options
         path.write_bytes(content[:-20])
         found = repair(path)
@@ -352,9 +335,9 @@ def test_everything_is_kept_of_files_of_others(tmp_path):
         assert len(rows) == 40, options
         for number, (schema, channel, message) in enumerate(rows):
             assert (schema.name, schema.data) == ('some_msgs/msg/Own', b'string data')
-            assert channel.metadata == {'offered_qos_profiles': '- history: 1\n', 'more': 'kept'}
+            assert channel.metadata == QOS
             assert (message.log_time, message.publish_time) == (number, number + 7)
-            assert (message.sequence, message.data) == (number, string(f'{number:02d}'))
+            assert (message.sequence, message.data) == (number, string(TEXTS[number]))
         assert (attachment.create_time, attachment.log_time, attachment.data) == (3, 4, b'notes')
         assert metadata['origin'] == {'robot': 'another'}
 
@@ -365,13 +348,13 @@ def numbers(content, repair_bytes):
     if found.output is None:
         return list(range(found.message_count))
     messages = raw(found.output)
-    assert all(data == string(f'{number:02d}') for _, _, number, data in messages)
+    assert all(data == string(TEXTS[number]) for _, _, number, data in messages)
     assert all(stamp == number for _, stamp, number, _ in messages)
     return [message[2] for message in messages]
 
 
 def test_a_changed_message_in_an_uncompressed_chunk_is_not_recovered(tmp_path, repair_bytes):
-    content = write_foreign(tmp_path / 'foreign.mcap', **UNCOMPRESSED)
+    content = write_foreign(tmp_path / 'foreign.mcap', TEXTS, **UNCOMPRESSED)
     begin, end = chunk_places(content)[1]
     (lost,) = {
         tuple(sorted({*range(40)} - {*numbers(flip(content, position, 0x55), repair_bytes)}))
@@ -382,9 +365,9 @@ def test_a_changed_message_in_an_uncompressed_chunk_is_not_recovered(tmp_path, r
 
 def test_behind_the_damage_only_what_a_checksum_proves_is_kept(tmp_path, repair_bytes):
     path = tmp_path / 'foreign.mcap'
-    proven = write_foreign(path, **UNCOMPRESSED)
-    unproven = write_foreign(path, **UNCOMPRESSED, enable_crcs=False)
-    loose = write_foreign(path, **UNCHUNKED)
+    proven = write_foreign(path, TEXTS, **UNCOMPRESSED)
+    unproven = write_foreign(path, TEXTS, **UNCOMPRESSED, enable_crcs=False)
+    loose = write_foreign(path, TEXTS, **UNCHUNKED)
     third, fourth = [place for place in record_places(loose) if place[0] == Opcode.MESSAGE][2][1:]
     found = {
         'chunks with checksums': numbers(flip(proven, chunk_places(proven)[1][0]), repair_bytes),
@@ -409,7 +392,7 @@ def attachments_and_metadata(content, repair_bytes):
 
 
 def test_behind_the_damage_an_attachment_needs_a_checksum_and_metadata_none(tmp_path, repair_bytes):
-    content = write_foreign(tmp_path / 'foreign.mcap', **UNCOMPRESSED)
+    content = write_foreign(tmp_path / 'foreign.mcap', TEXTS, **UNCOMPRESSED)
     begin, _ = chunk_places(content)[-1]
     _, crc_end = place_of(content, Opcode.ATTACHMENT)
     damaged = flip(content, begin)
