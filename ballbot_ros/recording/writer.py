@@ -297,6 +297,5 @@ class RecordingWriter:
     def _failure(self, error: OSError) -> RecordingError:
         self._open = False
         with suppress(OSError):
-            # Close only the raw file: closing the stream would write its buffer after the gap.
-            self._stream.raw.close()
+            self._stream.close()
         return RecordingError(f'{self.path}: {error.strerror}')

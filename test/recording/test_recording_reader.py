@@ -1,5 +1,6 @@
 """Reading complete files, files of a killed recorder, and files of other writers."""
 
+import fcntl
 import re
 import struct
 
@@ -304,6 +305,9 @@ def test_a_recording_being_written_is_recognised(tmp_path):
         assert reader.being_written
         writer.close()
         assert not reader.being_written
+        # Asking leaves no lock.
+        with path.open('rb') as other:
+            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def test_a_closed_reader_raises_an_error(recording):
