@@ -11,6 +11,7 @@ def write_foreign(
     profile='ros2',
     type_name=STRING,
     definition=b'string data',
+    schema_encoding='ros2msg',
     encoding='cdr',
     metadata=None,
     **options,
@@ -23,7 +24,7 @@ def write_foreign(
     with path.open('wb') as stream:
         writer = Writer(stream, **options)
         writer.start(profile, 'another recorder')
-        schema = writer.register_schema(type_name, 'ros2msg', definition)
+        schema = writer.register_schema(type_name, schema_encoding, definition)
         channel = writer.register_channel('/lcd', encoding, schema, metadata or {})
         for number, content in enumerate(contents):
             data = content if isinstance(content, bytes) else string(content)

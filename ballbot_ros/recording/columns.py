@@ -54,8 +54,6 @@ _TIMES = ('builtin_interfaces/msg/Time', 'builtin_interfaces/msg/Duration')
 _CONTAINERS = {'header', 'pose', 'twist', 'accel', 'wrench', 'transform', 'vector', 'quaternion'}
 """Field names that add nothing to the names of their parts."""
 
-_NO_UNIT = {'w', 'covariance', 'frame_id', 'child_frame_id'}
-
 
 class Column(NamedTuple):
     """A column's name, the function that reads its value from a message, and its Python type."""
@@ -157,7 +155,7 @@ def _leaves(value: Any, path: Path, unit: str, get: Get) -> list[Leaf]:
     if type_name:
         leaves = []
         for name in _fields(value):
-            inner = '' if name in _NO_UNIT else _UNITS.get(type_name, {}).get(name, unit)
+            inner = _UNITS.get(type_name, {}).get(name, unit)
             leaves += _leaves(getattr(value, name), (*path, name), inner, _field(get, name))
         return leaves
     if isinstance(value, list | np.ndarray):

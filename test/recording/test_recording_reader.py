@@ -272,15 +272,43 @@ def test_files_of_other_writers_are_read(tmp_path):
 
 
 def test_the_definition_in_the_file_counts(tmp_path):
-    # A String unlike that of any ROS release, and a type that is not installed.
-    for type_name in (STRING, 'a/msg/B'):
-        data = b'\0\1\0\0\7\0\0\0\2\0\0\0a\0'
-        path = tmp_path / f'{type_name[0]}.mcap'
-        definition = b'int32 number\nstring data'
-        write_foreign(path, [data], type_name=type_name, definition=definition)
+    path = tmp_path / 'own.mcap'
+    data = b'\0\1\0\0\7\0\0\0\2\0\0\0a\0'
+    message = b'int32 number\nstring data'
+    structure = b'module a { module msg { struct B { long number; string data; }; }; };'
+    for type_name, encoding, definition in (
+        (STRING, 'ros2msg', message),  # unlike that of any ROS release
+        ('a/msg/B', 'ros2msg', message),  # not installed
+        ('a/msg/B', 'ros2idl', structure),
+    ):
+        write_foreign(
+            path, [data], type_name=type_name, definition=definition, schema_encoding=encoding
+        )
         with RecordingReader(path) as reader:
-            _, _, message = next(reader.messages())
-        assert (message.number, message.data) == (7, 'a')
+            assert reader.unreadable() == {}, encoding
+            _, _, found = next(reader.messages())
+        assert (found.number, found.data) == (7, 'a'), (type_name, encoding)
+
+
+def test_unreadable_topics_have_a_reason(tmp_path):
+    path = tmp_path / 'own.mcap'
+    other = b'module b { module msg { struct C { long number; }; }; };'
+    for options, reason in (
+        ({}, None),
+        ({'encoding': 'json'}, "its encoding is 'json', not cdr"),
+        ({'schema_encoding': 'proto'}, "'proto' is not an encoding of ROS 2 types"),
+        (
+            {'schema_encoding': 'ros2idl', 'definition': other},
+            'its definition belongs to another type',
+        ),
+        (
+            {'type_name': 'a/msg/B', 'definition': b''},
+            "'a/msg/B' is not a message type of ROS 2 Jazzy",
+        ),
+    ):
+        write_foreign(path, ['a'], **options)
+        with RecordingReader(path) as reader:
+            assert reader.unreadable() == ({'/lcd': reason} if reason else {})
 
 
 def test_reading_begins_at_a_stamp(recording, sample):

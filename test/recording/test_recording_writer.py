@@ -16,6 +16,7 @@ from laws import given
 from mcap.reader import make_reader
 from mcap.records import Chunk, DataEnd
 from mcap.stream_reader import StreamReader
+from recorded_bytes import write_foreign
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosHistory, QosReliability
 from rosbags.rosbag2 import Reader
@@ -164,6 +165,7 @@ def test_rosbag2_metadata_is_as_rosbag2_writes_it(tmp_path):
         writer.write(topic, 2, string('b'), 1)
     text = rosbag2_metadata(path)
     assert '&' not in text, 'an anchor'
+    assert 'wörds' in text
     endless = {'sec': 9223372036, 'nsec': 854775807}
     extent = {
         'starting_time': {'nanoseconds_since_epoch': 2},
@@ -233,6 +235,28 @@ def test_offered_qos_of_every_publisher_is_kept(tmp_path):
     assert second['reliability'] == 'best_effort'
     assert second['lifespan'] == {'sec': 10, 'nsec': 0}
     assert second['avoid_ros_namespace_conventions'] is False
+
+
+def test_the_qos_of_any_release_is_read(tmp_path):
+    path = tmp_path / 'qos.mcap'
+    text = (
+        '- {history: %s, depth: 7, reliability: %s, durability: %s, deadline: {sec: 1, nsec: 5}, '
+        'lifespan: {sec: 2, nsec: 6}, liveliness: %s, '
+        'liveliness_lease_duration: {sec: 3, nsec: 7}, avoid_ros_namespace_conventions: true}'
+    )
+    profile = QosProfile(
+        'keep_all', 7, 'best_effort', 'transient_local',
+        1_000_000_005, 2_000_000_006, 'manual_by_topic', 3_000_000_007, True,
+    )  # fmt: skip
+    for written, expected in (
+        (text % ('keep_all', 'best_effort', 'transient_local', 'manual_by_topic'), [profile]),
+        (text % (2, 2, 1, 3), [profile]),  # Humble
+        ('- history: 1', []),
+        ('[', []),
+    ):
+        write_foreign(path, ['a'], metadata={'offered_qos_profiles': written})
+        with RecordingReader(path) as reader:
+            assert reader.offered_qos() == {'/lcd': expected}, written
 
 
 def test_qos_is_converted_from_rclpy():
