@@ -1,7 +1,25 @@
 """Recordings of another tool, and damage to the bytes of a recording."""
 
-from mcap.writer import Writer
+from mcap.writer import CompressionType, IndexType, Writer
 from text_messages import STRING, string
+
+UNCHUNKED = {'use_chunking': False}
+UNCOMPRESSED = {'compression': CompressionType.NONE, 'chunk_size': 100}
+WITHOUT_CHECKSUMS = {**UNCOMPRESSED, 'enable_crcs': False}
+FOREIGN = (
+    {},
+    UNCHUNKED,
+    UNCOMPRESSED,
+    WITHOUT_CHECKSUMS,
+    {'compression': CompressionType.LZ4, 'chunk_size': 100},
+    {'use_statistics': False},
+    {'repeat_channels': False, 'repeat_schemas': False},
+    {
+        'repeat_channels': False, 'repeat_schemas': False, 'use_statistics': False,
+        'use_summary_offsets': False, 'index_types': IndexType.NONE,
+    },
+)  # fmt: skip
+"""Options of mcap's writer; with the last ones a file has no summary."""
 
 
 def write_foreign(

@@ -51,7 +51,7 @@ _FOOTER_SIZE = 25
 _NO_SCHEMA = Schema(id=0, data=b'', encoding='', name='')
 _Item = TypeVar('_Item')
 
-_LOOSE = 2**20
+_LOOSE = 2**18
 """Size from which messages outside chunks are a batch [byte]."""
 
 _LET_GO = 64 * ALLOCATIONGRANULARITY

@@ -60,7 +60,7 @@ def test_batches_are_the_messages_of_the_mcap_package(tmp_path, options):
         writer.start('ros2')
         schema = writer.register_schema(HEADER, 'ros2msg', b'')
         channels = [writer.register_channel(name, 'cdr', schema) for name in ('/a', '/b', '/a')]
-        for number in range(10_000 if 'use_chunking' in options else 300):
+        for number in range(20_000 if 'use_chunking' in options else 300):
             content = struct.pack('<4siI', b'\0\1\0\0', number, 1) + b'text' * (number % 3)
             writer.add_message(channels[number % 3], 5, content, 7, number)
         writer.finish()
@@ -71,7 +71,9 @@ def test_batches_are_the_messages_of_the_mcap_package(tmp_path, options):
         ]
     with RecordingReader(path) as reader:
         assert [tuple(each) for each in reader.raw_messages()] == expected
-        assert [each for batch in reader.batches() for each in batch.messages()] == expected
+        batches = list(reader.batches())
+        assert [each for batch in batches for each in batch.messages()] == expected
+        assert all(len(batch.data) < 2**19 for batch in batches)
         assert sum(len(batch.rows()['/a']) for batch in reader.batches(['/a'])) == sum(
             topic == '/a' for topic, *_ in expected
         )

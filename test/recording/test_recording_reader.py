@@ -9,10 +9,11 @@ from hypothesis import example, settings
 from hypothesis import strategies as st
 from laws import given
 from mcap.opcode import Opcode
-from mcap.writer import CompressionType, IndexType
-from recorded_bytes import flip, write_foreign
+from mcap.stream_reader import get_chunk_data_stream
+from recorded_bytes import FOREIGN, UNCHUNKED, UNCOMPRESSED, flip, write_foreign
 from text_messages import STRING, string
 
+from ballbot_ros.recording import reader as reading
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -256,19 +257,48 @@ def test_big_endian_and_padded_messages_are_read(tmp_path):
 
 def test_files_of_other_writers_are_read(tmp_path):
     path = tmp_path / 'foreign.mcap'
-    for options in (
-        {'use_chunking': False},
-        {'compression': CompressionType.LZ4},
-        {'compression': CompressionType.NONE, 'chunk_size': 100},
-        {'use_statistics': False},
-        {'repeat_channels': False, 'repeat_schemas': False},
-        {'index_types': IndexType.NONE, 'enable_crcs': False},
-    ):
+    for options in FOREIGN:
         write_foreign(path, NUMBERS, **options)
         with RecordingReader(path) as reader:
             assert reader.complete, options
             assert reader.topics() == {'/lcd': (STRING, 10)}, options
             assert [message.data for _, _, message in reader.messages()] == NUMBERS, options
+
+
+def test_messages_outside_chunks_are_read_up_to_a_cut(tmp_path):
+    path = tmp_path / 'foreign.mcap'
+    content = write_foreign(path, NUMBERS, **UNCHUNKED)
+    for size in range(content.index(string('0')), content.index(b'notes.txt')):
+        path.write_bytes(content[:size])
+        with RecordingReader(path) as reader:
+            read = [message.data for _, _, message in reader.messages()]
+            assert read == NUMBERS[: reader.count], size
+    assert reader.count == 10
+
+
+def test_messages_outside_chunks_keep_their_place(tmp_path):
+    path = tmp_path / 'mixed.mcap'
+    content = write_foreign(path, NUMBERS, **UNCOMPRESSED)
+    second = content.index(string('1')) - 31
+    chunk = content.rindex(b'\x06', 0, second)
+    loose = struct.pack('<BQHIQQ', Opcode.MESSAGE, 22 + 10, 1, 77, 0, 0) + string('x')
+    path.write_bytes(content[:chunk] + loose + content[chunk:])
+    with RecordingReader(path) as reader:
+        assert [message.data for _, _, message in reader.messages()][:3] == ['0', 'x', '1']
+
+
+def test_a_seek_unpacks_no_earlier_chunk(recording, sample, monkeypatch):
+    unpacked = []
+
+    def unpack(chunk, **options):
+        unpacked.append(chunk.message_end_time)
+        return get_chunk_data_stream(chunk, **options)
+
+    monkeypatch.setattr(reading, 'get_chunk_data_stream', unpack)
+    with RecordingReader(recording) as reader:
+        list(reader.raw_messages(start_ns=sample[150][2]))
+    assert len(unpacked) == 2
+    assert min(unpacked) >= sample[150][2]
 
 
 def test_the_definition_in_the_file_counts(tmp_path):
@@ -322,9 +352,13 @@ def test_a_corrupt_summary_is_not_trusted(sample, damaged):
     def change(content):
         return flip(content, len(content) - 20)
 
-    raw, _, count, damage = damaged(change)
-    assert len(raw) == count == len(sample)
-    assert damage.startswith('corrupt before byte')
+    def miscount(content):
+        return content.replace(struct.pack('<HQ', 1, 20), struct.pack('<HQ', 1, 21))
+
+    for each in (change, miscount):
+        raw, _, count, damage = damaged(each)
+        assert len(raw) == count == len(sample)
+        assert damage.startswith('corrupt before byte')
 
 
 def test_a_recording_being_written_is_recognised(tmp_path):

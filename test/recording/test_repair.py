@@ -9,9 +9,15 @@ from hypothesis import strategies as st
 from laws import given
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, IndexType
 from mcap_ros2.decoder import DecoderFactory
-from recorded_bytes import flip, write_foreign
+from recorded_bytes import (
+    FOREIGN,
+    UNCHUNKED,
+    UNCOMPRESSED,
+    WITHOUT_CHECKSUMS,
+    flip,
+    write_foreign,
+)
 from rosbags.highlevel import AnyReader
 from text_messages import STRING, string
 
@@ -301,22 +307,6 @@ def test_damage_in_a_part_without_a_checksum_is_described(content, repair_bytes)
 
 TEXTS = [f'{number:02d}' for number in range(40)]
 QOS = {'offered_qos_profiles': '- history: 1\n', 'more': 'kept'}
-UNCHUNKED = {'use_chunking': False}
-UNCOMPRESSED = {'compression': CompressionType.NONE, 'chunk_size': 100}
-FOREIGN = (
-    UNCHUNKED,
-    UNCOMPRESSED,
-    {'compression': CompressionType.LZ4, 'chunk_size': 100},
-    {'chunk_size': 100, 'repeat_channels': False, 'repeat_schemas': False},
-    {'chunk_size': 100, 'enable_crcs': False},
-    {
-        'repeat_channels': False,
-        'repeat_schemas': False,
-        'use_statistics': False,
-        'use_summary_offsets': False,
-        'index_types': IndexType.NONE,
-    },
-)
 
 
 def test_everything_is_kept_of_files_of_others(tmp_path):
@@ -366,7 +356,7 @@ def test_a_changed_message_in_an_uncompressed_chunk_is_not_recovered(tmp_path, r
 def test_behind_the_damage_only_what_a_checksum_proves_is_kept(tmp_path, repair_bytes):
     path = tmp_path / 'foreign.mcap'
     proven = write_foreign(path, TEXTS, **UNCOMPRESSED)
-    unproven = write_foreign(path, TEXTS, **UNCOMPRESSED, enable_crcs=False)
+    unproven = write_foreign(path, TEXTS, **WITHOUT_CHECKSUMS)
     loose = write_foreign(path, TEXTS, **UNCHUNKED)
     third, fourth = [place for place in record_places(loose) if place[0] == Opcode.MESSAGE][2][1:]
     found = {
