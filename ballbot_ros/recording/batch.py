@@ -111,7 +111,7 @@ class Batch:
     def from_time(self, start_ns: int) -> Batch:
         """Return the messages from a log time [ns] on."""
         log_ns = self.headers['log_ns']
-        return self if not start_ns else self.select(log_ns >= max(start_ns, 0))
+        return self if not start_ns else self.select(log_ns >= start_ns)
 
     def of_topics(self, topics: Iterable[str]) -> Batch:
         """Return the messages of some topics."""

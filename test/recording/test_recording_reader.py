@@ -68,6 +68,7 @@ def test_topics_can_be_selected_and_read_in_parallel(recording, sample):
             (topic, stamp) for topic, _, stamp, *_ in sample if topic in both
         ]
         assert list(reader.messages([])) == []
+        assert all(len(batch) for batch in reader.batches(['/imu'], sample[-5][2]))
         pairs = list(zip(reader.messages(['/imu']), reader.raw_messages(['/clock']), strict=True))
         assert len(pairs) == 20
 
@@ -105,6 +106,17 @@ def test_complete_chunks_before_a_cut_are_read(tmp_path):
         assert [message.data for _, _, message in reader.messages()] == [
             str(number**3) for number in range(reader.count)
         ]
+
+
+def test_the_times_of_a_cut_file_are_those_of_its_messages(tmp_path):
+    path = tmp_path / 'cut.mcap'
+    with RecordingWriter(path) as writer:
+        topic = writer.add_topic('/lcd', STRING)
+        for stamp_ns in (5, 2, 9, 7):
+            writer.write(topic, stamp_ns, string('a'), 0)
+    path.write_bytes(path.read_bytes()[:-1])
+    with RecordingReader(path) as reader:
+        assert reader.times == (2, 9)
 
 
 @settings(max_examples=100)
@@ -303,21 +315,25 @@ def test_a_seek_unpacks_no_earlier_chunk(recording, sample, monkeypatch):
 
 def test_the_definition_in_the_file_counts(tmp_path):
     path = tmp_path / 'own.mcap'
-    data = b'\0\1\0\0\7\0\0\0\2\0\0\0a\0'
+    fields = b'\7\0\0\0\2\0\0\0a\0'
     message = b'int32 number\nstring data'
+    # The middleware gives a message without fields a byte.
+    nested = b'std_msgs/Empty e\n%b\n%b\nMSG: std_msgs/Empty\n' % (message, b'=' * 80)
     structure = b'module a { module msg { struct B { long number; string data; }; }; };'
-    for type_name, encoding, definition in (
-        (STRING, 'ros2msg', message),  # unlike that of any ROS release
-        ('a/msg/B', 'ros2msg', message),  # not installed
-        ('a/msg/B', 'ros2idl', structure),
+    for type_name, encoding, definition, data in (
+        (STRING, 'ros2msg', message, fields),  # unlike that of any ROS release
+        ('a/msg/B', 'ros2msg', message, fields),  # not installed
+        ('a/msg/B', 'ros2msg', nested, bytes(4) + fields),
+        ('a/msg/B', 'ros2idl', structure, fields),
     ):
         write_foreign(
-            path, [data], type_name=type_name, definition=definition, schema_encoding=encoding
-        )
+            path, [b'\0\1\0\0' + data], type_name=type_name, definition=definition,
+            schema_encoding=encoding,
+        )  # fmt: skip
         with RecordingReader(path) as reader:
             assert reader.unreadable() == {}, encoding
             _, _, found = next(reader.messages())
-        assert (found.number, found.data) == (7, 'a'), (type_name, encoding)
+        assert (found.number, found.data) == (7, 'a'), (type_name, definition)
 
 
 def test_unreadable_topics_have_a_reason(tmp_path):
