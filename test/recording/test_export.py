@@ -135,7 +135,7 @@ def test_joined_rows_hold_values_until_the_next(recording):
 
 def test_a_message_may_be_a_second_late(recording):
     first, last = 2500, 3000
-    stamps = [first + 1, first, *range(first + 2, last), last - 250 + 1, last, last - 1]
+    stamps = [first + 1, first, *range(first + 2, last), last - 250, last, last - 1]
     for tick in stamps:
         recording.add('/fast', RANGE, tick * TICK_NS, range=float(tick))
     found = rows(export(recording, joined=True)['joined'])
