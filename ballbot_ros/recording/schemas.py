@@ -80,13 +80,10 @@ def recorded_typestore(definition: records.Schema) -> Typestore:
             raise RecordingError(f'{definition.encoding!r} is not an encoding of ROS 2 types')
         if name not in types:
             raise RecordingError('its definition belongs to another type')
-        # A type without fields never counts as different: like the middleware, rosbags adds a
-        # dummy field to it.
         others = {
             known: definition
             for known, definition in types.items()
-            if known not in ours.fielddefs
-            or (definition[1] and definition[1] != ours.fielddefs[known][1])
+            if known not in ours.fielddefs or definition[1] != ours.fielddefs[known][1]
         }
         if not others:
             return ours
