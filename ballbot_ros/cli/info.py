@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 import yaml
@@ -12,8 +14,18 @@ from rich.console import Console
 from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.messages.topics import RUN
+from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
-from ballbot_ros.recording.overview import Overview, TopicOverview, read_overview
+from ballbot_ros.recording.overview import read_topics
+from ballbot_ros.recording.reader import AttachedFile, RecordingReader
+from ballbot_ros.recording.rosbag2 import METADATA_NAME
+from ballbot_ros.recording.writer import RUN_OUTCOME
+
+_NUMBERS = (
+    ('rate_hz', '.2f', 'Hz'),
+    ('largest_gap_s', '.3f', 's'),
+    ('largest_gap_at_s', '.3f', 's'),
+)
 
 
 @click.command('info')
@@ -24,27 +36,40 @@ def command(file: Path, as_json: bool) -> None:
 
     It may come from any ROS 2 tool, and may be damaged.
     """
-    with file_progress(f'reading {file.name}') as progress:
-        overview = read_overview(file, RUN.resolved(), progress)
-    (_print_json if as_json else _print_text)(overview)
+    with RecordingReader(file) as reader:
+        with file_progress(f'reading {file.name}') as progress:
+            content = _read(reader, progress)
+        state = _state(reader)
+    if as_json:
+        print(json.dumps(content, indent=2, allow_nan=False))
+    else:
+        _print_text(content, state)
 
 
-def _print_json(overview: Overview) -> None:
-    first, last = overview.first_ns, overview.last_ns
-    content = {
-        'file': str(overview.path),
-        'size_bytes': overview.size,
-        'library': overview.library,
-        'complete': overview.damage is None and not overview.being_written,
-        'being_written': overview.being_written,
-        'missing': overview.damage,
+def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, Any]:
+    """Return the content of a recording, as in the JSON object."""
+    topics, runs_ns = read_topics(reader, RUN.resolved(), progress)
+    first = min(
+        (each.first_ns for each in topics.values() if each.first_ns is not None), default=None
+    )
+    last = max((each.last_ns for each in topics.values() if each.last_ns is not None), default=None)
+    metadata = dict(reader.metadata())
+    metadata.pop(METADATA_NAME, None)
+    outcome = metadata.pop(RUN_OUTCOME, None) or None
+    return {
+        'file': str(reader.path),
+        'size_bytes': reader.size,
+        'library': reader.library,
+        'complete': reader.complete and not reader.being_written,
+        'being_written': reader.being_written,
+        'missing': reader.damage,
         'start_s': _seconds(first),
         'end_s': _seconds(last),
         'duration_s': None if first is None or last is None else (last - first) / 1e9,
-        'message_count': overview.message_count,
-        'runs_s': [stamp / 1e9 for stamp in overview.runs_ns],
-        'outcome': overview.outcome or None,
-        'made_by': _made_by(overview),
+        'message_count': sum(topic.count for topic in topics.values()),
+        'runs_s': [stamp_ns / 1e9 for stamp_ns in runs_ns],
+        'outcome': outcome,
+        'made_by': _made_by(reader.attachments()),
         'topics': {
             name: {
                 'type': topic.type_name,
@@ -53,27 +78,30 @@ def _print_json(overview: Overview) -> None:
                 'largest_gap_s': _seconds(topic.gap_ns),
                 'largest_gap_at_s': _seconds(topic.gap_at_ns),
             }
-            for name, topic in sorted(overview.topics.items())
+            for name, topic in sorted(topics.items())
         },
         'attachments': {
             name: {'media_type': file.media_type, 'size_bytes': len(file.data)}
-            for name, file in overview.attachments.items()
+            for name, file in reader.attachments().items()
         },
-        'metadata': overview.metadata,
+        'metadata': metadata,
     }
-    print(json.dumps(content, indent=2, allow_nan=False))
 
 
-def _print_text(overview: Overview) -> None:
+def _print_text(content: Mapping[str, Any], state: str) -> None:
     console = Console(highlight=False, markup=False, soft_wrap=True)
-    for label, text in _lines(overview):
+    for label, text in _lines(content, state):
         console.print(f'{label:<12}{text}')
     rows = [('topic', 'type', 'messages', 'mean rate', 'largest gap', 'at')]
-    for name, topic in sorted(overview.topics.items()):
-        rows.append((name, topic.type_name, str(topic.count), *_timing(topic)))
+    for name, topic in content['topics'].items():
+        cells = [
+            '' if topic[key] is None else f'{topic[key]:{digits}} {unit}'
+            for key, digits, unit in _NUMBERS
+        ]
+        rows.append((name, topic['type'], str(topic['count']), *cells))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     console.print()
-    for row in rows if overview.topics else ():
+    for row in rows if content['topics'] else ():
         cells = [
             f'{cell:<{width}}' if number < 2 else f'{cell:>{width}}'
             for number, (cell, width) in enumerate(zip(row, widths, strict=True))
@@ -81,64 +109,52 @@ def _print_text(overview: Overview) -> None:
         console.print('  '.join(cells).rstrip())
 
 
-def _lines(overview: Overview) -> list[tuple[str, str]]:
-    first, last = overview.first_ns, overview.last_ns
+def _lines(content: Mapping[str, Any], state: str) -> list[tuple[str, str]]:
+    size = f'{content["size_bytes"] / 1e6:.3f} MB'
+    start, end, duration = (content[name] for name in ('start_s', 'end_s', 'duration_s'))
     lines = [
-        ('file', str(overview.path)),
+        ('file', content['file']),
+        ('size', f'{size}, written by {content["library"] or "an unknown tool"}'),
+        ('state', state),
         (
-            'size',
-            f'{overview.size / 1e6:.3f} MB, written by {overview.library or "an unknown tool"}',
+            'duration',
+            'no messages'
+            if duration is None
+            else f'{duration:.3f} s, from {start:.3f} s to {end:.3f} s',
         ),
-        ('state', _state(overview)),
+        ('messages', str(content['message_count'])),
     ]
-    if first is None or last is None:
-        lines.append(('duration', 'no messages'))
-    else:
-        extent = f'{(last - first) / 1e9:.3f} s, from {first / 1e9:.3f} s to {last / 1e9:.3f} s'
-        lines.append(('duration', extent))
-    lines.append(('messages', str(overview.message_count)))
-    if overview.runs_ns:
-        starts = ', '.join(f'{stamp / 1e9:.3f} s' for stamp in overview.runs_ns)
-        lines.append(('runs', f'{len(overview.runs_ns)}, from {starts}'))
-    if overview.outcome:
-        reason = overview.outcome.get('reason', '')
-        lines.append(
-            ('outcome', overview.outcome.get('outcome', '') + (f': {reason}' if reason else ''))
-        )
-    for name, content in _made_by(overview).items():
-        text = (
-            ', '.join(f'{key} {value}' for key, value in content.items())
-            if isinstance(content, dict)
-            else str(content)
-        )
-        lines.append((name, text))
-    for name, file in overview.attachments.items():
-        lines.append(('attachment', f'{name}, {len(file.data)} bytes'))
-    for name, content in overview.metadata.items():
-        text = ', '.join(f'{key}: {value}' for key, value in content.items())
-        lines.append(('metadata', f'{name}: {text}'))
+    if runs := content['runs_s']:
+        lines.append(('runs', f'{len(runs)}, from {", ".join(f"{run:.3f} s" for run in runs)}'))
+    if outcome := content['outcome']:
+        words = (outcome.get('outcome', ''), outcome.get('reason', ''))
+        lines.append(('outcome', ': '.join(filter(None, words))))
+    for name, value in content['made_by'].items():
+        lines.append((name, _listed(value, ' ') if isinstance(value, dict) else str(value)))
+    for name, file in content['attachments'].items():
+        lines.append(('attachment', f'{name}, {file["size_bytes"]} bytes'))
+    for name, record in content['metadata'].items():
+        lines.append(('metadata', f'{name}: {_listed(record, ": ")}'))
     return lines
 
 
-def _state(overview: Overview) -> str:
-    if overview.being_written:
+def _listed(values: Mapping[str, object], separator: str) -> str:
+    return ', '.join(f'{key}{separator}{value}' for key, value in values.items())
+
+
+def _state(reader: RecordingReader) -> str:
+    if reader.being_written:
         return 'being recorded; this is its content so far'
-    if overview.corruption:
-        return f'{overview.damage}; `ballbot repair` recovers the intact part'
-    return overview.damage or 'complete'
+    if reader.corruption:
+        return f'{reader.damage}; `ballbot repair` recovers the intact part'
+    return reader.damage or 'complete'
 
 
-def _timing(topic: TopicOverview) -> tuple[str, str, str]:
-    rate = '' if topic.rate_hz is None else f'{topic.rate_hz:.2f} Hz'
-    if topic.gap_ns is None or topic.gap_at_ns is None:
-        return rate, '', ''
-    return rate, f'{topic.gap_ns / 1e9:.3f} s', f'{topic.gap_at_ns / 1e9:.3f} s'
-
-
-def _made_by(overview: Overview) -> dict[str, object]:
+def _made_by(attachments: Mapping[str, AttachedFile]) -> dict[str, object]:
     """Return scenario, seed and versions from the attachments of `ballbot run`."""
-    scenario = _attached(overview, SCENARIO)
-    parameters = _attached(overview, PARAMETERS)
+    scenario, parameters, versions = (
+        _attached(attachments.get(name)) for name in (SCENARIO, PARAMETERS, VERSIONS)
+    )
     content = {
         'purpose': scenario.get('purpose'),
         'profile': scenario.get('profile'),
@@ -150,13 +166,12 @@ def _made_by(overview: Overview) -> dict[str, object]:
             ),
             None,
         ),
-        'versions': _attached(overview, VERSIONS),
+        'versions': versions,
     }
     return {name: value for name, value in content.items() if value not in (None, {})}
 
 
-def _attached(overview: Overview, name: str) -> dict[str, object]:
-    file = overview.attachments.get(name)
+def _attached(file: AttachedFile | None) -> dict[str, Any]:
     try:
         content = yaml.safe_load(file.data) if file else None
     except (yaml.YAMLError, UnicodeDecodeError):

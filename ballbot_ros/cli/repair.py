@@ -20,22 +20,10 @@ from ballbot_ros.recording.repair import repair
     help='File to write, which must not exist.  [default: FILE_repaired.mcap next to it]',
 )
 def command(file: Path, output: Path | None) -> None:
-    """Copy the intact part of the damaged recording FILE to a new one, and list what is lost."""
+    """Copy the intact part of the damaged recording FILE to a new one, and say what is lost."""
     with file_progress(f'repairing {file.name}') as progress:
         found = repair(file, output, progress)
     console = Console(highlight=False, markup=False, soft_wrap=True)
-    if found.output is None:
-        console.print(f'{file}: no repair needed, {found.message_count} messages intact')
-        return
-    console.print(f'{file}:')
-    for damage in found.damage:
-        console.print(f'  {damage}')
-    for span in found.spans:
-        console.print(f'  messages lost {span}')
-    for topic, lost in found.lost.items():
-        console.print(f'  {topic}: {lost} lost')
-    if found.nothing_lost:
-        console.print('  no message lost')
-    elif not found.lost:
-        console.print('  number of lost messages unknown')
-    console.print(f'{found.message_count} messages intact: {found.output}')
+    console.print(f'{file}: {found.description}')
+    if found.output:
+        console.print(f'repaired  {found.output}')

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Message
 from numpy.typing import NDArray
 
 Rows = NDArray[np.intp]
@@ -96,19 +95,6 @@ class Batch:
             raise McapError(f'channel {min(unknown)} not found')
         return cls(data, headers, starts, ends, names)
 
-    @classmethod
-    def of_messages(cls, messages: Iterable[Message], names: Mapping[int, str]) -> Batch:
-        """Create a batch of messages that are outside chunks."""
-        parts = []
-        for message in messages:
-            length = _MESSAGE_HEADER.itemsize - _RECORD_HEADER_SIZE + len(message.data)
-            header = (
-                Opcode.MESSAGE, length, message.channel_id, message.sequence, message.log_time,
-                message.publish_time,
-            )  # fmt: skip
-            parts += [np.array(header, _MESSAGE_HEADER).tobytes(), message.data]
-        return cls.of_records(b''.join(parts), names)
-
     def __len__(self) -> int:
         """Return the number of messages."""
         return len(self.starts)
@@ -118,11 +104,6 @@ class Batch:
         """The log times [ns], limited to the largest int64 (year 2262)."""
         return np.asarray(np.minimum(self.headers['log_ns'], _MAX_INT64_NS), np.int64)
 
-    @property
-    def sizes(self) -> Rows:
-        """The sizes of the messages [byte]."""
-        return self.ends - self.starts
-
     def select(self, rows: Rows | NDArray[np.bool_]) -> Batch:
         """Return some of the messages, by row numbers or a mask."""
         return Batch(self.data, self.headers[rows], self.starts[rows], self.ends[rows], self.names)
@@ -130,7 +111,7 @@ class Batch:
     def from_time(self, start_ns: int) -> Batch:
         """Return the messages from a log time [ns] on."""
         log_ns = self.headers['log_ns']
-        return self if not start_ns else self.select(log_ns >= max(start_ns, 0))
+        return self if not start_ns else self.select(log_ns >= start_ns)
 
     def of_topics(self, topics: Iterable[str]) -> Batch:
         """Return the messages of some topics."""

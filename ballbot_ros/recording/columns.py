@@ -19,48 +19,40 @@ Path = tuple[str, ...]
 Leaf = tuple[Path, str, Read]
 """Path of field names to a value, its unit, and the function that reads it from a message."""
 
-FIELD_UNITS: dict[tuple[str, str], str] = {
-    ('geometry_msgs/msg/Pose', 'position'): 'm',
-    ('geometry_msgs/msg/PointStamped', 'point'): 'm',
-    ('geometry_msgs/msg/Transform', 'translation'): 'm',
-    ('geometry_msgs/msg/Twist', 'linear'): 'm_per_s',
-    ('geometry_msgs/msg/Twist', 'angular'): 'rad_per_s',
-    ('geometry_msgs/msg/Accel', 'linear'): 'm_per_s2',
-    ('geometry_msgs/msg/Accel', 'angular'): 'rad_per_s2',
-    ('geometry_msgs/msg/Wrench', 'force'): 'N',
-    ('geometry_msgs/msg/Wrench', 'torque'): 'N_m',
-    ('sensor_msgs/msg/Imu', 'angular_velocity'): 'rad_per_s',
-    ('sensor_msgs/msg/Imu', 'linear_acceleration'): 'm_per_s2',
-    ('sensor_msgs/msg/Range', 'field_of_view'): 'rad',
-    ('sensor_msgs/msg/Range', 'min_range'): 'm',
-    ('sensor_msgs/msg/Range', 'max_range'): 'm',
-    ('sensor_msgs/msg/Range', 'range'): 'm',
-    ('sensor_msgs/msg/Range', 'variance'): 'm2',
-    ('sensor_msgs/msg/BatteryState', 'voltage'): 'V',
-    ('sensor_msgs/msg/BatteryState', 'temperature'): 'degC',
-    ('sensor_msgs/msg/BatteryState', 'current'): 'A',
-    ('sensor_msgs/msg/BatteryState', 'charge'): 'Ah',
-    ('sensor_msgs/msg/BatteryState', 'capacity'): 'Ah',
-    ('sensor_msgs/msg/BatteryState', 'design_capacity'): 'Ah',
-    ('sensor_msgs/msg/MagneticField', 'magnetic_field'): 'T',
-    ('sensor_msgs/msg/Temperature', 'temperature'): 'degC',
-    ('sensor_msgs/msg/FluidPressure', 'fluid_pressure'): 'Pa',
-    ('sensor_msgs/msg/Illuminance', 'illuminance'): 'lx',
-    ('sensor_msgs/msg/NavSatFix', 'latitude'): 'deg',
-    ('sensor_msgs/msg/NavSatFix', 'longitude'): 'deg',
-    ('sensor_msgs/msg/NavSatFix', 'altitude'): 'm',
-}
+_UNITS: dict[str, dict[str, str]] = {
+    'geometry_msgs/msg/Pose': {'position': 'm'},
+    'geometry_msgs/msg/PointStamped': {'point': 'm'},
+    'geometry_msgs/msg/Transform': {'translation': 'm'},
+    'geometry_msgs/msg/Twist': {'linear': 'm_per_s', 'angular': 'rad_per_s'},
+    'geometry_msgs/msg/Accel': {'linear': 'm_per_s2', 'angular': 'rad_per_s2'},
+    'geometry_msgs/msg/Wrench': {'force': 'N', 'torque': 'N_m'},
+    'sensor_msgs/msg/Imu': {'angular_velocity': 'rad_per_s', 'linear_acceleration': 'm_per_s2'},
+    'sensor_msgs/msg/Range': {
+        'field_of_view': 'rad', 'min_range': 'm', 'max_range': 'm', 'range': 'm', 'variance': 'm2',
+    },
+    'sensor_msgs/msg/BatteryState': {
+        'voltage': 'V', 'temperature': 'degC', 'current': 'A', 'charge': 'Ah', 'capacity': 'Ah',
+        'design_capacity': 'Ah',
+    },
+    'sensor_msgs/msg/MagneticField': {'magnetic_field': 'T'},
+    'sensor_msgs/msg/Temperature': {'temperature': 'degC'},
+    'sensor_msgs/msg/FluidPressure': {'fluid_pressure': 'Pa'},
+    'sensor_msgs/msg/Illuminance': {'illuminance': 'lx'},
+    'sensor_msgs/msg/NavSatFix': {'latitude': 'deg', 'longitude': 'deg', 'altitude': 'm'},
+}  # fmt: skip
 """Units that the definition of a type gives to a field, or to all numbers in it."""
 
 _JOINT_STATE = 'sensor_msgs/msg/JointState'
-_JOINT_UNITS = {'position': 'rad', 'velocity': 'rad_per_s', 'effort': 'N_m'}
-_JOY = 'sensor_msgs/msg/Joy'
+_LISTS: dict[str, dict[str, str]] = {
+    _JOINT_STATE: {'position': 'rad', 'velocity': 'rad_per_s', 'effort': 'N_m'},
+    'sensor_msgs/msg/Joy': {'axes': '', 'buttons': ''},
+}
+"""Lists with a column for each element, and its unit, by type."""
+
 _TIMES = ('builtin_interfaces/msg/Time', 'builtin_interfaces/msg/Duration')
 
 _CONTAINERS = {'header', 'pose', 'twist', 'accel', 'wrench', 'transform', 'vector', 'quaternion'}
 """Field names that add nothing to the names of their parts."""
-
-_NO_UNIT = {'w', 'covariance', 'frame_id', 'child_frame_id'}
 
 
 class Column(NamedTuple):
@@ -98,6 +90,7 @@ class TopicColumns:
     hints : ColumnHints
         Knowledge about the topic beyond its type.
     columns : list of Column
+        All of them; the caller may select.
     """
 
     first: Any
@@ -143,12 +136,8 @@ def _says_something(word: str) -> bool:
 
 def _shape(message: Any) -> Any:
     """Return the part of a message that must not change, or columns would change their meaning."""
-    kind = _type_name(message)
-    if kind == _JOINT_STATE:
-        return list(message.name), *(len(getattr(message, group)) for group in _JOINT_UNITS)
-    if kind == _JOY:
-        return len(message.axes), len(message.buttons)
-    return None
+    lists = _LISTS.get(_type_name(message), ())
+    return _names(message), *(len(getattr(message, name)) for name in lists)
 
 
 def _leaves(value: Any, path: Path, unit: str, get: Get) -> list[Leaf]:
@@ -156,29 +145,27 @@ def _leaves(value: Any, path: Path, unit: str, get: Get) -> list[Leaf]:
     type_name = _type_name(value)
     if type_name in _TIMES:
         return [(path, 's', lambda message: _seconds(get(message)))]
-    if type_name == _JOINT_STATE:
+    if type_name in _LISTS:
         leaves = _leaves(value.header, (*path, 'header'), '', _field(get, 'header'))
-        for group, joint_unit in _JOINT_UNITS.items():
-            values = _field(get, group)
-            count = len(getattr(value, group))
-            names = list(value.name) if len(value.name) == count else map(str, range(count))
-            leaves += _elements(names, (*path, group), joint_unit, values)
-        return leaves
-    if type_name == _JOY:
-        leaves = _leaves(value.header, (*path, 'header'), '', _field(get, 'header'))
-        for group in ('axes', 'buttons'):
-            numbers = map(str, range(len(getattr(value, group))))
-            leaves += _elements(numbers, (*path, group), '', _field(get, group))
+        for group, element_unit in _LISTS[type_name].items():
+            count, names = len(getattr(value, group)), _names(value)
+            names = names if len(names) == count else list(map(str, range(count)))
+            leaves += _elements(names, (*path, group), element_unit, _field(get, group))
         return leaves
     if type_name:
         leaves = []
         for name in _fields(value):
-            inner = '' if name in _NO_UNIT else FIELD_UNITS.get((type_name, name), unit)
+            inner = _UNITS.get(type_name, {}).get(name, unit)
             leaves += _leaves(getattr(value, name), (*path, name), inner, _field(get, name))
         return leaves
     if isinstance(value, list | np.ndarray):
         return [(path, '', lambda message: _text(get(message)))]
     return [(path, unit, lambda message: _plain(get(message)))]
+
+
+def _names(message: Any) -> list[str]:
+    """Return the names of the joints in a message."""
+    return list(message.name) if _type_name(message) == _JOINT_STATE else []
 
 
 def _field(get: Get, name: str) -> Get:

@@ -91,21 +91,18 @@ class Exporter:
         columns = self._first_columns()
         if not columns:
             return
-        taken = {
-            topic: [
-                number
-                for number, column in enumerate(each.columns)
+        for topic, each in columns.items():
+            each.columns = [
+                column
+                for column in each.columns
                 if column.name != _OWN_STAMP and (column.kind is not str or topic in texts)
             ]
-            for topic, each in columns.items()
-        }
         named = [
-            (f'{_file_name(topic)}_{columns[topic].columns[number].name}', each.kind)
-            for topic, numbers in taken.items()
-            for number in numbers
-            for each in (columns[topic].columns[number],)
+            (f'{_file_name(topic)}_{column.name}', column.kind)
+            for topic, each in columns.items()
+            for column in each.columns
         ]
-        grid = _Grid({topic: len(numbers) for topic, numbers in taken.items()})
+        grid = _Grid({topic: len(each.columns) for topic, each in columns.items()})
         with self._writing(), ExitStack() as stack:
             table = self._table(JOINED, [('time_s', float), *named])
             stack.callback(table.close)
@@ -114,7 +111,7 @@ class Exporter:
             for topic, stamp_ns, message in self._messages():
                 row = self._row(topic, stamp_ns, columns[topic], message)
                 tick = -(-stamp_ns // period_ns)
-                if not grid.put(tick, topic, [row[number] for number in taken[topic]], longest):
+                if not grid.put(tick, topic, row, longest):
                     raise RecordingError(
                         f'{self.reader.path}: {topic} at {stamp_ns / _SECOND_NS:.3f} s is out of '
                         'order, so the joined table cannot be completed'
@@ -191,14 +188,14 @@ class _Grid:
     """Values of all topics by tick, held until the next value."""
 
     def __init__(self, widths: Mapping[str, int]) -> None:
-        self._held: dict[str, list[Value | None]] = {
+        self._held: dict[str, Sequence[Value | None]] = {
             topic: [None] * width for topic, width in widths.items()
         }
-        self._pending: dict[int, dict[str, list[Value | None]]] = {}
+        self._pending: dict[int, dict[str, Sequence[Value | None]]] = {}
         self._newest: int | None = None
         self._next: int | None = None
 
-    def put(self, tick: int, topic: str, values: list[Value | None], longest_gap: int) -> bool:
+    def put(self, tick: int, topic: str, values: Sequence[Value | None], longest_gap: int) -> bool:
         """Store values; return False if the row of `tick` is written or beyond `longest_gap`."""
         if self._newest is None:
             self._newest = tick

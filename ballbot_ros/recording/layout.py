@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from mcap.records import Schema
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 from ballbot_ros.recording.batch import Batch, Rows, read_structs
-from ballbot_ros.recording.schemas import recorded_typestore
 
 _HEADER_SIZE = 4
 """Size of the encapsulation header [byte]; alignment counts from its end."""
@@ -40,10 +38,10 @@ class Layout:
     fixed_bytes: NDArray[np.uint8]
 
     @classmethod
-    def of(cls, data: bytes, definition: Schema) -> Layout:
-        """Return the layout of a message, which must be valid for its recorded type."""
-        walk = _Walk(data, recorded_typestore(definition))
-        fields = walk.message(definition.name)
+    def of(cls, data: bytes, store: Typestore, type_name: str) -> Layout:
+        """Return the layout of a message, which must be valid for its type in `store`."""
+        walk = _Walk(data, store)
+        fields = walk.message(type_name)
         dtype = _structure(fields, 0, len(data))
         offsets = np.array(walk.fixed_offsets, np.intp)
         return cls(dtype, offsets, np.frombuffer(data, np.uint8)[offsets])
@@ -53,7 +51,7 @@ class Layout:
 
         The numbers are a record array with the field names of the type.
         """
-        fits = batch.sizes[rows] == self.dtype.itemsize
+        fits = (batch.ends - batch.starts)[rows] == self.dtype.itemsize
         records = read_structs(batch.data, batch.starts[rows[fits]], self.dtype)
         content = records.view(np.uint8).reshape(-1, self.dtype.itemsize)
         alike = (content[:, self.offsets] == self.fixed_bytes).all(axis=1)

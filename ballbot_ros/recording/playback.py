@@ -26,10 +26,14 @@ class Playback:
 
     Attributes
     ----------
-    first_ns, last_ns : int
-        The oldest and the newest stamp of the file, including topics that are not played [ns].
-    finished : bool
-        Whether everything has been played.
+    first_ns : int
+        The oldest stamp of the file, including topics that are not played [ns].
+    duration : float
+        Time from there to the newest stamp [s].
+    rate : float
+        Speed in multiples of real time.
+    paused, finished : bool
+        Whether the playback is paused, and whether everything has been played.
 
     Raises
     ------
@@ -47,12 +51,13 @@ class Playback:
     ) -> None:
         if reader.times is None:
             raise RecordingError(f'{reader.path}: no messages to play')
-        self.first_ns, self.last_ns = reader.times
+        self.first_ns, last_ns = reader.times
+        self.duration = (last_ns - self.first_ns) / 1e9
         self._reader = reader
         self._topics = topics
         self._loop = loop
-        self._rate = rate
-        self._paused = False
+        self.rate = rate
+        self.paused = False
         self.seek(0.0, 0.0)
 
     def begin(self, start: float, now: float) -> None:
@@ -69,35 +74,20 @@ class Playback:
             )
         self.seek(start, now)
 
-    @property
-    def duration(self) -> float:
-        """Time from the oldest to the newest message [s]."""
-        return (self.last_ns - self.first_ns) / 1e9
-
-    @property
-    def rate(self) -> float:
-        """Speed in multiples of real time."""
-        return self._rate
-
-    @property
-    def paused(self) -> bool:
-        """Whether the playback is paused."""
-        return self._paused
-
     def position(self, now: float) -> float:
         """Return the position, counted from the oldest message [s]."""
-        passed = 0.0 if self._paused else (now - self._anchor) * self._rate
+        passed = 0.0 if self.paused else (now - self._anchor) * self.rate
         return min(max(self._position + passed, 0.0), self.duration)
 
     def set_rate(self, rate: float, now: float) -> None:
         """Continue at another speed."""
         self._position, self._anchor = self.position(now), now
-        self._rate = rate
+        self.rate = rate
 
     def pause(self, paused: bool, now: float) -> None:
         """Pause or resume."""
         self._position, self._anchor = self.position(now), now
-        self._paused = paused
+        self.paused = paused
 
     def seek(self, position: float, now: float) -> None:
         """Jump to another position, or to the nearest end [s]."""
@@ -115,7 +105,7 @@ class Playback:
         while self._next is not None and self._next.stamp_ns <= until_ns:
             message, self._next = self._next, next(self._messages, None)
             yield message
-        if self._next is None and not self._paused and self.position(now) >= self.duration:
+        if self._next is None and not self.paused and self.position(now) >= self.duration:
             if self._loop and self.duration > 0.0:
                 self.seek(0.0, now)
             else:

@@ -11,6 +11,7 @@ from mmap import ACCESS_READ, ALLOCATIONGRANULARITY, MADV_DONTNEED, mmap
 from pathlib import Path
 from typing import IO, Any, NamedTuple, TypeVar, cast
 
+from mcap.data_stream import RecordBuilder
 from mcap.exceptions import McapError
 from mcap.records import (
     Attachment,
@@ -28,6 +29,7 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.well_known import MessageEncoding, Profile
 from mcap.writer import MCAP0_MAGIC
 from rosbags.serde import SerdeError
+from rosbags.typesys.store import Typestore
 from zstandard import ZstdError
 
 from ballbot_ros.files import open_regular
@@ -36,7 +38,7 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.layout import Layout
 from ballbot_ros.recording.qos import QosProfile
 from ballbot_ros.recording.rosbag2 import TimeRange, parse_offered_qos
-from ballbot_ros.recording.schemas import schema_decoder
+from ballbot_ros.recording.schemas import recorded_typestore
 from ballbot_ros.recording.writer import INCOMPLETE, is_locked
 
 DAMAGE = (McapError, struct.error, ValueError, OverflowError, RuntimeError, MemoryError, ZstdError)
@@ -49,8 +51,8 @@ _FOOTER_SIZE = 25
 _NO_SCHEMA = Schema(id=0, data=b'', encoding='', name='')
 _Item = TypeVar('_Item')
 
-_LOOSE = 4096
-"""Maximum number of messages outside chunks in a batch."""
+_LOOSE = 2**18
+"""Size from which messages outside chunks are a batch [byte]."""
 
 _LET_GO = 64 * ALLOCATIONGRANULARITY
 """Number of bytes to read before their memory is released."""
@@ -126,7 +128,7 @@ class RecordingReader:
             self._types = {
                 channel.topic: self._schema(channel) for channel in self._channels.values()
             }
-            self._decoders: dict[str, Callable[[bytes], Any]] = {}
+            self._typestores: dict[str, Typestore] = {}
             self._layouts: dict[str, Layout] = {}
         except BaseException:
             self.close()
@@ -199,7 +201,7 @@ class RecordingReader:
                 reasons[channel.topic] = f'its encoding is {channel.message_encoding!r}, not cdr'
                 continue
             try:
-                schema_decoder(definition)
+                recorded_typestore(definition)
             except RecordingError as error:
                 reasons[channel.topic] = str(error)
         return reasons
@@ -231,10 +233,10 @@ class RecordingReader:
         """
         schema = self._types[raw.topic]
         try:
-            decode = self._decoders.get(raw.topic)
-            if decode is None:
-                decode = self._decoders[raw.topic] = schema_decoder(schema)
-            return decode(raw.data)
+            store = self._typestores.get(raw.topic)
+            if store is None:
+                store = self._typestores[raw.topic] = recorded_typestore(schema)
+            return store.deserialize_cdr(raw.data, schema.name)
         except (RecordingError, SerdeError) as error:
             raise RecordingError(
                 f'{self.path}: {raw.topic} at {raw.stamp_ns} ns is not a valid '
@@ -272,8 +274,8 @@ class RecordingReader:
         def parse(stream: IO[bytes]) -> Iterator[Batch]:
             reader = StreamReader(stream, emit_chunks=True, validate_crcs=True)
             for group in _grouped(reader.records):
-                if isinstance(group, list):
-                    yield Batch.of_messages(group, channels)
+                if isinstance(group, bytes):
+                    yield Batch.of_records(group, channels)
                 elif group.message_end_time >= start_ns:
                     content, size = get_chunk_data_stream(group, validate_crc=True)
                     yield Batch.of_records(content.read(size), channels)
@@ -306,7 +308,8 @@ class RecordingReader:
             if not layout or not fits[0]:
                 first = batch.message(rows[0])
                 self.decode(first)
-                layout = self._layouts[topic] = Layout.of(first.data, self._types[topic])
+                store, type_name = self._typestores[topic], self._types[topic].name
+                layout = self._layouts[topic] = Layout.of(first.data, store, type_name)
                 fits, records = layout.read(batch, rows)
             yield rows[fits], records
             rows = rows[~fits]
@@ -386,22 +389,21 @@ class RecordingReader:
                 self._corruption = f'{kind} byte {end}'
 
 
-def _grouped(records: Iterable[McapRecord]) -> Iterator[Chunk | list[Message]]:
-    """Iterate over the chunks of a file, and over lists of the messages outside chunks."""
-    loose: list[Message] = []
+def _grouped(records: Iterable[McapRecord]) -> Iterator[Chunk | bytes]:
+    """Iterate over the chunks of a file, and over the messages outside chunks as records."""
+    loose = RecordBuilder()
     try:
         for record in records:
             if isinstance(record, Message):
-                loose.append(record)
-            if loose and (isinstance(record, Chunk) or len(loose) == _LOOSE):
-                yield loose
-                loose = []
+                record.write(loose)
+            if loose.count and (isinstance(record, Chunk) or loose.count > _LOOSE):
+                yield bytes(loose.end())  # type: ignore[no-untyped-call]
             if isinstance(record, Chunk):
                 yield record
     except DAMAGE:
         # Yield these messages before the error: the part before the damage is intact.
-        if loose:
-            yield loose
+        if loose.count:
+            yield bytes(loose.end())  # type: ignore[no-untyped-call]
         raise
-    if loose:
-        yield loose
+    if loose.count:
+        yield bytes(loose.end())  # type: ignore[no-untyped-call]

@@ -6,16 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    DataEnd,
-    Message,
-    Metadata,
-    Schema,
-    Statistics,
-)
+from mcap.records import Attachment, Channel, Message, Metadata, Schema, Statistics
 
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.errors import RecordingError
@@ -23,57 +14,6 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.rosbag2 import METADATA_NAME, RecordedTopic
 from ballbot_ros.recording.salvage import Damage, Salvage
 from ballbot_ros.recording.writer import RecordingWriter
-
-MAX_LISTED_PLACES = 5
-"""Maximum number of damaged places listed individually."""
-
-
-@dataclass
-class LostSpan:
-    """An interval of time with missing messages.
-
-    Attributes
-    ----------
-    start_ns : int or None
-        Stamp of the newest message before it [ns]; None if there is none.
-    end_ns : int or None
-        Stamp of the first message after it, or of the last one known to be missing [ns]; None if
-        the end is unknown.
-    open : bool
-        Whether the file ends in this interval, so that more messages may have followed.
-    """
-
-    start_ns: int | None
-    end_ns: int | None = None
-    open: bool = False
-
-    def __str__(self) -> str:
-        start = 'the beginning' if self.start_ns is None else f'{self.start_ns * 1e-9:.3f} s'
-        end = 'an unknown end' if self.end_ns is None else f'{self.end_ns * 1e-9:.3f} s'
-        later = ' or later' if self.open and self.end_ns is not None else ''
-        return f'from {start} to {end}{later}'
-
-
-@dataclass
-class LostMessages:
-    """Number of missing messages of a topic.
-
-    Attributes
-    ----------
-    count : int
-    counted : bool
-        Whether `count` is exact, not estimated.
-    open : bool
-        Whether more messages may be missing, since the file is cut off.
-    """
-
-    count: int
-    counted: bool
-    open: bool = False
-
-    def __str__(self) -> str:
-        number = f'{self.count}' if self.counted else f'about {self.count}'
-        return f'{number} or more' if self.open else number
 
 
 @dataclass
@@ -85,37 +25,14 @@ class Repair:
     output : Path or None
         The repaired recording; None if no repair was needed.
     message_count : int
-        Number of intact messages.
-    damage : list of str
-        Descriptions of the damaged places.
-    spans : list of LostSpan
-    lost : dict of str to LostMessages
-        By topic: counted by the file's statistics or the publishers' sequence numbers, or else
-        estimated from the topic's mean rate.
-    nothing_lost : bool
-        Whether it is certain that no message is missing.
+        Number of messages kept.
+    description : str
+        Where the file is damaged, what is kept and what is lost, on one line.
     """
 
     output: Path | None
     message_count: int
-    damage: list[str]
-    spans: list[LostSpan]
-    lost: dict[str, LostMessages]
-    nothing_lost: bool
-
-    @property
-    def reason(self) -> str:
-        """Summary on one line."""
-        parts = list(self.damage)
-        if self.spans:
-            parts.append(f'messages lost {", ".join(map(str, self.spans))}')
-        if self.lost:
-            parts.append(', '.join(f'{count} of {topic}' for topic, count in self.lost.items()))
-        elif self.nothing_lost:
-            parts.append('no message lost')
-        else:
-            parts.append('number of lost messages unknown')
-        return '; '.join(parts)
+    description: str
 
 
 def repair(
@@ -147,41 +64,30 @@ def repair(
         corruption = reader.corruption
     with Salvage(path) as salvage:
         survey = _Survey(salvage, lambda done: progress(done, 2 * salvage.size))
+        count = survey.before.count + survey.behind.count
         if not corruption and not survey.damage:
-            return Repair(None, survey.message_count, [], [], {}, True)
-        found = Repair(
-            output,
-            survey.message_count,
-            survey.describe(corruption),
-            survey.spans,
-            survey.lost,
-            survey.nothing_lost,
-        )
+            return Repair(None, count, f'no repair needed, {count} messages intact')
+        description = survey.describe(salvage, corruption)
         writer = RecordingWriter(output)
         try:
             with writer:
-                _copy(
-                    salvage,
-                    survey,
-                    writer,
-                    lambda done: progress(salvage.size + done, 2 * salvage.size),
-                )
-                writer.mark_incomplete(f'repaired: {found.reason}')
+                _copy(salvage, writer, lambda done: progress(salvage.size + done, 2 * salvage.size))
+                writer.mark_incomplete(f'repaired: {description}')
         except BaseException:
             output.unlink(missing_ok=True)
             raise
-    return found
+    return Repair(output, count, description)
 
 
-def _copy(
-    salvage: Salvage, survey: _Survey, writer: RecordingWriter, progress: Callable[[int], None]
-) -> None:
-    topics: dict[int, RecordedTopic] = {
-        number: writer.copy_topic(channel, survey.schemas.get(channel.schema_id))
-        for number, channel in sorted(survey.channels.items())
-    }
+def _copy(salvage: Salvage, writer: RecordingWriter, progress: Callable[[int], None]) -> None:
+    schemas: dict[int, Schema] = {}
+    topics: dict[int, RecordedTopic] = {}
     for place, record in salvage.read():
         match record:
+            case Schema():
+                schemas[record.id] = record
+            case Channel(id=number) if number not in topics:
+                topics[number] = writer.copy_topic(record, schemas.get(record.schema_id))
             case Message(channel_id=number) if number in topics:
                 writer.write(
                     topics[number],
@@ -200,142 +106,69 @@ def _copy(
 
 
 @dataclass
-class _Seen:
-    """Observations about a channel from its messages."""
+class _Messages:
+    """Number and stamps [ns] of messages."""
 
     count: int = 0
     oldest_ns: int = 2**63
-    newest_ns: int = 0
-    sequence: int = 0
-    numbered: bool = True
-    missing: int = 0
-    damages: int = 0
+    newest_ns: int = -1
+
+    def add(self, stamp_ns: int) -> None:
+        self.count += 1
+        self.oldest_ns = min(self.oldest_ns, stamp_ns)
+        self.newest_ns = max(self.newest_ns, stamp_ns)
 
 
 class _Survey:
-    """A first pass over the file: what it contains, and what is missing."""
+    """A first pass over the file: the damaged parts, and the messages before and behind the first.
+
+    Without its channel, a message has no topic and is left out.
+    """
 
     def __init__(self, salvage: Salvage, progress: Callable[[int], None]) -> None:
-        self.schemas: dict[int, Schema] = {}
-        self.channels: dict[int, Channel] = {}
         self.damage: list[Damage] = []
-        self._size = salvage.size
-        self._seen: dict[int, _Seen] = {}
-        self._statistics: Statistics | None = None
-        self._newest_ns: int | None = None
-        self._spans: list[LostSpan] = []
-        self._open: list[LostSpan] = []
-        data_holds = False
-        self._lost_attachments: set[str] = set()
-        attachments: set[str] = set()
+        self.before, self.behind = _Messages(), _Messages()
+        self._without_topic = 0
+        self._total = 0
+        channels: set[int] = set()
         for place, record in salvage.read():
             match record:
-                case Message():
-                    self._add_message(record)
-                case Schema():
-                    self.schemas.setdefault(record.id, record)
-                case Channel():
-                    self.channels.setdefault(record.id, record)
-                case Statistics():
-                    self._statistics = record
-                case DataEnd():
-                    data_holds = salvage.data_holds(place)
-                case Attachment(name=name):
-                    attachments.add(name)
-                case AttachmentIndex(name=name) if name not in attachments:
-                    self._lost_attachments.add(name)
                 case Damage():
-                    self._add_damage(record)
+                    self.damage.append(record)
+                case Channel():
+                    channels.add(record.id)
+                case Message(channel_id=number) if number not in channels:
+                    self._without_topic += 1
+                case Message():
+                    (self.behind if self.damage else self.before).add(record.log_time)
+                case Statistics():
+                    self._total = record.message_count
             progress(place)
-        undescribed = self._seen.keys() - self.channels.keys()
-        self._next_recording = next(
-            (salvage.next_recording(each.start) for each in self.damage if each.in_summary), None
-        )
-        self._undescribed = sum(self._seen.pop(number).count for number in undescribed)
-        self.message_count = sum(seen.count for seen in self._seen.values())
-        if self._statistics is None:
-            for span in self._open:
-                span.open = True
-        self.lost = self._lost()
-        self.nothing_lost = (
-            not self.lost
-            and self._next_recording is None
-            and (data_holds or self._statistics is not None)
-        )
-        self.spans = [] if self.nothing_lost else self._spans
 
-    def _add_message(self, message: Message) -> None:
-        stamp = message.log_time
-        for span in self._open:
-            span.end_ns = stamp
-        self._open.clear()
-        self._newest_ns = max(stamp, self._newest_ns or 0)
-        seen = self._seen.setdefault(message.channel_id, _Seen(damages=len(self.damage)))
-        step = message.sequence - seen.sequence
-        if seen.count and seen.damages == len(self.damage):
-            seen.numbered &= step == 1
-        elif seen.count:
-            seen.missing += max(0, step - 1)
-        seen.count += 1
-        seen.oldest_ns = min(seen.oldest_ns, stamp)
-        seen.newest_ns = max(seen.newest_ns, stamp)
-        seen.sequence = message.sequence
-        seen.damages = len(self.damage)
+    def describe(self, salvage: Salvage, corruption: str | None) -> str:
+        """Return where the file is damaged, what is kept and what is lost."""
+        kept = f'{self.before.count} messages'
+        if self.before.count:
+            kept += f' up to {self.before.newest_ns * 1e-9:.3f} s'
+        if self.behind.count:
+            kept += f' and {self.behind.count} from {self.behind.oldest_ns * 1e-9:.3f} s on'
+        parts = [self._places(salvage, corruption), f'{kept} kept']
+        if self._without_topic:
+            parts.append(f'{self._without_topic} left out, because their topic is lost')
+        if self._total:
+            lost = self._total - self.before.count - self.behind.count
+            parts.append(f'{lost or "none"} lost')
+        return '; '.join(parts)
 
-    def _add_damage(self, damage: Damage) -> None:
-        self.damage.append(damage)
-        if damage.in_summary:
-            return
-        newest = damage.newest_ns
-        known = newest is not None and newest >= (self._newest_ns or 0)
-        span = LostSpan(self._newest_ns, newest if known else None)
-        self._open.append(span)
-        self._spans.append(span)
-
-    def describe(self, corruption: str | None) -> list[str]:
-        """Return descriptions of the damaged places."""
-        places = [self._describe(damage) for damage in self.damage[:MAX_LISTED_PLACES]]
-        if len(self.damage) > MAX_LISTED_PLACES:
-            places.append(f'{len(self.damage) - MAX_LISTED_PLACES} more places')
-        if not places:
-            places.append(f'{corruption}, in a part without a checksum')
-        if self._next_recording is not None:
-            places.append(f'another recording begins at byte {self._next_recording}: left out')
-        if self._undescribed:
-            places.append(f'{self._undescribed} messages whose topic is lost')
-        places += [f'attachment {name} lost' for name in sorted(self._lost_attachments)]
-        return places
-
-    def _describe(self, damage: Damage) -> str:
-        if damage.in_summary:
-            return f'the summary from byte {damage.start} on is missing or corrupt'
-        if damage.end == self._size:
-            return f'cut off at byte {self._size}'
-        return f'corrupt from byte {damage.start} to {damage.end}'
-
-    def _lost(self) -> dict[str, LostMessages]:
-        lost: dict[str, LostMessages] = {}
-        for number, channel in self.channels.items():
-            missing = self._missing(number)
-            if missing.count:
-                lost[channel.topic] = missing
-        return lost
-
-    def _missing(self, number: int) -> LostMessages:
-        seen = self._seen.get(number, _Seen())
-        if self._statistics:
-            total = self._statistics.channel_message_counts.get(number, 0)
-            return LostMessages(max(0, total - seen.count), True)
-        counted = seen.missing if seen.numbered else 0
-        extent = seen.newest_ns - seen.oldest_ns
-        if seen.count < 2 or extent <= 0:
-            return LostMessages(counted, False, bool(self._open))
-        guessed_spans = self._open if seen.numbered else self._spans
-        guessed_ns = sum(
-            span.end_ns - span.start_ns
-            for span in guessed_spans
-            if span.start_ns is not None and span.end_ns is not None
-        )
-        guessed = round(guessed_ns * (seen.count - 1) / extent)
-        is_open = bool(self._open)
-        return LostMessages(counted + guessed, seen.numbered and not is_open, is_open)
+    def _places(self, salvage: Salvage, corruption: str | None) -> str:
+        if not self.damage:
+            return f'{corruption}, in a part without a checksum'
+        places = []
+        corrupt = self.damage[:-1] if salvage.is_cut_off else self.damage
+        if corrupt:
+            which = f' (the first of {len(corrupt)} places)' if len(corrupt) > 1 else ''
+            places.append(f'corrupt from byte {corrupt[0].start} to {corrupt[0].end}{which}')
+        if salvage.is_cut_off:
+            places.append(f'cut off at byte {salvage.size}')
+        left_out = sum(damage.end - damage.start for damage in self.damage)
+        return f'{", ".join(places)}: {left_out} bytes left out'

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import yaml
@@ -23,6 +23,8 @@ _WORDS = {
     'liveliness': {0: 'system_default', 1: 'automatic', 3: 'manual_by_topic', 4: 'unknown'},
 }
 """The names that Jazzy writes, by the numbers of rmw that earlier releases write."""
+
+_DURATIONS = ('deadline', 'lifespan', 'liveliness_lease_duration')
 
 
 @dataclass(slots=True, eq=False)
@@ -78,25 +80,17 @@ def parse_offered_qos(text: str) -> list[QosProfile]:
 
 
 def _parse_profile(profile: dict[str, Any]) -> QosProfile:
-    def word(key: str) -> str:
+    values: dict[str, Any] = {
+        'depth': int(profile['depth']),
+        'avoid_ros_namespace_conventions': bool(profile['avoid_ros_namespace_conventions']),
+    }
+    for key, words in _WORDS.items():
         # Releases before Jazzy write the numbers of the middleware.
-        value = profile[key]
-        return _WORDS[key][value] if isinstance(value, int) else str(value)
-
-    def duration(key: str) -> int:
-        return int(profile[key]['sec']) * 10**9 + int(profile[key]['nsec'])
-
-    return QosProfile(
-        history=word('history'),
-        depth=int(profile['depth']),
-        reliability=word('reliability'),
-        durability=word('durability'),
-        deadline=duration('deadline'),
-        lifespan=duration('lifespan'),
-        liveliness=word('liveliness'),
-        liveliness_lease_duration=duration('liveliness_lease_duration'),
-        avoid_ros_namespace_conventions=bool(profile['avoid_ros_namespace_conventions']),
-    )
+        word = profile[key]
+        values[key] = words[word] if isinstance(word, int) else str(word)
+    for key in _DURATIONS:
+        values[key] = int(profile[key]['sec']) * 10**9 + int(profile[key]['nsec'])
+    return QosProfile(**values)
 
 
 def serialized_metadata(
@@ -152,23 +146,13 @@ def _topic(topic: RecordedTopic) -> dict[str, object]:
 def _qos(profiles: Iterable[QosProfile]) -> list[dict[str, object]]:
     return [
         {
-            'history': profile.history,
-            'depth': profile.depth,
-            'reliability': profile.reliability,
-            'durability': profile.durability,
-            'deadline': _duration(profile.deadline),
-            'lifespan': _duration(profile.lifespan),
-            'liveliness': profile.liveliness,
-            'liveliness_lease_duration': _duration(profile.liveliness_lease_duration),
-            'avoid_ros_namespace_conventions': profile.avoid_ros_namespace_conventions,
+            name: dict(zip(('sec', 'nsec'), divmod(value, 10**9), strict=True))
+            if name in _DURATIONS
+            else value
+            for name, value in asdict(profile).items()
         }
         for profile in profiles
     ]
-
-
-def _duration(nanoseconds: int) -> dict[str, int]:
-    sec, nsec = divmod(nanoseconds, 10**9)
-    return {'sec': sec, 'nsec': nsec}
 
 
 class _Dumper(yaml.SafeDumper):

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mcap import records
 from mcap.well_known import SchemaEncoding
@@ -57,8 +56,8 @@ def schema(type_name: str) -> Schema:
     return Schema(text, type_hash)
 
 
-def schema_decoder(definition: records.Schema) -> Callable[[bytes], Any]:
-    """Return a function that decodes messages of a type as defined in their recording.
+def recorded_typestore(definition: records.Schema) -> Typestore:
+    """Return the message types of ROS 2 Jazzy, updated with a definition from a recording.
 
     The type of that name in ROS 2 Jazzy may have other fields.
 
@@ -66,19 +65,6 @@ def schema_decoder(definition: records.Schema) -> Callable[[bytes], Any]:
     ------
     RecordingError
         If neither the recording nor ROS 2 Jazzy defines the type.
-    """
-    name = definition.name
-    store = recorded_typestore(definition)
-    return lambda data: store.deserialize_cdr(data, name)
-
-
-def recorded_typestore(definition: records.Schema) -> Typestore:
-    """Return the message types of ROS 2 Jazzy, updated with a definition from a recording.
-
-    Raises
-    ------
-    RecordingError
-        As :func:`schema_decoder`.
     """
     ours = typestore()
     name, text = definition.name, definition.data.decode(errors='replace')
@@ -94,13 +80,10 @@ def recorded_typestore(definition: records.Schema) -> Typestore:
             raise RecordingError(f'{definition.encoding!r} is not an encoding of ROS 2 types')
         if name not in types:
             raise RecordingError('its definition belongs to another type')
-        # A type without fields never counts as different: like the middleware, rosbags adds a
-        # dummy field to it.
         others = {
             known: definition
             for known, definition in types.items()
-            if known not in ours.fielddefs
-            or (definition[1] and definition[1] != ours.fielddefs[known][1])
+            if known not in ours.fielddefs or definition[1] != ours.fielddefs[known][1]
         }
         if not others:
             return ours

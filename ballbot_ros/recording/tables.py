@@ -5,22 +5,12 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from ballbot_ros.recording.columns import Value
 from ballbot_ros.recording.errors import RecordingError
 
 ROWS_AT_ONCE = 20_000
-
-
-class Table(Protocol):
-    """A table written row by row."""
-
-    def add(self, row: Sequence[Value | None]) -> None:
-        """Add a row; None means that there is no value yet."""
-
-    def close(self) -> None:
-        """Finish the file."""
 
 
 class CsvTable:
@@ -58,7 +48,7 @@ class ParquetTable:
         self._writer = self._arrow.parquet.ParquetWriter(self._file, self._schema)
 
     def add(self, row: Sequence[Value | None]) -> None:
-        """Add a row."""
+        """Add a row; None becomes null."""
         self._rows.append(row)
         if len(self._rows) == ROWS_AT_ONCE:
             self._write()
@@ -101,7 +91,5 @@ def load_pyarrow() -> Any:
     return pyarrow
 
 
-FORMATS: dict[str, type[CsvTable] | type[ParquetTable]] = {
-    'csv': CsvTable,
-    'parquet': ParquetTable,
-}
+Table = CsvTable | ParquetTable
+FORMATS: dict[str, type[Table]] = {'csv': CsvTable, 'parquet': ParquetTable}

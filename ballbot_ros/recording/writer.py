@@ -76,8 +76,7 @@ class RecordingWriter:
         with suppress(OSError):  # Some network file systems do not support locks.
             fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._open = True
-        self._schemas: dict[str, int] = {}
-        self._copied: dict[tuple[str, str, bytes], int] = {}
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._topics: dict[int, RecordedTopic] = {}
         with self._writing():
             self._writer = McapWriter(self._stream, Profile.ROS2, 'ballbot_ros', chunk_size)
@@ -132,23 +131,13 @@ class RecordingWriter:
                 f'{self.path}: topic {name}: {type_name} has the hash {type_hash}, '
                 f'in ROS 2 Jazzy {definition.type_hash}'
             )
-        with self._writing():
-            if type_name not in self._schemas:
-                self._schemas[type_name] = self._writer.add_schema(
-                    type_name, SchemaEncoding.ROS2, definition.text.encode()
-                )
-            channel = self._writer.add_channel(
-                name,
-                MessageEncoding.CDR,
-                self._schemas[type_name],
-                {
-                    'offered_qos_profiles': offered_qos_profiles(qos),
-                    'topic_type_hash': type_hash,
-                },
-            )
-        topic = RecordedTopic(channel, name, type_name, type_hash, qos)
-        self._topics[channel] = topic
-        return topic
+        metadata = {
+            'offered_qos_profiles': offered_qos_profiles(qos),
+            'topic_type_hash': type_hash,
+        }
+        key = (type_name, SchemaEncoding.ROS2, definition.text.encode())
+        channel = self._register(name, MessageEncoding.CDR, key, metadata)
+        return self._note(RecordedTopic(channel, name, type_name, type_hash, qos))
 
     def copy_topic(self, channel: Channel, definition: Schema | None) -> RecordedTopic:
         """Add a topic of another recording unchanged, whatever its type.
@@ -164,23 +153,29 @@ class RecordingWriter:
         RecordedTopic
             The topic to pass to `write`.
         """
-        name, encoding, text = (
-            (definition.name, definition.encoding, definition.data) if definition else ('', '', b'')
-        )
-        with self._writing():
-            key = (name, encoding, text)
-            if definition and key not in self._copied:
-                self._copied[key] = self._writer.add_schema(name, encoding, text)
-            number = self._writer.add_channel(
-                channel.topic,
-                channel.message_encoding,
-                self._copied[key] if definition else 0,
-                channel.metadata,
-            )
+        key = (definition.name, definition.encoding, definition.data) if definition else None
+        number = self._register(channel.topic, channel.message_encoding, key, channel.metadata)
         qos = parse_offered_qos(channel.metadata.get('offered_qos_profiles', ''))
         type_hash = channel.metadata.get('topic_type_hash', '')
-        topic = RecordedTopic(number, channel.topic, name, type_hash, qos)
-        self._topics[number] = topic
+        type_name = definition.name if definition else ''
+        return self._note(RecordedTopic(number, channel.topic, type_name, type_hash, qos))
+
+    def _register(
+        self,
+        topic: str,
+        encoding: str,
+        definition: tuple[str, str, bytes] | None,
+        metadata: dict[str, str],
+    ) -> int:
+        """Register a channel and its schema (name, encoding, text), and return its number."""
+        with self._writing():
+            if definition and definition not in self._schemas:
+                self._schemas[definition] = self._writer.add_schema(*definition)
+            schema_id = self._schemas[definition] if definition else 0
+            return self._writer.add_channel(topic, encoding, schema_id, metadata)
+
+    def _note(self, topic: RecordedTopic) -> RecordedTopic:
+        self._topics[topic.channel] = topic
         return topic
 
     def write(
@@ -295,6 +290,5 @@ class RecordingWriter:
     def _failure(self, error: OSError) -> RecordingError:
         self._open = False
         with suppress(OSError):
-            # Close only the raw file: closing the stream would write its buffer after the gap.
-            self._stream.raw.close()
+            self._stream.close()
         return RecordingError(f'{self.path}: {error.strerror}')

@@ -5,8 +5,10 @@ import struct
 import numpy as np
 import pytest
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from text_messages import STRING, string
 
 from ballbot_ros.recording.batch import Batch
 from ballbot_ros.recording.encoding import encoder, new_message
@@ -60,7 +62,7 @@ def test_batches_are_the_messages_of_the_mcap_package(tmp_path, options):
         writer.start('ros2')
         schema = writer.register_schema(HEADER, 'ros2msg', b'')
         channels = [writer.register_channel(name, 'cdr', schema) for name in ('/a', '/b', '/a')]
-        for number in range(10_000 if 'use_chunking' in options else 300):
+        for number in range(20_000 if 'use_chunking' in options else 300):
             content = struct.pack('<4siI', b'\0\1\0\0', number, 1) + b'text' * (number % 3)
             writer.add_message(channels[number % 3], 5, content, 7, number)
         writer.finish()
@@ -71,7 +73,9 @@ def test_batches_are_the_messages_of_the_mcap_package(tmp_path, options):
         ]
     with RecordingReader(path) as reader:
         assert [tuple(each) for each in reader.raw_messages()] == expected
-        assert [each for batch in reader.batches() for each in batch.messages()] == expected
+        batches = list(reader.batches())
+        assert [each for batch in batches for each in batch.messages()] == expected
+        assert all(len(batch.data) < 2**19 for batch in batches)
         assert sum(len(batch.rows()['/a']) for batch in reader.batches(['/a'])) == sum(
             topic == '/a' for topic, *_ in expected
         )
@@ -89,6 +93,28 @@ def joints(*names):
     message = new_message(JOINTS)
     message.name, message.position = list(names), [float(len(name)) for name in names]
     return encoder(JOINTS)(message)
+
+
+def test_content_is_not_matched_beyond_its_message(tmp_path):
+    contents = [string(text) for text in ('a', 'b', 'a')]
+    with RecordingReader(write(tmp_path / 'texts.mcap', STRING, contents)) as reader:
+        (batch,) = reader.batches()
+        rows = batch.rows()['/topic']
+        assert batch.match_bytes(rows, 8, b'a').tolist() == [True, False, True]
+        next_opcode = bytes([Opcode.MESSAGE])
+        assert not batch.match_bytes(rows, 8, b'a\0' + next_opcode).any()
+
+
+def test_the_largest_log_time_is_that_of_int64(tmp_path):
+    path = tmp_path / 'late.mcap'
+    with path.open('wb') as stream:
+        writer = Writer(stream)
+        writer.start('ros2')
+        channel = writer.register_channel('/a', 'cdr', 0)
+        writer.add_message(channel, 2**64 - 1, b'', 0)
+        writer.finish()
+    with RecordingReader(path) as reader:
+        assert [batch.log_ns.tolist() for batch in reader.batches()] == [[2**63 - 1]]
 
 
 def test_messages_of_several_forms_are_distinguished(tmp_path):

@@ -3,9 +3,11 @@
 import csv
 import math
 
+import numpy as np
 import pytest
 
-from ballbot_ros.recording.columns import ColumnHints
+from ballbot_ros.recording import tables
+from ballbot_ros.recording.columns import ColumnHints, TopicColumns
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.export import Exporter
@@ -64,14 +66,17 @@ def rows(path):
 
 
 def test_columns_have_names_and_units(recording):
-    recording.add('/imu', IMU, 1_004_000_000, angular_velocity__y=0.1, orientation__w=0.7)
+    recording.add(
+        '/imu', IMU, 1_004_000_000, angular_velocity__y=0.1, orientation__w=0.7,
+        header__stamp__sec=1, header__stamp__nanosec=3_000_000,
+    )  # fmt: skip
     names = ['motor_x', 'motor_y']
     recording.add('/joints', JOINTS, 10**9, name=names, position=[0.1, 1 / 3], velocity=[2.0, 3.0])
     recording.add('/sonar', RANGE, 10**9, range=math.inf)
     recording.add('/odd', BYTES, 10**9, data=b'\x01\xff')
     files = export(recording)
     (imu,) = rows(files['imu'])
-    assert imu['time_s'] == '1.004'
+    assert (imu['time_s'], imu['stamp_s']) == ('1.004', '1.003')
     assert imu['angular_velocity_y_rad_per_s'] == '0.1'
     assert imu['linear_acceleration_x_m_per_s2'] == '0.0'
     assert imu['orientation_w'] == '0.7'
@@ -128,11 +133,20 @@ def test_joined_rows_hold_values_until_the_next(recording):
     assert not any('text' in name or name.endswith('stamp_s') for name in found[0])
 
 
-@pytest.mark.parametrize('later_ns', [-2 * 10**9, 7200 * 10**9])
+def test_a_message_may_be_a_second_late(recording):
+    first, last = 2500, 3000
+    stamps = [first + 1, first, *range(first + 2, last), last - 250, last, last - 1]
+    for tick in stamps:
+        recording.add('/fast', RANGE, tick * TICK_NS, range=float(tick))
+    found = rows(export(recording, joined=True)['joined'])
+    assert [float(row['fast_range_m']) for row in found] == list(range(first, last + 1))
+
+
+@pytest.mark.parametrize('later_ns', [-250 * TICK_NS, -2 * 10**9, 7200 * 10**9])
 def test_stamps_out_of_order_are_an_error(recording, later_ns):
     for tick in range(800):
         recording.add('/fast', RANGE, 10**10 + tick * TICK_NS)
-    recording.add('/fast', RANGE, 10**10 + 800 * TICK_NS + later_ns)
+    recording.add('/fast', RANGE, 10**10 + 799 * TICK_NS + later_ns)
     with pytest.raises(RecordingError, match=r'/fast at .* s is out of order'):
         export(recording, joined=True)
     assert list((recording.writer.path.with_name('tables')).iterdir()) == []
@@ -143,11 +157,27 @@ def test_a_topic_without_messages_has_no_table(recording):
     assert export(recording, joined=True) == {}
 
 
-def test_changing_joints_are_an_error(recording):
-    recording.add('/joints', JOINTS, 10**9, name=['a'], position=[0.1])
-    recording.add('/joints', JOINTS, 2 * 10**9, name=['b'], position=[0.1])
-    with pytest.raises(RecordingError, match=r'/joints at 2\.000 s: the names or the number'):
-        export(recording)
+def test_changing_joints_and_axes_are_an_error(tmp_path):
+    for number, (type_name, first, second) in enumerate((
+        (JOINTS, {'name': ['a'], 'position': [0.1]}, {'name': ['b'], 'position': [0.1]}),
+        (JOINTS, {'position': [0.1]}, {'position': [0.1, 0.2]}),
+        ('sensor_msgs/msg/Joy', {'axes': [0.1]}, {'axes': [0.1, 0.2]}),
+    )):  # fmt: skip
+        recording = Recording(tmp_path / f'{number}.mcap')
+        recording.add('/list', type_name, 10**9, **first)
+        recording.add('/list', type_name, 2 * 10**9, **second)
+        with pytest.raises(RecordingError, match=r'/list at 2\.000 s: the names or the number'):
+            export(recording)
+
+
+def test_every_column_of_the_graph_is_one_of_four_kinds(graph_types):
+    for type_name in graph_types:
+        columns = TopicColumns(new_message(type_name), ColumnHints()).columns
+        assert {column.kind for column in columns} <= {bool, int, float, str}, type_name
+    joints = new_message(JOINTS)
+    joints.name, joints.position = ['a'], np.array([0.1])
+    columns = TopicColumns(joints, ColumnHints()).columns
+    assert {column.name: column.kind for column in columns}['position_a_rad'] is float
 
 
 def test_no_file_is_overwritten(recording):
@@ -155,14 +185,31 @@ def test_no_file_is_overwritten(recording):
     export(recording)
     with pytest.raises(RecordingError, match=r'text\.csv: already exists'):
         export(recording)
+    folder = recording.writer.path.with_name('tables')
+    (folder / 'text.csv').unlink()
+    folder.rmdir()
+    folder.touch()
+    with pytest.raises(RecordingError, match=r'tables: not a folder; choose another --output$'):
+        export(recording)
 
 
-def test_parquet_has_the_same_values(recording):
+def test_parquet_has_the_same_values(recording, monkeypatch):
     parquet = pytest.importorskip('pyarrow.parquet')
+    monkeypatch.setattr(tables, 'ROWS_AT_ONCE', 2)
     for tick in range(3):
         recording.add('/sonar', RANGE, 10**9 + tick * TICK_NS, range=0.5 * tick)
     recording.add('/text', STRING, 10**9, data='a')
-    table = parquet.read_table(export(recording, to='parquet')['sonar'])
+    path = export(recording, to='parquet')['sonar']
+    assert parquet.ParquetFile(path).num_row_groups == 2
+    table = parquet.read_table(path)
     assert table['time_s'].to_pylist() == [1.0, 1.004, 1.008]
     assert table['range_m'].to_pylist() == [0.0, 0.5, 1.0]
     assert str(table.schema.field('radiation_type').type) == 'int64'
+
+
+def test_a_number_that_parquet_cannot_store_is_an_error(recording):
+    pytest.importorskip('pyarrow')
+    recording.add('/large', 'std_msgs/msg/UInt64', 10**9, data=2**63)
+    with pytest.raises(RecordingError, match=r'large\.parquet: '):
+        export(recording, to='parquet')
+    assert list(recording.writer.path.with_name('tables').iterdir()) == []

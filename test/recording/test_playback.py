@@ -55,6 +55,10 @@ def test_pause_holds_and_seek_jumps(reader):
     assert due(playback, 10.1) == [1]
     playback.seek(99.0, 10.1)
     assert playback.position(10.1) == playback.duration
+    playback.pause(True, 10.1)
+    assert due(playback, 10.1) == []
+    assert not playback.finished
+    playback.pause(False, 10.1)
     assert due(playback, 10.1) == []
     assert playback.finished
     playback.seek(-5.0, 10.2)
@@ -70,8 +74,20 @@ def test_a_loop_restarts(reader):
     assert due(playback, 0.17) == [0, 1]
 
 
+def test_a_single_message_is_played_once(tmp_path):
+    with RecordingWriter(tmp_path / 'one.mcap') as writer:
+        topic = writer.add_topic('/one', HEADER)
+        writer.write(topic, 10**9, encoder(HEADER)(new_message(HEADER)), 7)
+    with RecordingReader(tmp_path / 'one.mcap') as reader:
+        playback = Playback(reader, None, rate=1.0, loop=True)
+        playback.begin(0.0, 0.0)
+        assert due(playback, 1.0) == [7]
+        assert playback.finished
+
+
 def test_mistakes_are_one_line(reader, tmp_path):
     playback = Playback(reader, None, rate=1.0, loop=False)
+    playback.begin(1.0, 0.0)
     with pytest.raises(RecordingError, match=r'run\.mcap: start 2 s is after the end, 1 s$'):
         playback.begin(2.0, 0.0)
     with pytest.raises(RecordingError, match="topic '/x' not found"):

@@ -1,5 +1,6 @@
 """Reading complete files, files of a killed recorder, and files of other writers."""
 
+import fcntl
 import re
 import struct
 
@@ -8,9 +9,11 @@ from hypothesis import example, settings
 from hypothesis import strategies as st
 from laws import given
 from mcap.opcode import Opcode
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.stream_reader import get_chunk_data_stream
+from recorded_bytes import FOREIGN, UNCHUNKED, UNCOMPRESSED, flip, write_foreign
 from text_messages import STRING, string
 
+from ballbot_ros.recording import reader as reading
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -34,25 +37,7 @@ def damaged(recording, tmp_path_factory):
     return read
 
 
-def write_foreign(
-    path,
-    *,
-    encoding='cdr',
-    type_name=STRING,
-    definition=b'string data',
-    profile='ros2',
-    data=None,
-    **options,
-):
-    with path.open('wb') as stream:
-        writer = Writer(stream, **options)
-        writer.start(profile)
-        schema = writer.register_schema(type_name, 'ros2msg', definition)
-        channel = writer.register_channel('/lcd', encoding, schema)
-        for number in range(10):
-            writer.add_message(channel, number, data or string(str(number)), number, number)
-        writer.finish()
-    return path
+NUMBERS = [str(number) for number in range(10)]
 
 
 def test_every_message_comes_back(recording, sample, plain):
@@ -83,6 +68,7 @@ def test_topics_can_be_selected_and_read_in_parallel(recording, sample):
             (topic, stamp) for topic, _, stamp, *_ in sample if topic in both
         ]
         assert list(reader.messages([])) == []
+        assert all(len(batch) for batch in reader.batches(['/imu'], sample[-5][2]))
         pairs = list(zip(reader.messages(['/imu']), reader.raw_messages(['/clock']), strict=True))
         assert len(pairs) == 20
 
@@ -122,12 +108,22 @@ def test_complete_chunks_before_a_cut_are_read(tmp_path):
         ]
 
 
+def test_the_times_of_a_cut_file_are_those_of_its_messages(tmp_path):
+    path = tmp_path / 'cut.mcap'
+    with RecordingWriter(path) as writer:
+        topic = writer.add_topic('/lcd', STRING)
+        for stamp_ns in (5, 2, 9, 7):
+            writer.write(topic, stamp_ns, string('a'), 0)
+    path.write_bytes(path.read_bytes()[:-1])
+    with RecordingReader(path) as reader:
+        assert reader.times == (2, 9)
+
+
 @settings(max_examples=100)
 @given(place=st.floats(0, 1, exclude_max=True), value=st.integers(1, 255))
 def test_a_corrupt_byte_is_no_traceback(place, value, damaged):
     def change(content):
-        position = int(place * len(content))
-        return content[:position] + bytes([content[position] ^ value]) + content[position + 1 :]
+        return flip(content, int(place * len(content)), value)
 
     try:
         raw, _, _, damage = damaged(change)
@@ -148,10 +144,6 @@ def test_garbage_after_a_cut_is_no_traceback(tail, sample, damaged):
     assert [message.data for message in raw][:100] == [row[4] for row in sample[:100]]
 
 
-def flip(content, position):
-    return content[:position] + bytes([content[position] ^ 1]) + content[position + 1 :]
-
-
 def test_a_corrupt_chunk_ends_the_reading(sample, damaged):
     def change(content):
         return flip(content, content.index(b'zstd', content.index(b'zstd') + 4) + 100)
@@ -166,7 +158,7 @@ def test_a_missing_chunk_is_noticed(damaged):
     def change(content):
         position = content.index(b'zstd', content.index(b'zstd') + 4) - 41
         assert content[position] == Opcode.CHUNK
-        return content[:position] + b'\xff' + content[position + 1 :]
+        return flip(content, position, 0xFF ^ Opcode.CHUNK)
 
     raw, _, count, damage = damaged(change)
     assert len(raw) == count == 180
@@ -205,7 +197,8 @@ def test_files_that_cannot_be_opened_are_errors(tmp_path):
 
 
 def test_another_profile_is_an_error(tmp_path):
-    path = write_foreign(tmp_path / 'ros1.mcap', profile='ros1')
+    path = tmp_path / 'ros1.mcap'
+    write_foreign(path, NUMBERS, profile='ros1')
     with pytest.raises(RecordingError, match=r"ros1\.mcap: profile 'ros1' is not 'ros2'$"):
         RecordingReader(path)
 
@@ -219,27 +212,27 @@ def test_an_unknown_topic_is_an_error(recording):
                 next(read(['/gyro']))
 
 
-@pytest.mark.parametrize(
-    ('options', 'reason'),
-    [
+def test_messages_that_cannot_be_decoded_can_be_read_raw(tmp_path):
+    path = tmp_path / 'foreign.mcap'
+    for contents, options, reason in (
         (
+            NUMBERS,
             {'type_name': 'a/msg/B', 'definition': b''},
-            "is not a valid a/msg/B: 'a/msg/B' is not a message type of ROS 2 Jazzy",
+            "a/msg/B: 'a/msg/B' is not a message type of ROS 2 Jazzy",
         ),
         (
+            NUMBERS,
             {'type_name': 'a/msg/B', 'definition': b'a/Unknown data'},
-            'is not a valid a/msg/B: its definition is invalid: ',
+            'a/msg/B: its definition is invalid: ',
         ),
-        ({'encoding': 'json', 'data': b'{}'}, 'is not a valid std_msgs/msg/String: '),
-    ],
-)
-def test_messages_that_cannot_be_decoded_can_be_read_raw(tmp_path, options, reason):
-    path = write_foreign(tmp_path / 'foreign.mcap', **options)
-    with RecordingReader(path) as reader:
-        assert len(list(reader.raw_messages())) == 10
-        with pytest.raises(RecordingError) as error:
-            next(reader.messages())
-    assert str(error.value).startswith(f'{path}: /lcd at 0 ns {reason}')
+        ([b'{}'] * 10, {'encoding': 'json'}, 'std_msgs/msg/String: '),
+    ):
+        write_foreign(path, contents, **options)
+        with RecordingReader(path) as reader:
+            assert len(list(reader.raw_messages())) == 10, reason
+            with pytest.raises(RecordingError) as error:
+                next(reader.messages())
+        assert str(error.value).startswith(f'{path}: /lcd at 0 ns is not a valid {reason}')
 
 
 @pytest.mark.parametrize('data', [b'', b'\0', string('abc')[:-2], b'\0\1\0\0\1\0\0\0\xff\0'])
@@ -274,40 +267,94 @@ def test_big_endian_and_padded_messages_are_read(tmp_path):
     assert second.frame_id == ''
 
 
-@pytest.mark.parametrize(
-    'options',
-    [
-        {'use_chunking': False},
-        {'compression': CompressionType.LZ4},
-        {'compression': CompressionType.NONE, 'chunk_size': 100},
-        {'use_statistics': False},
-        {'repeat_channels': False, 'repeat_schemas': False},
-        {'index_types': IndexType.NONE, 'enable_crcs': False},
-    ],
-)
-def test_files_of_other_writers_are_read(tmp_path, options):
-    path = write_foreign(tmp_path / 'foreign.mcap', **options)
+def test_files_of_other_writers_are_read(tmp_path):
+    path = tmp_path / 'foreign.mcap'
+    for options in FOREIGN:
+        write_foreign(path, NUMBERS, **options)
+        with RecordingReader(path) as reader:
+            assert reader.complete, options
+            assert reader.topics() == {'/lcd': (STRING, 10)}, options
+            assert [message.data for _, _, message in reader.messages()] == NUMBERS, options
+
+
+def test_messages_outside_chunks_are_read_up_to_a_cut(tmp_path):
+    path = tmp_path / 'foreign.mcap'
+    content = write_foreign(path, NUMBERS, **UNCHUNKED)
+    for size in range(content.index(string('0')), content.index(b'notes.txt')):
+        path.write_bytes(content[:size])
+        with RecordingReader(path) as reader:
+            read = [message.data for _, _, message in reader.messages()]
+            assert read == NUMBERS[: reader.count], size
+    assert reader.count == 10
+
+
+def test_messages_outside_chunks_keep_their_place(tmp_path):
+    path = tmp_path / 'mixed.mcap'
+    content = write_foreign(path, NUMBERS, **UNCOMPRESSED)
+    second = content.index(string('1')) - 31
+    chunk = content.rindex(b'\x06', 0, second)
+    loose = struct.pack('<BQHIQQ', Opcode.MESSAGE, 22 + 10, 1, 77, 0, 0) + string('x')
+    path.write_bytes(content[:chunk] + loose + content[chunk:])
     with RecordingReader(path) as reader:
-        assert reader.complete
-        assert reader.topics() == {'/lcd': (STRING, 10)}
-        assert [message.data for _, _, message in reader.messages()] == [
-            str(number) for number in range(10)
-        ]
+        assert [message.data for _, _, message in reader.messages()][:3] == ['0', 'x', '1']
+
+
+def test_a_seek_unpacks_no_earlier_chunk(recording, sample, monkeypatch):
+    unpacked = []
+
+    def unpack(chunk, **options):
+        unpacked.append(chunk.message_end_time)
+        return get_chunk_data_stream(chunk, **options)
+
+    monkeypatch.setattr(reading, 'get_chunk_data_stream', unpack)
+    with RecordingReader(recording) as reader:
+        list(reader.raw_messages(start_ns=sample[150][2]))
+    assert len(unpacked) == 2
+    assert min(unpacked) >= sample[150][2]
 
 
 def test_the_definition_in_the_file_counts(tmp_path):
-    # A String unlike that of any ROS release, and a type that is not installed.
-    for type_name in (STRING, 'a/msg/B'):
-        data = b'\0\1\0\0\7\0\0\0\2\0\0\0a\0'
-        path = write_foreign(
-            tmp_path / f'{type_name[0]}.mcap',
-            type_name=type_name,
-            definition=b'int32 number\nstring data',
-            data=data,
-        )
+    path = tmp_path / 'own.mcap'
+    fields = b'\7\0\0\0\2\0\0\0a\0'
+    message = b'int32 number\nstring data'
+    # The middleware gives a message without fields a byte.
+    nested = b'std_msgs/Empty e\n%b\n%b\nMSG: std_msgs/Empty\n' % (message, b'=' * 80)
+    structure = b'module a { module msg { struct B { long number; string data; }; }; };'
+    for type_name, encoding, definition, data in (
+        (STRING, 'ros2msg', message, fields),  # unlike that of any ROS release
+        ('a/msg/B', 'ros2msg', message, fields),  # not installed
+        ('a/msg/B', 'ros2msg', nested, bytes(4) + fields),
+        ('a/msg/B', 'ros2idl', structure, fields),
+    ):
+        write_foreign(
+            path, [b'\0\1\0\0' + data], type_name=type_name, definition=definition,
+            schema_encoding=encoding,
+        )  # fmt: skip
         with RecordingReader(path) as reader:
-            _, _, message = next(reader.messages())
-        assert (message.number, message.data) == (7, 'a')
+            assert reader.unreadable() == {}, encoding
+            _, _, found = next(reader.messages())
+        assert (found.number, found.data) == (7, 'a'), (type_name, definition)
+
+
+def test_unreadable_topics_have_a_reason(tmp_path):
+    path = tmp_path / 'own.mcap'
+    other = b'module b { module msg { struct C { long number; }; }; };'
+    for options, reason in (
+        ({}, None),
+        ({'encoding': 'json'}, "its encoding is 'json', not cdr"),
+        ({'schema_encoding': 'proto'}, "'proto' is not an encoding of ROS 2 types"),
+        (
+            {'schema_encoding': 'ros2idl', 'definition': other},
+            'its definition belongs to another type',
+        ),
+        (
+            {'type_name': 'a/msg/B', 'definition': b''},
+            "'a/msg/B' is not a message type of ROS 2 Jazzy",
+        ),
+    ):
+        write_foreign(path, ['a'], **options)
+        with RecordingReader(path) as reader:
+            assert reader.unreadable() == ({'/lcd': reason} if reason else {})
 
 
 def test_reading_begins_at_a_stamp(recording, sample):
@@ -321,9 +368,13 @@ def test_a_corrupt_summary_is_not_trusted(sample, damaged):
     def change(content):
         return flip(content, len(content) - 20)
 
-    raw, _, count, damage = damaged(change)
-    assert len(raw) == count == len(sample)
-    assert damage.startswith('corrupt before byte')
+    def miscount(content):
+        return content.replace(struct.pack('<HQ', 1, 20), struct.pack('<HQ', 1, 21))
+
+    for each in (change, miscount):
+        raw, _, count, damage = damaged(each)
+        assert len(raw) == count == len(sample)
+        assert damage.startswith('corrupt before byte')
 
 
 def test_a_recording_being_written_is_recognised(tmp_path):
@@ -332,6 +383,9 @@ def test_a_recording_being_written_is_recognised(tmp_path):
         assert reader.being_written
         writer.close()
         assert not reader.being_written
+        # Asking leaves no lock.
+        with path.open('rb') as other:
+            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def test_a_closed_reader_raises_an_error(recording):

@@ -1,14 +1,13 @@
 """Recordings as other readers see them, and the remains of a failed write."""
 
 import contextlib
+import os
 import random
 import resource
 import shutil
 import signal
 import subprocess
 import sys
-from enum import Enum
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -17,6 +16,7 @@ from laws import given
 from mcap.reader import make_reader
 from mcap.records import Chunk, DataEnd
 from mcap.stream_reader import StreamReader
+from recorded_bytes import write_foreign
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosHistory, QosReliability
 from rosbags.rosbag2 import Reader
@@ -156,22 +156,6 @@ def test_mcap_ros2_support_decodes_it(recording, sample, plain):
         assert plain(found.decoded_message, type_name) == plain(message, type_name)
 
 
-def test_rosbag2_metadata_counts(recording, sample):
-    metadata = YAML(typ='safe').load(rosbag2_metadata(recording))
-    assert metadata['version'] == 9
-    assert metadata['storage_identifier'] == 'mcap'
-    assert metadata['message_count'] == len(sample)
-    assert metadata['starting_time'] == {'nanoseconds_since_epoch': sample[0][2]}
-    assert metadata['duration'] == {'nanoseconds': sample[-1][2] - sample[0][2]}
-    assert metadata['relative_file_paths'] == ['sample.mcap']
-    assert metadata['files'][0]['message_count'] == len(sample)
-    assert metadata['custom_data'] is None
-    assert {
-        topic['topic_metadata']['name']: topic['message_count']
-        for topic in metadata['topics_with_message_count']
-    } == {topic: 20 for topic, *_ in sample}
-
-
 def test_rosbag2_metadata_is_as_rosbag2_writes_it(tmp_path):
     path = tmp_path / 'two wörds.mcap'
     with RecordingWriter(path) as writer:
@@ -181,6 +165,7 @@ def test_rosbag2_metadata_is_as_rosbag2_writes_it(tmp_path):
         writer.write(topic, 2, string('b'), 1)
     text = rosbag2_metadata(path)
     assert '&' not in text, 'an anchor'
+    assert 'wörds' in text
     endless = {'sec': 9223372036, 'nsec': 854775807}
     extent = {
         'starting_time': {'nanoseconds_since_epoch': 2},
@@ -252,33 +237,43 @@ def test_offered_qos_of_every_publisher_is_kept(tmp_path):
     assert second['avoid_ros_namespace_conventions'] is False
 
 
-def test_qos_is_converted_from_rclpys_names():
-    words = Enum('words', 'KEEP_LAST RELIABLE TRANSIENT_LOCAL AUTOMATIC')
-    endless = SimpleNamespace(nanoseconds=2**63 - 1)
-    profile = SimpleNamespace(
-        history=words.KEEP_LAST,
-        depth=128,
-        reliability=words.RELIABLE,
-        durability=words.TRANSIENT_LOCAL,
-        deadline=endless,
-        lifespan=endless,
-        liveliness=words.AUTOMATIC,
-        liveliness_lease_duration=endless,
-        avoid_ros_namespace_conventions=False,
+def test_the_qos_of_any_release_is_read(tmp_path):
+    path = tmp_path / 'qos.mcap'
+    text = (
+        '- {history: %s, depth: 7, reliability: %s, durability: %s, deadline: {sec: 1, nsec: 5}, '
+        'lifespan: {sec: 2, nsec: 6}, liveliness: %s, '
+        'liveliness_lease_duration: {sec: 3, nsec: 7}, avoid_ros_namespace_conventions: true}'
     )
-    assert QosProfile.from_rclpy(profile) == RELIABLE_LATCHED
+    profile = QosProfile(
+        'keep_all', 7, 'best_effort', 'transient_local',
+        1_000_000_005, 2_000_000_006, 'manual_by_topic', 3_000_000_007, True,
+    )  # fmt: skip
+    for written, expected in (
+        (text % ('keep_all', 'best_effort', 'transient_local', 'manual_by_topic'), [profile]),
+        (text % (2, 2, 1, 3), [profile]),  # Humble
+        ('- history: 1', []),
+        ('[', []),
+    ):
+        write_foreign(path, ['a'], metadata={'offered_qos_profiles': written})
+        with RecordingReader(path) as reader:
+            assert reader.offered_qos() == {'/lcd': expected}, written
 
 
 def test_qos_is_converted_from_rclpy():
     qos = pytest.importorskip('rclpy.qos')
+    duration = pytest.importorskip('rclpy.duration')
     profile = qos.QoSProfile(
         depth=128,
         reliability=qos.ReliabilityPolicy.RELIABLE,
         durability=qos.DurabilityPolicy.TRANSIENT_LOCAL,
         liveliness=qos.LivelinessPolicy.AUTOMATIC,
+        deadline=duration.Duration(nanoseconds=1),
+        lifespan=duration.Duration(nanoseconds=2),
+        liveliness_lease_duration=duration.Duration(nanoseconds=3),
+        avoid_ros_namespace_conventions=True,
     )
     assert QosProfile.from_rclpy(profile) == QosProfile(
-        'keep_last', 128, 'reliable', 'transient_local', 0, 0, 'automatic', 0
+        'keep_last', 128, 'reliable', 'transient_local', 1, 2, 'automatic', 3, True
     )
 
 
@@ -304,6 +299,29 @@ def test_a_recording_without_messages_is_complete(tmp_path, topics):
         assert len(reader.topics()) == topics
     metadata = YAML(typ='safe').load(rosbag2_metadata(path))
     assert metadata['starting_time'] == {'nanoseconds_since_epoch': 2**63 - 1}
+
+
+def test_sim_time_may_begin_at_zero(tmp_path):
+    path = tmp_path / 'zero.mcap'
+    write_strings(path, [0])
+    metadata = YAML(typ='safe').load(rosbag2_metadata(path))
+    assert metadata['starting_time'] == {'nanoseconds_since_epoch': 0}
+
+
+def test_topics_of_a_type_share_its_definition(tmp_path):
+    path = tmp_path / 'shared.mcap'
+    with RecordingWriter(path) as writer:
+        writer.add_topic('/lcd', STRING)
+        writer.add_topic('/operating_state', STRING)
+    with path.open('rb') as stream:
+        assert len(make_reader(stream).get_summary().schemas) == 1
+
+
+def test_a_file_name_that_is_not_unicode_is_described(tmp_path):
+    path = tmp_path / os.fsdecode(b'\xff.mcap')
+    write_strings(path, [1])
+    metadata = YAML(typ='safe').load(rosbag2_metadata(path))
+    assert metadata['relative_file_paths'] == ['\ufffd.mcap']
 
 
 def test_a_chunk_ends_at_its_size(tmp_path):
@@ -385,6 +403,8 @@ def test_topics_that_cannot_be_recorded_are_errors(tmp_path):
             writer.add_topic('/a', 'a/msg/B')
         with pytest.raises(RecordingError, match=r'/b: std_msgs/msg/String has the hash RIHS01_0'):
             writer.add_topic('/b', STRING, type_hash='RIHS01_0')
+        # The hash of a type with a char is only known in the graph.
+        writer.add_topic('/c', 'std_msgs/msg/Char', type_hash='RIHS01_0')
     assert lines(path) == ([], None)
 
 
@@ -509,7 +529,9 @@ def test_a_disk_that_fills_up_is_reported_once(tmp_path, action):
     assert str(error.value) == f'{path}: File too large'
 
 
-@pytest.mark.parametrize('happens', ['moved', 'removed', 'replaced', 'folder removed'])
+@pytest.mark.parametrize(
+    'happens', ['moved', 'removed', 'replaced', 'folder removed', 'folder replaced']
+)
 def test_a_removed_file_is_reported_at_the_end(tmp_path, happens):
     path = tmp_path / 'folder' / 'run.mcap'
     path.parent.mkdir()
@@ -518,8 +540,10 @@ def test_a_removed_file_is_reported_at_the_end(tmp_path, happens):
     path.rename(elsewhere)
     if happens == 'replaced':
         path.touch()
-    if happens == 'folder removed':
+    if happens.startswith('folder'):
         path.parent.rmdir()
+    if happens == 'folder replaced':
+        path.parent.touch()
     if happens == 'removed':
         elsewhere.unlink()
     with pytest.raises(RecordingError, match=f'^{path}: moved or removed while being written$'):

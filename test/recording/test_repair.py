@@ -1,23 +1,33 @@
 """Repair: intact messages are recovered byte for byte, losses are listed, no number is wrong."""
 
 import shutil
+import struct
 
 import pytest
 from hypothesis import example
 from hypothesis import strategies as st
 from laws import given
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
+from recorded_bytes import (
+    FOREIGN,
+    UNCHUNKED,
+    UNCOMPRESSED,
+    WITHOUT_CHECKSUMS,
+    flip,
+    write_foreign,
+)
 from rosbags.highlevel import AnyReader
 from text_messages import STRING, string
 
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.recording.repair import repair
+from ballbot_ros.recording.repair import Repair, repair
 from ballbot_ros.recording.writer import RecordingWriter
 
 CHUNKS = 10
+MAGIC_SIZE = 8
 PER_CHUNK = 28
 HEADER_END = 40
 """Position after the first eight bytes and the header, which identify a recording of ROS 2."""
@@ -25,14 +35,23 @@ HEADER_END = 40
 
 def chunk_places(content):
     """Return start and end of each chunk."""
+    return [place[1:] for place in record_places(content) if place[0] == Opcode.CHUNK]
+
+
+def record_places(content):
+    """Return opcode, start and end of each record."""
     places = []
-    position = 8
-    while position < len(content) - 8:
-        length = int.from_bytes(content[position + 1 : position + 9], 'little')
-        if content[position] == 6:
-            places.append((position, position + 9 + length))
-        position += 9 + length
+    position = MAGIC_SIZE
+    while position < len(content) - MAGIC_SIZE:
+        opcode, length = struct.unpack_from('<BQ', content, position)
+        places.append((opcode, position, position + 9 + length))
+        position = places[-1][2]
     return places
+
+
+def place_of(content, opcode):
+    """Return start and end of the first record with an opcode."""
+    return next(place[1:] for place in record_places(content) if place[0] == opcode)
 
 
 @pytest.fixture(scope='module')
@@ -92,7 +111,9 @@ def assert_everyone_reads(path, count):
         summary = reader.get_summary()
         assert summary.statistics.message_count == count
         assert len(list(reader.iter_decoded_messages())) == count
-        assert all(c.metadata['offered_qos_profiles'] for c in summary.channels.values())
+        channels = summary.channels.values()
+        assert all(channel.metadata['offered_qos_profiles'] for channel in channels)
+        assert len({channel.topic for channel in channels}) == len(channels)
         names = [record.name for record in reader.iter_metadata()]
         assert names.count('rosbag2') == 1
         assert 'incomplete' in names
@@ -102,30 +123,21 @@ def assert_everyone_reads(path, count):
         assert len(decoded) == count
 
 
-def flip(content, position, bits=1):
-    return content[:position] + bytes([content[position] ^ bits]) + content[position + 1 :]
-
-
-def test_a_complete_file_is_left_alone(whole, sample):
+def test_a_complete_file_is_left_alone(whole):
     before = sorted(whole.parent.iterdir())
-    found = repair(whole)
-    assert (found.output, found.message_count, found.nothing_lost) == (None, len(sample), True)
+    assert repair(whole) == Repair(None, 280, 'no repair needed, 280 messages intact')
     assert sorted(whole.parent.iterdir()) == before
 
 
-@pytest.mark.parametrize('chunk', range(CHUNKS))
-@pytest.mark.parametrize('where', ['begin', 'end'])
-@pytest.mark.parametrize('offset', [-1, 0, 1])
-def test_cut_at_every_chunk_boundary(chunk, where, offset, content, places, sample, repair_bytes):
-    cut = places[chunk][where == 'end'] + offset
-    found = repair_bytes(content[:cut])
-    messages = raw(found.output)
-    whole_chunks = sum(end <= cut for _, end in places)
-    assert messages == expected(sample)[: whole_chunks * PER_CHUNK]
-    assert found.message_count == len(messages)
-    assert found.damage == [f'cut off at byte {cut}']
-    if offset == 0:
-        assert_everyone_reads(found.output, len(messages))
+def test_a_cut_off_file_keeps_the_chunks_before_the_cut(content, places, sample, repair_bytes):
+    for begin, end in places:
+        for cut in (begin - 1, begin, begin + 1, end - 1, end, end + 1):
+            found = repair_bytes(content[:cut])
+            kept = PER_CHUNK * sum(end <= cut for _, end in places)
+            assert raw(found.output) == expected(sample)[:kept], cut
+            assert found.message_count == kept, cut
+            assert found.description.startswith(f'cut off at byte {cut}: '), cut
+    assert_everyone_reads(found.output, kept)
 
 
 @given(place=st.floats(0, 1, exclude_max=True))
@@ -135,7 +147,6 @@ def test_cut_anywhere(place, content, sample, repair_bytes):
     messages = raw(found.output)
     assert messages == expected(sample)[: len(messages)]
     assert len(messages) % PER_CHUNK == 0
-    assert not found.nothing_lost or len(messages) == len(sample)
 
 
 @given(place=st.floats(0, 1, exclude_max=True), bits=st.integers(1, 255))
@@ -171,128 +182,226 @@ def test_any_overwritten_or_missing_stretch(begin, size, fill, content, sample, 
         assert_subset(raw(found.output), sample)
 
 
-def test_a_lost_chunk_is_counted(content, places, sample, repair_bytes):
+def test_a_lost_chunk_costs_its_messages_and_nothing_else(content, places, sample, repair_bytes):
     found = repair_bytes(flip(content, places[4][1] - 10))
     messages = raw(found.output)
-    lost = expected(sample)[4 * PER_CHUNK : 5 * PER_CHUNK]
-    assert messages == [m for m in expected(sample) if m not in lost]
-    assert {topic: (each.count, each.counted) for topic, each in found.lost.items()} == {
-        topic: (2, True) for topic, *_ in lost
-    }
-    (span,) = found.spans
-    assert (span.start_ns, span.end_ns) == (sample[111][2], sample[140][2])
+    assert messages == expected(sample)[: 4 * PER_CHUNK] + expected(sample)[5 * PER_CHUNK :]
     with RecordingReader(found.output) as reader:
-        assert reader.damage == f'repaired: {found.reason}'
+        assert reader.damage == f'repaired: {found.description}'
         assert reader.attachments()['scenario.yaml'].data == b'name: stationary\n'
         assert reader.metadata()['run'] == {'seed': '1'}
     assert_everyone_reads(found.output, len(messages))
 
 
-@pytest.mark.parametrize(
-    ('what', 'offset'), [('opcode', 0), ('length', 3), ('records length', 9 + 32 + 4 + 3)]
-)
-def test_a_chunk_with_a_broken_header_is_recovered_completely(
-    what, offset, content, places, sample, repair_bytes
-):
-    found = repair_bytes(flip(content, places[3][0] + offset, 0x40))
-    assert raw(found.output) == expected(sample)
-    assert found.nothing_lost
+def test_a_chunk_with_a_broken_header_costs_no_other(content, places, sample, repair_bytes):
+    begin = places[3][0]
+    chunk = expected(sample)[3 * PER_CHUNK : 4 * PER_CHUNK]
+    others = [message for message in expected(sample) if message not in chunk]
+    opcodes = [(begin, Opcode.CHUNK ^ opcode) for opcode in (*Opcode, 0x40) if opcode != 6]
+    lengths = [(begin + at, bits) for at in (1, 3, 9 + 32 + 4, 9 + 32 + 4 + 3) for bits in (1, 64)]
+    for position, bits in opcodes + lengths:
+        found = repair_bytes(flip(content, position, bits))
+        is_lost = found.description.startswith(f'corrupt from byte {begin} to {places[4][0]}: ')
+        kept = others if is_lost else expected(sample)
+        assert raw(found.output) == kept, (position - begin, bits)
 
 
-def test_the_topics_of_a_lost_first_chunk_are_in_the_summary(content, places, sample, repair_bytes):
-    found = repair_bytes(flip(content, places[0][1] - 10))
-    assert raw(found.output) == expected(sample)[PER_CHUNK:]
+def test_the_description_says_what_is_damaged_kept_and_lost(content, places, repair_bytes):
+    begins, ends = zip(*places, strict=True)
+    size, summary_at = len(content), place_of(content, Opcode.DATA_END)[1]
+    attachment_at, attachment_end = place_of(content, Opcode.ATTACHMENT)
+    one, first = flip(content, ends[4] - 10), flip(content, ends[0] - 10)
+    rows = {
+        'a chunk': (
+            one,
+            (begins[4], begins[5]),
+            '112 messages up to 1.444 s and 140 from 1.560 s on kept; 28 lost',
+        ),
+        'a chunk, and the last byte': (
+            flip(one, size - 1),
+            (begins[4], begins[5]),
+            '112 messages up to 1.444 s and 140 from 1.560 s on kept; 28 lost',
+        ),
+        'the first chunk': (
+            first,
+            (begins[0], begins[1]),
+            '0 messages and 252 from 1.112 s on kept; 28 lost',
+        ),
+        'two chunks': (
+            flip(one, ends[7] - 10),
+            (begins[4], begins[5], begins[7], begins[8]),
+            '112 messages up to 1.444 s and 112 from 1.560 s on kept; 56 lost',
+        ),
+        'a chunk and the end': (
+            one[: begins[9] + 50],
+            (begins[4], begins[5], begins[9]),
+            '112 messages up to 1.444 s and 112 from 1.560 s on kept',
+        ),
+        'the first chunk and the summary': (
+            first[: summary_at + 5],
+            (begins[0], begins[1], summary_at),
+            '0 messages kept; 252 left out, because their topic is lost',
+        ),
+        'the summary': (
+            content[:summary_at],
+            (summary_at,),
+            '280 messages up to 2.116 s kept',
+        ),
+        'a byte of the summary': (
+            flip(content, summary_at + 30),
+            (summary_at, size),
+            '280 messages up to 2.116 s kept',
+        ),
+        'an inserted byte': (
+            content[: begins[3]] + b'\xff' + content[begins[3] :],
+            (begins[3], begins[3] + 1, summary_at + 1, size + 1),
+            '84 messages up to 1.332 s and 196 from 1.336 s on kept',
+        ),
+        'an index': (
+            flip(content, ends[6] + 1, 0x40),
+            (ends[6], begins[7]),
+            '196 messages up to 1.780 s and 84 from 1.784 s on kept; none lost',
+        ),
+        'an attachment': (
+            content.replace(b'name: stationary', b'name: stationarz'),
+            (attachment_at, attachment_end),
+            '280 messages up to 2.116 s kept; none lost',
+        ),
+        'another recording': (
+            content * 2,
+            (summary_at, 2 * size),
+            '280 messages up to 2.116 s kept',
+        ),
+        'a chunk, and another recording': (
+            flip(content, ends[9] - 10) + content,
+            (begins[9], attachment_at, summary_at, 2 * size),
+            '252 messages up to 2.004 s kept',
+        ),
+        'the end, and another recording': (
+            content[: begins[9] + 50] + content,
+            (begins[9], begins[9] + 50 + size),
+            '252 messages up to 2.004 s kept',
+        ),
+    }
+    for name, (damaged, (begin, *ends), kept) in rows.items():
+        is_cut = len(ends) % 2 == 0
+        bounds = [begin, *ends, *[len(damaged)] * is_cut]
+        left_out = sum(bounds[1::2]) - sum(bounds[::2])
+        which = ' (the first of 2 places)' if len(ends) == 3 else ''
+        parts = [f'corrupt from byte {begin} to {ends[0]}{which}'] if ends else []
+        parts += [f'cut off at byte {len(damaged)}'] if is_cut else []
+        description = f'{", ".join(parts)}: {left_out} bytes left out; {kept}'
+        assert repair_bytes(damaged).description == description, name
 
 
-def test_the_loss_after_a_cut_is_estimated(tmp_path):
-    path = tmp_path / 'run.mcap'
-    with RecordingWriter(path) as writer:
-        topic = writer.add_topic('/lcd', STRING)
-        for number in range(300):
-            writer.write(topic, number * 10**7, string(str(number**5)), number + 1)
-            if number % 100 == 99:
-                writer.flush()
-    content = path.read_bytes()
-    path.write_bytes(content[: chunk_places(content)[2][1] - 5])
-    found = repair(path)
-    assert str(found.lost['/lcd']) == 'about 100 or more'
-    assert str(found.spans[0]) == 'from 1.990 s to 2.990 s or later'
-    # If the middle chunk is lost, too, the publisher's sequence numbers give the exact number.
-    path.write_bytes(
-        flip(content[: chunk_places(content)[2][1] + 1], chunk_places(content)[1][0] + 80)
+def test_damage_in_a_part_without_a_checksum_is_described(content, repair_bytes):
+    summary_at, size = place_of(content, Opcode.DATA_END)[1], len(content)
+    for damaged, place in (
+        (content.replace(b'seed', b'sead'), f'corrupt before byte {summary_at}'),
+        (flip(content, size - 1), f'cut off at byte {size}'),
+    ):
+        assert repair_bytes(damaged).description == (
+            f'{place}, in a part without a checksum; 280 messages up to 2.116 s kept; none lost'
+        )
+
+
+TEXTS = [f'{number:02d}' for number in range(40)]
+QOS = {'offered_qos_profiles': '- history: 1\n', 'more': 'kept'}
+
+
+def test_everything_is_kept_of_files_of_others(tmp_path):
+    path = tmp_path / 'foreign.mcap'
+    for options in FOREIGN:
+        content = write_foreign(path, TEXTS, type_name='some_msgs/msg/Own', metadata=QOS, **options)
+        assert repair(path) == Repair(None, 40, 'no repair needed, 40 messages intact'), options
+        path.write_bytes(content[:-20])
+        found = repair(path)
+        with found.output.open('rb') as stream:
+            reader = make_reader(stream, validate_crcs=True)
+            rows = list(reader.iter_messages())
+            (attachment,) = reader.iter_attachments()
+            metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+        found.output.unlink()
+        assert len(rows) == 40, options
+        for number, (schema, channel, message) in enumerate(rows):
+            assert (schema.name, schema.data) == ('some_msgs/msg/Own', b'string data')
+            assert channel.metadata == QOS
+            assert (message.log_time, message.publish_time) == (number, number + 7)
+            assert (message.sequence, message.data) == (number, string(TEXTS[number]))
+        assert (attachment.create_time, attachment.log_time, attachment.data) == (3, 4, b'notes')
+        assert metadata['origin'] == {'robot': 'another'}
+
+
+def numbers(content, repair_bytes):
+    """Repair a file of another recorder; return the sequence numbers of the kept messages."""
+    found = repair_bytes(content)
+    if found.output is None:
+        return list(range(found.message_count))
+    messages = raw(found.output)
+    assert all(data == string(TEXTS[number]) for _, _, number, data in messages)
+    assert all(stamp == number for _, stamp, number, _ in messages)
+    return [message[2] for message in messages]
+
+
+def test_a_changed_message_in_an_uncompressed_chunk_is_not_recovered(tmp_path, repair_bytes):
+    content = write_foreign(tmp_path / 'foreign.mcap', TEXTS, **UNCOMPRESSED)
+    begin, end = chunk_places(content)[1]
+    (lost,) = {
+        tuple(sorted({*range(40)} - {*numbers(flip(content, position, 0x55), repair_bytes)}))
+        for position in range(begin + 9 + 40, end)
+    }
+    assert lost == (1, 2, 3)
+
+
+def test_behind_the_damage_only_what_a_checksum_proves_is_kept(tmp_path, repair_bytes):
+    path = tmp_path / 'foreign.mcap'
+    proven = write_foreign(path, TEXTS, **UNCOMPRESSED)
+    unproven = write_foreign(path, TEXTS, **WITHOUT_CHECKSUMS)
+    loose = write_foreign(path, TEXTS, **UNCHUNKED)
+    third, fourth = [place for place in record_places(loose) if place[0] == Opcode.MESSAGE][2][1:]
+    found = {
+        'chunks with checksums': numbers(flip(proven, chunk_places(proven)[1][0]), repair_bytes),
+        'chunks without': numbers(flip(unproven, chunk_places(unproven)[1][0]), repair_bytes),
+        'no chunks': numbers(flip(loose, third), repair_bytes),
+        'a wrong length': numbers(flip(loose, third + 1), repair_bytes),
+        'cut off behind a message': numbers(loose[:fourth], repair_bytes),
+    }
+    assert found == {
+        'chunks with checksums': [0, *range(4, 40)],
+        'chunks without': [0],
+        'no chunks': [0, 1],
+        'a wrong length': [0, 1],
+        'cut off behind a message': [0, 1, 2],
+    }
+
+
+def attachments_and_metadata(content, repair_bytes):
+    with RecordingReader(repair_bytes(content).output) as reader:
+        own = reader.metadata().keys() - {'rosbag2', 'incomplete'}
+        return sorted(reader.attachments()), sorted(own)
+
+
+def test_behind_the_damage_an_attachment_needs_a_checksum_and_metadata_none(tmp_path, repair_bytes):
+    content = write_foreign(tmp_path / 'foreign.mcap', TEXTS, **UNCOMPRESSED)
+    begin, _ = chunk_places(content)[-1]
+    _, crc_end = place_of(content, Opcode.ATTACHMENT)
+    damaged = flip(content, begin)
+    without = damaged[: crc_end - 4] + bytes(4) + damaged[crc_end:]
+    assert attachments_and_metadata(damaged, repair_bytes) == (['notes.txt'], ['origin'])
+    assert attachments_and_metadata(without, repair_bytes) == ([], ['origin'])
+    # Before the damage, an attachment may have no checksum.
+    only_attached = content[: crc_end - 4] + bytes(4) + content[crc_end:-1]
+    assert attachments_and_metadata(only_attached, repair_bytes) == (['notes.txt'], ['origin'])
+
+
+def test_bytes_of_a_damaged_chunk_are_not_taken_for_metadata(tmp_path, repair_bytes):
+    metadata = struct.pack('<BQII', Opcode.METADATA, 8, 0, 0)
+    content = write_foreign(tmp_path / 'foreign.mcap', [metadata * 9], **UNCOMPRESSED)
+    (place,) = chunk_places(content)
+    assert attachments_and_metadata(flip(content, place[0]), repair_bytes) == (
+        ['notes.txt'],
+        ['origin'],
     )
-    again = repair(path, tmp_path / 'again.mcap')
-    assert str(again.lost['/lcd']) == 'about 100 or more'
-    assert str(again.spans[0]) == 'from 0.990 s to 2.000 s'
-
-
-def test_a_second_recording_in_the_file_is_named(content, sample, repair_bytes):
-    found = repair_bytes(content * 2)
-    assert raw(found.output) == expected(sample)
-    assert f'another recording begins at byte {len(content)}: left out' in found.reason
-    assert not found.nothing_lost
-
-
-def test_a_lost_attachment_is_named(content, repair_bytes):
-    found = repair_bytes(content.replace(b'name: stationary', b'name: stationarz'))
-    assert 'attachment scenario.yaml lost' in found.reason
-    assert found.nothing_lost
-
-
-def write_foreign(path, **options):
-    with path.open('wb') as stream:
-        writer = Writer(stream, **options)
-        writer.start('ros2', 'another recorder')
-        schema = writer.register_schema('some_msgs/msg/Own', 'ros2msg', b'string data')
-        qos = {'offered_qos_profiles': '- history: 1\n', 'more': 'kept'}
-        channel = writer.register_channel('/own', 'cdr', schema, qos)
-        for number in range(40):
-            data = b'\0\1\0\0\3\0\0\0%02d\0' % number
-            writer.add_message(channel, number, data, number + 7, number)
-        writer.add_attachment(3, 4, 'notes.txt', 'text/plain', b'notes')
-        writer.finish()
-    return path
-
-
-@pytest.mark.parametrize(
-    'options',
-    [
-        {'use_chunking': False},
-        {'compression': CompressionType.LZ4, 'chunk_size': 100},
-        {'compression': CompressionType.NONE, 'chunk_size': 100},
-        {'chunk_size': 100, 'repeat_channels': False, 'repeat_schemas': False},
-    ],
-)
-def test_everything_is_kept_of_files_of_others(tmp_path, options):
-    path = write_foreign(tmp_path / 'foreign.mcap', **options)
-    path.write_bytes(path.read_bytes()[:-20])
-    found = repair(path)
-    with found.output.open('rb') as stream:
-        reader = make_reader(stream, validate_crcs=True)
-        rows = list(reader.iter_messages())
-        (attachment,) = reader.iter_attachments()
-    assert len(rows) == 40
-    for number, (schema, channel, message) in enumerate(rows):
-        assert (schema.name, schema.data) == ('some_msgs/msg/Own', b'string data')
-        assert channel.metadata == {'offered_qos_profiles': '- history: 1\n', 'more': 'kept'}
-        assert (message.log_time, message.publish_time) == (number, number + 7)
-        assert (message.sequence, message.data[8:10]) == (number, b'%02d' % number)
-    assert (attachment.create_time, attachment.log_time, attachment.data) == (3, 4, b'notes')
-
-
-def test_a_changed_message_in_an_uncompressed_chunk_is_not_recovered(tmp_path):
-    path = write_foreign(
-        tmp_path / 'foreign.mcap', compression=CompressionType.NONE, chunk_size=300
-    )
-    content = path.read_bytes()
-    for position in range(chunk_places(content)[1][0], chunk_places(content)[1][1]):
-        path.write_bytes(flip(content, position, 0x55))
-        output = tmp_path / f'{position}.mcap'
-        if repair(path, output).output:
-            with RecordingReader(output) as reader:
-                for message in reader.raw_messages():
-                    assert message.data[8:10] == b'%02d' % message.sequence
-                    assert message.stamp_ns == message.sequence
 
 
 def test_a_recording_without_messages(tmp_path):

@@ -1,0 +1,22 @@
+"""Statistics of a topic's stamps."""
+
+import pytest
+
+from ballbot_ros.recording.overview import TopicOverview
+
+
+def test_statistics_of_stamps():
+    for stamps, expected in (
+        ([], (0, None, None, None, None, None)),
+        ([7], (1, 7, 7, None, None, None)),
+        ([7, 7], (2, 7, 7, 0, 7, None)),
+        ([10, 14, 24, 34], (4, 10, 34, 10, 14, 3 / 24e-9)),
+        ([10, 30, 5, 9], (4, 5, 30, 20, 10, 3 / 25e-9)),  # time goes back
+        ([9, 5], (2, 5, 9, None, None, 1 / 4e-9)),
+    ):
+        topic = TopicOverview('std_msgs/msg/String')
+        for stamp in stamps:
+            topic.add(stamp)
+        found = (topic.count, topic.first_ns, topic.last_ns, topic.gap_ns, topic.gap_at_ns)
+        assert found == expected[:-1], stamps
+        assert topic.rate_hz == pytest.approx(expected[-1]), stamps
