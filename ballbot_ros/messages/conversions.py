@@ -300,7 +300,7 @@ def encode_controller_state(stamp_ns: int, x: PlaneEstimates, y: PlaneEstimates)
         x.theta, x.psi, y.theta, y.psi, x.theta_ref, y.theta_ref,
         x.theta_dot, x.psi_dot, y.theta_dot, y.psi_dot, x.theta_ref_dot, y.theta_ref_dot,
     )  # fmt: skip
-    return _STATE.encode(stamp_ns, *[degrees_to_radians(float(angle)) for angle in degrees])
+    return _STATE.encode(stamp_ns, *map(degrees_to_radians, map(float, degrees)))
 
 
 def encode_text(text: str) -> bytes:

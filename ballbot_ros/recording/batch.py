@@ -21,7 +21,7 @@ _LENGTH = struct.Struct('<Q')
 _RECORD_HEADER_SIZE = 1 + _LENGTH.size
 """An opcode and the length of the content [byte]."""
 
-_MESSAGE_HEADER = np.dtype(
+MESSAGE_HEADER = np.dtype(
     [
         ('opcode', 'u1'),
         ('length', '<u8'),
@@ -86,10 +86,10 @@ class Batch:
         ends = np.append(begins[1:], offset).astype(np.intp)
         is_message = np.frombuffer(data, np.uint8)[begins] == Opcode.MESSAGE
         begins, ends = begins[is_message], ends[is_message]
-        starts = begins + _MESSAGE_HEADER.itemsize
+        starts = begins + MESSAGE_HEADER.itemsize
         if (starts > ends).any():
             raise McapError('a message is shorter than its header')
-        headers = read_structs(data, begins, _MESSAGE_HEADER)
+        headers = read_structs(data, begins, MESSAGE_HEADER)
         unknown = set(np.unique(headers['channel']).tolist()) - names.keys()
         if unknown:
             raise McapError(f'channel {min(unknown)} not found')

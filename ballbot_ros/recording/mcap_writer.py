@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import struct
 import zlib
-from array import array
 from collections import Counter
 from typing import BinaryIO
 
@@ -35,13 +34,18 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-_MESSAGE = struct.Struct('<BQHIQQ')
-"""Opcode and length of a message record, then channel, sequence, log time and publish time."""
+from ballbot_ros.recording.batch import MESSAGE_HEADER, read_structs
 
-_MESSAGE_CODE = int(Opcode.MESSAGE)
-_MESSAGE_FIELDS = _MESSAGE.size - struct.calcsize('<BQ')
+_RECORD_HEADER = struct.calcsize('<BQ')
+"""Size of the opcode and the length of a record."""
+
+_pack_header = struct.Struct('<BQHIQQ').pack
+"""Encodes :data:`~ballbot_ros.recording.batch.MESSAGE_HEADER`."""
+
+_MESSAGE, _HEADER = int(Opcode.MESSAGE), MESSAGE_HEADER.itemsize
+_FIELDS = _HEADER - _RECORD_HEADER
 _MESSAGE_INDEX = struct.Struct('<BQHI')
-"""Opcode and length of a message index, then channel and length of its entries."""
+"""Opcode and length of a message index, then the channel and the length of its entries."""
 
 _FOOTER = struct.Struct('<BQQQ')
 _FOOTER_LENGTH = 8 + 8 + 4
@@ -81,9 +85,8 @@ class McapWriter:
 
     def _begin_chunk(self) -> None:
         self._parts: list[bytes] = []
+        self._offsets: list[int] = []  # of the messages
         self._size = 0
-        self._entries: dict[int, array[int]] = {}
-        """Log time and offset of each message in the chunk, in turn, by channel."""
 
     def _write(self, data: bytes) -> None:
         self._crc = zlib.crc32(data, self._crc)
@@ -93,7 +96,7 @@ class McapWriter:
         """Add a schema, and return its number."""
         schema = Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
         self._schemas.append(schema)
-        self._add(_encode(schema))
+        self._add_record(schema)
         return schema.id
 
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: dict[str, str]) -> int:
@@ -106,32 +109,28 @@ class McapWriter:
             metadata=metadata,
         )
         self._channels.append(channel)
-        self._add(_encode(channel))
+        self._add_record(channel)
         return channel.id
 
-    def _add(self, record: bytes) -> None:
-        self._parts.append(record)
-        self._size += len(record)
-        self._end_full_chunk()
+    def _add_record(self, record: McapRecord) -> None:
+        data = _encode(record)
+        self._parts.append(data)
+        self._size += len(data)
+        if self._size > self._chunk_size:
+            self._end_chunk()
 
     def add_message(
         self, channel: int, log_ns: int, data: bytes, publish_ns: int, sequence: int
     ) -> None:
         """Add a message; its channel, times [ns] and sequence number must be in range."""
-        length = _MESSAGE_FIELDS + len(data)
-        fields = _MESSAGE.pack(_MESSAGE_CODE, length, channel, sequence, log_ns, publish_ns)
-        entries = self._entries.get(channel)
-        if entries is None:
-            entries = self._entries[channel] = array('Q')
-        entries.append(log_ns)
-        entries.append(self._size)
-        self._parts += (fields, data)
-        self._size += _MESSAGE.size + len(data)
-        if self._size > self._chunk_size:
-            self._end_full_chunk()
-
-    def _end_full_chunk(self) -> None:
-        if self._size > self._chunk_size:
+        size, length = self._size, len(data)
+        self._offsets.append(size)
+        self._parts += (
+            _pack_header(_MESSAGE, length + _FIELDS, channel, sequence, log_ns, publish_ns),
+            data,
+        )
+        self._size = size = size + length + _HEADER
+        if size > self._chunk_size:
             self._end_chunk()
 
     def add_attachment(
@@ -165,26 +164,29 @@ class McapWriter:
 
     def _end_chunk(self) -> None:
         """Write the chunk, and begin another one; keep a chunk that has no messages."""
-        if not self._entries:
+        if not self._offsets:
             return
         data = b''.join(self._parts)
-        times = [entries[::2] for entries in self._entries.values()]
+        offsets = np.array(self._offsets)
+        headers = read_structs(data, offsets, MESSAGE_HEADER)
+        log_ns, channels = headers['log_ns'], headers['channel']
         chunk = Chunk(
             compression='zstd',
             data=zstandard.compress(data),
-            message_start_time=min(map(min, times)),
-            message_end_time=max(map(max, times)),
+            message_start_time=int(log_ns.min()),
+            message_end_time=int(log_ns.max()),
             uncompressed_crc=zlib.crc32(data),
             uncompressed_size=len(data),
         )
         record, begin = _encode(chunk), self._stream.tell()
-        offsets, indexes, size = {}, [], 0
-        for channel, entries in self._entries.items():
-            self._counts[channel] += len(entries) // 2
-            offsets[channel] = begin + len(record) + size
-            indexes.append(_encode_index(channel, entries))
-            size += len(indexes[-1])
-        self._write(record + b''.join(indexes))
+        index_offsets, indexes = {}, b''
+        for channel in dict.fromkeys(channels.tolist()):
+            rows = channels == channel
+            self._counts[channel] += int(rows.sum())
+            index_offsets[channel] = begin + len(record) + len(indexes)
+            entries = np.column_stack((log_ns[rows], offsets[rows].astype(np.uint64)))
+            indexes += _encode_index(channel, entries.astype('<u8').tobytes())
+        self._write(record + indexes)
         first, last = chunk.message_start_time, chunk.message_end_time
         before = self.times_ns or (first, last)
         self.times_ns = min(first, before[0]), max(last, before[1])
@@ -194,8 +196,8 @@ class McapWriter:
                 message_end_time=chunk.message_end_time,
                 chunk_start_offset=begin,
                 chunk_length=len(record),
-                message_index_offsets=offsets,
-                message_index_length=size,
+                message_index_offsets=index_offsets,
+                message_index_length=len(indexes),
                 compression=chunk.compression,
                 compressed_size=len(chunk.data),
                 uncompressed_size=len(data),
@@ -256,8 +258,7 @@ def _encode(record: McapRecord) -> bytes:
     return data
 
 
-def _encode_index(channel: int, entries: array[int]) -> bytes:
-    """Return a message index: the log time and offset of each message of a channel."""
-    data = np.asarray(entries, '<u8').tobytes()
-    length = _MESSAGE_INDEX.size - struct.calcsize('<BQ') + len(data)
-    return _MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, length, channel, len(data)) + data
+def _encode_index(channel: int, entries: bytes) -> bytes:
+    """Return a message index: the log time and the offset of each message of a channel."""
+    length = _MESSAGE_INDEX.size - _RECORD_HEADER + len(entries)
+    return _MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, length, channel, len(entries)) + entries
