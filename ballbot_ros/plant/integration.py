@@ -8,6 +8,7 @@ on every machine.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from ballbot_ros.numerics.discretisation import zero_order_hold
 from ballbot_ros.numerics.elementary import sine_cosine
@@ -37,24 +38,12 @@ A plain tuple, which Python unpacks several times faster than a named one.
 
 def linear_step(p: PhysicalParameters, dt: float) -> StepFunction:
     """Return the exact step of the linear model under inputs held for `dt` seconds."""
-    transition, force_coefficients = discrete_matrices(p, dt)
-
-    def step(state: PlaneState, voltage: float, force_theta: float, force_psi: float) -> PlaneState:
-        return advance_linear(
-            transition, force_coefficients, state, voltage, force_theta, force_psi
-        )
-
-    return step
+    return partial(advance_linear, *discrete_matrices(p, dt))
 
 
 def nonlinear_step(p: PhysicalParameters, dt: float) -> StepFunction:
     """Return a classical fourth-order Runge-Kutta step of (3.11)-(3.12)."""
-    equations, alpha = equations_of(p), p.alpha
-
-    def step(state: PlaneState, voltage: float, force_theta: float, force_psi: float) -> PlaneState:
-        return advance_nonlinear(equations, alpha, dt, state, voltage, force_theta, force_psi)
-
-    return step
+    return partial(advance_nonlinear, equations_of(p), p.alpha, dt)
 
 
 def discrete_matrices(
