@@ -2,56 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
 
 import click
 
 from ballbot_ros.cli.options import set_option
 from ballbot_ros.cli.path_types import PATH
-from ballbot_ros.cli.progress import Progress
-from ballbot_ros.cli.result import print_json, print_table
-from ballbot_ros.run.execution import execute
 from ballbot_ros.run.fork_client import ForkClient
-from ballbot_ros.run.requirements import require_rclpy
-from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
-
-
-def run_and_print(
-    reference: str,
-    options: RunOptions,
-    *,
-    as_json: bool,
-    is_replaced: Callable[[], bool] | None = None,
-) -> int:
-    """Run a scenario, given by name or file, print its result, return the exit status.
-
-    `is_replaced` returns whether another run has been requested, which replaces this one.
-    """
-    # Start early: it imports the nodes while this process prepares the run.
-    early = ForkClient() if options.processes is Processes.SEPARATE else nullcontext()
-    with early as client:
-        spec = RunSpec.of_scenario(reference, options)
-        with Progress(spec.name, spec.plant.duration) as progress, _stdout_to_stderr():
-            result = execute(spec, progress, is_replaced, client)
-    (print_json if as_json else print_table)(spec, result)
-    return result.exit_status
-
-
-@contextmanager
-def _stdout_to_stderr() -> Iterator[None]:
-    """Keep stdout for the result: redirect what the middleware prints there to stderr."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    os.dup2(2, 1)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
+from ballbot_ros.run.processes import Processes
 
 
 @click.command('run')
@@ -116,22 +75,29 @@ def command(
     Exit status: 0 if the expectations hold, 1 if they do not or the run failed, 2 for a mistake
     in the arguments. With --viewer it is that of the last run.
     """
-    options = RunOptions(
-        processes=Processes(processes),
-        profile=profile,
-        parameter_file=parameter_file,
-        real_time_factor=real_time_factor,
-        # With a page, run in real time, since somebody watches.
-        default_real_time_factor=1.0 if viewer else 0.0,
-        seed=seed,
-        assignments=assignments,
-        controller=controller,
-        output=output,
-        record=not no_record,
-    )
-    if not viewer:
-        return run_and_print(scenario, options, as_json=as_json)
-    require_rclpy(', or omit --viewer')
-    from ballbot_ros.cli.viewer_session import run_with_viewer
+    arrangement = Processes(processes)
+    # Start the fork server first: it imports the nodes while this process imports what it needs.
+    with ForkClient() if arrangement is Processes.SEPARATE else nullcontext() as client:
+        from ballbot_ros.cli.scenario_run import run_and_print
+        from ballbot_ros.run.requirements import require_rclpy
+        from ballbot_ros.run.spec import RunOptions
 
-    return run_with_viewer(scenario, options, as_json=as_json)
+        options = RunOptions(
+            processes=arrangement,
+            profile=profile,
+            parameter_file=parameter_file,
+            real_time_factor=real_time_factor,
+            # With a page, run in real time, since somebody watches.
+            default_real_time_factor=1.0 if viewer else 0.0,
+            seed=seed,
+            assignments=assignments,
+            controller=controller,
+            output=output,
+            record=not no_record,
+        )
+        if not viewer:
+            return run_and_print(scenario, options, client, as_json=as_json)
+        require_rclpy(', or omit --viewer')
+        from ballbot_ros.cli.viewer_session import run_with_viewer
+
+        return run_with_viewer(scenario, options, client, as_json=as_json)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from ballbot_ros.cli.run import run_and_print
+from ballbot_ros.cli.scenario_run import run_and_print
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.supervisor import Supervisor
@@ -26,10 +26,13 @@ from ballbot_ros.stop_request import StopRequest
 POLL_S = 0.05
 
 
-def run_with_viewer(reference: str, options: RunOptions, *, as_json: bool) -> int:
+def run_with_viewer(
+    reference: str, options: RunOptions, client: ForkClient | None, *, as_json: bool
+) -> int:
     """Run a scenario, then those that the page requests; return the exit status of the last run.
 
-    If `options` name an output folder, later runs use the folders 2, 3 ... in it.
+    `client` forks viewer and nodes. If `options` name an output folder, later runs use the folders
+    2, 3 ... in it.
 
     Raises
     ------
@@ -38,15 +41,16 @@ def run_with_viewer(reference: str, options: RunOptions, *, as_json: bool) -> in
     """
     parameters = RunSpec.of_scenario(reference, options).parameters
     require_viewer(parameters, options.processes)
+    assert client is not None  # the nodes are separate processes
     console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     with (
         StopRequest() as stop,
-        closing(ViewerSession(parameters, reference, console)) as session,
+        closing(ViewerSession(parameters, reference, client, console)) as session,
     ):
 
         def run(reference: str, options: RunOptions) -> int:
             return run_and_print(
-                reference, options, as_json=as_json, is_replaced=session.is_run_requested
+                reference, options, client, as_json=as_json, is_replaced=session.is_run_requested
             )
 
         status = run(reference, options)
@@ -70,14 +74,15 @@ class ViewerSession:
     viewer's lines.
     """
 
-    def __init__(self, parameters: ParameterSet, reference: str, console: Console) -> None:
+    def __init__(
+        self, parameters: ParameterSet, reference: str, client: ForkClient, console: Console
+    ) -> None:
         self._console = console
         with ExitStack() as stack:
             stack.enter_context(ros())
             folder = stack.enter_context(temporary_folder())
             parameter_file = Path(folder) / 'parameters.yaml'
             write_parameter_file(parameter_file, _address(parameters), [VIEWER])
-            client = stack.enter_context(ForkClient())
             self._viewer = NodeProcess(client, VIEWER, parameter_file, self._print)
             stack.callback(stop_all, [self._viewer], last='')
             self._supervisor = Supervisor(reference)

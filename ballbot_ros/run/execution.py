@@ -13,9 +13,10 @@ from ballbot_ros.files import temporary_folder
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.observer import LogObserver, RunObserver
 from ballbot_ros.run.output_folder import output_files
+from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.requirements import require_rclpy
 from ballbot_ros.run.result import RunResult
-from ballbot_ros.run.spec import Processes, RunSpec
+from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.world.world import World
 

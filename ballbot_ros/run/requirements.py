@@ -5,7 +5,7 @@ from __future__ import annotations
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.middleware import require_middleware
 from ballbot_ros.parameters import ParameterSet, ViewerParameters
-from ballbot_ros.run.spec import Processes
+from ballbot_ros.run.processes import Processes
 
 
 def require_rclpy(alternative: str = '') -> None:

@@ -24,22 +24,13 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.run.processes import Processes
 from ballbot_ros.scenario.library import load_profile, load_scenario
 from ballbot_ros.scenario.reader import IDEAL
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.devices import DEVICES
-from ballbot_ros.text_enum import TextEnum
 from ballbot_ros.world.library import is_file_name
 from ballbot_ros.world.world import World
-
-
-class Processes(TextEnum):
-    """How the nodes of a run are distributed over processes."""
-
-    SEPARATE = 'separate'
-    ONE = 'one'
-    NONE = 'none'
-    """No nodes: the closed loop without ROS."""
 
 
 @dataclass(frozen=True, kw_only=True)

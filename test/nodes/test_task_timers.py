@@ -14,7 +14,8 @@ from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.one_shot import OneShotTimer
 from ballbot_ros.parameters import CONTROLLER, NODES, PLANT, RECORDER, PlantParameters
 from ballbot_ros.run.execution import execute
-from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
+from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
 from ballbot_ros.simulation.trajectory import load_trajectory

@@ -13,8 +13,9 @@ from ballbot_ros.analysis.verdict import Verdict
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.run.execution import execute
+from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.result import RunResult
-from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
+from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.simulation.golden import load_golden
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.world.library import read_map_file

@@ -8,14 +8,15 @@ import pytest
 from graph import BALLBOT, environment
 
 from ballbot_ros.analysis.verdict import Verdict
-from ballbot_ros.cli.run import run_and_print
+from ballbot_ros.cli.scenario_run import run_and_print
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.run import execution, spec
 from ballbot_ros.run.execution import execute
+from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.result import RunResult
-from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
+from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.trajectory import TrajectoryLog
@@ -36,12 +37,12 @@ def test_a_recorder_that_fails_at_the_start_is_the_only_reason(tmp_path, monkeyp
     failed = RunResult(Outcome.FAILED, reason, 2, trajectory=TrajectoryLog().trajectory())
     monkeypatch.setattr(execution, '_carry_out', lambda *_: failed)
     words = options(tmp_path / 'output', 'separate')
-    assert run_and_print('stationary', words, as_json=True) == 2
+    assert run_and_print('stationary', words, None, as_json=True) == 2
     result = json.loads(capsys.readouterr().out)
     assert result['reason'] == reason
     assert result['figure'] is None
     assert list(tmp_path.iterdir()) == []
-    assert run_and_print('stationary', options(tmp_path, 'separate'), as_json=False) == 2
+    assert run_and_print('stationary', options(tmp_path, 'separate'), None, as_json=False) == 2
     assert f'failed: {reason}' in capsys.readouterr().out.splitlines()
 
 

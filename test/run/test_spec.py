@@ -14,7 +14,8 @@ from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO
 from ballbot_ros.run.attachments import attachments_of
 from ballbot_ros.run.execution import execute
-from ballbot_ros.run.spec import Processes, RunOptions, RunSpec
+from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.library import load_profile, load_scenario
 
 NOISE = """purpose: noise of its own
