@@ -27,7 +27,7 @@ from ballbot_ros.nodes.processes import END_WITH_PARENT
 
 MAX_REQUEST_BYTES = 2**20
 PROGRAM = f'from {__name__} import main; main()'
-ROOM = ' ' * 4096
+ROOM = ' ' * 512
 """Last argument of the program: its place in memory takes the command lines of the nodes."""
 
 _PR_SET_NAME = 15
@@ -53,12 +53,14 @@ class NodeRequest(NamedTuple):
 
 def main() -> None:
     """Fork nodes until the command ends; in a fork, run the node."""
+    set_command_line('fork_server', ['ballbot_ros fork_server'])
+    parent = os.getpid()
     with socket.socket(fileno=int(sys.argv[1])) as control:
         import_nodes()
         forked = serve(control)
     if forked is None:
         os._exit(0)  # there is nothing to clean up
-    become_node(*forked)
+    become_node(*forked, parent)
 
 
 def import_nodes() -> None:
@@ -116,8 +118,8 @@ def _encode(*numbers: int) -> bytes:
     return json.dumps(numbers).encode()
 
 
-def become_node(request: NodeRequest, files: list[int]) -> None:
-    """Run a node in this fork as in a process of its own."""
+def become_node(request: NodeRequest, files: list[int], parent: int) -> None:
+    """Run a node in this fork as in a process of its own, which ends with `parent`."""
     output, *lock = files
     # Keep Ctrl-C from the node: it is for the run, which then stops its nodes in order.
     os.setsid()
@@ -128,7 +130,7 @@ def become_node(request: NodeRequest, files: list[int]) -> None:
     os.close(output)
     os.environ.clear()
     os.environ.update(request.environment)
-    os.environ[END_WITH_PARENT] = str(os.getppid())
+    os.environ[END_WITH_PARENT] = str(parent)
     if lock:
         os.environ[LOCK_FD_ENV] = str(lock[0])
     sys.argv = list(request.arguments)

@@ -151,7 +151,7 @@ def test_everything_ends_with_a_killed_command(domain):
             )
         )
         server, node = json.loads(command.stdout.readline())
-        command.kill()
+        command.kill()  # perhaps before the node knows its parent
         wait_for(lambda: not alive(server) and not alive(node), what='the end of both')
 
 
