@@ -99,7 +99,7 @@ def serve(control: socket.socket) -> tuple[NodeRequest, list[int]] | None:
                     with suppress(OSError):  # the command has just ended
                         control.send(_encode(key.data, os.waitstatus_to_exitcode(status)))
                     continue
-                request, files, *_ = socket.recv_fds(control, MAX_REQUEST_BYTES, 2)
+                request, files = _receive(control)
                 if not request:
                     return None
                 with warnings.catch_warnings():
@@ -112,6 +112,15 @@ def serve(control: socket.socket) -> tuple[NodeRequest, list[int]] | None:
                     os.close(file)
                 selector.register(os.pidfd_open(process), selectors.EVENT_READ, process)
                 control.send(_encode(process))
+
+
+def _receive(control: socket.socket) -> tuple[bytes, list[int]]:
+    """Return a request and its descriptors; nothing if the command has ended."""
+    try:
+        request, files, *_ = socket.recv_fds(control, MAX_REQUEST_BYTES, 2)
+    except ConnectionResetError:  # it has ended without reading how nodes ended
+        return b'', []
+    return request, files
 
 
 def _encode(*numbers: int) -> bytes:

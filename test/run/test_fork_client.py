@@ -155,6 +155,27 @@ def test_everything_ends_with_a_killed_command(domain):
         wait_for(lambda: not alive(server) and not alive(node), what='the end of both')
 
 
+UNREAD = """
+import json, os, signal, sys
+from ballbot_ros.nodes.fork_server import NodeRequest
+from ballbot_ros.run.fork_client import ForkClient
+client = ForkClient()
+node = client.start(NodeRequest('gyro_driver', ['gyro_driver'], dict(os.environ)), 1)
+os.kill(node, signal.SIGKILL)
+client._has_message(60.0)
+client._control.close()
+print(client._server.wait())
+"""
+
+
+def test_the_fork_server_ends_in_silence_if_nobody_reads_how_nodes_ended(domain):
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+    done = subprocess.run(
+        [sys.executable, '-c', UNREAD], env=environment, capture_output=True, text=True, check=True
+    )
+    assert (done.stdout, done.stderr) == ('0\n', '')
+
+
 CHECK = """
 import os, rclpy
 from ballbot_ros.nodes.fork_server import import_nodes
