@@ -164,3 +164,12 @@ def message_class(type_name: str) -> Any:
     """
     package, _, name = type_name.split('/')
     return getattr(import_module(f'{package}.msg'), name)
+
+
+def find_message_class(type_name: str) -> Any | None:
+    """Return the rclpy class of a type, or None if it is not installed or not a message's name."""
+    try:
+        return message_class(type_name)
+    # Without a package, the import is a relative one, which raises TypeError.
+    except (ImportError, AttributeError, ValueError, TypeError):
+        return None

@@ -21,7 +21,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
 from ballbot_ros.messages.conversions import encode_clock
-from ballbot_ros.messages.topics import CLOCK, HISTORY, TOPICS, message_class
+from ballbot_ros.messages.topics import CLOCK, HISTORY, TOPICS, find_message_class
 from ballbot_ros.nodes.base import FLUSH_S, BallbotNode, reliable_qos, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.parameters import PLANT, PlayerParameters
@@ -82,9 +82,8 @@ class Player(BallbotNode[PlayerParameters]):
             self.create_wall_timer(WATCH_S, self._watch)
 
     def _publisher(self, name: str, type_name: str) -> Publisher:
-        try:
-            kind = message_class(type_name)
-        except (ImportError, AttributeError, ValueError):
+        kind = find_message_class(type_name)
+        if kind is None:
             problem = f'type {type_name} not found' if type_name else 'its type is unknown'
             self.get_logger().warning(f'{name}: {problem}: not played')
             return None

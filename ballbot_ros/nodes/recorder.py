@@ -30,7 +30,7 @@ from ballbot_ros.messages.topics import (
     RUN_STATUS,
     TOPICS,
     Topic,
-    message_class,
+    find_message_class,
 )
 from ballbot_ros.nodes.base import BallbotNode, reliable_qos, run_node
 from ballbot_ros.nodes.graph_observer import UNKNOWN_NODE
@@ -261,9 +261,7 @@ class Recorder(BallbotNode[RecorderParameters]):
                 continue
             # Messages whose type is not installed here are not recorded.
             topic = Topic(name, offers[0].topic_type, None)
-            try:
-                message_class(topic.type_name)
-            except (ImportError, AttributeError):
+            if find_message_class(topic.type_name) is None:
                 self._refused.add(name)
                 self.get_logger().warning(f'{name}: type {topic.type_name} not found: not recorded')
                 continue
