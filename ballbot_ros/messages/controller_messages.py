@@ -27,11 +27,6 @@ from ballbot_ros.timing import TICK_NS
 class ControllerMessages:
     """Encodes and sends the controller's messages.
 
-    Parameters
-    ----------
-    make : callable
-        Returns the function that sends the messages of a topic.
-
     Attributes
     ----------
     operating_state : str

@@ -34,12 +34,6 @@ class RunStatus:
     ----------
     run : str
         Name of the run in ``plant/run``.
-    is_lockstep : bool
-        Whether the plant waits for its participants.
-    periodic_topics : tuple of str
-        Topics with a message at each multiple of their period.
-    participants : mapping of str to str
-        A description of each participant, by role.
     result : mapping of str to str
         The :data:`OUTCOME_KEYS` of a run that has ended; otherwise empty.
     """

@@ -36,11 +36,6 @@ from ballbot_ros.world.world import World
 class PlantMessages:
     """Encodes and sends the plant's messages.
 
-    Parameters
-    ----------
-    make : callable
-        Returns the function that sends the messages of a topic.
-
     Attributes
     ----------
     ball_radius : float

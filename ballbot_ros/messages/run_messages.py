@@ -24,14 +24,7 @@ RUN_NAME = '1'
 
 
 class RunMessages:
-    """Creates the messages that the nodes would publish, in causal order.
-
-    Parameters
-    ----------
-    make : callable
-        Returns the function that sends the messages of a topic.
-    parameters : ParameterSet
-    """
+    """Creates the messages that the nodes would publish, in causal order."""
 
     def __init__(self, make: MakeSend, parameters: ParameterSet) -> None:
         self._plant = PlantMessages(make)

@@ -22,17 +22,7 @@ from ballbot_ros.world.world import World
 
 
 class SimulatedRecording:
-    """Writes the messages that the nodes would have published.
-
-    Parameters
-    ----------
-    path : Path
-        The file to create.
-    attachments : mapping of str to bytes
-        Files to attach.
-    parameters : ParameterSet
-        The parameters of the run.
-    """
+    """Writes the messages that the nodes would have published."""
 
     def __init__(
         self, path: Path, attachments: Mapping[str, bytes], parameters: ParameterSet

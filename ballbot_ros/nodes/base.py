@@ -61,13 +61,7 @@ def requested_qos(topic: Topic, depth: int) -> QoSProfile:
 
 
 class TopicPublisher:
-    """The publishers of a topic.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    topic : Topic
-    """
+    """The publishers of a topic."""
 
     def __init__(self, node: Node, topic: Topic) -> None:
         self._node, self._topic = node, topic
@@ -112,23 +106,10 @@ class TopicPublisher:
 class BallbotNode(ParameterNode[P]):
     """A node of the graph.
 
-    Parameters
-    ----------
-    cls : type
-        Class of the node's parameters, which determines its role; the role is also the node's name
-        unless ROS remaps it.
-    parameters : NodeParameters or None
-        Initial values, for a node created by a program; None for the values from the command line
-        and from parameter files.
-    use_sim_time : bool
-        Whether the node's clock is ``/clock``.
-
     Attributes
     ----------
     done : rclpy.Future
         Completed when the node has finished its work, so that its process may end.
-    exit_status : int
-        The exit status of that process.
     failure : str
         Why the node failed; '' if it did not.
     awaits : str

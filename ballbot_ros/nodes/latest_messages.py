@@ -36,7 +36,6 @@ class LatestMessages:
     ----------
     node : rclpy.node.Node
         A node in the namespace of the topics.
-    topics : collection of Topic
     """
 
     def __init__(self, node: Node, topics: Collection[Topic]) -> None:

@@ -54,7 +54,6 @@ class ParameterNode(Node, Generic[P]):
 
     Attributes
     ----------
-    role : str
     parameters : NodeParameters
         The values in effect.
 

@@ -9,13 +9,7 @@ from rclpy.node import Node
 
 
 class OneShotTimer:
-    """Calls back once after each :meth:`start`, on the wall clock.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    callback : callable
-    """
+    """Calls back once after each :meth:`start`, on the wall clock."""
 
     def __init__(self, node: Node, callback: Callable[[], None]) -> None:
         self._callback = callback

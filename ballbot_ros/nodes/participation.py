@@ -69,16 +69,10 @@ class Participation:
 
     Parameters
     ----------
-    node : BallbotNode
     on_run : callable, optional
         Called with each new run before the node joins it.
     on_call : callable, optional
         Called after each answered roll call.
-
-    Attributes
-    ----------
-    run : Run or None
-        The newest run.
     """
 
     def __init__(

@@ -19,14 +19,7 @@ if TYPE_CHECKING:
 
 
 class PlantActions:
-    """Executes the master's actions in the plant's node.
-
-    Parameters
-    ----------
-    node : PlantSim
-    wake : OneShotTimer
-        Timer that wakes the master.
-    """
+    """Executes the master's actions in the plant's node."""
 
     def __init__(self, node: PlantSim, wake: OneShotTimer) -> None:
         self._node, self._wake = node, wake

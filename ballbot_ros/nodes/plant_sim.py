@@ -46,12 +46,7 @@ from ballbot_ros.world.world import World
 
 
 class PlantSim(BallbotNode[PlantParameters]):
-    """Passes events to the master of the run, and carries out its decisions.
-
-    Attributes
-    ----------
-    master : RunMaster
-    """
+    """Passes events to the master of the run, and carries out its decisions."""
 
     def __init__(self, parameters: PlantParameters | None = None) -> None:
         # Take the lock before the node becomes a participant of the domain.

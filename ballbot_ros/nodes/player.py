@@ -37,12 +37,7 @@ WATCH_S = 0.5
 
 
 class Player(BallbotNode[PlayerParameters]):
-    """Plays a recording.
-
-    Attributes
-    ----------
-    playback : Playback
-    """
+    """Plays a recording."""
 
     def __init__(self, parameters: PlayerParameters | None = None) -> None:
         super().__init__(PlayerParameters, parameters)

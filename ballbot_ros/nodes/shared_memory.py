@@ -68,14 +68,7 @@ class Leftover(NamedTuple):
 def find_leftovers(
     folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S
 ) -> list[Leftover]:
-    """Return this user's files that no living process holds.
-
-    Parameters
-    ----------
-    folder : Path
-    older_than_s : float
-        Younger resources are ignored.
-    """
+    """Return this user's files that no living process holds."""
     with _dead_resources(folder, older_than_s) as dead:
         return [leftover for resource in dead for leftover in resource.leftovers]
 
@@ -85,12 +78,6 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
 
     A port that has been broken for :data:`SETTLED_S` is removed even if processes hold it: these
     processes, and all later ones, would wait for it forever. They are woken, and create a new port.
-
-    Parameters
-    ----------
-    folder : Path
-    older_than_s : float
-        Younger resources are ignored.
     """
     with _dead_resources(folder, older_than_s) as dead:
         removed = [leftover for resource in dead for leftover in resource.remove()]

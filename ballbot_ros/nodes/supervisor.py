@@ -13,11 +13,6 @@ from ballbot_ros.scenario.library import load_scenario
 class Supervisor(BallbotNode[SupervisorParameters]):
     """Requests a scenario; the command that runs the graph starts it.
 
-    Parameters
-    ----------
-    scenario : str
-        Name or file of the running scenario.
-
     Attributes
     ----------
     requested_scenario : str

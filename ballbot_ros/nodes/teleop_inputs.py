@@ -37,9 +37,6 @@ class TeleopInputs:
 
     Parameters
     ----------
-    node : BallbotNode
-    sources : Arbiter
-        Receives the sticks of each input.
     input_errors : InputErrors
         Receives the errors of each input, by the name of its topic.
     """

@@ -21,14 +21,6 @@ from ballbot_ros.teleop.terminal import Terminal
 class TeleopTerminal:
     """Drives from the keyboard.
 
-    Parameters
-    ----------
-    node : BallbotNode
-    sources : Arbiter
-        Receives the keyboard's sticks.
-    command : callable
-        Returns the input in command and its sticks.
-
     Attributes
     ----------
     is_closed : bool

@@ -46,7 +46,6 @@ class ViewerRequests:
 
     Parameters
     ----------
-    node : BallbotNode
     notify : callable
         Shows a message to the viewers.
     """

@@ -48,18 +48,14 @@ class DriveOptions:
 
     Attributes
     ----------
-    map_name : str or None
     start : tuple of float or None
         Start position x, y in the frame ``map`` [m].
     profile : str or None
         Profile of the devices; None for ``ideal``.
     device : str or None
         Gamepad, by its number or part of its name; None for any.
-    assignments : sequence of str
-        Values of parameters, as ``node.param=value``.
     output : Path or None
         Folder for the recording; None for a new one under ``runs/``.
-    record : bool
     """
 
     map_name: str | None = None
@@ -118,14 +114,10 @@ def drive(
 
     Parameters
     ----------
-    spec : RunSpec
-    observer : RunObserver
     no_keyboard : str
         Why the keyboard is not used for driving; '' if it is.
     log : Path or None
         File for the data log of the brick.
-    viewer : bool
-        Whether to show the robot in a browser.
 
     Raises
     ------

@@ -30,11 +30,6 @@ RCLError = rclpy_implementation.RCLError
 def ros(log_level: str = 'WARN') -> Iterator[None]:
     """Provide rclpy for the nodes of this process; by default they discover only this machine.
 
-    Parameters
-    ----------
-    log_level : str
-        Log level of the nodes; the command itself reports on the run.
-
     Raises
     ------
     BallbotError
@@ -74,7 +69,6 @@ def graph_parameters(spec: RunSpec, recording: Path | None, scratch: Path) -> Pa
 
     Parameters
     ----------
-    spec : RunSpec
     recording : Path or None
         The file that the recorder writes; if None, a recorder creates a new one under ``runs/``.
     scratch : Path

@@ -12,10 +12,6 @@ from ballbot_ros.nodes.base import AnyNode, spin
 class NodeThread:
     """Runs a node's callbacks until it is closed.
 
-    Parameters
-    ----------
-    node : BallbotNode
-
     Attributes
     ----------
     error : BaseException or None

@@ -13,13 +13,7 @@ from ballbot_ros.run.spec import RunSpec
 
 
 class OutputFiles(NamedTuple):
-    """The output files of a run.
-
-    Attributes
-    ----------
-    recording, figure : Path or None
-        The file to write, or None.
-    """
+    """The output files of a run."""
 
     recording: Path | None = None
     figure: Path | None = None

@@ -33,13 +33,7 @@ while it saves the result."""
 
 
 class PlantWatchdog:
-    """Distinguishes a plant that hangs from one that is starved of processor time.
-
-    Parameters
-    ----------
-    now_s : float
-        Time on a monotonic clock [s], as in the methods.
-    """
+    """Distinguishes a plant that hangs from one that is starved of processor time."""
 
     def __init__(self, now_s: float) -> None:
         self._heard_s = self._waited_s = now_s

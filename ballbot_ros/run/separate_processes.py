@@ -39,14 +39,10 @@ def run_in_separate_processes(
 
     Parameters
     ----------
-    client : ForkClient
-        Forks the nodes.
-    spec : RunSpec
     recording : Path or None
         The file that the recorder writes.
     scratch : Path
         Folder for files that only the nodes read.
-    observer : RunObserver
     is_replaced : callable or None
         Returns whether another run replaces this one; None if no run will.
     """
@@ -168,15 +164,8 @@ def merge_process_failures(
 
     Parameters
     ----------
-    processes : mapping of str to NodeProcess
-        The processes of the run, all of which have ended.
-    plant_result : RunResult
-        The result according to the plant.
     failure : str
         Reported by :func:`watch`.
-    stop : StopRequest
-    is_replaced : bool
-        Whether another run replaces this one.
     """
     failed = {p.name: p.failure for p in processes.values() if p.exit_status in (1, 2)}
     is_complete = plant_result.is_complete

@@ -75,21 +75,15 @@ class ClosedLoop:
 
     Parameters
     ----------
-    parameters : ParameterSet
     scenario : Scenario or ExternalInputs, or None
         Stick signals and pushes; None for a neutral stick and no push.
-    start_ns : int
-        Sim time of the first tick [ns].
 
     Attributes
     ----------
-    plant : Plant
     program : Program
         The implementation that the controller's parameter `implementation` selects.
     world : World or None
         None for an unlimited floor without walls.
-    pushes : sequence of Push
-        The pushes that act in this run.
 
     Raises
     ------

@@ -114,21 +114,12 @@ class LockstepTicks:
 
     Parameters
     ----------
-    periods_ns : mapping of str to int
-        The inputs and the period of each [ns].
     first : str
         The input published by the plant itself.
     every_tick : str
         The input whose first sample defines the controller's first tick.
     is_same : mapping of str to callable
         For each input, a function that compares the content of two serialised messages.
-    tick_ns : int
-        Period of the ticks [ns].
-
-    Attributes
-    ----------
-    gate : InputGate
-    releases : TaskReleases
     """
 
     def __init__(
@@ -161,12 +152,6 @@ class LockstepTicks:
 
         Parameters
         ----------
-        name : str
-            The input.
-        stamp_ns : int
-            Stamp of the sample [ns].
-        data : bytes
-            The serialised sample.
         value : object
             The value that the brick reads from it.
 
@@ -220,14 +205,7 @@ class LockstepTicks:
         return self._due_tick()
 
     def on_timer(self, task: str, now_ns: int) -> DueTick | None:
-        """Release a task whose timer fired; return the tick if it waited only for this release.
-
-        Parameters
-        ----------
-        task : str
-        now_ns : int
-            Sim time of the callback [ns].
-        """
+        """Release a task whose timer fired; return the tick if it waited only for this release."""
         self.releases.release(task, now_ns)
         return self._due_tick()
 
@@ -241,8 +219,6 @@ class LockstepTicks:
         now_ns : int
             Sim time [ns]. The plant waits for the tick of this time; another controller has
             answered the earlier ones.
-        rejoin : bool
-            Whether the controller may start from its initial state in mid-run.
         """
         if stamp_ns != now_ns:
             return SampleReaction.IGNORE

@@ -48,15 +48,10 @@ class Participant:
         Its function in the graph: the node of the parameter table that it stands for.
     node : str
         Fully qualified name, such as ``/gyro_driver``.
-    host : str
-    process : int
-        Process id on that host.
     instance : str
         Distinguishes nodes that are otherwise equal.
     implementation : str
         Program and version.
-    parameters_sha256 : str
-        Hash of its parameters' values.
     guid_prefix : str
         Prefix of the identifiers of its publishers, as hexadecimal text; '' if unknown, in which
         case its publishers are identified by the name of their node.
@@ -87,11 +82,8 @@ class Objection:
 
     Attributes
     ----------
-    text : str
     topic : str
         Where the sample arrived; '' if the participant itself can't continue.
-    stamp_ns : int
-        Stamp of the sample [ns].
     """
 
     text: str
@@ -114,12 +106,10 @@ class Announcement:
 
     Attributes
     ----------
-    participant : Participant
     run : str
         The run in which it takes part, by its name in ``plant/run``.
     answered_ns : int
         Stamp of its newest sample in this run [ns], 0 before the first.
-    objection : Objection or None
     """
 
     participant: Participant
@@ -159,7 +149,6 @@ class Membership(NamedTuple):
 
     Attributes
     ----------
-    participant : Participant
     since_ns : int
         Sim time at which it joined [ns].
     is_successor : bool
@@ -255,10 +244,6 @@ class Roster:
 
         Parameters
         ----------
-        run : str
-            Its name.
-        plant : Participant
-            The plant that announces the run.
         required : collection of str
             The roles that the run needs before it begins.
         """
@@ -304,15 +289,7 @@ class Roster:
     def update_publishers(
         self, publishers: Mapping[str, Sequence[Publisher]], now_s: float
     ) -> None:
-        """Update the publishers on the lockstep topics.
-
-        Parameters
-        ----------
-        publishers : mapping of str to sequence of Publisher
-            The publishers on each topic.
-        now_s : float
-            Time of this look at the graph, on a monotonic clock [s].
-        """
+        """Update the publishers on the lockstep topics."""
         run = self._run
         if self._polled_at_s is not None:
             self._now_s += min(now_s - self._polled_at_s, MAX_POLL_GAP_S)

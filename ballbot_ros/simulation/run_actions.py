@@ -44,12 +44,6 @@ class PublishStatus:
 
     Attributes
     ----------
-    run : Run
-    is_lockstep : bool
-    topics : tuple of str
-        The topics that the participants publish periodically.
-    members : tuple of Membership
-        All participants of the run so far.
     summary : RunSummary or None
         None while the run is in progress.
     """
@@ -67,9 +61,6 @@ class BeginRun:
 
     Attributes
     ----------
-    start_ns : int
-        Stamp of the first tick [ns].
-    world : World or None
     ball_radius : float
         Height of the ball's centre [m].
     """
@@ -94,15 +85,7 @@ class PublishPush:
 
 @dataclass(frozen=True)
 class PublishTruth:
-    """Publish the truth of a tick, the true state of the robot, together with its sim time.
-
-    Attributes
-    ----------
-    truth : GroundTruth
-    wall_hit : bool
-    is_resend : bool
-        Whether it has been published before.
-    """
+    """Publish the truth of a tick, the true state of the robot, together with its sim time."""
 
     truth: GroundTruth
     wall_hit: bool
@@ -129,8 +112,6 @@ class Log:
 
     Attributes
     ----------
-    text : str
-    severity : Severity
     is_throttled : bool
         Whether to write at most one such line a second.
     """
@@ -187,7 +168,6 @@ class EndRun:
 
     Attributes
     ----------
-    summary : RunSummary
     exit_status : int
         0, 1 if the run failed, 2 for a mistake of the user.
     """
@@ -202,25 +182,12 @@ class RunSummary:
 
     Attributes
     ----------
-    outcome : Outcome
     reason : str
         Why it failed; otherwise ''.
-    ticks : int
-    duty_sha256 : str
-        Hash of all duties.
     real_time_factor : float
         Sim time per wall time.
-    late_ticks : int
-        Ticks that came more than a period late.
-    resends : int
-        Number of times that an unanswered tick was sent again in lockstep, without the repeated
-        truths of a halted plant.
     round_trips_s : tuple of float
         Times from publishing a truth to receiving its duties [s]; empty if not measured.
-    start_ns : int
-        Stamp of the first tick [ns].
-    members : tuple of Membership
-        All participants of the run.
     """
 
     outcome: Outcome

@@ -97,26 +97,16 @@ class RunMaster(ABC):
 
     Parameters
     ----------
-    graph : Graph
-    process_observer : ProcessObserver
-    topics : RunTopics
     set_up : callable
         Returns the :class:`RunSetup` of a run for the stamp of its first tick [ns].
-    token : str
-        Identifies this plant.
-    now_s : float
-        The time [s].
 
     Attributes
     ----------
     log : TrajectoryLog
         Trajectory and duties of the current run so far.
-    pause : PauseControl
     resends : int
         Number of times that an unanswered tick was sent again in lockstep, in all runs. Repeated
         truths of a halted plant, or of a free-running one before its first duty, do not count.
-    summary : RunSummary or None
-        The outcome, once the run has ended.
     """
 
     is_lockstep: bool
@@ -198,12 +188,8 @@ class RunMaster(ABC):
 
         Parameters
         ----------
-        stamp_ns : int
-            Its stamp [ns].
         duty : tuple of int or None
             Motors B and C [%]; None if the message has no valid duty.
-        data : bytes
-            The message.
         is_stop : bool
             Whether the message answers no tick, but says that the motors are off.
         """
@@ -227,8 +213,6 @@ class RunMaster(ABC):
 
         Parameters
         ----------
-        start_ns : int
-            Sim time [ns].
         force, torque : tuple of float
             As in :class:`Push` [N], [N·m].
         """

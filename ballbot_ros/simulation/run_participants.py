@@ -49,13 +49,8 @@ class RunTopics:
 
     Attributes
     ----------
-    clock, duty, push, ack, participants : str
-    owners : mapping of str to collection of str
-        The lockstep topics, and the roles that publish on each.
     stamped : frozenset of str
         The topics whose messages have a stamp.
-    periodic : frozenset of str
-        The topics with a message at each multiple of a period.
     is_same_duty : callable
         Compares the content of two serialised duties with one stamp.
     """
@@ -72,23 +67,7 @@ class RunTopics:
 
 
 class RunParticipants:
-    """Calls the roll, evaluates the answers, and decides whether the run may continue.
-
-    Parameters
-    ----------
-    graph : Graph
-    process_observer : ProcessObserver
-    host : str
-        The name of this machine.
-    topics : RunTopics
-    is_lockstep : bool
-    act : callable
-        Called with the resulting actions.
-
-    Attributes
-    ----------
-    liveness : LivenessMonitor
-    """
+    """Calls the roll, evaluates the answers, and decides whether the run may continue."""
 
     def __init__(
         self,
@@ -132,15 +111,7 @@ class RunParticipants:
         self._roster.note_foreign_message(self._topics.participants)
 
     def on_run(self, name: str, topic: str) -> None:
-        """Object to the run of another plant; ignore our own runs, whose announcement may be late.
-
-        Parameters
-        ----------
-        name : str
-            Name of the run.
-        topic : str
-            The topic of the announcement.
-        """
+        """Object to the run of another plant; ignore our own, whose announcement may be late."""
         if self._run and Run(name, 0).plant != self._run.plant:
             self.add_objection(
                 Objection(f'another run, {name!r}, is announced on {topic!r}', topic)
@@ -151,15 +122,7 @@ class RunParticipants:
         self._roster.add_objection(objection)
 
     def readiness(self, now_ns: int, now_s: float) -> Readiness:
-        """Check the graph; return whether the run may continue.
-
-        Parameters
-        ----------
-        now_ns : int
-            Sim time [ns].
-        now_s : float
-            Time on a monotonic clock [s].
-        """
+        """Check the graph; return whether the run may continue."""
         self._roster.update_publishers(self._graph.publishers(), now_s)
         if self._is_lockstep:
             suspected = self._roster.suspected_topics & self._topics.stamped

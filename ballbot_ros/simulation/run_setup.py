@@ -20,16 +20,12 @@ class RunSettings:
     ----------
     duration_ns : int or None
         Length of the run [ns]; None for an endless run.
-    real_time_factor : float
-        Pace against the wall clock; 0 for as fast as possible.
     push_ns : int
         Duration of an external push [ns].
     timeout_s, startup_timeout_s : float
         Silence after which the run fails, while it ticks and before its first tick [s].
     waits_for_silent : bool
         Whether the run waits for a silent participant instead of failing.
-    requires_recorder : bool
-        Whether the run requires a recorder to begin.
     """
 
     duration_ns: int | None
@@ -60,14 +56,8 @@ class RunSetup:
 
     Attributes
     ----------
-    settings : RunSettings
-    plant : Plant
-        At the start of the run.
     world : World or None
         The floor; None if it is unlimited and without walls.
-    scenario : Scenario
-    participant : Participant
-        The plant as a participant of its run.
     ball_radius : float
         Height of the ball's centre [m].
     """

@@ -17,12 +17,8 @@ class ThreadTime:
 
     Attributes
     ----------
-    cpu_s : float
-        Processor time [s].
     queued_s : float
         Time spent waiting for a processor [s].
-    is_runnable : bool
-        Whether it is currently running or waiting for a processor.
     """
 
     cpu_s: float
@@ -30,15 +26,7 @@ class ThreadTime:
     is_runnable: bool
 
     def starved_s(self, before: ThreadTime, span_s: float) -> float:
-        """Return how much of the last `span_s` the thread spent waiting for a processor [s].
-
-        Parameters
-        ----------
-        before : ThreadTime
-            State of the same thread at the start of the span.
-        span_s : float
-            Length of the span [s].
-        """
+        """Return how much of the last `span_s` the thread spent waiting for a processor [s]."""
         if self.is_runnable and (self.cpu_s, self.queued_s) == (before.cpu_s, before.queued_s):
             return span_s  # It waited all along: the system counts a wait only when it ends.
         return self.queued_s - before.queued_s
@@ -64,15 +52,7 @@ class Observation(NamedTuple):
 
 
 def available_s(threads: Threads, before: Threads, span_s: float) -> float:
-    """Return the part of the last `span_s` in which a process did not wait for a processor [s].
-
-    Parameters
-    ----------
-    threads, before : mapping of int to ThreadTime
-        Threads of the process now, and at the start of the span.
-    span_s : float
-        Length of the span [s].
-    """
+    """Return the part of the last `span_s` in which a process did not wait for a processor [s]."""
     known = threads.keys() & before.keys()
     starved = (threads[each].starved_s(before[each], span_s) for each in known)
     used_s = max((threads[each].cpu_s - before[each].cpu_s for each in known), default=0.0)
@@ -98,8 +78,6 @@ class SilenceTimer:
         ----------
         since_s : float
             Start of the silence on a monotonic clock [s]. A new value means another silence.
-        now_s : float
-            Current time on the same clock [s].
         processes : mapping of int to mapping
             The local processes that could end the silence, by process id.
         """

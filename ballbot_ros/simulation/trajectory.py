@@ -47,11 +47,6 @@ class TrajectoryLog:
     ----------
     keep : bool
         False to only count and hash, for an endless run.
-
-    Attributes
-    ----------
-    ticks : int
-        Number of ticks so far.
     """
 
     def __init__(self, *, keep: bool = True) -> None:
