@@ -10,10 +10,10 @@ from collections.abc import Collection
 
 from ballbot_ros.parameters import RECORDER
 from ballbot_ros.plant.ground_truth import GroundTruth
+from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recorder_flow import RecorderFlow
-from ballbot_ros.simulation.run_actions import Log, Report, ResendToDrivers, Severity, WakeIn
 from ballbot_ros.simulation.run_master import (
     STARTUP_WARN_S,
     Phase,
@@ -99,7 +99,7 @@ class LockstepMaster(RunMaster):
         factor = self._settings.real_time_factor
         if not self.pause.is_paused and (delay_s := self._pacer.delay_s(factor, self._now_s)):
             self._waits_for_pace = True
-            self._act(WakeIn(delay_s))
+            self._act(do.WakeIn(delay_s))
             return
         if not self.pause.take_step():
             return
@@ -138,7 +138,7 @@ class LockstepMaster(RunMaster):
             self._give_up(silent)
         elif self._now_s - since_s > WARN_S:
             # Keep reporting, so that a waiting plant is not counted as silent itself.
-            self._act(Report())
+            self._act(do.Report())
 
     def _awaits_recorder(self) -> bool:
         """Return whether the plant waits for the recorder instead of the controller."""
@@ -194,7 +194,7 @@ class LockstepMaster(RunMaster):
         self._recorder.require_ack(self._plant.time_ns)
         missing = self._first_missing()
         if missing.stamp_ns < self._plant.time_ns:
-            self._act(ResendToDrivers(missing))
+            self._act(do.ResendToDrivers(missing))
             self._last_sent, self._last_sent_s = missing, self._now_s
         else:
             self._publish_truth(is_resend=True)
@@ -244,6 +244,6 @@ class LockstepMaster(RunMaster):
         self._recorder.leave()
         reason = self._participants.reported_failure(RECORDER)
         text = f'the recorder has left the run{reason and ": "}{reason}'
-        self._act(Log(text, Severity.WARNING))
+        self._act(do.Log(text, do.Severity.WARNING))
         self._advance()
         return True

@@ -203,23 +203,8 @@ class RunSummary:
 
 
 Action = (
-    AnnounceRun
-    | CallRoll
-    | PublishStatus
-    | BeginRun
-    | ClearMap
-    | PublishPush
-    | PublishTruth
-    | ResendToDrivers
-    | StopMotors
-    | Log
-    | Warn
-    | ClearWarning
-    | RaiseError
-    | ClearError
-    | Report
-    | WakeIn
-    | CancelWake
-    | EndRun
-)
+    AnnounceRun | CallRoll | PublishStatus | BeginRun | ClearMap | PublishPush | PublishTruth
+    | ResendToDrivers | StopMotors | Log | Warn | ClearWarning | RaiseError | ClearError | Report
+    | WakeIn | CancelWake | EndRun
+)  # fmt: skip
 Actions = list[Action]

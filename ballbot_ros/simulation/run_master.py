@@ -14,32 +14,14 @@ from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
 
 from ballbot_ros.plant.ground_truth import Pair, Push
+from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.liveness import ProcessObserver
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.pacer import Pacer
 from ballbot_ros.simulation.participants import Announcement, Membership, Readiness, ReadinessState
 from ballbot_ros.simulation.pause_control import PauseControl
-from ballbot_ros.simulation.run_actions import (
-    Action,
-    Actions,
-    AnnounceRun,
-    BeginRun,
-    CancelWake,
-    ClearError,
-    ClearMap,
-    ClearWarning,
-    EndRun,
-    Log,
-    PublishPush,
-    PublishTruth,
-    RaiseError,
-    Report,
-    RunSummary,
-    Severity,
-    StopMotors,
-    Warn,
-)
+from ballbot_ros.simulation.run_actions import Action, Actions, RunSummary
 from ballbot_ros.simulation.run_participants import Graph, RunParticipants, RunTopics
 from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
 from ballbot_ros.simulation.trajectory import TrajectoryLog
@@ -197,7 +179,7 @@ class RunMaster(ABC):
             return
         if duty is None:
             text = f'{self._topics.duty}: duty ignored: not whole numbers within -100 … 100 %'
-            self._act(Log(text, Severity.WARNING))
+            self._act(do.Log(text, do.Severity.WARNING))
         else:
             self._take_duty(stamp_ns, duty, data, is_stop=is_stop)
 
@@ -226,7 +208,7 @@ class RunMaster(ABC):
             problem = f'{MAX_PUSHES} pushes are already active or pending'
         if problem:
             text = f'{self._topics.push}: push ignored: {problem}'
-            self._act(Log(text, Severity.WARNING, is_throttled=True))
+            self._act(do.Log(text, do.Severity.WARNING, is_throttled=True))
         else:
             self._push(push)
 
@@ -244,7 +226,7 @@ class RunMaster(ABC):
         """Begin a new run at the next multiple of 100 ms."""
         if self._is_ended:
             return
-        self._act(Log(f'reset: run {self._number} ends {self._progress()}'))
+        self._act(do.Log(f'reset: run {self._number} ends {self._progress()}'))
         self._prepare(next_start_ns(self._plant.time_ns))
         self._begin()
 
@@ -252,7 +234,7 @@ class RunMaster(ABC):
     def set_paused(self, *, is_paused: bool) -> None:
         """Pause the plant at its current tick, or resume."""
         if is_paused != self.pause.is_paused:
-            self._act(Log('paused' if is_paused else 'resumed'))
+            self._act(do.Log('paused' if is_paused else 'resumed'))
         self.pause.set(is_paused=is_paused)
         if not is_paused:
             self._continue()
@@ -298,17 +280,17 @@ class RunMaster(ABC):
             requires_recorder=self._settings.requires_recorder,
         )
         if self._setup.world is None:
-            self._act(ClearMap())
-        self._act(AnnounceRun(self._run))
-        self._act(ClearError())
+            self._act(do.ClearMap())
+        self._act(do.AnnounceRun(self._run))
+        self._act(do.ClearError())
 
     def _open(self) -> None:
         """Begin the run with its participants: publish the first truth."""
         self._phase = Phase.TICKING
         self._participants.confirm()
         start_s = self._run.start_ns / SECOND_NS
-        self._act(Log(f'run {self._number} begins at sim time {start_s:.3f} s'))
-        self._act(BeginRun(self._run.start_ns, self._setup.world, self._setup.ball_radius))
+        self._act(do.Log(f'run {self._number} begins at sim time {start_s:.3f} s'))
+        self._act(do.BeginRun(self._run.start_ns, self._setup.world, self._setup.ball_radius))
         for push in self._setup.scenario.pushes_from(self._run.start_ns):
             self._push(push)
         self._publish_truth()
@@ -317,13 +299,13 @@ class RunMaster(ABC):
         """Apply a push, and publish its start and end, so that the run can be replayed."""
         self._plant.push(push)
         self._pushes += 1
-        self._act(PublishPush(push, self._pushes))
-        self._act(Log(str(push)))
+        self._act(do.PublishPush(push, self._pushes))
+        self._act(do.Log(str(push)))
 
     def _publish_truth(self, *, is_resend: bool = False) -> None:
         self._truth = self._plant.truth()
         is_hit = self._plant.wall_hit
-        self._act(PublishTruth(self._truth, is_hit, is_resend))
+        self._act(do.PublishTruth(self._truth, is_hit, is_resend))
         if is_hit != self._is_hit:
             self._is_hit = is_hit
             self._report_wall_hit()
@@ -333,9 +315,9 @@ class RunMaster(ABC):
     def _report_wall_hit(self) -> None:
         """Raise or clear the error of a wall hit; a hit that ends the run becomes its reason."""
         if not self._is_hit:
-            self._act(ClearError())
+            self._act(do.ClearError())
         elif not self._plant.stopped:
-            self._act(RaiseError(str(self._plant.newest_hit)))
+            self._act(do.RaiseError(str(self._plant.newest_hit)))
 
     def _tick(self, duty: tuple[int, int]) -> None:
         """Advance the plant by a tick."""
@@ -373,7 +355,7 @@ class RunMaster(ABC):
         if self._phase is not Phase.DRAINING:
             self._last_tick_s = self._now_s
         if outcome is not Outcome.COMPLETED and self._is_open:
-            self._act(StopMotors(self._truth.stamp_ns))
+            self._act(do.StopMotors(self._truth.stamp_ns))
         self._phase = Phase.ENDED
         self._cancel_wake()
         wall_s = self._last_tick_s - self._first_tick_s
@@ -392,8 +374,8 @@ class RunMaster(ABC):
         )
         self._participants.publish_status(self.summary)
         if self._number:
-            self._act(Log(f'run {self._number} {outcome} {self._progress()}'))
-        self._act(EndRun(self.summary, exit_status))
+            self._act(do.Log(f'run {self._number} {outcome} {self._progress()}'))
+        self._act(do.EndRun(self.summary, exit_status))
 
     # Participants
 
@@ -436,9 +418,9 @@ class RunMaster(ABC):
         missing = self._participants.missing()
         if missing and missing != self._missing:
             self._missing = missing
-            self._act(Log(f'run {self._number} waits for {", ".join(missing)}'))
+            self._act(do.Log(f'run {self._number} waits for {", ".join(missing)}'))
         # Keep reporting, so that a waiting plant on a busy machine is not counted as silent.
-        self._act(Report())
+        self._act(do.Report())
         settings = self._settings
         if self._is_held:
             self._warn(standing.reason)
@@ -526,16 +508,16 @@ class RunMaster(ABC):
     def _cancel_wake(self) -> None:
         if self._waits_for_pace:
             self._waits_for_pace = False
-            self._act(CancelWake())
+            self._act(do.CancelWake())
 
     def _warn(self, text: str) -> None:
         self._is_warned = True
-        self._act(Warn(text))
+        self._act(do.Warn(text))
 
     def _clear_warning(self) -> None:
         if self._is_warned:
             self._is_warned = False
-            self._act(ClearWarning())
+            self._act(do.ClearWarning())
 
     def _progress(self) -> str:
         if self.log.ticks == 0:
