@@ -25,9 +25,10 @@ from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
-from ballbot_ros.simulation.participants import Announcement, Objection, Participant, Publisher
+from ballbot_ros.simulation.participants import Announcement, Objection, Participant
 from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
 from ballbot_ros.simulation.silence_timer import Observation, ThreadTime
+from ballbot_ros.simulation.strangers import Publisher
 from ballbot_ros.timing import TICK_NS
 from ballbot_ros.world.world import World
 

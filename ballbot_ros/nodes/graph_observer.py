@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import Topic
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
-from ballbot_ros.simulation.participants import Publisher
+from ballbot_ros.simulation.strangers import Publisher
 
 _PREFIX = 24
 """Number of hexadecimal digits shared by all identifiers of one DDS participant."""

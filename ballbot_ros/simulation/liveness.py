@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterable
 from typing import Protocol
 
 from ballbot_ros.parameters import CONTROLLER, DRIVER_PERIODS_NS, DRIVERS, RECORDER
-from ballbot_ros.simulation.participants import Participant, Roster
+from ballbot_ros.simulation.participants import Participant
+from ballbot_ros.simulation.roster import Roster
 from ballbot_ros.simulation.silence_timer import Observation, SilenceTimer
 
 

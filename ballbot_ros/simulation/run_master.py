@@ -19,8 +19,9 @@ from ballbot_ros.simulation.liveness import ProcessObserver
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.pacer import Pacer
-from ballbot_ros.simulation.participants import Announcement, Membership, Readiness, ReadinessState
+from ballbot_ros.simulation.participants import Announcement, Membership
 from ballbot_ros.simulation.pause_control import PauseControl
+from ballbot_ros.simulation.roster import Readiness, ReadinessState
 from ballbot_ros.simulation.run_actions import Action, Actions, RunSummary
 from ballbot_ros.simulation.run_participants import Graph, RunParticipants, RunTopics
 from ballbot_ros.simulation.run_setup import RunSettings, RunSetup

@@ -15,12 +15,10 @@ from ballbot_ros.simulation.participants import (
     Membership,
     Objection,
     Participant,
-    Publisher,
-    Readiness,
-    ReadinessState,
-    Roster,
 )
+from ballbot_ros.simulation.roster import Readiness, ReadinessState, Roster
 from ballbot_ros.simulation.run_actions import Action, CallRoll, PublishStatus, RunSummary
+from ballbot_ros.simulation.strangers import Publisher
 from ballbot_ros.timing import SECOND_NS
 
 

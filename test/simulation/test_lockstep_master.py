@@ -11,7 +11,8 @@ from lockstep_world import DRIVERS, ROLES, LockstepWorld, data_of, duty_of
 
 from ballbot_ros.parameters import CONTROLLER, GYRO, RECORDER, SONAR
 from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.participants import ANSWER_CALLS, Objection, Publisher
+from ballbot_ros.simulation.participants import Objection
+from ballbot_ros.simulation.strangers import ANSWER_CALLS, Publisher
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS, next_start_ns
 
