@@ -22,8 +22,7 @@ _PREFIX = 24
 
 _LIST_PERIOD_S = 1.0
 
-UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
-"""The middleware's name for the node of a publisher that it has not discovered yet."""
+_UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 
 
 class GraphObserver:
@@ -58,7 +57,7 @@ class GraphObserver:
         self._counts, self._listed_at = counts, now_s
         self._found = {
             name: [
-                Publisher(bytes(offer.endpoint_gid), _full_name(offer))
+                Publisher(bytes(offer.endpoint_gid), full_name(offer))
                 for offer in self._node.get_publishers_info_by_topic(name)
             ]
             for name in self._topics
@@ -112,8 +111,8 @@ def guid_prefix(node: Node, word: str) -> str:
     return prefixes.pop() if len(prefixes) == 1 else ''
 
 
-def _full_name(offer: TopicEndpointInfo) -> str:
-    """Return the fully qualified name of a publisher's node, '' while it is unknown."""
-    if offer.node_name == UNKNOWN_NODE:
+def full_name(offer: TopicEndpointInfo) -> str:
+    """Return the fully qualified name of a publisher's node, '' until it is discovered."""
+    if offer.node_name == _UNKNOWN_NODE:
         return ''
     return f'{offer.node_namespace.rstrip("/")}/{offer.node_name}'

@@ -16,11 +16,6 @@ class OneShotTimer:
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(1.0, self._fire, clock=steady, autostart=False)
 
-    @property
-    def is_running(self) -> bool:
-        """Whether a call is pending."""
-        return not self._timer.is_canceled()
-
     def start(self, delay_s: float) -> None:
         """Call back in `delay_s` [s]; this replaces a pending call."""
         self._timer.timer_period_ns = max(1, round(delay_s * 1e9))

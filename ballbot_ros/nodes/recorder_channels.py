@@ -8,7 +8,6 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ballbot_ros.messages.raw import has_stamp, same_content
 from ballbot_ros.messages.topics import (
@@ -21,7 +20,7 @@ from ballbot_ros.messages.topics import (
     find_message_class,
 )
 from ballbot_ros.nodes.base import reliable_qos
-from ballbot_ros.nodes.graph_observer import UNKNOWN_NODE
+from ballbot_ros.nodes.graph_observer import full_name
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
@@ -130,11 +129,11 @@ class Channels:
                 continue
             offers = self._node.get_publishers_info_by_topic(name)
             # Discovery may find a publisher before its node: check once more.
-            if name not in self._sighted and any(o.node_name == UNKNOWN_NODE for o in offers):
+            if name not in self._sighted and not all(map(full_name, offers)):
                 self._sighted.add(name)
                 continue
             # Skip what a visualizer draws for other tools: it can be derived from the recording.
-            offers = [offer for offer in offers if _node_of(offer) not in drawing]
+            offers = [offer for offer in offers if full_name(offer) not in drawing]
             if not offers:
                 continue
             topic = Topic(name, offers[0].topic_type, None)
@@ -154,14 +153,9 @@ class Channels:
                 ),
             )
 
-    def _publishers_of(self, topic: Topic) -> set[tuple[str, str]]:
-        return {_node_of(offer) for offer in self._node.get_publishers_info_by_topic(topic.name)}
+    def _publishers_of(self, topic: Topic) -> set[str]:
+        return set(map(full_name, self._node.get_publishers_info_by_topic(topic.name)))
 
     def close(self) -> None:
         """Remove the subscriptions."""
         self._inbox.destroy_node()
-
-
-def _node_of(offer: TopicEndpointInfo) -> tuple[str, str]:
-    """Return namespace and name of the node that owns a publisher."""
-    return offer.node_namespace, offer.node_name

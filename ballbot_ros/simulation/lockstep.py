@@ -52,17 +52,12 @@ class InputGate:
         """Forget every sample: a new run has begun."""
         self._samples.clear()
 
-    def missing(self, stamp_ns: int) -> list[str]:
-        """Return the inputs due at `stamp_ns` whose sample has not arrived."""
-        return [
-            name
-            for name, period in self._periods.items()
-            if stamp_ns % period == 0 and self.stamp(name) != stamp_ns
-        ]
-
     def ready(self, stamp_ns: int) -> bool:
         """Return whether every input due at `stamp_ns` has arrived."""
-        return not self.missing(stamp_ns)
+        return all(
+            stamp_ns % period or self.stamp(name) == stamp_ns
+            for name, period in self._periods.items()
+        )
 
 
 @dataclass(frozen=True)
