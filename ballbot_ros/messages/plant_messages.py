@@ -34,13 +34,7 @@ from ballbot_ros.world.world import World
 
 
 class PlantMessages:
-    """Encodes and sends the plant's messages.
-
-    Attributes
-    ----------
-    ball_radius : float
-        Height of the ball's centre [m].
-    """
+    """Encodes and sends the plant's messages."""
 
     def __init__(self, make: MakeSend) -> None:
         self.ball_radius = 0.0

@@ -157,10 +157,7 @@ def periodic_topics(role: str) -> tuple[Topic, ...]:
 def message_class(type_name: str) -> Any:
     """Return the rclpy class of ``package/msg/Type``.
 
-    Raises
-    ------
-    ImportError, AttributeError
-        If that package or type is not installed.
+    It raises ImportError or AttributeError if that package or type is not installed.
     """
     package, _, name = type_name.split('/')
     return getattr(import_module(f'{package}.msg'), name)

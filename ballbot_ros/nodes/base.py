@@ -281,12 +281,9 @@ AnyNode: TypeAlias = BallbotNode[Any]
 
 
 def run_node(make: Callable[[], AnyNode]) -> int:
-    """Run a node in this process until it has finished or is asked to stop.
+    """Run a node in this process until it has finished or is asked to stop; return its exit status.
 
-    Returns
-    -------
-    int
-        Exit status: 0, 1 if the run failed, 2 for a user's mistake.
+    It is 0, 1 if the run failed, or 2 for a user's mistake.
     """
     if not end_with_parent():
         return 0

@@ -26,13 +26,7 @@ _UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 
 
 class GraphObserver:
-    """The publishers of some topics, and the messages that arrive on them.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        A node in the namespace of the topics.
-    """
+    """The publishers of topics in the namespace of a node, and the messages that arrive on them."""
 
     def __init__(self, node: Node, topics: Collection[Topic]) -> None:
         self._node = node

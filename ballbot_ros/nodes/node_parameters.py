@@ -86,13 +86,7 @@ class ParameterNode(Node, Generic[P]):
             super().set_parameters_atomically([RosParameter(SIM_TIME, value=True)])
 
     def require_sim_time(self, reason: str) -> None:
-        """Require ``/clock`` as the node's clock, now and later.
-
-        Raises
-        ------
-        ParameterError
-            If the node has another clock.
-        """
+        """Require ``/clock`` as the node's clock from now on; ParameterError if it has another."""
         self._sim_time_reason = reason
         self._check_sim_time(self.get_parameter(SIM_TIME).value)
 
@@ -199,13 +193,7 @@ class ParameterNode(Node, Generic[P]):
         self.parameters = self._requested
 
     def check(self, parameters: P) -> None:
-        """Check that values are compatible, before they are applied.
-
-        Raises
-        ------
-        BallbotError
-            If the values are not compatible.
-        """
+        """Raise BallbotError if values are not compatible; called before they are applied."""
 
     def on_parameters_changed(self) -> None:
         """React to new values of parameters that take effect at once."""

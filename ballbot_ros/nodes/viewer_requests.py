@@ -44,10 +44,7 @@ class _ParameterQuery(NamedTuple):
 class ViewerRequests:
     """Queues requests from the page's threads; the node's thread sends them.
 
-    Parameters
-    ----------
-    notify : callable
-        Shows a message to the viewers.
+    The viewers are notified of a request that fails.
     """
 
     def __init__(self, node: AnyNode, notify: Callable[[str], None]) -> None:

@@ -75,13 +75,7 @@ class DriveResult(NamedTuple):
 
 
 def drive_spec(options: DriveOptions) -> RunSpec:
-    """Return the specification of a drive.
-
-    Raises
-    ------
-    BallbotError
-        If an option can't be used; the message says on one line what is wrong.
-    """
+    """Return the specification of a drive; BallbotError if an option can't be used."""
     parameters = ParameterSet()
     if options.profile is not None:
         parameters.update(load_profile(options.profile))

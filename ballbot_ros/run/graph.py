@@ -30,10 +30,7 @@ RCLError = rclpy_implementation.RCLError
 def ros(log_level: str = 'WARN') -> Iterator[None]:
     """Provide rclpy for the nodes of this process; by default they discover only this machine.
 
-    Raises
-    ------
-    BallbotError
-        If ROS can't start here, for example without a folder for its logs.
+    It raises BallbotError if ROS can't start here, for example without a folder for its logs.
     """
     os.environ.setdefault(DISCOVERY_RANGE, 'LOCALHOST')
     if rclpy.ok():

@@ -23,10 +23,7 @@ class OutputFiles(NamedTuple):
 def output_files(spec: RunSpec) -> Iterator[OutputFiles]:
     """Create the folder of a run; remove it in the end if it is still empty.
 
-    Raises
-    ------
-    BallbotError
-        If the folder is not writable, or already contains a recording of this name.
+    It raises BallbotError if the folder is not writable, or has a recording of this name.
     """
     if spec.output is None and not spec.record:
         yield OutputFiles()

@@ -61,14 +61,9 @@ class PlantWatchdog:
 
 
 class PlantMonitor:
-    """Sim time and the plant's signs of life.
+    """Sim time and the plant's signs of life; before the first tick, `now_ns` is 0.
 
     No executor spins its node: the cost is per poll, not per tick.
-
-    Attributes
-    ----------
-    now_ns : int
-        The newest sim time [ns]; 0 before the first tick.
     """
 
     def __enter__(self) -> PlantMonitor:

@@ -83,11 +83,8 @@ def start_nodes(
 ) -> None:
     """Start nodes as processes, and add them to `processes` one by one.
 
-    Raises
-    ------
-    BallbotError
-        If another plant, whose samples the nodes would answer, owns the ROS domain; or if nodes
-        can't discover each other.
+    It raises BallbotError if another plant, whose samples the nodes would answer, owns the ROS
+    domain, or if nodes can't discover each other.
     """
     require_discovery()
     lock = DomainLock(ros_domain())
@@ -107,10 +104,7 @@ def watch(
 ) -> str:
     """Wait until the plant has ended, or the run should stop.
 
-    Returns
-    -------
-    str
-        A failure that the plant can't report itself; '' if there is none.
+    Return a failure that the plant can't report itself; '' if there is none.
     """
     reported: set[str] = set()
     plant = processes[PLANT]
@@ -160,12 +154,7 @@ def merge_process_failures(
     """Return the result of a run, including failures that the plant can't know.
 
     A run that the plant has completed stays completed, whatever happens to the processes
-    afterwards.
-
-    Parameters
-    ----------
-    failure : str
-        Reported by :func:`watch`.
+    afterwards. `failure` is what :func:`watch` has returned.
     """
     failed = {p.name: p.failure for p in processes.values() if p.exit_status in (1, 2)}
     is_complete = plant_result.is_complete

@@ -237,11 +237,8 @@ def check_reserved_parameters(
 def resolve_map(parameters: ParameterSet) -> None:
     """Make the path of a map file absolute; check that plant and devices can use the map.
 
-    Raises
-    ------
-    WorldError
-        If the map does not exist, the start position is blocked, or the sonar's parameters don't
-        fit the map.
+    It raises WorldError if the map does not exist, the start position is blocked, or the sonar's
+    parameters don't fit the map.
     """
     World.of(parameters.of(PlantParameters))
     for device in DEVICES:

@@ -18,12 +18,8 @@ from ballbot_ros.simulation.task_releases import DueTick, TaskReleases
 class InputGate:
     """Holds the newest sample of each input, and shows whether all that are due have arrived.
 
-    Samples are identified by their stamps, so a repeated sample changes nothing.
-
-    Parameters
-    ----------
-    periods_ns : mapping of str to int
-        The inputs and the period of each [ns]; an input is due at multiples of its period.
+    An input is due at multiples of its period. Samples are identified by their stamps, so a
+    repeated sample changes nothing.
     """
 
     def __init__(self, periods_ns: Mapping[str, int]) -> None:
@@ -62,15 +58,7 @@ class InputGate:
 
 @dataclass(frozen=True)
 class Run:
-    """A run as announced by its plant.
-
-    Attributes
-    ----------
-    name : str
-        Number of the run and a token that identifies the plant.
-    start_ns : int
-        Stamp of its first tick [ns].
-    """
+    """A run as announced: its number and the token of its plant, and its first tick [ns]."""
 
     name: str
     start_ns: int
@@ -189,10 +177,7 @@ class LockstepTicks:
     def force(self, *, callback_waits: bool) -> DueTick | None:
         """Force the releases that a tick is still missing after all its inputs have arrived.
 
-        Parameters
-        ----------
-        callback_waits : bool
-            Whether a timer callback is pending; if so, nothing is forced yet.
+        While a timer callback is pending, nothing is forced yet.
         """
         if self._next_ns is None or callback_waits:
             return None
@@ -205,15 +190,10 @@ class LockstepTicks:
         return self._due_tick()
 
     def on_missed_start(self, stamp_ns: int, *, now_ns: int, rejoin: bool) -> SampleReaction:
-        """Decide the reaction to a missed start of the run.
+        """Decide the reaction to a missed start of the run, which a sample has revealed.
 
-        Parameters
-        ----------
-        stamp_ns : int
-            Stamp of the sample that revealed it [ns].
-        now_ns : int
-            Sim time [ns]. The plant waits for the tick of this time; another controller has
-            answered the earlier ones.
+        The plant waits for the tick at `now_ns` [ns], the sim time; another controller has answered
+        the earlier ones.
         """
         if stamp_ns != now_ns:
             return SampleReaction.IGNORE

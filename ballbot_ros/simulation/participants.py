@@ -55,10 +55,7 @@ class Participant:
 class Objection:
     """A participant's report of a sample that can't belong to this run, or that it can't continue.
 
-    Attributes
-    ----------
-    topic : str
-        Where the sample arrived; '' if the participant itself can't continue.
+    In the second case, `topic` is ''.
     """
 
     text: str
@@ -79,12 +76,7 @@ class Objection:
 class Announcement:
     """A participant's description of itself, sent when it joins a run and at each roll call.
 
-    Attributes
-    ----------
-    run : str
-        The run in which it takes part, by its name in ``plant/run``.
-    answered_ns : int
-        Stamp of its newest sample in this run [ns], 0 before the first.
+    `answered_ns` is the stamp of its newest sample in this run [ns], 0 before the first.
     """
 
     participant: Participant
@@ -94,15 +86,7 @@ class Announcement:
 
 
 class Membership(NamedTuple):
-    """A participant of a run and its time of joining.
-
-    Attributes
-    ----------
-    since_ns : int
-        Sim time at which it joined [ns].
-    is_successor : bool
-        Whether it replaced a participant that had gone.
-    """
+    """A participant, when it joined the run [ns], and whether it replaced one that had gone."""
 
     participant: Participant
     since_ns: int

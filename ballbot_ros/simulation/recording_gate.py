@@ -195,13 +195,7 @@ class RecordingGate:
         return is_another_plants
 
     def take(self, stream: Stream, stamp_ns: int, data: bytes, sequence: int) -> None:
-        """Process a message in the order of arrival.
-
-        Parameters
-        ----------
-        stamp_ns : int
-            Its stamp [ns]; 0 if it has no stamp in sim time.
-        """
+        """Process a message in the order of arrival; a stamp [ns] of 0 is none in sim time."""
         message = _Message(stream, stamp_ns, data, sequence)
         if stream.period_ns and stamp_ns < self._first_ns:
             return

@@ -88,13 +88,7 @@ class Roster:
         self._run = _Run('')
 
     def gather(self, run: str, plant: Participant, required: Collection[str]) -> None:
-        """Start collecting the participants of a run.
-
-        Parameters
-        ----------
-        required : collection of str
-            The roles that the run needs before it begins.
-        """
+        """Start collecting the participants of a run, which begins with the `required` roles."""
         self._plant, self._required = plant, tuple(required)
         self._run = _Run(run)
         self._strangers.begin()
@@ -152,13 +146,7 @@ class Roster:
         self._strangers.note_message(topic, self._calls)
 
     def readiness(self, now_ns: int) -> Readiness:
-        """Return whether the run may continue.
-
-        Parameters
-        ----------
-        now_ns : int
-            Sim time [ns], from which a successor takes part.
-        """
+        """Return whether the run may continue; a successor takes part from `now_ns` on."""
         run = self._run
         problem = (
             run.problem

@@ -40,13 +40,7 @@ class CallRoll:
 
 @dataclass(frozen=True)
 class PublishStatus:
-    """Publish the status of a run.
-
-    Attributes
-    ----------
-    summary : RunSummary or None
-        None while the run is in progress.
-    """
+    """Publish the status of a run; `summary` is None while it is in progress."""
 
     run: Run
     is_lockstep: bool
@@ -57,13 +51,7 @@ class PublishStatus:
 
 @dataclass(frozen=True)
 class BeginRun:
-    """Publish the initial state of a run: its map, if any, and that no wall is hit.
-
-    Attributes
-    ----------
-    ball_radius : float
-        Height of the ball's centre [m].
-    """
+    """Publish the initial state of a run: its map, if any, and that no wall is hit."""
 
     start_ns: int
     world: World | None
@@ -108,13 +96,7 @@ class StopMotors:
 
 @dataclass(frozen=True)
 class Log:
-    """Write a line to the log.
-
-    Attributes
-    ----------
-    is_throttled : bool
-        Whether to write at most one such line a second.
-    """
+    """Write a line to the log; if throttled, at most one such line a second."""
 
     text: str
     severity: Severity = Severity.INFO
@@ -164,13 +146,7 @@ class CancelWake:
 
 @dataclass(frozen=True)
 class EndRun:
-    """Finish: the run has ended.
-
-    Attributes
-    ----------
-    exit_status : int
-        0, 1 if the run failed, 2 for a mistake of the user.
-    """
+    """Finish: the run has ended. The exit status is 1 for a failure, 2 for a user's mistake."""
 
     summary: RunSummary
     exit_status: int

@@ -167,14 +167,9 @@ class RunMaster(ABC):
     def on_duty(
         self, stamp_ns: int, duty: tuple[int, int] | None, data: bytes, *, is_stop: bool = False
     ) -> None:
-        """Process a duty.
+        """Process a duty of motors B and C [%]; None if the message has no valid duty.
 
-        Parameters
-        ----------
-        duty : tuple of int or None
-            Motors B and C [%]; None if the message has no valid duty.
-        is_stop : bool
-            Whether the message answers no tick, but says that the motors are off.
+        A message that is a stop answers no tick, but says that the motors are off.
         """
         if not self._is_open or stamp_ns < self._run.start_ns:
             return
@@ -192,13 +187,7 @@ class RunMaster(ABC):
 
     @event
     def on_push(self, start_ns: int, force: Pair, torque: Pair) -> None:
-        """Push the robot, now or at `start_ns` [ns] if that is later.
-
-        Parameters
-        ----------
-        force, torque : tuple of float
-            As in :class:`Push` [N], [N·m].
-        """
+        """Push the robot, now or at `start_ns` [ns] if that is later, as in :class:`Push`."""
         if not self._is_open:
             return
         now_ns = self._plant.time_ns

@@ -52,15 +52,7 @@ class RunSettings:
 
 @dataclass(frozen=True)
 class RunSetup:
-    """Components of a run.
-
-    Attributes
-    ----------
-    world : World or None
-        The floor; None if it is unlimited and without walls.
-    ball_radius : float
-        Height of the ball's centre [m].
-    """
+    """Components of a run; without a world, the floor is unlimited and without walls."""
 
     settings: RunSettings
     plant: Plant

@@ -13,13 +13,7 @@ measurement, it could not receive answers, either."""
 
 @dataclass(frozen=True)
 class ThreadTime:
-    """The processor time of a thread so far.
-
-    Attributes
-    ----------
-    queued_s : float
-        Time spent waiting for a processor [s].
-    """
+    """The processor time of a thread so far [s], and its time of waiting for a processor [s]."""
 
     cpu_s: float
     queued_s: float
@@ -37,15 +31,7 @@ Threads = Mapping[int, ThreadTime]
 
 
 class Observation(NamedTuple):
-    """The processor time of the processes on this machine at one moment.
-
-    Attributes
-    ----------
-    now_s : float
-        The moment, on the clock of the events [s].
-    threads : mapping of int to mapping
-        The threads of each process that still exists.
-    """
+    """The processor time of the living processes on this machine, by their ids, at a time [s]."""
 
     now_s: float
     threads: Mapping[int, Threads]
@@ -74,12 +60,8 @@ class SilenceTimer:
     def update(self, since_s: float, now_s: float, processes: Mapping[int, Threads]) -> None:
         """Update the measurement of a silence.
 
-        Parameters
-        ----------
-        since_s : float
-            Start of the silence on a monotonic clock [s]. A new value means another silence.
-        processes : mapping of int to mapping
-            The local processes that could end the silence, by process id.
+        It began at `since_s`, on the same clock as `now_s` [s]; a new value means another silence.
+        `processes` are the local ones that could end the silence.
         """
         if since_s != self._since_s:
             self._since_s = self._polled_at_s = since_s

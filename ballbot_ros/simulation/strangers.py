@@ -53,12 +53,8 @@ class Strangers:
     """Finds the publishers of strangers.
 
     A publisher whose node has not announced itself is a suspect. It is a stranger as soon as one of
-    its samples arrives, or if it outlasts the lease of a dead process.
-
-    Parameters
-    ----------
-    owners : mapping of str to collection of str
-        The lockstep topics, and the roles that publish on each.
+    its samples arrives, or if it outlasts the lease of a dead process. `owners` are the roles that
+    publish on each lockstep topic.
     """
 
     def __init__(self, owners: Mapping[str, Collection[str]]) -> None:
@@ -159,12 +155,7 @@ class Strangers:
     def problem(self, calls: int, members: Collection[str]) -> str:
         """Return the problem with a stranger, once it can't be a node that is joining, or ''.
 
-        Parameters
-        ----------
-        calls : int
-            Number of roll calls.
-        members : collection of str
-            The names of the participants, of which a stranger's is preferably none.
+        A stranger has preferably none of the names of the members.
         """
         heard = [
             suspect
