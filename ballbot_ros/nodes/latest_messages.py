@@ -20,8 +20,8 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     Topic,
 )
-from ballbot_ros.nodes.base import requested_qos
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
+from ballbot_ros.nodes.topic_publisher import requested_qos
 from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.snapshot import Snapshot
 

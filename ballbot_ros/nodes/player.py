@@ -22,8 +22,9 @@ from std_srvs.srv import SetBool
 
 from ballbot_ros.messages.conversions import encode_clock
 from ballbot_ros.messages.topics import CLOCK, HISTORY, TOPICS, find_message_class
-from ballbot_ros.nodes.base import FLUSH_S, BallbotNode, reliable_qos, run_node
+from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
+from ballbot_ros.nodes.topic_publisher import FLUSH_S, reliable_qos
 from ballbot_ros.parameters import PLANT, PlayerParameters
 from ballbot_ros.recording.playback import Playback
 from ballbot_ros.recording.qos import QosProfile

@@ -19,9 +19,9 @@ from ballbot_ros.messages.topics import (
     Topic,
     find_message_class,
 )
-from ballbot_ros.nodes.base import reliable_qos
 from ballbot_ros.nodes.graph_observer import full_name
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
+from ballbot_ros.nodes.topic_publisher import reliable_qos
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.simulation.arrival_order import Arrival
