@@ -50,7 +50,7 @@ class LockstepMaster(RunMaster):
             return
         self._duty = duty
         self._answered_s = self._now_s
-        if self._settings.duration_ns:
+        if self._duration_ns:
             self._round_trips_s.append(self._now_s - self._last_sent_s)
         self._advance()
 
@@ -96,7 +96,7 @@ class LockstepMaster(RunMaster):
             return
         if self._is_held or self._recorder.lags(self._plant.time_ns):
             return
-        factor = self._settings.real_time_factor
+        factor = self._parameters.real_time_factor
         if not self.pause.is_paused and (delay_s := self._pacer.delay_s(factor, self._now_s)):
             self._waits_for_pace = True
             self._act(do.WakeIn(delay_s))
@@ -165,7 +165,7 @@ class LockstepMaster(RunMaster):
     def _give_up(self, silent: Collection[str]) -> None:
         who, when = ', '.join(silent), f'{self._sim_time_s:.3f} s'
         problem = f'{who} silent for {self._limit_s:g} s at sim time {when}'
-        if self._settings.waits_for_silent:
+        if self._parameters.on_timeout == 'wait':
             self._warn(f'{problem}; still waiting')
         else:
             self._end(Outcome.FAILED, problem, 1)
@@ -173,8 +173,8 @@ class LockstepMaster(RunMaster):
     @property
     def _limit_s(self) -> float:
         """The longest permitted silence [s]."""
-        settings = self._settings
-        return settings.timeout_s if self.log.ticks else settings.startup_timeout_s
+        parameters = self._parameters
+        return parameters.timeout if self.log.ticks else parameters.startup_timeout
 
     @property
     def _sim_time_s(self) -> float:
@@ -239,7 +239,7 @@ class LockstepMaster(RunMaster):
 
     def _recorder_left(self) -> bool:
         """Continue without a recorder that left in an orderly way; return whether it did."""
-        if self._settings.requires_recorder or self._graph.count_publishers(self._topics.ack):
+        if self._parameters.require_recorder or self._graph.count_publishers(self._topics.ack):
             return False
         self._recorder.leave()
         reason = self._participants.reported_failure(RECORDER)

@@ -13,18 +13,19 @@ from enum import Enum, auto
 from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
 
+from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.ground_truth import Pair, Push
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.liveness import ProcessObserver
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.pacer import Pacer
-from ballbot_ros.simulation.participants import Announcement, Membership
+from ballbot_ros.simulation.participants import Announcement
 from ballbot_ros.simulation.pause_control import PauseControl
 from ballbot_ros.simulation.roster import Readiness, ReadinessState
 from ballbot_ros.simulation.run_actions import Action, Actions, RunSummary
 from ballbot_ros.simulation.run_participants import Graph, RunParticipants, RunTopics
-from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
+from ballbot_ros.simulation.run_setup import RunSetup
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS, next_start_ns
 
@@ -106,7 +107,7 @@ class RunMaster(ABC):
         self._graph, self._topics, self._set_up, self._token = graph, topics, set_up, token
         self._actions: Actions = []
         self.pause = PauseControl()
-        self.resends = self._late_ticks = 0
+        self.resends = 0
         self.summary: RunSummary | None = None
         self._pacer = Pacer()
         self._created_s = self._now_s = now_s
@@ -192,7 +193,8 @@ class RunMaster(ABC):
             return
         now_ns = self._plant.time_ns
         start_ns = max(start_ns, now_ns)
-        push = Push(start_ns, start_ns + self._settings.push_ns, force, torque)
+        end_ns = start_ns + round(self._parameters.push_duration * SECOND_NS)
+        push = Push(start_ns, end_ns, force, torque)
         problem = push.problem(now_ns)
         if not problem and self._plant.pushes >= MAX_PUSHES:
             problem = f'{MAX_PUSHES} pushes are already active or pending'
@@ -203,9 +205,9 @@ class RunMaster(ABC):
             self._push(push)
 
     @event
-    def on_settings(self, settings: RunSettings) -> None:
-        """Apply new settings, such as another pace."""
-        self._settings = settings
+    def on_parameters(self, parameters: PlantParameters) -> None:
+        """Apply new parameters, such as another pace."""
+        self._parameters = parameters
         self._pacer.restart()
         if self._waits_for_pace:
             self._cancel_wake()
@@ -245,13 +247,14 @@ class RunMaster(ABC):
     def _prepare(self, start_ns: int) -> None:
         """Reset everything to the start of a run whose first tick is at `start_ns`."""
         self._setup = self._set_up(start_ns)
-        self._settings, self._plant = self._setup.settings, self._setup.plant
+        self._parameters, self._plant = self._setup.parameters, self._setup.plant
+        self._duration_ns = round(self._parameters.duration * SECOND_NS)
         self._run = Run('', start_ns)
         self._phase = Phase.SETTLING
         self._truth = self._plant.truth()
         self._pushes = 0
         self._is_hit = self._is_held = False
-        self.log = TrajectoryLog(keep=self._settings.duration_ns is not None)
+        self.log = TrajectoryLog(keep=self._duration_ns > 0)
         self._round_trips_s = array('d')
         self._first_tick_s = self._last_tick_s = self._now_s
         self._missing: list[str] = []
@@ -267,7 +270,7 @@ class RunMaster(ABC):
         self._participants.gather(
             self._run,
             self._setup.participant,
-            requires_recorder=self._settings.requires_recorder,
+            requires_recorder=self._parameters.require_recorder,
         )
         if self._setup.world is None:
             self._act(do.ClearMap())
@@ -280,7 +283,7 @@ class RunMaster(ABC):
         self._participants.confirm()
         start_s = self._run.start_ns / SECOND_NS
         self._act(do.Log(f'run {self._number} begins at sim time {start_s:.3f} s'))
-        self._act(do.BeginRun(self._run.start_ns, self._setup.world, self._setup.ball_radius))
+        self._act(do.BeginRun(self._run.start_ns, self._setup.world, self._parameters.ball_radius))
         for push in self._setup.scenario.pushes_from(self._run.start_ns):
             self._push(push)
         self._publish_truth()
@@ -317,11 +320,10 @@ class RunMaster(ABC):
         self._plant.tick(*duty)
         self._clear_warning()
         self._participants.liveness.reset()
-        duration_ns = self._settings.duration_ns
         if self._plant.stopped:
             self._publish_truth()
             self._end(Outcome.FAILED, str(self._plant.newest_hit), 1)
-        elif duration_ns and self._plant.time_ns - self._run.start_ns >= duration_ns:
+        elif self._duration_ns and self._plant.time_ns - self._run.start_ns >= self._duration_ns:
             self._phase = Phase.DRAINING
             self._last_tick_s = self._now_s
             self._finish()
@@ -411,14 +413,15 @@ class RunMaster(ABC):
             self._act(do.Log(f'run {self._number} waits for {", ".join(missing)}'))
         # Keep reporting, so that a waiting plant on a busy machine is not counted as silent.
         self._act(do.Report())
-        settings = self._settings
+        limit_s = self._parameters.startup_timeout
+        waits = self._parameters.on_timeout == 'wait'
         if self._is_held:
             self._warn(standing.reason)
         elif self._is_open:
             return
-        elif waited_s > settings.startup_timeout_s and missing and not settings.waits_for_silent:
-            limit = f'{settings.startup_timeout_s:g} s before the first tick'
-            self._end(Outcome.FAILED, f'{", ".join(missing)} silent for {limit}', 1)
+        elif waited_s > limit_s and missing and not waits:
+            reason = f'{", ".join(missing)} silent for {limit_s:g} s before the first tick'
+            self._end(Outcome.FAILED, reason, 1)
         elif self._now_s - self._waiting_since_s > STARTUP_WARN_S:
             self._warn(standing.reason)
 
@@ -464,12 +467,7 @@ class RunMaster(ABC):
     @property
     def late_ticks(self) -> int:
         """Ticks that came more than a period late, in all runs."""
-        return self._late_ticks + self._pacer.late_ticks
-
-    @property
-    def members(self) -> tuple[Membership, ...]:
-        """All participants of the current run."""
-        return self._participants.members
+        return self._pacer.late_ticks
 
     @property
     def number(self) -> int:
