@@ -42,7 +42,7 @@ class LockstepMaster(RunMaster):
         now_ns = self._plant.time_ns
         is_ahead = stamp_ns > now_ns
         if is_ahead or self._duties.classify(stamp_ns, data) is SampleStatus.CONFLICTING:
-            self._participants.add_objection(
+            self._participants.roster.add_objection(
                 Objection.to_sample(self._topics.duty, stamp_ns, 'duty')
             )
             return
@@ -57,7 +57,7 @@ class LockstepMaster(RunMaster):
     def _take_ack(self, stamp_ns: int) -> None:
         if stamp_ns > self._plant.time_ns:
             topic = self._topics.ack
-            self._participants.add_objection(
+            self._participants.roster.add_objection(
                 Objection(f'{topic!r} is ahead of the run', topic, stamp_ns)
             )
             return
@@ -79,7 +79,7 @@ class LockstepMaster(RunMaster):
         self._last_sent = self._truth
 
     def _open(self) -> None:
-        self._recorder.begin(self._participants.member(RECORDER))
+        self._recorder.begin(self._participants.roster.members.get(RECORDER))
         super()._open()
 
     def _publish_truth(self, *, is_resend: bool = False) -> None:
@@ -224,7 +224,7 @@ class LockstepMaster(RunMaster):
 
     def _release(self) -> None:
         if self._phase is not Phase.DRAINING and self._recorder.join(
-            self._participants.member(RECORDER), self._plant.time_ns
+            self._participants.roster.members.get(RECORDER), self._plant.time_ns
         ):
             self._answered_s = self._now_s
             self._advance()
@@ -242,7 +242,7 @@ class LockstepMaster(RunMaster):
         if self._parameters.require_recorder or self._graph.count_publishers(self._topics.ack):
             return False
         self._recorder.leave()
-        reason = self._participants.reported_failure(RECORDER)
+        reason = self._participants.roster.reported_failure(RECORDER)
         text = f'the recorder has left the run{reason and ": "}{reason}'
         self._act(do.Log(text, do.Severity.WARNING))
         self._advance()

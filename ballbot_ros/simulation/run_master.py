@@ -362,7 +362,7 @@ class RunMaster(ABC):
             # Leave out the first one, which includes the start-up of every node in the run.
             round_trips_s=tuple(self._round_trips_s[1:]),
             start_ns=self._run.start_ns,
-            members=self._participants.members,
+            members=self._participants.roster.history,
         )
         self._participants.publish_status(self.summary)
         if self._number:
@@ -407,7 +407,7 @@ class RunMaster(ABC):
         """Call the roll, and report the wait; fail if a participant is missing for too long."""
         self._participants.call_roll()
         waited_s = self._participants.liveness.waited_s(self._waiting_since_s)
-        missing = self._participants.missing()
+        missing = self._participants.roster.missing()
         if missing and missing != self._missing:
             self._missing = missing
             self._act(do.Log(f'run {self._number} waits for {", ".join(missing)}'))
