@@ -64,11 +64,7 @@ class ParameterNode(Node, Generic[P]):
     """
 
     def __init__(
-        self,
-        cls: type[P],
-        parameters: P | None = None,
-        *,
-        use_sim_time: bool = False,
+        self, cls: type[P], parameters: P | None = None, *, use_sim_time: bool = False
     ) -> None:
         given = asdict(parameters) if parameters else {}
         super().__init__(

@@ -20,12 +20,7 @@ from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.graph_observer import guid_prefix
 from ballbot_ros.parameters import PATHS, NodeParameters
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.participants import (
-    MAP_HASH,
-    Announcement,
-    Objection,
-    Participant,
-)
+from ballbot_ros.simulation.participants import MAP_HASH, Announcement, Objection, Participant
 from ballbot_ros.world.library import read_map_file
 
 

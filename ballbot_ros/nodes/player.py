@@ -45,10 +45,7 @@ class Player(BallbotNode[PlayerParameters]):
         self._recording = RecordingReader(self.parameters.file)
         chosen = [name.strip() for name in self.parameters.topics.split(',') if name.strip()]
         self.playback = Playback(
-            self._recording,
-            chosen or None,
-            rate=self.parameters.rate,
-            loop=self.parameters.loop,
+            self._recording, chosen or None, rate=self.parameters.rate, loop=self.parameters.loop
         )
         recorded = self._recording.topics()
         topics = {name: recorded[name].type_name for name in chosen or recorded}

@@ -14,13 +14,7 @@ from ballbot_ros.messages.conversions import encode_header, time_ns
 from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.participation import RunStatus, decode_run_status
 from ballbot_ros.messages.raw import decoder, stamp_of
-from ballbot_ros.messages.topics import (
-    MOTOR_DUTY,
-    PARTICIPANTS,
-    RECORDER_ACK,
-    RUN,
-    RUN_STATUS,
-)
+from ballbot_ros.messages.topics import MOTOR_DUTY, PARTICIPANTS, RECORDER_ACK, RUN, RUN_STATUS
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.recorder_channels import Channel, Channels, Item

@@ -102,8 +102,5 @@ class PlantMonitor:
     def plant_hangs(self, process: int) -> bool:
         """Return whether the plant, which runs as `process`, hangs."""
         return self._watchdog.is_hung(
-            time.monotonic(),
-            process,
-            threads_by_process([process]),
-            is_waiting=is_waiting(process),
+            time.monotonic(), process, threads_by_process([process]), is_waiting=is_waiting(process)
         )

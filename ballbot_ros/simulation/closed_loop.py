@@ -22,13 +22,7 @@ from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.devices import DEVICES, AnyDevice, Read
-from ballbot_ros.timing import (
-    BATTERY_PERIOD_NS,
-    FIRST_TICK_NS,
-    MILLISECOND_NS,
-    SECOND_NS,
-    TICK_NS,
-)
+from ballbot_ros.timing import BATTERY_PERIOD_NS, FIRST_TICK_NS, MILLISECOND_NS, SECOND_NS, TICK_NS
 from ballbot_ros.world.world import World
 
 _BATTERY, _STICKS = (DeviceInputs._fields.index(name) for name in ('battery_mv', 'sticks'))

@@ -14,11 +14,7 @@ from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recorder_flow import RecorderFlow
-from ballbot_ros.simulation.run_master import (
-    STARTUP_WARN_S,
-    Phase,
-    RunMaster,
-)
+from ballbot_ros.simulation.run_master import STARTUP_WARN_S, Phase, RunMaster
 from ballbot_ros.simulation.sample_history import SampleHistory, SampleStatus
 from ballbot_ros.timing import MAX_LEAD_TICKS, RESEND_S, SECOND_NS
 

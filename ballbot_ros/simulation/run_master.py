@@ -57,9 +57,7 @@ P = ParamSpec('P')
 M = TypeVar('M', bound='RunMaster')
 
 
-def event(
-    method: Callable[Concatenate[M, P], None],
-) -> Callable[Concatenate[M, float, P], Actions]:
+def event(method: Callable[Concatenate[M, P], None]) -> Callable[Concatenate[M, float, P], Actions]:
     """Turn a method of a master into an event handler.
 
     The handler takes the time on a monotonic clock [s] as its first argument, and returns the
@@ -268,9 +266,7 @@ class RunMaster(ABC):
         self._phase = Phase.GATHERING
         self._waiting_since_s = self._now_s
         self._participants.gather(
-            self._run,
-            self._setup.participant,
-            requires_recorder=self._parameters.require_recorder,
+            self._run, self._setup.participant, requires_recorder=self._parameters.require_recorder
         )
         if self._setup.world is None:
             self._act(do.ClearMap())

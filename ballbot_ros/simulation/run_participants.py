@@ -9,12 +9,7 @@ from typing import Protocol
 from ballbot_ros.parameters import CONTROLLER, DRIVERS, RECORDER, SHARED_PARAMETERS
 from ballbot_ros.simulation.liveness import LivenessMonitor, ProcessObserver
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.participants import (
-    MAP_HASH,
-    Announcement,
-    Objection,
-    Participant,
-)
+from ballbot_ros.simulation.participants import MAP_HASH, Announcement, Objection, Participant
 from ballbot_ros.simulation.roster import Readiness, ReadinessState, Roster
 from ballbot_ros.simulation.run_actions import Action, CallRoll, PublishStatus, RunSummary
 from ballbot_ros.simulation.strangers import Publisher
