@@ -12,7 +12,6 @@ from ballbot_ros.codegen.implementation import require_implementation
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.parameters import (
-    ALL_NODES,
     GAMEPAD,
     NODES,
     PLANT,
@@ -23,16 +22,13 @@ from ballbot_ros.parameters import (
     ParameterSet,
 )
 from ballbot_ros.parameters.assignment import assign
-from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.graph import graph_parameters, ros
-from ballbot_ros.run.node_process import NodeProcess, stop_all
 from ballbot_ros.run.node_thread import NodeThread
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.output_folder import output_files
-from ballbot_ros.run.plant_monitor import PlantMonitor
 from ballbot_ros.run.requirements import require_viewer
-from ballbot_ros.run.separate_processes import start_nodes, watch
+from ballbot_ros.run.separate_processes import run_nodes
 from ballbot_ros.run.spec import RunSpec, check_reserved_parameters, resolve_map
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
@@ -143,10 +139,7 @@ def _run_graph(
     observer: RunObserver,
     no_keyboard: str,
 ) -> int:
-    parameter_file = scratch / 'parameters.yaml'
-    write_parameter_file(parameter_file, parameters, ALL_NODES)
-    processes: dict[str, NodeProcess] = {}
-    with StopRequest() as stop, ForkClient() as client, ros('INFO'), PlantMonitor() as monitor:
+    with StopRequest() as stop, ForkClient() as client, ros('INFO'):
         gamepad = GamepadTeleop(parameters.of(GamepadParameters))
         thread = NodeThread(gamepad)
         if no_keyboard:
@@ -158,11 +151,11 @@ def _run_graph(
             return bool(stop.signal or gamepad.finished or (terminal and terminal.is_closed))
 
         try:
-            start_nodes(client, names, parameter_file, observer.notice, processes)
-            failure = watch(processes, monitor, observer, should_stop)
+            processes, failure = run_nodes(
+                client, names, parameters, scratch, observer, should_stop
+            )
         finally:
             # The gamepad answers until the end, so that log and recording have the same packets.
-            stop_all(processes.values(), last=RECORDER)
             thread.close()
     if thread.error is not None:
         raise thread.error
