@@ -10,7 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from ballbot_ros.messages.conversions import encode_header, time_ns
+from ballbot_ros.messages.conversions import encode_header
 from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.participation import RunStatus, decode_run_status
 from ballbot_ros.messages.raw import decoder, stamp_of
@@ -93,27 +93,26 @@ class Recorder(BallbotNode[RecorderParameters]):
             self._send_ack()
 
     def _take(self, channel: Channel, data: bytes, sequence: int) -> None:
-        if channel.topic is RUN:
-            if data == self._announced:
-                return
-            self._announced = data
-            if self._run is None:
-                # Begin the run here: a player announces runs, but does not call the roll.
-                header = self._decode_run(data)
-                self._begin(Run(header.frame_id, time_ns(header.stamp)))
-        elif channel.topic is RUN_STATUS:
+        try:
+            stamp_ns = stamp_of(data) if channel.is_stamped else 0
+            if channel.topic is RUN:
+                if data == self._announced:
+                    return
+                if self._run is None:
+                    # Begin the run here: a player announces runs, but does not call the roll.
+                    self._begin(Run(self._decode_run(data).frame_id, stamp_ns))
+                self._announced = data
+        except ValueError as error:
+            self.warn_malformed(channel.topic, error)
+            return
+        if channel.topic is RUN_STATUS:
             self._note_status(data)
         elif channel.topic is MOTOR_DUTY and is_stop(data):
             # Hold the stop back, and record it only if the run does not complete: a controller
             # that leaves in mid-run sends one, too.
             self._stop = self._stop or (channel.stream, data, sequence)
             return
-        try:
-            stamp = stamp_of(data) if channel.is_stamped else 0
-        except ValueError as error:
-            self.warn_malformed(channel.topic, error)
-            return
-        self._gate.take(channel.stream, stamp, data, sequence)
+        self._gate.take(channel.stream, stamp_ns, data, sequence)
 
     def _repeat_ack(self) -> None:
         """Send the acknowledgement again: the plant may only now have discovered this node."""
