@@ -39,8 +39,9 @@ from ballbot_ros.messages.topics import (
     TOPICS,
     Topic,
 )
-from ballbot_ros.nodes.base import reliable_qos, spin
+from ballbot_ros.nodes.base import spin
 from ballbot_ros.nodes.middleware import prepare_middleware
+from ballbot_ros.nodes.topic_publisher import reliable_qos
 from ballbot_ros.parameters import CONTROLLER, GAMEPAD, NODES, PLANT, RECORDER
 from ballbot_ros.simulation.lockstep import InputGate
 from ballbot_ros.stop_request import StopRequest

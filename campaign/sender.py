@@ -16,9 +16,9 @@ import rclpy
 from rclpy.serialization import serialize_message
 
 from ballbot_ros.messages.topics import message_class
-from ballbot_ros.nodes.base import reliable_qos
 from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
+from ballbot_ros.nodes.topic_publisher import reliable_qos
 from campaign.strangers import LOOP_TOPICS, OPEN_TOPICS, STRANGER, Content
 
 LARGE = 8_000

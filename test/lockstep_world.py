@@ -25,9 +25,10 @@ from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
-from ballbot_ros.simulation.participants import Announcement, Objection, Participant, Publisher
-from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
+from ballbot_ros.simulation.participants import Announcement, Objection, Participant
+from ballbot_ros.simulation.run_setup import RunSetup
 from ballbot_ros.simulation.silence_timer import Observation, ThreadTime
+from ballbot_ros.simulation.strangers import Publisher
 from ballbot_ros.timing import TICK_NS
 from ballbot_ros.world.world import World
 
@@ -190,12 +191,11 @@ class LockstepWorld:
     def _set_up(self, start_ns):
         world = World.of(self.parameters)
         return RunSetup(
-            settings=self.run_settings(),
+            parameters=self.parameters,
             plant=Plant(self.parameters, start_ns, world),
             world=world,
             scenario=self.scenario,
             participant=self.plant_node.participant,
-            ball_radius=self.parameters.ball_radius,
         )
 
     # The nodes
@@ -277,9 +277,6 @@ class LockstepWorld:
 
     def send(self, event, *what):
         self.in_flight.append((event, what))
-
-    def run_settings(self):
-        return RunSettings.from_parameters(self.parameters)
 
     # Time
 

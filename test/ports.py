@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from ballbot_ros.nodes.shared_memory import AFTER_READERS, READER_SIZE, READERS, SHARED_MEMORY
+from ballbot_ros.nodes.port_readers import AFTER_READERS, READER_SIZE, READERS
+from ballbot_ros.nodes.shared_memory import SHARED_MEMORY
 
 LIBC = ctypes.CDLL(None)
 

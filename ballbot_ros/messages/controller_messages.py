@@ -27,15 +27,7 @@ from ballbot_ros.timing import TICK_NS
 class ControllerMessages:
     """Encodes and sends the controller's messages.
 
-    Parameters
-    ----------
-    make : callable
-        Returns the function that sends the messages of a topic.
-
-    Attributes
-    ----------
-    operating_state : str
-        The last state sent; '' before the first tick.
+    `operating_state` is the last one sent, '' before the first tick.
     """
 
     def __init__(self, make: MakeSend) -> None:

@@ -115,9 +115,7 @@ _TONE = MessageLayout(SOUND.type_name, ['vector.x', 'vector.y', 'vector.z'])
 @lru_cache(16)
 def _sticks(source: str) -> MessageLayout:
     return MessageLayout(
-        GAMEPAD_JOY.type_name,
-        elements('axes', 2),
-        {'header.frame_id': source, 'axes': [0.0] * 2},
+        GAMEPAD_JOY.type_name, elements('axes', 2), {'header.frame_id': source, 'axes': [0.0] * 2}
     )
 
 

@@ -55,13 +55,8 @@ class DeviceMessages(Generic[P, Measured, Reading]):
 
     Attributes
     ----------
-    device : Device
     truth : Topic
         The plant's topic that the driver answers.
-    measured : callable
-        Returns the measured quantity from a message of `truth`.
-    sample : Topic
-        The topic of the device's samples.
     encoder : callable
         Returns, for the driver's parameters, the function that encodes the stamp [ns] and the
         reading of a sample.

@@ -27,10 +27,6 @@ def fill_marker(
 
     Parameters
     ----------
-    message : object
-    namespace : str
-    number : int
-        Identifies the marker within the namespace.
     shape : str
         A key of :data:`SHAPES`.
     size : sequence of float
@@ -38,7 +34,6 @@ def fill_marker(
         height of the letters of a text [m]. Triangles ignore it.
     colour : sequence of int
         Red, green, blue, 0 ... 255.
-    opacity : float
     """
     message.ns, message.id, message.type = namespace, number, SHAPES[shape]
     message.action = ADD

@@ -50,7 +50,6 @@ class Pose(Protocol):
     """``geometry_msgs/Pose``."""
 
     position: Vector3
-    orientation: Quaternion
 
 
 class PoseWithCovariance(Protocol):
@@ -63,13 +62,6 @@ class Twist(Protocol):
     """``geometry_msgs/Twist``."""
 
     linear: Vector3
-    angular: Vector3
-
-
-class TwistWithCovariance(Protocol):
-    """``geometry_msgs/TwistWithCovariance``."""
-
-    twist: Twist
 
 
 class Wrench(Protocol):
@@ -101,9 +93,7 @@ class Imu(Stamped, Protocol):
 class Odometry(Stamped, Protocol):
     """``nav_msgs/Odometry``."""
 
-    child_frame_id: str
     pose: PoseWithCovariance
-    twist: TwistWithCovariance
 
 
 class MapMetaData(Protocol):

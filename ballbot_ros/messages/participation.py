@@ -34,12 +34,6 @@ class RunStatus:
     ----------
     run : str
         Name of the run in ``plant/run``.
-    is_lockstep : bool
-        Whether the plant waits for its participants.
-    periodic_topics : tuple of str
-        Topics with a message at each multiple of their period.
-    participants : mapping of str to str
-        A description of each participant, by role.
     result : mapping of str to str
         The :data:`OUTCOME_KEYS` of a run that has ended; otherwise empty.
     """
@@ -82,10 +76,7 @@ def encode_announcement(announcement: Announcement) -> bytes:
 def decode_announcement(data: bytes) -> Announcement:
     """Decode a message of ``participants``.
 
-    Raises
-    ------
-    ValueError
-        If a key is missing, a number is malformed, or the value of a parameter is not JSON.
+    It raises ValueError if a key is missing, a number is malformed, or a parameter is not JSON.
     """
     message = _decode(data)
     values = _values(message)
@@ -130,13 +121,7 @@ def encode_run_status(status: RunStatus) -> bytes:
 
 
 def decode_run_status(data: bytes) -> RunStatus:
-    """Decode a message of ``plant/run_status``.
-
-    Raises
-    ------
-    ValueError
-        If a key is missing.
-    """
+    """Decode a message of ``plant/run_status``; ValueError if a key is missing."""
     values = _values(_decode(data))
     prefix = 'participant '
     try:

@@ -34,18 +34,7 @@ from ballbot_ros.world.world import World
 
 
 class PlantMessages:
-    """Encodes and sends the plant's messages.
-
-    Parameters
-    ----------
-    make : callable
-        Returns the function that sends the messages of a topic.
-
-    Attributes
-    ----------
-    ball_radius : float
-        Height of the ball's centre [m].
-    """
+    """Encodes and sends the plant's messages."""
 
     def __init__(self, make: MakeSend) -> None:
         self.ball_radius = 0.0
@@ -77,8 +66,8 @@ class PlantMessages:
         for stamp, acts in ((push.start_ns, True), (push.end_ns, False)):
             self._send_accepted_push(stamp, encode_accepted_push(stamp, push, number, acts=acts))
 
-    def truth(self, truth: GroundTruth, *, wall_hit: bool, is_resend: bool = False) -> bool:
-        """Send the plant's true state at a tick; return whether `wall_hit` has changed.
+    def truth(self, truth: GroundTruth, *, wall_hit: bool, is_resend: bool = False) -> None:
+        """Send the plant's true state at a tick, and `wall_hit` if it has changed.
 
         With `is_resend`, also send the newest battery sample again, because a controller that has
         just joined waits for it.
@@ -92,10 +81,8 @@ class PlantMessages:
         if is_resend or stamp_ns % BATTERY_PERIOD_NS == 0:
             self._send_battery(stamp_ns, self._battery_sample)
         self.send_to_drivers(truth)
-        if self._wall_hit == wall_hit:
-            return False
-        self._set_wall_hit(stamp_ns, wall_hit=wall_hit)
-        return True
+        if self._wall_hit != wall_hit:
+            self._set_wall_hit(stamp_ns, wall_hit=wall_hit)
 
     def _set_wall_hit(self, stamp_ns: int, *, wall_hit: bool) -> None:
         self._wall_hit = wall_hit

@@ -14,7 +14,7 @@ from ballbot_ros.messages.outputs import MakeSend
 from ballbot_ros.messages.plant_messages import PlantMessages
 from ballbot_ros.messages.topics import GAMEPAD_JOY
 from ballbot_ros.parameters import ParameterSet, PlantParameters
-from ballbot_ros.plant.ground_truth import GroundTruth, Push
+from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.simulation.closed_loop import Tick
 from ballbot_ros.teleop.arbiter import SCENARIO
 from ballbot_ros.world.world import World
@@ -24,18 +24,11 @@ RUN_NAME = '1'
 
 
 class RunMessages:
-    """Creates the messages that the nodes would publish, in causal order.
-
-    Parameters
-    ----------
-    make : callable
-        Returns the function that sends the messages of a topic.
-    parameters : ParameterSet
-    """
+    """Creates the messages that the nodes would publish, in causal order."""
 
     def __init__(self, make: MakeSend, parameters: ParameterSet) -> None:
-        self._plant = PlantMessages(make)
-        self._plant.ball_radius = parameters.of(PlantParameters).ball_radius
+        self.plant = PlantMessages(make)
+        self.plant.ball_radius = parameters.of(PlantParameters).ball_radius
         self._devices = []
         for each in DEVICE_MESSAGES:
             encode = each.encoder(parameters.of(each.device.parameters))
@@ -45,23 +38,15 @@ class RunMessages:
 
     def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
         """Create the messages at the start of a run."""
-        self._plant.announce(start_ns, RUN_NAME)
-        self._plant.begin(start_ns, world)
+        self.plant.announce(start_ns, RUN_NAME)
+        self.plant.begin(start_ns, world)
         for number, push in enumerate(pushes, 1):
-            self._plant.push(push, number)
-
-    def truth(self, truth: GroundTruth, *, wall_hit: bool) -> None:
-        """Create the plant's messages at a tick."""
-        self._plant.truth(truth, wall_hit=wall_hit)
-
-    def stop_motors(self, last_ns: int) -> None:
-        """Create the plant's message at the end of a run that did not complete."""
-        self._plant.stop_motors(last_ns)
+            self.plant.push(push, number)
 
     def tick(self, tick: Tick, program: Program, source: str = SCENARIO) -> None:
         """Create the messages of a tick; `source` names the input in command."""
         now_ns = tick.truth.stamp_ns
-        self.truth(tick.truth, wall_hit=tick.wall_hit)
+        self.plant.truth(tick.truth, wall_hit=tick.wall_hit)
         self._drivers(now_ns, tick.inputs, source)
         self._controller.tick(now_ns, tick.outputs, program)
 

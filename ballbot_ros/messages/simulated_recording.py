@@ -11,7 +11,7 @@ from ballbot_ros.messages.outputs import Send
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import Topic
 from ballbot_ros.parameters import ParameterSet
-from ballbot_ros.plant.ground_truth import GroundTruth, Push
+from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.recording.attachments import OUTCOME_KEYS, media_type
 from ballbot_ros.recording.rosbag2 import RecordedTopic
 from ballbot_ros.recording.writer import RecordingWriter
@@ -22,17 +22,7 @@ from ballbot_ros.world.world import World
 
 
 class SimulatedRecording:
-    """Writes the messages that the nodes would have published.
-
-    Parameters
-    ----------
-    path : Path
-        The file to create.
-    attachments : mapping of str to bytes
-        Files to attach.
-    parameters : ParameterSet
-        The parameters of the run.
-    """
+    """Writes the messages that the nodes would have published."""
 
     def __init__(
         self, path: Path, attachments: Mapping[str, bytes], parameters: ParameterSet
@@ -42,6 +32,7 @@ class SimulatedRecording:
             self._writer.add_attachment(name, media_type(name), data)
         # Cached, because plant and controller share the topic of the duties.
         self._messages = RunMessages(cache(self._make_send), parameters)
+        self.plant = self._messages.plant
         self._flushed_ns = 0
 
     def _make_send(self, topic: Topic) -> Send:
@@ -67,14 +58,6 @@ class SimulatedRecording:
         if now - self._flushed_ns >= SECOND_NS:
             self._writer.flush()
             self._flushed_ns = now
-
-    def add_truth(self, truth: GroundTruth, *, wall_hit: bool) -> None:
-        """Write the plant's last true state in a run that ended early."""
-        self._messages.truth(truth, wall_hit=wall_hit)
-
-    def stop_motors(self, last_ns: int) -> None:
-        """Write that the motors are off after a run that did not complete."""
-        self._messages.stop_motors(last_ns)
 
     def close(self, summary: RunSummary) -> None:
         """Write how the run ended, and finish the file."""

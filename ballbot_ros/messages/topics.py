@@ -157,10 +157,16 @@ def periodic_topics(role: str) -> tuple[Topic, ...]:
 def message_class(type_name: str) -> Any:
     """Return the rclpy class of ``package/msg/Type``.
 
-    Raises
-    ------
-    ImportError, AttributeError
-        If that package or type is not installed.
+    It raises ImportError or AttributeError if that package or type is not installed.
     """
     package, _, name = type_name.split('/')
     return getattr(import_module(f'{package}.msg'), name)
+
+
+def find_message_class(type_name: str) -> Any | None:
+    """Return the rclpy class of a type, or None if it is not installed or not a message's name."""
+    try:
+        return message_class(type_name)
+    # Without a package, the import is a relative one, which raises TypeError.
+    except (ImportError, AttributeError, ValueError, TypeError):
+        return None

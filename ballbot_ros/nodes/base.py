@@ -1,4 +1,4 @@
-"""The base of every node: publishers, subscriptions, diagnostics, and the main loop."""
+"""The base of every node: topics, diagnostics, and the main loop."""
 
 from __future__ import annotations
 
@@ -10,23 +10,22 @@ from typing import Any, TypeAlias
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.raw import decoder
-from ballbot_ros.messages.topics import DIAGNOSTICS, HISTORY, Topic
+from ballbot_ros.messages.topics import DIAGNOSTICS, Topic
 from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, start_failure
 from ballbot_ros.nodes.node_parameters import P, ParameterNode
 from ballbot_ros.nodes.own_ports import OwnPorts
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.nodes.processes import end_with_parent
 from ballbot_ros.nodes.shared_memory import mark_dead_readers
+from ballbot_ros.nodes.topic_publisher import TopicPublisher, requested_qos
 from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -35,100 +34,17 @@ PORTS_PERIOD_S = 0.5
 """Period of the port checks [s]: shorter than the 1 s or more that Fast DDS needs to detect a dead
 reader, because its recovery from one may deadlock."""
 
-FLUSH_S = 0.1
 NO_SAMPLE = (ValueError, IndexError, OverflowError)
 """Errors raised while reading a message that no node of this package can have sent."""
-
-
-def reliable_qos(depth: int, *, latched: bool) -> QoSProfile:
-    """Return reliable QoS; if `latched`, late subscribers receive earlier messages, too."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
-
-
-def offered_qos(topic: Topic) -> QoSProfile:
-    """Return the QoS that publishers offer, with a deep history for their existing readers."""
-    return reliable_qos(topic.latched_depth or HISTORY, latched=topic.latched_depth > 0)
-
-
-def requested_qos(topic: Topic, depth: int) -> QoSProfile:
-    """Return the QoS that subscriptions request; topics open to any tool are never latched."""
-    return reliable_qos(depth, latched=topic.latched_depth > 0 and topic.publisher is not None)
-
-
-class TopicPublisher:
-    """The publishers of a topic.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    topic : Topic
-    """
-
-    def __init__(self, node: Node, topic: Topic) -> None:
-        self._node, self._topic = node, topic
-        self._make()
-
-    def _make(self) -> None:
-        kind, topic = self._topic.message_class, self._topic
-        # Create the history first, so that a subscriber discovers it before the topic itself.
-        self._publishers = []
-        if topic.has_history:
-            qos = reliable_qos(HISTORY, latched=True)
-            self._publishers.append(self._node.create_publisher(kind, topic.history.name, qos))
-        qos = offered_qos(topic)
-        self._publishers.append(self._node.create_publisher(kind, topic.name, qos))
-
-    def recreate_publishers(self) -> None:
-        """Publish from new publishers, which keep no earlier messages."""
-        for publisher in self._publishers:
-            self._node.destroy_publisher(publisher)
-        self._make()
-
-    def send(self, stamp_ns: int, data: bytes) -> None:
-        """Publish a serialised message; a :data:`ballbot_ros.messages.outputs.Send` function."""
-        self.publish(data)
-
-    def publish(self, message: object) -> None:
-        """Publish a message, serialised or not."""
-        for publisher in self._publishers:
-            publisher.publish(message)
-
-    @property
-    def has_subscribers(self) -> bool:
-        """Whether the topic has a subscriber."""
-        return bool(self._publishers[-1].get_subscription_count())
-
-    def flush(self) -> None:
-        """Wait until the last messages have reached their readers."""
-        for publisher in self._publishers:
-            publisher.wait_for_all_acked(Duration(seconds=FLUSH_S))
 
 
 class BallbotNode(ParameterNode[P]):
     """A node of the graph.
 
-    Parameters
-    ----------
-    cls : type
-        Class of the node's parameters, which determines its role; the role is also the node's name
-        unless ROS remaps it.
-    parameters : NodeParameters or None
-        Initial values, for a node created by a program; None for the values from the command line
-        and from parameter files.
-    use_sim_time : bool
-        Whether the node's clock is ``/clock``.
-
     Attributes
     ----------
     done : rclpy.Future
         Completed when the node has finished its work, so that its process may end.
-    exit_status : int
-        The exit status of that process.
     failure : str
         Why the node failed; '' if it did not.
     awaits : str
@@ -300,12 +216,9 @@ AnyNode: TypeAlias = BallbotNode[Any]
 
 
 def run_node(make: Callable[[], AnyNode]) -> int:
-    """Run a node in this process until it has finished or is asked to stop.
+    """Run a node in this process until it has finished or is asked to stop; return its exit status.
 
-    Returns
-    -------
-    int
-        Exit status: 0, 1 if the run failed, 2 for a user's mistake.
+    It is 0, 1 if the run failed, or 2 for a user's mistake.
     """
     if not end_with_parent():
         return 0

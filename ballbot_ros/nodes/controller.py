@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rclpy.timer import Timer
-
 from ballbot_ros.codegen.implementation import program_maker, require_implementation
 from ballbot_ros.controller.tasks import TASK_TS1, task_timings
 from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS, with_former_names
@@ -26,6 +24,7 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
+from ballbot_ros.nodes.task_timers import TaskTimers
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 from ballbot_ros.simulation.free_running_ticks import FreeRunningTicks
 from ballbot_ros.simulation.lockstep import LockstepTicks, Run, SampleReaction
@@ -68,8 +67,13 @@ class Controller(BallbotNode[ControllerParameters]):
         self._program = self._make_program()
         self._resends = 0
         self._messages = ControllerMessages(lambda topic: self.output(topic).send)
-        self._timers_of_tasks: dict[str, Timer] = {}
-        self._set_timers()
+        self._task_timers = TaskTimers(
+            self,
+            self.get_clock() if self._lockstep else self._steady,
+            self._on_timer,
+            ticking='' if self._lockstep else TASK_TS1,
+        )
+        self._set_tasks()
         self._participation = Participation(self, self._on_run)
         # In lockstep receive all messages about one tick, also a second sample of an input.
         depth = DEPTH if self._lockstep else 1
@@ -87,45 +91,19 @@ class Controller(BallbotNode[ControllerParameters]):
         super().apply_parameters()
         if self.parameters != before:
             self._make_program = program_maker(self.parameters)
-            self._set_timers()
+            self._set_tasks()
 
-    def _set_timers(self) -> None:
-        """Create a timer for each periodic task.
-
-        The timers start with the first tick, except for one that makes the ticks.
-        """
-        for timer in self._timers_of_tasks.values():
-            self.destroy_timer(timer)
+    def _set_tasks(self) -> None:
         self._tasks = task_timings(self.parameters.ts2_period, self.parameters.ts3_period)
-        clock = self.get_clock() if self._lockstep else self._steady
-        self._timers_of_tasks = {
-            name: self.create_timer(
-                period_ms * 1e-3,
-                self._release_callback(name),
-                clock=clock,
-                autostart=self._makes_ticks(name),
-            )
-            for name, _, period_ms in self._tasks
-            if period_ms
-        }
+        self._task_timers.set(self._tasks)
 
-    def _makes_ticks(self, task: str) -> bool:
-        """Return whether a task's timer makes the ticks, and so must run before the first tick."""
-        return not self._lockstep and task == TASK_TS1
-
-    def _release_callback(self, task: str) -> Callable[[], None]:
-        """Return the callback of a task's timer."""
-
-        def release() -> None:
-            if self._lockstep:
-                now_ns = self.get_clock().now().nanoseconds
-                tick = self._lockstep_ticks.on_timer(task, now_ns)
-            else:
-                tick = self._free_ticks.on_timer(task, time.monotonic_ns())
-            if tick:
-                self._run(tick)
-
-        return release
+    def _on_timer(self, task: str) -> None:
+        if self._lockstep:
+            tick = self._lockstep_ticks.on_timer(task, self.get_clock().now().nanoseconds)
+        else:
+            tick = self._free_ticks.on_timer(task, time.monotonic_ns())
+        if tick:
+            self._run(tick)
 
     def _input_callback(
         self, topic: Topic, reader: Callable[[bytes], Any]
@@ -151,10 +129,7 @@ class Controller(BallbotNode[ControllerParameters]):
         self._messages.begin()
         ticks = self._lockstep_ticks if self._lockstep else self._free_ticks
         ticks.begin(run.start_ns, self._tasks)
-        # Stop the timers, which are not in phase with the new run; its ticks restart them.
-        for name, timer in self._timers_of_tasks.items():
-            if not self._makes_ticks(name):
-                timer.cancel()
+        self._task_timers.stop()
 
     def _take(self, name: str, stamp: int, data: bytes, reading: Any) -> None:
         reaction = self._lockstep_ticks.take(name, stamp, data, reading)
@@ -164,7 +139,7 @@ class Controller(BallbotNode[ControllerParameters]):
             self._resends += 1
             self._messages.resend(stamp)
         elif reaction is SampleReaction.FORCE_RELEASES:
-            tick = self._lockstep_ticks.force(callback_waits=self._callback_waits())
+            tick = self._lockstep_ticks.force(callback_waits=self._task_timers.callback_waits)
             if tick:
                 self._run(tick)
         elif reaction is SampleReaction.OBJECT:
@@ -199,21 +174,12 @@ class Controller(BallbotNode[ControllerParameters]):
         self._messages.tick(tick.time_ns, outputs, self._program)
         self.count_sample(tick.time_ns)
 
-    def _callback_waits(self) -> bool:
-        """Return whether a timer has fired whose callback is still queued in the executor.
-
-        Resetting a timer in this state makes rclpy's EventsExecutor call it twice.
-        """
-        return any(timer.is_ready() for timer in self._timers_of_tasks.values())
-
     def _start_timers(self, tick: DueTick) -> None:
-        """Restart the timers that have not released their tasks, one period from this tick."""
-        if self._lockstep and self.get_clock().now().nanoseconds != tick.time_ns:
-            # Timers count from /clock, which has not reached the tick yet: restart them later,
-            # at a tick for which they have failed to release a task.
-            return
-        for name in tick.untimed:
-            self._timers_of_tasks[name].reset()
+        """Restart the timers that have not released their tasks."""
+        # Timers count from /clock. If it has not reached the tick yet, restart them later, at a
+        # tick for which they have failed to release a task.
+        if not self._lockstep or self.get_clock().now().nanoseconds == tick.time_ns:
+            self._task_timers.restart(tick.untimed)
 
     def diagnose(self) -> Mapping[str, object]:
         """Return the operating state and the counts of callbacks, late ticks and resends."""

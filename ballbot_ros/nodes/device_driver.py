@@ -15,15 +15,7 @@ from ballbot_ros.simulation.lockstep import Run
 
 
 class DeviceDriver(BallbotNode[P]):
-    """Answers the truth of each sampling time with one sample that has the same stamp.
-
-    Parameters
-    ----------
-    cls : type
-        The class of the driver's parameters, which identifies the device.
-    parameters : DriverParameters or None
-        As for :class:`ballbot_ros.nodes.base.BallbotNode`.
-    """
+    """Answers the truth of each sampling time with one sample that has the same stamp."""
 
     def __init__(self, cls: type[P], parameters: P | None = None) -> None:
         super().__init__(cls, parameters)

@@ -18,13 +18,7 @@ LIMIT_S = 20
 
 
 def main() -> int:
-    """Print how long a message took, or why none arrived.
-
-    Returns
-    -------
-    int
-        0 if the message arrived, else 1.
-    """
+    """Print how long a message took, or why none arrived; return 0 if it arrived, else 1."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if not end_with_parent():
         return 1

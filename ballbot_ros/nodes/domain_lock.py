@@ -23,11 +23,6 @@ class DomainLock:
     does not depend on environment variables and no file can be in its way. Its scope is the network
     namespace, which is also that of the middleware's ports.
 
-    Parameters
-    ----------
-    domain : int
-        The ROS domain.
-
     Attributes
     ----------
     file : int

@@ -14,13 +14,7 @@ from ballbot_ros.stop_request import StopRequest
 
 
 def start(node: str | None) -> None:
-    """Import a node and run it; a signal during the import ends the program afterwards.
-
-    Parameters
-    ----------
-    node : str or None
-        Name of the node; None if none was given.
-    """
+    """Import a node and run it; a signal during the import ends the program afterwards."""
     open_standard_streams()
     with StopRequest() as stop:
         from ballbot_ros.nodes.registry import REGISTRY

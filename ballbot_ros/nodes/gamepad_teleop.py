@@ -14,12 +14,7 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import encode_sticks, log_packet
 from ballbot_ros.messages.message_types import Bytes
 from ballbot_ros.messages.raw import stamp_of
-from ballbot_ros.messages.topics import (
-    BLUETOOTH_TX,
-    GAMEPAD_JOY,
-    HISTORY,
-    PLANT_JOINT_STATES,
-)
+from ballbot_ros.messages.topics import BLUETOOTH_TX, GAMEPAD_JOY, HISTORY, PLANT_JOINT_STATES
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.teleop_inputs import TeleopInputs

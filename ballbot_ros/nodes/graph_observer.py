@@ -15,26 +15,18 @@ from std_msgs.msg import Header
 from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import Topic
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
-from ballbot_ros.simulation.participants import Publisher
+from ballbot_ros.simulation.strangers import Publisher
 
 _PREFIX = 24
 """Number of hexadecimal digits shared by all identifiers of one DDS participant."""
 
 _LIST_PERIOD_S = 1.0
 
-UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
-"""The middleware's name for the node of a publisher that it has not discovered yet."""
+_UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 
 
 class GraphObserver:
-    """The publishers of some topics, and the messages that arrive on them.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        A node in the namespace of the topics.
-    topics : collection of Topic
-    """
+    """The publishers of topics in the namespace of a node, and the messages that arrive on them."""
 
     def __init__(self, node: Node, topics: Collection[Topic]) -> None:
         self._node = node
@@ -59,7 +51,7 @@ class GraphObserver:
         self._counts, self._listed_at = counts, now_s
         self._found = {
             name: [
-                Publisher(bytes(offer.endpoint_gid), _full_name(offer))
+                Publisher(bytes(offer.endpoint_gid), full_name(offer))
                 for offer in self._node.get_publishers_info_by_topic(name)
             ]
             for name in self._topics
@@ -113,8 +105,8 @@ def guid_prefix(node: Node, word: str) -> str:
     return prefixes.pop() if len(prefixes) == 1 else ''
 
 
-def _full_name(offer: TopicEndpointInfo) -> str:
-    """Return the fully qualified name of a publisher's node, '' while it is unknown."""
-    if offer.node_name == UNKNOWN_NODE:
+def full_name(offer: TopicEndpointInfo) -> str:
+    """Return the fully qualified name of a publisher's node, '' until it is discovered."""
+    if offer.node_name == _UNKNOWN_NODE:
         return ''
     return f'{offer.node_namespace.rstrip("/")}/{offer.node_name}'

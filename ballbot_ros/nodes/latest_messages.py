@@ -20,8 +20,8 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     Topic,
 )
-from ballbot_ros.nodes.base import requested_qos
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
+from ballbot_ros.nodes.topic_publisher import requested_qos
 from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.snapshot import Snapshot
 
@@ -31,12 +31,6 @@ class LatestMessages:
 
     The messages are read without the executor, as in the recorder: most of them are never shown,
     and a callback for each would cost many times as much.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        A node in the namespace of the topics.
-    topics : collection of Topic
     """
 
     def __init__(self, node: Node, topics: Collection[Topic]) -> None:
@@ -49,15 +43,11 @@ class LatestMessages:
         self._changed: set[Topic] = set()
 
     def take(self) -> tuple[Snapshot | None, set[Topic]]:
-        """Read the messages that have arrived.
+        """Read the messages that have arrived; return the robot's state, and the changed topics.
 
-        Returns
-        -------
-        snapshot : Snapshot or None
-            State of the robot; None before its first pose.
-        changed : set of Topic
-            The topics with a message since the last snapshot; for the first snapshot, since the
-            start, so that it includes messages from before the first pose.
+        The state is None before the robot's first pose. The topics are those with a message since
+        the last state; for the first state, since the start, so that they include messages from
+        before the first pose.
         """
         for topic, subscription in self._subscriptions.items():
             come = [data for data, _ in drain(subscription)]

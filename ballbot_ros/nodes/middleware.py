@@ -23,13 +23,7 @@ MAX_DOMAIN_ID = 232
 
 
 def ros_domain() -> int:
-    """Return the number of the ROS domain.
-
-    Raises
-    ------
-    BallbotError
-        If the environment variable :data:`DOMAIN` is not a valid domain number.
-    """
+    """Return the number of the ROS domain; BallbotError if :data:`DOMAIN` is not a valid one."""
     text = os.environ.get(DOMAIN) or '0'
     if not re.fullmatch('0|[1-9][0-9]{0,2}', text) or int(text) > MAX_DOMAIN_ID:
         raise BallbotError(f'{DOMAIN}={text}: set a number within 0 … {MAX_DOMAIN_ID}')
@@ -37,13 +31,7 @@ def ros_domain() -> int:
 
 
 def require_middleware() -> None:
-    """Check that the middleware in ``RMW_IMPLEMENTATION`` loads: rcl would exit if it did not.
-
-    Raises
-    ------
-    BallbotError
-        If the middleware does not load.
-    """
+    """Raise BallbotError if the chosen middleware does not load, with which rcl would exit."""
     name = os.environ.get('RMW_IMPLEMENTATION', DEFAULT_RMW)
     if name in ('', DEFAULT_RMW):
         return
@@ -55,13 +43,7 @@ def require_middleware() -> None:
 
 
 def require_discovery() -> None:
-    """Check that the environment lets nodes discover each other.
-
-    Raises
-    ------
-    BallbotError
-        If the environment switches discovery off.
-    """
+    """Raise BallbotError if the environment switches discovery off."""
     if os.environ.get(DISCOVERY_RANGE) == 'OFF':
         raise BallbotError(f'{DISCOVERY_RANGE}=OFF: nodes cannot discover each other; unset it')
 
@@ -69,13 +51,9 @@ def require_discovery() -> None:
 def prepare_middleware() -> None:
     """Remove what killed processes left, and speed up discovery.
 
-    A node started by a command removes nothing: the command has already done so.
-
-    Raises
-    ------
-    BallbotError
-        If the number of the ROS domain is invalid, or a leftover that can't be removed would hold
-        up the node.
+    A node started by a command removes nothing: the command has already done so. It raises
+    BallbotError for an invalid ROS domain, or a leftover that can't be removed and would hold up
+    the node.
     """
     ros_domain()
     if END_WITH_PARENT not in os.environ:

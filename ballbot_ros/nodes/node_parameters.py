@@ -54,7 +54,6 @@ class ParameterNode(Node, Generic[P]):
 
     Attributes
     ----------
-    role : str
     parameters : NodeParameters
         The values in effect.
 
@@ -65,11 +64,7 @@ class ParameterNode(Node, Generic[P]):
     """
 
     def __init__(
-        self,
-        cls: type[P],
-        parameters: P | None = None,
-        *,
-        use_sim_time: bool = False,
+        self, cls: type[P], parameters: P | None = None, *, use_sim_time: bool = False
     ) -> None:
         given = asdict(parameters) if parameters else {}
         super().__init__(
@@ -87,13 +82,7 @@ class ParameterNode(Node, Generic[P]):
             super().set_parameters_atomically([RosParameter(SIM_TIME, value=True)])
 
     def require_sim_time(self, reason: str) -> None:
-        """Require ``/clock`` as the node's clock, now and later.
-
-        Raises
-        ------
-        ParameterError
-            If the node has another clock.
-        """
+        """Require ``/clock`` as the node's clock from now on; ParameterError if it has another."""
         self._sim_time_reason = reason
         self._check_sim_time(self.get_parameter(SIM_TIME).value)
 
@@ -200,13 +189,7 @@ class ParameterNode(Node, Generic[P]):
         self.parameters = self._requested
 
     def check(self, parameters: P) -> None:
-        """Check that values are compatible, before they are applied.
-
-        Raises
-        ------
-        BallbotError
-            If the values are not compatible.
-        """
+        """Raise BallbotError if values are not compatible; called before they are applied."""
 
     def on_parameters_changed(self) -> None:
         """React to new values of parameters that take effect at once."""

@@ -9,23 +9,12 @@ from rclpy.node import Node
 
 
 class OneShotTimer:
-    """Calls back once after each :meth:`start`, on the wall clock.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    callback : callable
-    """
+    """Calls back once after each :meth:`start`, on the wall clock."""
 
     def __init__(self, node: Node, callback: Callable[[], None]) -> None:
         self._callback = callback
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(1.0, self._fire, clock=steady, autostart=False)
-
-    @property
-    def is_running(self) -> bool:
-        """Whether a call is pending."""
-        return not self._timer.is_canceled()
 
     def start(self, delay_s: float) -> None:
         """Call back in `delay_s` [s]; this replaces a pending call."""

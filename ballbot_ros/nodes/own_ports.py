@@ -13,7 +13,8 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
-from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, find_reader_states
+from ballbot_ros.nodes.port_readers import find_reader_states
+from ballbot_ros.nodes.shared_memory import SHARED_MEMORY
 
 _OWN_LOCK = re.compile(rf'{SHARED_MEMORY}/(fastrtps_port(\d+))_el(?: \(deleted\))?')
 _REMOVED_PORT = re.compile(

@@ -39,12 +39,6 @@ def avoid_stale_ports(domain: int, folder: Path = SHARED_MEMORY) -> Iterator[Non
 
     The discovery ports of these numbers are occupied meanwhile, so that Fast DDS tries the next
     number.
-
-    Parameters
-    ----------
-    domain : int
-        The ROS domain.
-    folder : Path
     """
     first = PORT_BASE + PORTS_PER_DOMAIN * domain + DISCOVERY_PORT
     with ExitStack() as held:

@@ -20,12 +20,7 @@ from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.graph_observer import guid_prefix
 from ballbot_ros.parameters import PATHS, NodeParameters
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.participants import (
-    MAP_HASH,
-    Announcement,
-    Objection,
-    Participant,
-)
+from ballbot_ros.simulation.participants import MAP_HASH, Announcement, Objection, Participant
 from ballbot_ros.world.library import read_map_file
 
 
@@ -69,16 +64,10 @@ class Participation:
 
     Parameters
     ----------
-    node : BallbotNode
     on_run : callable, optional
         Called with each new run before the node joins it.
     on_call : callable, optional
         Called after each answered roll call.
-
-    Attributes
-    ----------
-    run : Run or None
-        The newest run.
     """
 
     def __init__(

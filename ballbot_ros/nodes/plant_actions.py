@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from functools import singledispatchmethod
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from ballbot_ros.messages.conversions import encode_header
 from ballbot_ros.messages.participation import encode_announcement, encode_run_status
@@ -19,14 +18,7 @@ if TYPE_CHECKING:
 
 
 class PlantActions:
-    """Executes the master's actions in the plant's node.
-
-    Parameters
-    ----------
-    node : PlantSim
-    wake : OneShotTimer
-        Timer that wakes the master.
-    """
+    """Executes the master's actions in the plant's node."""
 
     def __init__(self, node: PlantSim, wake: OneShotTimer) -> None:
         self._node, self._wake = node, wake
@@ -40,61 +32,52 @@ class PlantActions:
         for action in actions:
             self._carry_out(action)
 
-    @singledispatchmethod
     def _carry_out(self, action: do.Action) -> None:
-        raise NotImplementedError(action)
+        node, messages = self._node, self._messages
+        match action:
+            case do.PublishTruth(truth, wall_hit, is_resend):
+                messages.truth(truth, wall_hit=wall_hit, is_resend=is_resend)
+                node.count_sample(truth.stamp_ns)
+            case do.WakeIn(delay_s):
+                self._wake.start(delay_s)
+            case do.CancelWake():
+                self._wake.cancel()
+            case do.ResendToDrivers(truth):
+                messages.send_to_drivers(truth)
+            case do.CallRoll(run, plant):
+                self._roll_call.publish(encode_header(run.start_ns, run.name))
+                self._participants.publish(encode_announcement(Announcement(plant, run.name)))
+            case do.AnnounceRun(run):
+                messages.announce(run.start_ns, run.name)
+            case do.PublishStatus():
+                self._status.publish(encode_run_status(run_status(action)))
+            case do.ClearMap():
+                node.drop_latched(MAP)
+            case do.BeginRun(start_ns, world, ball_radius):
+                messages.ball_radius = ball_radius
+                messages.begin(start_ns, world)
+            case do.PublishPush(push, number):
+                messages.push(push, number)
+            case do.StopMotors(last_ns):
+                messages.stop_motors(last_ns)
+            case do.Log():
+                self._log(action)
+            case do.Warn(text):
+                node.warn(text)
+            case do.ClearWarning():
+                node.clear_warning()
+            case do.RaiseError(text):
+                node.report_error(text)
+            case do.ClearError():
+                node.clear_error()
+            case do.Report():
+                node.report()
+            case do.EndRun():
+                self._end(action)
+            case _:
+                _refuse(action)
 
-    @_carry_out.register
-    def _(self, action: do.PublishTruth) -> None:
-        truth = action.truth
-        self._messages.truth(truth, wall_hit=action.wall_hit, is_resend=action.is_resend)
-        self._node.count_sample(truth.stamp_ns)
-
-    @_carry_out.register
-    def _(self, action: do.ResendToDrivers) -> None:
-        self._messages.send_to_drivers(action.truth)
-
-    @_carry_out.register
-    def _(self, action: do.WakeIn) -> None:
-        self._wake.start(action.delay_s)
-
-    @_carry_out.register
-    def _(self, action: do.CancelWake) -> None:
-        self._wake.cancel()
-
-    @_carry_out.register
-    def _(self, action: do.CallRoll) -> None:
-        self._roll_call.publish(encode_header(action.run.start_ns, action.run.name))
-        announcement = Announcement(action.plant, action.run.name)
-        self._participants.publish(encode_announcement(announcement))
-
-    @_carry_out.register
-    def _(self, action: do.AnnounceRun) -> None:
-        self._messages.announce(action.run.start_ns, action.run.name)
-
-    @_carry_out.register
-    def _(self, action: do.PublishStatus) -> None:
-        self._status.publish(encode_run_status(run_status(action)))
-
-    @_carry_out.register
-    def _(self, action: do.ClearMap) -> None:
-        self._node.drop_latched(MAP)
-
-    @_carry_out.register
-    def _(self, action: do.BeginRun) -> None:
-        self._messages.ball_radius = action.ball_radius
-        self._messages.begin(action.start_ns, action.world)
-
-    @_carry_out.register
-    def _(self, action: do.PublishPush) -> None:
-        self._messages.push(action.push, action.number)
-
-    @_carry_out.register
-    def _(self, action: do.StopMotors) -> None:
-        self._messages.stop_motors(action.last_ns)
-
-    @_carry_out.register
-    def _(self, action: do.Log) -> None:
+    def _log(self, action: do.Log) -> None:
         logger = self._node.get_logger()
         if action.severity is do.Severity.INFO:
             logger.info(action.text)
@@ -103,31 +86,15 @@ class PlantActions:
         else:
             logger.warning(action.text)
 
-    @_carry_out.register
-    def _(self, action: do.Warn) -> None:
-        self._node.warn(action.text)
-
-    @_carry_out.register
-    def _(self, action: do.ClearWarning) -> None:
-        self._node.clear_warning()
-
-    @_carry_out.register
-    def _(self, action: do.RaiseError) -> None:
-        self._node.report_error(action.text)
-
-    @_carry_out.register
-    def _(self, action: do.ClearError) -> None:
-        self._node.clear_error()
-
-    @_carry_out.register
-    def _(self, action: do.Report) -> None:
-        self._node.report()
-
-    @_carry_out.register
-    def _(self, action: do.EndRun) -> None:
+    def _end(self, action: do.EndRun) -> None:
         self._node.finish()
         if action.summary.reason:
             self._node.fail(action.summary.reason)
         else:
             self._node.report()
         self._node.exit_status = action.exit_status
+
+
+def _refuse(action: NoReturn) -> NoReturn:
+    # The type of the argument lets mypy find an action that is not handled.
+    raise NotImplementedError(action)

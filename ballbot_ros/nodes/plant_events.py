@@ -34,10 +34,6 @@ class PlantEvents:
 
     The services are ``plant_sim/reset``, ``plant_sim/pause`` and ``plant_sim/step``. They are named
     after the role, so they keep their names if the node is renamed.
-
-    Parameters
-    ----------
-    node : PlantSim
     """
 
     def __init__(self, node: PlantSim) -> None:

@@ -39,19 +39,14 @@ from ballbot_ros.simulation.free_running_master import FreeRunningMaster
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.run_actions import Actions
 from ballbot_ros.simulation.run_master import RunMaster
-from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
+from ballbot_ros.simulation.run_setup import RunSetup
 from ballbot_ros.simulation.trajectory import TrajectoryLog, save_trajectory
 from ballbot_ros.timing import RESEND_S, SECOND_NS, TICK_S
 from ballbot_ros.world.world import World
 
 
 class PlantSim(BallbotNode[PlantParameters]):
-    """Passes events to the master of the run, and carries out its decisions.
-
-    Attributes
-    ----------
-    master : RunMaster
-    """
+    """Passes events to the master of the run, and carries out its decisions."""
 
     def __init__(self, parameters: PlantParameters | None = None) -> None:
         # Take the lock before the node becomes a participant of the domain.
@@ -96,7 +91,7 @@ class PlantSim(BallbotNode[PlantParameters]):
         """Apply the new pace and push duration."""
         if self._free_timer is not None:
             self._free_timer.timer_period_ns = round(self._tick_s * SECOND_NS)
-        self.dispatch(self.master.on_settings, RunSettings.from_parameters(self.parameters))
+        self.dispatch(self.master.on_parameters, self.parameters)
 
     @property
     def _tick_s(self) -> float:
@@ -111,12 +106,11 @@ class PlantSim(BallbotNode[PlantParameters]):
             self._scenario = scenario_of(self.parameters.scenario)
             self._world = World.of(self.parameters)
         return RunSetup(
-            settings=RunSettings.from_parameters(self.parameters),
+            parameters=self.parameters,
             plant=Plant(self.parameters, start_ns, self._world),
             world=self._world,
             scenario=self._scenario,
             participant=with_parameters(self._own, self.parameters),
-            ball_radius=self.parameters.ball_radius,
         )
 
     @property

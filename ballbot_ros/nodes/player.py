@@ -21,9 +21,10 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
 from ballbot_ros.messages.conversions import encode_clock
-from ballbot_ros.messages.topics import CLOCK, HISTORY, TOPICS, message_class
-from ballbot_ros.nodes.base import FLUSH_S, BallbotNode, reliable_qos, run_node
+from ballbot_ros.messages.topics import CLOCK, HISTORY, TOPICS, find_message_class
+from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
+from ballbot_ros.nodes.topic_publisher import FLUSH_S, reliable_qos
 from ballbot_ros.parameters import PLANT, PlayerParameters
 from ballbot_ros.recording.playback import Playback
 from ballbot_ros.recording.qos import QosProfile
@@ -37,22 +38,14 @@ WATCH_S = 0.5
 
 
 class Player(BallbotNode[PlayerParameters]):
-    """Plays a recording.
-
-    Attributes
-    ----------
-    playback : Playback
-    """
+    """Plays a recording."""
 
     def __init__(self, parameters: PlayerParameters | None = None) -> None:
         super().__init__(PlayerParameters, parameters)
         self._recording = RecordingReader(self.parameters.file)
         chosen = [name.strip() for name in self.parameters.topics.split(',') if name.strip()]
         self.playback = Playback(
-            self._recording,
-            chosen or None,
-            rate=self.parameters.rate,
-            loop=self.parameters.loop,
+            self._recording, chosen or None, rate=self.parameters.rate, loop=self.parameters.loop
         )
         recorded = self._recording.topics()
         topics = {name: recorded[name].type_name for name in chosen or recorded}
@@ -82,9 +75,8 @@ class Player(BallbotNode[PlayerParameters]):
             self.create_wall_timer(WATCH_S, self._watch)
 
     def _publisher(self, name: str, type_name: str) -> Publisher:
-        try:
-            kind = message_class(type_name)
-        except (ImportError, AttributeError, ValueError):
+        kind = find_message_class(type_name)
+        if kind is None:
             problem = f'type {type_name} not found' if type_name else 'its type is unknown'
             self.get_logger().warning(f'{name}: {problem}: not played')
             return None

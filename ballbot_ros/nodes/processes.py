@@ -23,10 +23,7 @@ _RUNNABLE, _WAITING, _ZOMBIE = 'R', ('S', 'D'), 'Z'
 def end_with_parent() -> bool:
     """Make the system end this process together with the one in :data:`END_WITH_PARENT`, if any.
 
-    Returns
-    -------
-    bool
-        False if that process has already ended.
+    Return False if that process has already ended.
     """
     parent = os.environ.get(END_WITH_PARENT)
     if parent is None:
@@ -38,10 +35,7 @@ def end_with_parent() -> bool:
 def threads_of(process: int) -> Threads:
     """Return the processor time of the threads of a process.
 
-    Returns
-    -------
-    mapping of int to ThreadTime
-        Empty if the process is gone, or the kernel does not account for threads.
+    There are none if the process is gone, or the kernel does not account for threads.
     """
     found = {}
     with suppress(OSError):

@@ -5,43 +5,24 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from rclpy.qos import QoSProfile
-from rclpy.subscription import Subscription
-from rclpy.topic_endpoint_info import TopicEndpointInfo
-
-from ballbot_ros.messages.conversions import encode_header, time_ns
+from ballbot_ros.messages.conversions import encode_header
 from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.participation import RunStatus, decode_run_status
-from ballbot_ros.messages.raw import decoder, has_stamp, same_content, stamp_of
-from ballbot_ros.messages.topics import (
-    CLOCK,
-    HISTORY,
-    MARKERS,
-    MOTOR_DUTY,
-    PARTICIPANTS,
-    RECORDER_ACK,
-    ROBOT_DESCRIPTION,
-    RUN,
-    RUN_STATUS,
-    TOPICS,
-    Topic,
-    message_class,
-)
-from ballbot_ros.nodes.base import BallbotNode, reliable_qos, run_node
-from ballbot_ros.nodes.graph_observer import UNKNOWN_NODE
-from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
+from ballbot_ros.messages.raw import decoder, stamp_of
+from ballbot_ros.messages.topics import MOTOR_DUTY, PARTICIPANTS, RECORDER_ACK, RUN, RUN_STATUS
+from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.parameters import PLANT, RecorderParameters
+from ballbot_ros.nodes.recorder_channels import Channel, Channels, Item
+from ballbot_ros.parameters import RecorderParameters
 from ballbot_ros.recording.attachments import media_type
 from ballbot_ros.recording.errors import RecordingError
-from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS, RecordingWriter
-from ballbot_ros.simulation.arrival_order import Arrival, ArrivalOrder
+from ballbot_ros.simulation.arrival_order import ArrivalOrder
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Objection
@@ -74,19 +55,10 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
             self._writer.add_attachment(name, media_type(name), data)
-        self._inbox = hidden_node('inbox', self)
-        self._channels: dict[str, _Channel] = {}
-        self._histories: set[str] = set()
-        for topic in TOPICS:
-            # Earlier messages come from the topic's history, if it has one. Subscribe to the topic
-            # itself, too: publishers of other packages need not have a history.
-            latched = topic.latched_depth > 0 and not topic.has_history
-            self._subscribe(topic, reliable_qos(HISTORY, latched=latched))
+        self._channels = Channels(self)
         self._gate = RecordingGate(self)
         self._run: str | None = None
-        self._order: ArrivalOrder[_Item] = ArrivalOrder()
-        self._refused: set[str] = set()
-        self._sighted: set[str] = set()
+        self._order: ArrivalOrder[Item] = ArrivalOrder()
         self._ticks = RecordedTicks()
         self._lost = 0
         self._announced = b''
@@ -100,16 +72,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         self.get_logger().info(f'records to {path}')
         self.create_wall_timer(POLL_S, self._poll)
         self.create_wall_timer(FLUSH_S, self._flush)
-        self.create_wall_timer(DISCOVERY_S, self._discover)
-
-    def _subscribe(self, topic: Topic, qos: QoSProfile) -> None:
-        subscription = raw_subscription(self._inbox, topic, qos)
-        channel = _Channel(topic, subscription)
-        if topic.has_history:
-            qos = reliable_qos(HISTORY, latched=True)
-            channel.history = raw_subscription(self._inbox, topic.history, qos)
-            self._histories.add(channel.history.topic_name)
-        self._channels[subscription.topic_name] = channel
+        self.create_wall_timer(DISCOVERY_S, self._channels.discover)
 
     def _poll(self) -> None:
         """Write the messages that have arrived, in order of arrival, and acknowledge them."""
@@ -120,9 +83,8 @@ class Recorder(BallbotNode[RecorderParameters]):
             return
         if self._run is None:
             self._gate.awaits_run = self.count_publishers(RUN.name) > 0
-        come = {name: channel.take() for name, channel in self._channels.items()}
         try:
-            for channel, data, sequence in self._order.merge(come, received_ns):
+            for channel, data, sequence in self._order.merge(self._channels.take(), received_ns):
                 self._take(channel, data, sequence)
         except RecordingError as error:
             self._fail(error)
@@ -130,28 +92,27 @@ class Recorder(BallbotNode[RecorderParameters]):
         if self._ticks.advance():
             self._send_ack()
 
-    def _take(self, channel: _Channel, data: bytes, sequence: int) -> None:
-        if channel.topic is RUN:
-            if data == self._announced:
-                return
-            self._announced = data
-            if self._run is None:
-                # Begin the run here: a player announces runs, but does not call the roll.
-                header = self._decode_run(data)
-                self._begin(Run(header.frame_id, time_ns(header.stamp)))
-        elif channel.topic is RUN_STATUS:
+    def _take(self, channel: Channel, data: bytes, sequence: int) -> None:
+        try:
+            stamp_ns = stamp_of(data) if channel.is_stamped else 0
+            if channel.topic is RUN:
+                if data == self._announced:
+                    return
+                if self._run is None:
+                    # Begin the run here: a player announces runs, but does not call the roll.
+                    self._begin(Run(self._decode_run(data).frame_id, stamp_ns))
+                self._announced = data
+        except ValueError as error:
+            self.warn_malformed(channel.topic, error)
+            return
+        if channel.topic is RUN_STATUS:
             self._note_status(data)
         elif channel.topic is MOTOR_DUTY and is_stop(data):
             # Hold the stop back, and record it only if the run does not complete: a controller
             # that leaves in mid-run sends one, too.
             self._stop = self._stop or (channel.stream, data, sequence)
             return
-        try:
-            stamp = stamp_of(data) if channel.is_stamped else 0
-        except ValueError as error:
-            self.warn_malformed(channel.topic, error)
-            return
-        self._gate.take(channel.stream, stamp, data, sequence)
+        self._gate.take(channel.stream, stamp_ns, data, sequence)
 
     def _repeat_ack(self) -> None:
         """Send the acknowledgement again: the plant may only now have discovered this node."""
@@ -172,9 +133,9 @@ class Recorder(BallbotNode[RecorderParameters]):
 
     def _begin(self, run: Run) -> None:
         self._run, self._outcome, self._members, self._stop = run.name, {}, {}, None
-        for channel in self._channels.values():
-            channel.has_history = False
-        if self._gate.begin(run, [channel.stream for channel in self._channels.values()]):
+        for channel in self._channels:
+            channel.begin()
+        if self._gate.begin(run, [channel.stream for channel in self._channels]):
             self._ticks.begin()
         self._take_status()
 
@@ -182,7 +143,10 @@ class Recorder(BallbotNode[RecorderParameters]):
         """Write a message."""
         channel = self._channels[stream.name]
         if channel.recorded is None:
-            channel.recorded = self._announce(channel)
+            # The file has the QoS of the publishers, too.
+            channel.recorded = self._writer.add_topic(
+                stream.name, channel.topic.type_name, qos=self._channels.offered_qos(stream.name)
+            )
         self._writer.write(channel.recorded, log_ns, data, sequence)
         if stream.period_ns:
             self.count_sample(self._gate.now_ns)
@@ -217,18 +181,9 @@ class Recorder(BallbotNode[RecorderParameters]):
             self._gate.is_lockstep = status.is_lockstep
             required = status.periodic_topics
             self._ticks.require(
-                channel.stream
-                for channel in self._channels.values()
-                if channel.topic.name in required
+                channel.stream for channel in self._channels if channel.topic.name in required
             )
             self._outcome, self._members = status.result, status.participants
-
-    def _announce(self, channel: _Channel) -> Any:
-        """Add a topic to the file, with the QoS of its publishers."""
-        name = channel.subscription.topic_name
-        offers = self.get_publishers_info_by_topic(name)
-        qos = [QosProfile.from_rclpy(offer.qos_profile) for offer in offers]
-        return self._writer.add_topic(name, channel.topic.type_name, qos=qos or [RELIABLE_LATCHED])
 
     def _flush(self) -> None:
         if self.finished:
@@ -243,42 +198,6 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._participation.raise_objection(Objection(str(error)))
         self.finish()
         self.fail(str(error))
-
-    def _discover(self) -> None:
-        """Subscribe to the topics of the graph that are not recorded yet."""
-        drawing = self._publishers_of(MARKERS) & self._publishers_of(ROBOT_DESCRIPTION)
-        for name, _ in self.get_topic_names_and_types():
-            if name in self._channels or name in self._refused or name in self._histories:
-                continue
-            offers = self.get_publishers_info_by_topic(name)
-            # Discovery may find a publisher before its node: check once more.
-            if name not in self._sighted and any(o.node_name == UNKNOWN_NODE for o in offers):
-                self._sighted.add(name)
-                continue
-            # Skip what a visualizer draws for other tools: it can be derived from the recording.
-            offers = [offer for offer in offers if _node_of(offer) not in drawing]
-            if not offers:
-                continue
-            # Messages whose type is not installed here are not recorded.
-            topic = Topic(name, offers[0].topic_type, None)
-            try:
-                message_class(topic.type_name)
-            except (ImportError, AttributeError):
-                self._refused.add(name)
-                self.get_logger().warning(f'{name}: type {topic.type_name} not found: not recorded')
-                continue
-            self._subscribe(
-                topic,
-                QoSProfile(
-                    depth=HISTORY,
-                    # The weakest QoS on offer, which matches all publishers.
-                    reliability=max(offer.qos_profile.reliability for offer in offers),
-                    durability=max(offer.qos_profile.durability for offer in offers),
-                ),
-            )
-
-    def _publishers_of(self, topic: Topic) -> set[tuple[str, str]]:
-        return {_node_of(offer) for offer in self.get_publishers_info_by_topic(topic.name)}
 
     def _await_end(self) -> None:
         """Keep recording until the run has ended: it may be stopped together with the recorder."""
@@ -317,7 +236,7 @@ class Recorder(BallbotNode[RecorderParameters]):
             self.get_logger().info(f'finished {self._writer.path}')
         # Flush last: a hanging node can block the middleware, but must not keep the file open.
         self.flush(PARTICIPANTS)
-        self._inbox.destroy_node()
+        self._channels.close()
 
     def _write_metadata(self) -> None:
         """Write the participants, the outcome, and whether messages are missing."""
@@ -328,53 +247,6 @@ class Recorder(BallbotNode[RecorderParameters]):
         if self._lost:
             gaps = '1 gap' if self._lost == 1 else f'{self._lost} gaps'
             self._writer.mark_incomplete(f'{gaps} in the sequence of messages')
-
-
-class _Channel:
-    """A topic being recorded."""
-
-    def __init__(self, topic: Topic, subscription: Subscription) -> None:
-        self.topic = topic
-        self.subscription = subscription
-        self.history: Any = None
-        self.has_history = False
-        self.recorded: Any = None
-        # Ignore stamps on topics open to any tool, whose publishers may use other clocks.
-        self.is_stamped = topic.publisher is not None and has_stamp(topic.type_name)
-        self.stream = Stream(
-            subscription.topic_name,
-            period_ns=topic.period_ns,
-            is_clock=topic is CLOCK,
-            is_live=topic.publisher in (PLANT, None),
-            is_shared=topic.publisher is None,
-            is_same=same_content(topic.type_name) if topic.period_ns else None,
-        )
-
-    def take(self) -> Iterator[Arrival[_Item]]:
-        """Read all waiting messages, from the topic's history if it has one.
-
-        The history is discovered before the topic itself, so no message arrives before its history
-        is known. A history found once is read even after its publisher has left, since messages may
-        still be waiting.
-        """
-        come = list(drain(self.subscription))
-        if self.history:
-            self.has_history = self.has_history or self.history.get_publisher_count() > 0
-            if self.has_history:
-                come.clear()
-            come += drain(self.history)
-        for data, info in come:
-            item = (self, data, info['publication_sequence_number'])
-            yield info['received_timestamp'], item
-
-
-_Item = tuple[_Channel, bytes, int]
-"""The channel of a message, the message, and its sequence number."""
-
-
-def _node_of(offer: TopicEndpointInfo) -> tuple[str, str]:
-    """Return namespace and name of the node that owns a publisher."""
-    return offer.node_namespace, offer.node_name
 
 
 def _new_path() -> Path:

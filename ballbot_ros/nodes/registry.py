@@ -35,8 +35,6 @@ class NodeEntry:
         Class of the node's parameters, which holds the node's name.
     module : str
         The module in :mod:`ballbot_ros.nodes` with its ``main``.
-    class_name : str
-        Name of the node's class in that module.
     serves_several : bool
         Whether class and ``main`` serve several nodes; their first argument is then the class of
         the node's parameters.

@@ -113,7 +113,6 @@ class Transforms:
 
     Parameters
     ----------
-    node : BallbotNode
     frames : dict of Transform
         Pose of each frame in its parent; any pose of the robot will do, since only the fixed frame
         is published at once.

@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.port_readers import find_idle_readers, mark_as_waiting
 
 SHARED_MEMORY = Path('/dev/shm')
 SETTLED_S = 5.0
@@ -40,18 +41,6 @@ POLL_S = 0.05
 INITIALISED, CORRUPTED = (2).to_bytes(4, 'little'), (3).to_bytes(4, 'little')
 MIN_PORT_BYTES = 1024 * 20
 """Minimum size of a port with the state of 1024 readers. Opening a smaller one crashes."""
-
-PORT_HEADER = 1024 * 64
-"""Size of the part of a port that includes the states of its readers."""
-
-READERS, READER_SIZE = 1024, 20
-AFTER_READERS = b'fastrtps\0'
-"""Content of a port after the states of its readers."""
-
-WAITS = b'\3'
-"""First byte of the state of a reader that waits for a message."""
-
-_DOES_NOT_WAIT = re.compile(rb'[\1\5]')  # bits: 1 in use, 2 waits, 4 takes a message
 
 _FILE = re.compile(r'(?:sem\.)?(fastrtps_(?:port\d+|[0-9a-f]{16}))(?:_el|_sl|_mutex)?')
 _LOCKED_FILE = re.compile(rb' ([0-9a-f]+:[0-9a-f]+):(\d+) ')
@@ -68,14 +57,7 @@ class Leftover(NamedTuple):
 def find_leftovers(
     folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S
 ) -> list[Leftover]:
-    """Return this user's files that no living process holds.
-
-    Parameters
-    ----------
-    folder : Path
-    older_than_s : float
-        Younger resources are ignored.
-    """
+    """Return this user's files that no living process holds."""
     with _dead_resources(folder, older_than_s) as dead:
         return [leftover for resource in dead for leftover in resource.leftovers]
 
@@ -85,12 +67,6 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
 
     A port that has been broken for :data:`SETTLED_S` is removed even if processes hold it: these
     processes, and all later ones, would wait for it forever. They are woken, and create a new port.
-
-    Parameters
-    ----------
-    folder : Path
-    older_than_s : float
-        Younger resources are ignored.
     """
     with _dead_resources(folder, older_than_s) as dead:
         removed = [leftover for resource in dead for leftover in resource.remove()]
@@ -104,13 +80,13 @@ def sweep(folder: Path = SHARED_MEMORY, *, older_than_s: float = SETTLED_S) -> l
 
 def mark_dead_readers(folder: Path = SHARED_MEMORY) -> None:
     """Mark killed readers as waiting, so that their writers detect them and do not deadlock."""
-    ports = [path for path in folder.glob('fastrtps_port*[0-9]') if _find_idle_readers(path)]
+    ports = [path for path in folder.glob('fastrtps_port*[0-9]') if find_idle_readers(path)]
     if not ports:
         return
     for resource in _unlocked([r for r in _resources(folder) if r.path in ports]):
         with ExitStack() as claims:
             if resource.claim(claims, with_semaphore=True):
-                _mark_as_waiting(resource.path)
+                mark_as_waiting(resource.path)
 
 
 def find_broken_ports(folder: Path = SHARED_MEMORY) -> list[Path]:
@@ -272,33 +248,6 @@ class _Resource:
             with suppress(OSError):  # shared memory may be full
                 port.write(CORRUPTED)
         return removed
-
-
-def find_reader_states(port: bytes) -> int | None:
-    """Return the offset of the readers' states in a port; None if its layout is unknown."""
-    end = port.find(AFTER_READERS, READERS * READER_SIZE)
-    return None if end < 0 else end - READERS * READER_SIZE
-
-
-def _find_idle_readers(path: Path) -> list[int]:
-    """Return the offsets of the states of readers that do not wait for a message."""
-    try:
-        with path.open('rb', buffering=0) as file:
-            port = file.read(PORT_HEADER)
-    except OSError:  # removed, or another user's
-        return []
-    first = find_reader_states(port)
-    if first is None:
-        return []
-    states = port[first : first + READERS * READER_SIZE : READER_SIZE]
-    return [first + READER_SIZE * match.start() for match in _DOES_NOT_WAIT.finditer(states)]
-
-
-def _mark_as_waiting(path: Path) -> None:
-    with suppress(OSError), path.open('r+b', buffering=0) as port:
-        for state in _find_idle_readers(path):
-            port.seek(state)
-            port.write(WAITS)
 
 
 def _resources(folder: Path) -> list[_Resource]:

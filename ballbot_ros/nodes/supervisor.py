@@ -11,18 +11,7 @@ from ballbot_ros.scenario.library import load_scenario
 
 
 class Supervisor(BallbotNode[SupervisorParameters]):
-    """Requests a scenario; the command that runs the graph starts it.
-
-    Parameters
-    ----------
-    scenario : str
-        Name or file of the running scenario.
-
-    Attributes
-    ----------
-    requested_scenario : str
-        Name or file of the requested scenario; '' for none.
-    """
+    """Requests a scenario, by its name or file; the command that runs the graph starts it."""
 
     def __init__(self, scenario: str) -> None:
         super().__init__(SupervisorParameters, SupervisorParameters(scenario=scenario))

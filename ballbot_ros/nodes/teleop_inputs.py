@@ -35,13 +35,7 @@ NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 class TeleopInputs:
     """Subscribes to ``joy``, ``viewer/joy`` and ``cmd_vel``, and reads a gamepad.
 
-    Parameters
-    ----------
-    node : BallbotNode
-    sources : Arbiter
-        Receives the sticks of each input.
-    input_errors : InputErrors
-        Receives the errors of each input, by the name of its topic.
+    The errors of each input are reported by the name of its topic.
     """
 
     def __init__(

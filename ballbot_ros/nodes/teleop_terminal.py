@@ -19,21 +19,7 @@ from ballbot_ros.teleop.terminal import Terminal
 
 
 class TeleopTerminal:
-    """Drives from the keyboard.
-
-    Parameters
-    ----------
-    node : BallbotNode
-    sources : Arbiter
-        Receives the keyboard's sticks.
-    command : callable
-        Returns the input in command and its sticks.
-
-    Attributes
-    ----------
-    is_closed : bool
-        Whether the terminal has disappeared.
-    """
+    """Drives from the keyboard, until the terminal disappears (`is_closed`)."""
 
     def __init__(
         self, node: BallbotNode[GamepadParameters], sources: Arbiter, command: Callable[[], Command]

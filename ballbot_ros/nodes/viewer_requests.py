@@ -17,7 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 from ballbot_ros.messages.conversions import encode_push
 from ballbot_ros.messages.topics import PUSH, RUN
 from ballbot_ros.nodes.base import AnyNode
-from ballbot_ros.nodes.graph_observer import UNKNOWN_NODE
+from ballbot_ros.nodes.graph_observer import full_name
 from ballbot_ros.parameters import PLANT, SUPERVISOR, PlantParameters
 from ballbot_ros.plant.ground_truth import Pair
 
@@ -44,11 +44,7 @@ class _ParameterQuery(NamedTuple):
 class ViewerRequests:
     """Queues requests from the page's threads; the node's thread sends them.
 
-    Parameters
-    ----------
-    node : BallbotNode
-    notify : callable
-        Shows a message to the viewers.
+    The viewers are notified of a request that fails.
     """
 
     def __init__(self, node: AnyNode, notify: Callable[[str], None]) -> None:
@@ -190,11 +186,7 @@ class _ParameterClients:
     def find(self, kind: Any) -> Any:
         """Return the client of a service, or None while the plant's name is unknown."""
         offers = self._node.get_publishers_info_by_topic(RUN.name)
-        names = [
-            f'{offer.node_namespace.rstrip("/")}/{offer.node_name}'
-            for offer in offers
-            if offer.node_name != UNKNOWN_NODE
-        ]
+        names = list(filter(None, map(full_name, offers)))
         if not names:
             return None
         if names[0] != self._plant:

@@ -21,10 +21,7 @@ RECORDED_VERSIONS = ('numpy', 'scipy', 'control', 'mcap', 'ros-rclpy', 'ros-rmw-
 def attachments_of(spec: RunSpec) -> Mapping[str, bytes]:
     """Return scenario, parameters, versions and map of a run, by file name.
 
-    Raises
-    ------
-    WorldError
-        If the map's file can't be read.
+    It raises WorldError if the map's file can't be read.
     """
     # Keep paths on this machine private: the content of the files is attached instead.
     parameters = ParameterSet()

@@ -12,7 +12,6 @@ from ballbot_ros.codegen.implementation import require_implementation
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.parameters import (
-    ALL_NODES,
     GAMEPAD,
     NODES,
     PLANT,
@@ -23,16 +22,13 @@ from ballbot_ros.parameters import (
     ParameterSet,
 )
 from ballbot_ros.parameters.assignment import assign
-from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.graph import graph_parameters, ros
-from ballbot_ros.run.node_process import NodeProcess, stop_all
 from ballbot_ros.run.node_thread import NodeThread
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.output_folder import output_files
-from ballbot_ros.run.plant_monitor import PlantMonitor
 from ballbot_ros.run.requirements import require_viewer
-from ballbot_ros.run.separate_processes import start_nodes, watch
+from ballbot_ros.run.separate_processes import run_nodes
 from ballbot_ros.run.spec import RunSpec, check_reserved_parameters, resolve_map
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
@@ -48,18 +44,14 @@ class DriveOptions:
 
     Attributes
     ----------
-    map_name : str or None
     start : tuple of float or None
         Start position x, y in the frame ``map`` [m].
     profile : str or None
         Profile of the devices; None for ``ideal``.
     device : str or None
         Gamepad, by its number or part of its name; None for any.
-    assignments : sequence of str
-        Values of parameters, as ``node.param=value``.
     output : Path or None
         Folder for the recording; None for a new one under ``runs/``.
-    record : bool
     """
 
     map_name: str | None = None
@@ -79,13 +71,7 @@ class DriveResult(NamedTuple):
 
 
 def drive_spec(options: DriveOptions) -> RunSpec:
-    """Return the specification of a drive.
-
-    Raises
-    ------
-    BallbotError
-        If an option can't be used; the message says on one line what is wrong.
-    """
+    """Return the specification of a drive; BallbotError if an option can't be used."""
     parameters = ParameterSet()
     if options.profile is not None:
         parameters.update(load_profile(options.profile))
@@ -118,14 +104,10 @@ def drive(
 
     Parameters
     ----------
-    spec : RunSpec
-    observer : RunObserver
     no_keyboard : str
         Why the keyboard is not used for driving; '' if it is.
     log : Path or None
         File for the data log of the brick.
-    viewer : bool
-        Whether to show the robot in a browser.
 
     Raises
     ------
@@ -157,10 +139,7 @@ def _run_graph(
     observer: RunObserver,
     no_keyboard: str,
 ) -> int:
-    parameter_file = scratch / 'parameters.yaml'
-    write_parameter_file(parameter_file, parameters, ALL_NODES)
-    processes: dict[str, NodeProcess] = {}
-    with StopRequest() as stop, ForkClient() as client, ros('INFO'), PlantMonitor() as monitor:
+    with StopRequest() as stop, ForkClient() as client, ros('INFO'):
         gamepad = GamepadTeleop(parameters.of(GamepadParameters))
         thread = NodeThread(gamepad)
         if no_keyboard:
@@ -172,11 +151,11 @@ def _run_graph(
             return bool(stop.signal or gamepad.finished or (terminal and terminal.is_closed))
 
         try:
-            start_nodes(client, names, parameter_file, observer.notice, processes)
-            failure = watch(processes, monitor, observer, should_stop)
+            processes, failure = run_nodes(
+                client, names, parameters, scratch, observer, should_stop
+            )
         finally:
             # The gamepad answers until the end, so that log and recording have the same packets.
-            stop_all(processes.values(), last=RECORDER)
             thread.close()
     if thread.error is not None:
         raise thread.error

@@ -31,7 +31,6 @@ def execute(
 
     Parameters
     ----------
-    spec : RunSpec
     observer : RunObserver or None
         Receives progress and notices; None for an observer that logs the notices.
     is_replaced : callable or None

@@ -30,15 +30,7 @@ RCLError = rclpy_implementation.RCLError
 def ros(log_level: str = 'WARN') -> Iterator[None]:
     """Provide rclpy for the nodes of this process; by default they discover only this machine.
 
-    Parameters
-    ----------
-    log_level : str
-        Log level of the nodes; the command itself reports on the run.
-
-    Raises
-    ------
-    BallbotError
-        If ROS can't start here, for example without a folder for its logs.
+    It raises BallbotError if ROS can't start here, for example without a folder for its logs.
     """
     os.environ.setdefault(DISCOVERY_RANGE, 'LOCALHOST')
     if rclpy.ok():
@@ -74,7 +66,6 @@ def graph_parameters(spec: RunSpec, recording: Path | None, scratch: Path) -> Pa
 
     Parameters
     ----------
-    spec : RunSpec
     recording : Path or None
         The file that the recorder writes; if None, a recorder creates a new one under ``runs/``.
     scratch : Path

@@ -33,20 +33,10 @@ class NodeProcess:
 
     Parameters
     ----------
-    client : ForkClient
-        Forks the node.
-    name : str
-        The node.
-    parameter_file : Path
     notice : callable
         Receives each line of the node's output.
     lock : DomainLock or None
         The lock of the ROS domain, passed on to a plant; None for any other node.
-
-    Attributes
-    ----------
-    name : str
-    pid : int
     """
 
     def __init__(

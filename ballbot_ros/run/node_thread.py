@@ -10,17 +10,7 @@ from ballbot_ros.nodes.base import AnyNode, spin
 
 
 class NodeThread:
-    """Runs a node's callbacks until it is closed.
-
-    Parameters
-    ----------
-    node : BallbotNode
-
-    Attributes
-    ----------
-    error : BaseException or None
-        Why the thread ended early; None if it did not.
-    """
+    """Runs a node's callbacks until it is closed; `error` says why the thread ended early."""
 
     def __init__(self, node: AnyNode) -> None:
         self._node = node

@@ -102,7 +102,7 @@ class _OfflineRun:
         last_ns = plant.time_ns - TICK_NS
         if plant.stopped:
             last_ns = plant.time_ns
-            self._writer.add_truth(plant.truth(), wall_hit=plant.wall_hit)
+            self._writer.plant.truth(plant.truth(), wall_hit=plant.wall_hit)
         if summary.outcome is not Outcome.COMPLETED:
-            self._writer.stop_motors(last_ns)
+            self._writer.plant.stop_motors(last_ns)
         self._writer.close(summary)

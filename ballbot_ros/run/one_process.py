@@ -9,13 +9,7 @@ from ballbot_ros.nodes.base import AnyNode, spin
 from ballbot_ros.nodes.plant_sim import PlantSim
 from ballbot_ros.nodes.recorder import Recorder
 from ballbot_ros.nodes.registry import make_node
-from ballbot_ros.parameters import (
-    NODES,
-    PLANT,
-    RECORDER,
-    PlantParameters,
-    RecorderParameters,
-)
+from ballbot_ros.parameters import NODES, PLANT, RECORDER, PlantParameters, RecorderParameters
 from ballbot_ros.progress import PROGRESS_PERIOD_S
 from ballbot_ros.run.graph import graph_parameters, ros
 from ballbot_ros.run.observer import RunObserver

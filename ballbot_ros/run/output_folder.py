@@ -13,13 +13,7 @@ from ballbot_ros.run.spec import RunSpec
 
 
 class OutputFiles(NamedTuple):
-    """The output files of a run.
-
-    Attributes
-    ----------
-    recording, figure : Path or None
-        The file to write, or None.
-    """
+    """The output files of a run."""
 
     recording: Path | None = None
     figure: Path | None = None
@@ -29,10 +23,7 @@ class OutputFiles(NamedTuple):
 def output_files(spec: RunSpec) -> Iterator[OutputFiles]:
     """Create the folder of a run; remove it in the end if it is still empty.
 
-    Raises
-    ------
-    BallbotError
-        If the folder is not writable, or already contains a recording of this name.
+    It raises BallbotError if the folder is not writable, or has a recording of this name.
     """
     if spec.output is None and not spec.record:
         yield OutputFiles()

@@ -33,13 +33,7 @@ while it saves the result."""
 
 
 class PlantWatchdog:
-    """Distinguishes a plant that hangs from one that is starved of processor time.
-
-    Parameters
-    ----------
-    now_s : float
-        Time on a monotonic clock [s], as in the methods.
-    """
+    """Distinguishes a plant that hangs from one that is starved of processor time."""
 
     def __init__(self, now_s: float) -> None:
         self._heard_s = self._waited_s = now_s
@@ -67,14 +61,9 @@ class PlantWatchdog:
 
 
 class PlantMonitor:
-    """Sim time and the plant's signs of life.
+    """Sim time and the plant's signs of life; before the first tick, `now_ns` is 0.
 
     No executor spins its node: the cost is per poll, not per tick.
-
-    Attributes
-    ----------
-    now_ns : int
-        The newest sim time [ns]; 0 before the first tick.
     """
 
     def __enter__(self) -> PlantMonitor:
@@ -113,8 +102,5 @@ class PlantMonitor:
     def plant_hangs(self, process: int) -> bool:
         """Return whether the plant, which runs as `process`, hangs."""
         return self._watchdog.is_hung(
-            time.monotonic(),
-            process,
-            threads_by_process([process]),
-            is_waiting=is_waiting(process),
+            time.monotonic(), process, threads_by_process([process]), is_waiting=is_waiting(process)
         )

@@ -32,13 +32,7 @@ def require_rclpy(alternative: str = '') -> None:
 
 
 def require_viewer(parameters: ParameterSet, processes: Processes = Processes.SEPARATE) -> None:
-    """Check that the page can be served during a run.
-
-    Raises
-    ------
-    ViewerError
-        If viser is missing, the port is in use, or the nodes are not separate processes.
-    """
+    """Raise ViewerError if viser is missing, the port is in use, or the nodes are not separate."""
     # Imported here, so that commands without a viewer start faster.
     from ballbot_ros.viewer.address import check_address, require_viser
     from ballbot_ros.viewer.errors import ViewerError

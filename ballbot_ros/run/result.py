@@ -34,7 +34,6 @@ class RunResult:
     failure_status : int
         Exit status of an incomplete run: 1, 2 for a mistake of the user, 128 plus a signal number,
         0 for a run replaced by another one.
-    ticks : int
     duty_sha256 : str or None
         Hash of all duties; like the following measurements, None if the plant did not survive.
     real_time_factor : float or None
@@ -47,7 +46,6 @@ class RunResult:
         None if it was not measured.
     participants : sequence of mapping
         The participants, as in the command's JSON.
-    trajectory : Trajectory or None
     metrics : mapping of str to float
         By name; NaN if there are no data.
     judgements : sequence of Judgement

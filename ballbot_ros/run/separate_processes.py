@@ -10,7 +10,7 @@ from pathlib import Path
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.middleware import require_discovery, ros_domain
 from ballbot_ros.nodes.shared_memory import SETTLED_S, sweep
-from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER
+from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER, ParameterSet
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.graph import graph_parameters, ros
@@ -39,14 +39,10 @@ def run_in_separate_processes(
 
     Parameters
     ----------
-    client : ForkClient
-        Forks the nodes.
-    spec : RunSpec
     recording : Path or None
         The file that the recorder writes.
     scratch : Path
         Folder for files that only the nodes read.
-    observer : RunObserver
     is_replaced : callable or None
         Returns whether another run replaces this one; None if no run will.
     """
@@ -54,21 +50,13 @@ def run_in_separate_processes(
     parameters = graph_parameters(spec, recording, scratch)
     trajectory_file = scratch / 'trajectory.npz'
     parameters.set(PLANT, 'trajectory_file', str(trajectory_file))
-    parameter_file = scratch / 'parameters.yaml'
-    write_parameter_file(parameter_file, parameters, ALL_NODES)
     names = [name for name in NODES if name != RECORDER or recording]
-    processes: dict[str, NodeProcess] = {}
     with StopRequest() as stop, ros():
-        try:
-            start_nodes(client, names, parameter_file, observer.notice, processes)
-            with PlantMonitor() as monitor:
 
-                def should_stop() -> bool:
-                    return bool(stop.signal) or is_replaced()
+        def should_stop() -> bool:
+            return bool(stop.signal) or is_replaced()
 
-                failure = watch(processes, monitor, observer, should_stop)
-        finally:
-            stop_all(processes.values(), last=RECORDER)
+        processes, failure = run_nodes(client, names, parameters, scratch, observer, should_stop)
         plant_result = RunResult(Outcome.FAILED)
         if trajectory_file.exists():
             trajectory, summary = load_trajectory(trajectory_file)
@@ -78,29 +66,37 @@ def run_in_separate_processes(
         )
 
 
-def start_nodes(
+def run_nodes(
     client: ForkClient,
     names: Iterable[str],
-    parameter_file: Path,
-    notice: Callable[[str], None],
-    processes: dict[str, NodeProcess],
-) -> None:
-    """Start nodes as processes, and add them to `processes` one by one.
+    parameters: ParameterSet,
+    scratch: Path,
+    observer: RunObserver,
+    should_stop: Callable[[], bool],
+) -> tuple[Mapping[str, NodeProcess], str]:
+    """Run nodes as processes; return them after their end, and the failure that was watched.
 
-    Raises
-    ------
-    BallbotError
-        If another plant, whose samples the nodes would answer, owns the ROS domain; or if nodes
-        can't discover each other.
+    It raises BallbotError if another plant, whose samples the nodes would answer, owns the ROS
+    domain, or if nodes can't discover each other.
     """
+    parameter_file = scratch / 'parameters.yaml'
+    write_parameter_file(parameter_file, parameters, ALL_NODES)
     require_discovery()
-    lock = DomainLock(ros_domain())
+    processes: dict[str, NodeProcess] = {}
     try:
-        for name in names:
-            inherited_lock = lock if name == PLANT else None
-            processes[name] = NodeProcess(client, name, parameter_file, notice, inherited_lock)
+        lock = DomainLock(ros_domain())
+        try:
+            for name in names:
+                inherited_lock = lock if name == PLANT else None
+                processes[name] = NodeProcess(
+                    client, name, parameter_file, observer.notice, inherited_lock
+                )
+        finally:
+            lock.release()
+        with PlantMonitor() as monitor:
+            return processes, watch(processes, monitor, observer, should_stop)
     finally:
-        lock.release()
+        stop_all(processes.values(), last=RECORDER)
 
 
 def watch(
@@ -111,10 +107,7 @@ def watch(
 ) -> str:
     """Wait until the plant has ended, or the run should stop.
 
-    Returns
-    -------
-    str
-        A failure that the plant can't report itself; '' if there is none.
+    Return a failure that the plant can't report itself; '' if there is none.
     """
     reported: set[str] = set()
     plant = processes[PLANT]
@@ -164,19 +157,7 @@ def merge_process_failures(
     """Return the result of a run, including failures that the plant can't know.
 
     A run that the plant has completed stays completed, whatever happens to the processes
-    afterwards.
-
-    Parameters
-    ----------
-    processes : mapping of str to NodeProcess
-        The processes of the run, all of which have ended.
-    plant_result : RunResult
-        The result according to the plant.
-    failure : str
-        Reported by :func:`watch`.
-    stop : StopRequest
-    is_replaced : bool
-        Whether another run replaces this one.
+    afterwards. `failure` is what :func:`watch` has returned.
     """
     failed = {p.name: p.failure for p in processes.values() if p.exit_status in (1, 2)}
     is_complete = plant_result.is_complete

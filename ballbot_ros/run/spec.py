@@ -42,7 +42,6 @@ class RunOptions:
 
     Attributes
     ----------
-    processes : Processes
     profile : str or None
         Device profile; None for the scenario's.
     parameter_file : Path or None
@@ -54,13 +53,8 @@ class RunOptions:
         default.
     seed : int or None
         Seed of the device noise; None for the one in scenario or parameter file.
-    assignments : sequence of str
-        Parameter values as ``node.param=value``.
-    controller : str or None
-        Implementation of the controller; None for the one in the parameters.
     output : Path or None
         Folder for recording and figure; None for a new one under ``runs/``.
-    record : bool
     """
 
     processes: Processes = Processes.SEPARATE
@@ -81,14 +75,11 @@ class RunSpec:
 
     Attributes
     ----------
-    scenario : Scenario
     parameters : ParameterSet
         Parameters of all nodes; a map file has an absolute path.
-    processes : Processes
     output : Path or None
         Folder for recording and figure. None means a new one under ``runs/`` if the run is
         recorded, and no folder otherwise.
-    record : bool
     """
 
     scenario: Scenario
@@ -115,7 +106,6 @@ class RunSpec:
         ----------
         reference : str
             Name of a shipped scenario, or a file.
-        options : RunOptions or None
 
         Raises
         ------
@@ -141,7 +131,6 @@ class RunSpec:
         reference : str or None
             Name of a shipped scenario, or a file; None for a robot that balances until it is
             stopped.
-        options : RunOptions
 
         Raises
         ------
@@ -215,7 +204,6 @@ def check_reserved_parameters(
 
     Parameters
     ----------
-    parameters : ParameterSet
     origin : callable
         Returns the origin of a parameter's value, as the start of an error message.
 
@@ -240,11 +228,8 @@ def check_reserved_parameters(
 def resolve_map(parameters: ParameterSet) -> None:
     """Make the path of a map file absolute; check that plant and devices can use the map.
 
-    Raises
-    ------
-    WorldError
-        If the map does not exist, the start position is blocked, or the sonar's parameters don't
-        fit the map.
+    It raises WorldError if the map does not exist, the start position is blocked, or the sonar's
+    parameters don't fit the map.
     """
     World.of(parameters.of(PlantParameters))
     for device in DEVICES:

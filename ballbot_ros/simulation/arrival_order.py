@@ -31,12 +31,8 @@ class ArrivalOrder(Generic[Message]):
     ) -> list[Message]:
         """Return the messages that had arrived when the pass began, in order of arrival.
 
-        Parameters
-        ----------
-        unmerged : mapping
-            For each topic name, the messages read in this pass, oldest first.
-        cutoff_ns : float
-            Start of the pass by the system clock [ns]; infinite to hold nothing back.
+        `unmerged` has the messages of each topic that were read in this pass, oldest first. The
+        pass began at `cutoff_ns` by the system clock [ns]; infinite to hold nothing back.
         """
         before: list[Arrival[Message]] = []
         waiting, self._late = self._late, {}

@@ -22,13 +22,7 @@ from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.devices import DEVICES, AnyDevice, Read
-from ballbot_ros.timing import (
-    BATTERY_PERIOD_NS,
-    FIRST_TICK_NS,
-    MILLISECOND_NS,
-    SECOND_NS,
-    TICK_NS,
-)
+from ballbot_ros.timing import BATTERY_PERIOD_NS, FIRST_TICK_NS, MILLISECOND_NS, SECOND_NS, TICK_NS
 from ballbot_ros.world.world import World
 
 _BATTERY, _STICKS = (DeviceInputs._fields.index(name) for name in ('battery_mv', 'sticks'))
@@ -75,21 +69,15 @@ class ClosedLoop:
 
     Parameters
     ----------
-    parameters : ParameterSet
     scenario : Scenario or ExternalInputs, or None
         Stick signals and pushes; None for a neutral stick and no push.
-    start_ns : int
-        Sim time of the first tick [ns].
 
     Attributes
     ----------
-    plant : Plant
     program : Program
         The implementation that the controller's parameter `implementation` selects.
     world : World or None
         None for an unlimited floor without walls.
-    pushes : sequence of Push
-        The pushes that act in this run.
 
     Raises
     ------

@@ -37,12 +37,8 @@ class Device(Generic[P, Measured, Reading]):
 
     Attributes
     ----------
-    parameters : type
-        The parameters of its driver.
     field : str
         Field of :class:`~ballbot_ros.brick.brick.DeviceInputs` that holds its readings.
-    measured : callable
-        Returns the measured quantity from a :class:`~ballbot_ros.plant.ground_truth.GroundTruth`.
     make : callable
         Creates a device from its parameters and returns its read function. A reading depends only
         on the measured quantity and the stamp, never on earlier readings. Raises BallbotError if

@@ -26,13 +26,13 @@ class FreeRunningMaster(RunMaster):
         is_paused = self.pause.is_paused
         if not self.pause.take_step():
             return
-        period_s = TICK_S / (self._settings.real_time_factor or 1.0)
+        period_s = TICK_S / (self._parameters.real_time_factor or 1.0)
         if (
             self.log.ticks
             and not is_paused
             and self._now_s - self._waiting_since_s > 2.0 * period_s
         ):
-            self._late_ticks += 1
+            self._pacer.late_ticks += 1
         is_silent = self._duty_s is None or self._now_s - self._duty_s > FREE_RUNNING_SILENCE_S
         self._tick((0, 0) if is_silent else self._duty)
 
@@ -61,7 +61,7 @@ class FreeRunningMaster(RunMaster):
 
         It does so in order that the controller calibrates from the first tick.
         """
-        limit_s = self._settings.startup_timeout_s
+        limit_s = self._parameters.startup_timeout
         return self._duty_s is None and self._now_s - self._begun_s < limit_s
 
     def _watch(self) -> None:

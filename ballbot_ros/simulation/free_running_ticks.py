@@ -32,17 +32,11 @@ class FreeRunningTicks:
         The inputs that a tick requires, including `clock`.
     sticks : str
         The input that becomes neutral after a silence.
-    tick_ns : int
-        Period of the ticks [ns].
 
     Attributes
     ----------
-    gate : InputGate
-        The newest samples.
     fired : Counter of str
         Callbacks of each task's timer so far.
-    late_ticks : int
-        Ticks that came more than a period late.
     """
 
     def __init__(

@@ -25,28 +25,14 @@ _DRAWS, _SYSTEMS = 5000, 20
 
 @dataclass(frozen=True)
 class Golden:
-    """The golden results.
-
-    Attributes
-    ----------
-    arithmetic : str
-        Expected result of :func:`arithmetic_sha256`.
-    scenarios : dict
-        The ``duty_sha256`` of each shipped scenario, by name.
-    """
+    """Results of :func:`arithmetic_sha256`, and :func:`duty_sha256` of each shipped scenario."""
 
     arithmetic: str
     scenarios: dict[str, str]
 
 
 def load_golden() -> Golden:
-    """Read the golden results.
-
-    Raises
-    ------
-    BallbotError
-        If the file is missing or damaged.
-    """
+    """Read the golden results; BallbotError if the file is missing or damaged."""
     path = share_directory() / GOLDEN_FILE
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))

@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterable
 from typing import Protocol
 
 from ballbot_ros.parameters import CONTROLLER, DRIVER_PERIODS_NS, DRIVERS, RECORDER
-from ballbot_ros.simulation.participants import Participant, Roster
+from ballbot_ros.simulation.participants import Participant
+from ballbot_ros.simulation.roster import Roster
 from ballbot_ros.simulation.silence_timer import Observation, SilenceTimer
 
 
@@ -21,16 +22,7 @@ class ProcessObserver(Protocol):
 
 
 class LivenessMonitor:
-    """Measures how long each participant has left the plant without an answer.
-
-    Parameters
-    ----------
-    roster : Roster
-        The participants, and the roll calls that each has answered.
-    process_observer : ProcessObserver
-    host : str
-        Name of this machine.
-    """
+    """Measures how long each participant has left the plant without an answer."""
 
     def __init__(self, roster: Roster, process_observer: ProcessObserver, host: str) -> None:
         self._roster, self._process_observer, self._host = roster, process_observer, host
@@ -66,10 +58,6 @@ class LivenessMonitor:
 
         Parameters
         ----------
-        since_s : float
-            When the silence began [s].
-        tick_ns : int
-            The unanswered tick [ns].
         awaits_recorder : bool
             Whether the plant waits for the recorder instead of the controller. If every participant
             has answered, the one that the plant waits for counts as silent.

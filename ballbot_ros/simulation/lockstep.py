@@ -18,12 +18,8 @@ from ballbot_ros.simulation.task_releases import DueTick, TaskReleases
 class InputGate:
     """Holds the newest sample of each input, and shows whether all that are due have arrived.
 
-    Samples are identified by their stamps, so a repeated sample changes nothing.
-
-    Parameters
-    ----------
-    periods_ns : mapping of str to int
-        The inputs and the period of each [ns]; an input is due at multiples of its period.
+    An input is due at multiples of its period. Samples are identified by their stamps, so a
+    repeated sample changes nothing.
     """
 
     def __init__(self, periods_ns: Mapping[str, int]) -> None:
@@ -52,30 +48,17 @@ class InputGate:
         """Forget every sample: a new run has begun."""
         self._samples.clear()
 
-    def missing(self, stamp_ns: int) -> list[str]:
-        """Return the inputs due at `stamp_ns` whose sample has not arrived."""
-        return [
-            name
-            for name, period in self._periods.items()
-            if stamp_ns % period == 0 and self.stamp(name) != stamp_ns
-        ]
-
     def ready(self, stamp_ns: int) -> bool:
         """Return whether every input due at `stamp_ns` has arrived."""
-        return not self.missing(stamp_ns)
+        return all(
+            stamp_ns % period or self.stamp(name) == stamp_ns
+            for name, period in self._periods.items()
+        )
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run as announced by its plant.
-
-    Attributes
-    ----------
-    name : str
-        Number of the run and a token that identifies the plant.
-    start_ns : int
-        Stamp of its first tick [ns].
-    """
+    """A run as announced: its number and the token of its plant, and its first tick [ns]."""
 
     name: str
     start_ns: int
@@ -114,21 +97,12 @@ class LockstepTicks:
 
     Parameters
     ----------
-    periods_ns : mapping of str to int
-        The inputs and the period of each [ns].
     first : str
         The input published by the plant itself.
     every_tick : str
         The input whose first sample defines the controller's first tick.
     is_same : mapping of str to callable
         For each input, a function that compares the content of two serialised messages.
-    tick_ns : int
-        Period of the ticks [ns].
-
-    Attributes
-    ----------
-    gate : InputGate
-    releases : TaskReleases
     """
 
     def __init__(
@@ -161,12 +135,6 @@ class LockstepTicks:
 
         Parameters
         ----------
-        name : str
-            The input.
-        stamp_ns : int
-            Stamp of the sample [ns].
-        data : bytes
-            The serialised sample.
         value : object
             The value that the brick reads from it.
 
@@ -209,10 +177,7 @@ class LockstepTicks:
     def force(self, *, callback_waits: bool) -> DueTick | None:
         """Force the releases that a tick is still missing after all its inputs have arrived.
 
-        Parameters
-        ----------
-        callback_waits : bool
-            Whether a timer callback is pending; if so, nothing is forced yet.
+        While a timer callback is pending, nothing is forced yet.
         """
         if self._next_ns is None or callback_waits:
             return None
@@ -220,29 +185,15 @@ class LockstepTicks:
         return self._due_tick()
 
     def on_timer(self, task: str, now_ns: int) -> DueTick | None:
-        """Release a task whose timer fired; return the tick if it waited only for this release.
-
-        Parameters
-        ----------
-        task : str
-        now_ns : int
-            Sim time of the callback [ns].
-        """
+        """Release a task whose timer fired; return the tick if it waited only for this release."""
         self.releases.release(task, now_ns)
         return self._due_tick()
 
     def on_missed_start(self, stamp_ns: int, *, now_ns: int, rejoin: bool) -> SampleReaction:
-        """Decide the reaction to a missed start of the run.
+        """Decide the reaction to a missed start of the run, which a sample has revealed.
 
-        Parameters
-        ----------
-        stamp_ns : int
-            Stamp of the sample that revealed it [ns].
-        now_ns : int
-            Sim time [ns]. The plant waits for the tick of this time; another controller has
-            answered the earlier ones.
-        rejoin : bool
-            Whether the controller may start from its initial state in mid-run.
+        The plant waits for the tick at `now_ns` [ns], the sim time; another controller has answered
+        the earlier ones.
         """
         if stamp_ns != now_ns:
             return SampleReaction.IGNORE

@@ -10,15 +10,11 @@ from collections.abc import Collection
 
 from ballbot_ros.parameters import RECORDER
 from ballbot_ros.plant.ground_truth import GroundTruth
+from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recorder_flow import RecorderFlow
-from ballbot_ros.simulation.run_actions import Log, Report, ResendToDrivers, Severity, WakeIn
-from ballbot_ros.simulation.run_master import (
-    STARTUP_WARN_S,
-    Phase,
-    RunMaster,
-)
+from ballbot_ros.simulation.run_master import STARTUP_WARN_S, Phase, RunMaster
 from ballbot_ros.simulation.sample_history import SampleHistory, SampleStatus
 from ballbot_ros.timing import MAX_LEAD_TICKS, RESEND_S, SECOND_NS
 
@@ -42,7 +38,7 @@ class LockstepMaster(RunMaster):
         now_ns = self._plant.time_ns
         is_ahead = stamp_ns > now_ns
         if is_ahead or self._duties.classify(stamp_ns, data) is SampleStatus.CONFLICTING:
-            self._participants.add_objection(
+            self._participants.roster.add_objection(
                 Objection.to_sample(self._topics.duty, stamp_ns, 'duty')
             )
             return
@@ -50,14 +46,14 @@ class LockstepMaster(RunMaster):
             return
         self._duty = duty
         self._answered_s = self._now_s
-        if self._settings.duration_ns:
+        if self._duration_ns:
             self._round_trips_s.append(self._now_s - self._last_sent_s)
         self._advance()
 
     def _take_ack(self, stamp_ns: int) -> None:
         if stamp_ns > self._plant.time_ns:
             topic = self._topics.ack
-            self._participants.add_objection(
+            self._participants.roster.add_objection(
                 Objection(f'{topic!r} is ahead of the run', topic, stamp_ns)
             )
             return
@@ -79,7 +75,7 @@ class LockstepMaster(RunMaster):
         self._last_sent = self._truth
 
     def _open(self) -> None:
-        self._recorder.begin(self._participants.member(RECORDER))
+        self._recorder.begin(self._participants.roster.members.get(RECORDER))
         super()._open()
 
     def _publish_truth(self, *, is_resend: bool = False) -> None:
@@ -96,10 +92,10 @@ class LockstepMaster(RunMaster):
             return
         if self._is_held or self._recorder.lags(self._plant.time_ns):
             return
-        factor = self._settings.real_time_factor
+        factor = self._parameters.real_time_factor
         if not self.pause.is_paused and (delay_s := self._pacer.delay_s(factor, self._now_s)):
             self._waits_for_pace = True
-            self._act(WakeIn(delay_s))
+            self._act(do.WakeIn(delay_s))
             return
         if not self.pause.take_step():
             return
@@ -138,7 +134,7 @@ class LockstepMaster(RunMaster):
             self._give_up(silent)
         elif self._now_s - since_s > WARN_S:
             # Keep reporting, so that a waiting plant is not counted as silent itself.
-            self._act(Report())
+            self._act(do.Report())
 
     def _awaits_recorder(self) -> bool:
         """Return whether the plant waits for the recorder instead of the controller."""
@@ -165,7 +161,7 @@ class LockstepMaster(RunMaster):
     def _give_up(self, silent: Collection[str]) -> None:
         who, when = ', '.join(silent), f'{self._sim_time_s:.3f} s'
         problem = f'{who} silent for {self._limit_s:g} s at sim time {when}'
-        if self._settings.waits_for_silent:
+        if self._parameters.on_timeout == 'wait':
             self._warn(f'{problem}; still waiting')
         else:
             self._end(Outcome.FAILED, problem, 1)
@@ -173,8 +169,8 @@ class LockstepMaster(RunMaster):
     @property
     def _limit_s(self) -> float:
         """The longest permitted silence [s]."""
-        settings = self._settings
-        return settings.timeout_s if self.log.ticks else settings.startup_timeout_s
+        parameters = self._parameters
+        return parameters.timeout if self.log.ticks else parameters.startup_timeout
 
     @property
     def _sim_time_s(self) -> float:
@@ -194,7 +190,7 @@ class LockstepMaster(RunMaster):
         self._recorder.require_ack(self._plant.time_ns)
         missing = self._first_missing()
         if missing.stamp_ns < self._plant.time_ns:
-            self._act(ResendToDrivers(missing))
+            self._act(do.ResendToDrivers(missing))
             self._last_sent, self._last_sent_s = missing, self._now_s
         else:
             self._publish_truth(is_resend=True)
@@ -224,7 +220,7 @@ class LockstepMaster(RunMaster):
 
     def _release(self) -> None:
         if self._phase is not Phase.DRAINING and self._recorder.join(
-            self._participants.member(RECORDER), self._plant.time_ns
+            self._participants.roster.members.get(RECORDER), self._plant.time_ns
         ):
             self._answered_s = self._now_s
             self._advance()
@@ -239,11 +235,11 @@ class LockstepMaster(RunMaster):
 
     def _recorder_left(self) -> bool:
         """Continue without a recorder that left in an orderly way; return whether it did."""
-        if self._settings.requires_recorder or self._graph.count_publishers(self._topics.ack):
+        if self._parameters.require_recorder or self._graph.count_publishers(self._topics.ack):
             return False
         self._recorder.leave()
-        reason = self._participants.reported_failure(RECORDER)
+        reason = self._participants.roster.reported_failure(RECORDER)
         text = f'the recorder has left the run{reason and ": "}{reason}'
-        self._act(Log(text, Severity.WARNING))
+        self._act(do.Log(text, do.Severity.WARNING))
         self._advance()
         return True

@@ -8,12 +8,8 @@ from ballbot_ros.timing import TICK_S
 class Pacer:
     """Computes when each tick is due on the wall clock.
 
-    Times are readings of one monotonic clock [s].
-
-    Attributes
-    ----------
-    late_ticks : int
-        Ticks that came more than a period late; pacing then restarts instead of catching up.
+    Times are readings of one monotonic clock [s]. A tick that comes more than a period late is
+    counted (`late_ticks`); pacing then restarts instead of catching up.
     """
 
     def __init__(self) -> None:

@@ -4,13 +4,7 @@ from __future__ import annotations
 
 
 class PauseControl:
-    """Pauses the plant and allows single steps.
-
-    Attributes
-    ----------
-    is_paused : bool
-        Whether the plant keeps the duty of its tick and does not advance.
-    """
+    """Pauses the plant and allows single steps."""
 
     def __init__(self) -> None:
         self.is_paused = False

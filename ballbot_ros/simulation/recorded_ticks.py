@@ -10,10 +10,7 @@ from ballbot_ros.simulation.recording_gate import Stream
 class RecordedTicks:
     """Tracks the streams that a run requires, and detects complete ticks.
 
-    Attributes
-    ----------
-    acked_ns : int
-        The newest tick reported as complete [ns]; 0 before the first.
+    `acked_ns` is the newest tick reported as complete [ns], 0 before the first.
     """
 
     def __init__(self) -> None:

@@ -12,15 +12,8 @@ class RecorderFlow:
     The topics keep nothing for late subscribers. Therefore the plant waits until the recorder has
     completely received the first tick, and each tick that was sent again.
 
-    Parameters
-    ----------
-    start_ns : int
-        Stamp of the first tick [ns].
-
     Attributes
     ----------
-    recorder : Participant or None
-        The current recorder of the run.
     ack_ns : int or None
         The newest tick that it has acknowledged [ns].
     """

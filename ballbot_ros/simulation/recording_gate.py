@@ -53,11 +53,8 @@ class Stream:
 
     Parameters
     ----------
-    name : str
     period_ns : int
         In lockstep, period of its messages [ns]; 0 for a topic of events.
-    is_clock : bool
-        Whether it carries sim time.
     is_live : bool
         Whether it can't hold messages of earlier runs, because its publisher starts with its first
         run or belongs to no run.
@@ -154,10 +151,6 @@ class RecordingGate:
     passes it as well, so that the recording has the genuine sample, whichever of the two came
     first.
 
-    Parameters
-    ----------
-    writer : Writer
-
     Attributes
     ----------
     now_ns : int
@@ -202,17 +195,7 @@ class RecordingGate:
         return is_another_plants
 
     def take(self, stream: Stream, stamp_ns: int, data: bytes, sequence: int) -> None:
-        """Process a message in the order of arrival.
-
-        Parameters
-        ----------
-        stream : Stream
-        stamp_ns : int
-            Its stamp [ns]; 0 if it has no stamp in sim time.
-        data : bytes
-        sequence : int
-            The publisher's sequence number.
-        """
+        """Process a message in the order of arrival; a stamp [ns] of 0 is none in sim time."""
         message = _Message(stream, stamp_ns, data, sequence)
         if stream.period_ns and stamp_ns < self._first_ns:
             return

@@ -40,19 +40,7 @@ class CallRoll:
 
 @dataclass(frozen=True)
 class PublishStatus:
-    """Publish the status of a run.
-
-    Attributes
-    ----------
-    run : Run
-    is_lockstep : bool
-    topics : tuple of str
-        The topics that the participants publish periodically.
-    members : tuple of Membership
-        All participants of the run so far.
-    summary : RunSummary or None
-        None while the run is in progress.
-    """
+    """Publish the status of a run; `summary` is None while it is in progress."""
 
     run: Run
     is_lockstep: bool
@@ -63,16 +51,7 @@ class PublishStatus:
 
 @dataclass(frozen=True)
 class BeginRun:
-    """Publish the initial state of a run: its map, if any, and that no wall is hit.
-
-    Attributes
-    ----------
-    start_ns : int
-        Stamp of the first tick [ns].
-    world : World or None
-    ball_radius : float
-        Height of the ball's centre [m].
-    """
+    """Publish the initial state of a run: its map, if any, and that no wall is hit."""
 
     start_ns: int
     world: World | None
@@ -94,15 +73,7 @@ class PublishPush:
 
 @dataclass(frozen=True)
 class PublishTruth:
-    """Publish the truth of a tick, the true state of the robot, together with its sim time.
-
-    Attributes
-    ----------
-    truth : GroundTruth
-    wall_hit : bool
-    is_resend : bool
-        Whether it has been published before.
-    """
+    """Publish the truth of a tick, the true state of the robot, together with its sim time."""
 
     truth: GroundTruth
     wall_hit: bool
@@ -125,15 +96,7 @@ class StopMotors:
 
 @dataclass(frozen=True)
 class Log:
-    """Write a line to the log.
-
-    Attributes
-    ----------
-    text : str
-    severity : Severity
-    is_throttled : bool
-        Whether to write at most one such line a second.
-    """
+    """Write a line to the log; if throttled, at most one such line a second."""
 
     text: str
     severity: Severity = Severity.INFO
@@ -183,14 +146,7 @@ class CancelWake:
 
 @dataclass(frozen=True)
 class EndRun:
-    """Finish: the run has ended.
-
-    Attributes
-    ----------
-    summary : RunSummary
-    exit_status : int
-        0, 1 if the run failed, 2 for a mistake of the user.
-    """
+    """Finish: the run has ended. The exit status is 1 for a failure, 2 for a user's mistake."""
 
     summary: RunSummary
     exit_status: int
@@ -202,25 +158,12 @@ class RunSummary:
 
     Attributes
     ----------
-    outcome : Outcome
     reason : str
         Why it failed; otherwise ''.
-    ticks : int
-    duty_sha256 : str
-        Hash of all duties.
     real_time_factor : float
         Sim time per wall time.
-    late_ticks : int
-        Ticks that came more than a period late.
-    resends : int
-        Number of times that an unanswered tick was sent again in lockstep, without the repeated
-        truths of a halted plant.
     round_trips_s : tuple of float
         Times from publishing a truth to receiving its duties [s]; empty if not measured.
-    start_ns : int
-        Stamp of the first tick [ns].
-    members : tuple of Membership
-        All participants of the run.
     """
 
     outcome: Outcome
@@ -236,23 +179,8 @@ class RunSummary:
 
 
 Action = (
-    AnnounceRun
-    | CallRoll
-    | PublishStatus
-    | BeginRun
-    | ClearMap
-    | PublishPush
-    | PublishTruth
-    | ResendToDrivers
-    | StopMotors
-    | Log
-    | Warn
-    | ClearWarning
-    | RaiseError
-    | ClearError
-    | Report
-    | WakeIn
-    | CancelWake
-    | EndRun
-)
+    AnnounceRun | CallRoll | PublishStatus | BeginRun | ClearMap | PublishPush | PublishTruth
+    | ResendToDrivers | StopMotors | Log | Warn | ClearWarning | RaiseError | ClearError | Report
+    | WakeIn | CancelWake | EndRun
+)  # fmt: skip
 Actions = list[Action]

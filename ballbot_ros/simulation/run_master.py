@@ -13,35 +13,19 @@ from enum import Enum, auto
 from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
 
+from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.ground_truth import Pair, Push
+from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.liveness import ProcessObserver
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.pacer import Pacer
-from ballbot_ros.simulation.participants import Announcement, Membership, Readiness, ReadinessState
+from ballbot_ros.simulation.participants import Announcement
 from ballbot_ros.simulation.pause_control import PauseControl
-from ballbot_ros.simulation.run_actions import (
-    Action,
-    Actions,
-    AnnounceRun,
-    BeginRun,
-    CancelWake,
-    ClearError,
-    ClearMap,
-    ClearWarning,
-    EndRun,
-    Log,
-    PublishPush,
-    PublishTruth,
-    RaiseError,
-    Report,
-    RunSummary,
-    Severity,
-    StopMotors,
-    Warn,
-)
+from ballbot_ros.simulation.roster import Readiness, ReadinessState
+from ballbot_ros.simulation.run_actions import Action, Actions, RunSummary
 from ballbot_ros.simulation.run_participants import Graph, RunParticipants, RunTopics
-from ballbot_ros.simulation.run_setup import RunSettings, RunSetup
+from ballbot_ros.simulation.run_setup import RunSetup
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS, next_start_ns
 
@@ -73,9 +57,7 @@ P = ParamSpec('P')
 M = TypeVar('M', bound='RunMaster')
 
 
-def event(
-    method: Callable[Concatenate[M, P], None],
-) -> Callable[Concatenate[M, float, P], Actions]:
+def event(method: Callable[Concatenate[M, P], None]) -> Callable[Concatenate[M, float, P], Actions]:
     """Turn a method of a master into an event handler.
 
     The handler takes the time on a monotonic clock [s] as its first argument, and returns the
@@ -97,26 +79,16 @@ class RunMaster(ABC):
 
     Parameters
     ----------
-    graph : Graph
-    process_observer : ProcessObserver
-    topics : RunTopics
     set_up : callable
         Returns the :class:`RunSetup` of a run for the stamp of its first tick [ns].
-    token : str
-        Identifies this plant.
-    now_s : float
-        The time [s].
 
     Attributes
     ----------
     log : TrajectoryLog
         Trajectory and duties of the current run so far.
-    pause : PauseControl
     resends : int
         Number of times that an unanswered tick was sent again in lockstep, in all runs. Repeated
         truths of a halted plant, or of a free-running one before its first duty, do not count.
-    summary : RunSummary or None
-        The outcome, once the run has ended.
     """
 
     is_lockstep: bool
@@ -133,7 +105,7 @@ class RunMaster(ABC):
         self._graph, self._topics, self._set_up, self._token = graph, topics, set_up, token
         self._actions: Actions = []
         self.pause = PauseControl()
-        self.resends = self._late_ticks = 0
+        self.resends = 0
         self.summary: RunSummary | None = None
         self._pacer = Pacer()
         self._created_s = self._now_s = now_s
@@ -194,24 +166,15 @@ class RunMaster(ABC):
     def on_duty(
         self, stamp_ns: int, duty: tuple[int, int] | None, data: bytes, *, is_stop: bool = False
     ) -> None:
-        """Process a duty.
+        """Process a duty of motors B and C [%]; None if the message has no valid duty.
 
-        Parameters
-        ----------
-        stamp_ns : int
-            Its stamp [ns].
-        duty : tuple of int or None
-            Motors B and C [%]; None if the message has no valid duty.
-        data : bytes
-            The message.
-        is_stop : bool
-            Whether the message answers no tick, but says that the motors are off.
+        A message that is a stop answers no tick, but says that the motors are off.
         """
         if not self._is_open or stamp_ns < self._run.start_ns:
             return
         if duty is None:
             text = f'{self._topics.duty}: duty ignored: not whole numbers within -100 … 100 %'
-            self._act(Log(text, Severity.WARNING))
+            self._act(do.Log(text, do.Severity.WARNING))
         else:
             self._take_duty(stamp_ns, duty, data, is_stop=is_stop)
 
@@ -223,33 +186,26 @@ class RunMaster(ABC):
 
     @event
     def on_push(self, start_ns: int, force: Pair, torque: Pair) -> None:
-        """Push the robot, now or at `start_ns` [ns] if that is later.
-
-        Parameters
-        ----------
-        start_ns : int
-            Sim time [ns].
-        force, torque : tuple of float
-            As in :class:`Push` [N], [N·m].
-        """
+        """Push the robot, now or at `start_ns` [ns] if that is later, as in :class:`Push`."""
         if not self._is_open:
             return
         now_ns = self._plant.time_ns
         start_ns = max(start_ns, now_ns)
-        push = Push(start_ns, start_ns + self._settings.push_ns, force, torque)
+        end_ns = start_ns + round(self._parameters.push_duration * SECOND_NS)
+        push = Push(start_ns, end_ns, force, torque)
         problem = push.problem(now_ns)
         if not problem and self._plant.pushes >= MAX_PUSHES:
             problem = f'{MAX_PUSHES} pushes are already active or pending'
         if problem:
             text = f'{self._topics.push}: push ignored: {problem}'
-            self._act(Log(text, Severity.WARNING, is_throttled=True))
+            self._act(do.Log(text, do.Severity.WARNING, is_throttled=True))
         else:
             self._push(push)
 
     @event
-    def on_settings(self, settings: RunSettings) -> None:
-        """Apply new settings, such as another pace."""
-        self._settings = settings
+    def on_parameters(self, parameters: PlantParameters) -> None:
+        """Apply new parameters, such as another pace."""
+        self._parameters = parameters
         self._pacer.restart()
         if self._waits_for_pace:
             self._cancel_wake()
@@ -260,7 +216,7 @@ class RunMaster(ABC):
         """Begin a new run at the next multiple of 100 ms."""
         if self._is_ended:
             return
-        self._act(Log(f'reset: run {self._number} ends {self._progress()}'))
+        self._act(do.Log(f'reset: run {self._number} ends {self._progress()}'))
         self._prepare(next_start_ns(self._plant.time_ns))
         self._begin()
 
@@ -268,7 +224,7 @@ class RunMaster(ABC):
     def set_paused(self, *, is_paused: bool) -> None:
         """Pause the plant at its current tick, or resume."""
         if is_paused != self.pause.is_paused:
-            self._act(Log('paused' if is_paused else 'resumed'))
+            self._act(do.Log('paused' if is_paused else 'resumed'))
         self.pause.set(is_paused=is_paused)
         if not is_paused:
             self._continue()
@@ -289,13 +245,14 @@ class RunMaster(ABC):
     def _prepare(self, start_ns: int) -> None:
         """Reset everything to the start of a run whose first tick is at `start_ns`."""
         self._setup = self._set_up(start_ns)
-        self._settings, self._plant = self._setup.settings, self._setup.plant
+        self._parameters, self._plant = self._setup.parameters, self._setup.plant
+        self._duration_ns = round(self._parameters.duration * SECOND_NS)
         self._run = Run('', start_ns)
         self._phase = Phase.SETTLING
         self._truth = self._plant.truth()
         self._pushes = 0
         self._is_hit = self._is_held = False
-        self.log = TrajectoryLog(keep=self._settings.duration_ns is not None)
+        self.log = TrajectoryLog(keep=self._duration_ns > 0)
         self._round_trips_s = array('d')
         self._first_tick_s = self._last_tick_s = self._now_s
         self._missing: list[str] = []
@@ -309,22 +266,20 @@ class RunMaster(ABC):
         self._phase = Phase.GATHERING
         self._waiting_since_s = self._now_s
         self._participants.gather(
-            self._run,
-            self._setup.participant,
-            requires_recorder=self._settings.requires_recorder,
+            self._run, self._setup.participant, requires_recorder=self._parameters.require_recorder
         )
         if self._setup.world is None:
-            self._act(ClearMap())
-        self._act(AnnounceRun(self._run))
-        self._act(ClearError())
+            self._act(do.ClearMap())
+        self._act(do.AnnounceRun(self._run))
+        self._act(do.ClearError())
 
     def _open(self) -> None:
         """Begin the run with its participants: publish the first truth."""
         self._phase = Phase.TICKING
         self._participants.confirm()
         start_s = self._run.start_ns / SECOND_NS
-        self._act(Log(f'run {self._number} begins at sim time {start_s:.3f} s'))
-        self._act(BeginRun(self._run.start_ns, self._setup.world, self._setup.ball_radius))
+        self._act(do.Log(f'run {self._number} begins at sim time {start_s:.3f} s'))
+        self._act(do.BeginRun(self._run.start_ns, self._setup.world, self._parameters.ball_radius))
         for push in self._setup.scenario.pushes_from(self._run.start_ns):
             self._push(push)
         self._publish_truth()
@@ -333,13 +288,13 @@ class RunMaster(ABC):
         """Apply a push, and publish its start and end, so that the run can be replayed."""
         self._plant.push(push)
         self._pushes += 1
-        self._act(PublishPush(push, self._pushes))
-        self._act(Log(str(push)))
+        self._act(do.PublishPush(push, self._pushes))
+        self._act(do.Log(str(push)))
 
     def _publish_truth(self, *, is_resend: bool = False) -> None:
         self._truth = self._plant.truth()
         is_hit = self._plant.wall_hit
-        self._act(PublishTruth(self._truth, is_hit, is_resend))
+        self._act(do.PublishTruth(self._truth, is_hit, is_resend))
         if is_hit != self._is_hit:
             self._is_hit = is_hit
             self._report_wall_hit()
@@ -349,9 +304,9 @@ class RunMaster(ABC):
     def _report_wall_hit(self) -> None:
         """Raise or clear the error of a wall hit; a hit that ends the run becomes its reason."""
         if not self._is_hit:
-            self._act(ClearError())
+            self._act(do.ClearError())
         elif not self._plant.stopped:
-            self._act(RaiseError(str(self._plant.newest_hit)))
+            self._act(do.RaiseError(str(self._plant.newest_hit)))
 
     def _tick(self, duty: tuple[int, int]) -> None:
         """Advance the plant by a tick."""
@@ -361,11 +316,10 @@ class RunMaster(ABC):
         self._plant.tick(*duty)
         self._clear_warning()
         self._participants.liveness.reset()
-        duration_ns = self._settings.duration_ns
         if self._plant.stopped:
             self._publish_truth()
             self._end(Outcome.FAILED, str(self._plant.newest_hit), 1)
-        elif duration_ns and self._plant.time_ns - self._run.start_ns >= duration_ns:
+        elif self._duration_ns and self._plant.time_ns - self._run.start_ns >= self._duration_ns:
             self._phase = Phase.DRAINING
             self._last_tick_s = self._now_s
             self._finish()
@@ -389,7 +343,7 @@ class RunMaster(ABC):
         if self._phase is not Phase.DRAINING:
             self._last_tick_s = self._now_s
         if outcome is not Outcome.COMPLETED and self._is_open:
-            self._act(StopMotors(self._truth.stamp_ns))
+            self._act(do.StopMotors(self._truth.stamp_ns))
         self._phase = Phase.ENDED
         self._cancel_wake()
         wall_s = self._last_tick_s - self._first_tick_s
@@ -404,12 +358,12 @@ class RunMaster(ABC):
             # Leave out the first one, which includes the start-up of every node in the run.
             round_trips_s=tuple(self._round_trips_s[1:]),
             start_ns=self._run.start_ns,
-            members=self._participants.members,
+            members=self._participants.roster.history,
         )
         self._participants.publish_status(self.summary)
         if self._number:
-            self._act(Log(f'run {self._number} {outcome} {self._progress()}'))
-        self._act(EndRun(self.summary, exit_status))
+            self._act(do.Log(f'run {self._number} {outcome} {self._progress()}'))
+        self._act(do.EndRun(self.summary, exit_status))
 
     # Participants
 
@@ -449,20 +403,21 @@ class RunMaster(ABC):
         """Call the roll, and report the wait; fail if a participant is missing for too long."""
         self._participants.call_roll()
         waited_s = self._participants.liveness.waited_s(self._waiting_since_s)
-        missing = self._participants.missing()
+        missing = self._participants.roster.missing()
         if missing and missing != self._missing:
             self._missing = missing
-            self._act(Log(f'run {self._number} waits for {", ".join(missing)}'))
+            self._act(do.Log(f'run {self._number} waits for {", ".join(missing)}'))
         # Keep reporting, so that a waiting plant on a busy machine is not counted as silent.
-        self._act(Report())
-        settings = self._settings
+        self._act(do.Report())
+        limit_s = self._parameters.startup_timeout
+        waits = self._parameters.on_timeout == 'wait'
         if self._is_held:
             self._warn(standing.reason)
         elif self._is_open:
             return
-        elif waited_s > settings.startup_timeout_s and missing and not settings.waits_for_silent:
-            limit = f'{settings.startup_timeout_s:g} s before the first tick'
-            self._end(Outcome.FAILED, f'{", ".join(missing)} silent for {limit}', 1)
+        elif waited_s > limit_s and missing and not waits:
+            reason = f'{", ".join(missing)} silent for {limit_s:g} s before the first tick'
+            self._end(Outcome.FAILED, reason, 1)
         elif self._now_s - self._waiting_since_s > STARTUP_WARN_S:
             self._warn(standing.reason)
 
@@ -508,12 +463,7 @@ class RunMaster(ABC):
     @property
     def late_ticks(self) -> int:
         """Ticks that came more than a period late, in all runs."""
-        return self._late_ticks + self._pacer.late_ticks
-
-    @property
-    def members(self) -> tuple[Membership, ...]:
-        """All participants of the current run."""
-        return self._participants.members
+        return self._pacer.late_ticks
 
     @property
     def number(self) -> int:
@@ -542,16 +492,16 @@ class RunMaster(ABC):
     def _cancel_wake(self) -> None:
         if self._waits_for_pace:
             self._waits_for_pace = False
-            self._act(CancelWake())
+            self._act(do.CancelWake())
 
     def _warn(self, text: str) -> None:
         self._is_warned = True
-        self._act(Warn(text))
+        self._act(do.Warn(text))
 
     def _clear_warning(self) -> None:
         if self._is_warned:
             self._is_warned = False
-            self._act(ClearWarning())
+            self._act(do.ClearWarning())
 
     def _progress(self) -> str:
         if self.log.ticks == 0:

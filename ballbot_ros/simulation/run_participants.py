@@ -9,18 +9,10 @@ from typing import Protocol
 from ballbot_ros.parameters import CONTROLLER, DRIVERS, RECORDER, SHARED_PARAMETERS
 from ballbot_ros.simulation.liveness import LivenessMonitor, ProcessObserver
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.participants import (
-    MAP_HASH,
-    Announcement,
-    Membership,
-    Objection,
-    Participant,
-    Publisher,
-    Readiness,
-    ReadinessState,
-    Roster,
-)
+from ballbot_ros.simulation.participants import MAP_HASH, Announcement, Objection, Participant
+from ballbot_ros.simulation.roster import Readiness, ReadinessState, Roster
 from ballbot_ros.simulation.run_actions import Action, CallRoll, PublishStatus, RunSummary
+from ballbot_ros.simulation.strangers import Publisher
 from ballbot_ros.timing import SECOND_NS
 
 
@@ -49,13 +41,8 @@ class RunTopics:
 
     Attributes
     ----------
-    clock, duty, push, ack, participants : str
-    owners : mapping of str to collection of str
-        The lockstep topics, and the roles that publish on each.
     stamped : frozenset of str
         The topics whose messages have a stamp.
-    periodic : frozenset of str
-        The topics with a message at each multiple of a period.
     is_same_duty : callable
         Compares the content of two serialised duties with one stamp.
     """
@@ -72,23 +59,7 @@ class RunTopics:
 
 
 class RunParticipants:
-    """Calls the roll, evaluates the answers, and decides whether the run may continue.
-
-    Parameters
-    ----------
-    graph : Graph
-    process_observer : ProcessObserver
-    host : str
-        The name of this machine.
-    topics : RunTopics
-    is_lockstep : bool
-    act : callable
-        Called with the resulting actions.
-
-    Attributes
-    ----------
-    liveness : LivenessMonitor
-    """
+    """Calls the roll, evaluates the answers, and decides whether the run may continue."""
 
     def __init__(
         self,
@@ -101,10 +72,10 @@ class RunParticipants:
         act: Callable[[Action], None],
     ) -> None:
         self._graph, self._topics, self._is_lockstep, self._act = graph, topics, is_lockstep, act
-        self._roster = Roster(
+        self.roster = Roster(
             shared=(*SHARED_PARAMETERS, MAP_HASH), stateless=DRIVERS, owners=dict(topics.owners)
         )
-        self.liveness = LivenessMonitor(self._roster, process_observer, host)
+        self.liveness = LivenessMonitor(self.roster, process_observer, host)
         self._run: Run | None = None
         self._plant: Participant | None = None
 
@@ -114,7 +85,7 @@ class RunParticipants:
         required = [*DRIVERS, CONTROLLER] if self._is_lockstep else []
         if self._is_lockstep and requires_recorder:
             required.append(RECORDER)
-        self._roster.gather(run.name, plant, required)
+        self.roster.gather(run.name, plant, required)
         self._act(CallRoll(run, plant))
         self._graph.stop_listening()
         self.liveness.begin()
@@ -125,50 +96,30 @@ class RunParticipants:
             # Drop the objection: in free-running mode, a sample may have served to answer two
             # ticks.
             announcement = replace(announcement, objection=None)
-        self._roster.on_announcement(announcement)
+        self.roster.on_announcement(announcement)
 
     def on_unreadable_announcement(self) -> None:
         """Note an announcement that no participant can have sent."""
-        self._roster.note_foreign_message(self._topics.participants)
+        self.roster.note_foreign_message(self._topics.participants)
 
     def on_run(self, name: str, topic: str) -> None:
-        """Object to the run of another plant; ignore our own runs, whose announcement may be late.
-
-        Parameters
-        ----------
-        name : str
-            Name of the run.
-        topic : str
-            The topic of the announcement.
-        """
+        """Object to the run of another plant; ignore our own, whose announcement may be late."""
         if self._run and Run(name, 0).plant != self._run.plant:
-            self.add_objection(
+            self.roster.add_objection(
                 Objection(f'another run, {name!r}, is announced on {topic!r}', topic)
             )
 
-    def add_objection(self, objection: Objection) -> None:
-        """Record an objection of the plant itself."""
-        self._roster.add_objection(objection)
-
     def readiness(self, now_ns: int, now_s: float) -> Readiness:
-        """Check the graph; return whether the run may continue.
-
-        Parameters
-        ----------
-        now_ns : int
-            Sim time [ns].
-        now_s : float
-            Time on a monotonic clock [s].
-        """
-        self._roster.update_publishers(self._graph.publishers(), now_s)
+        """Check the graph; return whether the run may continue."""
+        self.roster.update_publishers(self._graph.publishers(), now_s)
         if self._is_lockstep:
-            suspected = self._roster.suspected_topics & self._topics.stamped
+            suspected = self.roster.suspected_topics & self._topics.stamped
             start_ns = self._run.start_ns if self._run else 0
             for topic, stamp_ns in self._graph.received(suspected):
                 # Any other stamp is foreign: a message that answers the plant has one of its run.
                 if not start_ns <= stamp_ns <= now_ns:
-                    self._roster.note_foreign_message(topic)
-        standing = self._roster.readiness(now_ns)
+                    self.roster.note_foreign_message(topic)
+        standing = self.roster.readiness(now_ns)
         if standing.state is ReadinessState.COMPLETE:
             self._graph.stop_listening()
         return standing
@@ -179,42 +130,25 @@ class RunParticipants:
         assert self._plant is not None
         self._act(CallRoll(self._run, self._plant))
         self.liveness.call()
-        self._roster.note_roll_call()
+        self.roster.note_roll_call()
 
     def confirm(self) -> None:
         """Begin the run with the participants that have joined it, and publish them."""
-        self._roster.confirm()
+        self.roster.confirm()
         self.publish_status()
 
     def publish_status(self, summary: RunSummary | None = None) -> None:
         """Publish the status of the run; `summary` is None while it is in progress."""
         run = self._run or Run('', 0)
         topics = tuple(
-            name for name in self._roster.periodic_topics if name in self._topics.periodic
+            name for name in self.roster.periodic_topics if name in self._topics.periodic
         )
-        self._act(PublishStatus(run, self._is_lockstep, topics, self.members, summary))
-
-    @property
-    def members(self) -> tuple[Membership, ...]:
-        """All participants of the run, in the order of joining."""
-        return self._roster.history
-
-    def member(self, role: str) -> Participant | None:
-        """Return the participant with a role in this run."""
-        return self._roster.members.get(role)
-
-    def missing(self) -> list[str]:
-        """Return the required roles without a participant."""
-        return self._roster.missing()
-
-    def reported_failure(self, role: str) -> str:
-        """Return why the participant of a role can't continue, or ''."""
-        return self._roster.reported_failure(role)
+        self._act(PublishStatus(run, self._is_lockstep, topics, self.roster.history, summary))
 
     def restarted_controller(self) -> str:
         """Return which controller restarted in mid-run and when, as text; '' if none did."""
         start_ns = self._run.start_ns if self._run else 0
-        for member in self.members:
+        for member in self.roster.history:
             if member.is_successor and member.participant.role == CONTROLLER:
                 since_s = (member.since_ns - start_ns) / SECOND_NS
                 return f'{member.participant} restarted at {since_s:.3f} s of the run'
@@ -222,5 +156,7 @@ class RunParticipants:
 
     def controller_since_ns(self) -> int:
         """Return when the current controller joined [ns]; 0 if there is none."""
-        since = (each.since_ns for each in self.members if each.participant.role == CONTROLLER)
+        since = (
+            each.since_ns for each in self.roster.history if each.participant.role == CONTROLLER
+        )
         return max(since, default=0)

@@ -21,10 +21,7 @@ class SampleStatus(Enum):
 class SampleHistory:
     """The latest samples of a topic that has one sample per stamp.
 
-    Parameters
-    ----------
-    is_same : callable
-        Compares the content of two serialised messages with one stamp.
+    `is_same` compares the content of two serialised messages with one stamp.
     """
 
     def __init__(self, is_same: Callable[[bytes, bytes], bool]) -> None:
@@ -38,11 +35,8 @@ class SampleHistory:
     def classify(self, stamp_ns: int, data: bytes) -> SampleStatus:
         """Classify a sample, and store it if it is new.
 
-        Returns
-        -------
-        SampleStatus
-            NEW if its stamp is newer than all others. If a sample with the same stamp is stored,
-            DUPLICATE or CONFLICTING, depending on whether the content is the same. Otherwise OLD.
+        It is NEW if its stamp is newer than all others. If a sample with its stamp is stored, it is
+        a DUPLICATE if the content is the same, or else CONFLICTING. Otherwise it is OLD.
         """
         samples = self._samples
         if not samples or stamp_ns > samples[-1][0]:

@@ -13,32 +13,14 @@ measurement, it could not receive answers, either."""
 
 @dataclass(frozen=True)
 class ThreadTime:
-    """The processor time of a thread so far.
-
-    Attributes
-    ----------
-    cpu_s : float
-        Processor time [s].
-    queued_s : float
-        Time spent waiting for a processor [s].
-    is_runnable : bool
-        Whether it is currently running or waiting for a processor.
-    """
+    """The processor time of a thread so far [s], and its time of waiting for a processor [s]."""
 
     cpu_s: float
     queued_s: float
     is_runnable: bool
 
     def starved_s(self, before: ThreadTime, span_s: float) -> float:
-        """Return how much of the last `span_s` the thread spent waiting for a processor [s].
-
-        Parameters
-        ----------
-        before : ThreadTime
-            State of the same thread at the start of the span.
-        span_s : float
-            Length of the span [s].
-        """
+        """Return how much of the last `span_s` the thread spent waiting for a processor [s]."""
         if self.is_runnable and (self.cpu_s, self.queued_s) == (before.cpu_s, before.queued_s):
             return span_s  # It waited all along: the system counts a wait only when it ends.
         return self.queued_s - before.queued_s
@@ -49,30 +31,14 @@ Threads = Mapping[int, ThreadTime]
 
 
 class Observation(NamedTuple):
-    """The processor time of the processes on this machine at one moment.
-
-    Attributes
-    ----------
-    now_s : float
-        The moment, on the clock of the events [s].
-    threads : mapping of int to mapping
-        The threads of each process that still exists.
-    """
+    """The processor time of the living processes on this machine, by their ids, at a time [s]."""
 
     now_s: float
     threads: Mapping[int, Threads]
 
 
 def available_s(threads: Threads, before: Threads, span_s: float) -> float:
-    """Return the part of the last `span_s` in which a process did not wait for a processor [s].
-
-    Parameters
-    ----------
-    threads, before : mapping of int to ThreadTime
-        Threads of the process now, and at the start of the span.
-    span_s : float
-        Length of the span [s].
-    """
+    """Return the part of the last `span_s` in which a process did not wait for a processor [s]."""
     known = threads.keys() & before.keys()
     starved = (threads[each].starved_s(before[each], span_s) for each in known)
     used_s = max((threads[each].cpu_s - before[each].cpu_s for each in known), default=0.0)
@@ -94,14 +60,8 @@ class SilenceTimer:
     def update(self, since_s: float, now_s: float, processes: Mapping[int, Threads]) -> None:
         """Update the measurement of a silence.
 
-        Parameters
-        ----------
-        since_s : float
-            Start of the silence on a monotonic clock [s]. A new value means another silence.
-        now_s : float
-            Current time on the same clock [s].
-        processes : mapping of int to mapping
-            The local processes that could end the silence, by process id.
+        It began at `since_s`, on the same clock as `now_s` [s]; a new value means another silence.
+        `processes` are the local ones that could end the silence.
         """
         if since_s != self._since_s:
             self._since_s = self._polled_at_s = since_s

@@ -15,8 +15,6 @@ class DueTick(NamedTuple):
 
     Attributes
     ----------
-    time_ns : int
-        Its sim time [ns].
     tasks : tuple of str
         The tasks to run, highest priority first.
     untimed : tuple of str
@@ -37,8 +35,6 @@ class TaskReleases:
 
     Attributes
     ----------
-    fired : Counter of str
-        Callbacks of each task's timer so far.
     forced : int
         Number of releases made without a timer.
     """

@@ -43,15 +43,7 @@ class Trajectory:
 class TrajectoryLog:
     """Collects the trajectory and the hash of the duties, tick by tick.
 
-    Parameters
-    ----------
-    keep : bool
-        False to only count and hash, for an endless run.
-
-    Attributes
-    ----------
-    ticks : int
-        Number of ticks so far.
+    With `keep` false, for an endless run, it only counts and hashes.
     """
 
     def __init__(self, *, keep: bool = True) -> None:

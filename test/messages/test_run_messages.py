@@ -44,7 +44,7 @@ def sent(loop):
     ]
     for _ in range(TICKS):
         messages.tick(loop.tick(), loop.program)
-    messages.truth(loop.plant.truth(), wall_hit=True)
+    messages.plant.truth(loop.plant.truth(), wall_hit=True)
     return dict(found)
 
 

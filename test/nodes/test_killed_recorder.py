@@ -27,9 +27,9 @@ import time
 import rclpy
 from rosgraph_msgs.msg import Clock
 
-from ballbot_ros.nodes.base import reliable_qos
 from ballbot_ros.nodes.middleware import ros_domain
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
+from ballbot_ros.nodes.topic_publisher import reliable_qos
 
 rclpy.init()
 with avoid_stale_ports(ros_domain()):

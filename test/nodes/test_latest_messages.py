@@ -9,8 +9,8 @@ pytest.importorskip('rclpy')
 from ros_client import Client
 
 from ballbot_ros.messages.topics import PLANT_IMU, PLANT_ODOM, RUN
-from ballbot_ros.nodes.base import reliable_qos
 from ballbot_ros.nodes.latest_messages import LatestMessages
+from ballbot_ros.nodes.topic_publisher import reliable_qos
 
 pytestmark = pytest.mark.graph
 

@@ -18,7 +18,7 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     PARTICIPANTS,
     ROLL_CALL,
 )
-from ballbot_ros.nodes.base import reliable_qos  # noqa: E402
+from ballbot_ros.nodes.topic_publisher import reliable_qos  # noqa: E402
 from ballbot_ros.parameters import CONTROLLER, GYRO, NODES, PLANT, RECORDER  # noqa: E402
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 from ballbot_ros.simulation.participants import Announcement, Participant  # noqa: E402

@@ -18,8 +18,8 @@ from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
 from ballbot_ros.messages.topics import message_class  # noqa: E402
-from ballbot_ros.nodes.base import reliable_qos  # noqa: E402
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports  # noqa: E402
+from ballbot_ros.nodes.topic_publisher import reliable_qos  # noqa: E402
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 
 pytestmark = pytest.mark.graph

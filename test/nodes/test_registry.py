@@ -6,8 +6,6 @@ from ballbot_ros.nodes import executables
 from ballbot_ros.nodes.registry import REGISTRY
 from ballbot_ros.parameters import ALL_NODES, EXECUTABLES, NODES, SUPERVISOR
 
-each_node = pytest.mark.parametrize('name', EXECUTABLES)
-
 
 def test_registry_and_parameter_table_have_the_same_nodes_in_one_order():
     assert tuple(REGISTRY) == EXECUTABLES
@@ -15,17 +13,17 @@ def test_registry_and_parameter_table_have_the_same_nodes_in_one_order():
     assert {*ALL_NODES} - {*EXECUTABLES} == {SUPERVISOR}
 
 
-@each_node
-def test_class_and_main_of_each_node_are_where_the_registry_says(name):
+def test_class_and_main_of_each_node_are_where_the_registry_says():
     pytest.importorskip('rclpy')
     pytest.importorskip('viser')
-    assert callable(REGISTRY[name].maker)
-    assert callable(REGISTRY[name].main)
+    for name in EXECUTABLES:
+        assert callable(REGISTRY[name].maker), name
+        assert callable(REGISTRY[name].main), name
 
 
-@each_node
-def test_each_node_is_a_function_of_the_executables(name):
-    assert getattr(executables, name).args == (name,)
+def test_each_node_is_a_function_of_the_executables():
+    for name in EXECUTABLES:
+        assert getattr(executables, name).args == (name,)
 
 
 def test_special_attributes_of_a_module_are_not_nodes():

@@ -16,12 +16,11 @@ from ports import needs_layout_of_ports
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes import middleware, shared_memory
+from ballbot_ros.nodes.port_readers import AFTER_READERS, READER_SIZE, READERS
 from ballbot_ros.nodes.processes import END_WITH_PARENT
 from ballbot_ros.nodes.shared_memory import (
     INITIALISED,
     MIN_PORT_BYTES,
-    READER_SIZE,
-    READERS,
     clear_shared_memory,
     find_broken_ports,
     find_leftovers,
@@ -362,7 +361,7 @@ def test_starting_ros_clears_leftovers_first_unless_the_command_has_done_it(monk
     assert cleared == [True]
 
 
-def make_read_port(folder, *states, end=shared_memory.AFTER_READERS):
+def make_read_port(folder, *states, end=AFTER_READERS):
     port = make(folder, PORT, WHOLE_PORT[:400].ljust(400 + READERS * READER_SIZE, b'\0') + end)
     with port.open('r+b') as file:
         for reader, state in enumerate(states):

@@ -32,10 +32,6 @@ LATE_S = 0.01
 class Tampered(Controller):
     """A controller with unchanged timers, which keeps its diagnostics when it closes."""
 
-    def __init__(self, parameters):
-        self.late = []
-        super().__init__(parameters)
-
     def now(self):
         return self.get_clock().now().nanoseconds
 
@@ -45,65 +41,47 @@ class Tampered(Controller):
 
 
 class Doubled(Tampered):
-    def _release_callback(self, task):
-        release = super()._release_callback(task)
-
-        def twice():
-            release()
-            release()
-
-        return twice
+    def _on_timer(self, task):
+        super()._on_timer(task)
+        super()._on_timer(task)
 
 
 class AtEveryTick(Tampered):
     """The callback of task_ts2 also runs off its schedule."""
 
-    def _release_callback(self, task):
-        release = super()._release_callback(task)
-        if task != TASK_TS1:
-            return release
-        other = super()._release_callback(TS2)
-
-        def both():
-            other()
-            release()
-            other()
-
-        return both
+    def _on_timer(self, task):
+        if task == TASK_TS1:
+            super()._on_timer(TS2)
+        super()._on_timer(task)
+        if task == TASK_TS1:
+            super()._on_timer(TS2)
 
 
 class Late(Tampered):
     """The callback of task_ts2 runs late, by the wall clock."""
 
-    def _release_callback(self, task):
-        release = super()._release_callback(task)
-        if task != TS2:
-            return release
-        later = OneShotTimer(self, release)
-        return lambda: later.start(LATE_S)
+    def __init__(self, parameters):
+        super().__init__(parameters)
+        self._later = OneShotTimer(self, lambda: super(Late, self)._on_timer(TS2))
+
+    def _on_timer(self, task):
+        if task == TS2:
+            self._later.start(LATE_S)
+        else:
+            super()._on_timer(task)
 
 
 class DroppedOnce(Tampered):
-    def _release_callback(self, task):
-        release = super()._release_callback(task)
-        if task != TS2:
-            return release
-        return lambda: release() if self.now() != DROPPED_NS else None
+    def _on_timer(self, task):
+        if (task, self.now()) != (TS2, DROPPED_NS):
+            super()._on_timer(task)
 
 
 class ATickTooLate(DroppedOnce):
-    def _release_callback(self, task):
-        release = super()._release_callback(task)
-        if task != TASK_TS1:
-            return release
-        other = super()._release_callback(TS2)
-
-        def both():
-            if self.now() == DROPPED_NS + 4 * MILLISECOND_NS:
-                other()
-            release()
-
-        return both
+    def _on_timer(self, task):
+        if task == TASK_TS1 and self.now() == DROPPED_NS + 4 * MILLISECOND_NS:
+            super()._on_timer(TS2)
+        super()._on_timer(task)
 
 
 @pytest.fixture(scope='module')

@@ -10,7 +10,7 @@ from rcl_interfaces.srv import SetParameters
 from ros_client import Client
 
 from ballbot_ros.messages.topics import RUN
-from ballbot_ros.nodes.base import TopicPublisher, reliable_qos
+from ballbot_ros.nodes.topic_publisher import TopicPublisher, reliable_qos
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import PlantParameters
 

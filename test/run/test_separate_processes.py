@@ -25,9 +25,8 @@ def process(name, exit_status=0):
     return SimpleNamespace(name=name, exit_status=exit_status, failure=f'{name}: {FULL}')
 
 
-@pytest.mark.parametrize(
-    ('outcome', 'failure', 'ends', 'signal', 'expected'),
-    [
+def test_a_completed_run_is_completed():
+    for outcome, failure, ends, signal, expected in (
         ('completed', '', {}, 0, ('completed', '', 0)),
         ('completed', SILENT, {'plant_sim': -9}, 0, ('completed', '', 0)),
         ('completed', 'gyro_driver was killed by SIGKILL', {'gyro_driver': -9}, 0,
@@ -41,33 +40,28 @@ def process(name, exit_status=0):
         ('stopped', SILENT, {}, 15, ('stopped', '', 143)),
         ('stopped', '', {}, 0, ('failed', 'plant_sim was stopped', 1)),
         ('failed', '', {}, 0, ('failed', f'plant_sim: {FULL}', 1)),
-    ],
-)  # fmt: skip
-def test_a_completed_run_is_completed(outcome, failure, ends, signal, expected):
-    result = ended(outcome, failure, ends, signal)
-    assert (result.outcome, result.reason, result.exit_status) == expected
+    ):  # fmt: skip
+        assert ended(outcome, failure, ends, signal) == expected, (outcome, failure, ends, signal)
 
 
-@pytest.mark.parametrize(
-    ('outcome', 'failure', 'signal', 'expected'),
-    [
+def test_a_run_replaced_by_another_has_not_failed():
+    for outcome, failure, signal, expected in (
         ('stopped', '', 0, ('stopped', '', 0)),
         ('failed', SILENT, 0, ('stopped', '', 0)),
         ('completed', '', 0, ('completed', '', 0)),
         ('completed', SILENT, 0, ('completed', '', 0)),
         ('stopped', '', 2, ('stopped', '', 130)),
-    ],
-)
-def test_a_run_replaced_by_another_has_not_failed(outcome, failure, signal, expected):
-    result = ended(outcome, failure, {}, signal, is_replaced=True)
-    assert (result.outcome, result.reason, result.exit_status) == expected
+    ):
+        found = ended(outcome, failure, {}, signal, is_replaced=True)
+        assert found == expected, (outcome, failure, signal)
 
 
 def ended(outcome, failure, ends, signal, *, is_replaced=False):
     processes = {name: process(name, ends.get(name, 0)) for name in ('plant_sim', *ends)}
     by_the_plant = RunResult(Outcome(outcome))
     stop = SimpleNamespace(signal=signal)
-    return merge_process_failures(processes, by_the_plant, failure, stop, is_replaced=is_replaced)
+    result = merge_process_failures(processes, by_the_plant, failure, stop, is_replaced=is_replaced)
+    return result.outcome, result.reason, result.exit_status
 
 
 def watched(victim, now_ns, *, plant_hangs=False):
@@ -91,15 +85,18 @@ def watched(victim, now_ns, *, plant_hangs=False):
     return reason
 
 
-@pytest.mark.parametrize('now_ns', [0, FIRST_TICK_NS])
-@pytest.mark.parametrize('victim', [name for name in NODES if name != PLANT])
-def test_a_node_that_dies_before_the_first_tick_ends_the_run_at_once(victim, now_ns):
-    assert watched(victim, now_ns) == f'{victim} was killed by SIGKILL'
+OTHERS = [name for name in NODES if name != PLANT]
 
 
-@pytest.mark.parametrize('victim', [name for name in NODES if name != PLANT])
-def test_a_node_that_dies_in_mid_run_may_be_restarted(victim):
-    assert watched(victim, FIRST_TICK_NS + TICK_NS) == ''
+def test_a_node_that_dies_before_the_first_tick_ends_the_run_at_once():
+    for victim in OTHERS:
+        for now_ns in (0, FIRST_TICK_NS):
+            assert watched(victim, now_ns) == f'{victim} was killed by SIGKILL'
+
+
+def test_a_node_that_dies_in_mid_run_may_be_restarted():
+    for victim in OTHERS:
+        assert watched(victim, FIRST_TICK_NS + TICK_NS) == ''
 
 
 def test_with_a_hanging_plant_the_node_that_died_before_is_named():

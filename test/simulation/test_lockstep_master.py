@@ -11,7 +11,8 @@ from lockstep_world import DRIVERS, ROLES, LockstepWorld, data_of, duty_of
 
 from ballbot_ros.parameters import CONTROLLER, GYRO, RECORDER, SONAR
 from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.participants import ANSWER_CALLS, Objection, Publisher
+from ballbot_ros.simulation.participants import Objection
+from ballbot_ros.simulation.strangers import ANSWER_CALLS, Publisher
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS, next_start_ns
 
@@ -284,7 +285,8 @@ def test_replacing_a_driver_by_an_equal_one_does_not_change_the_duties():
     world.wait(2)
     assert world.summary is None
     assert world.ticks > 7
-    successors = [each for each in world.master.members if each.is_successor]
+    world.dispatch(world.master.stop)
+    successors = [each for each in world.summary.members if each.is_successor]
     assert [each.participant.instance for each in successors] == ['gyro_driver 1']
 
 
@@ -515,7 +517,7 @@ def test_another_pace_acts_at_once():
     assert world.wake_s > world.now_s + 0.3
     world.parameters = replace(world.parameters, real_time_factor=0.0)
     ticks = world.ticks
-    world.dispatch(world.master.on_settings, world.run_settings())
+    world.dispatch(world.master.on_parameters, world.parameters)
     assert world.wake_s is None
     assert world.ticks == ticks + 1
 
@@ -663,7 +665,7 @@ class TroubledRun(RuleBasedStateMachine):
     @rule(factor=st.sampled_from([0.0, 1.0, 1000.0]))
     def change_pace(self, factor):
         self.world.parameters = replace(self.world.parameters, real_time_factor=factor)
-        self.world.dispatch(self.world.master.on_settings, self.world.run_settings())
+        self.world.dispatch(self.world.master.on_parameters, self.world.parameters)
 
     @invariant()
     def each_tick_has_its_own_duty(self):
@@ -691,7 +693,7 @@ class TroubledRun(RuleBasedStateMachine):
         for node in world.nodes.values():
             node.is_hung = False
         world.parameters = replace(world.parameters, real_time_factor=0.0)
-        world.dispatch(world.master.on_settings, world.run_settings())
+        world.dispatch(world.master.on_parameters, world.parameters)
         world.dispatch(world.master.set_paused, is_paused=False)
         world.wait(10)
         assert world.summary.outcome == 'completed'

@@ -7,17 +7,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from ballbot_ros.simulation.participants import (
-    ANSWER_CALLS,
-    LEASE_S,
-    NAME_S,
-    Announcement,
-    Objection,
-    Participant,
-    Publisher,
-    ReadinessState,
-    Roster,
-)
+from ballbot_ros.simulation.participants import Announcement, Objection, Participant
+from ballbot_ros.simulation.roster import ReadinessState, Roster
+from ballbot_ros.simulation.strangers import ANSWER_CALLS, LEASE_S, NAME_S, Publisher
 
 RUN = '1 abc'
 START_NS = 1_000_000_000

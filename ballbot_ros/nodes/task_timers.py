@@ -1,0 +1,67 @@
+"""The timers of the control program's tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from rclpy.clock import Clock
+from rclpy.node import Node
+from rclpy.timer import Timer
+
+from ballbot_ros.brick.schedule import TaskTiming
+
+
+class TaskTimers:
+    """A timer for each periodic task.
+
+    Parameters
+    ----------
+    on_timer : callable
+        Called with the name of a task when its timer fires.
+    ticking : str
+        The task whose timer makes the ticks, and so runs before the first one; '' in lockstep,
+        where all timers start with the first tick.
+    """
+
+    def __init__(
+        self, node: Node, clock: Clock, on_timer: Callable[[str], None], ticking: str
+    ) -> None:
+        self._node, self._clock, self._on_timer, self._ticking = node, clock, on_timer, ticking
+        self._timers: dict[str, Timer] = {}
+
+    def set(self, tasks: Iterable[TaskTiming]) -> None:
+        """Replace the timers by those of other tasks."""
+        for timer in self._timers.values():
+            self._node.destroy_timer(timer)
+        self._timers = {
+            name: self._node.create_timer(
+                period_ms * 1e-3,
+                self._callback(name),
+                clock=self._clock,
+                autostart=name == self._ticking,
+            )
+            for name, _, period_ms in tasks
+            if period_ms
+        }
+
+    def _callback(self, task: str) -> Callable[[], None]:
+        return lambda: self._on_timer(task)
+
+    def stop(self) -> None:
+        """Stop the timers, which are not in phase with a new run; its ticks restart them."""
+        for name, timer in self._timers.items():
+            if name != self._ticking:
+                timer.cancel()
+
+    def restart(self, tasks: Iterable[str]) -> None:
+        """Restart the timers of some tasks, which then fire one period from now."""
+        for task in tasks:
+            self._timers[task].reset()
+
+    @property
+    def callback_waits(self) -> bool:
+        """Whether a timer has fired whose callback is still queued in the executor.
+
+        Resetting a timer in this state makes rclpy's EventsExecutor call it twice.
+        """
+        return any(timer.is_ready() for timer in self._timers.values())

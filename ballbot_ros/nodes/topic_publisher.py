@@ -1,0 +1,74 @@
+"""The publishers of a topic, and the quality of service of publishers and subscriptions."""
+
+from __future__ import annotations
+
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from ballbot_ros.messages.topics import HISTORY, Topic
+
+FLUSH_S = 0.1
+
+
+def reliable_qos(depth: int, *, latched: bool) -> QoSProfile:
+    """Return reliable QoS; if `latched`, late subscribers receive earlier messages, too."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def offered_qos(topic: Topic) -> QoSProfile:
+    """Return the QoS that publishers offer, with a deep history for their existing readers."""
+    return reliable_qos(topic.latched_depth or HISTORY, latched=topic.latched_depth > 0)
+
+
+def requested_qos(topic: Topic, depth: int) -> QoSProfile:
+    """Return the QoS that subscriptions request; topics open to any tool are never latched."""
+    return reliable_qos(depth, latched=topic.latched_depth > 0 and topic.publisher is not None)
+
+
+class TopicPublisher:
+    """The publishers of a topic."""
+
+    def __init__(self, node: Node, topic: Topic) -> None:
+        self._node, self._topic = node, topic
+        self._make()
+
+    def _make(self) -> None:
+        kind, topic = self._topic.message_class, self._topic
+        # Create the history first, so that a subscriber discovers it before the topic itself.
+        self._publishers = []
+        if topic.has_history:
+            qos = reliable_qos(HISTORY, latched=True)
+            self._publishers.append(self._node.create_publisher(kind, topic.history.name, qos))
+        qos = offered_qos(topic)
+        self._publishers.append(self._node.create_publisher(kind, topic.name, qos))
+
+    def recreate_publishers(self) -> None:
+        """Publish from new publishers, which keep no earlier messages."""
+        for publisher in self._publishers:
+            self._node.destroy_publisher(publisher)
+        self._make()
+
+    def send(self, stamp_ns: int, data: bytes) -> None:
+        """Publish a serialised message; a :data:`ballbot_ros.messages.outputs.Send` function."""
+        self.publish(data)
+
+    def publish(self, message: object) -> None:
+        """Publish a message, serialised or not."""
+        for publisher in self._publishers:
+            publisher.publish(message)
+
+    @property
+    def has_subscribers(self) -> bool:
+        """Whether the topic has a subscriber."""
+        return bool(self._publishers[-1].get_subscription_count())
+
+    def flush(self) -> None:
+        """Wait until the last messages have reached their readers."""
+        for publisher in self._publishers:
+            publisher.wait_for_all_acked(Duration(seconds=FLUSH_S))
