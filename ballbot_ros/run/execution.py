@@ -20,6 +20,8 @@ from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.world.world import World
 
+_OR_NONE = ', or use --processes none'
+
 
 def execute(
     spec: RunSpec,
@@ -78,13 +80,13 @@ def _carry_out(
         return run_offline(spec, recording, observer)
     with temporary_folder() as folder, ExitStack() as stack:
         scratch = Path(folder)
-        if spec.processes is Processes.SEPARATE and client is None:
-            client = stack.enter_context(ForkClient())
-        require_rclpy(', or use --processes none')
-        if client is None:
+        if spec.processes is Processes.ONE:
+            require_rclpy(_OR_NONE)
             from ballbot_ros.run.one_process import run_in_one_process
 
             return run_in_one_process(spec, recording, scratch, observer)
+        client = client or stack.enter_context(ForkClient())
+        require_rclpy(_OR_NONE)
         from ballbot_ros.run.separate_processes import run_in_separate_processes
 
         return run_in_separate_processes(client, spec, recording, scratch, observer, is_replaced)

@@ -93,12 +93,12 @@ def test_the_end_of_a_node_is_reported(nodes, number, status):
     assert nodes.client.status_of(other) is None
 
 
-def test_a_mistake_in_the_parameters_is_status_2_and_one_line(nodes):
+def test_a_mistake_in_the_parameters_is_status_2_and_a_line(nodes):
     process = nodes.start('gyro_driver', '--ros-args', '-p', 'offset:=much')
     nodes.client.await_end(process)
     assert nodes.client.status_of(process) == 2
-    (line,) = nodes.output_of('gyro_driver').read_text().splitlines()
-    assert line.startswith('error: ')
+    # Check the last line only: the middleware may print something before it.
+    assert nodes.output_of('gyro_driver').read_text().splitlines()[-1].startswith('error: ')
 
 
 def test_a_wait_is_not_longer_than_allowed(nodes):
