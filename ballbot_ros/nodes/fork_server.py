@@ -53,12 +53,13 @@ class NodeRequest(NamedTuple):
 
 def main() -> None:
     """Fork nodes until the command ends; in a fork, run the node."""
+    server = os.getpid()
     with socket.socket(fileno=int(sys.argv[1])) as control:
         import_nodes()
         forked = serve(control)
     if forked is None:
         os._exit(0)  # there is nothing to clean up
-    become_node(*forked)
+    become_node(*forked, server)
 
 
 def import_nodes() -> None:
@@ -116,8 +117,8 @@ def _encode(*numbers: int) -> bytes:
     return json.dumps(numbers).encode()
 
 
-def become_node(request: NodeRequest, files: list[int]) -> None:
-    """Run a node in this fork as in a process of its own."""
+def become_node(request: NodeRequest, files: list[int], server: int) -> None:
+    """Run a node in this fork of the process `server` as in a process of its own."""
     output, *lock = files
     # Keep Ctrl-C from the node: it is for the run, which then stops its nodes in order.
     os.setsid()
@@ -128,7 +129,8 @@ def become_node(request: NodeRequest, files: list[int]) -> None:
     os.close(output)
     os.environ.clear()
     os.environ.update(request.environment)
-    os.environ[END_WITH_PARENT] = str(os.getppid())
+    # Do not ask for the parent, which is another process if the fork server has already ended.
+    os.environ[END_WITH_PARENT] = str(server)
     if lock:
         os.environ[LOCK_FD_ENV] = str(lock[0])
     sys.argv = list(request.arguments)

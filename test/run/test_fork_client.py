@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from graph import alive, wait_for
+from graph import LAST_RESORT_S, alive, wait_for
 
 pytest.importorskip('rclpy')
 
@@ -167,3 +167,24 @@ print(rclpy.ok(), {'ballbot_ros.nodes.plant_sim', 'ballbot_ros.nodes.recorder'} 
 def test_the_fork_server_has_imported_the_nodes_but_not_initialised_ros():
     done = subprocess.run([sys.executable, '-c', CHECK], capture_output=True, text=True, check=True)
     assert done.stdout == 'False True\n'
+
+
+ORPHAN = """
+import os
+from ballbot_ros.nodes.fork_server import NodeRequest, become_node
+server = os.getpid()
+if os.fork() == 0:
+    while os.getppid() == server:
+        pass
+    request = NodeRequest('gyro_driver', ['gyro_driver'], dict(os.environ))
+    become_node(request, [os.dup(1)], server)
+"""
+
+
+def test_a_node_whose_fork_server_ends_before_it_starts_ends_too(domain):
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+    # The run returns when nobody holds its output any more.
+    subprocess.run(
+        [sys.executable, '-c', ORPHAN], env=environment, capture_output=True, check=True,
+        timeout=LAST_RESORT_S,
+    )  # fmt: skip
