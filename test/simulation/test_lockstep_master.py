@@ -700,3 +700,57 @@ class TroubledRun(RuleBasedStateMachine):
 
 TestTroubledRun = TroubledRun.TestCase
 TestTroubledRun.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+
+
+def test_a_wait_for_the_recorder_at_the_end_does_not_slow_the_reported_pace():
+    world = LockstepWorld(real_time_factor=1.0).start(*ROLES, RECORDER)
+    while world.ticks < 40:
+        world.wait(0.004)
+    world.nodes[RECORDER].is_hung = True
+    world.wait(1.0)
+    assert (world.ticks, world.summary) == (50, None)
+    world.nodes[RECORDER].is_hung = False
+    world.wait(0.5)
+    assert (world.summary.outcome, world.ticks) == ('completed', 50)
+    assert world.summary.real_time_factor == pytest.approx(1.0, rel=0.05)
+
+
+def test_a_publisher_that_may_be_a_dead_process_is_no_silent_participant():
+    world = LockstepWorld(startup_timeout=5.0)
+    world.graph.strangers['gyro'] = [Publisher(b'dead', '/dead')]
+    world.start().wait(10.0)
+    assert world.truths == []
+    assert world.warnings[-1] == "waiting for /dead on 'gyro' to join the run or to leave"
+    del world.graph.strangers['gyro']
+    world.wait(1.0)
+    assert world.summary.outcome == 'completed'
+
+
+@pytest.mark.parametrize(
+    ('offset', 'is_counted_from_the_start', 'is_foreign'),
+    [(-1, True, True), (0, True, False), (0, False, False), (1, False, True)],
+)
+def test_only_a_sample_of_another_run_reveals_a_stranger(
+    offset, is_counted_from_the_start, is_foreign
+):
+    world = begun(7)
+    world.graph.strangers['gyro'] = [Publisher(b'new', '/new')]
+    world.wait(0.2)
+    since_ns = START_NS if is_counted_from_the_start else world.truths[-1]
+    world.graph.heard_messages = [('gyro', since_ns + offset * TICK_NS)]
+    world.wait(1.0)
+    assert (world.summary is not None) is is_foreign
+
+
+def test_ticks_that_a_previous_controller_answered_are_not_requested_again():
+    world = recorded(10, timeout=10.0)
+    world.nodes[RECORDER].is_hung = True
+    world.settle().leave(CONTROLLER)
+    world.wait(0.5)
+    assert world.actions(do.ResendToDrivers)
+    world.start(CONTROLLER, generation=1).wait(1.0)
+    assert world.master.members[-1].is_successor
+    requests = len(world.actions(do.ResendToDrivers))
+    world.wait(0.5)
+    assert len(world.actions(do.ResendToDrivers)) == requests
+    assert world.summary is None
