@@ -509,11 +509,12 @@ def test_ticks_run_at_the_requested_pace(factor):
     assert world.warnings == []
 
 
-def test_another_pace_acts_at_once():
+@pytest.mark.parametrize('factor', [0.0, 1.0])
+def test_another_pace_acts_at_once(factor):
     world = begun(1, real_time_factor=0.01)
     world.settle()
     assert world.wake_s > world.now_s + 0.3
-    world.parameters = replace(world.parameters, real_time_factor=0.0)
+    world.parameters = replace(world.parameters, real_time_factor=factor)
     ticks = world.ticks
     world.dispatch(world.master.on_settings, world.run_settings())
     assert world.wake_s is None
@@ -754,3 +755,15 @@ def test_ticks_that_a_previous_controller_answered_are_not_requested_again():
     world.wait(0.5)
     assert len(world.actions(do.ResendToDrivers)) == requests
     assert world.summary is None
+
+
+def test_an_ack_of_an_earlier_run_changes_nothing():
+    world = recorded(10)
+    world.nodes[RECORDER].is_hung = True
+    acked_ns = max(world.nodes[RECORDER].samples)
+    # Leave the next duty in flight.
+    while len(world.in_flight) > 1:
+        world.deliver()
+    world.dispatch(world.master.on_ack, START_NS - TICK_NS)
+    world.settle()
+    assert world.truths[-1] - acked_ns == (MAX_LEAD_TICKS + 1) * TICK_NS
