@@ -73,14 +73,14 @@ def ended(outcome, failure, ends, signal, *, is_replaced=False):
     return merge_process_failures(processes, by_the_plant, failure, stop, is_replaced=is_replaced)
 
 
-def watched(victim, now_ns, *, plant_hangs=False):
+def watched(victim, now_ns, *, plant_hangs=False, exit_status=-9):
     """Return the watch's result for a graph in which one node has died, after a few looks."""
     running = SimpleNamespace(
         running=True, was_killed=False, exit_status=None, pid=1, kill=lambda: None
     )
     end = 'was killed by SIGKILL'
     dead = SimpleNamespace(
-        running=False, was_killed=True, exit_status=-9, exit_description=end,
+        running=False, was_killed=True, exit_status=exit_status, exit_description=end,
         failure=f'{victim} {end}', forward_remaining_output=lambda: None,
     )  # fmt: skip
     processes = dict.fromkeys((*NODES, VIEWER), running) | {victim: dead}
@@ -180,3 +180,8 @@ def test_nodes_discover_only_this_machine_unless_the_user_chooses_otherwise(
         monkeypatch.delenv(DISCOVERY_RANGE)
     with ros():
         assert os.environ[DISCOVERY_RANGE] == used
+
+
+@pytest.mark.parametrize('victim', [VIEWER, 'gyro_driver'])
+def test_a_node_that_refuses_its_parameters_ends_the_run_at_any_time(victim):
+    assert watched(victim, FIRST_TICK_NS + TICK_NS, exit_status=2).startswith(victim)
