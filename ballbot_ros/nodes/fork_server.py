@@ -139,6 +139,7 @@ def become_node(request: NodeRequest, files: list[int], parent: int) -> None:
     os.close(output)
     os.environ.clear()
     os.environ.update(request.environment)
+    # Do not ask for the parent, which is another process if the fork server has already ended.
     os.environ[END_WITH_PARENT] = str(parent)
     if lock:
         os.environ[LOCK_FD_ENV] = str(lock[0])

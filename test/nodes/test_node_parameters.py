@@ -3,6 +3,7 @@
 import contextlib
 import gc
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -10,8 +11,12 @@ pytest.importorskip('rclpy')
 
 import rclpy
 from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message, serialize_message
+from std_msgs.msg import Header
 
+from ballbot_ros.controller.tasks import task_timings
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.messages.topics import PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.nodes.registry import REGISTRY
 from ballbot_ros.parameters import (
     ALL_NODES,
@@ -233,3 +238,26 @@ def test_a_renamed_node_keeps_its_role_and_parameters(make, role):
     assert not set_one(node, next(iter(parameters_of(node.role))), 'none').successful
     for name, value in asdict(node.parameters).items():
         assert set_one(node, name, list(value) if isinstance(value, tuple) else value).successful
+
+
+def test_a_sample_has_the_parameters_of_its_run(make):
+    node = make(SONAR)
+    samples = []
+    node._output = SimpleNamespace(publish=samples.append)
+    truth = PLANT_ODOM.message_class()
+    truth.header.stamp.sec = 1
+    for run in ('1 abc', '2 abc'):
+        node._participation._on_roll_call(Header(frame_id=run, stamp=truth.header.stamp))
+        node._on_truth(serialize_message(truth))
+        assert set_one(node, 'cone_angle', 0.5).successful
+    ranges = [deserialize_message(each, SONAR_RANGE.message_class) for each in samples]
+    assert [each.field_of_view for each in ranges] == [0.0, 0.5]
+
+
+def test_a_task_with_another_period_has_another_timer(make):
+    node = make(CONTROLLER)
+    assert set_one(node, 'ts2_period', 100).successful
+    node.apply_parameters()
+    periods_ms = {name: each.timer_period_ns / 1e6 for name, each in node._timers_of_tasks.items()}
+    tasks = task_timings(100, node.parameters.ts3_period)
+    assert periods_ms == {task.name: task.period_ms for task in tasks if task.period_ms}

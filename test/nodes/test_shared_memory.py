@@ -503,3 +503,9 @@ sys.exit(run.returncode)
 def test_a_running_graph_keeps_its_files_under_repeated_sweeps(domain):
     result = run_privately(domain, sys.executable, '-c', SWEPT, *BALLBOT)
     assert result['outcome'] == 'passed'
+
+
+def test_a_broken_port_of_another_user_holds_up_no_process_of_this_one(tmp_path, monkeypatch):
+    make(tmp_path, PORT, age_s=YOUNG_S)
+    monkeypatch.setattr(shared_memory.os, 'access', lambda path, mode: False)
+    assert find_broken_ports(tmp_path) == []

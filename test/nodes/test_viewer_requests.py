@@ -1,12 +1,14 @@
 """Requests of the page to a graph that is not complete yet."""
 
 import contextlib
+from types import SimpleNamespace
 
 import pytest
 
 pytest.importorskip('rclpy')
 
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.parameter import Parameter
 from ros_client import Client
 
 from ballbot_ros.messages.topics import RUN
@@ -55,3 +57,33 @@ def test_a_player_announces_runs_but_has_no_parameters_of_a_plant(domain):
         requests.plant_parameters(['scenario', 'use_sim_time'], answers.append)
         client.spin_until(lambda: requests.send_queued() or requests._query is None)
         assert answers == []
+
+
+def test_a_late_answer_to_an_earlier_query_is_ignored():
+    calls = []
+
+    def call(request):
+        def answer(value):
+            values = [Parameter('', value=value).get_parameter_value()]
+            done[0](SimpleNamespace(result=lambda: GetParameters.Response(values=values)))
+
+        done = []
+        calls.append(answer)
+        return SimpleNamespace(add_done_callback=done.append)
+
+    client = SimpleNamespace(service_is_ready=lambda: True, call_async=call)
+    plant = SimpleNamespace(node_namespace='/', node_name='plant_sim')
+    node = SimpleNamespace(
+        create_client=lambda kind, name: client,
+        get_publishers_info_by_topic=lambda name: [plant],
+        output=lambda topic: None,
+    )
+    requests = ViewerRequests(node, notify=None)
+    answers = []
+    for _ in range(2):
+        requests.plant_parameters(['ball_radius'], answers.append)
+        requests.send_queued()
+    calls[0](0.05)
+    assert answers == []
+    calls[1](0.06)
+    assert [each.ball_radius for each in answers] == [0.06]

@@ -4,12 +4,14 @@ import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
-from graph import alive, wait_for
+from graph import LAST_RESORT_S, alive, wait_for
 
 pytest.importorskip('rclpy')
 
@@ -17,6 +19,7 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.fork_server import NodeRequest
 from ballbot_ros.nodes.processes import children
+from ballbot_ros.run import fork_client
 from ballbot_ros.run.fork_client import ForkClient
 
 pytestmark = pytest.mark.graph
@@ -188,3 +191,54 @@ print(rclpy.ok(), {'ballbot_ros.nodes.plant_sim', 'ballbot_ros.nodes.recorder'} 
 def test_the_fork_server_has_imported_the_nodes_but_not_initialised_ros():
     done = subprocess.run([sys.executable, '-c', CHECK], capture_output=True, text=True, check=True)
     assert done.stdout == 'False True\n'
+
+
+def test_a_process_number_may_be_used_again(monkeypatch):
+    servers = []
+
+    def start_server(command, *, pass_fds, **options):
+        servers.append(socket.socket(fileno=os.dup(pass_fds[0])))
+        return SimpleNamespace(kill=lambda: None, wait=lambda: None)
+
+    monkeypatch.setattr(fork_client.subprocess, 'Popen', start_server)
+    with ForkClient() as client, servers[0] as server:
+        for status in (3, 0):
+            server.send(b'[1234]')
+            assert client.start(NodeRequest('gyro_driver', [], {}), 2) == 1234
+            assert client.status_of(1234) is None
+            server.send(f'[1234, {status}]'.encode())
+            assert client.status_of(1234) == status
+
+
+ORPHAN = """
+import os
+from ballbot_ros.nodes.fork_server import NodeRequest, become_node
+server = os.getpid()
+if os.fork() == 0:
+    while os.getppid() == server:
+        pass
+    request = NodeRequest('gyro_driver', ['gyro_driver'], dict(os.environ))
+    become_node(request, [os.dup(1)], server)
+"""
+
+
+def test_a_node_whose_fork_server_ends_before_it_starts_ends_too(domain):
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+    # The run returns when nobody holds its output any more.
+    subprocess.run(
+        [sys.executable, '-c', ORPHAN], env=environment, capture_output=True, check=True,
+        timeout=LAST_RESORT_S,
+    )  # fmt: skip
+
+
+LONG_COMMAND_LINE = """
+from pathlib import Path
+from ballbot_ros.nodes.fork_server import set_command_line
+set_command_line('long', ['x' * 100_000])
+line = Path('/proc/self/cmdline').read_bytes()
+assert line == b'x' * (len(line) - 1) + b'\\0', line
+"""
+
+
+def test_nothing_of_the_environment_follows_a_command_line_that_is_cut_off():
+    subprocess.run([sys.executable, '-c', LONG_COMMAND_LINE], check=True)

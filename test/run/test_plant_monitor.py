@@ -8,13 +8,22 @@ from itertools import count, repeat
 from types import SimpleNamespace
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from graph import wait_for
+from rclpy.serialization import serialize_message
 
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
 from ballbot_ros.nodes.processes import is_waiting
+from ballbot_ros.parameters import PLANT, RECORDER
 from ballbot_ros.run import plant_monitor
 from ballbot_ros.run.graph import ros
-from ballbot_ros.run.plant_monitor import PLANT_WAIT_S, PlantMonitor, PlantWatchdog
+from ballbot_ros.run.plant_monitor import (
+    PLANT_BUSY_S,
+    PLANT_SILENCE_S,
+    PLANT_WAIT_S,
+    PlantMonitor,
+    PlantWatchdog,
+)
 from ballbot_ros.simulation.silence_timer import ThreadTime
 
 pytestmark = pytest.mark.graph
@@ -143,3 +152,30 @@ def test_a_plant_starved_of_processor_time_does_not_hang():
         )
         if look == 1000:
             watchdog.feed(now)
+
+
+@pytest.mark.parametrize(
+    ('values', 'patience_s'),
+    [
+        ({'role': PLANT}, PLANT_SILENCE_S),
+        ({'role': PLANT, 'outcome': 'completed'}, PLANT_BUSY_S),
+        ({'role': RECORDER, 'file': f'{PLANT}.mcap', 'outcome': 'completed'}, PLANT_SILENCE_S),
+    ],
+)
+def test_a_report_of_the_outcome_gives_the_plant_time_to_save(
+    monitor, monkeypatch, values, patience_s
+):
+    now_s = time.monotonic()
+    monkeypatch.setattr(plant_monitor, 'time', SimpleNamespace(monotonic=lambda: now_s))
+    monkeypatch.setattr(plant_monitor, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE))
+    monkeypatch.setattr(plant_monitor, 'is_waiting', lambda process: False)
+    for reported in ({'role': PLANT}, values):
+        status = DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in reported.items()])
+        data = serialize_message(DIAGNOSTICS.message_class(status=[status]))
+        come = {CLOCK.name: [], DIAGNOSTICS.name: [(data, {})]}
+        monkeypatch.setattr(plant_monitor, 'drain', lambda topic, come=come: come[topic.topic_name])
+        monitor.poll()
+    begun_s = now_s
+    while not monitor.plant_hangs(1):
+        now_s += 0.1
+    assert now_s - begun_s == pytest.approx(patience_s, abs=0.15)

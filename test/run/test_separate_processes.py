@@ -1,15 +1,18 @@
 """Monitoring the processes of a run, and the verdict on it."""
 
+import os
 from types import SimpleNamespace
 
 import pytest
 
 pytest.importorskip('rclpy')
 
-from ballbot_ros.parameters import NODES, PLANT, VIEWER
+from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
+from ballbot_ros.parameters import NODES, PLANT, RECORDER, VIEWER
 from ballbot_ros.run import separate_processes
 from ballbot_ros.run.fork_client import ForkClient
-from ballbot_ros.run.node_process import NodeProcess
+from ballbot_ros.run.graph import ros
+from ballbot_ros.run.node_process import NodeProcess, stop_all
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.separate_processes import merge_process_failures, watch
 from ballbot_ros.simulation.outcome import Outcome
@@ -64,14 +67,14 @@ def ended(outcome, failure, ends, signal, *, is_replaced=False):
     return result.outcome, result.reason, result.exit_status
 
 
-def watched(victim, now_ns, *, plant_hangs=False):
+def watched(victim, now_ns, *, plant_hangs=False, exit_status=-9):
     """Return the watch's result for a graph in which one node has died, after a few looks."""
     running = SimpleNamespace(
         running=True, was_killed=False, exit_status=None, pid=1, kill=lambda: None
     )
     end = 'was killed by SIGKILL'
     dead = SimpleNamespace(
-        running=False, was_killed=True, exit_status=-9, exit_description=end,
+        running=False, was_killed=True, exit_status=exit_status, exit_description=end,
         failure=f'{victim} {end}', forward_remaining_output=lambda: None,
     )  # fmt: skip
     processes = dict.fromkeys((*NODES, VIEWER), running) | {victim: dead}
@@ -146,3 +149,36 @@ def test_a_node_that_dies_gives_no_reason():
         name='recorder', _last_error_line='waits', was_killed=True, exit_description='died'
     )
     assert NodeProcess.failure.fget(process) == 'recorder died'
+
+
+def test_the_recorder_is_stopped_when_the_others_have_ended():
+    stopped = []
+
+    def running(name):
+        return SimpleNamespace(
+            name=name,
+            running=False,
+            request_stop=lambda: stopped.append(name),
+            forward_remaining_output=lambda: stopped.append(f'{name} has ended'),
+        )
+
+    stop_all([running(name) for name in (RECORDER, PLANT, VIEWER)], last=RECORDER)
+    assert stopped[-2:] == [RECORDER, f'{RECORDER} has ended']
+    assert set(stopped[2:4]) == {f'{PLANT} has ended', f'{VIEWER} has ended'}
+
+
+@pytest.mark.parametrize(('chosen', 'used'), [('', 'LOCALHOST'), ('SUBNET', 'SUBNET')])
+def test_nodes_discover_only_this_machine_unless_the_user_chooses_otherwise(
+    monkeypatch, chosen, used
+):
+    monkeypatch.setattr('rclpy.ok', lambda: True)
+    monkeypatch.setenv(DISCOVERY_RANGE, chosen)
+    if not chosen:
+        monkeypatch.delenv(DISCOVERY_RANGE)
+    with ros():
+        assert os.environ[DISCOVERY_RANGE] == used
+
+
+@pytest.mark.parametrize('victim', [VIEWER, 'gyro_driver'])
+def test_a_node_that_refuses_its_parameters_ends_the_run_at_any_time(victim):
+    assert watched(victim, FIRST_TICK_NS + TICK_NS, exit_status=2).startswith(victim)

@@ -5,6 +5,7 @@ from lockstep_world import FREE_PERIODS_S, LockstepWorld, data_of
 
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.free_running_master import FreeRunningMaster
+from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import FREE_RUNNING_SILENCE_S, TICK_NS, TICK_S
 
 START_NS = 1_000_000_000
@@ -130,3 +131,17 @@ def test_it_does_not_wait_for_a_recorder():
     world.wait(1)
     assert world.ticks > 200
     assert world.summary is None
+
+
+def test_a_pause_is_no_silence_of_the_controller():
+    world = begun()
+    send_duty(world)
+    world.wait(0.1)
+    world.dispatch(world.master.set_paused, is_paused=True)
+    world.wait(10 * FREE_RUNNING_SILENCE_S)
+    world.dispatch(world.master.set_paused, is_paused=False)
+    world.wait(0.1)
+    log = TrajectoryLog(keep=False)
+    for _ in range(world.ticks):
+        log.add(None, 10, -20)
+    assert world.master.log.duty_sha256 == log.duty_sha256

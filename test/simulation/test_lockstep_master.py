@@ -511,11 +511,12 @@ def test_ticks_run_at_the_requested_pace(factor):
     assert world.warnings == []
 
 
-def test_another_pace_acts_at_once():
+@pytest.mark.parametrize('factor', [0.0, 1.0])
+def test_another_pace_acts_at_once(factor):
     world = begun(1, real_time_factor=0.01)
     world.settle()
     assert world.wake_s > world.now_s + 0.3
-    world.parameters = replace(world.parameters, real_time_factor=0.0)
+    world.parameters = replace(world.parameters, real_time_factor=factor)
     ticks = world.ticks
     world.dispatch(world.master.on_parameters, world.parameters)
     assert world.wake_s is None
@@ -702,3 +703,69 @@ class TroubledRun(RuleBasedStateMachine):
 
 TestTroubledRun = TroubledRun.TestCase
 TestTroubledRun.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+
+
+def test_a_wait_for_the_recorder_at_the_end_does_not_slow_the_reported_pace():
+    world = LockstepWorld(real_time_factor=1.0).start(*ROLES, RECORDER)
+    while world.ticks < 40:
+        world.wait(0.004)
+    world.nodes[RECORDER].is_hung = True
+    world.wait(1.0)
+    assert (world.ticks, world.summary) == (50, None)
+    world.nodes[RECORDER].is_hung = False
+    world.wait(0.5)
+    assert (world.summary.outcome, world.ticks) == ('completed', 50)
+    assert world.summary.real_time_factor == pytest.approx(1.0, rel=0.05)
+
+
+def test_a_publisher_that_may_be_a_dead_process_is_no_silent_participant():
+    world = LockstepWorld(startup_timeout=5.0)
+    world.graph.strangers['gyro'] = [Publisher(b'dead', '/dead')]
+    world.start().wait(10.0)
+    assert world.truths == []
+    assert world.warnings[-1] == "waiting for /dead on 'gyro' to join the run or to leave"
+    del world.graph.strangers['gyro']
+    world.wait(1.0)
+    assert world.summary.outcome == 'completed'
+
+
+@pytest.mark.parametrize(
+    ('offset', 'is_counted_from_the_start', 'is_foreign'),
+    [(-1, True, True), (0, True, False), (0, False, False), (1, False, True)],
+)
+def test_only_a_sample_of_another_run_reveals_a_stranger(
+    offset, is_counted_from_the_start, is_foreign
+):
+    world = begun(7)
+    world.graph.strangers['gyro'] = [Publisher(b'new', '/new')]
+    world.wait(0.2)
+    since_ns = START_NS if is_counted_from_the_start else world.truths[-1]
+    world.graph.heard_messages = [('gyro', since_ns + offset * TICK_NS)]
+    world.wait(1.0)
+    assert (world.summary is not None) is is_foreign
+
+
+def test_ticks_that_a_previous_controller_answered_are_not_requested_again():
+    world = recorded(10, timeout=10.0)
+    world.nodes[RECORDER].is_hung = True
+    world.settle().leave(CONTROLLER)
+    world.wait(0.5)
+    assert world.actions(do.ResendToDrivers)
+    world.start(CONTROLLER, generation=1).wait(1.0)
+    assert world.master._participants.roster.history[-1].is_successor
+    requests = len(world.actions(do.ResendToDrivers))
+    world.wait(0.5)
+    assert len(world.actions(do.ResendToDrivers)) == requests
+    assert world.summary is None
+
+
+def test_an_ack_of_an_earlier_run_changes_nothing():
+    world = recorded(10)
+    world.nodes[RECORDER].is_hung = True
+    acked_ns = max(world.nodes[RECORDER].samples)
+    # Leave the next duty in flight.
+    while len(world.in_flight) > 1:
+        world.deliver()
+    world.dispatch(world.master.on_ack, START_NS - TICK_NS)
+    world.settle()
+    assert world.truths[-1] - acked_ns == (MAX_LEAD_TICKS + 1) * TICK_NS

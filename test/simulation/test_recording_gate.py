@@ -247,6 +247,7 @@ def test_strangers_on_a_topic_of_events_are_no_lost_messages():
         ((1, 2, 1, 4), [4]),
         ((1, 2, 3, 1, 2, 4, 3, 5), []),
         ((1, 2, 3, 1, 2, 4, 3, 6), [6]),
+        ((1, 2, 3, 1, 2, 4, 4), [4]),
         # A recorder that starts late has missed the first messages.
         ((7, 8, 1, 9, 2), []),
         # The loss is found after any number of restarts.

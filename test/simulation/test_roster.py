@@ -349,7 +349,7 @@ def test_time_without_looks_at_the_graph_does_not_count_against_suspects():
     run = world().begin().stranger('gyro')
     run.look()
     run.now_s += 10 * LEASE_S
-    assert run.look().state is ReadinessState.WAITING
+    assert run.watch().state is ReadinessState.WAITING
     assert run.vanish('stranger').look().state is ReadinessState.COMPLETE
 
 
