@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-_RADIANS_PER_DEGREE = math.pi / 180.0
+RADIANS_PER_DEGREE = math.pi / 180.0
 _DEGREES_PER_RADIAN = 180.0 / math.pi
 
 NO_ECHO_CM = 255
@@ -26,7 +26,7 @@ def radians_to_degrees(radians: float) -> int:
 
 def degrees_to_radians(degrees: float) -> float:
     """Return degrees (or deg/s) in rad (or rad/s)."""
-    return degrees * _RADIANS_PER_DEGREE
+    return degrees * RADIANS_PER_DEGREE
 
 
 def sonar_cm_to_metres(sonar_cm: int) -> float:

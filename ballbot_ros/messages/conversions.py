@@ -17,7 +17,7 @@ import numpy as np
 from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.brick.brick import Tone
-from ballbot_ros.brick.units import degrees_to_radians, quantise
+from ballbot_ros.brick.units import RADIANS_PER_DEGREE, quantise
 from ballbot_ros.controller.interface import PlaneEstimates
 from ballbot_ros.messages.layout import MessageLayout, elements
 from ballbot_ros.messages.message_types import (
@@ -298,7 +298,7 @@ def encode_controller_state(stamp_ns: int, x: PlaneEstimates, y: PlaneEstimates)
         x.theta, x.psi, y.theta, y.psi, x.theta_ref, y.theta_ref,
         x.theta_dot, x.psi_dot, y.theta_dot, y.psi_dot, x.theta_ref_dot, y.theta_ref_dot,
     )  # fmt: skip
-    return _STATE.encode(stamp_ns, *map(degrees_to_radians, map(float, degrees)))
+    return _STATE.encode(stamp_ns, *[float(angle) * RADIANS_PER_DEGREE for angle in degrees])
 
 
 def encode_text(text: str) -> bytes:

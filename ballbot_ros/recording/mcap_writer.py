@@ -180,12 +180,15 @@ class McapWriter:
         )
         record, begin = _encode(chunk), self._stream.tell()
         index_offsets, indexes = {}, b''
-        for channel in dict.fromkeys(channels.tolist()):
-            rows = channels == channel
-            self._counts[channel] += int(rows.sum())
+        entries = np.column_stack((log_ns, offsets.astype('<u8')))
+        entries = entries[np.argsort(channels, kind='stable')]
+        numbers, firsts, counts = np.unique(channels, return_index=True, return_counts=True)
+        ends = np.cumsum(counts)
+        for i in np.argsort(firsts):  # in the order of their first messages, like the package
+            channel, count = int(numbers[i]), int(counts[i])
+            self._counts[channel] += count
             index_offsets[channel] = begin + len(record) + len(indexes)
-            entries = np.column_stack((log_ns[rows], offsets[rows].astype(np.uint64)))
-            indexes += _encode_index(channel, entries.astype('<u8').tobytes())
+            indexes += _encode_index(channel, entries[ends[i] - count : ends[i]].tobytes())
         self._write(record + indexes)
         first, last = chunk.message_start_time, chunk.message_end_time
         before = self.times_ns or (first, last)
