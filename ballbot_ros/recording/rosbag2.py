@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import yaml
@@ -60,7 +61,8 @@ class TimeRange(NamedTuple):
     end: int
 
 
-def offered_qos_profiles(profiles: Iterable[QosProfile]) -> str:
+@lru_cache(64)
+def offered_qos_profiles(profiles: tuple[QosProfile, ...]) -> str:
     """Return `profiles`, one per publisher, as the channel metadata ``offered_qos_profiles``."""
     return _yaml(_qos(profiles))
 

@@ -132,7 +132,7 @@ class RecordingWriter:
                 f'in ROS 2 Jazzy {definition.type_hash}'
             )
         metadata = {
-            'offered_qos_profiles': offered_qos_profiles(qos),
+            'offered_qos_profiles': offered_qos_profiles(tuple(qos)),
             'topic_type_hash': type_hash,
         }
         key = (type_name, SchemaEncoding.ROS2, definition.text.encode())
