@@ -258,6 +258,7 @@ def test_a_task_with_another_period_has_another_timer(make):
     node = make(CONTROLLER)
     assert set_one(node, 'ts2_period', 100).successful
     node.apply_parameters()
-    periods_ms = {name: each.timer_period_ns / 1e6 for name, each in node._timers_of_tasks.items()}
+    timers = node._task_timers._timers
+    periods_ms = {name: each.timer_period_ns / 1e6 for name, each in timers.items()}
     tasks = task_timings(100, node.parameters.ts3_period)
     assert periods_ms == {task.name: task.period_ms for task in tasks if task.period_ms}
