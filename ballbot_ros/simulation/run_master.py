@@ -29,9 +29,9 @@ from ballbot_ros.simulation.run_setup import RunSetup
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS, next_start_ns
 
-SETTLE_S = 0.15
-"""Time before the first run to discover another plant, whose run a second clock would disturb. That
-plant answers the first announcement of this one (config/fastdds.xml)."""
+SETTLE_S = 0.4
+"""Time before the first run to discover another plant, whose run a second clock would disturb, and
+other nodes that publish on the topics of the run."""
 
 STARTUP_WARN_S = 5.0
 STILL_S = 1.0
