@@ -5,6 +5,7 @@ import fcntl
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -14,7 +15,11 @@ from pathlib import Path
 import pytest
 
 from ballbot_ros.nodes import processes
-from ballbot_ros.nodes.participant_ports import PORT_BASE, PORTS_PER_DOMAIN
+from ballbot_ros.nodes.participant_ports import (
+    PORT_BASE,
+    PORTS_PER_DOMAIN,
+    bound_udp_ports,
+)
 from ballbot_ros.parameters import NODES
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -39,9 +44,15 @@ def record(folder, scenario, *arguments):
 def participants(domain):
     """The UDP ports of a ROS domain that processes on this machine have bound."""
     first = PORT_BASE + PORTS_PER_DOMAIN * domain
-    ports = range(first, first + PORTS_PER_DOMAIN)
-    bound = (line.split()[1] for line in Path('/proc/net/udp').read_text().splitlines()[1:])
-    return {int(each.rpartition(':')[2], 16) for each in bound}.intersection(ports)
+    return bound_udp_ports().intersection(range(first, first + PORTS_PER_DOMAIN))
+
+
+@contextlib.contextmanager
+def occupied(port):
+    """Occupy a UDP port."""
+    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as own:
+        own.bind(('127.0.0.1', port))
+        yield
 
 
 @contextlib.contextmanager

@@ -111,9 +111,13 @@ class FakeGraph:
     def __init__(self, world):
         self._world = world
         self.clocks = 1
+        self.complete = True
         self.strangers = {}
         self.heard_messages = []
         self.is_listening = False
+
+    def is_complete(self):
+        return self.complete
 
     def publishers(self):
         found = {topic: list(self.strangers.get(topic, ())) for topic in TOPICS.owners}

@@ -16,7 +16,7 @@ import click
 
 from ballbot_ros.cli.options import split_at_commas
 from ballbot_ros.cli.path_types import RECORDING
-from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
+from ballbot_ros.nodes.middleware import stay_local
 from ballbot_ros.parameters import PLAYER, ParameterSet, PlayerParameters
 from ballbot_ros.run.requirements import require_rclpy
 
@@ -35,7 +35,7 @@ def play_file(parameters: PlayerParameters) -> int:
     from ballbot_ros.nodes.base import run_node
     from ballbot_ros.nodes.player import Player
 
-    os.environ.setdefault(DISCOVERY_RANGE, 'LOCALHOST')
+    stay_local()
 
     def make() -> Player:
         player = Player(parameters)

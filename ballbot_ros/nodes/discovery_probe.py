@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import time
 import uuid
 
 from ballbot_ros.errors import one_line
-from ballbot_ros.nodes.middleware import DISCOVERY_RANGE, use_profiles
+from ballbot_ros.nodes.middleware import stay_local, use_profiles
 from ballbot_ros.nodes.processes import end_with_parent
 
 DISCOVERY_S = 5.0
@@ -29,7 +28,7 @@ def main() -> int:
     except ImportError as error:
         print(error)
         return 1
-    os.environ.setdefault(DISCOVERY_RANGE, 'LOCALHOST')
+    stay_local()
     use_profiles()
     signal.alarm(LIMIT_S)
     token = uuid.uuid4().hex

@@ -15,10 +15,15 @@ from std_msgs.msg import Header
 from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import Topic
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
+from ballbot_ros.nodes.middleware import is_local
+from ballbot_ros.nodes.participant_ports import living_participants
 from ballbot_ros.simulation.strangers import Publisher
 
 _PREFIX = 24
 """Number of hexadecimal digits shared by all identifiers of one DDS participant."""
+
+_EVERY_PARTICIPANT = 'ros_discovery_info'
+"""The topic on which every participant publishes, and before it publishes on any other."""
 
 _LIST_PERIOD_S = 1.0
 
@@ -36,6 +41,17 @@ class GraphObserver:
         self._counts: list[int] = []
         self._found: dict[str, list[Publisher]] = {}
         self._listed_at = 0.0
+
+    def is_complete(self) -> bool:
+        """Return whether all participants have been discovered; False if that can't be known.
+
+        It is known only if discovery is limited to this machine.
+        """
+        if not is_local():
+            return False
+        living = living_participants(self._node.context.get_domain_id())
+        offers = self._node.get_publishers_info_by_topic(_EVERY_PARTICIPANT, no_mangle=True)
+        return 0 < len(living) <= len(offers)
 
     def publishers(self) -> dict[str, list[Publisher]]:
         """Return the publishers of each topic by its name.

@@ -15,7 +15,10 @@ from ballbot_ros.share import share_directory
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 """Environment variable: Fast DDS's profiles. Other middleware ignores it."""
 
-DISCOVERY_RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+DISCOVERY_RANGE, LOCAL = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST'
+STATIC_PEERS = 'ROS_STATIC_PEERS'
+"""Environment variable: hosts whose nodes are discovered in any range."""
+
 DEFAULT_RMW = 'rmw_fastrtps_cpp'
 DOMAIN = 'ROS_DOMAIN_ID'
 MAX_DOMAIN_ID = 232
@@ -40,6 +43,16 @@ def require_middleware() -> None:
         raise BallbotError(
             f'RMW_IMPLEMENTATION={name} does not load: install it, or unset the variable'
         )
+
+
+def stay_local() -> None:
+    """Limit discovery to this machine, unless the user has set a range."""
+    os.environ.setdefault(DISCOVERY_RANGE, LOCAL)
+
+
+def is_local() -> bool:
+    """Return whether discovery is limited to this machine."""
+    return os.environ.get(DISCOVERY_RANGE) == LOCAL and not os.environ.get(STATIC_PEERS)
 
 
 def require_discovery() -> None:

@@ -11,7 +11,7 @@ nothing from that process.
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from pathlib import Path
@@ -26,11 +26,27 @@ MAX_AVOIDED_PARTICIPANTS = 16
 """Half of the numbers under which participants on one machine look for each other."""
 
 
+def bound_udp_ports() -> set[int]:
+    """Return the UDP ports (IPv4) that processes on this machine have bound."""
+    lines = Path('/proc/net/udp').read_text().splitlines()[1:]
+    return {int(line.split()[1].rpartition(':')[2], 16) for line in lines}
+
+
+def living_participants(domain: int) -> list[int]:
+    """Return the numbers of a domain's participants on this machine."""
+    return _participants(domain, bound_udp_ports())
+
+
 def stale_participants(domain: int, folder: Path = SHARED_MEMORY) -> list[int]:
     """Return the numbers of a domain's dead participants that have left their ports."""
+    return _participants(domain, find_stale_ports(folder))
+
+
+def _participants(domain: int, ports: Collection[int]) -> list[int]:
+    """Return the numbers of a domain's participants whose ports for user data are in `ports`."""
     first = PORT_BASE + PORTS_PER_DOMAIN * domain + USER_PORT
-    ports = range(first, first - USER_PORT + PORTS_PER_DOMAIN, PORTS_PER_PARTICIPANT)
-    return sorted(ports.index(port) for port in find_stale_ports(folder) if port in ports)
+    user_ports = range(first, first - USER_PORT + PORTS_PER_DOMAIN, PORTS_PER_PARTICIPANT)
+    return [number for number, port in enumerate(user_ports) if port in ports]
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,12 +11,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.files import write_temporary
-from ballbot_ros.nodes.middleware import (
-    DISCOVERY_RANGE,
-    prepare_middleware,
-    ros_domain,
-    start_failure,
-)
+from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, start_failure, stay_local
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
 from ballbot_ros.run.attachments import attachments_of
@@ -32,7 +26,7 @@ def ros(log_level: str = 'WARN') -> Iterator[None]:
 
     It raises BallbotError if ROS can't start here, for example without a folder for its logs.
     """
-    os.environ.setdefault(DISCOVERY_RANGE, 'LOCALHOST')
+    stay_local()
     if rclpy.ok():
         yield
         return

@@ -88,14 +88,13 @@ class LockstepMaster(RunMaster):
         if self._phase is Phase.DRAINING:
             self._finish()
             return
-        if self._phase is not Phase.TICKING or self._duty is None or self._waits_for_pace:
+        if self._phase is not Phase.TICKING or self._duty is None or self._is_wake_pending:
             return
         if self._is_held or self._recorder.lags(self._plant.time_ns):
             return
         factor = self._parameters.real_time_factor
         if not self.pause.is_paused and (delay_s := self._pacer.delay_s(factor, self._now_s)):
-            self._waits_for_pace = True
-            self._act(do.WakeIn(delay_s))
+            self._wake_in(delay_s)
             return
         if not self.pause.take_step():
             return
@@ -116,7 +115,7 @@ class LockstepMaster(RunMaster):
     # Silence
 
     def _watch(self) -> None:
-        if self._duty is not None and (self.pause.is_paused or self._waits_for_pace):
+        if self._duty is not None and (self.pause.is_paused or self._is_wake_pending):
             self._repeat_truth()
             if self._recorder.lags(self._plant.time_ns):
                 self._recorder_left()

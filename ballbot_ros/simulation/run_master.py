@@ -29,9 +29,11 @@ from ballbot_ros.simulation.run_setup import RunSetup
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS, next_start_ns
 
-SETTLE_S = 0.4
-"""Time before the first run to discover another plant, whose run a second clock would disturb, and
-other nodes that publish on the topics of the run."""
+DISCOVERY_S = 1.0
+"""Time limit for discovering all participants before the first run: among them may be another
+plant, whose run a second clock would disturb, and other nodes that publish on the run's topics."""
+
+DISCOVERY_POLL_S = 0.02
 
 STARTUP_WARN_S = 5.0
 STILL_S = 1.0
@@ -44,7 +46,7 @@ MAX_PUSHES = 100
 class Phase(Enum):
     """Phase of a run."""
 
-    SETTLING = auto()
+    DISCOVERING = auto()
     """No run has been announced yet."""
     GATHERING = auto()
     """The run waits for its participants."""
@@ -111,7 +113,7 @@ class RunMaster(ABC):
         self._pacer = Pacer()
         self._created_s = self._now_s = now_s
         self._number = 0
-        self._is_warned = self._waits_for_pace = False
+        self._is_warned = self._is_wake_pending = False
         self._prepare(FIRST_TICK_NS)
         self._participants = RunParticipants(
             graph,
@@ -132,19 +134,23 @@ class RunMaster(ABC):
         """Supervise the run; call every 100 ms."""
         if self._phase is Phase.ENDED:
             return
-        if self.log.ticks == 0 and self._graph.count_publishers(self._topics.clock) > 1:
-            self._end(Outcome.FAILED, 'another plant publishes /clock in this ROS domain', 2)
-        elif self._phase is Phase.SETTLING:
-            if self._now_s - self._created_s > SETTLE_S:
-                self._begin()
-        elif self._check_participants(calls_roll=True) and not self._is_ended:
+        if self._phase is Phase.DISCOVERING:
+            self._discover()
+        elif (
+            self._is_only_plant()
+            and self._check_participants(calls_roll=True)
+            and not self._is_ended
+        ):
             self._watch()
 
     @event
     def on_wake(self) -> None:
-        """Continue: the next tick is due."""
-        self._waits_for_pace = False
-        self._advance()
+        """Continue: the next tick, or the next look at the graph, is due."""
+        self._is_wake_pending = False
+        if self._phase is Phase.DISCOVERING:
+            self._discover()
+        else:
+            self._advance()
 
     @event
     def on_announcement(self, announcement: Announcement) -> None:
@@ -208,7 +214,7 @@ class RunMaster(ABC):
         """Apply new parameters, such as another pace."""
         self._parameters = parameters
         self._pacer.restart()
-        if self._waits_for_pace:
+        if self._is_wake_pending:
             self._cancel_wake()
             self._advance()
 
@@ -249,7 +255,7 @@ class RunMaster(ABC):
         self._parameters, self._plant = self._setup.parameters, self._setup.plant
         self._duration_ns = round(self._parameters.duration * SECOND_NS)
         self._run = Run('', start_ns)
-        self._phase = Phase.SETTLING
+        self._phase = Phase.DISCOVERING
         self._truth = self._plant.truth()
         self._pushes = 0
         self._is_hit = self._is_held = False
@@ -259,6 +265,23 @@ class RunMaster(ABC):
         self._missing: list[str] = []
         self._pacer.restart()
         self._cancel_wake()
+
+    def _discover(self) -> None:
+        """Begin the first run once all participants are known, or after the time limit."""
+        is_complete = self._graph.is_complete() or self._now_s - self._created_s > DISCOVERY_S
+        if not self._is_only_plant():
+            return
+        if is_complete:
+            self._cancel_wake()
+            self._begin()
+        else:
+            self._wake_in(DISCOVERY_POLL_S)
+
+    def _is_only_plant(self) -> bool:
+        """End a run that has not begun if there is another plant; return whether there is none."""
+        if self.log.ticks == 0 and self._graph.count_publishers(self._topics.clock) > 1:
+            self._end(Outcome.FAILED, 'another plant publishes /clock in this ROS domain', 2)
+        return not self._is_ended
 
     def _begin(self) -> None:
         """Announce a run."""
@@ -490,9 +513,13 @@ class RunMaster(ABC):
     def _is_ended(self) -> bool:
         return self._phase is Phase.ENDED
 
+    def _wake_in(self, delay_s: float) -> None:
+        self._is_wake_pending = True
+        self._act(do.WakeIn(delay_s))
+
     def _cancel_wake(self) -> None:
-        if self._waits_for_pace:
-            self._waits_for_pace = False
+        if self._is_wake_pending:
+            self._is_wake_pending = False
             self._act(do.CancelWake())
 
     def _warn(self, text: str) -> None:

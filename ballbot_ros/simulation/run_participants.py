@@ -19,6 +19,9 @@ from ballbot_ros.timing import SECOND_NS
 class Graph(Protocol):
     """The plant's view of the ROS graph."""
 
+    def is_complete(self) -> bool:
+        """Return whether all participants have been discovered; False if that can't be known."""
+
     def publishers(self) -> Mapping[str, Sequence[Publisher]]:
         """Return the publishers on each lockstep topic."""
 

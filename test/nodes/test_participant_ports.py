@@ -2,16 +2,15 @@
 
 import fcntl
 import signal
-import socket
-from contextlib import closing
 from pathlib import Path
 
 import pytest
-from graph import wait_for
+from graph import occupied, wait_for
 
 from ballbot_ros.nodes.participant_ports import (
     MAX_AVOIDED_PARTICIPANTS,
     avoid_stale_ports,
+    living_participants,
     stale_participants,
 )
 
@@ -29,12 +28,18 @@ def make_port(folder, port, lock='_el'):
 
 
 def can_bind(port):
-    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as own:
-        try:
-            own.bind(('127.0.0.1', port))
-        except OSError:
-            return False
-    return True
+    try:
+        with occupied(port):
+            return True
+    except OSError:
+        return False
+
+
+def test_a_participant_lives_as_long_as_it_holds_its_port_for_user_data(domain, first):
+    assert living_participants(domain) == []
+    with occupied(first + 12), occupied(first + 13), occupied(first + 17), occupied(first + 18):
+        assert living_participants(domain) == [1, 3]
+    assert living_participants(domain) == []
 
 
 def test_a_port_that_nobody_has_locked_is_stale(domain, first, tmp_path):
@@ -74,10 +79,9 @@ def test_two_processes_that_start_together_share_the_occupied_numbers(domain, fi
         with avoid_stale_ports(domain, tmp_path):
             pass
         assert not can_bind(first + 12)
-    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as other:
-        other.bind(('127.0.0.1', first + 12))
-        with avoid_stale_ports(domain, tmp_path):  # a port in use need not be occupied
-            pass
+    # A port in use need not be occupied.
+    with occupied(first + 12), avoid_stale_ports(domain, tmp_path):
+        pass
 
 
 def test_enough_numbers_remain_free(domain, first, tmp_path):

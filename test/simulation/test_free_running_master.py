@@ -20,7 +20,7 @@ class FreeRunningWorld(LockstepWorld):
 
 def begun(**values):
     """Return a world whose endless run has been announced."""
-    return FreeRunningWorld(duration=0.0, **values).wait(0.6)
+    return FreeRunningWorld(duration=0.0, **values).wait(0.2)
 
 
 def send_duty(world, duty=(10, -20), stamp_ns=START_NS):

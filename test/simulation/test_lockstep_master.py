@@ -7,11 +7,12 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
-from lockstep_world import DRIVERS, ROLES, LockstepWorld, data_of, duty_of
+from lockstep_world import DRIVERS, ROLES, WATCH_S, LockstepWorld, data_of, duty_of
 
 from ballbot_ros.parameters import CONTROLLER, GYRO, RECORDER, SONAR
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.participants import Objection
+from ballbot_ros.simulation.run_master import DISCOVERY_POLL_S, DISCOVERY_S
 from ballbot_ros.simulation.strangers import ANSWER_CALLS, Publisher
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS, next_start_ns
@@ -108,12 +109,56 @@ def test_the_run_waits_for_a_required_recorder():
     assert world.summary.outcome == 'completed'
 
 
-def test_before_the_first_run_there_is_time_to_find_another_plant():
+def test_the_first_run_is_announced_once_all_participants_are_discovered():
     world = LockstepWorld()
+    world.graph.complete = False
+    world.start().wait(0.5)
+    assert world.done == [do.WakeIn(DISCOVERY_POLL_S)] * len(world.done)
+    world.graph.complete = True
+    world.wait(DISCOVERY_POLL_S)
+    assert len(world.actions(do.AnnounceRun)) == 1
+    world.wait(1)
+    assert world.summary.outcome == 'completed'
+
+
+def test_it_is_announced_without_them_after_a_time():
+    world = LockstepWorld()
+    world.graph.complete = False
+    world.start().wait(DISCOVERY_S - DISCOVERY_POLL_S)
+    assert world.actions(do.AnnounceRun) == []
+    world.wait(WATCH_S)
+    assert len(world.actions(do.AnnounceRun)) == 1
+    assert 'on_wake' not in world.calls_s
+
+
+@pytest.mark.parametrize('complete', [False, True])
+def test_another_plant_discovered_before_the_first_run_ends_this_one(complete):
+    world = LockstepWorld()
+    world.graph.complete = False
+    world.start().wait(WATCH_S)
     world.graph.clocks = 2
-    world.start().wait(1)
+    world.graph.complete = complete
+    world.wait(DISCOVERY_POLL_S)
     assert world.summary.reason == 'another plant publishes /clock in this ROS domain'
     assert [each.exit_status for each in world.actions(do.EndRun)] == [2]
+    assert world.actions(do.AnnounceRun) == []
+
+
+def test_another_plant_discovered_before_the_first_tick_ends_this_one():
+    world = LockstepWorld().wait(0.5)
+    world.graph.clocks = 2
+    world.wait(WATCH_S)
+    assert world.summary.reason == 'another plant publishes /clock in this ROS domain'
+
+
+def test_it_can_be_stopped_before_its_run():
+    world = LockstepWorld()
+    world.graph.complete = False
+    world.start().wait(WATCH_S)
+    world.dispatch(world.master.stop)
+    world.graph.complete = True
+    world.wait(2)
+    assert world.summary.outcome == 'stopped'
     assert world.actions(do.AnnounceRun) == []
 
 
