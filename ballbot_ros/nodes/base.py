@@ -25,7 +25,7 @@ from ballbot_ros.nodes.own_ports import OwnPorts
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.nodes.processes import end_with_parent
 from ballbot_ros.nodes.shared_memory import mark_dead_readers
-from ballbot_ros.nodes.topic_publisher import TopicPublisher, requested_qos
+from ballbot_ros.nodes.topic_publisher import TopicPublisher, flush, requested_qos
 from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -105,9 +105,8 @@ class BallbotNode(ParameterNode[P]):
         self._own_outputs[topic].recreate_publishers()
 
     def flush(self, *topics: Topic) -> None:
-        """Wait until the last messages on `topics` have reached their readers."""
-        for topic in topics:
-            self._own_outputs[topic].flush()
+        """Wait until the last messages on `topics` have reached their readers, if these answer."""
+        flush(each for topic in topics for each in self._own_outputs[topic].publishers)
 
     def subscribe(
         self, topic: Topic, callback: Callable[..., None], *, depth: int = 1, raw: bool = False

@@ -34,7 +34,7 @@ from ballbot_ros.teleop.terminal import keyboard_unavailable_reason
 from ballbot_ros.timing import MAX_LEAD_TICKS, MILLISECOND_NS, SLOW_PERIOD_NS, TICK_NS
 
 LIST_DEVICES = '--list-devices'
-FLUSH_S = 0.5
+FLUSH_PERIOD_S = 0.5
 MAX_KEPT_ANSWERS = MAX_LEAD_TICKS * TICK_NS // SLOW_PERIOD_NS + 1
 """Number of answers kept: the plant may ask again for any tick that the recorder lacks."""
 
@@ -57,7 +57,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         self.terminal: TeleopTerminal | None = None
         self._set_terminal()
         self._set_log()
-        self.create_wall_timer(FLUSH_S, self._flush_log)
+        self.create_wall_timer(FLUSH_PERIOD_S, self._flush_log)
         self._participation = Participation(self, self._on_run)
         self.subscribe(PLANT_JOINT_STATES, self._on_truth, raw=True)
 

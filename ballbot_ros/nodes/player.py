@@ -24,7 +24,7 @@ from ballbot_ros.messages.conversions import encode_clock
 from ballbot_ros.messages.topics import CLOCK, HISTORY, TOPICS, find_message_class
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
-from ballbot_ros.nodes.topic_publisher import FLUSH_S, reliable_qos
+from ballbot_ros.nodes.topic_publisher import flush, reliable_qos
 from ballbot_ros.parameters import PLANT, PlayerParameters
 from ballbot_ros.recording.playback import Playback
 from ballbot_ros.recording.qos import QosProfile
@@ -130,8 +130,7 @@ class Player(BallbotNode[PlayerParameters]):
 
     def close(self) -> None:
         """Wait until the last messages have reached their readers."""
-        for publisher in self._outputs.values():
-            publisher.wait_for_all_acked(Duration(seconds=FLUSH_S))
+        flush(self._outputs.values())
         self._recording.close()
         if self._lock:
             self._lock.release()

@@ -30,7 +30,7 @@ from ballbot_ros.simulation.recorded_ticks import RecordedTicks
 from ballbot_ros.simulation.recording_gate import RecordingGate, Stream
 
 POLL_S = 5e-3
-FLUSH_S = 0.5
+FLUSH_PERIOD_S = 0.5
 DISCOVERY_S = 1.0
 END_S = 1.0
 """How long to wait for the end of a run that is stopped together with the recorder."""
@@ -71,7 +71,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._participation = Participation(self, self._on_run, self._repeat_ack)
         self.get_logger().info(f'records to {path}')
         self.create_wall_timer(POLL_S, self._poll)
-        self.create_wall_timer(FLUSH_S, self._flush)
+        self.create_wall_timer(FLUSH_PERIOD_S, self._flush)
         self.create_wall_timer(DISCOVERY_S, self._channels.discover)
 
     def _poll(self) -> None:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterable
+
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from ballbot_ros.messages.topics import HISTORY, Topic
 
-FLUSH_S = 0.1
+FLUSH_S = 1.0
+"""Time limit for the last messages to reach their readers."""
 
 
 def reliable_qos(depth: int, *, latched: bool) -> QoSProfile:
@@ -31,8 +36,27 @@ def requested_qos(topic: Topic, depth: int) -> QoSProfile:
     return reliable_qos(depth, latched=topic.latched_depth > 0 and topic.publisher is not None)
 
 
+def flush(publishers: Iterable[Publisher]) -> bool:
+    """Wait until the last messages have reached their readers; return whether they have.
+
+    All together have :data:`FLUSH_S`, since the reader may have been killed.
+    """
+    deadline_s = time.monotonic() + FLUSH_S
+    return all(
+        publisher.wait_for_all_acked(Duration(seconds=max(deadline_s - time.monotonic(), 0.0)))
+        for publisher in publishers
+    )
+
+
 class TopicPublisher:
-    """The publishers of a topic."""
+    """The publishers of a topic.
+
+    Attributes
+    ----------
+    publishers : list of Publisher
+    """
+
+    publishers: list[Publisher]
 
     def __init__(self, node: Node, topic: Topic) -> None:
         self._node, self._topic = node, topic
@@ -41,16 +65,16 @@ class TopicPublisher:
     def _make(self) -> None:
         kind, topic = self._topic.message_class, self._topic
         # Create the history first, so that a subscriber discovers it before the topic itself.
-        self._publishers = []
+        self.publishers = []
         if topic.has_history:
             qos = reliable_qos(HISTORY, latched=True)
-            self._publishers.append(self._node.create_publisher(kind, topic.history.name, qos))
+            self.publishers.append(self._node.create_publisher(kind, topic.history.name, qos))
         qos = offered_qos(topic)
-        self._publishers.append(self._node.create_publisher(kind, topic.name, qos))
+        self.publishers.append(self._node.create_publisher(kind, topic.name, qos))
 
     def recreate_publishers(self) -> None:
         """Publish from new publishers, which keep no earlier messages."""
-        for publisher in self._publishers:
+        for publisher in self.publishers:
             self._node.destroy_publisher(publisher)
         self._make()
 
@@ -60,15 +84,10 @@ class TopicPublisher:
 
     def publish(self, message: object) -> None:
         """Publish a message, serialised or not."""
-        for publisher in self._publishers:
+        for publisher in self.publishers:
             publisher.publish(message)
 
     @property
     def has_subscribers(self) -> bool:
         """Whether the topic has a subscriber."""
-        return bool(self._publishers[-1].get_subscription_count())
-
-    def flush(self) -> None:
-        """Wait until the last messages have reached their readers."""
-        for publisher in self._publishers:
-            publisher.wait_for_all_acked(Duration(seconds=FLUSH_S))
+        return bool(self.publishers[-1].get_subscription_count())

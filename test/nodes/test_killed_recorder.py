@@ -14,7 +14,7 @@ from ballbot_ros.recording.repair import repair
 
 rclpy = pytest.importorskip('rclpy')
 
-from ballbot_ros.nodes.recorder import FLUSH_S, Recorder  # noqa: E402
+from ballbot_ros.nodes.recorder import FLUSH_PERIOD_S, Recorder  # noqa: E402
 
 pytestmark = pytest.mark.graph
 
@@ -66,7 +66,7 @@ def test_a_recorder_killed_at_any_moment_leaves_its_written_messages(start_node,
     # Kill the recorders within one flush interval: from the first kill on, /clock may no longer
     # reach the remaining ones.
     for recorder in recorders:
-        time.sleep(chance.uniform(0.0, FLUSH_S / RECORDERS))
+        time.sleep(chance.uniform(0.0, FLUSH_PERIOD_S / RECORDERS))
         recorder.kill()
     for path, before in zip(paths, had, strict=True):
         assert newest_s(path, tmp_path) > before

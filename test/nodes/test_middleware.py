@@ -4,12 +4,14 @@ import contextlib
 import os
 import socket
 import subprocess
+import sys
 from collections import Counter
 
 import pytest
+from graph import environment
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.topics import DIAGNOSTICS
+from ballbot_ros.messages.topics import DIAGNOSTICS, MOTOR_DUTY
 from ballbot_ros.nodes.middleware import (
     DISCOVERY_RANGE,
     DOMAIN,
@@ -93,3 +95,30 @@ def test_without_discovery_no_node_is_started(monkeypatch):
         BallbotError, match=f'^{DISCOVERY_RANGE}=OFF: nodes cannot discover each other'
     ):
         require_discovery()
+
+
+WRITER = """
+import rclpy
+from ballbot_ros.messages.topics import MOTOR_DUTY
+from ballbot_ros.nodes.middleware import prepare_middleware
+from ballbot_ros.nodes.topic_publisher import TopicPublisher, flush
+
+prepare_middleware()
+rclpy.init()
+output = TopicPublisher(rclpy.create_node('writer'), MOTOR_DUTY)
+while not output.has_subscribers:
+    pass
+for _ in range(3):
+    output.publish(MOTOR_DUTY.message_class())
+    print(flush(output.publishers))
+"""
+
+
+@pytest.mark.graph
+def test_a_reader_acknowledges_the_last_message_soon(domain, client):
+    """By default a writer asks for it only every 3 s, longer than a flush waits."""
+    client.watch(MOTOR_DUTY)
+    env = environment(domain)
+    env.pop(PROFILES, None)
+    answers = subprocess.check_output([sys.executable, '-c', WRITER], env=env, text=True)
+    assert answers.split() == ['True'] * 3
