@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 
@@ -21,6 +22,8 @@ def main() -> None:
         status = invoke(ballbot, 'ballbot')
     except KeyboardInterrupt:
         status = 130
+    # Leave all objects to the system: collecting those of the modules would take 0.3 s.
+    gc.freeze()
     sys.exit(status)
 
 

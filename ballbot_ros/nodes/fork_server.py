@@ -60,7 +60,15 @@ def main() -> None:
         forked = serve(control)
     if forked is None:
         os._exit(0)  # there is nothing to clean up
-    become_node(*forked, parent)
+    try:
+        become_node(*forked, parent)
+    except SystemExit as end:
+        if not isinstance(end.code, int):
+            raise
+        sys.stdout.flush()
+        sys.stderr.flush()
+        # The node has released everything; clearing up all modules would take 0.4 s more.
+        os._exit(end.code)
 
 
 def import_nodes() -> None:
