@@ -87,20 +87,18 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
             self._floor = floor_map_of(map_grid(self._newest[MAP]))
         if RUN in changed or MAP in changed or snapshot.time < self._time:
             self._markers.begin(self._floor)
+        frames = self._frames.at(snapshot.position, snapshot.psi)
         if snapshot.time != self._time:
             self._time = snapshot.time
             self.count_sample(stamp_ns(self._newest[PLANT_ODOM]))
             self._markers.follow(snapshot)
             if self._transforms is not None:
-                self._transforms.publish(
-                    self.now_ns, self._frames.at(snapshot.position, snapshot.psi)
-                )
+                self._transforms.publish(self.now_ns, frames)
         is_whole = time.monotonic() - self._whole_at >= WHOLE_S
         if (changed or is_whole) and self._markers_output.has_subscribers:
             if is_whole:
                 self._whole_at = time.monotonic()
-            poses = poses_in_map(self._frames.at(snapshot.position, snapshot.psi))
-            markers = self._markers.at(snapshot, poses, whole=is_whole)
+            markers = self._markers.at(snapshot, poses_in_map(frames), whole=is_whole)
             self._markers_output.publish(MARKERS.message_class(markers=markers))
 
     def close(self) -> None:

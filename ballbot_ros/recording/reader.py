@@ -34,8 +34,8 @@ from zstandard import ZstdError
 
 from ballbot_ros.files import open_regular
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
+from ballbot_ros.recording.batch_layout import BatchLayout
 from ballbot_ros.recording.errors import RecordingError
-from ballbot_ros.recording.layout import Layout
 from ballbot_ros.recording.qos import QosProfile
 from ballbot_ros.recording.rosbag2 import TimeRange, parse_offered_qos
 from ballbot_ros.recording.schemas import recorded_typestore
@@ -129,7 +129,7 @@ class RecordingReader:
                 channel.topic: self._schema(channel) for channel in self._channels.values()
             }
             self._typestores: dict[str, Typestore] = {}
-            self._layouts: dict[str, Layout] = {}
+            self._layouts: dict[str, BatchLayout] = {}
         except BaseException:
             self.close()
             raise
@@ -309,7 +309,7 @@ class RecordingReader:
                 first = batch.message(rows[0])
                 self.decode(first)
                 store, type_name = self._typestores[topic], self._types[topic].name
-                layout = self._layouts[topic] = Layout.of(first.data, store, type_name)
+                layout = self._layouts[topic] = BatchLayout.of(first.data, store, type_name)
                 fits, records = layout.read(batch, rows)
             yield rows[fits], records
             rows = rows[~fits]

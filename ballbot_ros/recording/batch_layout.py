@@ -19,7 +19,7 @@ _NUMPY_NAMES = {'char': 'uint8'}
 
 
 @dataclass(frozen=True)
-class Layout:
+class BatchLayout:
     """The form shared by all messages of a type with equal texts and sequence lengths.
 
     Attributes
@@ -38,7 +38,7 @@ class Layout:
     fixed_bytes: NDArray[np.uint8]
 
     @classmethod
-    def of(cls, data: bytes, store: Typestore, type_name: str) -> Layout:
+    def of(cls, data: bytes, store: Typestore, type_name: str) -> BatchLayout:
         """Return the layout of a message, which must be valid for its type in `store`."""
         walk = _Walk(data, store)
         fields = walk.message(type_name)
