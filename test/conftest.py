@@ -10,6 +10,7 @@ from graph import Node, Run, free_domain
 from ballbot_ros.cli.main import main
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.shared_memory import SETTLED_S, find_leftovers, sweep
+from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
 
@@ -74,14 +75,33 @@ def start_run(domain):
         yield start
 
 
+@pytest.fixture(scope='session')
+def fork_client():
+    with ForkClient() as client:
+        yield client
+
+
 @pytest.fixture
-def start_node(domain):
-    """Start a node alone; it is ended after the test."""
+def start_node(domain, fork_client):
+    """Start a node alone, as a fork; it is ended after the test."""
     with contextlib.ExitStack() as stack:
 
-        def start(name, **parameters):
-            node = Node(domain, name, **parameters)
+        def start(name, **values):
+            node = Node.fork(fork_client, domain, name, **values)
             stack.callback(node.kill)
             return node
 
         yield start
+
+
+@pytest.fixture
+def run_node(domain):
+    """Start a node alone, as `ros2 run` does; it is ended after the test."""
+    with contextlib.ExitStack() as stack:
+
+        def run(name, **values):
+            node = Node.run(domain, name, **values)
+            stack.callback(node.kill)
+            return node
+
+        yield run

@@ -15,11 +15,13 @@ from pathlib import Path
 import pytest
 
 from ballbot_ros.nodes import processes
+from ballbot_ros.nodes.fork_server import NodeRequest
 from ballbot_ros.nodes.participant_ports import (
     PORT_BASE,
     PORTS_PER_DOMAIN,
     bound_udp_ports,
 )
+from ballbot_ros.nodes.shared_memory import clear_shared_memory
 from ballbot_ros.parameters import NODES
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -203,23 +205,76 @@ class Run:
             self.process.communicate()
 
 
-class Node:
-    """A node as a separate process, as `ros2 run` starts it."""
+class ForkedProcess:
+    """A fork of a fork server; used like :class:`subprocess.Popen`."""
 
-    def __init__(self, domain, name, remap='', **parameters):
-        words = [f'{key}:={value}' for key, value in parameters.items()]
-        arguments = [argument for word in words for argument in ('-p', word)]
-        arguments += ['-r', remap] if remap else []
-        self.name = name
-        self.process = subprocess.Popen(
-            [sys.executable, '-m', 'ballbot_ros.nodes', name, '--ros-args', *arguments],
+    def __init__(self, client, name, arguments, environment):
+        self._client = client
+        output, theirs = os.pipe()
+        self.stdout = os.fdopen(output, encoding='utf-8', errors='replace')
+        try:
+            self.pid = client.start(NodeRequest(name, [name, *arguments], environment), theirs)
+        finally:
+            os.close(theirs)
+
+    def poll(self):
+        return self._client.status_of(self.pid)
+
+    @property
+    def returncode(self):
+        return self.poll()
+
+    def send_signal(self, number):
+        if self.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, number)
+
+    def terminate(self):
+        self.send_signal(signal.SIGTERM)
+
+    def kill(self):
+        self.send_signal(signal.SIGKILL)
+
+    def wait(self, timeout=LAST_RESORT_S):
+        self._client.await_end(self.pid, timeout)
+        if self.poll() is None:
+            raise subprocess.TimeoutExpired(f'node {self.pid}', timeout)
+        return self.poll()
+
+    def communicate(self, timeout=LAST_RESORT_S):
+        """Return the output after the end of the process."""
+        self.wait(timeout)
+        with self.stdout:
+            return self.stdout.read(), None
+
+
+class Node:
+    """A node as a separate process."""
+
+    def __init__(self, name, process):
+        self.name, self.process = name, process
+        self.output = ''
+
+    @classmethod
+    def fork(cls, client, domain, name, **values):
+        """Fork a node of a process that has imported it, which saves half a second."""
+        # A forked node leaves this to the command that forks it.
+        clear_shared_memory()
+        arguments = ros_arguments(**values)
+        return cls(name, ForkedProcess(client, name, arguments, environment(domain)))
+
+    @classmethod
+    def run(cls, domain, name, **values):
+        """Start a node as `ros2 run` does."""
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'ballbot_ros.nodes', name, *ros_arguments(**values)],
             env=environment(domain),
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,
             text=True,
         )
-        self.output = ''
+        return cls(name, process)
 
     def finish(self):
         self.output, _ = self.process.communicate(timeout=LAST_RESORT_S)
@@ -234,3 +289,10 @@ class Node:
         if not self.process.stdout.closed:
             self.output, _ = self.process.communicate()
         print(f'{self.name}:\n{self.output}')  # shown if the test has failed
+
+
+def ros_arguments(remap='', **parameters):
+    """Return the arguments that set parameters and remap a name."""
+    words = [f'{key}:={value}' for key, value in parameters.items()]
+    arguments = [argument for word in words for argument in ('-p', word)]
+    return ['--ros-args', *arguments, *(['-r', remap] if remap else [])]

@@ -52,9 +52,9 @@ def domain():
 
 
 @pytest.fixture(scope='module', autouse=True)
-def lasting(domain):
+def lasting(domain, fork_client):
     """The nodes shared by all tests of this module."""
-    nodes = {name: Node(domain, name) for name in LASTING}
+    nodes = {name: Node.fork(fork_client, domain, name) for name in LASTING}
     yield nodes
     for node in nodes.values():
         node.kill()

@@ -26,12 +26,12 @@ def lines_of(output):
     return [re.sub(r'\d+ ticks, duty_sha256 \w{12}…', 'N ticks', line) for line in found]
 
 
-def test_nodes_log_the_events_of_their_lives(start_node, client, tmp_path):
+def test_nodes_log_the_events_of_their_lives(run_node, client, tmp_path):
     path = tmp_path / 'life.mcap'
-    plant = start_node('plant_sim', real_time_factor=0, require_recorder='true')
+    plant = run_node('plant_sim', real_time_factor=0, require_recorder='true')
     head = [plant.process.stdout.readline() for _ in range(2)]
-    drivers = [start_node(name) for name in DRIVERS]
-    recorder = start_node('recorder', output=path)
+    drivers = [run_node(name) for name in DRIVERS]
+    recorder = run_node('recorder', output=path)
     client.spin_until(lambda: PLANT_IMU.name in client.newest and client.now_ns() > 1_200_000_000)
     client.call(SetBool, 'plant_sim/pause', SetBool.Request(data=True))
     push = client.node.create_publisher(WrenchStamped, 'plant/push', 1)

@@ -29,7 +29,7 @@ PARTICIPANT = slice(8, 20)  # of an RTPS message
 
 
 @pytest.mark.graph
-def test_a_node_announces_itself_four_times_a_second(domain, start_node, monkeypatch):
+def test_a_node_announces_itself_four_times_a_second(domain, run_node, monkeypatch):
     """Announcements are counted per diagnostics message, sent once a second: load delays both."""
     pytest.importorskip('rclpy')
     from ros_client import Client
@@ -42,7 +42,7 @@ def test_a_node_announces_itself_four_times_a_second(domain, start_node, monkeyp
     ):
         client.watch(DIAGNOSTICS, depth=100)
         monkeypatch.delenv(PROFILES)
-        start_node(GYRO)
+        run_node(GYRO)
         client.spin_until(lambda: DIAGNOSTICS.name in client.seen)
         peer.bind(('127.0.0.1', port))
         client.seen.clear()

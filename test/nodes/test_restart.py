@@ -199,9 +199,9 @@ def test_a_new_controller_is_not_sent_samples_of_answered_ticks(client, start_no
 
 
 @pytest.mark.parametrize('name', NODES)
-def test_a_node_stops_cleanly_on_a_signal(start_node, tmp_path, name):
+def test_a_node_stops_cleanly_on_a_signal(run_node, tmp_path, name):
     parameters = {'output': tmp_path / 'run.mcap'} if name == 'recorder' else {}
-    node = start_node(name, **parameters)
+    node = run_node(name, **parameters)
     wait_for(lambda: _handles_sigint(node.process.pid), what='the start')
     assert node.interrupt() == 0
     assert 'Traceback' not in node.output

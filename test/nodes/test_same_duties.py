@@ -53,7 +53,7 @@ def test_all_ways_of_running_give_the_same_duties(
 
 
 @pytest.mark.slow
-def test_every_repetition_gives_the_same_duties(tmp_path, expected_sha256):
+def test_every_repetition_gives_the_same_duties(fork_client, tmp_path, expected_sha256):
     """Run two graphs at a time, each in its own domain, with one plant after the other.
 
     simulation/test_robot_world.py tests other orders of messages.
@@ -63,7 +63,7 @@ def test_every_repetition_gives_the_same_duties(tmp_path, expected_sha256):
         domains = [stack.enter_context(free_domain()) for _ in range(2)]
 
         def start(domain, name, **parameters):
-            node = Node(domain, name, **parameters)
+            node = Node.fork(fork_client, domain, name, **parameters)
             stack.callback(node.kill)
             return node
 

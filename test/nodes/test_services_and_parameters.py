@@ -43,13 +43,13 @@ PUSH_TICKS = 25
 
 
 @pytest.fixture(scope='module')
-def graph():
+def graph(fork_client):
     """A graph in real time for all tests of this module."""
     with contextlib.ExitStack() as stack:
         domain = stack.enter_context(free_domain())
         for name in GRAPH:
             parameters = {'on_timeout': 'wait', 'timeout': TIMEOUT_S} if name == PLANT else {}
-            stack.callback(Node(domain, name, **parameters).kill)
+            stack.callback(Node.fork(fork_client, domain, name, **parameters).kill)
         client = stack.enter_context(contextlib.closing(Client(domain)))
         for topic in (PLANT_IMU, RUN, OPERATING_STATE, ACCEPTED_PUSH, DIAGNOSTICS):
             client.watch(topic, depth=100)

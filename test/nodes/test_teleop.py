@@ -131,14 +131,16 @@ def twist(forward=0.0, left=0.0, stamped=False):
 
 
 @pytest.fixture(scope='module')
-def graph():
+def graph(fork_client):
     """A graph for all tests of this module; its inputs use the wall clock."""
     parameters = {GAMEPAD: {'device': "''"}, PLANT: {'real_time_factor': 0.4, 'on_timeout': 'wait'}}
     with contextlib.ExitStack() as stack:
         domain = stack.enter_context(free_domain())
         for name in NODES:
             if name != RECORDER:
-                stack.callback(Node(domain, name, **parameters.get(name, {})).kill)
+                stack.callback(
+                    Node.fork(fork_client, domain, name, **parameters.get(name, {})).kill
+                )
         driver = stack.enter_context(contextlib.closing(Driver(domain)))
         needed = {PLANT_ODOM.name, GAMEPAD_JOY.name, OPERATING_STATE.name, DIAGNOSTICS.name}
         driver.spin_until(lambda: needed <= set(driver.newest))
