@@ -5,6 +5,7 @@ Each node of :mod:`ballbot_ros.nodes.registry` is a function of this module.
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -25,7 +26,11 @@ def start(node: str | None) -> None:
             sys.exit(2)
         main = REGISTRY[node].main
         if not stop.signal:
-            main()
+            try:
+                main()
+            finally:
+                # Leave all objects to the system: collecting those of the modules takes 0.3 s.
+                gc.freeze()
 
 
 def __getattr__(name: str) -> Callable[[], None]:
