@@ -47,6 +47,12 @@ def test_the_arrays_have_the_content_of_the_messages(recording, sample):
     assert compared == len(sample)
 
 
+def test_a_chunk_without_records_has_no_messages():
+    batch = Batch.of_records(b'', {})
+    assert list(batch.messages()) == []
+    assert batch.rows() == {}
+
+
 @pytest.mark.parametrize(
     'options',
     [

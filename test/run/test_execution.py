@@ -4,14 +4,17 @@ import dataclasses
 import math
 import signal
 import threading
+from types import SimpleNamespace
 
 import pytest
+from maps import open_floor, save
 
 from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.verdict import Verdict
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.writer import RecordingWriter
+from ballbot_ros.run import offline
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.result import RunResult
@@ -65,6 +68,29 @@ def test_metrics_and_verdict_are_those_of_the_recording(stationary):
     assert assessment.outcome is result.verdict
     for name, value in result.metrics.items():
         assert assessment.metrics[name] == pytest.approx(value, rel=1e-9, nan_ok=True), name
+
+
+def test_a_floor_without_walls_has_no_clearance_in_run_and_recording(tmp_path):
+    floor = save(open_floor(400, 400), tmp_path / 'floor.png')
+    words = (f'plant_sim.map={floor}', 'plant_sim.hold_time=0', 'plant_sim.duration=0.1')
+    result = execute(spec_of('stationary', *words, output=tmp_path / 'run'))
+    for metrics in (result.metrics, assess(read_run(result.recording)).metrics):
+        assert not math.isnan(metrics['peak_pitch_deg'])
+        assert math.isnan(metrics['wall_clearance_m'])
+
+
+def test_a_paced_run_lasts_as_long_as_its_pace_says(monkeypatch):
+    now_s = 1000.0
+
+    def sleep(delay_s):
+        nonlocal now_s
+        now_s += delay_s
+
+    monkeypatch.setattr(offline, 'time', SimpleNamespace(monotonic=lambda: now_s, sleep=sleep))
+    spec = spec_of('stationary', 'plant_sim.duration=1', record=False, real_time_factor=2.0)
+    result = execute(spec)
+    assert result.real_time_factor == pytest.approx(2.0, rel=0.01)
+    assert result.late_ticks == 0
 
 
 def test_a_run_with_a_recording_of_that_name_is_refused(stationary):

@@ -8,6 +8,7 @@ from itertools import count, repeat
 from types import SimpleNamespace
 
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from graph import wait_for
 from rclpy.serialization import serialize_message
@@ -152,6 +153,22 @@ def test_a_plant_starved_of_processor_time_does_not_hang():
         )
         if look == 1000:
             watchdog.feed(now)
+
+
+def test_a_clock_message_is_a_sign_of_life(monitor, monkeypatch):
+    now_s = time.monotonic()
+    monkeypatch.setattr(plant_monitor, 'time', SimpleNamespace(monotonic=lambda: now_s))
+    monkeypatch.setattr(plant_monitor, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE))
+    monkeypatch.setattr(plant_monitor, 'is_waiting', lambda process: False)
+    clock = CLOCK.message_class(clock=Time(sec=7))
+    come = {CLOCK.name: [(clock, {})], DIAGNOSTICS.name: []}
+    monkeypatch.setattr(plant_monitor, 'drain', lambda topic: come[topic.topic_name])
+    monitor.poll()
+    assert monitor.now_ns == 7_000_000_000
+    begun_s = now_s
+    while not monitor.plant_hangs(1):
+        now_s += 0.1
+    assert now_s - begun_s == pytest.approx(PLANT_SILENCE_S, abs=0.15)
 
 
 @pytest.mark.parametrize(

@@ -1,17 +1,19 @@
 """Monitoring the processes of a run, and the verdict on it."""
 
 import os
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import pytest
 
 pytest.importorskip('rclpy')
 
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
 from ballbot_ros.parameters import NODES, PLANT, RECORDER, VIEWER
-from ballbot_ros.run import separate_processes
+from ballbot_ros.run import graph, separate_processes
 from ballbot_ros.run.fork_client import ForkClient
-from ballbot_ros.run.graph import ros
+from ballbot_ros.run.graph import RCLError, ros
 from ballbot_ros.run.node_process import NodeProcess, stop_all
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.separate_processes import merge_process_failures, watch
@@ -177,6 +179,21 @@ def test_nodes_discover_only_this_machine_unless_the_user_chooses_otherwise(
         monkeypatch.delenv(DISCOVERY_RANGE)
     with ros():
         assert os.environ[DISCOVERY_RANGE] == used
+
+
+@pytest.mark.parametrize('raised', [None, RCLError('unknown peer')])
+def test_ros_ends_with_its_block(monkeypatch, raised):
+    events = []
+    monkeypatch.setattr('rclpy.ok', lambda: False)
+    monkeypatch.setattr('rclpy.init', lambda **options: events.append('init'))
+    monkeypatch.setattr('rclpy.try_shutdown', lambda: events.append('shutdown'))
+    monkeypatch.setattr(graph, 'prepare_middleware', lambda: None)
+    monkeypatch.setattr(graph, 'avoid_stale_ports', lambda domain: nullcontext())
+    with pytest.raises(BallbotError, match='peer') if raised else nullcontext(), ros():
+        events.append('block')
+        if raised:
+            raise raised
+    assert events == ['init', 'block', 'shutdown']
 
 
 @pytest.mark.parametrize('victim', [VIEWER, 'gyro_driver'])

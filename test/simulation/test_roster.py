@@ -439,10 +439,12 @@ def test_shared_parameters_of_a_successor_must_be_equal():
 
 def test_an_unknown_role_changes_nothing():
     run = world().begin()
-    run.roster.on_announcement(
-        Announcement(dataclasses.replace(a('gyro_driver', 'x'), role='cook'), RUN)
-    )
+    history = run.roster.history
+    for instance in ('x', 'y'):
+        cook = dataclasses.replace(a('gyro_driver', instance), role='cook')
+        run.roster.on_announcement(Announcement(cook, RUN))
     assert run.look().state is ReadinessState.COMPLETE
+    assert run.roster.history == history
 
 
 def test_the_next_run_gathers_all_participants_again_and_remembers_dead_ones():
