@@ -87,3 +87,47 @@ def test_a_late_answer_to_an_earlier_query_is_ignored():
     assert answers == []
     calls[1](0.06)
     assert [each.ball_radius for each in answers] == [0.06]
+
+
+class StubNode:
+    """A graph whose services and plant are those that the test sets."""
+
+    def __init__(self):
+        self.ready, self.plant, self.clients = set(), '', set()
+
+    def create_client(self, kind, name):
+        self.clients.add(name)
+        return SimpleNamespace(name=name, service_is_ready=lambda: name in self.ready)
+
+    def destroy_client(self, client):
+        self.clients.remove(client.name)
+
+    def get_publishers_info_by_topic(self, name):
+        return [SimpleNamespace(node_namespace='/', node_name=self.plant)] if self.plant else []
+
+    def output(self, topic):
+        return None
+
+
+def test_the_plant_is_lost_once_it_was_there():
+    node = StubNode()
+    requests = ViewerRequests(node, notify=None)
+    pause = {'plant_sim/pause'}
+    services = (set(), pause, set(), set(), pause, set())
+    found = []
+    for node.ready in services:
+        found.append(requests.lost_plant)
+    assert found == [False, False, True, True, False, True]
+
+
+def test_parameters_are_those_of_the_plant_that_announces_runs_now():
+    node = StubNode()
+    requests = ViewerRequests(node, notify=None)
+    others = set(node.clients)
+    assert requests._plant_parameters.find(SetParameters) is None
+    for plant in ('plant_sim', 'plant_sim', 'another'):
+        node.plant = plant
+        client = requests._plant_parameters.find(SetParameters)
+        assert client.name == f'/{plant}/set_parameters'
+        services = {f'/{plant}/{name}' for name in ('set_parameters', 'get_parameters')}
+        assert node.clients == others | services
