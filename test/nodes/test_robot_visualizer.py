@@ -1,8 +1,10 @@
 """The robot for other tools: its description, also for late subscribers, and its drawing."""
 
+import math
 import subprocess
 from importlib.util import find_spec
 from itertools import pairwise
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
@@ -14,7 +16,17 @@ from ros_client import Client
 
 from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.messages.markers import DELETE_ALL
-from ballbot_ros.messages.topics import MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION, TF, TF_STATIC
+from ballbot_ros.messages.topics import (
+    MAP,
+    MARKERS,
+    PLANT_ODOM,
+    ROBOT_DESCRIPTION,
+    RUN,
+    TF,
+    TF_STATIC,
+)
+from ballbot_ros.nodes import robot_visualizer
+from ballbot_ros.nodes.robot_visualizer import RobotVisualizer
 from ballbot_ros.recording.reader import RecordingReader
 
 pytestmark = pytest.mark.graph
@@ -85,3 +97,43 @@ def test_it_follows_a_player_that_restarts(recording, domain, start_node, tmp_pa
     assert f'/{PLANT_ODOM.name}' in names
     drawn_topics = (MARKERS, ROBOT_DESCRIPTION, TF, TF_STATIC)
     assert not names & {'/' + topic.name.lstrip('/') for topic in drawn_topics}
+
+
+def test_the_drawing_begins_again_with_the_floor_of_its_run(monkeypatch):
+    """Each row is a poll: changed topics, sim time, and the floor of a drawing that begins."""
+    for name in ('map_grid', 'floor_map_of', 'stamp_ns'):
+        monkeypatch.setattr(robot_visualizer, name, lambda message: message)
+    begun = []
+    node = RobotVisualizer.__new__(RobotVisualizer)
+    vars(node).update(
+        _floor=None,
+        _markers=SimpleNamespace(begin=begun.append, follow=lambda snapshot: None),
+        _markers_output=SimpleNamespace(has_subscribers=False),
+        _time=-math.inf,
+        _transforms=None,
+        _whole_at=-math.inf,
+        apply_parameters=lambda: None,
+        count_sample=lambda now_ns: None,
+    )
+    for changed, sim_time, expected in (
+        ({RUN}, 1.0, [None]),
+        ({MAP}, 1.0, ['floor at 1.0']),
+        (set(), 2.0, []),
+        (set(), 1.5, ['floor at 1.0']),  # a player has jumped back
+        ({RUN}, 3.0, [None]),
+        (set(), 3.1, []),
+        ({RUN, MAP}, 4.0, ['floor at 4.0']),
+    ):
+        begun.clear()
+        polled = SimpleNamespace(time=sim_time), changed
+        node._newest = Newest(polled, {MAP: f'floor at {sim_time}', PLANT_ODOM: 0})
+        node._update()
+        assert begun == expected, (changed, sim_time)
+
+
+class Newest(dict):
+    """The newest messages, and what a poll returns."""
+
+    def __init__(self, polled, messages):
+        super().__init__(messages)
+        self.take = lambda: polled
