@@ -85,7 +85,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         if self._requests.lost_plant:
             snapshot = snapshot._replace(state='run ended')
         if RUN in changed or MAP in changed:
-            self._begin(snapshot, self._newest[MAP] if MAP in changed else None)
+            self._begin(snapshot, self._newest[MAP])
         if PLANT_ODOM in changed:
             self.count_sample(stamp_ns(self._newest[PLANT_ODOM]))
             self._history.add(snapshot)

@@ -99,41 +99,40 @@ def test_it_follows_a_player_that_restarts(recording, domain, start_node, tmp_pa
     assert not names & {'/' + topic.name.lstrip('/') for topic in drawn_topics}
 
 
-def test_the_drawing_begins_again_with_the_floor_of_its_run(monkeypatch):
-    """Each row is a poll: changed topics, sim time, and the floor of a drawing that begins."""
+class Newest(dict):
+    """The newest messages, and what a poll returns."""
+
+    def take(self):
+        return self.polled
+
+
+def test_the_drawing_begins_again_with_each_run_map_and_jump_back(monkeypatch):
+    """Each row is a poll: changed topics, sim time, map, and the floors drawn from then on."""
     for name in ('map_grid', 'floor_map_of', 'stamp_ns'):
         monkeypatch.setattr(robot_visualizer, name, lambda message: message)
-    begun = []
+    begun, newest = [], Newest({PLANT_ODOM: 0})
     node = RobotVisualizer.__new__(RobotVisualizer)
     vars(node).update(
-        _floor=None,
         _markers=SimpleNamespace(begin=begun.append, follow=lambda snapshot: None),
         _markers_output=SimpleNamespace(has_subscribers=False),
+        _newest=newest,
         _time=-math.inf,
         _transforms=None,
         _whole_at=-math.inf,
         apply_parameters=lambda: None,
         count_sample=lambda now_ns: None,
     )
-    for changed, sim_time, expected in (
-        ({RUN}, 1.0, [None]),
-        ({MAP}, 1.0, ['floor at 1.0']),
-        (set(), 2.0, []),
-        (set(), 1.5, ['floor at 1.0']),  # a player has jumped back
-        ({RUN}, 3.0, [None]),
-        (set(), 3.1, []),
-        ({RUN, MAP}, 4.0, ['floor at 4.0']),
+    for changed, sim_time, floor, expected in (
+        ({RUN}, 1.0, None, [None]),
+        ({MAP}, 1.0, 'track', ['track']),
+        (set(), 2.0, 'track', []),
+        (set(), 1.5, 'track', ['track']),  # a player has jumped back
+        ({RUN}, 3.0, None, [None]),
+        (set(), 3.1, None, []),
+        ({RUN, MAP}, 4.0, 'corridor', ['corridor']),
     ):
         begun.clear()
-        polled = SimpleNamespace(time=sim_time), changed
-        node._newest = Newest(polled, {MAP: f'floor at {sim_time}', PLANT_ODOM: 0})
+        newest[MAP] = floor
+        newest.polled = SimpleNamespace(time=sim_time), changed
         node._update()
         assert begun == expected, (changed, sim_time)
-
-
-class Newest(dict):
-    """The newest messages, and what a poll returns."""
-
-    def __init__(self, polled, messages):
-        super().__init__(messages)
-        self.take = lambda: polled
