@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from graph import BALLBOT, environment, private_shared_memory, state, wait_for
@@ -126,6 +127,26 @@ def test_a_port_is_shared_with_nodes_but_not_with_another_program(discovery_port
     discovery_port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)
     with pytest.raises(BallbotError, match=': Address already in use: use another ROS_DOMAIN_ID'):
         machine_checks._ports()
+
+
+def test_recordings_need_a_folder_and_room(monkeypatch, tmp_path, capsys):
+    """Each row is the folders so far, whether they are writable, the free space, and the result."""
+    disk = SimpleNamespace()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(machine_checks.os, 'access', lambda *_: disk.is_writable)
+    monkeypatch.setattr(machine_checks.shutil, 'disk_usage', lambda _: disk)
+    monkeypatch.setattr(doctor, 'CHECKS', {'disk': machine_checks._disk})
+    runs = tmp_path / 'runs'
+    for folder, disk.is_writable, disk.free, status in (
+        (tmp_path, True, 200e6, 0),
+        (tmp_path, True, 199e6, 1),
+        (tmp_path, False, 2e9, 1),
+        (runs, True, 2e9, 0),
+        (runs, False, 2e9, 1),
+    ):
+        folder.mkdir(exist_ok=True)
+        assert doctor.run_checks() == status, vars(disk)
+        assert str(folder) in capsys.readouterr().out or disk.free < 200e6
 
 
 def test_discovery_works_only_if_its_process_says_so(monkeypatch):
