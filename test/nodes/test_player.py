@@ -5,6 +5,7 @@ import math
 import subprocess
 import threading
 import time
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -15,18 +16,19 @@ rclpy = pytest.importorskip('rclpy')
 
 from rclpy.context import Context  # noqa: E402
 from rclpy.experimental import EventsExecutor  # noqa: E402
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy  # noqa: E402
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
 from ballbot_ros.errors import BallbotError  # noqa: E402
-from ballbot_ros.messages.topics import CLOCK, LCD, message_class  # noqa: E402
+from ballbot_ros.messages.topics import CLOCK, HISTORY, LCD, message_class  # noqa: E402
 from ballbot_ros.nodes.domain_lock import DomainLock  # noqa: E402
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports  # noqa: E402
-from ballbot_ros.nodes.player import Player  # noqa: E402
+from ballbot_ros.nodes.player import Player, _is_truth, _qos  # noqa: E402
 from ballbot_ros.nodes.topic_publisher import reliable_qos  # noqa: E402
 from ballbot_ros.parameters import PlayerParameters  # noqa: E402
 from ballbot_ros.recording.encoding import encoder, new_message  # noqa: E402
+from ballbot_ros.recording.qos import QosProfile  # noqa: E402
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 from ballbot_ros.recording.writer import RecordingWriter  # noqa: E402
 
@@ -238,3 +240,37 @@ def test_the_clock_stands_still_during_a_pause(make_player):
         player._pause(SetBool.Request(data=is_paused), SetBool.Response())
         player._play()
         assert bool(sent) is not is_paused
+
+
+def test_another_rate_takes_effect_at_once(make_player):
+    player = make_player()
+    player._begins_at = -math.inf
+    player.parameters = replace(player.parameters, rate=2.0)
+    player._play()
+    assert player.playback.rate == 2.0
+
+
+def test_a_topic_is_published_with_the_strongest_of_its_recorded_offers():
+    weak = QosProfile('unknown', 0, 'best_effort', 'volatile')
+    reliable = QosProfile('keep_all', 5, 'reliable', 'volatile')
+    latched = QosProfile('keep_last', 7, 'reliable', 'transient_local')
+    for offers, expected in (
+        ([], reliable_qos(HISTORY, latched=True)),
+        ([weak], QoSProfile(depth=HISTORY, reliability=ReliabilityPolicy.BEST_EFFORT)),
+        ([weak, reliable], QoSProfile(depth=5, history=HistoryPolicy.KEEP_ALL)),
+        ([latched, reliable, weak], reliable_qos(7, latched=True)),
+    ):
+        found = _qos(offers)
+        for name in ('history', 'depth', 'reliability', 'durability'):
+            assert getattr(found, name) == getattr(expected, name), (offers, name)
+
+
+def test_topics_of_a_plant_need_its_domain_in_any_namespace():
+    for name, expected in (
+        ('/clock', True),
+        ('/plant/imu', True),
+        ('/robot/plant/imu', True),
+        ('/lcd', False),
+        ('/joy', False),
+    ):
+        assert _is_truth(name) == expected, name
