@@ -13,10 +13,12 @@ from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     LCD,
+    MAP,
     MOTOR_DUTY,
     OPERATING_STATE,
     PLANT_IMU,
     PLANT_ODOM,
+    RUN,
     SONAR_RANGE,
     Topic,
 )
@@ -48,12 +50,20 @@ class LatestMessages:
         The state is None before the robot's first pose. The topics are those with a message since
         the last state; for the first state, since the start, so that they include messages from
         before the first pose.
+
+        A new run discards the map of the run before. A map from before the first announcement is
+        kept: a late subscriber may get the map of a run before its announcement.
         """
-        for topic, subscription in self._subscriptions.items():
-            come = [data for data, _ in drain(subscription)]
-            if come:
-                self._messages[topic] = self._decoders[topic](come[-1])
-                self._changed.add(topic)
+        arrived = {
+            topic: received[-1]
+            for topic, subscription in self._subscriptions.items()
+            if (received := [data for data, _ in drain(subscription)])
+        }
+        if RUN in arrived and RUN in self._messages:
+            self._messages.pop(MAP, None)
+        for topic, data in arrived.items():
+            self._messages[topic] = self._decoders[topic](data)
+        self._changed.update(arrived)
         snapshot = snapshot_of(self)
         if snapshot is None:
             return None, set()
@@ -61,7 +71,7 @@ class LatestMessages:
         return snapshot, changed
 
     def __getitem__(self, topic: Topic) -> Any:
-        """Return the newest message of a topic; None before the first."""
+        """Return the newest message of a topic; None if there is none."""
         return self._messages.get(topic)
 
     def close(self) -> None:

@@ -31,7 +31,6 @@ from ballbot_ros.viewer.markers import RobotMarkers
 from ballbot_ros.viewer.transforms import MOVING, PARENTS, SONAR, Frames, Transform, poses_in_map
 from ballbot_ros.viewer.urdf import robot_description
 from ballbot_ros.world.exports import floor_map_of
-from ballbot_ros.world.floor_map import FloorMap
 
 _DRAWN = (PLANT_IMU, PLANT_ODOM, SONAR_RANGE, OPERATING_STATE, LCD, MAP, RUN)
 
@@ -55,7 +54,6 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
             self._transforms = None
             self.get_logger().info('tf2_msgs is not installed: markers only, no transforms')
         self._time = self._whole_at = -math.inf
-        self._floor: FloorMap | None = None
         self._newest = LatestMessages(self, _DRAWN)
         self.create_wall_timer(1.0 / self.parameters.rate, self._update)
 
@@ -82,11 +80,9 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
             return
         if RUN in changed:
             self.apply_parameters()
-            self._floor = None  # it belongs to an earlier run
-        if MAP in changed:
-            self._floor = floor_map_of(map_grid(self._newest[MAP]))
         if RUN in changed or MAP in changed or snapshot.time < self._time:
-            self._markers.begin(self._floor)
+            published = self._newest[MAP]
+            self._markers.begin(floor_map_of(map_grid(published)) if published else None)
         frames = self._frames.at(snapshot.position, snapshot.psi)
         if snapshot.time != self._time:
             self._time = snapshot.time

@@ -35,7 +35,8 @@ NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 class TeleopInputs:
     """Subscribes to ``joy``, ``viewer/joy`` and ``cmd_vel``, and reads a gamepad.
 
-    The errors of each input are reported by the name of its topic.
+    The errors of each input are reported by the name of its topic, those of the gamepad as
+    ``device``.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class TeleopInputs:
         self._set_mappings()
         if self._node.parameters.device != self._device:
             self.close()
+            self._input_errors.clear(arbiter.DEVICE)
             self._device = self._node.parameters.device
             self._gamepad = self._open_gamepad()
 
@@ -125,18 +127,20 @@ class TeleopInputs:
         if not types or (self._cmd_vel and types == {self._cmd_vel.type_name}):
             self._input_errors.clear(f'{CMD_VEL.name} type')
             return
-        known = [topic for topic in (CMD_VEL, CMD_VEL_STAMPED) if topic.type_name in types]
-        if len(types) > 1 or not known:
+        # Keep the type that is read already for as long as it is published.
+        candidates = (self._cmd_vel, CMD_VEL, CMD_VEL_STAMPED)
+        read = next((topic for topic in candidates if topic and topic.type_name in types), None)
+        if len(types) > 1 or read is None:
             supported = CMD_VEL.type_name, CMD_VEL_STAMPED.type_name
             advice = (
-                f'only {known[0].type_name} is read: publish a single type'
-                if known
+                f'only {read.type_name} is read: publish a single type'
+                if read
                 else f'not supported: publish {" or ".join(supported)}'
             )
             self.report_input_error(
                 f'{CMD_VEL.name} type', f'published as {", ".join(sorted(types))}; {advice}'
             )
-        if self._cmd_vel in known or not known:
+        if read in (None, self._cmd_vel):
             return
         if self._cmd_vel_subscription is not None:
             # Subscribe at the next call: by then the middleware has released the old type.
@@ -144,7 +148,7 @@ class TeleopInputs:
             self._cmd_vel = self._cmd_vel_subscription = None
             self._sources.release(arbiter.CMD_VEL)
             return
-        self._listen_to_cmd_vel(known[0])
+        self._listen_to_cmd_vel(read)
 
     def _listen_to_cmd_vel(self, topic: Topic) -> None:
         def read(message: Any) -> Sticks | None:
@@ -171,12 +175,12 @@ class TeleopInputs:
             return None
 
         def take(state: GamepadState) -> None:
-            self._take(arbiter.DEVICE, 'gamepad', lambda: self._mapping.sticks(*state))
+            self._take(arbiter.DEVICE, arbiter.DEVICE, lambda: self._mapping.sticks(*state))
 
         return Gamepad(
             wanted,
             backend,
             on_state=take,
             on_disconnected=lambda: self._sources.release(arbiter.DEVICE),
-            on_problem=lambda text: self.report_input_error('device', text),
+            on_problem=lambda text: self.report_input_error(arbiter.DEVICE, text),
         )

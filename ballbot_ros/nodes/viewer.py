@@ -28,6 +28,7 @@ from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
 from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.address import network_warning, require_viser
+from ballbot_ros.viewer.real_time_factor import RealTimeFactor
 from ballbot_ros.viewer.snapshot import History, Snapshot
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.exports import floor_map_of
@@ -42,7 +43,6 @@ _ASKED = ('scenario', 'map', *(field.name for field in fields(Dimensions)))
 """Parameters of the plant that determine what to show."""
 
 _STICK_PERIOD_S = 0.05
-_FACTOR_SPAN_S = 1.0
 _LATE_TONE_NS = SECOND_NS // 2
 
 
@@ -67,7 +67,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._controls = LiveControls(self._page.server.gui, self._requests, scenario_names())
         self._newest = LatestMessages(self, _SHOWN)
         self._history = History()
-        self._ticks: list[tuple[float, float]] = []
+        self._real_time_factor = RealTimeFactor()
         self._updates = 0
         self._is_driving = False
         self._joy = self.output(VIEWER_JOY)
@@ -85,7 +85,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         if self._requests.lost_plant:
             snapshot = snapshot._replace(state='run ended')
         if RUN in changed or MAP in changed:
-            self._begin(snapshot, self._newest[MAP] if MAP in changed else None)
+            self._begin(snapshot, self._newest[MAP])
         if PLANT_ODOM in changed:
             self.count_sample(stamp_ns(self._newest[PLANT_ODOM]))
             self._history.add(snapshot)
@@ -98,7 +98,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._page.update_cameras(snapshot)
         if self._updates % self._panel_period == 0:
             self._robot.show_trail(self._history.trail())
-            self._panel.show(snapshot, self._history.trace(), self._factor(snapshot.time))
+            factor = self._real_time_factor.update(time.monotonic(), snapshot.time)
+            self._panel.show(snapshot, self._history.trace(), factor)
             self._controls.offer_scenarios(offer=self._requests.can_start)
 
     def _begin(self, snapshot: Snapshot, published: OccupancyGridMessage | None) -> None:
@@ -148,17 +149,6 @@ class Viewer(BallbotNode[ViewerParameters]):
         message = self._newest[SOUND]
         if self.now_ns - stamp_ns(message) < _LATE_TONE_NS:
             self._panel.play(tone_of(message))
-
-    def _factor(self, sim_time: float) -> float:
-        """Return the real-time factor over the last second."""
-        now_s = time.monotonic()
-        if self._ticks and sim_time < self._ticks[-1][1]:
-            self._ticks.clear()  # another run, or a player that has jumped back
-        self._ticks.append((now_s, sim_time))
-        while now_s - self._ticks[0][0] > _FACTOR_SPAN_S:
-            self._ticks.pop(0)
-        wall, sim = self._ticks[0]
-        return (sim_time - sim) / (now_s - wall) if now_s > wall else 0.0
 
     def _drive(self) -> None:
         """Publish the on-screen sticks while they are held, and once after their release."""

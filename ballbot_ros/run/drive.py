@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -159,7 +159,12 @@ def _run_graph(
             thread.close()
     if thread.error is not None:
         raise thread.error
-    ends = {process.exit_status for process in processes.values()}
+    ends = [process.exit_status for process in processes.values()]
+    return _exit_status(failure, ends, gamepad.exit_status)
+
+
+def _exit_status(failure: str, ends: Collection[int | None], gamepad: int) -> int:
+    """Return the status of a drive; a mistake of the user, 2, explains all other failures."""
     if failure or 1 in ends or 2 in ends:
         return 2 if 2 in ends else 1
-    return gamepad.exit_status
+    return gamepad

@@ -2,8 +2,10 @@
 
 import dataclasses
 import signal
+import socket
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from graph import BALLBOT, environment, private_shared_memory, state, wait_for
@@ -107,6 +109,77 @@ def test_a_name_in_brackets_is_printed_as_it_is(monkeypatch, capsys):
     assert (
         capsys.readouterr().out == 'OK   files      /tmp/[red]\nFAIL disk       /tmp/[/x] is full\n'
     )
+
+
+@pytest.fixture
+def discovery_port(monkeypatch):
+    """A socket with the port of discovery in a ROS domain of its own."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        other.bind(('', 0))
+        monkeypatch.setattr(machine_checks, 'PORT_BASE', other.getsockname()[1])
+        monkeypatch.setattr(machine_checks, 'ros_domain', lambda: 0)
+        yield other
+
+
+def test_a_port_is_shared_with_nodes_but_not_with_another_program(discovery_port):
+    assert 'are free for discovery' in machine_checks._ports()
+    discovery_port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)
+    with pytest.raises(BallbotError, match=': Address already in use: use another ROS_DOMAIN_ID'):
+        machine_checks._ports()
+
+
+def test_recordings_need_a_folder_and_room(monkeypatch, tmp_path, capsys):
+    """Each row is the folders so far, whether they are writable, the free space, and the result."""
+    disk = SimpleNamespace()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(machine_checks.os, 'access', lambda *_: disk.is_writable)
+    monkeypatch.setattr(machine_checks.shutil, 'disk_usage', lambda _: disk)
+    monkeypatch.setattr(doctor, 'CHECKS', {'disk': machine_checks._disk})
+    runs = tmp_path / 'runs'
+    for folder, disk.is_writable, disk.free, status in (
+        (tmp_path, True, 200e6, 0),
+        (tmp_path, True, 199e6, 1),
+        (tmp_path, False, 2e9, 1),
+        (runs, True, 2e9, 0),
+        (runs, False, 2e9, 1),
+    ):
+        folder.mkdir(exist_ok=True)
+        assert doctor.run_checks() == status, vars(disk)
+        assert str(folder) in capsys.readouterr().out or disk.free < 200e6
+
+
+def test_discovery_works_only_if_its_process_says_so(monkeypatch):
+    """Each row is the status of the process, its output, and the result of the check."""
+    monkeypatch.setattr(machine_checks.subprocess, 'Popen', Probe)
+    for status, output, failure in (
+        (0, 'found in 0.1 s\n', ''),
+        (1, 'no\nnodes\n', 'no nodes'),
+        (-signal.SIGALRM, '', 'the middleware did not respond within '),
+        (-signal.SIGSEGV, '', f'ended with {-signal.SIGSEGV}'),
+    ):
+        Probe.returncode, Probe.output = status, output
+        if failure:
+            with pytest.raises(BallbotError, match=failure):
+                machine_checks._discovery()
+        else:
+            assert machine_checks._discovery() == 'found in 0.1 s'
+
+
+class Probe:
+    """The process of a check that has ended."""
+
+    def __init__(self, command, **options):
+        pass
+
+    def communicate(self):
+        return self.output, None
+
+    def kill(self):
+        pass
+
+    def wait(self):
+        pass
 
 
 @pytest.mark.graph

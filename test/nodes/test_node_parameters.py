@@ -204,13 +204,21 @@ def test_a_log_that_can_not_be_created_for_the_next_run_does_not_end_the_drive(m
     assert set_one(node, 'log_csv', str(tmp_path / 'log.csv')).successful
     node.apply_parameters()
     assert (tmp_path / 'log.csv').exists()
+    # The log that is being written does not count as an existing file.
+    assert set_one(node, 'deadzone', 0.2).successful
 
 
 def test_parameters_can_be_set_while_the_keyboard_drives(make):
     node = make(GAMEPAD)
     # While the panel is up, standard output is a pipe.
     node.parameters = node._requested = replace(node.parameters, keyboard=True)
-    assert set_one(node, 'deadzone', 0.2).successful
+    assert set_one(node, 'gp_max', 50).successful
+    applied = []
+    node.terminal = SimpleNamespace(
+        apply_parameters=lambda: applied.append(node.parameters.gp_max), close=lambda: None
+    )
+    node.apply_parameters()
+    assert applied == [50]
 
 
 def test_in_lockstep_the_controller_requires_sim_time(make):

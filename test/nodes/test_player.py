@@ -1,10 +1,13 @@
 """Playback: every message as recorded, at the requested rate, and never next to a plant."""
 
+import contextlib
 import math
 import subprocess
 import threading
 import time
+from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import pytest
 from graph import BALLBOT, LAST_RESORT_S, environment, record, wait_for
@@ -13,14 +16,21 @@ rclpy = pytest.importorskip('rclpy')
 
 from rclpy.context import Context  # noqa: E402
 from rclpy.experimental import EventsExecutor  # noqa: E402
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy  # noqa: E402
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
-from ballbot_ros.messages.topics import message_class  # noqa: E402
+from ballbot_ros.errors import BallbotError  # noqa: E402
+from ballbot_ros.messages.topics import CLOCK, HISTORY, LCD, message_class  # noqa: E402
+from ballbot_ros.nodes.domain_lock import DomainLock  # noqa: E402
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports  # noqa: E402
+from ballbot_ros.nodes.player import Player, _is_truth, _qos  # noqa: E402
 from ballbot_ros.nodes.topic_publisher import reliable_qos  # noqa: E402
+from ballbot_ros.parameters import PlayerParameters  # noqa: E402
+from ballbot_ros.recording.encoding import encoder, new_message  # noqa: E402
+from ballbot_ros.recording.qos import QosProfile  # noqa: E402
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
+from ballbot_ros.recording.writer import RecordingWriter  # noqa: E402
 
 pytestmark = pytest.mark.graph
 
@@ -182,3 +192,85 @@ def test_a_foreign_clock_ends_it(recording, domain, start_node, listen):
     )
     assert player.finish() == 2
     assert 'a plant publishes /clock' in player.output
+
+
+@pytest.fixture
+def make_player(domain, monkeypatch, tmp_path):
+    """Create a player in this process, of a recording that has nothing of a plant."""
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    path = tmp_path / 'display.mcap'
+    with RecordingWriter(path) as writer:
+        topic = writer.add_topic(f'/{LCD.name}', LCD.type_name)
+        for stamp_ns in (10**9, 2 * 10**9):
+            writer.write(topic, stamp_ns, encoder(LCD.type_name)(new_message(LCD.type_name)), 0)
+    with contextlib.ExitStack() as stack:
+
+        def make(**values):
+            rclpy.init()
+            stack.callback(rclpy.try_shutdown)
+            player = Player(PlayerParameters(file=str(path), **values))
+            stack.callback(player.destroy_node)
+            stack.callback(player.close)
+            return player
+
+        yield make
+
+
+def test_a_recording_without_clock_gets_one_and_owns_the_domain(make_player, domain):
+    player = make_player()
+    with pytest.raises(BallbotError, match='another plant or player'):
+        DomainLock(domain)
+    assert player.count_publishers(CLOCK.name) == 1
+    player._watch()
+    assert not player.finished, 'its own clock is not a foreign one'
+
+
+def test_topics_that_no_plant_publishes_leave_clock_and_domain_alone(make_player, domain):
+    player = make_player(topics=f' /{LCD.name}, ')
+    DomainLock(domain).release()
+    assert player.count_publishers(CLOCK.name) == 0
+
+
+def test_the_clock_stands_still_during_a_pause(make_player):
+    player = make_player()
+    sent = []
+    player._begins_at, player._made_clock = -math.inf, SimpleNamespace(publish=sent.append)
+    for is_paused in (True, False):
+        player._pause(SetBool.Request(data=is_paused), SetBool.Response())
+        player._play()
+        assert bool(sent) is not is_paused
+
+
+def test_another_rate_takes_effect_at_once(make_player):
+    player = make_player()
+    player._begins_at = -math.inf
+    player.parameters = replace(player.parameters, rate=2.0)
+    player._play()
+    assert player.playback.rate == 2.0
+
+
+def test_a_topic_is_published_with_the_strongest_of_its_recorded_offers():
+    weak = QosProfile('unknown', 0, 'best_effort', 'volatile')
+    reliable = QosProfile('keep_all', 5, 'reliable', 'volatile')
+    latched = QosProfile('keep_last', 7, 'reliable', 'transient_local')
+    for offers, expected in (
+        ([], reliable_qos(HISTORY, latched=True)),
+        ([weak], QoSProfile(depth=HISTORY, reliability=ReliabilityPolicy.BEST_EFFORT)),
+        ([weak, reliable], QoSProfile(depth=5, history=HistoryPolicy.KEEP_ALL)),
+        ([latched, reliable, weak], reliable_qos(7, latched=True)),
+    ):
+        found = _qos(offers)
+        for name in ('history', 'depth', 'reliability', 'durability'):
+            assert getattr(found, name) == getattr(expected, name), (offers, name)
+
+
+def test_topics_of_a_plant_need_its_domain_in_any_namespace():
+    for name, expected in (
+        ('/clock', True),
+        ('/plant/imu', True),
+        ('/robot/plant/imu', True),
+        ('/lcd', False),
+        ('/joy', False),
+    ):
+        assert _is_truth(name) == expected, name

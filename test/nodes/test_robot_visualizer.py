@@ -1,8 +1,10 @@
 """The robot for other tools: its description, also for late subscribers, and its drawing."""
 
+import math
 import subprocess
 from importlib.util import find_spec
 from itertools import pairwise
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
@@ -14,7 +16,19 @@ from ros_client import Client
 
 from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.messages.markers import DELETE_ALL
-from ballbot_ros.messages.topics import MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION, TF, TF_STATIC
+from ballbot_ros.messages.topics import (
+    MAP,
+    MARKERS,
+    PLANT_ODOM,
+    ROBOT_DESCRIPTION,
+    RUN,
+    TF,
+    TF_STATIC,
+)
+from ballbot_ros.nodes import robot_visualizer
+from ballbot_ros.nodes.base import BallbotNode
+from ballbot_ros.nodes.robot_visualizer import RobotVisualizer
+from ballbot_ros.parameters import VisualizerParameters
 from ballbot_ros.recording.reader import RecordingReader
 
 pytestmark = pytest.mark.graph
@@ -85,3 +99,89 @@ def test_it_follows_a_player_that_restarts(recording, domain, start_node, tmp_pa
     assert f'/{PLANT_ODOM.name}' in names
     drawn_topics = (MARKERS, ROBOT_DESCRIPTION, TF, TF_STATIC)
     assert not names & {'/' + topic.name.lstrip('/') for topic in drawn_topics}
+
+
+class Newest(dict):
+    """The newest messages, and what a poll returns."""
+
+    def take(self):
+        return self.polled
+
+
+def test_the_drawing_begins_again_with_each_run_map_and_jump_back(monkeypatch):
+    """Each row is a poll: changed topics, sim time, map, and the floors drawn from then on."""
+    for name in ('map_grid', 'floor_map_of', 'stamp_ns'):
+        monkeypatch.setattr(robot_visualizer, name, lambda message: message)
+    begun, newest = [], Newest({PLANT_ODOM: 0})
+    node = RobotVisualizer.__new__(RobotVisualizer)
+    vars(node).update(
+        _markers=SimpleNamespace(begin=begun.append, follow=lambda snapshot: None),
+        _markers_output=SimpleNamespace(has_subscribers=False),
+        _newest=newest,
+        _time=-math.inf,
+        _transforms=None,
+        _whole_at=-math.inf,
+        apply_parameters=lambda: None,
+        count_sample=lambda now_ns: None,
+    )
+    for changed, sim_time, floor, expected in (
+        ({RUN}, 1.0, None, [None]),
+        ({MAP}, 1.0, 'track', ['track']),
+        (set(), 2.0, 'track', []),
+        (set(), 1.5, 'track', ['track']),  # a player has jumped back
+        ({RUN}, 3.0, None, [None]),
+        (set(), 3.1, None, []),
+        ({RUN, MAP}, 4.0, 'corridor', ['corridor']),
+    ):
+        begun.clear()
+        newest[MAP] = floor
+        newest.polled = SimpleNamespace(time=sim_time), changed
+        node._update()
+        assert begun == expected, (changed, sim_time)
+
+
+def test_everything_is_drawn_once_a_second_and_changes_at_once(monkeypatch):
+    """Each row is a poll: wall time, changed topics, and whether the markers are all of them."""
+    monkeypatch.setattr(robot_visualizer, 'poses_in_map', lambda frames: frames)
+    drawn, newest = [], Newest()
+    snapshot = SimpleNamespace(time=1.0, position=(0.0, 0.0), psi=(0.0, 0.0))
+    node = RobotVisualizer.__new__(RobotVisualizer)
+    vars(node).update(
+        _frames=SimpleNamespace(at=lambda position, psi: {}),
+        _markers=SimpleNamespace(at=lambda snapshot, poses, *, whole: drawn.append(whole) or []),
+        _markers_output=SimpleNamespace(has_subscribers=True, publish=lambda message: None),
+        _newest=newest,
+        _time=1.0,
+        _whole_at=-math.inf,
+    )
+    for now_s, changed, expected in (
+        (10.0, {PLANT_ODOM}, [True]),
+        (10.5, {PLANT_ODOM}, [False]),
+        (10.6, set(), []),
+        (11.0, set(), [True]),
+        (11.9, set(), []),
+    ):
+        drawn.clear()
+        clock = SimpleNamespace(monotonic=lambda now_s=now_s: now_s)
+        monkeypatch.setattr(robot_visualizer, 'time', clock)
+        newest.polled = snapshot, changed
+        node._update()
+        assert drawn == expected, now_s
+
+
+def test_another_shape_is_described_and_moves_the_fixed_frame(monkeypatch):
+    described, fixed = [], []
+    node = RobotVisualizer.__new__(RobotVisualizer)
+    vars(node).update(
+        _describe=lambda: described.append(node.parameters),
+        _frames=SimpleNamespace(at=lambda position, psi: 'frames'),
+        _transforms=SimpleNamespace(fix=fixed.append),
+        parameters=VisualizerParameters(),
+    )
+    monkeypatch.setattr(BallbotNode, 'apply_parameters', lambda node: vars(node).update(requested))
+    taller = VisualizerParameters(body_height=0.3)
+    for parameters in (VisualizerParameters(), taller, taller):
+        requested = {'parameters': parameters}
+        node.apply_parameters()
+    assert described == [taller]
+    assert fixed == ['frames']

@@ -10,8 +10,10 @@ pytest.importorskip('rclpy')
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
 from ros_client import Client
+from std_srvs.srv import Trigger
 
 from ballbot_ros.messages.topics import RUN
+from ballbot_ros.nodes import viewer_requests
 from ballbot_ros.nodes.topic_publisher import TopicPublisher, reliable_qos
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import PlantParameters
@@ -87,3 +89,94 @@ def test_a_late_answer_to_an_earlier_query_is_ignored():
     assert answers == []
     calls[1](0.06)
     assert [each.ball_radius for each in answers] == [0.06]
+
+
+class StubNode:
+    """A graph whose services and plant are those that the test sets."""
+
+    def __init__(self):
+        self.ready, self.plant, self.clients = set(), '', set()
+        self.called = []
+
+    def create_client(self, kind, name):
+        self.clients.add(name)
+        return SimpleNamespace(
+            name=name, service_is_ready=lambda: name in self.ready, call_async=self.call
+        )
+
+    def call(self, request):
+        """Note a call: the function that receives its answer."""
+        return SimpleNamespace(add_done_callback=self.called.append)
+
+    def destroy_client(self, client):
+        self.clients.remove(client.name)
+
+    def get_publishers_info_by_topic(self, name):
+        return [SimpleNamespace(node_namespace='/', node_name=self.plant)] if self.plant else []
+
+    def output(self, topic):
+        return None
+
+
+def test_the_plant_is_lost_once_it_was_there():
+    node = StubNode()
+    requests = ViewerRequests(node, notify=None)
+    pause = {'plant_sim/pause'}
+    services = (set(), pause, set(), set(), pause, set())
+    found = []
+    for node.ready in services:
+        found.append(requests.lost_plant)
+    assert found == [False, False, True, True, False, True]
+
+
+def test_parameters_are_those_of_the_plant_that_announces_runs_now():
+    node = StubNode()
+    requests = ViewerRequests(node, notify=None)
+    others = set(node.clients)
+    assert requests._plant_parameters.find(SetParameters) is None
+    for plant in ('plant_sim', 'plant_sim', 'another'):
+        node.plant = plant
+        client = requests._plant_parameters.find(SetParameters)
+        assert client.name == f'/{plant}/set_parameters'
+        services = {f'/{plant}/{name}' for name in ('set_parameters', 'get_parameters')}
+        assert node.clients == others | services
+
+
+def test_a_query_is_repeated_once_a_second_until_it_is_answered(monkeypatch):
+    """Each row is a moment, whether the service is ready, and the number of calls so far."""
+    node, answers = StubNode(), []
+    node.plant, service = 'plant_sim', '/plant_sim/get_parameters'
+    requests = ViewerRequests(node, notify=None)
+    requests.plant_parameters(['map'], answers.append)
+    for now_s, is_ready, calls in (
+        (10.0, False, 0), (10.0, True, 1), (10.9, True, 1), (11.0, True, 2), (11.9, False, 2),
+        (12.5, False, 2), (12.6, True, 3),
+    ):  # fmt: skip
+        monkeypatch.setattr(
+            viewer_requests, 'time', SimpleNamespace(monotonic=lambda now_s=now_s: now_s)
+        )
+        node.ready = {service} if is_ready else set()
+        requests.send_queued()
+        assert len(node.called) == calls, now_s
+    values = [Parameter('', value='track').get_parameter_value()]
+    node.called[-1](SimpleNamespace(result=lambda: GetParameters.Response(values=values)))
+    assert answers == [PlantParameters(map='track')]
+    monkeypatch.setattr(viewer_requests, 'time', SimpleNamespace(monotonic=lambda: 20.0))
+    requests.send_queued()
+    assert len(node.called) == 3
+
+
+def test_a_scenario_is_chosen_before_it_is_started():
+    node, told = StubNode(), []
+    node.ready = {'supervisor/set_parameters', 'supervisor/start'}
+    requests = ViewerRequests(node, told.append)
+    requests.start('square')
+    requests.send_queued()
+    assert len(node.called) == 1
+    node.called[0](SimpleNamespace(result=SetParameters.Response))
+    assert len(node.called) == 2
+    assert told == []
+    for success in (True, False):
+        response = Trigger.Response(success=success, message='unknown scenario')
+        node.called[1](SimpleNamespace(result=lambda response=response: response))
+    assert told == ['square begins', 'unknown scenario']

@@ -10,6 +10,7 @@ import pytest
 from maps import open_floor, save
 
 from ballbot_ros.analysis.assessment import assess
+from ballbot_ros.analysis.metrics import Judgement
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.verdict import Verdict
 from ballbot_ros.recording.errors import RecordingError
@@ -19,6 +20,7 @@ from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
+from ballbot_ros.scenario.scenario import Expectation
 from ballbot_ros.simulation.golden import load_golden
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.world.library import read_map_file
@@ -208,8 +210,11 @@ def test_a_wall_hit_is_reported_even_if_the_recording_fails(tmp_path, monkeypatc
     assert failure == result.reason
 
 
+MISSED = Judgement(Expectation('duty_rms_percent', maximum=1.0), 2.0)
+
 STATUSES = [
     (RunResult(Outcome.COMPLETED), 'passed', '', 0),
+    (RunResult(Outcome.COMPLETED, judgements=[MISSED]), Verdict.NOT_MET, str(MISSED), 1),
     (RunResult(Outcome.FAILED, 'fell'), 'failed', 'fell', 1),
     (RunResult(Outcome.FAILED, 'no map', 2), 'failed', 'no map', 2),
     (RunResult(Outcome.STOPPED, '', 130), 'stopped', '', 130),

@@ -2,6 +2,7 @@
 
 import os
 from contextlib import nullcontext
+from signal import SIGKILL, SIGTERM
 from types import SimpleNamespace
 
 import pytest
@@ -11,10 +12,10 @@ pytest.importorskip('rclpy')
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
 from ballbot_ros.parameters import NODES, PLANT, RECORDER, VIEWER
-from ballbot_ros.run import graph, separate_processes
+from ballbot_ros.run import graph, node_process, separate_processes
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.graph import RCLError, ros
-from ballbot_ros.run.node_process import NodeProcess, stop_all
+from ballbot_ros.run.node_process import GRACE_S, LAST_GRACE_S, NodeProcess, stop_all
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.separate_processes import merge_process_failures, watch
 from ballbot_ros.simulation.outcome import Outcome
@@ -153,6 +154,21 @@ def test_a_node_that_dies_gives_no_reason():
     assert NodeProcess.failure.fget(process) == 'recorder died'
 
 
+def test_only_a_running_process_is_signalled(monkeypatch):
+    """The number of one that has ended may be that of another process by now."""
+    signalled = []
+    monkeypatch.setattr(node_process.os, 'kill', lambda *arguments: signalled.append(arguments))
+    for status in (None, 0, -9):
+        node = NodeProcess.__new__(NodeProcess)
+        node.pid = 1234
+        node._client = SimpleNamespace(
+            status_of=lambda pid, status=status: status, await_end=lambda pid: None
+        )
+        node.request_stop()
+        node.kill()
+    assert signalled == [(1234, SIGTERM), (1234, SIGKILL)]
+
+
 def test_the_recorder_is_stopped_when_the_others_have_ended():
     stopped = []
 
@@ -167,6 +183,30 @@ def test_the_recorder_is_stopped_when_the_others_have_ended():
     stop_all([running(name) for name in (RECORDER, PLANT, VIEWER)], last=RECORDER)
     assert stopped[-2:] == [RECORDER, f'{RECORDER} has ended']
     assert set(stopped[2:4]) == {f'{PLANT} has ended', f'{VIEWER} has ended'}
+
+
+def test_a_node_that_does_not_end_is_killed_after_a_while_the_recorder_later(monkeypatch):
+    """Only a wait takes time here."""
+    now_s, killed = [100.0], {}
+
+    class Hanging:
+        forward_remaining_output = request_stop = staticmethod(lambda: None)
+
+        def __init__(self, name, pid):
+            self.name, self.pid, self.running = name, pid, True
+
+        def wait(self, timeout_s):
+            now_s[0] += timeout_s
+
+        def kill(self):
+            self.running = False
+            killed[self.name] = now_s[0]
+
+    monkeypatch.setattr(node_process, 'time', SimpleNamespace(monotonic=lambda: now_s[0]))
+    monkeypatch.setattr(node_process, 'threads_by_process', lambda pids: {pid: {} for pid in pids})
+    stop_all([Hanging(RECORDER, 1), Hanging(PLANT, 2)], last=RECORDER)
+    for name, expected in ((PLANT, 100.0 + GRACE_S), (RECORDER, killed[PLANT] + LAST_GRACE_S)):
+        assert killed[name] == pytest.approx(expected, abs=0.11), name
 
 
 @pytest.mark.parametrize(('chosen', 'used'), [('', 'LOCALHOST'), ('SUBNET', 'SUBNET')])
