@@ -143,19 +143,17 @@ def _is_truth(name: str) -> bool:
 
 
 def _qos(offers: Sequence[QosProfile]) -> QoSProfile:
-    """Return the strongest of the recorded offers, which is compatible with all their readers."""
+    """Return the strongest of the recorded offers, latched if any is, for all their readers."""
     if not offers:
         return reliable_qos(HISTORY, latched=True)
-    offer = min(
-        offers,
-        key=lambda each: (each.reliability != 'reliable', each.durability != 'transient_local'),
-    )
+    by_durability = sorted(offers, key=lambda each: each.durability != 'transient_local')
+    offer = min(by_durability, key=lambda each: each.reliability != 'reliable')
     # Discovery does not report history and depth, so most recordings lack them.
     return QoSProfile(
         history=HistoryPolicy.KEEP_ALL if offer.history == 'keep_all' else HistoryPolicy.KEEP_LAST,
         depth=offer.depth or HISTORY,
         reliability=ReliabilityPolicy[offer.reliability.upper()],
-        durability=DurabilityPolicy[offer.durability.upper()],
+        durability=DurabilityPolicy[by_durability[0].durability.upper()],
         deadline=Duration(nanoseconds=offer.deadline),
         lifespan=Duration(nanoseconds=offer.lifespan),
         liveliness=LivelinessPolicy[offer.liveliness.upper()],

@@ -254,11 +254,16 @@ def test_a_topic_is_published_with_the_strongest_of_its_recorded_offers():
     weak = QosProfile('unknown', 0, 'best_effort', 'volatile')
     reliable = QosProfile('keep_all', 5, 'reliable', 'volatile')
     latched = QosProfile('keep_last', 7, 'reliable', 'transient_local')
+    kept = QosProfile('keep_last', 3, 'best_effort', 'transient_local')
+    strongest = reliable_qos(5, latched=True)
+    strongest.history = HistoryPolicy.KEEP_ALL
     for offers, expected in (
         ([], reliable_qos(HISTORY, latched=True)),
         ([weak], QoSProfile(depth=HISTORY, reliability=ReliabilityPolicy.BEST_EFFORT)),
         ([weak, reliable], QoSProfile(depth=5, history=HistoryPolicy.KEEP_ALL)),
         ([latched, reliable, weak], reliable_qos(7, latched=True)),
+        ([reliable, kept], strongest),
+        ([kept, reliable], strongest),
     ):
         found = _qos(offers)
         for name in ('history', 'depth', 'reliability', 'durability'):

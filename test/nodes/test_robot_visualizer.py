@@ -30,6 +30,7 @@ from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.robot_visualizer import RobotVisualizer
 from ballbot_ros.parameters import VisualizerParameters
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.viewer.snapshot import Snapshot
 
 pytestmark = pytest.mark.graph
 
@@ -115,6 +116,7 @@ def test_the_drawing_begins_again_with_each_run_map_and_jump_back(monkeypatch):
     begun, newest = [], Newest({PLANT_ODOM: 0})
     node = RobotVisualizer.__new__(RobotVisualizer)
     vars(node).update(
+        _frames=SimpleNamespace(at=lambda position, psi: {}),
         _markers=SimpleNamespace(begin=begun.append, follow=lambda snapshot: None),
         _markers_output=SimpleNamespace(has_subscribers=False),
         _newest=newest,
@@ -135,7 +137,7 @@ def test_the_drawing_begins_again_with_each_run_map_and_jump_back(monkeypatch):
     ):
         begun.clear()
         newest[MAP] = floor
-        newest.polled = SimpleNamespace(time=sim_time), changed
+        newest.polled = Snapshot(sim_time, (0.0, 0.0), (0.0, 0.0)), changed
         node._update()
         assert begun == expected, (changed, sim_time)
 
