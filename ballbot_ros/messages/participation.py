@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from ballbot_ros.messages.message_types import DiagnosticStatus
 from ballbot_ros.messages.raw import decoder
-from ballbot_ros.messages.topics import PARTICIPANTS, RUN_STATUS
+from ballbot_ros.messages.topics import PARTICIPANTS
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.simulation.outcome import Outcome
@@ -103,7 +103,7 @@ def decode_announcement(data: bytes) -> Announcement:
             objection = Objection(message.message, topic, stamp_ns)
         return Announcement(participant, values['run'], int(values['answered [ns]']), objection)
     except KeyError as error:
-        raise ValueError(f'{PARTICIPANTS.name}: {message.name} has no {error}') from None
+        raise ValueError(f'{message.name} has no {error}') from None
 
 
 def encode_run_status(status: RunStatus) -> bytes:
@@ -137,7 +137,7 @@ def decode_run_status(data: bytes) -> RunStatus:
             {key: values[key] for key in OUTCOME_KEYS} if 'outcome' in values else {},
         )
     except KeyError as error:
-        raise ValueError(f'{RUN_STATUS.name}: has no {error}') from None
+        raise ValueError(f'has no {error}') from None
 
 
 def membership_json(member: Membership, start_ns: int) -> dict[str, object]:

@@ -75,7 +75,7 @@ class PlantEvents:
         try:
             announcement = decode_announcement(data)
         except ValueError as error:
-            self._node.get_logger().warning(f'{error}; ignored')
+            self._node.warn_malformed(PARTICIPANTS, error)
             self._node.dispatch(self._master.on_unreadable_announcement)
             return
         self._node.dispatch(self._master.on_announcement, announcement)

@@ -162,15 +162,16 @@ class Recorder(BallbotNode[RecorderParameters]):
         self.warn(f'{stream.name}: messages before sequence number {sequence} were lost')
 
     def has_several_publishers(self, stream: Stream) -> bool:
-        """Return whether a topic has more than one publisher."""
-        return bool(self.count_publishers(stream.name) > 1)
+        """Return whether a topic, or its history, has more than one publisher."""
+        names = self._channels[stream.name].topic_names
+        return any(self.count_publishers(name) > 1 for name in names)
 
     def _note_status(self, data: bytes) -> None:
         """Note from the plant's status what the run requires, and how it ended."""
         try:
             status = decode_run_status(data)
         except ValueError as error:
-            self.get_logger().warning(f'{error}; ignored')
+            self.warn_malformed(RUN_STATUS, error)
             return
         self._status = status
         self._take_status()

@@ -33,6 +33,8 @@ class Channel:
 
     Attributes
     ----------
+    topic_names : list of str
+        The topics that are read: the topic itself and its history, if it has one.
     is_stamped : bool
         Whether its stamps count. Those of a topic open to any tool may be of other clocks.
     recorded : object
@@ -45,6 +47,7 @@ class Channel:
         self.topic = topic
         self._subscription, self._history = subscription, history
         self._reads_history = False
+        self.topic_names = [each.topic_name for each in (subscription, history) if each]
         self.recorded: Any = None
         self.is_stamped = topic.publisher is not None and has_stamp(topic.type_name)
         self.stream = Stream(

@@ -167,6 +167,7 @@ class RecordingGate:
 
     def __init__(self, writer: Writer) -> None:
         self._writer = writer
+        self._with_strangers: set[str] = set()
         self.is_lockstep = True
         self.awaits_run = False
         self.takes_part = False
@@ -185,6 +186,7 @@ class RecordingGate:
         is_first = self._run is None
         is_another_plants = self._run is None or run.plant != self._run.plant
         self._run, self.awaits_run = run, False
+        self._with_strangers.clear()
         if is_another_plants:
             self._first_ns, self.now_ns = run.start_ns, 0
             for stream in streams:
@@ -214,7 +216,7 @@ class RecordingGate:
         is_ahead = self.now_ns and message.stamp_ns > self.now_ns + MAX_AHEAD_NS
         # If there is only one clock, a jump is that of a player; a clock next to the plant's
         # belongs to another simulation.
-        if is_ahead and self._run and self._writer.has_several_publishers(message.stream):
+        if is_ahead and self._run and self._may_have_stranger(message.stream):
             self._writer.raise_objection(message.stream, message.stamp_ns)
             return
         begins = self.now_ns == 0
@@ -253,14 +255,22 @@ class RecordingGate:
                 # Judge by the stamps: a number missing between two consecutive stamps was that of
                 # a repeated sample.
                 has_gap = is_missed
-            elif not stream.period_ns:
-                # Ignore a gap if a stranger may publish, too: its events have numbers between
-                # those of the run.
-                has_gap = has_gap and not self._writer.has_several_publishers(stream)
+            elif has_gap:
+                # Ignore it if a stranger may publish: its numbers lie between those of the run.
+                has_gap = not self._may_have_stranger(stream)
             if has_gap:
                 self._writer.report_loss(stream, sequence)
         is_of_run = self._first_ns <= stamp_ns <= self.now_ns + MAX_EVENT_AHEAD_NS and stamp_ns > 0
         self._writer.keep(stream, stamp_ns if is_of_run else self.now_ns, data, sequence)
+
+    def _may_have_stranger(self, stream: Stream) -> bool:
+        """Return whether a topic has, or had in this run, several publishers.
+
+        A stranger may go on after the plant has left.
+        """
+        if self._writer.has_several_publishers(stream):
+            self._with_strangers.add(stream.name)
+        return stream.name in self._with_strangers
 
     def _is_missed_before(self, message: _Message) -> bool:
         """Return whether a stream skips a stamp of this run at a change of sender.

@@ -93,7 +93,7 @@ def test_a_malformed_announcement_is_a_value_error(pairs):
 
 @pytest.mark.parametrize('pairs', [(), [('run', '1')], [*RUNNING, ('outcome', 'completed')]])
 def test_a_malformed_run_status_is_a_value_error(pairs):
-    with pytest.raises(ValueError, match='run_status'):
+    with pytest.raises(ValueError, match='has no'):
         decode_run_status(status_message(*pairs))
 
 

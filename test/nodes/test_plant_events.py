@@ -6,6 +6,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from ballbot_ros.messages.topics import PARTICIPANTS
 from ballbot_ros.nodes.plant_events import PlantEvents
 
 
@@ -14,11 +15,10 @@ def test_an_unreadable_announcement_is_logged_and_reveals_its_sender():
     plant = SimpleNamespace(
         _node=SimpleNamespace(
             dispatch=events.append,
-            get_logger=lambda: SimpleNamespace(warning=warnings.append),
+            warn_malformed=lambda topic, error: warnings.append(topic.name),
         ),
         _master=SimpleNamespace(on_unreadable_announcement='note it'),
     )
     PlantEvents._on_announcement(plant, b'no announcement')
     assert events == ['note it']
-    (line,) = warnings
-    assert line.endswith('; ignored')
+    assert warnings == [PARTICIPANTS.name]

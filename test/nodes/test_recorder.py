@@ -11,9 +11,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E
 
 from ballbot_ros.messages.conversions import encode_header  # noqa: E402
 from ballbot_ros.messages.participation import RunStatus  # noqa: E402
-from ballbot_ros.messages.topics import RUN  # noqa: E402
+from ballbot_ros.messages.topics import RUN, RUN_STATUS  # noqa: E402
 from ballbot_ros.nodes.recorder import Recorder  # noqa: E402
-from ballbot_ros.nodes.recorder_channels import Channels  # noqa: E402
+from ballbot_ros.nodes.recorder_channels import Channel, Channels  # noqa: E402
 from ballbot_ros.parameters import RecorderParameters  # noqa: E402
 
 ANNOUNCED = encode_header(1_000_000_000, '1 abc')
@@ -99,3 +99,20 @@ def test_a_topic_is_recorded_from_each_of_its_publishers(offered, requested):
     Channels.discover(channels)
     ((name, qos),) = subscribed
     assert (name, qos.reliability, qos.durability) == ('/talk', *requested)
+
+
+@pytest.mark.parametrize(
+    ('counts', 'has_several'),
+    [
+        ({'/plant/run_status': 1, '/plant/run_status/_history': 1}, False),
+        ({'/plant/run_status': 2, '/plant/run_status/_history': 1}, True),
+        ({'/plant/run_status': 1, '/plant/run_status/_history': 2}, True),
+    ],
+)
+def test_a_stranger_may_publish_on_a_topic_or_on_its_history(counts, has_several):
+    subscriptions = [SimpleNamespace(topic_name=name) for name in counts]
+    channel = Channel(RUN_STATUS, *subscriptions)
+    recorder = SimpleNamespace(
+        _channels={channel.stream.name: channel}, count_publishers=counts.__getitem__
+    )
+    assert Recorder.has_several_publishers(recorder, channel.stream) is has_several

@@ -159,6 +159,21 @@ def test_a_jump_of_the_clock_is_a_players_or_another_simulations(crowded, object
     assert file.gate.now_ns == (1000 if crowded else 90_000) * MS
 
 
+def test_another_simulations_clock_stays_one_after_the_plant_has_left():
+    file = File()
+    file.tick(1000)
+    file.crowded = {'/clock'}
+    file.take(file.clock, 90_000, sequence=700)
+    file.crowded = set()
+    file.take(file.clock, 90_020, sequence=702)
+    assert file.objections == [('/clock', 90_000), ('/clock', 90_020)]
+    assert file.lost == []
+    assert file.gate.now_ns == 1000 * MS
+    file.begin('2 abc', 2000 * MS)
+    file.take(file.clock, 90_000)
+    assert file.gate.now_ns == 90_000 * MS
+
+
 @pytest.mark.parametrize(
     ('events', 'lost'),
     [
@@ -227,6 +242,17 @@ def test_a_skipped_stamp_is_a_lost_message_for_any_next_sender(stamps_ms, sonar_
     file.tick(2000)
     file.tick(2004)
     assert file.lost == lost
+
+
+@pytest.mark.parametrize('crowded', [True, False])
+def test_numbers_count_in_free_running_if_there_is_no_stranger(crowded):
+    file = File()
+    file.gate.is_lockstep = False
+    file.tick(1000)
+    file.crowded = {'/gyro'} if crowded else set()
+    file.take(file.clock, 1004)
+    file.take(file.gyro, 1004, sequence=8)
+    assert file.lost == ([] if crowded else [('/gyro', 8)])
 
 
 def test_strangers_on_a_topic_of_events_are_no_lost_messages():
