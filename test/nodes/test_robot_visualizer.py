@@ -1,12 +1,15 @@
 """The robot for other tools: its description, also for late subscribers, and its drawing."""
 
+import math
 import subprocess
 from importlib.util import find_spec
 from itertools import pairwise
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
 from graph import BALLBOT
+from robot import DIMENSIONS
 
 pytest.importorskip('rclpy')
 
@@ -15,7 +18,11 @@ from ros_client import Client
 from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.messages.markers import DELETE_ALL
 from ballbot_ros.messages.topics import MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION, TF, TF_STATIC
+from ballbot_ros.nodes import robot_visualizer
+from ballbot_ros.nodes.robot_visualizer import RobotVisualizer, Transforms
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.viewer.snapshot import Snapshot
+from ballbot_ros.viewer.transforms import MOVING, SONAR, Frames
 
 pytestmark = pytest.mark.graph
 
@@ -85,3 +92,45 @@ def test_it_follows_a_player_that_restarts(recording, domain, start_node, tmp_pa
     assert f'/{PLANT_ODOM.name}' in names
     drawn_topics = (MARKERS, ROBOT_DESCRIPTION, TF, TF_STATIC)
     assert not names & {'/' + topic.name.lstrip('/') for topic in drawn_topics}
+
+
+class Snapshots(dict):
+    """The newest messages of a graph at some times."""
+
+    def __init__(self, *times):
+        super().__init__({PLANT_ODOM: PLANT_ODOM.message_class()})
+        self._times = iter(times)
+
+    def take(self):
+        return Snapshot(next(self._times), (0.0, 0.0), (0.0, 0.0)), ()
+
+
+def test_each_moment_has_one_message_of_transforms(monkeypatch):
+    """Readers warn of repeated data. A stand-in replaces tf2_msgs, which may not be installed."""
+    stand_in = SimpleNamespace(name=TF.name, message_class=SimpleNamespace)
+    monkeypatch.setattr(robot_visualizer, 'TF', stand_in)
+    sent = {TF.name: [], TF_STATIC.name: []}
+    node = SimpleNamespace(output=lambda topic: SimpleNamespace(publish=sent[topic.name].append))
+    frames = Frames(DIMENSIONS)
+    visualizer = SimpleNamespace(
+        now_ns=0,
+        count_sample=lambda stamp_ns: None,
+        _newest=Snapshots(1.0, 1.0, 1.004, 0.5),
+        _frames=frames,
+        _transforms=Transforms(node, frames.at((0.0, 0.0), (0.0, 0.0))),
+        _markers=SimpleNamespace(begin=lambda floor: None, follow=lambda snapshot: None),
+        _markers_output=SimpleNamespace(has_subscribers=False),
+        _floor=None,
+        _time=-math.inf,
+        _whole_at=-math.inf,
+    )
+    found = []
+    for _ in range(4):
+        RobotVisualizer._update(visualizer)
+        found.append(len(sent[TF.name]))
+    assert found == [1, 1, 2, 3]
+    names = {
+        topic: {tuple(each.child_frame_id for each in array.transforms) for array in messages}
+        for topic, messages in sent.items()
+    }
+    assert names == {TF.name: {MOVING}, TF_STATIC.name: {(SONAR,)}}
