@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 import rclpy
+from rclpy.clock import ClockType
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Header
@@ -236,6 +237,12 @@ def test_the_clock_is_sim_time_by_default(make):
     node = make(CONTROLLER)
     assert node.get_parameter('use_sim_time').value is True
     assert node.get_clock().ros_time_is_active
+
+
+def test_a_node_on_sim_time_has_timers_on_the_wall_clock(make):
+    """For example, it reports its diagnostics while the plant is paused."""
+    timer = make(CONTROLLER).create_wall_timer(1.0, print)
+    assert timer.clock.clock_type is ClockType.STEADY_TIME
 
 
 @pytest.mark.parametrize('role', [PLANT, GYRO, CONTROLLER])

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 from graph import BALLBOT
+from robot import DIMENSIONS
 
 pytest.importorskip('rclpy')
 
@@ -27,10 +28,11 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.nodes import robot_visualizer
 from ballbot_ros.nodes.base import BallbotNode
-from ballbot_ros.nodes.robot_visualizer import RobotVisualizer
+from ballbot_ros.nodes.robot_visualizer import RobotVisualizer, Transforms
 from ballbot_ros.parameters import VisualizerParameters
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.viewer.snapshot import Snapshot
+from ballbot_ros.viewer.transforms import MOVING, SONAR, Frames
 
 pytestmark = pytest.mark.graph
 
@@ -187,3 +189,45 @@ def test_another_shape_is_described_and_moves_the_fixed_frame(monkeypatch):
         node.apply_parameters()
     assert described == [taller]
     assert fixed == ['frames']
+
+
+class Snapshots(dict):
+    """The newest messages of a graph at some times."""
+
+    def __init__(self, *times):
+        super().__init__({PLANT_ODOM: PLANT_ODOM.message_class()})
+        self._times = iter(times)
+
+    def take(self):
+        return Snapshot(next(self._times), (0.0, 0.0), (0.0, 0.0)), ()
+
+
+def test_each_moment_has_one_message_of_transforms(monkeypatch):
+    """Readers warn of repeated data. A stand-in replaces tf2_msgs, which may not be installed."""
+    stand_in = SimpleNamespace(name=TF.name, message_class=SimpleNamespace)
+    monkeypatch.setattr(robot_visualizer, 'TF', stand_in)
+    sent = {TF.name: [], TF_STATIC.name: []}
+    node = SimpleNamespace(output=lambda topic: SimpleNamespace(publish=sent[topic.name].append))
+    frames = Frames(DIMENSIONS)
+    visualizer = SimpleNamespace(
+        now_ns=0,
+        count_sample=lambda stamp_ns: None,
+        _newest=Snapshots(1.0, 1.0, 1.004, 0.5),
+        _frames=frames,
+        _transforms=Transforms(node, frames.at((0.0, 0.0), (0.0, 0.0))),
+        _markers=SimpleNamespace(begin=lambda floor: None, follow=lambda snapshot: None),
+        _markers_output=SimpleNamespace(has_subscribers=False),
+        _floor=None,
+        _time=-math.inf,
+        _whole_at=-math.inf,
+    )
+    found = []
+    for _ in range(4):
+        RobotVisualizer._update(visualizer)
+        found.append(len(sent[TF.name]))
+    assert found == [1, 1, 2, 3]
+    names = {
+        topic: {tuple(each.child_frame_id for each in array.transforms) for array in messages}
+        for topic, messages in sent.items()
+    }
+    assert names == {TF.name: {MOVING}, TF_STATIC.name: {(SONAR,)}}

@@ -273,6 +273,7 @@ def test_files_of_other_writers_are_read(tmp_path):
         write_foreign(path, NUMBERS, **options)
         with RecordingReader(path) as reader:
             assert reader.complete, options
+            assert reader.library == 'another recorder', options
             assert reader.topics() == {'/lcd': (STRING, 10)}, options
             assert [message.data for _, _, message in reader.messages()] == NUMBERS, options
 

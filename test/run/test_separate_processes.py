@@ -11,13 +11,13 @@ pytest.importorskip('rclpy')
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
-from ballbot_ros.parameters import NODES, PLANT, RECORDER, VIEWER
+from ballbot_ros.parameters import GYRO, NODES, PLANT, RECORDER, VIEWER, ParameterSet
 from ballbot_ros.run import graph, node_process, separate_processes
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.graph import RCLError, ros
 from ballbot_ros.run.node_process import GRACE_S, LAST_GRACE_S, NodeProcess, stop_all
 from ballbot_ros.run.result import RunResult
-from ballbot_ros.run.separate_processes import merge_process_failures, watch
+from ballbot_ros.run.separate_processes import merge_process_failures, run_nodes, watch
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
 
@@ -145,6 +145,25 @@ def test_a_node_that_refuses_to_start_gives_the_reason(domain, monkeypatch, tmp_
         # Check the last line only: the middleware may print something before it.
         assert lines[-1] == f'error: {file}/x.mcap: File exists'
         assert node.failure == f'recorder: {file}/x.mcap: File exists'
+
+
+def test_only_the_plant_keeps_the_lock_of_the_domain(monkeypatch, tmp_path):
+    events = []
+    lock = SimpleNamespace(file=7, release=lambda: events.append('release'))
+    for name, stub in (
+        ('DomainLock', lambda domain: lock),
+        ('require_discovery', lambda: None),
+        ('PlantMonitor', nullcontext),
+        ('watch', lambda *_: events.append('watch')),
+    ):
+        monkeypatch.setattr(separate_processes, name, stub)
+    client = SimpleNamespace(
+        start=lambda request, output, lock: events.append((request.name, lock)),
+        status_of=lambda process: 0,
+    )
+    observer = SimpleNamespace(notice=None)
+    run_nodes(client, [GYRO, PLANT, RECORDER], ParameterSet(), tmp_path, observer, None)
+    assert events == [(GYRO, None), (PLANT, 7), (RECORDER, None), 'release', 'watch']
 
 
 def test_a_node_that_dies_gives_no_reason():

@@ -8,9 +8,11 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 from lockstep_world import DRIVERS, ROLES, WATCH_S, LockstepWorld, data_of, duty_of
+from maps import open_floor, save
 
 from ballbot_ros.parameters import CONTROLLER, GYRO, RECORDER, SONAR
 from ballbot_ros.simulation import run_actions as do
+from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.run_master import DISCOVERY_POLL_S, DISCOVERY_S
 from ballbot_ros.simulation.strangers import ANSWER_CALLS, Publisher
@@ -587,6 +589,15 @@ def test_a_reset_begins_another_run_at_the_next_multiple_of_100_ms(ticks):
     world.advance(10)
     assert world.truths[ticks + 1 : ticks + 3] == [start_ns, start_ns + TICK_NS]
     assert world.master.log.duty_sha256 == duties_sha256(10, start_ns)
+
+
+def test_a_run_without_a_map_clears_the_map_of_the_previous_one(tmp_path):
+    world = begun(map=str(save(open_floor(40, 40), tmp_path / 'floor.png')))
+    assert world.actions(do.ClearMap) == []
+    world.parameters = replace(world.parameters, map='')
+    cleared, announced = do.ClearMap(), do.AnnounceRun(Run('2 token', START_NS + 100_000_000))
+    actions = world.dispatch(world.master.reset)
+    assert actions.index(cleared) < actions.index(announced)
 
 
 def test_leftover_messages_of_the_previous_run_change_nothing():

@@ -322,6 +322,13 @@ def test_without_a_run_everything_passes_in_its_order():
     assert [stamp for stamp, _ in file.of('/gyro')] == [500, 504, 508]
 
 
+def test_without_a_run_a_sample_does_not_wait_for_a_clock_that_may_be_anothers():
+    file = File(run=None)
+    file.tick(500)
+    file.take(file.gyro, 504)
+    assert file.of('/gyro') == [(500, b'true'), (504, b'true')]
+
+
 def test_nothing_passes_or_is_lost_until_the_run_of_a_plant_is_known():
     file = File(run=None)
     file.gate.awaits_run = True
