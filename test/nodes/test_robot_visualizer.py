@@ -195,7 +195,7 @@ class Snapshots(dict):
     """The newest messages of a graph at some times."""
 
     def __init__(self, *times):
-        super().__init__({PLANT_ODOM: PLANT_ODOM.message_class()})
+        super().__init__({PLANT_ODOM: PLANT_ODOM.message_class(), MAP: None})
         self._times = iter(times)
 
     def take(self):
@@ -217,7 +217,6 @@ def test_each_moment_has_one_message_of_transforms(monkeypatch):
         _transforms=Transforms(node, frames.at((0.0, 0.0), (0.0, 0.0))),
         _markers=SimpleNamespace(begin=lambda floor: None, follow=lambda snapshot: None),
         _markers_output=SimpleNamespace(has_subscribers=False),
-        _floor=None,
         _time=-math.inf,
         _whole_at=-math.inf,
     )
