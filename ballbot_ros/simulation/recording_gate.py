@@ -235,7 +235,8 @@ class RecordingGate:
 
     def _is_ahead(self, message: _Message) -> bool:
         return bool(
-            message.stream.period_ns
+            self._run
+            and message.stream.period_ns
             and self.now_ns
             and message.stamp_ns > self.now_ns + MAX_AHEAD_NS
         )

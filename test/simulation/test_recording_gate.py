@@ -329,6 +329,16 @@ def test_without_a_run_a_sample_does_not_wait_for_a_clock_that_may_be_anothers()
     assert file.of('/gyro') == [(500, b'true'), (504, b'true')]
 
 
+def test_a_players_sample_may_overtake_the_jump_of_its_clock():
+    file = File(run=None)
+    file.tick(500)
+    file.take(file.gyro, 3000)
+    file.take(file.clock, 3000)
+    file.tick(3004)
+    assert len(file.of('/gyro')) == 3
+    assert file.lost == file.objections == []
+
+
 def test_nothing_passes_or_is_lost_until_the_run_of_a_plant_is_known():
     file = File(run=None)
     file.gate.awaits_run = True
