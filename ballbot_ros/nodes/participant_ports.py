@@ -33,20 +33,25 @@ def bound_udp_ports() -> set[int]:
 
 
 def living_participants(domain: int) -> list[int]:
-    """Return the numbers of a domain's participants on this machine."""
-    return _participants(domain, bound_udp_ports())
+    """Return the numbers of a domain's participants on this machine.
+
+    A participant binds two ports. Other programs may be assigned one of them beyond domain 101.
+    """
+    bound = bound_udp_ports()
+    discovering = _participants(domain, DISCOVERY_PORT, bound)
+    return [number for number in _participants(domain, USER_PORT, bound) if number in discovering]
 
 
 def stale_participants(domain: int, folder: Path = SHARED_MEMORY) -> list[int]:
     """Return the numbers of a domain's dead participants that have left their ports."""
-    return _participants(domain, find_stale_ports(folder))
+    return _participants(domain, USER_PORT, find_stale_ports(folder))
 
 
-def _participants(domain: int, ports: Collection[int]) -> list[int]:
-    """Return the numbers of a domain's participants whose ports for user data are in `ports`."""
-    first = PORT_BASE + PORTS_PER_DOMAIN * domain + USER_PORT
-    user_ports = range(first, first - USER_PORT + PORTS_PER_DOMAIN, PORTS_PER_PARTICIPANT)
-    return [number for number, port in enumerate(user_ports) if port in ports]
+def _participants(domain: int, offset: int, ports: Collection[int]) -> list[int]:
+    """Return the numbers of a domain's participants whose port at `offset` is in `ports`."""
+    base = PORT_BASE + PORTS_PER_DOMAIN * domain
+    own_ports = range(base + offset, base + PORTS_PER_DOMAIN, PORTS_PER_PARTICIPANT)
+    return [number for number, port in enumerate(own_ports) if port in ports]
 
 
 @contextmanager

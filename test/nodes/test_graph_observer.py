@@ -15,7 +15,8 @@ def test_discovery_is_complete_once_every_participant_of_this_machine_is_known(
 ):
     observer = GraphObserver(client.node, ())
     assert observer.is_complete()
-    with occupied(7400 + 250 * domain + 11 + 2 * 20):  # of a participant that announces nothing
+    port = 7400 + 250 * domain + 10 + 2 * 20
+    with occupied(port), occupied(port + 1):  # a participant that announces nothing
         assert not observer.is_complete()
     start_node(GYRO)
     client.spin_until(lambda: '/gyro_driver' in observer_names(client) and observer.is_complete())

@@ -35,10 +35,12 @@ def can_bind(port):
         return False
 
 
-def test_a_participant_lives_as_long_as_it_holds_its_port_for_user_data(domain, first):
+def test_a_participant_lives_as_long_as_it_holds_both_its_ports(domain, first):
     assert living_participants(domain) == []
     with occupied(first + 12), occupied(first + 13), occupied(first + 17), occupied(first + 18):
-        assert living_participants(domain) == [1, 3]
+        assert living_participants(domain) == [1]
+        with occupied(first + 16):
+            assert living_participants(domain) == [1, 3]
     assert living_participants(domain) == []
 
 
