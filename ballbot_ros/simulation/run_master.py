@@ -230,6 +230,8 @@ class RunMaster(ABC):
     @event
     def set_paused(self, *, is_paused: bool) -> None:
         """Pause the plant at its current tick, or resume."""
+        if self._is_ended:
+            return
         if is_paused != self.pause.is_paused:
             self._act(do.Log('paused' if is_paused else 'resumed'))
         self.pause.set(is_paused=is_paused)

@@ -242,6 +242,14 @@ def test_the_clock_stands_still_during_a_pause(make_player):
         assert bool(sent) is not is_paused
 
 
+def test_played_messages_count_in_the_diagnostics(make_player):
+    player = make_player()
+    player._begins_at = -math.inf
+    player.playback.begin(0.0, -math.inf)
+    player._play()
+    assert (player._samples, player.now_ns) == (2, 2 * 10**9)
+
+
 def test_another_rate_takes_effect_at_once(make_player):
     player = make_player()
     player._begins_at = -math.inf

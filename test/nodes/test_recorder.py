@@ -116,3 +116,13 @@ def test_a_stranger_may_publish_on_a_topic_or_on_its_history(counts, has_several
         _channels={channel.stream.name: channel}, count_publishers=counts.__getitem__
     )
     assert Recorder.has_several_publishers(recorder, channel.stream) is has_several
+
+
+def test_a_malformed_status_is_reported_and_changes_nothing():
+    warned = []
+    recorder = SimpleNamespace(
+        warn_malformed=lambda topic, error: warned.append(topic), _status='known'
+    )
+    Recorder._note_status(recorder, RUN.message_class.__name__.encode())
+    assert warned == [RUN_STATUS]
+    assert recorder._status == 'known'

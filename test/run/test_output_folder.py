@@ -19,12 +19,16 @@ def spec_of(*, output=None, record=True):
     return RunSpec(Scenario('push'), ParameterSet(), output=output, record=record)
 
 
-def test_two_runs_of_one_second_have_two_folders(tmp_path, monkeypatch):
+def test_runs_of_one_second_have_folders_of_their_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(output_folder, 'datetime', SimpleNamespace(now=lambda: NOW))
-    with output_files(spec_of()) as first, output_files(spec_of()) as second:
-        folders = [str(files.recording.parent) for files in (first, second)]
-        assert folders == [f'runs/2026-01-02_03-04-05_push{suffix}' for suffix in ('', '_2')]
+    with (
+        output_files(spec_of()) as first,
+        output_files(spec_of()) as second,
+        output_files(spec_of()) as third,
+    ):
+        folders = [str(files.recording.parent) for files in (first, second, third)]
+        assert folders == [f'runs/2026-01-02_03-04-05_push{end}' for end in ('', '_2', '_3')]
         second.recording.touch()
     assert [str(path) for path in (tmp_path / 'runs').rglob('*')] == [
         str(tmp_path / folders[1]),

@@ -1,6 +1,7 @@
 """Monitoring the processes of a run, and the verdict on it."""
 
 import os
+import queue
 from contextlib import nullcontext
 from signal import SIGKILL, SIGTERM
 from types import SimpleNamespace
@@ -8,6 +9,8 @@ from types import SimpleNamespace
 import pytest
 
 pytest.importorskip('rclpy')
+
+from graph import LAST_RESORT_S
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
@@ -202,6 +205,30 @@ def test_the_recorder_is_stopped_when_the_others_have_ended():
     stop_all([running(name) for name in (RECORDER, PLANT, VIEWER)], last=RECORDER)
     assert stopped[-2:] == [RECORDER, f'{RECORDER} has ended']
     assert set(stopped[2:4]) == {f'{PLANT} has ended', f'{VIEWER} has ended'}
+
+
+class Client:
+    """A fork server's client whose only node is a pipe."""
+
+    def start(self, request, output, lock=None):
+        self.output = os.fdopen(os.dup(output), 'w')
+        return 1
+
+    def status_of(self, process):
+        return None
+
+    def await_end(self, process, timeout_s):
+        self.awaited = process, timeout_s
+
+
+def test_the_output_of_a_node_is_passed_on_line_by_line_and_its_end_awaited_for_a_time(tmp_path):
+    client, lines = Client(), queue.Queue()
+    node = NodeProcess(client, PLANT, tmp_path, lines.put)
+    with client.output as output:
+        print('it has begun', file=output, flush=True)
+        assert lines.get(timeout=LAST_RESORT_S) == 'it has begun'
+    node.wait(0.25)
+    assert client.awaited == (1, 0.25)
 
 
 def test_a_node_that_does_not_end_is_killed_after_a_while_the_recorder_later(monkeypatch):

@@ -97,8 +97,11 @@ def test_a_paused_plant_makes_single_steps_and_no_tick_is_late():
     world.wait(0.1)
     world.dispatch(world.master.set_paused, is_paused=True)
     ticks = world.ticks
+    world.done.clear()
     world.wait(3)
     assert world.ticks == ticks
+    repeated = [each.is_resend for each in world.actions(do.PublishTruth)]
+    assert repeated == [True] * 2, 'for late subscribers'
     world.dispatch(world.master.step)
     world.wait(1)
     assert world.ticks == ticks + 1

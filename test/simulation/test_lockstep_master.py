@@ -13,6 +13,7 @@ from maps import open_floor, save
 from ballbot_ros.parameters import CONTROLLER, GYRO, RECORDER, SONAR
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.run_master import DISCOVERY_POLL_S, DISCOVERY_S
 from ballbot_ros.simulation.strangers import ANSWER_CALLS, Publisher
@@ -516,6 +517,18 @@ def test_a_paused_plant_keeps_the_duty_and_runs_single_steps():
     world.wait(0.1)
     assert world.ticks > ticks + 10
     assert [text for text in world.logged if text in ('paused', 'resumed')] == ['paused', 'resumed']
+
+
+@pytest.mark.parametrize('event', [LockstepMaster.step, LockstepMaster.set_paused])
+def test_a_run_that_ended_in_a_pause_stays_ended(event):
+    world = begun(7)
+    world.dispatch(world.master.set_paused, is_paused=True)
+    world.wait(0.1)
+    ticks = world.ticks
+    world.dispatch(world.master.stop)
+    details = {'is_paused': False} if event is LockstepMaster.set_paused else {}
+    assert event(world.master, world.now_s, **details) == []
+    assert world.ticks == ticks
 
 
 def test_pending_steps_are_dropped_at_the_end_of_the_pause():

@@ -382,11 +382,11 @@ def test_a_recorder_that_can_not_continue_ends_only_a_run_that_requires_it():
 def test_two_answers_to_the_tick_of_a_handover_are_no_problem():
     run = world().begin()
     run.kill(a('gyro_driver')).join(a('gyro_driver', 'its successor'))
-    run.roster.add_objection(Objection('two samples', 'gyro', run.now_ns))
-    run.roster.add_objection(Objection('two samples', 'gyro', run.now_ns - 40_000_000))
+    run.roster.add_objection(Objection.to_sample('gyro', run.now_ns))
+    run.roster.add_objection(Objection.to_sample('gyro', run.now_ns - 40_000_000))
     assert run.watch().state is ReadinessState.COMPLETE
-    run.roster.add_objection(Objection('two samples', 'gyro', run.now_ns + 4_000_000))
-    assert is_refused(run.watch(), 'two samples')
+    run.roster.add_objection(Objection.to_sample('gyro', run.now_ns + 4_000_000))
+    assert is_refused(run.watch(), 'has a second sample')
 
 
 def test_a_recorder_may_join_leave_and_be_replaced():
