@@ -271,6 +271,7 @@ class RunMaster(ABC):
     def _discover(self) -> None:
         """Begin the first run once all participants are known, or after the time limit."""
         is_complete = self._graph.is_complete() or self._now_s - self._created_s > DISCOVERY_S
+        # Look for another plant after that: the last participant to be discovered may be one.
         if not self._is_only_plant():
             return
         if is_complete:

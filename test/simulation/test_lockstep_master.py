@@ -432,15 +432,19 @@ def test_a_required_recorder_may_not_leave():
     assert world.summary.reason.startswith('recorder silent for 2 s')
 
 
-def test_a_run_ends_only_when_its_last_tick_is_recorded():
-    world = LockstepWorld().start(*ROLES, RECORDER)
-    world.advance(40)
+def complete_with_a_recorder_that_hangs(world):
+    """Hang the recorder until all ticks are done; the run ends only when it has the last one."""
     world.nodes[RECORDER].is_hung = True
-    world.wait(1)
+    world.wait(1.0)
     assert (world.ticks, world.summary) == (50, None)
     world.nodes[RECORDER].is_hung = False
     world.wait(0.5)
-    assert world.summary.outcome == 'completed'
+    assert (world.summary.outcome, world.ticks) == ('completed', 50)
+
+
+def test_a_run_ends_only_when_its_last_tick_is_recorded():
+    world = LockstepWorld().start(*ROLES, RECORDER)
+    complete_with_a_recorder_that_hangs(world.advance(40))
 
 
 def test_a_late_recorder_begins_at_a_multiple_of_20_ms():
@@ -778,12 +782,7 @@ def test_a_wait_for_the_recorder_at_the_end_does_not_slow_the_reported_pace():
     world = LockstepWorld(real_time_factor=1.0).start(*ROLES, RECORDER)
     while world.ticks < 40:
         world.wait(0.004)
-    world.nodes[RECORDER].is_hung = True
-    world.wait(1.0)
-    assert (world.ticks, world.summary) == (50, None)
-    world.nodes[RECORDER].is_hung = False
-    world.wait(0.5)
-    assert (world.summary.outcome, world.ticks) == ('completed', 50)
+    complete_with_a_recorder_that_hangs(world)
     assert world.summary.real_time_factor == pytest.approx(1.0, rel=0.05)
 
 
