@@ -38,7 +38,10 @@ def client(domain):
 
 @pytest.fixture
 def start_graph(start_node, tmp_path):
-    """Start every node by hand; the plant's summary comes from its trajectory file."""
+    """Start every node by hand; the plant's summary comes from its trajectory file.
+
+    The run keeps pace with the wall clock: at full speed it could end before a node is killed.
+    """
 
     def start(duration, **plant):
         nodes = {name: start_node(name) for name in OTHERS}
@@ -47,7 +50,7 @@ def start_graph(start_node, tmp_path):
             'plant_sim',
             duration=duration,
             start_pitch_x=START_PITCH,
-            real_time_factor=0.0,
+            real_time_factor=1.0,
             require_recorder='true',
             trajectory_file=tmp_path / 'trajectory.npz',
             **plant,
