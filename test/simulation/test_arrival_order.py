@@ -32,6 +32,13 @@ def test_messages_do_not_wait_for_a_clock_that_was_set_back():
     assert order.merge({'a': [(6, 'a6')], 'b': []}, 7) == ['a6']
 
 
+def test_those_that_wait_come_first_and_by_their_times_when_the_clock_is_set_back():
+    order = ArrivalOrder()
+    assert order.merge({'a': [(1002, 1)], 'b': [(1001, 2)]}, 1000) == []
+    assert order.merge({'a': [], 'b': []}, 1000) == [], 'the clock stood still'
+    assert order.merge({'a': [], 'b': [(3, 0)]}, 5) == [2, 1, 0]
+
+
 # Time since the previous event [ns], step of the clock before it, and the event: a message on one
 # of three topics, or a look (None).
 events = st.lists(

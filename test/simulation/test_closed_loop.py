@@ -4,6 +4,7 @@ import pytest
 from robot import START_NS, make_loop, run_loop, step
 
 from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.timing import TICK_NS
 
 
 def test_the_run_begins_at_one_second_and_ticks_every_four_milliseconds():
@@ -44,6 +45,16 @@ def test_sticks_and_time_count_from_the_start_of_the_run():
     ticks = run_loop(loop, 0.04)
     assert [tick.inputs.sticks for tick in ticks[::5]] == [(0, 0), (60, 0)]
     assert loop.program.brick.systick_ms == 1000 + 36
+
+
+def test_a_wall_ends_the_run():
+    start = {'plant_sim.map': 'track', 'plant_sim.start_position_x': 0.7}
+    loop = make_loop(start, Scenario(vertical=step(2.0, 100)))
+    ticks = list(loop.ticks(20.0))
+    assert loop.plant.stopped
+    assert loop.plant.time_ns == START_NS + len(ticks) * TICK_NS
+    assert len(ticks) < 5000
+    assert list(loop.ticks(20.0)) == []
 
 
 def test_the_plant_waits_for_the_devices_of_the_first_tick():

@@ -111,6 +111,21 @@ def test_a_paused_plant_makes_single_steps_and_no_tick_is_late():
     assert world.master.late_ticks == 0
 
 
+def test_only_a_standing_robot_is_shown_again():
+    world = begun()
+    send_duty(world)
+    world.wait(0.1)
+    world.done.clear()
+    world.wait(3)
+    assert not any(each.is_resend for each in world.actions(do.PublishTruth))
+
+
+def test_a_run_waits_for_no_participant():
+    world = begun(require_recorder=True)
+    send_duty(world)
+    assert world.wait(0.1).ticks > 20
+
+
 def test_a_reset_waits_for_a_duty_of_the_new_run():
     world = begun(startup_timeout=5.0)
     send_duty(world)

@@ -3,6 +3,7 @@
 import itertools
 from dataclasses import replace
 
+import lockstep_world
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
@@ -191,6 +192,25 @@ def test_a_stopped_plant_stops_the_motors():
     for event in (world.master.reset, world.master.stop, world.master.step):
         world.dispatch(event)
     assert world.done == before
+
+
+def test_a_wall_ends_the_run_and_the_robot_is_shown_at_it(monkeypatch):
+    monkeypatch.setattr(lockstep_world, 'duty_of', lambda stamp_ns: (100, 0))
+    world = begun(map='track', start_position_x=0.8, hold_time=0.0).wait(3)
+    assert world.summary.outcome == 'failed'
+    assert world.summary.reason.startswith('wall hit at sim time 1.316 s')
+    assert world.ticks > 70
+    assert world.truths[-1] == START_NS + world.ticks * TICK_NS
+
+
+def test_a_plant_that_need_not_wait_neither_reports_nor_warns():
+    world = begun(7)
+    world.done.clear()
+    world.nodes[GYRO].is_hung = True
+    world.wait(0.3)
+    assert world.actions(do.Report) == world.warnings == []
+    world = LockstepWorld().wait(WATCH_S)
+    assert world.warnings == []
 
 
 # Duties
@@ -386,6 +406,16 @@ def test_a_held_run_continues_when_the_stranger_leaves():
     assert world.summary is None
 
 
+def test_a_held_run_continues_with_the_duty_that_it_has():
+    world = begun(7)
+    world.graph.strangers['gyro'] = [Publisher(b'stranger', '/stranger')]
+    world.wait(1.0)
+    del world.graph.strangers['gyro']
+    world.done.clear()
+    world.wait(0.3)
+    assert not any(each.is_resend for each in world.actions(do.PublishTruth))
+
+
 def test_an_objection_of_a_participant_ends_the_run():
     world = begun(7)
     node = world.nodes[GYRO]
@@ -533,6 +563,29 @@ def test_a_run_that_ended_in_a_pause_stays_ended(event):
     details = {'is_paused': False} if event is LockstepMaster.set_paused else {}
     assert event(world.master, world.now_s, **details) == []
     assert world.ticks == ticks
+
+
+def test_a_single_step_does_not_wait_for_its_time():
+    world = begun(3, real_time_factor=0.01)
+    world.dispatch(world.master.set_paused, is_paused=True)
+    world.wait(1.0)
+    ticks = world.ticks
+    for step in range(1, 4):
+        world.settle()
+        world.dispatch(world.master.step)
+        assert world.ticks == ticks + step
+
+
+def test_a_paused_plant_does_not_wait_for_a_recorder_that_has_left():
+    world = recorded(10)
+    world.nodes[RECORDER].is_hung = True
+    world.settle()
+    world.dispatch(world.master.set_paused, is_paused=True)
+    world.leave(RECORDER)
+    world.wait(0.3)
+    ticks = world.ticks
+    world.dispatch(world.master.step)
+    assert world.ticks == ticks + 1
 
 
 def test_pending_steps_are_dropped_at_the_end_of_the_pause():

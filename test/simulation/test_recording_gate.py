@@ -36,7 +36,7 @@ class File:
             self.begin(run, start_ns)
 
     def begin(self, run, start_ns):
-        self.gate.begin(Run(run, start_ns), self.streams)
+        return self.gate.begin(Run(run, start_ns), self.streams)
 
     def keep(self, stream, log_ns, data, sequence):
         self.kept.append((stream.name, log_ns // MS, data))
@@ -292,7 +292,7 @@ def test_the_next_run_of_a_plant_begins_while_the_last_messages_of_the_previous_
     file = File()
     file.tick(1000)
     file.take(file.clock, 1004)
-    file.begin('2 abc', 1100 * MS)
+    assert file.begin('2 abc', 1100 * MS) is False
     file.take(file.gyro, 1004)
     file.tick(1100)
     assert [stamp for stamp, _ in file.of('/gyro')] == [1000, 1004, 1100]
@@ -303,7 +303,7 @@ def test_another_plant_begins_again_at_an_earlier_time():
     file = File()
     for now in range(1000, 1040, 4):
         file.tick(now)
-    file.begin('1 def', START)
+    assert file.begin('1 def', START) is True
     file.take(file.gyro, 1036, b'left')
     for stream in file.streams:
         file.numbers[stream] = 0

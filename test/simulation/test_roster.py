@@ -257,6 +257,22 @@ def test_a_stranger_that_sends_before_its_name_is_known_is_refused_once_it_is():
     assert is_refused(run.stranger('gyro').watch(), '/talker')
 
 
+def test_a_stranger_keeps_its_name_if_the_graph_no_longer_tells_it():
+    run = world().begin().stranger('gyro')
+    run.look()
+    run.stranger('gyro', name='')
+    run.roster.note_foreign_message('gyro')
+    assert is_refused(run.watch(), '/talker')
+
+
+def test_a_stranger_is_refused_only_after_the_time_in_which_a_new_node_joins():
+    run = world().begin().stranger('gyro')
+    run.look()
+    run.roster.note_foreign_message('gyro')
+    assert run.watch(ANSWER_CALLS - 1).state is ReadinessState.WAITING
+    assert is_refused(run.watch(1), '/talker')
+
+
 def test_a_stranger_without_a_name_is_refused_too():
     run = world().begin().stranger('gyro', name='')
     run.look()
@@ -377,6 +393,13 @@ def test_a_recorder_that_can_not_continue_ends_only_a_run_that_requires_it():
     run.roster.on_announcement(full)
     assert run.watch().state is ReadinessState.COMPLETE
     assert run.roster.reported_failure('recorder') == 'x.mcap: No space left on device'
+
+
+def test_a_recorder_that_is_not_required_may_object_to_a_sample():
+    run = world().join(a('recorder')).begin()
+    objection = Objection.to_sample('gyro', run.now_ns)
+    run.roster.on_announcement(Announcement(a('recorder'), RUN, 0, objection))
+    assert is_refused(run.watch(), "'gyro' has a second sample stamped 1.400 s")
 
 
 def test_two_answers_to_the_tick_of_a_handover_are_no_problem():

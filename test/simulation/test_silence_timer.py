@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot_ros.simulation.silence_timer import MAX_POLL_GAP_S, SilenceTimer, ThreadTime
+from ballbot_ros.simulation.silence_timer import SilenceTimer, ThreadTime
 
 WAITING = ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)
 IDLE = {1: WAITING}
@@ -68,8 +68,13 @@ def test_only_the_time_since_its_start_counts_for_a_new_process():
     assert timer.silence_s(2) == pytest.approx(0.2)
 
 
+def test_a_process_all_of_whose_threads_are_new_has_had_the_time():
+    other = {2: ThreadTime(9.0, 5.0, is_runnable=True)}
+    assert timer_after((0.1, {7: IDLE}), (0.2, {7: other})).silence_s(7) == pytest.approx(0.2)
+
+
 def test_time_without_updates_does_not_count():
-    assert timer_after((0.1, {}), (100.0, {})).silence_s() == pytest.approx(0.1 + MAX_POLL_GAP_S)
+    assert timer_after((0.1, {}), (100.0, {})).silence_s() == pytest.approx(0.3)
 
 
 def test_another_silence_begins_at_zero():

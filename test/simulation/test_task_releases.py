@@ -72,6 +72,13 @@ def test_an_invalid_release_changes_nothing(event):
     assert missing(releases, 1040) == [TS1, TS2]
 
 
+def test_the_schedule_counts_from_the_start_of_the_run():
+    releases = TaskReleases()
+    releases.begin(1100 * MS, TASKS)
+    release(releases, *((task, 1600) for task in PERIODS_MS))
+    assert missing(releases, 1600) == []
+
+
 @pytest.mark.parametrize('task', PERIODS_MS)
 def test_forced_releases_are_counted_and_their_timers_must_be_restarted(task):
     releases = begun()
