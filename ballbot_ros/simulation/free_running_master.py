@@ -65,8 +65,7 @@ class FreeRunningMaster(RunMaster):
         return self._duty_s is None and self._now_s - self._begun_s < limit_s
 
     def _watch(self) -> None:
-        if self.pause.is_paused:
-            self._repeat_truth()
+        self._repeat_truth()
 
     def _advance(self) -> None:
         pass  # The wall clock triggers the ticks.

@@ -205,7 +205,7 @@ class Roster:
             role, known = participant.role, run.members.get(participant.role)
             if role in run.contests or (known and known.instance == instance):
                 continue
-            if known and not run.has_begun:
+            if not run.has_begun:
                 run.history = [each for each in run.history if each.participant != known]
             elif known and role in self._stateless and not _are_equal(known, participant):
                 return f'{participant} replaces {known} with another program or other parameters'

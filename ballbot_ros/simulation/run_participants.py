@@ -85,10 +85,8 @@ class RunParticipants:
     def gather(self, run: Run, plant: Participant, *, requires_recorder: bool) -> None:
         """Start collecting the participants of a run."""
         self._run, self._plant = run, plant
-        required = [*DRIVERS, CONTROLLER] if self._is_lockstep else []
-        if self._is_lockstep and requires_recorder:
-            required.append(RECORDER)
-        self.roster.gather(run.name, plant, required)
+        required = [*DRIVERS, CONTROLLER, *([RECORDER] if requires_recorder else [])]
+        self.roster.gather(run.name, plant, required if self._is_lockstep else [])
         self._act(CallRoll(run, plant))
         self._graph.stop_listening()
         self.liveness.begin()

@@ -5,6 +5,7 @@ from lockstep_world import FREE_PERIODS_S, LockstepWorld, data_of
 
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.free_running_master import FreeRunningMaster
+from ballbot_ros.simulation.strangers import Publisher
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import FREE_RUNNING_SILENCE_S, TICK_NS, TICK_S
 
@@ -33,9 +34,14 @@ def test_it_waits_for_the_first_duty_and_asks_for_it_repeatedly():
     world.wait(3)
     assert world.ticks == 0
     assert len([each for each in world.actions(do.PublishTruth) if each.is_resend]) > 20
+    for is_paused in (True, False):
+        world.dispatch(world.master.set_paused, is_paused=is_paused)
+    world.wait(1)
+    assert world.ticks == 0
     send_duty(world)
     world.wait(1)
     assert world.ticks == pytest.approx(250, abs=2)
+    assert world.master.late_ticks == 0
 
 
 def test_without_a_controller_it_begins_after_the_startup_timeout():
@@ -118,6 +124,15 @@ def test_only_a_standing_robot_is_shown_again():
     world.done.clear()
     world.wait(3)
     assert not any(each.is_resend for each in world.actions(do.PublishTruth))
+
+
+def test_a_stranger_neither_holds_a_run_nor_causes_a_warning():
+    world = begun()
+    send_duty(world)
+    world.graph.strangers['gyro'] = [Publisher(b'stranger', '/stranger')]
+    world.wait(10)
+    assert world.ticks > 2400
+    assert world.warnings == []
 
 
 def test_a_run_waits_for_no_participant():

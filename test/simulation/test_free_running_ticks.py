@@ -47,6 +47,14 @@ def test_the_first_tick_runs_when_all_needed_samples_have_arrived(lacking):
     assert ticks.fire(TS1, 8) == DueTick(START, (TS1,), ())
 
 
+def test_a_run_begins_without_releases():
+    ticks = Ticks()
+    ticks.fire(TS2, 0)
+    ticks.ticks.begin(START, TASKS)
+    ticks.take(*NEEDED)
+    assert ticks.fire(TS1, 4).untimed == (TS2, TS3, LCD)
+
+
 def test_a_task_runs_at_the_tick_after_its_timer_fired():
     ticks = Ticks()
     ticks.take(*NEEDED)

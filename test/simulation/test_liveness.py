@@ -6,12 +6,14 @@ from types import SimpleNamespace
 import pytest
 from lockstep_world import WAITING, make_participant
 
-from ballbot_ros.parameters import GYRO
+from ballbot_ros.parameters import CONTROLLER, DRIVERS, GYRO, RECORDER
 from ballbot_ros.simulation.liveness import LivenessMonitor
 from ballbot_ros.simulation.silence_timer import Observation, ThreadTime
 
 JOINED = make_participant(GYRO)
 STARTING = JOINED.process + 1
+ENCODER = 'encoder_driver'
+MS = 1_000_000
 
 
 def waited_s(siblings, starved, host='here'):
@@ -56,32 +58,73 @@ def test_a_process_of_another_machine_may_have_the_number_of_one_of_this_machine
     assert waited_s((number,), (number,), host='there') == pytest.approx(0.0, abs=0.21)
 
 
-def silences_s(observations, since_s):
-    """Return the silence of a gyro driver that does not answer, from a roll call on.
+class Silence:
+    """The silence of participants after a roll call; those in `silent` do not answer.
 
-    Each of the observations is a time and the thread of the driver; the first is at the call.
+    Attributes
+    ----------
+    due_ns : dict of str to int
+        The stamps that the roster was asked for [ns].
     """
-    looks = iter(observations)
 
-    def observe(processes):
-        now_s, thread = next(looks)
-        return Observation(now_s, {JOINED.process: {1: thread}})
+    def __init__(self, members, silent, called_s=10.0):
+        self.threads, self.now_s, self.silent = {}, called_s, silent
+        for member in members.values():
+            self.threads[member.process] = {1: WAITING[1]}
+        roster = SimpleNamespace(members=members, calls=1, silences_s=self._silences_s)
+        observer = SimpleNamespace(observe=self._observe, siblings=tuple)
+        self.monitor = LivenessMonitor(roster, observer, JOINED.host)
+        self.monitor.begin()
+        self.monitor.call()
 
-    roster = SimpleNamespace(
-        members={GYRO: JOINED},
-        calls=1,
-        silences_s=lambda call, due_ns, silence_s: {GYRO: silence_s(JOINED)},
-    )
-    monitor = LivenessMonitor(roster, SimpleNamespace(observe=observe, siblings=tuple), JOINED.host)
-    monitor.begin()
-    monitor.call()
-    for _ in observations[1:]:
-        found = monitor.silences_s(since_s, 0, awaits_recorder=False)
-    return found
+    def _observe(self, processes):
+        living = {each: self.threads[each] for each in processes if each in self.threads}
+        return Observation(self.now_s, living)
+
+    def _silences_s(self, call, due_ns, silence_s):
+        self.due_ns = due_ns
+        return {role: silence_s(member) for role, member in self.silent.items()}
+
+    def after(self, seconds, tick_ms=1000, *, awaits_recorder=False):
+        self.now_s += seconds
+        return self.monitor.silences_s(0.0, tick_ms * MS, awaits_recorder=awaits_recorder)
 
 
 def test_a_silence_counts_from_its_first_roll_call_on_and_without_the_wait_for_a_processor():
-    waiting = WAITING[1]
-    assert silences_s([(10.0, waiting), (10.05, waiting)], 0.0) == {GYRO: pytest.approx(0.05)}
-    starved = replace(waiting, queued_s=0.04)
-    assert silences_s([(10.0, waiting), (10.05, starved)], 0.0) == {GYRO: pytest.approx(0.01)}
+    assert Silence({GYRO: JOINED}, {GYRO: JOINED}).after(0.05) == {GYRO: pytest.approx(0.05)}
+    busy = Silence({GYRO: JOINED}, {GYRO: JOINED})
+    busy.threads[JOINED.process] = {1: replace(WAITING[1], queued_s=0.04)}
+    assert busy.after(0.05) == {GYRO: pytest.approx(0.01)}
+
+
+def test_an_answer_ends_the_silence():
+    silence = Silence({GYRO: JOINED}, {GYRO: JOINED})
+    assert silence.after(0.1)
+    silence.monitor.reset()
+    assert silence.after(0.1) == {}
+
+
+def test_only_drivers_with_a_sample_at_the_tick_owe_it():
+    silence = Silence({}, {})
+    for tick_ms, owing in ((1000, set(DRIVERS)), (1004, {GYRO, ENCODER})):
+        silence.after(0.1, tick_ms)
+        expected = {role: tick_ms * MS if role in owing else 0 for role in (*DRIVERS, CONTROLLER)}
+        assert silence.due_ns == expected
+        silence.after(0.1, tick_ms, awaits_recorder=True)
+        assert silence.due_ns == {**expected, RECORDER: 0}
+
+
+def test_if_all_answer_the_one_that_the_plant_waits_for_is_silent():
+    silence = Silence({}, {})
+    assert silence.after(0.1) == {CONTROLLER: pytest.approx(0.1)}
+    assert silence.after(0.1, awaits_recorder=True) == {RECORDER: pytest.approx(0.2)}
+
+
+def test_a_dead_participant_is_named_before_those_that_may_wait_for_it():
+    remote = replace(make_participant(ENCODER), host='there')
+    controller = make_participant(CONTROLLER)
+    members = {GYRO: JOINED, ENCODER: remote, CONTROLLER: controller}
+    silence = Silence(members, members)
+    assert set(silence.after(0.1)) == set(members)
+    del silence.threads[JOINED.process]
+    assert set(silence.after(0.1)) == {GYRO}

@@ -201,6 +201,7 @@ def test_a_wall_ends_the_run_and_the_robot_is_shown_at_it(monkeypatch):
     assert world.summary.reason.startswith('wall hit at sim time 1.316 s')
     assert world.ticks > 70
     assert world.truths[-1] == START_NS + world.ticks * TICK_NS
+    assert world.actions(do.RaiseError) == [], 'it is the reason of the end'
 
 
 def test_a_plant_that_need_not_wait_neither_reports_nor_warns():
@@ -209,8 +210,10 @@ def test_a_plant_that_need_not_wait_neither_reports_nor_warns():
     world.nodes[GYRO].is_hung = True
     world.wait(0.3)
     assert world.actions(do.Report) == world.warnings == []
-    world = LockstepWorld().wait(WATCH_S)
+    world = LockstepWorld().wait(4.9)
     assert world.warnings == []
+    assert not world.graph.is_listening
+    assert world.wait(0.5).warnings[0].startswith('waiting for gyro_driver')
 
 
 # Duties
@@ -364,7 +367,8 @@ def test_a_restarted_controller_fails_the_run_at_its_end():
     world.start(CONTROLLER, generation=1)
     world.wait(5)
     assert world.summary.outcome == 'failed'
-    assert 'restarted at' in world.summary.reason
+    assert world.summary.reason.endswith(' restarted at 0.032 s of the run')
+    assert [each.exit_status for each in world.actions(do.EndRun)] == [1]
 
 
 def test_two_controllers_are_refused():
@@ -406,14 +410,31 @@ def test_a_held_run_continues_when_the_stranger_leaves():
     assert world.summary is None
 
 
-def test_a_held_run_continues_with_the_duty_that_it_has():
+@pytest.mark.parametrize('has_duty', [True, False])
+def test_a_held_run_continues_with_its_duty_or_asks_for_it(has_duty):
     world = begun(7)
     world.graph.strangers['gyro'] = [Publisher(b'stranger', '/stranger')]
+    if not has_duty:
+        world.in_flight.clear()
     world.wait(1.0)
     del world.graph.strangers['gyro']
     world.done.clear()
-    world.wait(0.3)
-    assert not any(each.is_resend for each in world.actions(do.PublishTruth))
+    world.dispatch(world.master.on_time)
+    assert [each.is_resend for each in world.actions(do.PublishTruth)] == [not has_duty]
+
+
+def test_a_hold_is_no_silence_of_the_recorder():
+    world = recorded(10)
+    world.nodes[RECORDER].is_hung = True
+    world.settle()
+    world.graph.strangers['gyro'] = [Publisher(b'stranger', '/stranger')]
+    world.wait(5 * TIMEOUT_S)
+    del world.graph.strangers['gyro']
+    world.wait(TIMEOUT_S / 2)
+    assert world.summary is None
+    world.nodes[RECORDER].is_hung = False
+    ticks = world.ticks
+    assert world.wait(0.5).ticks > ticks
 
 
 def test_an_objection_of_a_participant_ends_the_run():
@@ -548,6 +569,7 @@ def test_a_paused_plant_keeps_the_duty_and_runs_single_steps():
         world.wait(0.1)
         assert world.ticks == ticks + step
     world.dispatch(world.master.set_paused, is_paused=False)
+    assert world.ticks == ticks + 4
     world.wait(0.1)
     assert world.ticks > ticks + 10
     assert [text for text in world.logged if text in ('paused', 'resumed')] == ['paused', 'resumed']
@@ -586,6 +608,14 @@ def test_a_paused_plant_does_not_wait_for_a_recorder_that_has_left():
     ticks = world.ticks
     world.dispatch(world.master.step)
     assert world.ticks == ticks + 1
+
+
+def test_another_request_to_pause_keeps_a_pending_step():
+    world = begun()
+    world.dispatch(world.master.set_paused, is_paused=True)
+    world.dispatch(world.master.step)
+    world.dispatch(world.master.set_paused, is_paused=True)
+    assert world.wait(1).ticks == 1
 
 
 def test_pending_steps_are_dropped_at_the_end_of_the_pause():
@@ -659,6 +689,14 @@ def test_a_reset_begins_another_run_at_the_next_multiple_of_100_ms(ticks):
     world.advance(10)
     assert world.truths[ticks + 1 : ticks + 3] == [start_ns, start_ns + TICK_NS]
     assert world.master.log.duty_sha256 == duties_sha256(10, start_ns)
+
+
+def test_a_reset_cancels_the_wait_for_the_next_tick():
+    world = begun(1, real_time_factor=0.01)
+    world.settle()
+    assert world.wake_s is not None
+    world.dispatch(world.master.reset)
+    assert world.wake_s is None
 
 
 def test_a_run_without_a_map_clears_the_map_of_the_previous_one(tmp_path):

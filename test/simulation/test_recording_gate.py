@@ -96,7 +96,8 @@ def test_leftover_messages_of_an_earlier_run_do_not_pass():
     file.take(file.gyro, 5000, b'left')
     file.take(file.state, 0, b'left')
     file.take(file.sonar, 400, b'left')
-    file.take(file.map, 1000, b'map of this run')
+    file.take(file.clock, 996, b'left')
+    file.take(file.map, 0, b'map of this run')
     file.tick(1000)
     assert b'left' not in [data for _, _, data in file.kept]
     assert file.of('/map') == [(1000, b'map of this run')]
@@ -320,6 +321,26 @@ def test_without_a_run_everything_passes_in_its_order():
         file.tick(now)
     assert file.of('/operating_state') == [(500, b'early')]
     assert [stamp for stamp, _ in file.of('/gyro')] == [500, 504, 508]
+
+
+def test_without_a_run_any_clock_may_jump():
+    file = File(run=None)
+    file.crowded = {'/clock'}
+    file.tick(500)
+    file.tick(500_000)
+    assert [stamp for stamp, _ in file.of('/clock')] == [500, 500_000]
+    assert file.objections == []
+
+
+@pytest.mark.parametrize(('copy', 'following'), [(2, 3), (100, 2)], ids=['own', "a stranger's"])
+def test_a_copy_of_a_sample_is_counted_only_if_its_sender_may_have_sent_it(copy, following):
+    file = File()
+    file.tick(1000)
+    file.take(file.gyro, 1000, sequence=copy)
+    for now in (1004, 1008):
+        file.take(file.clock, now)
+    file.take(file.gyro, 1008, sequence=following)
+    assert file.lost == [], 'the sender skipped a stamp itself'
 
 
 def test_without_a_run_a_sample_does_not_wait_for_a_clock_that_may_be_anothers():

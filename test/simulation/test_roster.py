@@ -160,7 +160,9 @@ def test_a_second_living_node_of_a_role_is_refused_with_both_names(has_begun, ro
         run.begin()
     second = a(role, 'the second', node)
     run.join(second)
-    assert is_refused(run.watch(), TOPICS[role], role, str(a(role)), str(second))
+    standing = run.watch()
+    assert is_refused(standing, TOPICS[role], role, str(a(role)), str(second))
+    assert 'likewise' not in standing.reason
 
 
 def test_duplicates_of_all_roles_are_reported_in_one_line():
@@ -203,6 +205,7 @@ def test_before_the_run_begins_any_participant_may_be_replaced():
     instances = [member.participant.instance for member in run.roster.history]
     assert 'the other' in instances
     assert a('gyro_driver').instance not in instances
+    assert not any(member.is_successor for member in run.roster.history)
 
 
 def test_a_restarted_controller_is_a_successor_with_any_parameters():
@@ -375,6 +378,22 @@ def test_an_objection_to_a_participant_itself_is_the_reason():
         Announcement(a('controller'), RUN, 0, Objection('two samples of 1.4 s', 'gyro', run.now_ns))
     )
     assert is_refused(run.watch(), 'two samples of 1.4 s', '/gyro_driver', 'left')
+
+
+def test_an_objection_waits_until_roll_calls_have_shown_who_is_alive():
+    run = world().begin()
+    run.roster.add_objection(Objection('two samples', 'gyro', run.now_ns))
+    assert run.watch(ANSWER_CALLS - 1).state is not ReadinessState.REFUSED
+    assert is_refused(run.watch(), 'two samples')
+
+
+def test_the_handover_of_a_role_excuses_no_other():
+    run = world().begin()
+    run.kill(a('gyro_driver')).join(a('gyro_driver', 'its successor'))
+    run.watch()
+    for topic in ('gyro', 'sonar'):
+        run.roster.add_objection(Objection(f'two samples on {topic}', topic, START_NS))
+    assert is_refused(run.watch(), 'two samples on sonar')
 
 
 def test_a_participant_that_can_not_continue_ends_the_run_at_once():
