@@ -402,8 +402,6 @@ def _grouped(records: Iterable[McapRecord]) -> Iterator[Chunk | bytes]:
                 yield record
     except DAMAGE:
         # Yield these messages before the error: the part before the damage is intact.
-        if loose.count:
-            yield bytes(loose.end())  # type: ignore[no-untyped-call]
-        raise
-    if loose.count:
         yield bytes(loose.end())  # type: ignore[no-untyped-call]
+        raise
+    yield bytes(loose.end())  # type: ignore[no-untyped-call]

@@ -81,6 +81,7 @@ def test_batches_are_the_messages_of_the_mcap_package(tmp_path, options):
         assert [tuple(each) for each in reader.raw_messages()] == expected
         batches = list(reader.batches())
         assert [each for batch in batches for each in batch.messages()] == expected
+        assert len(batches) < 50
         assert all(len(batch.data) < 2**19 for batch in batches)
         assert sum(len(batch.rows()['/a']) for batch in reader.batches(['/a'])) == sum(
             topic == '/a' for topic, *_ in expected

@@ -1,10 +1,15 @@
 """Tables: columns with units, one table per topic or one joined table."""
 
 import csv
+import errno
+import json
 import math
+import os
+import sys
 
 import numpy as np
 import pytest
+from recorded_bytes import UNCOMPRESSED, flip, write_foreign
 
 from ballbot_ros.recording import tables
 from ballbot_ros.recording.columns import ColumnHints, TopicColumns
@@ -134,12 +139,15 @@ def test_joined_rows_hold_values_until_the_next(recording):
 
 
 def test_a_message_may_be_a_second_late(recording):
-    first, last = 2500, 3000
+    first, last = 2_500_000, 2_500_500
     stamps = [first + 1, first, *range(first + 2, last), last - 250, last, last - 1]
     for tick in stamps:
         recording.add('/fast', RANGE, tick * TICK_NS, range=float(tick))
     found = rows(export(recording, joined=True)['joined'])
     assert [float(row['fast_range_m']) for row in found] == list(range(first, last + 1))
+    assert [float(row['time_s']) for row in found] == [
+        tick * TICK_NS / 1e9 for tick in range(first, last + 1)
+    ]
 
 
 @pytest.mark.parametrize('later_ns', [-250 * TICK_NS, -2 * 10**9, 7200 * 10**9])
@@ -155,6 +163,19 @@ def test_stamps_out_of_order_are_an_error(recording, later_ns):
 def test_a_topic_without_messages_has_no_table(recording):
     recording.topics['/text'] = recording.writer.add_topic('/text', STRING)
     assert export(recording, joined=True) == {}
+
+
+@pytest.mark.parametrize('joined', [False, True])
+def test_a_topic_whose_messages_are_all_damaged_has_no_table(tmp_path, joined):
+    path = tmp_path / 'foreign.mcap'
+    content = write_foreign(path, ['only'], **UNCOMPRESSED)
+    path.write_bytes(flip(content, content.index(b'only')))
+    with RecordingReader(path) as reader:
+        assert reader.topics()['/lcd'].message_count == 1  # according to the summary
+        exporter = Exporter(reader, tmp_path / 'tables', 'csv', ['/lcd'], {})
+        exporter.write_joined(TICK_NS) if joined else exporter.write_topics()
+        assert reader.corruption
+    assert exporter.files == []
 
 
 def test_changing_joints_and_axes_are_an_error(tmp_path):
@@ -178,6 +199,51 @@ def test_every_column_of_the_graph_is_one_of_four_kinds(graph_types):
     joints.name, joints.position = ['a'], np.array([0.1])
     columns = TopicColumns(joints, ColumnHints()).columns
     assert {column.name: column.kind for column in columns}['position_a_rad'] is float
+
+
+def test_lists_are_json(recording):
+    key_value = new_message('diagnostic_msgs/msg/KeyValue')
+    key_value.key, key_value.value = 'größe', '2'
+    status = new_message('diagnostic_msgs/msg/DiagnosticStatus')
+    status.level, status.values = 2, [key_value]
+    recording.add('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', 10**9, status=[status])
+    recording.add('/polygon', 'geometry_msgs/msg/Polygon', 10**9)
+    files = export(recording)
+    (diagnostics,), (polygon,) = rows(files['diagnostics']), rows(files['polygon'])
+    assert json.loads(diagnostics['status']) == [
+        {
+            'level': 2, 'name': '', 'message': '', 'hardware_id': '',
+            'values': [{'key': 'größe', 'value': '2'}],
+        }
+    ]  # fmt: skip
+    assert 'größe' in diagnostics['status']
+    assert polygon['points'] == '[]'
+
+
+def test_a_closed_table_is_on_disk(tmp_path):
+    path = tmp_path / 'table.csv'
+    table = tables.CsvTable(path, [('a', int), ('b', float)])
+    table.add([1, None])
+    table.close()
+    assert rows(path) == [{'a': '1', 'b': ''}]
+    assert table  # It still exists: without `close`, its end would have written the file.
+
+
+def test_the_error_is_reported_even_if_a_table_is_gone(recording, tmp_path):
+    recording.add('/text', STRING, 10**9, data='a')
+    recording.writer.close()
+    calls = []
+
+    def fail(*call):
+        calls.append(call)
+        (tmp_path / 'text.csv').unlink()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with RecordingReader(recording.writer.path) as reader:
+        exporter = Exporter(reader, tmp_path, 'csv', ['/text'], {}, fail)
+        with pytest.raises(RecordingError, match=r': No space left on device$'):
+            exporter.write_topics()
+    assert calls == [(1, 1)]
 
 
 def test_no_file_is_overwritten(recording):
@@ -205,6 +271,26 @@ def test_parquet_has_the_same_values(recording, monkeypatch):
     assert table['time_s'].to_pylist() == [1.0, 1.004, 1.008]
     assert table['range_m'].to_pylist() == [0.0, 0.5, 1.0]
     assert str(table.schema.field('radiation_type').type) == 'int64'
+
+
+def test_a_parquet_column_without_values_keeps_its_type(recording, monkeypatch):
+    parquet = pytest.importorskip('pyarrow.parquet')
+    monkeypatch.setattr(tables, 'ROWS_AT_ONCE', 2)
+    for tick in range(5):
+        recording.add('/fast', RANGE, 10**9 + tick * TICK_NS, range=0.5 * tick)
+    recording.add('/slow', RANGE, 10**9 + 3 * TICK_NS, range=7.0)
+    table = parquet.read_table(export(recording, joined=True, to='parquet')['joined'])
+    assert table['fast_range_m'].to_pylist() == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert table['slow_range_m'].to_pylist() == [None, None, None, 7.0, 7.0]
+    assert len(table.schema) == 13
+
+
+def test_a_missing_pyarrow_is_named(recording, monkeypatch):
+    recording.add('/text', STRING, 10**9, data='a')
+    monkeypatch.setitem(sys.modules, 'pyarrow', None)
+    with pytest.raises(RecordingError, match=r'^pyarrow not found: install it with `pip install '):
+        export(recording, to='parquet')
+    assert list(recording.writer.path.with_name('tables').iterdir()) == []
 
 
 def test_a_number_that_parquet_cannot_store_is_an_error(recording):

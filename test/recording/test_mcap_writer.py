@@ -26,6 +26,24 @@ actions = st.lists(
 
 @given(actions=actions, chunk_size=st.sampled_from([10, 300, 2**20]))
 def test_the_file_is_the_one_that_the_package_writes(actions, chunk_size):
+    assert_same_file(actions, chunk_size)
+
+
+def test_chunks_end_at_the_same_size():
+    message = ('message', 0, 1, b'data', 2, 3)
+    actions = [
+        ('channel', 'a', 0),
+        message,
+        ('schema', 'b', b'text'),
+        message,
+        ('channel', 'c', 1),
+        message,
+    ]
+    for chunk_size in range(30, 300):
+        assert_same_file(actions, chunk_size)
+
+
+def assert_same_file(actions, chunk_size):
     expected, written = io.BytesIO(), io.BytesIO()
     theirs = Writer(expected, chunk_size, enable_data_crcs=True)
     theirs.start('ros2', 'library')

@@ -29,6 +29,7 @@ def due(playback, now):
 
 def test_messages_are_due_at_the_set_rate(reader):
     playback = Playback(reader, None, rate=2.0, loop=False)
+    assert due(playback, 0.0) == [0]
     playback.begin(0.0, 50.0)
     assert due(playback, 49.9) == []
     assert due(playback, 50.0) == [0]

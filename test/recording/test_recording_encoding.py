@@ -53,6 +53,7 @@ def test_a_new_message_has_defaults_and_shares_nothing():
     assert other.pose.covariance[0] == 0.0
     assert other.header.frame_id == ''
     assert len(new_message('sensor_msgs/msg/JointState').position) == 0
+    assert len(new_message('shape_msgs/msg/SolidPrimitive').dimensions) == 0  # up to 3
 
 
 def test_a_new_message_is_rclpys_new_message(graph_types, to_rclpy, plain):

@@ -269,7 +269,7 @@ def test_big_endian_and_padded_messages_are_read(tmp_path):
 
 def test_files_of_other_writers_are_read(tmp_path):
     path = tmp_path / 'foreign.mcap'
-    for options in FOREIGN:
+    for options in (*FOREIGN, {'definition': b''}):
         write_foreign(path, NUMBERS, **options)
         with RecordingReader(path) as reader:
             assert reader.complete, options

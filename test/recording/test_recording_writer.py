@@ -8,13 +8,14 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import asdict, replace
 
 import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from laws import given
 from mcap.reader import make_reader
-from mcap.records import Chunk, DataEnd
+from mcap.records import Attachment, Chunk, DataEnd
 from mcap.stream_reader import StreamReader
 from recorded_bytes import write_foreign
 from rosbags.highlevel import AnyReader
@@ -26,6 +27,7 @@ from text_messages import STRING, string
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.rosbag2 import parse_offered_qos
 from ballbot_ros.recording.schemas import schema
 from ballbot_ros.recording.writer import RecordingWriter
 
@@ -56,10 +58,12 @@ def test_mcap_reads_it(recording, sample):
         assert reader.get_header().profile == 'ros2'
         read = list(reader.iter_messages(log_time_order=False))
         summary = reader.get_summary()
-        assert [(a.name, a.media_type, a.data) for a in reader.iter_attachments()] == [
-            ('scenario.yaml', 'application/yaml', b'name: stationary\n')
-        ]
+        (attachment,) = reader.iter_attachments()
         metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+    assert attachment == Attachment(
+        create_time=0, log_time=0, name='scenario.yaml', media_type='application/yaml',
+        data=b'name: stationary\n',
+    )  # fmt: skip
     assert metadata.keys() == {'run', 'rosbag2'}
     assert metadata['run'] == {'seed': '1'}
     assert len(read) == len(sample)
@@ -259,6 +263,24 @@ def test_the_qos_of_any_release_is_read(tmp_path):
             assert reader.offered_qos() == {'/lcd': expected}, written
 
 
+def test_the_numbers_of_qos_policies_are_those_of_the_middleware():
+    qos = pytest.importorskip('rclpy.qos')
+    endless = {'sec': 9223372036, 'nsec': 854775807}
+    for key, policies in (
+        ('history', qos.HistoryPolicy),
+        ('reliability', qos.ReliabilityPolicy),
+        ('durability', qos.DurabilityPolicy),
+        ('liveliness', qos.LivelinessPolicy),
+    ):
+        for policy in policies:
+            if policy.name != 'BEST_AVAILABLE':  # of subscriptions, never offered
+                offer = asdict(RELIABLE_LATCHED) | {key: int(policy)}
+                offer |= dict.fromkeys(('deadline', 'lifespan'), endless)
+                offer['liveliness_lease_duration'] = endless
+                expected = replace(RELIABLE_LATCHED, **{key: policy.name.lower()})
+                assert parse_offered_qos(str([offer])) == [expected], policy
+
+
 def test_qos_is_converted_from_rclpy():
     qos = pytest.importorskip('rclpy.qos')
     duration = pytest.importorskip('rclpy.duration')
@@ -266,14 +288,14 @@ def test_qos_is_converted_from_rclpy():
         depth=128,
         reliability=qos.ReliabilityPolicy.RELIABLE,
         durability=qos.DurabilityPolicy.TRANSIENT_LOCAL,
-        liveliness=qos.LivelinessPolicy.AUTOMATIC,
+        liveliness=qos.LivelinessPolicy.MANUAL_BY_TOPIC,
         deadline=duration.Duration(nanoseconds=1),
         lifespan=duration.Duration(nanoseconds=2),
         liveliness_lease_duration=duration.Duration(nanoseconds=3),
         avoid_ros_namespace_conventions=True,
     )
     assert QosProfile.from_rclpy(profile) == QosProfile(
-        'keep_last', 128, 'reliable', 'transient_local', 1, 2, 'automatic', 3, True
+        'keep_last', 128, 'reliable', 'transient_local', 1, 2, 'manual_by_topic', 3, True
     )
 
 
@@ -506,6 +528,7 @@ def test_a_full_disk_ends_the_recording(tmp_path):
     writer.close()
     assert path.stat().st_size == 50_000
     with RecordingReader(path) as reader:
+        assert not reader.being_written
         assert reader.damage == 'cut off at byte 50000'
         assert reader.count > 200
         assert [message.data for message in reader.raw_messages()] == messages[: reader.count]

@@ -4,11 +4,13 @@ import shutil
 import struct
 
 import pytest
+import yaml
 from hypothesis import example
 from hypothesis import strategies as st
 from laws import given
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from recorded_bytes import (
     FOREIGN,
@@ -209,6 +211,7 @@ def test_a_chunk_with_a_broken_header_costs_no_other(content, places, sample, re
 def test_the_description_says_what_is_damaged_kept_and_lost(content, places, repair_bytes):
     begins, ends = zip(*places, strict=True)
     size, summary_at = len(content), place_of(content, Opcode.DATA_END)[1]
+    data_end_at = place_of(content, Opcode.DATA_END)[0]
     attachment_at, attachment_end = place_of(content, Opcode.ATTACHMENT)
     one, first = flip(content, ends[4] - 10), flip(content, ends[0] - 10)
     rows = {
@@ -265,6 +268,11 @@ def test_the_description_says_what_is_damaged_kept_and_lost(content, places, rep
         'an attachment': (
             content.replace(b'name: stationary', b'name: stationarz'),
             (attachment_at, attachment_end),
+            '280 messages up to 2.116 s kept; none lost',
+        ),
+        'the end of the data': (
+            flip(content, data_end_at),
+            (data_end_at, summary_at),
             '280 messages up to 2.116 s kept; none lost',
         ),
         'another recording': (
@@ -330,6 +338,39 @@ def test_everything_is_kept_of_files_of_others(tmp_path):
             assert (message.sequence, message.data) == (number, string(TEXTS[number]))
         assert (attachment.create_time, attachment.log_time, attachment.data) == (3, 4, b'notes')
         assert metadata['origin'] == {'robot': 'another'}
+        described = yaml.safe_load(metadata['rosbag2']['serialized_metadata'])
+        (topic,) = described['topics_with_message_count']
+        assert topic['topic_metadata']['type'] == 'some_msgs/msg/Own'
+        assert topic['message_count'] == 40
+
+
+def test_a_topic_without_a_definition_is_kept(tmp_path):
+    path, output = tmp_path / 'foreign.mcap', tmp_path / 'mended.mcap'
+    with path.open('wb') as stream:
+        writer = Writer(stream)
+        writer.start('ros2')
+        channel = writer.register_channel('/json', 'json', 0)
+        writer.add_message(channel, 5, b'{}', 6)
+        writer.finish()
+    path.write_bytes(path.read_bytes()[:-1])
+    assert repair(path, output).output == output
+    with RecordingReader(output) as reader:
+        assert [tuple(each) for each in reader.raw_messages()] == [('/json', 5, 0, b'{}')]
+        assert reader.topics() == {'/json': ('', 1)}
+        assert reader.unreadable() == {'/json': "its encoding is 'json', not cdr"}
+
+
+def test_progress_is_the_position_in_two_passes(tmp_path, content):
+    path = tmp_path / 'cut.mcap'
+    path.write_bytes(content[:20_000])
+    calls = []
+    repair(path, progress=lambda *call: calls.append(call))
+    assert {total for _, total in calls} == {40_000}
+    places = [done for done, _ in calls]
+    half = len(places) // 2
+    assert places[half:] == [20_000 + place for place in places[:half]]
+    assert places == sorted(places)
+    assert places[-1] == 40_000
 
 
 def numbers(content, repair_bytes):
@@ -432,6 +473,15 @@ def test_mistakes_are_one_line(tmp_path, whole, content):
         pytest.raises(RecordingError, match='still being recorded'),
     ):
         repair(tmp_path / 'new.mcap')
+
+
+def test_an_output_that_is_removed_meanwhile_is_reported(tmp_path, content):
+    cut, output = tmp_path / 'cut.mcap', tmp_path / 'mended.mcap'
+    cut.write_bytes(content[:20_000])
+    with pytest.raises(
+        RecordingError, match=r'mended\.mcap: moved or removed while being written$'
+    ):
+        repair(cut, output, lambda *_: output.unlink(missing_ok=True))
 
 
 def test_a_full_disk_leaves_no_file(tmp_path, content, monkeypatch):
