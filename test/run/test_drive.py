@@ -138,12 +138,14 @@ def test_a_signal_the_quit_key_and_the_loss_of_the_terminal_stop_a_drive(monkeyp
     ):
         seen = []
 
-        def run(should_stop, stop=stop, seen=seen):
+        graph = Graph(monkeypatch)
+
+        def run(should_stop, stop=stop, seen=seen, gamepad=graph.gamepad):
             seen.append(should_stop())
-            stop(graph.gamepad)
+            stop(gamepad)
             seen.append(should_stop())
 
-        graph = Graph(monkeypatch, run)
+        graph.run = run
         graph.drive(tmp_path)
         assert seen == [False, True]
 

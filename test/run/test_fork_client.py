@@ -194,11 +194,13 @@ def test_the_fork_server_has_imported_the_nodes_but_not_initialised_ros():
 
 
 def test_a_process_number_may_be_used_again(monkeypatch):
-    servers = []
+    servers, events = [], []
 
     def start_server(command, *, pass_fds, **options):
         servers.append(socket.socket(fileno=os.dup(pass_fds[0])))
-        return SimpleNamespace(kill=lambda: None, wait=lambda: None)
+        return SimpleNamespace(
+            kill=lambda: events.append('killed'), wait=lambda: events.append('awaited')
+        )
 
     monkeypatch.setattr(fork_client.subprocess, 'Popen', start_server)
     with ForkClient() as client, servers[0] as server:
@@ -208,6 +210,7 @@ def test_a_process_number_may_be_used_again(monkeypatch):
             assert client.status_of(1234) is None
             server.send(f'[1234, {status}]'.encode())
             assert client.status_of(1234) == status
+    assert events == ['killed', 'awaited']
 
 
 ORPHAN = """
