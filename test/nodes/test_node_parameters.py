@@ -255,6 +255,13 @@ def test_a_renamed_node_keeps_its_role_and_parameters(make, role):
         assert set_one(node, name, list(value) if isinstance(value, tuple) else value).successful
 
 
+def test_a_node_with_given_values_ignores_the_arguments_of_its_process(make):
+    make(CONTROLLER, ['-r', '__node:=another'])
+    node = REGISTRY[GYRO].maker(REGISTRY[GYRO].parameters(noise=0.5))
+    assert (node.get_name(), node.parameters.noise) == (GYRO, 0.5)
+    node.destroy_node()
+
+
 def test_a_sample_has_the_parameters_of_its_run(make):
     node = make(SONAR)
     samples = []

@@ -258,6 +258,51 @@ def test_another_rate_takes_effect_at_once(make_player):
     assert player.playback.rate == 2.0
 
 
+def stub_player(**attributes):
+    """Return a player that has only these attributes."""
+    node = Player.__new__(Player)
+    vars(node).update(attributes)
+    return node
+
+
+def test_a_position_must_be_a_number():
+    sought, warned = [], []
+    node = stub_player(
+        playback=SimpleNamespace(seek=lambda position_s, now_s: sought.append(position_s)),
+        get_name=lambda: 'player',
+        warn=warned.append,
+    )
+    for position_s in (1.5, math.nan):
+        node._seek(SimpleNamespace(data=position_s))
+    assert sought == [1.5]
+    assert warned == ['player/seek: nan is not a position']
+
+
+def test_a_player_flushes_and_releases_what_it_holds():
+    for owns_domain in (True, False):
+        done = []
+        release = SimpleNamespace(release=lambda done=done: done.append('released'))
+        node = stub_player(
+            _lock=release if owns_domain else None,
+            _outputs={
+                '/talk': SimpleNamespace(wait_for_all_acked=lambda _, done=done: done.append(1))
+            },
+            _recording=SimpleNamespace(close=lambda done=done: done.append('closed')),
+        )
+        node.close()
+        assert done == [1, 'closed', *(['released'] if owns_domain else [])]
+
+
+def test_a_pause_is_confirmed():
+    paused = []
+    playback = SimpleNamespace(pause=lambda pause, now_s: paused.append(pause))
+    for pause, told in ((True, 'paused'), (False, 'playing')):
+        request = SetBool.Request(data=pause)
+        answer = stub_player(playback=playback)._pause(request, SetBool.Response())
+        assert (answer.success, answer.message) == (True, told)
+    assert paused == [True, False]
+
+
 def test_a_topic_is_published_with_the_strongest_of_its_recorded_offers():
     weak = QosProfile('unknown', 0, 'best_effort', 'volatile')
     reliable = QosProfile('keep_all', 5, 'reliable', 'volatile')
