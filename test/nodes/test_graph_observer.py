@@ -33,17 +33,20 @@ def test_discovery_is_complete_once_every_participant_of_this_machine_is_known(
     client.spin_until(lambda: '/gyro_driver' in observer_names(client) and observer.is_complete())
 
 
-def test_hidden_nodes_have_no_services_and_keep_their_name(domain):
-    """A process that renames its node must not rename the hidden one."""
+def test_a_hidden_node_offers_nothing_and_has_a_name_of_its_own(domain):
     context = rclpy.Context()
-    rclpy.init(args=['--ros-args', '-r', '__node:=renamed'], context=context, domain_id=domain)
-    owner = rclpy.create_node('owner', context=context, namespace='/robot')
-    inbox = hidden_node('inbox', owner)
-    assert inbox.get_fully_qualified_name() == '/robot/_renamed_inbox'
-    assert list(inbox.services) == list(inbox.publishers) == []
-    for node in (inbox, owner):
-        node.destroy_node()
-    context.try_shutdown()
+    arguments = ['--ros-args', '-r', '__node:=renamed']
+    rclpy.init(args=arguments, context=context, domain_id=domain)
+    try:
+        owner = rclpy.create_node('owner', context=context, namespace='/robot')
+        inbox = hidden_node('inbox', owner)
+        assert inbox.get_fully_qualified_name() == '/robot/_renamed_inbox'
+        assert '/rosout' not in [each.topic_name for each in inbox.publishers]
+        assert not [each for each in inbox.services if 'parameter' in each.service_name]
+        for node in (inbox, owner):
+            node.destroy_node()
+    finally:
+        context.try_shutdown()
 
 
 GYRO_OFFER, UNKNOWN_OFFER = (

@@ -174,6 +174,15 @@ def test_an_impossible_value_is_refused_with_the_reason(make, role):
         assert '\n' not in result.reason, (name, value)
 
 
+def test_an_unknown_parameter_is_refused(make):
+    with pytest.raises(BallbotError, match="gyro_driver has no parameter 'nois'; "):
+        make(GYRO, ['-p', 'nois:=1.0'])
+
+
+def test_the_qos_of_a_topic_is_a_parameter_of_every_node(make):
+    make(GYRO, ['-p', 'qos_overrides./gyro.publisher.depth:=5'])
+
+
 def test_an_integer_is_accepted_for_a_float(make):
     node = make(PLANT, duration=4)
     assert node.parameters.duration == 4.0

@@ -22,6 +22,7 @@ from std_srvs.srv import SetBool  # noqa: E402
 
 from ballbot_ros.errors import BallbotError  # noqa: E402
 from ballbot_ros.messages.topics import CLOCK, HISTORY, LCD, message_class  # noqa: E402
+from ballbot_ros.nodes import player  # noqa: E402
 from ballbot_ros.nodes.domain_lock import DomainLock  # noqa: E402
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports  # noqa: E402
 from ballbot_ros.nodes.player import Player, _is_truth, _qos  # noqa: E402
@@ -276,6 +277,33 @@ def test_a_position_must_be_a_number():
         node._seek(SimpleNamespace(data=position_s))
     assert sought == [1.5]
     assert warned == ['player/seek: nan is not a position']
+
+
+def test_messages_are_played_once_their_time_has_come(monkeypatch):
+    """Those of a type that is not installed are skipped. Each row is a moment, and what happens."""
+    done, now_s = [], [0.0]
+    monkeypatch.setattr(player, 'time', SimpleNamespace(monotonic=lambda: now_s[0]))
+    playback = SimpleNamespace(
+        rate=1.0,
+        finished=False,
+        due=lambda now_s: [('/talk', 5, 0, b'a'), ('/strange', 6, 0, b'b')],
+        set_rate=lambda rate, now_s: done.append(rate),
+    )
+    node = stub_player(
+        _begins_at=1.0, _made_clock=None, playback=playback, parameters=PlayerParameters(rate=2.0),
+        _outputs={'/talk': SimpleNamespace(publish=done.append)}, count_sample=done.append,
+        done=SimpleNamespace(done=lambda: False), finish=lambda: done.append('finished'),
+    )  # fmt: skip
+    played = [2.0, b'a', 5, 6]
+    for now_s[0], playback.finished, expected in (
+        (0.9, True, []), (1.0, False, played), (1.1, True, [*played, 'finished'])
+    ):  # fmt: skip
+        node._play()
+        assert done == expected, now_s
+        done.clear()
+    node.done = SimpleNamespace(done=lambda: True)
+    node._play()
+    assert done == []
 
 
 def test_a_player_flushes_and_releases_what_it_holds():

@@ -94,6 +94,9 @@ def test_the_end_of_a_node_is_reported(nodes, number, status):
     nodes.client.await_end(process)
     assert nodes.client.status_of(process) == status
     assert nodes.client.status_of(other) is None
+    os.kill(other, signal.SIGKILL)
+    nodes.client.await_end(other)
+    assert nodes.client.status_of(other) == -signal.SIGKILL
 
 
 def test_a_mistake_in_the_parameters_is_status_2_and_a_line(nodes):
