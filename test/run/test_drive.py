@@ -2,6 +2,7 @@
 
 import signal
 import threading
+import time
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -177,7 +178,7 @@ def test_a_node_on_a_thread_ends_in_order_and_stores_its_error(monkeypatch):
                 ended.set()
                 raise error
             while not end.done():
-                pass
+                time.sleep(0.001)
             ended.set()
 
         node = SimpleNamespace(
@@ -192,7 +193,7 @@ def test_a_node_on_a_thread_ends_in_order_and_stores_its_error(monkeypatch):
         if error:
             assert ended.wait(LAST_RESORT_S)
         thread.close()
-        assert ended.is_set()
+        assert ended.wait(LAST_RESORT_S)
         assert thread.error is error
         assert events == [
             ('spin', [node], True), *(['finish'] if error else []), 'close', 'destroy_node'
