@@ -14,7 +14,15 @@ from ballbot_ros.cli import doctor
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.shared_memory import Leftover
 from ballbot_ros.run import machine_checks
+from ballbot_ros.share import share_directory
 from ballbot_ros.simulation import golden
+
+
+def refuse(text, error=BallbotError):
+    def check(*_):
+        raise error(text)
+
+    return check
 
 
 @pytest.fixture
@@ -92,23 +100,67 @@ def test_fix_reports_the_removed_files(only_leftovers, capsys):
 
 
 def test_fix_reports_what_it_can_not_remove(only_leftovers, monkeypatch, capsys):
-    def refuse():
-        raise BallbotError('remove it as root')
-
-    monkeypatch.setattr(machine_checks, 'clear_shared_memory', refuse)
+    monkeypatch.setattr(machine_checks, 'clear_shared_memory', refuse('remove it as root'))
     assert doctor.run_checks(fix=True) == 1
     assert capsys.readouterr().out == 'FAIL leftovers  remove it as root\n'
 
 
 def test_a_name_in_brackets_is_printed_as_it_is(monkeypatch, capsys):
-    def refuse():
-        raise BallbotError('/tmp/[/x] is full')
-
-    monkeypatch.setattr(doctor, 'CHECKS', {'files': lambda: '/tmp/[red]', 'disk': refuse})
+    checks = {'files': lambda: '/tmp/[red]', 'disk': refuse('/tmp/[/x] is full')}
+    monkeypatch.setattr(doctor, 'CHECKS', checks)
     assert doctor.run_checks() == 1
     assert (
         capsys.readouterr().out == 'OK   files      /tmp/[red]\nFAIL disk       /tmp/[/x] is full\n'
     )
+
+
+def test_what_is_missing_is_named_with_advice(monkeypatch):
+    """Each row is a check, the function that it calls and its replacement, and the failure."""
+    rmw = 'rclpy.utilities.get_rmw_implementation_identifier'
+    here = 'ballbot_ros.run.machine_checks'
+    unloadable = refuse('no\nlibrary', RuntimeError)
+    for check, replaced, stub, rmw_name, failure in (
+        ('_python', f'{here}.MIN_PYTHON', (99, 0), '', 'is too old: install Python 3.10 or later'),
+        ('_files', f'{here}.share_directory', refuse('no files'), '',
+         '^no files: reinstall the package$'),
+        ('_rclpy', f'{here}.find_spec', lambda name: None, '', '^rclpy not found: source ROS 2'),
+        ('_rclpy', f'{here}.find_spec', lambda name: SimpleNamespace(origin=None), '',
+         '^rclpy not found'),
+        ('_rmw', f'{here}.require_middleware', refuse('it is missing'), '', '^it is missing$'),
+        ('_rmw', rmw, unloadable, 'rmw_x', r'unset RMW_IMPLEMENTATION \(rmw_x\) \(no library\)$'),
+        ('_rmw', rmw, unloadable, '', r'install rmw_fastrtps_cpp \(no library\)$'),
+        ('_leftovers', f'{here}.find_broken_ports', lambda: ['/dev/shm/x'], '',
+         '^/dev/shm/x blocks every node: run `ballbot doctor --fix`$'),
+        ('_domain', f'{here}.require_discovery', refuse('it is off'), '', '^it is off$'),
+    ):  # fmt: skip
+        if replaced == rmw:
+            pytest.importorskip('rclpy')
+        with monkeypatch.context() as patch:
+            patch.setattr(f'{here}.require_middleware', lambda: None)
+            patch.setattr(replaced, stub)
+            patch.setenv('RMW_IMPLEMENTATION', rmw_name)
+            with pytest.raises(BallbotError, match=failure):
+                getattr(machine_checks, check)()
+
+
+def test_what_is_found_is_named(monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', '7')
+    monkeypatch.delenv('ROS_AUTOMATIC_DISCOVERY_RANGE')
+    domain = machine_checks._domain()
+    assert domain.startswith('ROS_DOMAIN_ID 7, ROS_AUTOMATIC_DISCOVERY_RANGE not set: ')
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
+    assert machine_checks._domain().endswith('_RANGE SUBNET')
+    assert machine_checks._files() == str(share_directory())
+    origin = SimpleNamespace(origin='/opt/rclpy/__init__.py')
+    monkeypatch.setattr(machine_checks, 'find_spec', lambda name: origin)
+    assert machine_checks._rclpy() == '/opt/rclpy'
+    monkeypatch.setattr(machine_checks, 'find_broken_ports', list)
+    for files, told in (
+        ([], 'killed processes left nothing in /dev/shm'),
+        ([Leftover(Path('a'), 1_500_000)], '1 file (1.5 MB) left by killed processes'),
+    ):
+        monkeypatch.setattr(machine_checks, 'find_leftovers', lambda files=files: files)
+        assert machine_checks._leftovers().startswith(told)
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """The gamepad node and its keyboard, without ROS: the answers to a tick, errors, the panel."""
 
+import signal
 import time
 from types import SimpleNamespace
 
@@ -8,16 +9,19 @@ import pytest
 pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.serialization import serialize_message
 
 from ballbot_ros.controller.interface import OperatingState
-from ballbot_ros.messages.conversions import encode_sticks
-from ballbot_ros.nodes import teleop_terminal
+from ballbot_ros.messages.conversions import encode_sticks, fill_time
+from ballbot_ros.messages.topics import OPERATING_STATE, PLANT_JOINT_STATES
+from ballbot_ros.nodes import gamepad_teleop, teleop_terminal
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.teleop.arbiter import KEYBOARD, SCENARIO, Arbiter, Command
+from ballbot_ros.teleop.errors import TeleopError
 from ballbot_ros.teleop.input_errors import InputErrors
 from ballbot_ros.teleop.sticks import NEUTRAL
 from ballbot_ros.timing import FIRST_TICK_NS, SLOW_PERIOD_NS
@@ -72,6 +76,83 @@ def test_the_error_of_an_input_that_works_again_is_reported_once_more(monkeypatc
     assert reported == ['joy: no axis', '']
 
 
+def test_the_error_of_another_input_stays_a_warning(monkeypatch):
+    monkeypatch.setattr(BallbotNode, 'report', lambda node: None)
+    warned, errors = [], InputErrors()
+    node = stub_node(_input_errors=errors, warn=warned.append)
+    errors.add('joy', 'no axis')
+    errors.add('cmd_vel', 'two types')
+    errors.clear('joy')
+    node.report()
+    assert warned == [str(errors)]
+    assert 'two types' in warned[0]
+
+
+def test_only_the_slow_ticks_of_its_run_are_answered():
+    answered, ignored = [], []
+    node = stub_node(
+        _answer=answered.append,
+        _participation=SimpleNamespace(includes=lambda now_ns: now_ns >= FIRST_TICK_NS),
+        warn_malformed=lambda topic, error: ignored.append(topic),
+    )
+    truth = PLANT_JOINT_STATES.message_class()
+    for stamp_ns in (
+        FIRST_TICK_NS - SLOW_PERIOD_NS, FIRST_TICK_NS, FIRST_TICK_NS + SLOW_PERIOD_NS // 2
+    ):  # fmt: skip
+        fill_time(truth.header.stamp, stamp_ns)
+        node._on_truth(serialize_message(truth))
+    node._on_truth(b'')
+    assert answered == [FIRST_TICK_NS]
+    assert ignored == [PLANT_JOINT_STATES]
+
+
+def test_a_new_source_of_the_sticks_is_logged():
+    lines = []
+    node = stub_node(
+        _command=Command(SCENARIO, NEUTRAL),
+        _scenario=SimpleNamespace(sticks_at=lambda elapsed_s: NEUTRAL),
+        _sources=Arbiter(),
+        get_logger=lambda: SimpleNamespace(info=lines.append),
+        parameters=GamepadParameters(scenario='square'),
+    )
+    node._select(0.0)
+    node._sources.report(KEYBOARD, FORWARD, time.monotonic())
+    for _ in range(2):
+        node._select(0.0)
+    assert lines == ['in command: keyboard (was scenario)']
+    for gamepad, told in (('', 'none'), ('pad', 'pad')):
+        node._inputs = SimpleNamespace(gamepad=gamepad)
+        assert node.diagnose() == {'in command': 'keyboard', 'sticks': '-50 0', 'gamepad': told}
+
+
+def test_a_log_that_can_not_be_written_is_given_up_once(monkeypatch):
+    def fail(*_):
+        raise TeleopError('disk full')
+
+    monkeypatch.setattr(gamepad_teleop, 'log_packet', lambda message: message)
+    for act in (lambda node: node._on_log(b''), GamepadTeleop._flush_log, GamepadTeleop._close_log):
+        failures = []
+        node = stub_node(_log=SimpleNamespace(write=fail, flush=fail, close=fail))
+        node.fail = failures.append
+        for _ in range(2):
+            act(node)
+        assert failures == ['log_csv: disk full']
+
+
+def test_terminal_gamepad_and_log_are_closed():
+    closed = []
+
+    def closing(name):
+        return SimpleNamespace(close=lambda: closed.append(name))
+
+    node = stub_node(_inputs=closing('gamepad'), _log=closing('log'), terminal=closing('terminal'))
+    node.close()
+    assert closed == ['terminal', 'gamepad', 'log']
+    node.terminal = None
+    node.close()
+    assert closed[3:] == ['gamepad']
+
+
 @pytest.fixture
 def sources():
     return Arbiter()
@@ -80,18 +161,25 @@ def sources():
 @pytest.fixture
 def terminal(monkeypatch, sources):
     """The keyboard of a stub node, on a stub terminal."""
-    monkeypatch.setattr(teleop_terminal.signal, 'signal', lambda *_: None)
+    calls = []
+    monkeypatch.setattr(teleop_terminal.signal, 'signal', lambda *given: calls.append(given))
     monkeypatch.setattr(
         teleop_terminal,
         'Terminal',
-        lambda keys, status, **calls: SimpleNamespace(status=status, **calls),
+        lambda keys, status, **given: SimpleNamespace(
+            keys=keys, status=status, close=lambda: calls.append('restored'), **given
+        ),
     )
+    client = SimpleNamespace(call_async=lambda request: calls.append('reset'))
     node = SimpleNamespace(
-        create_client=lambda kind, name: None,
+        calls=calls,
+        create_client=lambda kind, name: client if name == 'plant_sim/reset' else None,
+        destroy_client=lambda given: calls.append(given is client),
+        destroy_subscription=calls.append,
         now_ns=FIRST_TICK_NS,
         parameters=GamepadParameters(),
-        subscribe=lambda topic, take: None,
-        finish=lambda: None,
+        subscribe=lambda topic, take: topic.name,
+        finish=lambda: calls.append('finished'),
     )
     return TeleopTerminal(node, sources, lambda: Command(KEYBOARD, FORWARD))
 
@@ -104,6 +192,26 @@ def test_a_terminal_that_vanishes_releases_the_keyboard_at_once(terminal, source
     terminal._terminal.on_closed()
     assert sources.select(began, NEUTRAL).sticks == NEUTRAL
     assert terminal.is_closed
+
+
+def test_the_keys_reset_and_quit_and_the_terminal_is_restored(terminal):
+    """A node that loses its terminal must not end, so it ignores SIGHUP."""
+    calls = terminal._node.calls
+    assert calls == [(signal.SIGHUP, signal.SIG_IGN)]
+    terminal._terminal.on_reset()
+    terminal._terminal.on_quit()
+    terminal.close()
+    assert calls[1:] == ['reset', 'finished', 'restored', OPERATING_STATE.name, True]
+    terminal._node.parameters = GamepadParameters(gp_max=40)
+    terminal.apply_parameters()
+    assert terminal._keys.full == 40
+
+
+def test_the_panel_shows_time_source_and_sticks(terminal):
+    assert terminal._terminal.status() == {
+        'sim time': '1.0 s', 'state': '', 'in command': 'keyboard',
+        'sticks': 'vertical -50   horizontal +0',
+    }  # fmt: skip
 
 
 def test_the_panel_advises_a_restart_only_after_a_fall(terminal):

@@ -1,11 +1,22 @@
 """What a node sees of the graph."""
 
+from types import SimpleNamespace
+
 import pytest
 from graph import occupied
 
+pytest.importorskip('rclpy')
+
+import rclpy
+
+from ballbot_ros.messages.conversions import encode_duty
+from ballbot_ros.messages.topics import GYRO_IMU, MOTOR_DUTY
+from ballbot_ros.nodes import graph_observer
 from ballbot_ros.nodes.graph_observer import GraphObserver
+from ballbot_ros.nodes.inbox import hidden_node
 from ballbot_ros.nodes.middleware import DISCOVERY_RANGE, STATIC_PEERS
 from ballbot_ros.parameters import GYRO
+from ballbot_ros.simulation.strangers import Publisher
 
 pytestmark = pytest.mark.graph
 
@@ -20,6 +31,91 @@ def test_discovery_is_complete_once_every_participant_of_this_machine_is_known(
         assert not observer.is_complete()
     start_node(GYRO)
     client.spin_until(lambda: '/gyro_driver' in observer_names(client) and observer.is_complete())
+
+
+def test_a_hidden_node_offers_nothing_and_has_a_name_of_its_own(domain):
+    context = rclpy.Context()
+    arguments = ['--ros-args', '-r', '__node:=renamed']
+    rclpy.init(args=arguments, context=context, domain_id=domain)
+    try:
+        owner = rclpy.create_node('owner', context=context, namespace='/robot')
+        inbox = hidden_node('inbox', owner)
+        assert inbox.get_fully_qualified_name() == '/robot/_renamed_inbox'
+        assert owner.count_publishers('/rosout') == 1
+        assert not [each for each in inbox.services if 'parameter' in each.service_name]
+        for node in (inbox, owner):
+            node.destroy_node()
+    finally:
+        context.try_shutdown()
+
+
+GYRO_OFFER, UNKNOWN_OFFER = (
+    SimpleNamespace(endpoint_gid=[7] * 16, node_namespace='/', node_name=name)
+    for name in ('gyro_driver', '_NODE_NAME_UNKNOWN_')
+)
+
+
+def test_publishers_are_listed_again_if_their_number_changes_or_after_a_second(monkeypatch):
+    """Each row is a moment, the offers, and whether they are listed then."""
+    for rows in (
+        [(0.0, [], True), (0.5, [], False), (0.6, [GYRO_OFFER], True), (1.5, [GYRO_OFFER], False),
+         (1.6, [GYRO_OFFER], True)],
+        [(0.0, [UNKNOWN_OFFER], True), (0.1, [UNKNOWN_OFFER], True), (0.2, [GYRO_OFFER], True),
+         (0.3, [GYRO_OFFER], False)],
+    ):  # fmt: skip
+        offers, listed = [], []
+        node = SimpleNamespace(
+            count_publishers=lambda name: len(offers),  # noqa: B023
+            get_publishers_info_by_topic=lambda name: listed.append(name) or offers,  # noqa: B023
+        )
+        observer = GraphObserver(node, [GYRO_IMU])
+        for now_s, offers, is_listed in rows:
+            monkeypatch.setattr(
+                graph_observer, 'time', SimpleNamespace(monotonic=lambda now_s=now_s: now_s)
+            )
+            listed.clear()
+            found = observer.publishers()
+            assert bool(listed) == is_listed, now_s
+            names = ['/gyro_driver'] if GYRO_OFFER in offers else [''] * len(offers)
+            assert found == {GYRO_IMU.name: [Publisher(bytes([7] * 16), name) for name in names]}
+
+
+def test_messages_are_received_from_the_first_question_until_the_last(monkeypatch):
+    made, waiting = [], []
+    inbox = SimpleNamespace(destroy_node=lambda: made.append('destroyed'))
+    monkeypatch.setattr(graph_observer, 'hidden_node', lambda *_: made.append('node') or inbox)
+    monkeypatch.setattr(
+        graph_observer, 'raw_subscription', lambda node, topic, qos: made.append(topic) or topic
+    )
+    monkeypatch.setattr(graph_observer, 'drain', lambda topic: [(data, {}) for data in waiting])
+    observer = GraphObserver(None, [GYRO_IMU, MOTOR_DUTY])
+    observer.stop_listening()
+    assert observer.received([]) == made == []
+    waiting += [encode_duty(8, (1, 2)), b'']
+    for _ in range(2):
+        assert observer.received([MOTOR_DUTY.name]) == [(MOTOR_DUTY.name, 8)]
+    assert made == ['node', MOTOR_DUTY]
+    observer.received([GYRO_IMU.name])
+    assert made == ['node', MOTOR_DUTY, GYRO_IMU]
+    observer.stop_listening()
+    observer.stop_listening()
+    observer.received([MOTOR_DUTY.name])
+    assert made[3:] == ['destroyed', 'node', MOTOR_DUTY]
+
+
+@pytest.mark.parametrize(('gids', 'prefix'), [([b'ab', b'ab'], 'ab'), ([b'ab', b'ac'], '')])
+def test_the_nodes_of_a_process_share_a_prefix(gids, prefix):
+    destroyed = []
+    node = SimpleNamespace(
+        create_publisher=lambda *_: 'publisher',
+        destroy_publisher=destroyed.append,
+        get_publishers_info_by_topic=lambda name: [
+            SimpleNamespace(endpoint_gid=[*bytes.fromhex(gid.decode() * 12), number, 1])
+            for number, gid in enumerate(gids)
+        ],
+    )
+    assert graph_observer.guid_prefix(node, 'word') == prefix * 12
+    assert destroyed == ['publisher'] * 2
 
 
 def observer_names(client):

@@ -1,6 +1,8 @@
 """A node that shows the graph handles messages in any order."""
 
 import contextlib
+import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -8,9 +10,19 @@ pytest.importorskip('rclpy')
 
 from ros_client import Client
 
-from ballbot_ros.messages.topics import MAP, PLANT_IMU, PLANT_ODOM, RUN
+from ballbot_ros.messages.topics import (
+    BATTERY_STATE,
+    LCD,
+    MAP,
+    MOTOR_DUTY,
+    OPERATING_STATE,
+    PLANT_IMU,
+    PLANT_ODOM,
+    RUN,
+    SONAR_RANGE,
+)
 from ballbot_ros.nodes import latest_messages
-from ballbot_ros.nodes.latest_messages import LatestMessages
+from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
 from ballbot_ros.nodes.topic_publisher import reliable_qos
 
 pytestmark = pytest.mark.graph
@@ -46,6 +58,33 @@ def test_a_run_announced_before_the_first_pose_is_not_missed(domain):
         assert changed == {PLANT_IMU, PLANT_ODOM, RUN}
         assert newest.take()[1] == set()
         newest.close()
+        hidden = {'/_test_client_inbox'}
+        client.spin_until(lambda: not hidden & set(client.node.get_fully_qualified_node_names()))
+
+
+def test_what_has_not_arrived_yet_is_unknown_in_the_state():
+    newest = dict.fromkeys(
+        (PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, SONAR_RANGE, BATTERY_STATE, OPERATING_STATE, LCD)
+    )
+    assert snapshot_of(newest) is None
+    newest[PLANT_IMU] = PLANT_IMU.message_class()
+    assert snapshot_of(newest) is None
+    newest[PLANT_ODOM] = PLANT_ODOM.message_class()
+    newest[PLANT_ODOM].header.stamp.sec = 2
+    bare = snapshot_of(newest)
+    assert (bare.time, bare.position) == (2.0, (0.0, 0.0))
+    assert all(map(math.isnan, (*bare.duty, bare.sonar, bare.battery)))
+    assert (bare.cone_angle, bare.state, bare.lcd) == (0.0, '', '')
+    newest |= {
+        MOTOR_DUTY: SimpleNamespace(vector=SimpleNamespace(x=3.0, y=-4.0)),
+        SONAR_RANGE: SimpleNamespace(range=0.5, field_of_view=0.25),
+        BATTERY_STATE: SimpleNamespace(voltage=8.0),
+        OPERATING_STATE: SimpleNamespace(data='remote'),
+        LCD: SimpleNamespace(data='page'),
+    }
+    full = snapshot_of(newest)
+    assert (full.duty, full.sonar, full.cone_angle) == ((3.0, -4.0), 0.5, 0.25)
+    assert (full.battery, full.state, full.lcd) == (8.0, 'remote', 'page')
 
 
 def test_the_map_is_that_of_the_run_whatever_arrives_first(monkeypatch):

@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 from collections import Counter
+from types import SimpleNamespace
 
 import pytest
 from graph import environment
@@ -20,6 +21,7 @@ from ballbot_ros.nodes.middleware import (
     require_discovery,
     require_middleware,
     ros_domain,
+    start_failure,
 )
 from ballbot_ros.parameters import GYRO
 
@@ -80,6 +82,18 @@ def test_a_missing_middleware_is_reported_before_it_ends_the_process(monkeypatch
     monkeypatch.setenv('RMW_IMPLEMENTATION', 'rmw_nosuch_cpp')
     with pytest.raises(BallbotError, match=r'^RMW_IMPLEMENTATION=rmw_nosuch_cpp does not load: '):
         require_middleware()
+
+
+def test_another_middleware_may_be_chosen(monkeypatch):
+    monkeypatch.setenv('RMW_IMPLEMENTATION', 'rmw_other_cpp')
+    loaded = SimpleNamespace(returncode=0)
+    monkeypatch.setattr(subprocess, 'run', lambda *_, **__: loaded)
+    require_middleware()
+
+
+def test_a_failed_start_gives_advice_on_the_folder_of_logs_only_if_that_is_the_cause():
+    assert start_failure(RuntimeError('bad\nargument')) == 'bad argument'
+    assert start_failure(RuntimeError('no log')).startswith('no log; set ROS_LOG_DIR to a folder')
 
 
 @pytest.mark.parametrize('name', ['', 'rmw_fastrtps_cpp'])

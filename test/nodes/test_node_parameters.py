@@ -174,6 +174,15 @@ def test_an_impossible_value_is_refused_with_the_reason(make, role):
         assert '\n' not in result.reason, (name, value)
 
 
+def test_an_unknown_parameter_is_refused(make):
+    with pytest.raises(BallbotError, match="gyro_driver has no parameter 'nois'; "):
+        make(GYRO, ['-p', 'nois:=1.0'])
+
+
+def test_the_qos_of_a_topic_is_a_parameter_of_every_node(make):
+    make(GYRO, ['-p', 'qos_overrides./gyro.publisher.depth:=5'])
+
+
 def test_an_integer_is_accepted_for_a_float(make):
     node = make(PLANT, duration=4)
     assert node.parameters.duration == 4.0
@@ -253,6 +262,13 @@ def test_a_renamed_node_keeps_its_role_and_parameters(make, role):
     assert not set_one(node, next(iter(parameters_of(node.role))), 'none').successful
     for name, value in asdict(node.parameters).items():
         assert set_one(node, name, list(value) if isinstance(value, tuple) else value).successful
+
+
+def test_a_node_with_given_values_ignores_the_arguments_of_its_process(make):
+    make(CONTROLLER, ['-r', '__node:=another'])
+    node = REGISTRY[GYRO].maker(REGISTRY[GYRO].parameters(noise=0.5))
+    assert (node.get_name(), node.parameters.noise) == (GYRO, 0.5)
+    node.destroy_node()
 
 
 def test_a_sample_has_the_parameters_of_its_run(make):

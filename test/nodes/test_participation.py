@@ -1,18 +1,24 @@
 """A node's announcements in the runs of a plant, without the graph."""
 
+import hashlib
 from types import SimpleNamespace
 
 import pytest
 
 pytest.importorskip('rclpy')
 
+from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
 
+from ballbot_ros import __version__
 from ballbot_ros.messages.participation import decode_announcement
+from ballbot_ros.messages.topics import GYRO_IMU, PARTICIPANTS
 from ballbot_ros.nodes import participation
 from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.parameters import GYRO, GyroParameters
-from ballbot_ros.simulation.participants import Objection
+from ballbot_ros.parameters import GYRO, GyroParameters, SonarParameters
+from ballbot_ros.simulation.participants import MAP_HASH, Objection
+from ballbot_ros.timing import FIRST_TICK_NS
+from ballbot_ros.world.library import read_map_file
 
 CONFLICT = Objection.to_sample('gyro', 1_000_000_000)
 
@@ -20,7 +26,7 @@ CONFLICT = Objection.to_sample('gyro', 1_000_000_000)
 @pytest.fixture
 def node(monkeypatch):
     monkeypatch.setattr(participation, 'guid_prefix', lambda node, instance: '')
-    announced = []
+    announced, dropped = [], []
     return SimpleNamespace(
         role=GYRO,
         program='GyroDriver',
@@ -34,7 +40,8 @@ def node(monkeypatch):
         ),
         subscribe=lambda topic, callback: None,
         apply_parameters=lambda: None,
-        recreate_publishers=lambda exclude: None,
+        dropped=dropped,
+        recreate_publishers=lambda *, exclude: dropped.append(exclude),
     )
 
 
@@ -59,3 +66,41 @@ def test_a_repeated_objection_is_told_once(node):
     for _ in range(3):
         member.raise_objection(CONFLICT)
     assert [each.objection for each in node.announced] == [None, CONFLICT]
+
+
+def test_messages_of_an_earlier_plant_are_dropped_but_not_those_of_its_earlier_run(node):
+    member = Participation(node)
+    for run, count in (('1 abc', 0), ('2 abc', 0), ('1 xyz', 1)):
+        member._on_roll_call(Header(frame_id=run))
+        assert node.dropped == [PARTICIPANTS] * count, run
+
+
+def test_nothing_is_announced_before_a_run_and_only_its_samples_belong_to_it(node):
+    member = Participation(node)
+    member.raise_objection(CONFLICT)
+    assert node.announced == []
+    assert not member.includes(FIRST_TICK_NS)
+    member._on_roll_call(Header(frame_id='1 abc', stamp=Time(sec=1)))
+    assert [member.includes(FIRST_TICK_NS + each) for each in (-1, 0, 1)] == [False, True, True]
+
+
+def test_a_node_announces_the_parameters_of_its_run_but_no_path(node, tmp_path):
+    path = tmp_path / 'floor.png'
+    path.write_bytes(read_map_file('track'))
+    runs = []
+    member = Participation(node, runs.append, lambda: runs.append('called'))
+    for run, parameters in (
+        ('1 abc', GyroParameters(seed=7)),
+        ('2 abc', SonarParameters(map=str(path))),
+    ):
+        node.parameters = parameters
+        member._on_roll_call(Header(frame_id=run))
+    first, second = (each.participant for each in node.announced)
+    assert first.parameters['seed'] == 7
+    assert MAP_HASH not in first.parameters
+    assert second.parameters['map'] == 'floor.png'
+    assert second.parameters[MAP_HASH] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert first.parameters_sha256 != second.parameters_sha256
+    assert first.implementation == f'ballbot_ros {__version__} GyroDriver'
+    assert first.topics == (GYRO_IMU.name,)
+    assert [getattr(run, 'name', run) for run in runs] == ['1 abc', 'called', '2 abc', 'called']

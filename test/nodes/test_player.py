@@ -22,6 +22,7 @@ from std_srvs.srv import SetBool  # noqa: E402
 
 from ballbot_ros.errors import BallbotError  # noqa: E402
 from ballbot_ros.messages.topics import CLOCK, HISTORY, LCD, message_class  # noqa: E402
+from ballbot_ros.nodes import player  # noqa: E402
 from ballbot_ros.nodes.domain_lock import DomainLock  # noqa: E402
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports  # noqa: E402
 from ballbot_ros.nodes.player import Player, _is_truth, _qos  # noqa: E402
@@ -256,6 +257,78 @@ def test_another_rate_takes_effect_at_once(make_player):
     player.parameters = replace(player.parameters, rate=2.0)
     player._play()
     assert player.playback.rate == 2.0
+
+
+def stub_player(**attributes):
+    """Return a player that has only these attributes."""
+    node = Player.__new__(Player)
+    vars(node).update(attributes)
+    return node
+
+
+def test_a_position_must_be_a_number():
+    sought, warned = [], []
+    node = stub_player(
+        playback=SimpleNamespace(seek=lambda position_s, now_s: sought.append(position_s)),
+        get_name=lambda: 'player',
+        warn=warned.append,
+    )
+    for position_s in (1.5, math.nan):
+        node._seek(SimpleNamespace(data=position_s))
+    assert sought == [1.5]
+    assert warned == ['player/seek: nan is not a position']
+
+
+def test_messages_are_played_once_their_time_has_come(monkeypatch):
+    """Those of a type that is not installed are skipped. Each row is a moment, and what happens."""
+    done, now_s = [], [0.0]
+    monkeypatch.setattr(player, 'time', SimpleNamespace(monotonic=lambda: now_s[0]))
+    playback = SimpleNamespace(
+        rate=1.0,
+        finished=False,
+        due=lambda now_s: [('/talk', 5, 0, b'a'), ('/strange', 6, 0, b'b')],
+        set_rate=lambda rate, now_s: done.append(rate),
+    )
+    node = stub_player(
+        _begins_at=1.0, _made_clock=None, playback=playback, parameters=PlayerParameters(rate=2.0),
+        _outputs={'/talk': SimpleNamespace(publish=done.append)}, count_sample=done.append,
+        done=SimpleNamespace(done=lambda: False), finish=lambda: done.append('finished'),
+    )  # fmt: skip
+    played = [2.0, b'a', 5, 6]
+    for now_s[0], playback.finished, expected in (
+        (0.9, True, []), (1.0, False, played), (1.1, True, [*played, 'finished'])
+    ):  # fmt: skip
+        node._play()
+        assert done == expected, now_s
+        done.clear()
+    node.done = SimpleNamespace(done=lambda: True)
+    node._play()
+    assert done == []
+
+
+def test_a_player_flushes_and_releases_what_it_holds():
+    for owns_domain in (True, False):
+        done = []
+        release = SimpleNamespace(release=lambda done=done: done.append('released'))
+        node = stub_player(
+            _lock=release if owns_domain else None,
+            _outputs={
+                '/talk': SimpleNamespace(wait_for_all_acked=lambda _, done=done: done.append(1))
+            },
+            _recording=SimpleNamespace(close=lambda done=done: done.append('closed')),
+        )
+        node.close()
+        assert done == [1, 'closed', *(['released'] if owns_domain else [])]
+
+
+def test_a_pause_is_confirmed():
+    paused = []
+    playback = SimpleNamespace(pause=lambda pause, now_s: paused.append(pause))
+    for pause, told in ((True, 'paused'), (False, 'playing')):
+        request = SetBool.Request(data=pause)
+        answer = stub_player(playback=playback)._pause(request, SetBool.Response())
+        assert (answer.success, answer.message) == (True, told)
+    assert paused == [True, False]
 
 
 def test_a_topic_is_published_with_the_strongest_of_its_recorded_offers():

@@ -10,7 +10,15 @@ import pytest
 from graph import wait_for
 
 from ballbot_ros.nodes import processes
-from ballbot_ros.nodes.processes import children, is_waiting, threads_by_process, threads_of
+from ballbot_ros.nodes.processes import (
+    END_WITH_PARENT,
+    LocalProcessObserver,
+    children,
+    is_alive,
+    is_waiting,
+    threads_by_process,
+    threads_of,
+)
 
 SPIN = [sys.executable, '-c', 'while True: pass']
 WAIT = [sys.executable, '-c', 'input()']
@@ -88,6 +96,16 @@ def test_a_process_that_has_ended_has_no_threads(start):
     assert not is_waiting(process.pid)
     assert threads_by_process([process.pid]) == {}
     assert process.pid not in children(os.getpid())
+
+
+def test_the_other_processes_of_the_command_are_its_children(monkeypatch):
+    """A node that no command has started has none."""
+    monkeypatch.delenv(END_WITH_PARENT, raising=False)
+    observer = LocalProcessObserver()
+    assert observer.siblings() == []
+    monkeypatch.setenv(END_WITH_PARENT, str(os.getppid()))
+    assert os.getpid() in observer.siblings()
+    assert is_alive(os.getpid())
 
 
 @pytest.mark.parametrize('account', [None, '0 0 0'], ids=['none', 'empty'])

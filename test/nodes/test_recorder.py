@@ -1,5 +1,6 @@
 """Decisions of the recorder's node about messages that are not those of the run."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -9,12 +10,33 @@ rclpy = pytest.importorskip('rclpy')
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 
-from ballbot_ros.messages.conversions import encode_header  # noqa: E402
+from ballbot_ros.messages.conversions import encode_duty, encode_header  # noqa: E402
+from ballbot_ros.messages.motor_stop import encode_stop  # noqa: E402
 from ballbot_ros.messages.participation import RunStatus  # noqa: E402
-from ballbot_ros.messages.topics import RUN, RUN_STATUS  # noqa: E402
+from ballbot_ros.messages.raw import decoder  # noqa: E402
+from ballbot_ros.messages.topics import (  # noqa: E402
+    CLOCK,
+    JOY,
+    LCD,
+    MARKERS,
+    MOTOR_DUTY,
+    PARTICIPANTS,
+    PLANT_IMU,
+    ROBOT_DESCRIPTION,
+    RUN,
+    RUN_STATUS,
+    Topic,
+)
+from ballbot_ros.nodes import recorder as recorder_node  # noqa: E402
+from ballbot_ros.nodes import recorder_channels  # noqa: E402
 from ballbot_ros.nodes.recorder import Recorder  # noqa: E402
 from ballbot_ros.nodes.recorder_channels import Channel, Channels  # noqa: E402
 from ballbot_ros.parameters import RecorderParameters  # noqa: E402
+from ballbot_ros.recording.errors import RecordingError  # noqa: E402
+from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile  # noqa: E402
+from ballbot_ros.recording.writer import RUN_PARTICIPANTS  # noqa: E402
+from ballbot_ros.simulation.lockstep import Run  # noqa: E402
+from ballbot_ros.simulation.sample_history import SampleStatus  # noqa: E402
 
 ANNOUNCED = encode_header(1_000_000_000, '1 abc')
 MALFORMED = (ANNOUNCED[:7], ANNOUNCED.replace(b'abc', b'\xff\xff\xff'))
@@ -126,3 +148,243 @@ def test_a_malformed_status_is_reported_and_changes_nothing():
     Recorder._note_status(recorder, RUN.message_class.__name__.encode())
     assert warned == [RUN_STATUS]
     assert recorder._status == 'known'
+
+
+def channel_of(topic, *, history=None):
+    subscriptions = [SimpleNamespace(topic_name=f'/{topic.name}')]
+    return Channel(topic, *subscriptions, history)
+
+
+def test_a_topic_is_recorded_as_its_publishers_use_it():
+    """Live topics can't hold messages of an earlier run; only the plant and tools publish these."""
+    for topic, is_clock, is_live, is_shared, is_stamped in (
+        (CLOCK, True, True, False, True),
+        (PLANT_IMU, False, True, False, True),
+        (MOTOR_DUTY, False, False, False, True),
+        (JOY, False, True, True, False),
+    ):
+        channel = channel_of(topic)
+        stream = channel.stream
+        found = stream.is_clock, stream.is_live, channel.is_stamped
+        assert found == (is_clock, is_live, is_stamped), topic.name
+        stream.has_lost_before(1)
+        assert stream.has_lost_before(5) is not is_shared, topic.name
+        classified = [stream.classify(8, encode_duty(8, (1, 2)), number) for number in (6, 7)]
+        assert (classified[1] is SampleStatus.NEW) == (not topic.period_ns), topic.name
+    assert not channel_of(Topic('talk', 'std_msgs/msg/Header', None)).is_stamped
+
+
+def test_messages_are_read_from_the_history_once_there_is_one(monkeypatch):
+    waiting, publishers = {}, 0
+    monkeypatch.setattr(recorder_channels, 'drain', lambda source: waiting[source.topic_name])
+    history = SimpleNamespace(topic_name='/lcd/_history', get_publisher_count=lambda: publishers)
+    channel = channel_of(LCD, history=history)
+    assert channel.topic_names == ['/lcd', '/lcd/_history']
+    info = {'publication_sequence_number': 3, 'received_timestamp': 5}
+    for publishers, expected in ((0, [b'topic']), (1, [b'history']), (0, [b'history'])):  # noqa: B007
+        waiting = {
+            '/lcd': iter([(b'topic', info)]),
+            '/lcd/_history': iter([(b'history', info)] if b'history' in expected else []),
+        }
+        assert list(channel.take()) == [(5, (channel, data, 3)) for data in expected]
+    channel.begin()
+    waiting = {'/lcd': iter([(b'topic', info)]), '/lcd/_history': iter([])}
+    assert list(channel.take()) == [(5, (channel, b'topic', 3))]
+    channel = channel_of(LCD)
+    waiting = {'/lcd': iter([(b'topic', info)])}
+    assert list(channel.take()) == [(5, (channel, b'topic', 3))]
+
+
+def offer(node, type_name='std_msgs/msg/String'):
+    return SimpleNamespace(
+        node_namespace='/', node_name=node, topic_type=type_name, qos_profile=QoSProfile(depth=1)
+    )
+
+
+def discovered(graph, *, looks=2):
+    """Return the topics that a recorder subscribes to in a graph, and its warnings."""
+    subscribed, warnings = [], []
+    channels = Channels.__new__(Channels)
+    channels._channels, channels._sighted, channels._ignored = {'/known': None}, set(), {'/own'}
+
+    def subscribe(topic, qos):
+        subscribed.append(topic.name)
+        channels._channels[topic.name] = None
+
+    channels._subscribe = subscribe
+    channels._node = SimpleNamespace(
+        get_topic_names_and_types=lambda: [(name, []) for name in graph],
+        get_publishers_info_by_topic=lambda name: graph.get(f'/{name.lstrip("/")}', []),
+        get_logger=lambda: SimpleNamespace(warning=warnings.append),
+    )
+    for _ in range(looks):
+        channels.discover()
+    return subscribed, warnings
+
+
+def test_other_topics_are_recorded_except_drawings_and_unknown_types():
+    drawing, unknown = f'/{MARKERS.name}', '_NODE_NAME_UNKNOWN_'
+    graph = {
+        drawing: [offer('visualizer'), offer('other')],
+        f'/{ROBOT_DESCRIPTION.name}': [offer('visualizer')],
+        '/tf': [offer('visualizer')],
+        '/known': [offer('talker')],
+        '/own': [offer('talker')],
+        '/silent': [],
+        '/strange': [offer('talker', 'no_msgs/msg/Such')],
+        '/talk': [offer('talker')],
+    }
+    expected = [drawing, '/talk'], ['/strange: type no_msgs/msg/Such not found: not recorded']
+    assert discovered(graph) == expected
+    # A node may be discovered later than its publisher.
+    graph = {'/talk': [offer(unknown)]}
+    assert discovered(graph, looks=1) == ([], [])
+    assert discovered(graph, looks=3) == (['/talk'], [])
+
+
+def test_the_qos_of_a_topic_without_publishers_is_the_usual_one():
+    offers = []
+    channels = SimpleNamespace(
+        _node=SimpleNamespace(get_publishers_info_by_topic=lambda name: offers)
+    )
+    assert Channels.offered_qos(channels, '/talk') == [RELIABLE_LATCHED]
+    offers.append(offer('talker'))
+    assert Channels.offered_qos(channels, '/talk') == [QosProfile.from_rclpy(offers[0].qos_profile)]
+
+
+def stub_recorder(events, **attributes):
+    """Return a recorder that has only these attributes, and stores its calls in `events`."""
+
+    def note(name):
+        return lambda *given: events.append((name, *given))
+
+    node = Recorder.__new__(Recorder)
+    vars(node).update(
+        exit_status=0, _announced=b'', _run=None, _stop=None, _lost=0, _outcome={}, _members={},
+        _await_end=note('await'), _fail=note('fail'), flush=note('flush'), warn=note('warn'),
+        _channels=SimpleNamespace(close=note('leave')),
+        get_logger=lambda: SimpleNamespace(info=note('log')),
+        _writer=SimpleNamespace(
+            path='run.mcap', close=note('close'), add_metadata=note('metadata'),
+            add_outcome=note('outcome'), mark_incomplete=note('incomplete'),
+        ),
+    )  # fmt: skip
+    vars(node).update(attributes)
+    return node
+
+
+def test_a_recording_is_finished_before_the_recorder_leaves():
+    finished = [('await',), ('close',), ('log', 'finished run.mcap'), ('flush', PARTICIPANTS)]
+    for status, outcome, written, lines in (
+        (0, {}, [], finished),
+        (0, {'outcome': 'failed'}, ['stop', ('outcome', {'outcome': 'failed'})], finished),
+        (0, {'outcome': 'completed'}, [('outcome', {'outcome': 'completed'})], finished),
+        (1, {'outcome': 'failed'}, [], [each for each in finished if each[0] != 'log']),
+    ):
+        events = []
+        node = stub_recorder(
+            events, exit_status=status, _outcome=outcome,
+            _stop=('motor_duty', encode_stop(5), 9) if outcome else None,
+            keep=lambda *_, events=events: events.append('stop'),
+        )  # fmt: skip
+        node.close()
+        assert events == [lines[0], *written, *lines[1:], ('leave',)], (status, outcome)
+
+
+def test_a_recording_that_can_not_be_finished_fails():
+    def fail():
+        raise RecordingError('full')
+
+    events = []
+    node = stub_recorder(events)
+    node._writer.close = fail
+    node._fail = lambda error: events.append(str(error)) or vars(node).update(exit_status=1)
+    node.close()
+    assert events == [('await',), 'full', ('flush', PARTICIPANTS), ('leave',)]
+
+
+def test_participants_outcome_and_gaps_are_noted_in_the_file():
+    for lost, gaps in ((0, None), (1, '1 gap'), (2, '2 gaps')):
+        events = []
+        node = stub_recorder(events, _members={'gyro': 'it'}, _outcome={'outcome': 'failed'})
+        for number in range(lost):
+            node.report_loss(SimpleNamespace(name='/gyro'), number)
+        assert [each for each in events if each[0] == 'warn'] == [
+            ('warn', f'/gyro: messages before sequence number {number} were lost')
+            for number in range(lost)
+        ]
+        del events[:lost]
+        node._write_metadata()
+        assert events == [
+            ('metadata', RUN_PARTICIPANTS, {'gyro': 'it'}),
+            ('outcome', {'outcome': 'failed'}),
+            *([('incomplete', f'{gaps} in the sequence of messages')] if gaps else []),
+        ]
+        node._ticks = SimpleNamespace(acked_ns=1_500_000_000)
+        assert node.diagnose() == {
+            'file': 'run.mcap', 'acknowledged [s]': '1.500', 'lost messages': lost,
+        }  # fmt: skip
+
+
+def test_each_message_is_kept_once_and_the_first_motor_stop_until_the_end():
+    events = []
+    node = stub_recorder(
+        events,
+        _decode_run=decoder(RUN.type_name),
+        _begin=lambda run: events.append(run) or vars(node).update(_run=run.name),
+        _note_status=lambda data: events.append('status'),
+        _gate=SimpleNamespace(
+            take=lambda stream, stamp_ns, data, sequence: events.append((stamp_ns, sequence))
+        ),
+    )
+    run, duty, status, joy = map(channel_of, (RUN, MOTOR_DUTY, RUN_STATUS, JOY))
+    later = encode_header(2_000_000_000, '2 abc')
+    for channel, data, expected in (
+        (run, ANNOUNCED, [Run('1 abc', 1_000_000_000), (1_000_000_000, 7)]),
+        (run, ANNOUNCED, []),
+        (run, later, [(2_000_000_000, 7)]),
+        (status, b'status', ['status', (0, 7)]),
+        (duty, encode_duty(8, (1, 2)), [(8, 7)]),
+        (duty, encode_stop(9), []),
+        (duty, encode_stop(10), []),
+        (joy, b'of any clock', [(0, 7)]),
+    ):
+        node._take(channel, data, 7)
+        assert events == expected, channel.topic.name
+        events.clear()
+    assert node._stop == (duty.stream, encode_stop(9), 7)
+
+
+def test_a_recorder_that_is_stopped_with_its_run_awaits_the_end(monkeypatch):
+    """It waits at most a second, and only for a run that is under way."""
+    now_s = [0.0]
+    monkeypatch.setattr(
+        recorder_node,
+        'time',
+        SimpleNamespace(
+            monotonic=lambda: now_s[0],
+            sleep=lambda delay_s: now_s.__setitem__(0, now_s[0] + delay_s),
+        ),
+    )
+    for takes_part, now_ns, status, ends_s, waited_s in (
+        (True, 5, 0, 9.0, recorder_node.END_S),
+        (True, 5, 0, 0.2, 0.2),
+        (True, 5, 0, 0.0, 0.0),
+        (False, 5, 0, 9.0, 0.0),
+        (True, 0, 0, 9.0, 0.0),
+        (True, 5, 1, 9.0, 0.0),
+    ):
+        now_s[0], looks = 0.0, []
+
+        def write(until, looks=looks, ends_s=ends_s):
+            looks.append(until)
+            if now_s[0] >= ends_s:
+                node._outcome = {'outcome': 'completed'}  # noqa: B023
+
+        node = stub_recorder(
+            [], exit_status=status, _write_until=write,
+            _gate=SimpleNamespace(takes_part=takes_part, now_ns=now_ns),
+        )  # fmt: skip
+        Recorder._await_end(node)
+        assert now_s[0] == pytest.approx(waited_s, abs=0.011), (takes_part, now_ns, status)
+        assert set(looks) == {math.inf}

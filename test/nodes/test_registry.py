@@ -1,10 +1,21 @@
 """The registry of the nodes against the parameter table and the modules."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from ballbot_ros.nodes import executables
-from ballbot_ros.nodes.registry import REGISTRY
-from ballbot_ros.parameters import ALL_NODES, EXECUTABLES, NODES, SUPERVISOR
+from ballbot_ros.nodes.registry import REGISTRY, NodeEntry, make_node
+from ballbot_ros.parameters import (
+    ALL_NODES,
+    EXECUTABLES,
+    GYRO,
+    NODES,
+    PLANT,
+    SUPERVISOR,
+    GyroParameters,
+    PlantParameters,
+)
 
 
 def test_registry_and_parameter_table_have_the_same_nodes_in_one_order():
@@ -19,6 +30,20 @@ def test_class_and_main_of_each_node_are_where_the_registry_says():
     for name in EXECUTABLES:
         assert callable(REGISTRY[name].maker), name
         assert callable(REGISTRY[name].main), name
+
+
+def test_a_program_of_several_nodes_knows_which_one_it_is(monkeypatch):
+    def module(entry):
+        return SimpleNamespace(
+            **{name: lambda *given: given for name in ('main', entry.class_name)}
+        )
+
+    monkeypatch.setattr(NodeEntry, 'load', module)
+    for name, cls in ((GYRO, GyroParameters), (PLANT, PlantParameters)):
+        several = (cls,) if name == GYRO else ()
+        assert REGISTRY[name].main() == several
+        values = cls()
+        assert make_node(values) == (*several, values)
 
 
 def test_each_node_is_a_function_of_the_executables():

@@ -206,12 +206,12 @@ def test_each_moment_has_one_message_of_transforms(monkeypatch):
     """Readers warn of repeated data. A stand-in replaces tf2_msgs, which may not be installed."""
     stand_in = SimpleNamespace(name=TF.name, message_class=SimpleNamespace)
     monkeypatch.setattr(robot_visualizer, 'TF', stand_in)
-    sent = {TF.name: [], TF_STATIC.name: []}
+    counted, sent = [], {TF.name: [], TF_STATIC.name: []}
     node = SimpleNamespace(output=lambda topic: SimpleNamespace(publish=sent[topic.name].append))
     frames = Frames(DIMENSIONS)
     visualizer = SimpleNamespace(
         now_ns=0,
-        count_sample=lambda stamp_ns: None,
+        count_sample=counted.append,
         _newest=Snapshots(1.0, 1.0, 1.004, 0.5),
         _frames=frames,
         _transforms=Transforms(node, frames.at((0.0, 0.0), (0.0, 0.0))),
@@ -225,6 +225,7 @@ def test_each_moment_has_one_message_of_transforms(monkeypatch):
         RobotVisualizer._update(visualizer)
         found.append(len(sent[TF.name]))
     assert found == [1, 1, 2, 3]
+    assert len(counted) == 3
     names = {
         topic: {tuple(each.child_frame_id for each in array.transforms) for array in messages}
         for topic, messages in sent.items()

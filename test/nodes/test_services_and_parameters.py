@@ -148,8 +148,9 @@ def test_every_parameter_is_described_with_its_range(client):
             is_range = row.bounds and not row.choices
             scalar = is_range and not row.or_zero and not isinstance(row.default, tuple)
             told = row.choices_text if row.choices else row.bounds_text if is_range else ''
-            if not scalar:
-                assert descriptor.additional_constraints.endswith(told)
+            each = 'each within ' if is_range and isinstance(row.default, tuple) else ''
+            expected = f'one of {told}' if row.choices else each + told
+            assert descriptor.additional_constraints == ('' if scalar else expected)
             ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
             assert [(r.from_value, r.to_value) for r in ranges] == [row.bounds] * bool(scalar)
 

@@ -16,7 +16,12 @@ from ports import needs_layout_of_ports
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes import middleware, shared_memory
-from ballbot_ros.nodes.port_readers import AFTER_READERS, READER_SIZE, READERS
+from ballbot_ros.nodes.port_readers import (
+    AFTER_READERS,
+    READER_SIZE,
+    READERS,
+    find_idle_readers,
+)
 from ballbot_ros.nodes.processes import END_WITH_PARENT
 from ballbot_ros.nodes.shared_memory import (
     INITIALISED,
@@ -387,6 +392,17 @@ def test_readers_of_a_port_without_a_living_reader_are_marked_as_waiting(tmp_pat
     after = port.read_bytes()
     assert [i for i in range(len(before)) if before[i] != after[i]] == [400, 400 + 2 * READER_SIZE]
     assert acquire(tmp_path / MUTEX)
+
+
+def test_every_reader_of_a_port_is_found_but_none_in_an_unknown_layout(tmp_path):
+    last = READERS - 1
+    port = make_read_port(tmp_path, *[0] * last, IDLE)
+    assert find_idle_readers(port) == [400 + last * READER_SIZE]
+    for content in (b'', WHOLE_PORT):
+        port.write_bytes(content)
+        assert find_idle_readers(port) == []
+    port.unlink()
+    assert find_idle_readers(port) == []
 
 
 @pytest.mark.parametrize('state', [IDLE, TAKES])

@@ -11,7 +11,7 @@ pytest.importorskip('viser', reason='the extra viewer is not installed')
 pytestmark = pytest.mark.graph
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue  # noqa: E402
-from rcl_interfaces.srv import SetParameters  # noqa: E402
+from rcl_interfaces.srv import GetParameters, SetParameters  # noqa: E402
 from ros_client import Client  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 from terminal import Terminal  # noqa: E402
@@ -39,6 +39,9 @@ def test_the_page_outlasts_its_runs(start_run, client, tmp_path):
     )  # fmt: skip
     terminal.wait_for_text(b'the page stays')
     assert run.process.poll() is None
+    asked = GetParameters.Request(names=['scenario'])
+    (chosen,) = client.call(GetParameters, 'supervisor/get_parameters', asked).values
+    assert chosen.string_value == 'stationary'
     refused = start(client, 'nonsense')
     assert not refused.success
     assert 'unknown scenario' in refused.message

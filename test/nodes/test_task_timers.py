@@ -1,9 +1,12 @@
 """The timers of the controller, with some of their callbacks manipulated."""
 
+from types import SimpleNamespace
+
 import pytest
 
 pytest.importorskip('rclpy')
 
+from rclpy.clock import ClockType
 from std_srvs.srv import Trigger
 
 from ballbot_ros.controller.tasks import TASK_TS1
@@ -12,6 +15,7 @@ from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
 from ballbot_ros.nodes import controller
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.one_shot import OneShotTimer
+from ballbot_ros.nodes.task_timers import TaskTimers
 from ballbot_ros.parameters import CONTROLLER, NODES, PLANT, RECORDER, PlantParameters
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
@@ -27,6 +31,67 @@ TS2 = 'task_ts2'
 DURATION_S = 2.0
 DROPPED_NS = FIRST_TICK_NS + 1_200 * MILLISECOND_NS
 LATE_S = 0.01
+
+
+def test_a_one_shot_timer_calls_back_once_after_each_start():
+    calls = []
+
+    class Timer:
+        timer_period_ns = 0
+
+        def reset(self):
+            calls.append(self.timer_period_ns)
+
+        def cancel(self):
+            calls.append('cancelled')
+
+    def create_timer(period_s, callback, *, clock, autostart):
+        calls.append((clock.clock_type, autostart))
+        node.fire = callback
+        return Timer()
+
+    node = SimpleNamespace(create_timer=create_timer)
+    timer = OneShotTimer(node, lambda: calls.append('called'))
+    assert calls == [(ClockType.STEADY_TIME, False)]
+    for delay_s, period_ns in ((0.25, 250_000_000), (0.0, 1)):
+        calls.clear()
+        timer.start(delay_s)
+        node.fire()
+        timer.cancel()
+        assert calls == [period_ns, 'cancelled', 'called', 'cancelled']
+
+
+def test_the_timers_of_other_tasks_replace_those_before():
+    made, fired = {}, []
+
+    def create_timer(period_s, callback, *, clock, autostart):
+        calls = []
+        timer = SimpleNamespace(
+            calls=calls, fire=callback, is_ready=lambda: 'ready' in calls,
+            reset=lambda: calls.append('reset'), cancel=lambda: calls.append('cancelled'),
+        )  # fmt: skip
+        made[round(period_s * 1e3), clock, autostart] = timer
+        return timer
+
+    node = SimpleNamespace(
+        create_timer=create_timer, destroy_timer=lambda timer: timer.calls.append('destroyed')
+    )
+    timers = TaskTimers(node, 'clock', fired.append, ticking=TASK_TS1)
+    timers.set([(TASK_TS1, 1, 4), (TS2, 2, 20), ('background', 3, 0)])
+    first, second = made[4, 'clock', True], made[20, 'clock', False]
+    assert len(made) == 2
+    for timer in (first, second):
+        timer.fire()
+    assert fired == [TASK_TS1, TS2]
+    timers.stop()
+    timers.restart([TASK_TS1])
+    assert (first.calls, second.calls) == (['reset'], ['cancelled'])
+    assert timers.callback_waits is False
+    second.calls.append('ready')
+    assert timers.callback_waits is True
+    timers.set([(TASK_TS1, 1, 4)])
+    assert first.calls[-1] == second.calls[-1] == 'destroyed'
+    assert timers.callback_waits is False
 
 
 class Tampered(Controller):

@@ -10,7 +10,13 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from ballbot_ros.messages.topics import CMD_VEL, CMD_VEL_STAMPED, JOY
+from rclpy.qos import (
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
+
+from ballbot_ros.messages.topics import CMD_VEL, CMD_VEL_STAMPED, JOY, VIEWER_JOY
 from ballbot_ros.nodes import teleop_inputs
 from ballbot_ros.nodes.teleop_inputs import TeleopInputs
 from ballbot_ros.parameters import GamepadParameters
@@ -92,6 +98,33 @@ def test_an_unusable_input_is_released_at_once():
         inputs.receive(JOY, joy(*axes))
         assert inputs.sticks() == sticks
     assert inputs.node.warned == ['joy: axis 1 not found: the input has only 1 axes']
+
+
+def test_a_malformed_message_is_an_error_of_its_input():
+    inputs = Inputs()
+    inputs.receive(JOY, joy(0.0, 1.0, 0.0, 0.0))
+    inputs.node.received[JOY.name](b'')
+    assert inputs.sticks() == NEUTRAL
+    (warning,) = inputs.node.warned
+    assert warning.startswith(f'joy: not a valid {JOY.type_name}: ')
+
+
+def test_the_sticks_of_the_page_reach_the_allowed_maximum():
+    """The mapping of a gamepad's axes does not apply to them."""
+    inputs = Inputs(gp_max=40, deadzone=0.5)
+    inputs.receive(VIEWER_JOY, joy(0.0, 0.25, 0.0, 0.0))
+    assert inputs.sticks() == (-10, 0)
+    inputs.node.parameters = GamepadParameters(device='', gp_max=80)
+    inputs.inputs.apply_parameters()
+    inputs.receive(VIEWER_JOY, joy(0.0, 0.25, 0.0, 0.0))
+    assert inputs.sticks() == (-20, 0)
+
+
+def test_an_input_is_read_whatever_its_publisher_offers():
+    for reliability in (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT):
+        offered = QoSProfile(depth=1, reliability=reliability)
+        _, reason = qos_check_compatible(offered, teleop_inputs.NEWEST)
+        assert 'reliab' not in reason.lower()
 
 
 def test_cmd_vel_is_read_with_the_type_that_is_published():

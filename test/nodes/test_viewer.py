@@ -8,13 +8,14 @@ from robot import DIMENSIONS
 pytest.importorskip('rclpy')
 
 from ballbot_ros.messages.conversions import encode_joy
-from ballbot_ros.messages.topics import PLANT_IMU, PLANT_ODOM, SOUND
+from ballbot_ros.messages.topics import MAP, PLANT_IMU, PLANT_ODOM, RUN, SOUND
 from ballbot_ros.nodes import viewer
 from ballbot_ros.nodes.viewer import Viewer
 from ballbot_ros.parameters import PlantParameters, ViewerParameters
 from ballbot_ros.timing import MILLISECOND_NS, SECOND_NS
 from ballbot_ros.viewer.real_time_factor import RealTimeFactor
 from ballbot_ros.viewer.snapshot import History, Snapshot
+from ballbot_ros.world.errors import WorldError
 
 
 def stub_viewer(**attributes):
@@ -62,7 +63,7 @@ def test_a_run_begins_on_its_floor_and_without_the_trail_of_another(monkeypatch)
     """The floor is that of the viewer's own map, or else the published one."""
     for name in ('map_grid', 'floor_map_of'):
         monkeypatch.setattr(viewer, name, lambda message: message)
-    shown = []
+    shown, asked = [], []
     for own, published, floor in (
         (None, None, None),
         (None, 'published', 'published'),
@@ -74,13 +75,14 @@ def test_a_run_begins_on_its_floor_and_without_the_trail_of_another(monkeypatch)
             _history=history,
             _load_floor=lambda own=own: own,
             _page=SimpleNamespace(show_floor=lambda *arguments: shown.append(arguments)),
-            _requests=SimpleNamespace(plant_parameters=lambda names, take: None),
+            _requests=SimpleNamespace(plant_parameters=lambda names, take: asked.append(names)),
             apply_parameters=lambda: None,
             parameters=ViewerParameters(),
         )
         node._begin(SNAPSHOT, published)
         assert shown.pop() == (floor, (1.5, -0.5)), (own, published)
         assert history.trail() == []
+        assert {'scenario', 'map', 'body_height'} <= set(asked.pop())
 
 
 def test_the_robot_is_shown_with_the_dimensions_of_the_plant():
@@ -97,10 +99,10 @@ def test_the_robot_is_shown_with_the_dimensions_of_the_plant():
 
 
 def test_a_run_whose_plant_is_gone_has_ended():
-    shown = []
+    shown, offered = [], []
     for lost_plant in (False, True):
         node = stub_viewer(
-            _controls=SimpleNamespace(offer_scenarios=lambda offer: None),
+            _controls=SimpleNamespace(offer_scenarios=lambda *, offer: offered.append(offer)),
             _history=History(),
             _newest=SimpleNamespace(take=lambda: (SNAPSHOT, set())),
             _page=SimpleNamespace(has_clients=True, update_cameras=lambda snapshot: None),
@@ -108,10 +110,71 @@ def test_a_run_whose_plant_is_gone_has_ended():
             _panel_period=1,
             _real_time_factor=RealTimeFactor(),
             _requests=SimpleNamespace(
-                send_queued=lambda: None, lost_plant=lost_plant, can_start=False
+                send_queued=lambda: None, lost_plant=lost_plant, can_start=not lost_plant
             ),
             _robot=SimpleNamespace(show=lambda snapshot: None, show_trail=lambda trail: None),
             _updates=0,
         )
         node._update()
     assert shown == ['remote', 'run ended']
+    assert offered == [True, False]
+
+
+@pytest.mark.parametrize(
+    ('changed', 'expected'),
+    [
+        (set(), []),
+        ({RUN}, ['begin']),
+        ({MAP}, ['begin']),
+        ({SOUND}, ['sound']),
+        ({PLANT_ODOM}, [2_000_000_000]),
+    ],
+)
+def test_what_has_changed_is_shown(changed, expected):
+    """Without a page nothing is drawn, but the trail grows."""
+    odometry = PLANT_ODOM.message_class()
+    odometry.header.stamp.sec = 2
+    done, history = [], History()
+    node = stub_viewer(
+        _begin=lambda snapshot, published: done.append('begin'),
+        _history=history,
+        _newest=stub_newest({PLANT_ODOM: odometry, MAP: None}, changed),
+        _page=SimpleNamespace(has_clients=False),
+        _requests=SimpleNamespace(send_queued=lambda: None, lost_plant=False),
+        _sound=lambda: done.append('sound'),
+        _updates=0,
+        count_sample=done.append,
+    )
+    node._update()
+    assert done == expected
+    assert len(history.trail()) == (PLANT_ODOM in changed)
+
+
+def stub_newest(messages, changed):
+    class Newest(dict):
+        def take(self):
+            return SNAPSHOT, changed
+
+    return Newest(messages)
+
+
+def test_a_viewer_that_shows_nothing_yet_sends_its_requests_and_closes_its_page():
+    done = []
+    node = stub_viewer(
+        _newest=SimpleNamespace(take=lambda: (None, set()), close=lambda: done.append('closed')),
+        _page=SimpleNamespace(stop=lambda: done.append('stopped')),
+        _requests=SimpleNamespace(send_queued=lambda: done.append('sent')),
+    )
+    node._update()
+    node.close()
+    assert done == ['sent', 'closed', 'stopped']
+
+
+def test_an_unknown_map_is_refused_and_an_empty_one_is_no_floor():
+    node = stub_viewer(parameters=ViewerParameters())
+    assert node._load_floor() is None
+    node.check(ViewerParameters())
+    with pytest.raises(WorldError, match='unknown map'):
+        node.check(ViewerParameters(map='mars'))
+    node.parameters = ViewerParameters(map='track')
+    assert node._load_floor().walls.any()

@@ -7,12 +7,14 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
 from ros_client import Client
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
-from ballbot_ros.messages.topics import RUN
+from ballbot_ros.messages.conversions import encode_push
+from ballbot_ros.messages.topics import PUSH, RUN
 from ballbot_ros.nodes import viewer_requests
 from ballbot_ros.nodes.topic_publisher import TopicPublisher, reliable_qos
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
@@ -180,3 +182,42 @@ def test_a_scenario_is_chosen_before_it_is_started():
         response = Trigger.Response(success=success, message='unknown scenario')
         node.called[1](SimpleNamespace(result=lambda response=response: response))
     assert told == ['square begins', 'unknown scenario']
+
+
+def test_each_request_is_sent_in_its_turn_to_its_service():
+    node, told, sent = StubNode(), [], []
+    node.now_ns = 8
+    node.output = lambda topic: SimpleNamespace(publish=lambda data: sent.append((topic, data)))
+    node.call = lambda request: (
+        sent.append(request) or SimpleNamespace(add_done_callback=node.called.append)
+    )
+    node.ready = {f'plant_sim/{name}' for name in ('pause', 'step', 'reset')}
+    requests = ViewerRequests(node, told.append)
+    assert not requests.can_start
+    node.ready |= {'supervisor/start', '/plant_sim/set_parameters'}
+    assert requests.can_start
+    requests.pause(True)
+    requests.step()
+    requests.reset()
+    requests.push((1.0, 0.0))
+    requests.set_real_time_factor(0.5)
+    assert sent == []
+    requests.send_queued()
+    assert sent == [
+        SetBool.Request(data=True), Trigger.Request(), Trigger.Request(),
+        (PUSH, encode_push(8, (1.0, 0.0))),
+    ]  # fmt: skip
+    assert told == ['parameters of plant_sim: service not available']
+    node.plant = 'plant_sim'
+    requests.set_real_time_factor(0.5)
+    requests.send_queued()
+    (parameter,) = sent[-1].parameters
+    assert (parameter.name, parameter.value.double_value) == ('real_time_factor', 0.5)
+    results = [SetParametersResult(successful=False, reason='too slow'),
+               SetParametersResult(successful=True, reason='set')]  # fmt: skip
+    node.called[-1](SimpleNamespace(result=lambda: SetParameters.Response(results=results)))
+    assert told[1:] == ['parameters of plant_sim: too slow']
+    node.ready = set()
+    requests.reset()
+    requests.send_queued()
+    assert told[2:] == ['plant_sim/reset: service not available']

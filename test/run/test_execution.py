@@ -1,9 +1,12 @@
 """A run as an object: from its specification to its result, without the command."""
 
 import dataclasses
+import errno
+import logging
 import math
 import signal
 import threading
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import pytest
@@ -13,16 +16,19 @@ from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.metrics import Judgement
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.verdict import Verdict
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.parameters import NODES, PLANT, RECORDER
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.writer import RecordingWriter
-from ballbot_ros.run import offline
+from ballbot_ros.run import execution, offline, requirements
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
-from ballbot_ros.run.result import RunResult
+from ballbot_ros.run.result import RoundTrip, RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.scenario import Expectation
 from ballbot_ros.simulation.golden import load_golden
 from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.world.library import read_map_file
 
 
@@ -166,6 +172,52 @@ def test_a_picture_that_can_not_be_written_fails_a_run_that_passed(tmp_path):
     assert not math.isnan(result.metrics['duty_rms_percent'])
 
 
+def test_a_picture_that_is_written_in_part_is_removed(tmp_path, monkeypatch):
+    def draw(trajectory, path, *_):
+        path.write_bytes(b'\x89PNG')
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr(execution, 'draw_motion', draw)
+    result = execute(spec_of('stationary', 'plant_sim.duration=1', output=tmp_path, record=False))
+    assert result.figure_failure == f'{tmp_path}/stationary.png: No space left on device'
+    assert not tmp_path.exists()
+
+
+def test_a_fork_server_that_is_running_already_is_used(monkeypatch):
+    pytest.importorskip('rclpy')
+    from ballbot_ros.run import separate_processes
+
+    used = []
+
+    def run(client, *_):
+        used.append(client)
+        return RunResult(Outcome.FAILED)
+
+    monkeypatch.setattr(separate_processes, 'run_in_separate_processes', run)
+    monkeypatch.setattr(execution, 'ForkClient', lambda: nullcontext('another one'))
+    spec = spec_of('stationary', processes=Processes.SEPARATE, record=False)
+    for client in ('given', None):
+        execute(spec, client=client)
+    assert used == ['given', 'another one']
+
+
+def test_a_middleware_that_does_not_load_is_reported_before_ros_starts(monkeypatch):
+    def refuse():
+        raise BallbotError('it does not load')
+
+    monkeypatch.setattr(requirements, 'require_middleware', refuse)
+    with pytest.raises(BallbotError, match='it does not load'):
+        execute(spec_of('stationary', processes=Processes.ONE, record=False))
+
+
+def test_notices_are_logged_unless_there_is_an_observer(caplog):
+    spec = spec_of(
+        'forward_backward', 'plant_sim.map=track', 'plant_sim.start_position_x=0.7', record=False
+    )
+    result = execute(spec)
+    assert caplog.record_tuples == [('ballbot_ros.run', logging.WARNING, result.reason)]
+
+
 def test_the_map_of_a_run_is_the_one_at_its_start(tmp_path):
     """The map's file may be removed or replaced before the metrics are computed."""
     path = tmp_path / 'floor.png'
@@ -229,6 +281,96 @@ def test_verdict_reason_and_status_agree(result, verdict, reason, status):
     assert full.reason == '; '.join(filter(None, (reason, 'x.png: full')))
     assert full.exit_status == (status or 1)
     assert full.verdict == ('failed' if verdict == 'passed' else verdict)
+
+
+SUMMARY = {
+    'outcome': 'failed', 'reason': 'fell', 'ticks': 3, 'duty_sha256': 'ab',
+    'real_time_factor': 0.5, 'late_ticks': 2, 'resends': 1,
+    'round_trip_ms': {'p50': 0.1, 'p99': 0.2, 'max': 0.3}, 'participants': [{'role': 'plant_sim'}],
+}  # fmt: skip
+
+
+def test_a_summary_in_json_gives_the_whole_result():
+    trajectory = TrajectoryLog().trajectory()
+    result = RunResult(
+        Outcome.FAILED, 'fell', 1, 3, 'ab', 0.5, 2, 1, RoundTrip(0.1, 0.2, 0.3),
+        [{'role': 'plant_sim'}], trajectory,
+    )  # fmt: skip
+    assert RunResult.from_summary(SUMMARY, trajectory) == result
+    assert RunResult.from_summary(SUMMARY | {'round_trip_ms': None}, trajectory).round_trip is None
+
+
+class OneProcess:
+    """Replaces ROS for a run in one process, whose nodes end when they are spun."""
+
+    def __init__(self, monkeypatch, *, outcome, failure='', exit_status=0, stop=lambda: None):
+        from ballbot_ros.run import one_process
+
+        self.events, self._stop = [], stop
+        self.plant = self.node(
+            PLANT,
+            done='done',
+            exit_status=exit_status,
+            log=SimpleNamespace(ticks=2, trajectory=lambda: None),
+            summary=SUMMARY | {'outcome': outcome},
+            stop=lambda: self.events.append('stop'),
+            create_wall_timer=lambda period_s, report: setattr(self, 'report', report),
+        )
+        for name, stub in (
+            ('ros', nullcontext),
+            ('PlantSim', lambda parameters: self.plant),
+            ('Recorder', lambda parameters: self.node(RECORDER, failure=failure)),
+            ('make_node', lambda parameters: self.node(parameters.node)),
+            ('spin', self.spin),
+        ):
+            monkeypatch.setattr(one_process, name, stub)
+        self.run = one_process.run_in_one_process
+
+    def node(self, name, **attributes):
+        return SimpleNamespace(
+            name=name,
+            close=lambda: self.events.append(f'close {name}'),
+            destroy_node=lambda: self.events.append(f'destroy {name}'),
+            **attributes,
+        )
+
+    def spin(self, nodes, done, stop):
+        assert done == 'done'
+        self.events.append([node.name for node in nodes])
+        self.report()
+        self._stop()
+
+
+@pytest.mark.parametrize('record', [True, False])
+def test_a_run_in_one_process_spins_its_nodes_and_closes_them(monkeypatch, tmp_path, record):
+    pytest.importorskip('rclpy')
+    graph, notes = OneProcess(monkeypatch, outcome='completed'), Notes()
+    recording = tmp_path / 'run.mcap' if record else None
+    graph.run(spec_of('stationary', record=record), recording, tmp_path, notes)
+    nodes = [name for name in NODES if name != RECORDER] + [RECORDER] * record
+    ends = [f'{end} {name}' for name in nodes for end in ('close', 'destroy')]
+    assert graph.events == [nodes, 'stop', *ends]
+    assert notes.times == [0.008]
+
+
+def test_the_result_of_a_run_in_one_process_is_that_of_plant_recorder_and_signal(
+    monkeypatch, tmp_path
+):
+    pytest.importorskip('rclpy')
+    for outcome, failure, exit_status, signalled, expected in (
+        ('completed', '', 0, False, ('completed', 'fell', 1)),
+        ('completed', 'full', 0, False, ('failed', 'recorder: full', 1)),
+        ('failed', 'full', 1, False, ('failed', 'fell', 1)),
+        ('failed', '', 2, False, ('failed', 'fell', 2)),
+        ('stopped', '', 0, True, ('stopped', 'fell', 128 + signal.SIGTERM)),
+    ):
+        graph = OneProcess(
+            monkeypatch, outcome=outcome, failure=failure, exit_status=exit_status,
+            stop=(lambda: signal.raise_signal(signal.SIGTERM)) if signalled else lambda: None,
+        )  # fmt: skip
+        result = graph.run(spec_of('stationary'), tmp_path / 'run.mcap', tmp_path, Notes())
+        found = result.outcome, result.failure, result.failure_status
+        assert found == expected, (outcome, failure, exit_status)
 
 
 def test_a_run_needs_no_main_thread():

@@ -94,6 +94,9 @@ def test_the_end_of_a_node_is_reported(nodes, number, status):
     nodes.client.await_end(process)
     assert nodes.client.status_of(process) == status
     assert nodes.client.status_of(other) is None
+    os.kill(other, signal.SIGKILL)
+    nodes.client.await_end(other)
+    assert nodes.client.status_of(other) == -signal.SIGKILL
 
 
 def test_a_mistake_in_the_parameters_is_status_2_and_a_line(nodes):
@@ -194,11 +197,13 @@ def test_the_fork_server_has_imported_the_nodes_but_not_initialised_ros():
 
 
 def test_a_process_number_may_be_used_again(monkeypatch):
-    servers = []
+    servers, events = [], []
 
     def start_server(command, *, pass_fds, **options):
         servers.append(socket.socket(fileno=os.dup(pass_fds[0])))
-        return SimpleNamespace(kill=lambda: None, wait=lambda: None)
+        return SimpleNamespace(
+            kill=lambda: events.append('killed'), wait=lambda: events.append('awaited')
+        )
 
     monkeypatch.setattr(fork_client.subprocess, 'Popen', start_server)
     with ForkClient() as client, servers[0] as server:
@@ -208,6 +213,7 @@ def test_a_process_number_may_be_used_again(monkeypatch):
             assert client.status_of(1234) is None
             server.send(f'[1234, {status}]'.encode())
             assert client.status_of(1234) == status
+    assert events == ['killed', 'awaited']
 
 
 ORPHAN = """

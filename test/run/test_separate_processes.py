@@ -3,6 +3,7 @@
 import os
 import queue
 from contextlib import nullcontext
+from pathlib import Path
 from signal import SIGKILL, SIGTERM
 from types import SimpleNamespace
 
@@ -41,6 +42,8 @@ def test_a_completed_run_is_completed():
         ('completed', 'gyro_driver was killed by SIGKILL', {'gyro_driver': -9}, 0,
          ('completed', '', 0)),
         ('completed', '', {'recorder': 1}, 0, ('failed', f'recorder: {FULL}', 1)),
+        ('completed', '', {'recorder': 2}, 0, ('failed', f'recorder: {FULL}', 2)),
+        ('failed', '', {'recorder': 2}, 0, ('failed', f'recorder: {FULL}', 2)),
         ('failed', '', {'plant_sim': 1, 'sonar_driver': 1}, 0, ('failed', f'plant_sim: {FULL}', 1)),
         ('failed', SILENT, {'plant_sim': -9}, 0, ('failed', SILENT, 1)),
         ('failed', 'sonar_driver ended with status 2', {'sonar_driver': 2}, 0,
@@ -85,12 +88,13 @@ def watched(victim, now_ns, *, plant_hangs=False, exit_status=-9):
     )  # fmt: skip
     processes = dict.fromkeys((*NODES, VIEWER), running) | {victim: dead}
     monitor = SimpleNamespace(now_ns=now_ns, poll=lambda: None, plant_hangs=lambda pid: plant_hangs)
-    notices = []
-    progress = SimpleNamespace(notice=notices.append, update=lambda now_s: None)
+    notices, times_s = [], []
+    progress = SimpleNamespace(notice=notices.append, update=times_s.append)
     looks = iter([False, False, True])
     reason = watch(processes, monitor, progress, lambda: next(looks))
     assert notices[0] == f'{victim} was killed by SIGKILL'
     assert len(notices) == 1 + plant_hangs
+    assert set(times_s) == ({(now_ns - FIRST_TICK_NS) * 1e-9} if now_ns else set())
     return reason
 
 
@@ -174,6 +178,30 @@ def test_a_node_that_dies_gives_no_reason():
         name='recorder', _last_error_line='waits', was_killed=True, exit_description='died'
     )
     assert NodeProcess.failure.fget(process) == 'recorder died'
+
+
+def test_how_a_node_has_ended_is_described():
+    for status, running, was_killed, description in (
+        (None, True, False, 'is still running'),
+        (0, False, False, 'ended with status 0'),
+        (2, False, False, 'ended with status 2'),
+        (-SIGKILL, False, True, 'was killed by SIGKILL'),
+    ):
+        node = NodeProcess.__new__(NodeProcess)
+        node.name, node.pid, node._last_error_line = GYRO, 1234, ''
+        node._client = SimpleNamespace(status_of=lambda pid, status=status: status)
+        assert (node.running, node.was_killed) == (running, was_killed), status
+        assert node.failure == f'{GYRO} {description}'
+
+
+def test_a_node_that_can_not_be_started_leaves_no_pipe(tmp_path):
+    def fail(request, output, lock):
+        raise BallbotError('the process that forks it has ended')
+
+    before = set(Path('/proc/self/fd').iterdir())
+    with pytest.raises(BallbotError, match='that forks it'):
+        NodeProcess(SimpleNamespace(start=fail), GYRO, tmp_path, print)
+    assert set(Path('/proc/self/fd').iterdir()) <= before
 
 
 def test_only_a_running_process_is_signalled(monkeypatch):
@@ -273,13 +301,13 @@ def test_ros_ends_with_its_block(monkeypatch, raised):
     monkeypatch.setattr('rclpy.ok', lambda: False)
     monkeypatch.setattr('rclpy.init', lambda **options: events.append('init'))
     monkeypatch.setattr('rclpy.try_shutdown', lambda: events.append('shutdown'))
-    monkeypatch.setattr(graph, 'prepare_middleware', lambda: None)
+    monkeypatch.setattr(graph, 'prepare_middleware', lambda: events.append('prepare'))
     monkeypatch.setattr(graph, 'avoid_stale_ports', lambda domain: nullcontext())
     with pytest.raises(BallbotError, match='peer') if raised else nullcontext(), ros():
         events.append('block')
         if raised:
             raise raised
-    assert events == ['init', 'block', 'shutdown']
+    assert events == ['prepare', 'init', 'block', 'shutdown']
 
 
 @pytest.mark.parametrize('victim', [VIEWER, 'gyro_driver'])

@@ -1,8 +1,11 @@
 """A run's specification: precedence of its settings, and mistakes refused before the start."""
 
+import numpy as np
 import pytest
+import yaml
 from laws import refusal
 
+from ballbot_ros import __version__
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
     ControllerParameters,
@@ -11,13 +14,14 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
-from ballbot_ros.parameters.files import write_parameter_file
-from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO
+from ballbot_ros.parameters.files import read_parameter_file, write_parameter_file
+from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.run.attachments import attachments_of
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.library import load_profile, load_scenario
+from ballbot_ros.world.library import read_map_file
 
 NOISE = """purpose: noise of its own
 duration: 1
@@ -105,6 +109,25 @@ def test_a_run_can_be_repeated_from_its_attached_parameters(tmp_path):
     assert again.parameters.of(ControllerParameters).pwm_gain == 0.9
 
 
+def test_the_map_of_a_run_is_attached_without_its_path(tmp_path):
+    """The parameters name the attached copy of a file, but a shipped map by its own name."""
+    image = read_map_file('track')
+    path = tmp_path / 'floor.png'
+    path.write_bytes(image)
+    for name, named in ((str(path), 'map.png'), ('track', 'track'), ('', '')):
+        options = RunOptions(assignments=[f'plant_sim.map={name}'])
+        attached = attachments_of(RunSpec.of_scenario('stationary', options))
+        assert attached.get('map.png') == (image if name else None), name
+        file = parameter_file(tmp_path, attached[PARAMETERS].decode())
+        assert read_parameter_file(file).of(PlantParameters).map == named
+
+
+def test_the_attached_versions_begin_with_this_package():
+    versions = yaml.safe_load(attachments_of(RunSpec.of_scenario('stationary'))[VERSIONS])
+    assert list(versions)[:2] == ['ballbot_ros', 'python']
+    assert (versions['ballbot_ros'], versions['numpy']) == (__version__, np.__version__)
+
+
 def test_without_a_scenario_the_robot_balances_endlessly():
     spec = RunSpec.compose(None, RunOptions(profile='hardware'))
     assert spec.plant.duration == 0.0
@@ -142,7 +165,7 @@ def test_a_mistake_is_refused_in_one_line():
         ('plant_sim.duration=0', 'plant_sim.duration is 0: a scenario must last longer'),
         ('plant_sim.map=mars', "unknown map 'mars'"),
     ):
-        options = RunOptions(assignments=[assignment])
+        options = RunOptions(assignments=[assignment, 'gyro_driver.seed=1'])
         text = refusal(BallbotError, RunSpec.of_scenario, 'stationary', options)
         assert told in text, assignment
         assert text.startswith(f'--set {assignment}: ') or 'unknown' in text, assignment

@@ -2,6 +2,7 @@
 
 import json
 import socket
+import sys
 
 import numpy as np
 import pytest
@@ -10,6 +11,9 @@ from browsing import receive
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.cli.recordings import read_playback_run
+from ballbot_ros.parameters import VIEWER, ParameterSet
+from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.viewer.address import check_address, network_warning, url_authority
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.live_controls import OnScreenSticks
@@ -170,10 +174,28 @@ def test_a_taken_port_is_one_line():
     with socket.socket() as taken:
         taken.bind(('127.0.0.1', 0))
         taken.listen()
-        with pytest.raises(ViewerError, match=r'cannot be served on 127.0.0.1:\d+: Address alr'):
-            check_address('127.0.0.1', taken.getsockname()[1])
+        port = taken.getsockname()[1]
+        parameters = ParameterSet()
+        parameters.set(VIEWER, 'port', port)
+        for check in (lambda: check_address('127.0.0.1', port), lambda: require_viewer(parameters)):
+            with pytest.raises(
+                ViewerError, match=r'cannot be served on 127.0.0.1:\d+: Address alr'
+            ):
+                check()
     with pytest.raises(ViewerError, match='cannot be served on'):
         check_address('host.invalid', 0)
+
+
+def test_a_run_with_a_viewer_needs_viser_and_separate_processes(monkeypatch):
+    parameters = ParameterSet()
+    parameters.set(VIEWER, 'port', 0)
+    require_viewer(parameters)
+    for processes in (Processes.ONE, Processes.NONE):
+        with pytest.raises(ViewerError, match=f'requires --processes separate, not {processes}'):
+            require_viewer(parameters, processes)
+    monkeypatch.setitem(sys.modules, 'viser', None)
+    with pytest.raises(ViewerError, match='viser'):
+        require_viewer(parameters)
 
 
 def test_an_ipv6_address_is_in_brackets():
