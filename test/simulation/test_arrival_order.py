@@ -17,6 +17,11 @@ def test_messages_of_several_topics_come_in_the_order_of_their_times():
     assert order.merge({'a': [], 'b': [], 'c': []}, 11) == []
 
 
+def test_messages_of_one_time_come_in_the_order_of_the_topics():
+    order = ArrivalOrder()
+    assert order.merge({'a': [(10, 'z')], 'b': [(10, 'y')]}, 10) == ['z', 'y']
+
+
 def test_messages_that_arrive_during_a_pass_wait_for_the_next():
     order = ArrivalOrder()
     assert order.merge({'a': [(1, 'a1')], 'b': [(12, 'b12'), (15, 'b15')]}, 10) == ['a1']

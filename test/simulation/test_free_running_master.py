@@ -135,6 +135,16 @@ def test_a_stranger_neither_holds_a_run_nor_causes_a_warning():
     assert world.warnings == []
 
 
+def test_a_run_ends_only_when_a_stranger_has_left():
+    world = FreeRunningWorld(duration=1.0).wait(0.2)
+    send_duty(world)
+    world.graph.strangers['gyro'] = [Publisher(b'stranger', '/stranger')]
+    world.wait(3)
+    assert (world.ticks, world.summary) == (250, None)
+    del world.graph.strangers['gyro']
+    assert world.wait(0.2).summary.outcome == 'completed'
+
+
 def test_a_run_waits_for_no_participant():
     world = begun(require_recorder=True)
     send_duty(world)
