@@ -404,4 +404,5 @@ def _grouped(records: Iterable[McapRecord]) -> Iterator[Chunk | bytes]:
         # Yield these messages before the error: the part before the damage is intact.
         yield bytes(loose.end())  # type: ignore[no-untyped-call]
         raise
-    yield bytes(loose.end())  # type: ignore[no-untyped-call]
+    else:
+        yield bytes(loose.end())  # type: ignore[no-untyped-call]
