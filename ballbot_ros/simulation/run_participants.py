@@ -85,8 +85,12 @@ class RunParticipants:
     def gather(self, run: Run, plant: Participant, *, requires_recorder: bool) -> None:
         """Start collecting the participants of a run."""
         self._run, self._plant = run, plant
-        required = [*DRIVERS, CONTROLLER, *([RECORDER] if requires_recorder else [])]
-        self.roster.gather(run.name, plant, required if self._is_lockstep else [])
+        required: list[str] = []
+        if self._is_lockstep:
+            required += (*DRIVERS, CONTROLLER)
+            if requires_recorder:
+                required.append(RECORDER)
+        self.roster.gather(run.name, plant, required)
         self._act(CallRoll(run, plant))
         self._graph.stop_listening()
         self.liveness.begin()

@@ -10,6 +10,7 @@ pytest.importorskip('rclpy')
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import serialize_message
+from stubs import bare
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import time_ns
@@ -29,13 +30,13 @@ class Log:
 
 
 def stub_node(**attributes):
-    """Return a node that has only these attributes, and its log."""
-    node, log = BallbotNode.__new__(BallbotNode), Log()
-    vars(node).update(
-        _level=DiagnosticStatus.OK, _problem='', exit_status=0, failure='', get_logger=lambda: log
-    )
-    vars(node).update(attributes)
-    return node, log
+    """Return a node with these attributes and those of its diagnostics, and its log."""
+    log = Log()
+    given = {
+        '_level': DiagnosticStatus.OK, '_problem': '', 'exit_status': 0, 'failure': '',
+        'get_logger': lambda: log,
+    }  # fmt: skip
+    return bare(BallbotNode, **given | attributes), log
 
 
 def test_the_diagnostics_count_samples_since_the_last_report(monkeypatch):

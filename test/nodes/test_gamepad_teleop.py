@@ -10,6 +10,7 @@ pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import serialize_message
+from stubs import bare
 
 from ballbot_ros.controller.interface import OperatingState
 from ballbot_ros.messages.conversions import encode_sticks, fill_time
@@ -29,13 +30,6 @@ from ballbot_ros.timing import FIRST_TICK_NS, SLOW_PERIOD_NS
 FORWARD = (-50, 0)
 
 
-def stub_node(**attributes):
-    """Return a gamepad node that has only these attributes."""
-    node = GamepadTeleop.__new__(GamepadTeleop)
-    vars(node).update(attributes)
-    return node
-
-
 def test_a_repeated_request_gets_the_same_answer_within_a_run():
     """A restarted plant asks for the same ticks again, but in another run."""
     asked, sent = [], []
@@ -44,7 +38,8 @@ def test_a_repeated_request_gets_the_same_answer_within_a_run():
         asked.append(elapsed_s)
         return len(asked), 0
 
-    node = stub_node(
+    node = bare(
+        GamepadTeleop,
         _answers={},
         _command=Command(SCENARIO, NEUTRAL),
         _log=None,
@@ -68,7 +63,9 @@ def test_the_error_of_an_input_that_works_again_is_reported_once_more(monkeypatc
     reported = []
     monkeypatch.setattr(BallbotNode, 'report', lambda node: reported.append(node._problem))
     errors = InputErrors()
-    node = stub_node(_input_errors=errors, _level=DiagnosticStatus.WARN, _problem='joy: no axis')
+    node = bare(
+        GamepadTeleop, _input_errors=errors, _level=DiagnosticStatus.WARN, _problem='joy: no axis'
+    )
     errors.add('joy', 'no axis')
     errors.clear('joy')
     for _ in range(2):
@@ -79,7 +76,7 @@ def test_the_error_of_an_input_that_works_again_is_reported_once_more(monkeypatc
 def test_the_error_of_another_input_stays_a_warning(monkeypatch):
     monkeypatch.setattr(BallbotNode, 'report', lambda node: None)
     warned, errors = [], InputErrors()
-    node = stub_node(_input_errors=errors, warn=warned.append)
+    node = bare(GamepadTeleop, _input_errors=errors, warn=warned.append)
     errors.add('joy', 'no axis')
     errors.add('cmd_vel', 'two types')
     errors.clear('joy')
@@ -90,7 +87,8 @@ def test_the_error_of_another_input_stays_a_warning(monkeypatch):
 
 def test_only_the_slow_ticks_of_its_run_are_answered():
     answered, ignored = [], []
-    node = stub_node(
+    node = bare(
+        GamepadTeleop,
         _answer=answered.append,
         _participation=SimpleNamespace(includes=lambda now_ns: now_ns >= FIRST_TICK_NS),
         warn_malformed=lambda topic, error: ignored.append(topic),
@@ -108,7 +106,8 @@ def test_only_the_slow_ticks_of_its_run_are_answered():
 
 def test_a_new_source_of_the_sticks_is_logged():
     lines = []
-    node = stub_node(
+    node = bare(
+        GamepadTeleop,
         _command=Command(SCENARIO, NEUTRAL),
         _scenario=SimpleNamespace(sticks_at=lambda elapsed_s: NEUTRAL),
         _sources=Arbiter(),
@@ -132,7 +131,7 @@ def test_a_log_that_can_not_be_written_is_given_up_once(monkeypatch):
     monkeypatch.setattr(gamepad_teleop, 'log_packet', lambda message: message)
     for act in (lambda node: node._on_log(b''), GamepadTeleop._flush_log, GamepadTeleop._close_log):
         failures = []
-        node = stub_node(_log=SimpleNamespace(write=fail, flush=fail, close=fail))
+        node = bare(GamepadTeleop, _log=SimpleNamespace(write=fail, flush=fail, close=fail))
         node.fail = failures.append
         for _ in range(2):
             act(node)
@@ -145,7 +144,9 @@ def test_terminal_gamepad_and_log_are_closed():
     def closing(name):
         return SimpleNamespace(close=lambda: closed.append(name))
 
-    node = stub_node(_inputs=closing('gamepad'), _log=closing('log'), terminal=closing('terminal'))
+    node = bare(
+        GamepadTeleop, _inputs=closing('gamepad'), _log=closing('log'), terminal=closing('terminal')
+    )
     node.close()
     assert closed == ['terminal', 'gamepad', 'log']
     node.terminal = None

@@ -6,6 +6,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from stubs import bare
+
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS, MAP, MOTOR_DUTY, RUN_STATUS
 from ballbot_ros.nodes import plant_sim
@@ -40,10 +42,13 @@ def summary(reason):
 
 def carried_out(action):
     calls = []
-    actions = PlantActions.__new__(PlantActions)
-    actions._node = Recorded(calls)
+    actions = bare(
+        PlantActions,
+        _node=Recorded(calls),
+        _messages=Recorded(calls, 'publish '),
+        _wake=Recorded(calls, 'wake.'),
+    )
     actions._node.get_logger = lambda: Recorded(calls, 'log.')
-    actions._messages, actions._wake = Recorded(calls, 'publish '), Recorded(calls, 'wake.')
     actions.carry_out([action])
     return calls, actions
 
@@ -81,18 +86,12 @@ def test_each_action_of_the_master_is_carried_out():
         carried_out('jump')
 
 
-def stub_plant(**attributes):
-    """Return a plant's node that has only these attributes."""
-    node = PlantSim.__new__(PlantSim)
-    vars(node).update(attributes)
-    return node
-
-
 def test_a_free_running_plant_ticks_at_the_pace_of_its_parameters():
     """It has no pace 'as fast as possible', for which it runs in real time."""
     for factor, period_ns in ((1.0, 4_000_000), (2.0, 2_000_000), (0.0, 4_000_000)):
         told, timer = [], SimpleNamespace(timer_period_ns=0)
-        node = stub_plant(
+        node = bare(
+            PlantSim,
             _free_timer=timer,
             dispatch=lambda event, parameters, told=told: told.append((event, parameters)),
             master=SimpleNamespace(on_parameters='changed'),
@@ -110,7 +109,7 @@ def test_the_diagnostics_have_the_outcome_of_a_run_that_has_ended():
         number=2, time_ns=1_500_000_000, log=SimpleNamespace(ticks=125), late_ticks=3, resends=4,
         is_fallen=True, pause=SimpleNamespace(is_paused=False), summary=None,
     )  # fmt: skip
-    node = stub_plant(master=master)
+    node = bare(PlantSim, master=master)
     expected = {'run': 2, 'sim time [s]': '1.500', 'ticks': 125, 'late ticks': 3, 'resends': 4,
                 'fallen': True, 'paused': False}  # fmt: skip
     shown = node.diagnose()
@@ -124,7 +123,8 @@ def test_the_diagnostics_have_the_outcome_of_a_run_that_has_ended():
 
 def test_a_plant_that_ends_saves_its_trajectory_and_releases_the_domain(monkeypatch, tmp_path):
     calls, flushed = [], []
-    node = stub_plant(
+    node = bare(
+        PlantSim,
         _lock=SimpleNamespace(release=lambda: calls.append('release')),
         flush=lambda *topics: flushed.extend(topics),
         master=SimpleNamespace(log=TrajectoryLog(), summary=summary('fell')),

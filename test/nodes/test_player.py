@@ -19,6 +19,7 @@ from rclpy.experimental import EventsExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
+from stubs import bare  # noqa: E402
 
 from ballbot_ros.errors import BallbotError  # noqa: E402
 from ballbot_ros.messages.topics import CLOCK, HISTORY, LCD, message_class  # noqa: E402
@@ -259,16 +260,10 @@ def test_another_rate_takes_effect_at_once(make_player):
     assert player.playback.rate == 2.0
 
 
-def stub_player(**attributes):
-    """Return a player that has only these attributes."""
-    node = Player.__new__(Player)
-    vars(node).update(attributes)
-    return node
-
-
 def test_a_position_must_be_a_number():
     sought, warned = [], []
-    node = stub_player(
+    node = bare(
+        Player,
         playback=SimpleNamespace(seek=lambda position_s, now_s: sought.append(position_s)),
         get_name=lambda: 'player',
         warn=warned.append,
@@ -289,7 +284,8 @@ def test_messages_are_played_once_their_time_has_come(monkeypatch):
         due=lambda now_s: [('/talk', 5, 0, b'a'), ('/strange', 6, 0, b'b')],
         set_rate=lambda rate, now_s: done.append(rate),
     )
-    node = stub_player(
+    node = bare(
+        Player,
         _begins_at=1.0, _made_clock=None, playback=playback, parameters=PlayerParameters(rate=2.0),
         _outputs={'/talk': SimpleNamespace(publish=done.append)}, count_sample=done.append,
         done=SimpleNamespace(done=lambda: False), finish=lambda: done.append('finished'),
@@ -310,7 +306,8 @@ def test_a_player_flushes_and_releases_what_it_holds():
     for owns_domain in (True, False):
         done = []
         release = SimpleNamespace(release=lambda done=done: done.append('released'))
-        node = stub_player(
+        node = bare(
+            Player,
             _lock=release if owns_domain else None,
             _outputs={
                 '/talk': SimpleNamespace(wait_for_all_acked=lambda _, done=done: done.append(1))
@@ -326,7 +323,7 @@ def test_a_pause_is_confirmed():
     playback = SimpleNamespace(pause=lambda pause, now_s: paused.append(pause))
     for pause, told in ((True, 'paused'), (False, 'playing')):
         request = SetBool.Request(data=pause)
-        answer = stub_player(playback=playback)._pause(request, SetBool.Response())
+        answer = bare(Player, playback=playback)._pause(request, SetBool.Response())
         assert (answer.success, answer.message) == (True, told)
     assert paused == [True, False]
 

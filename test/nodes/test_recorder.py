@@ -9,6 +9,7 @@ from graph import wait_for
 rclpy = pytest.importorskip('rclpy')
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
+from stubs import bare  # noqa: E402
 
 from ballbot_ros.messages.conversions import encode_duty, encode_header  # noqa: E402
 from ballbot_ros.messages.motor_stop import encode_stop  # noqa: E402
@@ -204,19 +205,20 @@ def offer(node, type_name='std_msgs/msg/String'):
 def discovered(graph, *, looks=2):
     """Return the topics that a recorder subscribes to in a graph, and its warnings."""
     subscribed, warnings = [], []
-    channels = Channels.__new__(Channels)
-    channels._channels, channels._sighted, channels._ignored = {'/known': None}, set(), {'/own'}
 
     def subscribe(topic, qos):
         subscribed.append(topic.name)
         channels._channels[topic.name] = None
 
-    channels._subscribe = subscribe
-    channels._node = SimpleNamespace(
+    node = SimpleNamespace(
         get_topic_names_and_types=lambda: [(name, []) for name in graph],
         get_publishers_info_by_topic=lambda name: graph.get(f'/{name.lstrip("/")}', []),
         get_logger=lambda: SimpleNamespace(warning=warnings.append),
     )
+    channels = bare(
+        Channels, _channels={'/known': None}, _sighted=set(), _ignored={'/own'},
+        _subscribe=subscribe, _node=node,
+    )  # fmt: skip
     for _ in range(looks):
         channels.discover()
     return subscribed, warnings
@@ -253,24 +255,23 @@ def test_the_qos_of_a_topic_without_publishers_is_the_usual_one():
 
 
 def stub_recorder(events, **attributes):
-    """Return a recorder that has only these attributes, and stores its calls in `events`."""
+    """Return a recorder with these attributes, which stores its calls in `events`."""
 
     def note(name):
         return lambda *given: events.append((name, *given))
 
-    node = Recorder.__new__(Recorder)
-    vars(node).update(
-        exit_status=0, _announced=b'', _run=None, _stop=None, _lost=0, _outcome={}, _members={},
-        _await_end=note('await'), _fail=note('fail'), flush=note('flush'), warn=note('warn'),
-        _channels=SimpleNamespace(close=note('leave')),
-        get_logger=lambda: SimpleNamespace(info=note('log')),
-        _writer=SimpleNamespace(
+    given = {
+        'exit_status': 0, '_announced': b'', '_run': None, '_stop': None, '_lost': 0,
+        '_outcome': {}, '_members': {}, '_await_end': note('await'), '_fail': note('fail'),
+        'flush': note('flush'), 'warn': note('warn'),
+        '_channels': SimpleNamespace(close=note('leave')),
+        'get_logger': lambda: SimpleNamespace(info=note('log')),
+        '_writer': SimpleNamespace(
             path='run.mcap', close=note('close'), add_metadata=note('metadata'),
             add_outcome=note('outcome'), mark_incomplete=note('incomplete'),
         ),
-    )  # fmt: skip
-    vars(node).update(attributes)
-    return node
+    }  # fmt: skip
+    return bare(Recorder, **given | attributes)
 
 
 def test_a_recording_is_finished_before_the_recorder_leaves():

@@ -14,6 +14,7 @@ from robot import DIMENSIONS
 pytest.importorskip('rclpy')
 
 from ros_client import Client
+from stubs import bare
 
 from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.messages.markers import DELETE_ALL
@@ -116,8 +117,8 @@ def test_the_drawing_begins_again_with_each_run_map_and_jump_back(monkeypatch):
     for name in ('map_grid', 'floor_map_of', 'stamp_ns'):
         monkeypatch.setattr(robot_visualizer, name, lambda message: message)
     begun, newest = [], Newest({PLANT_ODOM: 0})
-    node = RobotVisualizer.__new__(RobotVisualizer)
-    vars(node).update(
+    node = bare(
+        RobotVisualizer,
         _frames=SimpleNamespace(at=lambda position, psi: {}),
         _markers=SimpleNamespace(begin=begun.append, follow=lambda snapshot: None),
         _markers_output=SimpleNamespace(has_subscribers=False),
@@ -149,8 +150,8 @@ def test_everything_is_drawn_once_a_second_and_changes_at_once(monkeypatch):
     monkeypatch.setattr(robot_visualizer, 'poses_in_map', lambda frames: frames)
     drawn, newest = [], Newest()
     snapshot = SimpleNamespace(time=1.0, position=(0.0, 0.0), psi=(0.0, 0.0))
-    node = RobotVisualizer.__new__(RobotVisualizer)
-    vars(node).update(
+    node = bare(
+        RobotVisualizer,
         _frames=SimpleNamespace(at=lambda position, psi: {}),
         _markers=SimpleNamespace(at=lambda snapshot, poses, *, whole: drawn.append(whole) or []),
         _markers_output=SimpleNamespace(has_subscribers=True, publish=lambda message: None),
@@ -175,8 +176,8 @@ def test_everything_is_drawn_once_a_second_and_changes_at_once(monkeypatch):
 
 def test_another_shape_is_described_and_moves_the_fixed_frame(monkeypatch):
     described, fixed = [], []
-    node = RobotVisualizer.__new__(RobotVisualizer)
-    vars(node).update(
+    node = bare(
+        RobotVisualizer,
         _describe=lambda: described.append(node.parameters),
         _frames=SimpleNamespace(at=lambda position, psi: 'frames'),
         _transforms=SimpleNamespace(fix=fixed.append),

@@ -7,6 +7,8 @@ from robot import DIMENSIONS
 
 pytest.importorskip('rclpy')
 
+from stubs import bare
+
 from ballbot_ros.messages.conversions import encode_joy
 from ballbot_ros.messages.topics import MAP, PLANT_IMU, PLANT_ODOM, RUN, SOUND
 from ballbot_ros.nodes import viewer
@@ -18,18 +20,12 @@ from ballbot_ros.viewer.snapshot import History, Snapshot
 from ballbot_ros.world.errors import WorldError
 
 
-def stub_viewer(**attributes):
-    """Return a viewer that has only these attributes."""
-    node = Viewer.__new__(Viewer)
-    vars(node).update(attributes)
-    return node
-
-
 def test_released_sticks_are_published_as_neutral_once():
     """Other inputs take over at once, and a page at rest does not disturb them."""
     held = iter([None, (0.5, 0.0), None, None])
     sent = []
-    node = stub_viewer(
+    node = bare(
+        Viewer,
         _controls=SimpleNamespace(drive=lambda now_s: next(held)),
         _joy=SimpleNamespace(publish=sent.append),
         _is_driving=False,
@@ -45,8 +41,11 @@ def test_only_a_new_tone_is_played(monkeypatch):
     monkeypatch.setattr(viewer, 'tone_of', lambda message: message)
     played = []
     for stamp_ns in (SECOND_NS, SECOND_NS - 499 * MILLISECOND_NS, SECOND_NS // 2):
-        node = stub_viewer(
-            _newest={SOUND: stamp_ns}, _panel=SimpleNamespace(play=played.append), now_ns=SECOND_NS
+        node = bare(
+            Viewer,
+            _newest={SOUND: stamp_ns},
+            _panel=SimpleNamespace(play=played.append),
+            now_ns=SECOND_NS,
         )
         node._sound()
     assert played == [SECOND_NS, SECOND_NS - 499 * MILLISECOND_NS]
@@ -71,7 +70,8 @@ def test_a_run_begins_on_its_floor_and_without_the_trail_of_another(monkeypatch)
     ):
         history = History()
         history.add(SNAPSHOT)
-        node = stub_viewer(
+        node = bare(
+            Viewer,
             _history=history,
             _load_floor=lambda own=own: own,
             _page=SimpleNamespace(show_floor=lambda *arguments: shown.append(arguments)),
@@ -87,7 +87,8 @@ def test_a_run_begins_on_its_floor_and_without_the_trail_of_another(monkeypatch)
 
 def test_the_robot_is_shown_with_the_dimensions_of_the_plant():
     shown = []
-    node = stub_viewer(
+    node = bare(
+        Viewer,
         _controls=SimpleNamespace(show_scenario=lambda name: None),
         _newest={PLANT_IMU: None, PLANT_ODOM: None},
         _page=SimpleNamespace(dimensions=DIMENSIONS, show_robot=shown.append),
@@ -101,7 +102,8 @@ def test_the_robot_is_shown_with_the_dimensions_of_the_plant():
 def test_a_run_whose_plant_is_gone_has_ended():
     shown, offered = [], []
     for lost_plant in (False, True):
-        node = stub_viewer(
+        node = bare(
+            Viewer,
             _controls=SimpleNamespace(offer_scenarios=lambda *, offer: offered.append(offer)),
             _history=History(),
             _newest=SimpleNamespace(take=lambda: (SNAPSHOT, set())),
@@ -135,7 +137,8 @@ def test_what_has_changed_is_shown(changed, expected):
     odometry = PLANT_ODOM.message_class()
     odometry.header.stamp.sec = 2
     done, history = [], History()
-    node = stub_viewer(
+    node = bare(
+        Viewer,
         _begin=lambda snapshot, published: done.append('begin'),
         _history=history,
         _newest=stub_newest({PLANT_ODOM: odometry, MAP: None}, changed),
@@ -160,7 +163,8 @@ def stub_newest(messages, changed):
 
 def test_a_viewer_that_shows_nothing_yet_sends_its_requests_and_closes_its_page():
     done = []
-    node = stub_viewer(
+    node = bare(
+        Viewer,
         _newest=SimpleNamespace(take=lambda: (None, set()), close=lambda: done.append('closed')),
         _page=SimpleNamespace(stop=lambda: done.append('stopped')),
         _requests=SimpleNamespace(send_queued=lambda: done.append('sent')),
@@ -171,7 +175,7 @@ def test_a_viewer_that_shows_nothing_yet_sends_its_requests_and_closes_its_page(
 
 
 def test_an_unknown_map_is_refused_and_an_empty_one_is_no_floor():
-    node = stub_viewer(parameters=ViewerParameters())
+    node = bare(Viewer, parameters=ViewerParameters())
     assert node._load_floor() is None
     node.check(ViewerParameters())
     with pytest.raises(WorldError, match='unknown map'):

@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from graph import LAST_RESORT_S
+from stubs import bare
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
@@ -187,9 +188,8 @@ def test_how_a_node_has_ended_is_described():
         (2, False, False, 'ended with status 2'),
         (-SIGKILL, False, True, 'was killed by SIGKILL'),
     ):
-        node = NodeProcess.__new__(NodeProcess)
-        node.name, node.pid, node._last_error_line = GYRO, 1234, ''
-        node._client = SimpleNamespace(status_of=lambda pid, status=status: status)
+        client = SimpleNamespace(status_of=lambda pid, status=status: status)
+        node = bare(NodeProcess, name=GYRO, pid=1234, _last_error_line='', _client=client)
         assert (node.running, node.was_killed) == (running, was_killed), status
         assert node.failure == f'{GYRO} {description}'
 
@@ -209,11 +209,10 @@ def test_only_a_running_process_is_signalled(monkeypatch):
     signalled = []
     monkeypatch.setattr(node_process.os, 'kill', lambda *arguments: signalled.append(arguments))
     for status in (None, 0, -9):
-        node = NodeProcess.__new__(NodeProcess)
-        node.pid = 1234
-        node._client = SimpleNamespace(
+        client = SimpleNamespace(
             status_of=lambda pid, status=status: status, await_end=lambda pid: None
         )
+        node = bare(NodeProcess, pid=1234, _client=client)
         node.request_stop()
         node.kill()
     assert signalled == [(1234, SIGTERM), (1234, SIGKILL)]
