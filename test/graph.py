@@ -276,6 +276,18 @@ class Node:
         )
         return cls(name, process)
 
+    def lines_until(self, text):
+        """Wait for a line with this text; return the lines up to it.
+
+        Other lines may come first, such as those of the middleware's own log.
+        """
+        lines = []
+        for line in self.process.stdout:
+            lines.append(line)
+            if text in line:
+                return lines
+        raise AssertionError(f'{self.name} has ended: {"".join(lines)}')
+
     def finish(self):
         self.output, _ = self.process.communicate(timeout=LAST_RESORT_S)
         return self.process.returncode

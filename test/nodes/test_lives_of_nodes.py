@@ -29,10 +29,7 @@ def lines_of(output):
 def test_nodes_log_the_events_of_their_lives(run_node, client, tmp_path):
     path = tmp_path / 'life.mcap'
     plant = run_node('plant_sim', real_time_factor=0, require_recorder='true')
-    head = [plant.process.stdout.readline()]
-    while ' waits for ' not in head[-1]:
-        head.append(plant.process.stdout.readline())
-        assert head[-1], 'the plant has ended'
+    head = plant.lines_until(' waits for ')
     drivers = [run_node(name) for name in DRIVERS]
     recorder = run_node('recorder', output=path)
     client.spin_until(lambda: PLANT_IMU.name in client.newest and client.now_ns() > 1_200_000_000)

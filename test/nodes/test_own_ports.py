@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.graph, needs_layout_of_ports]
 @pytest.mark.parametrize('removed', [('', '_el'), ('',)], ids=['with its lock', 'only'])
 def test_a_node_hears_new_nodes_after_others_have_removed_its_port(domain, start_node, removed):
     node = start_node(GYRO)
-    node.process.stdout.readline()
+    node.lines_until('started')
     port = find_data_port(node.process.pid)
     for suffix in removed:
         port.with_name(port.name + suffix).unlink()

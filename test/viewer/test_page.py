@@ -113,7 +113,7 @@ class GraphRecorder:
 def start_viewer(start_node, **parameters):
     """Start the node; return its process and the address of its page."""
     node = start_node('viewer', **parameters)
-    return node.process, node.process.stdout.readline().split()[-1]
+    return node.process, node.lines_until('http://')[-1].split()[-1]
 
 
 def spots(points, view, browser):
