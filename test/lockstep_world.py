@@ -112,12 +112,16 @@ class FakeGraph:
         self._world = world
         self.clocks = 1
         self.complete = True
+        self.present = set()
         self.strangers = {}
         self.heard_messages = []
         self.is_listening = False
 
     def is_complete(self):
         return self.complete
+
+    def present_instances(self):
+        return self.present
 
     def publishers(self):
         found = {topic: list(self.strangers.get(topic, ())) for topic in TOPICS.owners}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from typing import Any, TypeAlias
 
 import rclpy
@@ -49,6 +50,8 @@ class BallbotNode(ParameterNode[P]):
         Why the node failed; '' if it did not.
     awaits : str
         What the node waits for at its start; '' for nothing.
+    on_destroy : contextlib.ExitStack
+        What to call when the node is destroyed.
     """
 
     def __init__(
@@ -59,6 +62,7 @@ class BallbotNode(ParameterNode[P]):
         self.exit_status = 0
         self.failure = ''
         self.awaits = ''
+        self.on_destroy = ExitStack()
         self.now_ns = 0
         self._samples = 0
         self._reported_samples = 0
@@ -205,6 +209,11 @@ class BallbotNode(ParameterNode[P]):
         message = DiagnosticArray(status=[status])
         fill_time(message.header.stamp, self.now_ns)
         self._diagnostics.publish(message)
+
+    def destroy_node(self) -> None:
+        """Remove the node from the graph."""
+        self.on_destroy.close()
+        super().destroy_node()
 
     def close(self) -> None:
         """Release the node's resources; called once, after the last callback."""

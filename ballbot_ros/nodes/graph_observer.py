@@ -17,6 +17,7 @@ from ballbot_ros.messages.topics import Topic
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
 from ballbot_ros.nodes.middleware import is_local
 from ballbot_ros.nodes.participant_ports import living_participants
+from ballbot_ros.nodes.presence import present_instances
 from ballbot_ros.simulation.strangers import Publisher
 
 _PREFIX = 24
@@ -52,6 +53,10 @@ class GraphObserver:
         living = living_participants(self._node.context.get_domain_id())
         offers = self._node.get_publishers_info_by_topic(_EVERY_PARTICIPANT, no_mangle=True)
         return 0 < len(living) <= len(offers)
+
+    def present_instances(self) -> set[str]:
+        """Return the instances of the participants on this machine, also of undiscovered ones."""
+        return present_instances(self._node.context.get_domain_id(), self._node.get_namespace())
 
     def publishers(self) -> dict[str, list[Publisher]]:
         """Return the publishers of each topic by its name.

@@ -18,6 +18,7 @@ from ballbot_ros.messages.participation import encode_announcement
 from ballbot_ros.messages.topics import PARTICIPANTS, ROLL_CALL, periodic_topics
 from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.graph_observer import guid_prefix
+from ballbot_ros.nodes.presence import Presence
 from ballbot_ros.parameters import PATHS, NodeParameters
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import MAP_HASH, Announcement, Objection, Participant
@@ -79,6 +80,10 @@ class Participation:
         self._node = node
         self._on_new_run, self._on_call = on_run, on_call
         self._participant = participant_of(node)
+        presence = Presence(
+            node.context.get_domain_id(), node.get_namespace(), self._participant.instance
+        )
+        node.on_destroy.callback(presence.close)
         self._objection: Objection | None = None
         self._publisher = node.output(PARTICIPANTS)
         self.run: Run | None = None

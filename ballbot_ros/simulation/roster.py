@@ -84,6 +84,7 @@ class Roster:
         self._stateless = frozenset(stateless)
         self._owners = owners
         self._strangers = Strangers(owners)
+        self._present: frozenset[str] = frozenset()
         self._calls = 0
         self._run = _Run('')
 
@@ -136,6 +137,10 @@ class Roster:
         participants = [heard.announcement.participant for heard in self._run.heard.values()]
         self._strangers.update(publishers, participants, now_s)
 
+    def update_present(self, instances: Collection[str]) -> None:
+        """Update the instances that must join the run or leave before it may continue."""
+        self._present = frozenset(instances)
+
     @property
     def suspected_topics(self) -> set[str]:
         """Topics with a publisher that belongs to no participant."""
@@ -159,6 +164,8 @@ class Roster:
         if problem:
             return Readiness(ReadinessState.REFUSED, problem)
         waits = [*self.missing(), *(f'a single {role}' for role in run.contests)]
+        if not self._present <= run.heard.keys():
+            waits.append('other nodes on this machine to join the run or to leave')
         waits += [f'a roll call because {objection.text}' for _, objection in run.objections]
         self._strangers.time(self._calls, are_alone=not waits)
         waits += self._strangers.waits

@@ -15,12 +15,18 @@ from ballbot_ros.simulation.run_actions import Action, CallRoll, PublishStatus, 
 from ballbot_ros.simulation.strangers import Publisher
 from ballbot_ros.timing import SECOND_NS
 
+JOIN_S = 5.0
+"""Time limit for the participants on this machine to join the first run; one may be stopped."""
+
 
 class Graph(Protocol):
     """The plant's view of the ROS graph."""
 
     def is_complete(self) -> bool:
         """Return whether all participants have been discovered; False if that can't be known."""
+
+    def present_instances(self) -> Collection[str]:
+        """Return the instances of the participants on this machine, also of undiscovered ones."""
 
     def publishers(self) -> Mapping[str, Sequence[Publisher]]:
         """Return the publishers on each lockstep topic."""
@@ -81,6 +87,8 @@ class RunParticipants:
         self.liveness = LivenessMonitor(self.roster, process_observer, host)
         self._run: Run | None = None
         self._plant: Participant | None = None
+        self._gathers_first_run = True
+        self._gathering_since_s: float | None = None
 
     def gather(self, run: Run, plant: Participant, *, requires_recorder: bool) -> None:
         """Start collecting the participants of a run."""
@@ -124,10 +132,22 @@ class RunParticipants:
                 # Any other stamp is foreign: a message that answers the plant has one of its run.
                 if not start_ns <= stamp_ns <= now_ns:
                     self.roster.note_foreign_message(topic)
+        self.roster.update_present(self._present_instances(now_s))
         standing = self.roster.readiness(now_ns)
         if standing.state is ReadinessState.COMPLETE:
             self._graph.stop_listening()
         return standing
+
+    def _present_instances(self, now_s: float) -> Collection[str]:
+        """Return the instances that must join the first run or leave before it begins.
+
+        A leftover node may still be undiscovered when all participants of the run have joined.
+        """
+        if self._gathering_since_s is None:
+            self._gathering_since_s = now_s
+        if not self._gathers_first_run or now_s - self._gathering_since_s > JOIN_S:
+            return ()
+        return self._graph.present_instances()
 
     def call_roll(self) -> None:
         """Ask all participants to announce themselves again, because of a silence or a doubt."""
@@ -140,6 +160,7 @@ class RunParticipants:
     def confirm(self) -> None:
         """Begin the run with the participants that have joined it, and publish them."""
         self.roster.confirm()
+        self._gathers_first_run = False
         self.publish_status()
 
     def publish_status(self, summary: RunSummary | None = None) -> None:

@@ -1,5 +1,7 @@
 """Runs with leftover, duplicate, foreign and user-written nodes."""
 
+import signal
+
 import pytest
 
 rclpy = pytest.importorskip('rclpy')
@@ -48,6 +50,27 @@ def test_a_run_next_to_nodes_of_an_earlier_one_fails_and_names_them(start_node, 
     assert 'two nodes publish on' in run.result['reason']
     assert run.result['reason'].count('(process ') == 2
     assert 'Traceback' not in run.stderr
+
+
+def test_a_run_waits_for_leftover_nodes_that_are_slow_to_answer(start_node, start_run, client):
+    leftover = [start_node(name) for name in OTHERS]
+    assert start_node(PLANT, duration=1.0, real_time_factor=0.0).finish() == 0
+    for node in leftover:
+        node.process.send_signal(signal.SIGSTOP)
+    client.watch(ROLL_CALL, depth=100)
+    run = start_run('stationary', '--json', '--no-record', '--set', 'plant_sim.duration=60')
+
+    def calls():
+        run.assert_running()
+        return client.seen.get(ROLL_CALL.name, ())
+
+    client.spin_until(lambda: len(calls()) > 20, what='the roll calls')
+    for node in leftover:
+        node.process.send_signal(signal.SIGCONT)
+    client.spin_until(lambda: run.process.poll() is not None, what='the end of the run')
+    assert run.finish() == 1
+    assert run.result['ticks'] == 0
+    assert 'two nodes publish on' in run.result['reason']
 
 
 def test_leftover_nodes_and_a_restarted_one_serve_the_next_plant(start_node, tmp_path):

@@ -1,6 +1,7 @@
 """A node's announcements in the runs of a plant, without the graph."""
 
 import hashlib
+from contextlib import ExitStack
 from types import SimpleNamespace
 
 import pytest
@@ -27,9 +28,13 @@ CONFLICT = Objection.to_sample('gyro', 1_000_000_000)
 def node(monkeypatch):
     monkeypatch.setattr(participation, 'guid_prefix', lambda node, instance: '')
     announced, dropped = [], []
-    return SimpleNamespace(
+    stack = ExitStack()
+    yield SimpleNamespace(
         role=GYRO,
         program='GyroDriver',
+        context=SimpleNamespace(get_domain_id=lambda: 0),
+        get_namespace=lambda: '/test',
+        on_destroy=stack,
         parameters=GyroParameters(),
         now_ns=0,
         announced=announced,
@@ -43,6 +48,7 @@ def node(monkeypatch):
         dropped=dropped,
         recreate_publishers=lambda *, exclude: dropped.append(exclude),
     )
+    stack.close()
 
 
 def test_an_objection_and_an_answer_concern_only_their_run(node):

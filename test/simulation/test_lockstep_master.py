@@ -8,15 +8,25 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
-from lockstep_world import DRIVERS, ROLES, WATCH_S, LockstepWorld, data_of, duty_of
+from lockstep_world import (
+    DRIVERS,
+    ROLES,
+    WATCH_S,
+    FakeNode,
+    LockstepWorld,
+    data_of,
+    duty_of,
+    make_participant,
+)
 from maps import open_floor, save
 
 from ballbot_ros.parameters import CONTROLLER, GYRO, RECORDER, SONAR
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
-from ballbot_ros.simulation.participants import Objection
+from ballbot_ros.simulation.participants import Announcement, Objection
 from ballbot_ros.simulation.run_master import DISCOVERY_POLL_S, DISCOVERY_S
+from ballbot_ros.simulation.run_participants import JOIN_S
 from ballbot_ros.simulation.strangers import ANSWER_CALLS, Publisher
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS, next_start_ns
@@ -133,6 +143,43 @@ def test_it_is_announced_without_them_after_a_time():
     world.wait(WATCH_S)
     assert len(world.actions(do.AnnounceRun)) == 1
     assert 'on_wake' not in world.calls_s
+
+
+def test_the_first_run_waits_for_a_present_node_that_has_not_joined():
+    world = LockstepWorld().start()
+    leftover = make_participant(CONTROLLER, generation=1)
+    world.graph.present = {leftover.instance}
+    world.wait(JOIN_S - WATCH_S)
+    assert world.truths == []
+    run = world.actions(do.AnnounceRun)[-1].run.name
+    world.dispatch(world.master.on_announcement, Announcement(leftover, run))
+    assert world.summary is None
+    world.nodes['leftover'] = FakeNode(leftover, run=run)
+    world.wait(1)
+    assert world.truths == []
+    assert "two nodes publish on 'motor_duty' as controller" in world.summary.reason
+
+
+@pytest.mark.parametrize('leaves', [True, False])
+def test_it_begins_when_that_node_leaves_or_takes_too_long(leaves):
+    world = LockstepWorld().start()
+    world.graph.present = {'leftover'}
+    world.wait(1 if leaves else JOIN_S - WATCH_S)
+    assert world.truths == []
+    if leaves:
+        world.graph.present = set()
+    world.wait(1)
+    assert world.summary.outcome == 'completed'
+
+
+def test_a_later_run_does_not_wait_for_present_nodes():
+    world = LockstepWorld(duration=ENDLESS).start().wait(1)
+    begun = len(world.truths)
+    assert begun
+    world.graph.present = {'newcomer'}
+    world.dispatch(world.master.reset)
+    world.wait(1)
+    assert len(world.truths) > begun
 
 
 @pytest.mark.parametrize('complete', [False, True])
