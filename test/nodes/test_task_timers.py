@@ -21,6 +21,7 @@ from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.simulation import lockstep_master
 from ballbot_ros.simulation.golden import duty_sha256
 from ballbot_ros.simulation.trajectory import load_trajectory
 from ballbot_ros.timing import FIRST_TICK_NS, MILLISECOND_NS
@@ -164,6 +165,10 @@ def expected_sha256():
 def test_the_duties_do_not_depend_on_the_timers(domain, monkeypatch, expected_sha256, kind, forced):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     monkeypatch.setattr(controller, 'Controller', kind)
+    if kind is Late:
+        # On a busy machine the callback may come more than 0.1 s late. The plant would then ask
+        # again, and the controller rightly make the release good.
+        monkeypatch.setattr(lockstep_master, 'RESEND_S', 100.0 * LATE_S)
     options = RunOptions(
         processes=Processes.ONE, record=False, assignments=(f'plant_sim.duration={DURATION_S}',)
     )
