@@ -4,6 +4,7 @@ import contextlib
 import fcntl
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -32,6 +33,19 @@ BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
 DOMAINS = (*range(215, 232), *range(50, 101))
 LAST_RESORT_S = 120.0
 """Time after which a wait counts as hung, even on a busy machine; no test measures with it."""
+
+_PORT_IS_TAKEN = re.compile(
+    r'^.*Failed init_port fastrtps_port\d+: open_and_lock_file failed.*\n', re.MULTILINE
+)
+
+
+def without_taken_ports(output):
+    """Return an output without the lines in which Fast DDS reports that a port is taken.
+
+    It then takes the next port. The first ones are shared by all domains, so this happens if graphs
+    of other tests start or are swept up at the same moment.
+    """
+    return _PORT_IS_TAKEN.sub('', output)
 
 
 def record(folder, scenario, *arguments):
@@ -188,7 +202,8 @@ class Run:
 
     def finish(self):
         """Wait for the end; return the exit status."""
-        self.stdout, self.stderr = self.process.communicate(timeout=LAST_RESORT_S)
+        self.stdout, stderr = self.process.communicate(timeout=LAST_RESORT_S)
+        self.stderr = without_taken_ports(stderr or '')
         return self.process.returncode
 
     @property
@@ -279,7 +294,7 @@ class Node:
     def lines_until(self, text):
         """Wait for a line with this text; return the lines up to it.
 
-        Other lines may come first, such as those of the middleware's own log.
+        Other lines may come first, such as that of :func:`without_taken_ports`.
         """
         lines = []
         for line in self.process.stdout:
@@ -289,7 +304,8 @@ class Node:
         raise AssertionError(f'{self.name} has ended: {"".join(lines)}')
 
     def finish(self):
-        self.output, _ = self.process.communicate(timeout=LAST_RESORT_S)
+        output, _ = self.process.communicate(timeout=LAST_RESORT_S)
+        self.output = without_taken_ports(output)
         return self.process.returncode
 
     def interrupt(self):

@@ -11,7 +11,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from graph import BALLBOT, LAST_RESORT_S, environment, private_shared_memory
+from graph import (
+    BALLBOT,
+    LAST_RESORT_S,
+    environment,
+    private_shared_memory,
+    without_taken_ports,
+)
 from ports import needs_layout_of_ports
 
 from ballbot_ros.errors import BallbotError
@@ -525,3 +531,21 @@ def test_a_broken_port_of_another_user_holds_up_no_process_of_this_one(tmp_path,
     make(tmp_path, PORT, age_s=YOUNG_S)
     monkeypatch.setattr(shared_memory.os, 'access', lambda path, mode: False)
     assert find_broken_ports(tmp_path) == []
+
+
+@pytest.mark.graph
+def test_a_taken_port_changes_nothing_but_the_log(domain):
+    pytest.importorskip('rclpy')
+    run = [*BALLBOT, 'run', 'stationary', '--no-record', '--json', '--set=plant_sim.duration=0.4']
+    taken = [*private_shared_memory(), 'flock', '/dev/shm/fastrtps_port7000_el']
+    done = [
+        subprocess.run(
+            command, env=environment(domain), capture_output=True, text=True,
+            timeout=LAST_RESORT_S, check=False,
+        )
+        for command in ([*taken, *run], [*run, '--processes=none'])
+    ]  # fmt: skip
+    with_port_taken, expected = (json.loads(each.stdout)['duty_sha256'] for each in done)
+    assert with_port_taken == expected
+    assert 'port7000: open_and_lock_file failed' in done[0].stderr
+    assert without_taken_ports(done[0].stderr) == ''
