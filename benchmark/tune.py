@@ -15,7 +15,7 @@ import click
 import numpy as np
 
 from ballbot_ros.cli.invoke import invoke
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario

@@ -26,7 +26,7 @@ from ballbot_ros.codegen.implementation import (
     program_maker,
     require_implementation,
 )
-from ballbot_ros.controller.interface import Program
+from ballbot_ros.controllers.interface import Program
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import write_temporary
 from ballbot_ros.messages.topics import PARTICIPANTS, Topic

@@ -10,7 +10,7 @@ from ballbot_ros.analysis.message_comparison import MessageComparator
 from ballbot_ros.analysis.recorded_inputs import RunInputs, recording_error_context
 from ballbot_ros.analysis.recorded_runs import RobotRecording
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
-from ballbot_ros.controller.interface import Program
+from ballbot_ros.controllers.interface import Program
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs

@@ -21,7 +21,7 @@ from ballbot_ros.analysis.interval import Interval
 from ballbot_ros.analysis.recorded_attachments import RecordedAttachments, read_attachments
 from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.brick.brick import Tone
-from ballbot_ros.controller.interface import OperatingState
+from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.messages.conversions import map_grid
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.parameters import ControllerParameters, PlantParameters

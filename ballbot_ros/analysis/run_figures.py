@@ -49,7 +49,7 @@ from ballbot_ros.analysis.style import (
     png_of,
 )
 from ballbot_ros.analysis.table import Table
-from ballbot_ros.controller.interface import OperatingState
+from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.metrics import HALF_TICK_S
 from ballbot_ros.analysis.run_data import RunData, seconds
-from ballbot_ros.controller.interface import OperatingState
+from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.former_names import (
     FORMER_CONTROLLER_KEYS,
     FORMER_PLANT_KEYS,

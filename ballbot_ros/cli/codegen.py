@@ -23,7 +23,7 @@ from ballbot_ros.codegen.measure import (
     SRAM_BYTES,
 )
 from ballbot_ros.codegen.toolchain import ARM, HOST, missing_tool
-from ballbot_ros.controller.tasks import TS1_MS
+from ballbot_ros.controllers.document.tasks import TS1_MS
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file

@@ -16,9 +16,9 @@ from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.codegen.c_parameters import c_float, c_parameters, parameter_hash
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.state_variables import PLANE_VARIABLES, PROGRAM_VARIABLES
-from ballbot_ros.controller.constants import ProgramConstants
-from ballbot_ros.controller.program import LOWEST_TONE_HZ, VOLTAGE_OFFSET, VOLTAGE_SLOPE
-from ballbot_ros.controller.tasks import PROGRAM_NAME
+from ballbot_ros.controllers.document.constants import ProgramConstants
+from ballbot_ros.controllers.document.program import LOWEST_TONE_HZ, VOLTAGE_OFFSET, VOLTAGE_SLOPE
+from ballbot_ros.controllers.document.tasks import PROGRAM_NAME
 from ballbot_ros.files import read_bytes, read_text
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 

@@ -12,7 +12,7 @@ from ballbot_ros.brick.brick import DeviceOutputs
 from ballbot_ros.codegen.compiled_program import CompiledProgram
 from ballbot_ros.codegen.state_variables import members, named_values, state_bytes
 from ballbot_ros.codegen.steps import ProgramInput
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.parameters import ControllerParameters
 
 

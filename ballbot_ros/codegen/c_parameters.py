@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ballbot_ros.controller.constants import ProgramConstants, Single
-from ballbot_ros.controller.tasks import TS1_MS
+from ballbot_ros.controllers.document.constants import ProgramConstants, Single
+from ballbot_ros.controllers.document.tasks import TS1_MS
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, Parameter, parameters_of
 
 _INTEGERS = {

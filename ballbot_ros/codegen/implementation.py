@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ballbot_ros.codegen.errors import CodegenError
-from ballbot_ros.controller.interface import Program
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controllers.document.program import ControlProgram
+from ballbot_ros.controllers.interface import Program
 from ballbot_ros.parameters import ControllerParameters
 
 

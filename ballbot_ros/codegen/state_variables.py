@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ballbot_ros.brick.bluetooth import PACKET_SIZE, GamepadPacket
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controllers.document.program import ControlProgram
 
 _ZEROS = {'float': '0.0f', 'S32': '0', 'U32': '0U', 'U8': '0U'}
 

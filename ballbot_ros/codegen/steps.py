@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ballbot_ros.brick.brick import UINT32_MASK, DeviceInputs
 from ballbot_ros.brick.units import NO_DATA_CM, NO_ECHO_CM
-from ballbot_ros.controller.tasks import TS1_MS
+from ballbot_ros.controllers.document.tasks import TS1_MS
 from ballbot_ros.timing import BATTERY_PERIOD_NS, MILLISECOND_NS, SLOW_PERIOD_NS
 
 _OFFSET = 600

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ballbot_ros.brick.brick import DeviceOutputs
-from ballbot_ros.controller.interface import Program
+from ballbot_ros.controllers.interface import Program
 from ballbot_ros.messages.conversions import (
     encode_controller_state,
     encode_duty,

@@ -18,7 +18,7 @@ from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.brick.units import RADIANS_PER_DEGREE, quantise
-from ballbot_ros.controller.interface import PlaneEstimates
+from ballbot_ros.controllers.interface import PlaneEstimates
 from ballbot_ros.messages.layout import MessageLayout, elements
 from ballbot_ros.messages.message_types import (
     Bytes,

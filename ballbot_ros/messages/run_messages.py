@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from operator import attrgetter
 
 from ballbot_ros.brick.brick import DeviceInputs
-from ballbot_ros.controller.interface import Program
+from ballbot_ros.controllers.interface import Program
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.conversions import encode_sticks
 from ballbot_ros.messages.devices import DEVICE_MESSAGES

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
-from ballbot_ros.controller.interface import Program
+from ballbot_ros.controllers.interface import Program
 from ballbot_ros.messages.outputs import Send
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import Topic

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ballbot_ros.codegen.implementation import program_maker, require_implementation
-from ballbot_ros.controller.tasks import TASK_TS1, task_timings
+from ballbot_ros.controllers.document.tasks import TASK_TS1, task_timings
 from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS, with_former_names
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 
 from std_srvs.srv import Trigger
 
-from ballbot_ros.controller.interface import OperatingState
+from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.messages.message_types import Text
 from ballbot_ros.messages.topics import OPERATING_STATE
 from ballbot_ros.nodes.base import BallbotNode

@@ -14,9 +14,9 @@ from ballbot_ros.codegen.application import application_files, read_tasks, write
 from ballbot_ros.codegen.c_parameters import c_parameters, parameter_hash
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.state_variables import PLANE_VARIABLES, PROGRAM_VARIABLES
-from ballbot_ros.controller.constants import ProgramConstants
-from ballbot_ros.controller.program import ControlProgram
-from ballbot_ros.controller.tasks import TS1_MS
+from ballbot_ros.controllers.document.constants import ProgramConstants
+from ballbot_ros.controllers.document.program import ControlProgram
+from ballbot_ros.controllers.document.tasks import TS1_MS
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 from ballbot_ros.parameters.files import read_parameter_file
 

@@ -14,12 +14,12 @@ from ballbot_ros.brick.brick import Brick, DeviceInputs
 from ballbot_ros.codegen.back_to_back import compare
 from ballbot_ros.codegen.steps import ProgramInput, random_steps
 from ballbot_ros.codegen.toolchain import TARGETS
-from ballbot_ros.controller.interface import ControlMode
-from ballbot_ros.controller.program import (
+from ballbot_ros.controllers.document.program import (
     VOLTAGE_OFFSET,
     VOLTAGE_SLOPE,
     ControlProgram,
 )
+from ballbot_ros.controllers.interface import ControlMode
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,

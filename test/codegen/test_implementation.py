@@ -12,7 +12,7 @@ from robot import AT_REST, values_of
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.implementation import program_maker
 from ballbot_ros.codegen.toolchain import TARGETS
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER
 
 

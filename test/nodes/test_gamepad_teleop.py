@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import serialize_message
 from stubs import bare
 
-from ballbot_ros.controller.interface import OperatingState
+from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.messages.conversions import encode_sticks, fill_time
 from ballbot_ros.messages.topics import OPERATING_STATE, PLANT_JOINT_STATES
 from ballbot_ros.nodes import gamepad_teleop, teleop_terminal

@@ -9,7 +9,7 @@ pytest.importorskip('rclpy')
 from rclpy.clock import ClockType
 from std_srvs.srv import Trigger
 
-from ballbot_ros.controller.tasks import TASK_TS1
+from ballbot_ros.controllers.document.tasks import TASK_TS1
 from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS
 from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
 from ballbot_ros.nodes import controller

@@ -15,13 +15,13 @@ from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.gyro import gyro_reading
 from ballbot_ros.brick.sonar import sonar_reading
 from ballbot_ros.brick.units import radians_to_degrees
-from ballbot_ros.controller.axis import (
+from ballbot_ros.controllers.document.axis import (
     calibrated_offset,
     constants_of,
     control,
     in_control,
 )
-from ballbot_ros.controller.constants import ProgramConstants, Single
+from ballbot_ros.controllers.document.constants import ProgramConstants, Single
 from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.plant.actuator import motor_current, motor_voltage
 from ballbot_ros.plant.battery import terminal_voltage

@@ -10,7 +10,7 @@ ROOT = Path(ballbot_ros.__file__).parent
 FLOORS = (
     ('parameters', 'numerics'),
     ('plant', 'brick'),
-    ('world', 'controller', 'design', 'recording'),
+    ('world', 'controllers', 'design', 'recording'),
     ('codegen', 'scenario', 'teleop'),
     ('simulation',),
     ('messages',),

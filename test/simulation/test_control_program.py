@@ -5,8 +5,8 @@ import pytest
 from robot import values_of
 
 from ballbot_ros.brick.brick import DeviceInputs, Tone
-from ballbot_ros.controller.constants import ProgramConstants
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controllers.document.constants import ProgramConstants
+from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER
 
 AT_REST = DeviceInputs(

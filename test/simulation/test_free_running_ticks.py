@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballbot_ros.controller.tasks import task_timings
+from ballbot_ros.controllers.document.tasks import task_timings
 from ballbot_ros.simulation.free_running_ticks import NEUTRAL, FreeRunningTicks
 from ballbot_ros.simulation.task_releases import DueTick
 

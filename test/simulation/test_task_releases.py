@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.brick.schedule import Schedule
-from ballbot_ros.controller.tasks import task_timings
+from ballbot_ros.controllers.document.tasks import task_timings
 from ballbot_ros.simulation.task_releases import DueTick, TaskReleases
 
 MS = 1_000_000

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from ballbot_ros.brick.brick import UINT32_MASK, Brick, DeviceInputs, DeviceOutputs
 from ballbot_ros.brick.schedule import Schedule
 from ballbot_ros.brick.units import NO_ECHO_CM
-from ballbot_ros.controller.axis import ONE, ZERO, Axis
-from ballbot_ros.controller.constants import ProgramConstants, Single
-from ballbot_ros.controller.interface import ControlMode, OperatingState
-from ballbot_ros.controller.tasks import PROGRAM_NAME
+from ballbot_ros.controllers.document.axis import ONE, ZERO, Axis
+from ballbot_ros.controllers.document.constants import ProgramConstants, Single
+from ballbot_ros.controllers.document.tasks import PROGRAM_NAME
+from ballbot_ros.controllers.interface import ControlMode, OperatingState
 from ballbot_ros.parameters import ControllerParameters
 
 LOWEST_TONE_HZ = 31

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.brick.brick import DeviceInputs
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.parameters import ControllerParameters
 
 GOLDEN = sorted((Path(__file__).parent / 'golden').glob('*.npz'))

@@ -7,8 +7,8 @@ bit-identical.
 
 from __future__ import annotations
 
-from ballbot_ros.controller.constants import ProgramConstants, Single
-from ballbot_ros.controller.tasks import TS1_MS
+from ballbot_ros.controllers.document.constants import ProgramConstants, Single
+from ballbot_ros.controllers.document.tasks import TS1_MS
 
 ZERO, ONE, HUNDRED, THOUSAND = Single(0), Single(1), Single(100), Single(1000)
 TS1_PERIOD = Single(TS1_MS)

@@ -7,7 +7,7 @@ from laws import given
 from ballbot_ros.brick.brick import Brick
 from ballbot_ros.codegen.state_variables import state_bytes
 from ballbot_ros.codegen.steps import random_steps
-from ballbot_ros.controller.program import ControlProgram
+from ballbot_ros.controllers.document.program import ControlProgram
 
 seeds = st.integers(0, 2**32)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ballbot_ros.brick.schedule import TaskTiming
-from ballbot_ros.controller.tasks import task_timings
+from ballbot_ros.controllers.document.tasks import task_timings
 from ballbot_ros.parameters import ControllerParameters
 
 Single = np.float32

@@ -1,1 +1,0 @@
-"""The control program of the brick: its tasks in single precision. No ROS."""

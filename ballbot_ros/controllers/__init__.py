@@ -1,0 +1,1 @@
+"""Control programs of the brick: the interface, and the programs. No ROS."""

@@ -1,0 +1,1 @@
+"""The document's control program: its tasks in single precision."""
