@@ -22,8 +22,8 @@ from ballbot_ros.analysis.replay import (
 )
 from ballbot_ros.analysis.replayed_controller import ReplayedController, choose_controller
 from ballbot_ros.codegen.implementation import (
+    implementation_for,
     missing_tool_for,
-    program_maker,
     require_implementation,
 )
 from ballbot_ros.controllers.interface import Program
@@ -81,7 +81,7 @@ class _Job(NamedTuple):
 
     def program(self) -> Program:
         """Return a new control program."""
-        return program_maker(self.parameters.of(ControllerParameters))()
+        return implementation_for(self.parameters.of(ControllerParameters)).make()
 
     def has_begun_before(self, difference: MessageDifference) -> bool:
         run = self.inputs.run

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.options import set_option
+from ballbot_ros.cli.options import controller_option, set_option
 from ballbot_ros.cli.path_types import NEW_FILE, PATH
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.run.requirements import require_rclpy
@@ -29,6 +29,7 @@ from ballbot_ros.teleop.terminal import keyboard_unavailable_reason
 @click.option('--no-record', is_flag=True, help='Write no recording.')
 @click.option('--log', type=NEW_FILE, help='File for the data log of the brick, as CSV.')
 @set_option
+@controller_option
 @click.option('--viewer', is_flag=True, help='Show the robot in a browser; prints the address.')
 @click.option('--list-devices', is_flag=True, help='List the gamepads, show their input, and end.')
 def command(
@@ -41,6 +42,7 @@ def command(
     no_record: bool,
     log: Path | None,
     assignments: tuple[str, ...],
+    controller: str | None,
     viewer: bool,
     list_devices: bool,
 ) -> int:
@@ -62,6 +64,7 @@ def command(
         profile=profile,
         device=device,
         assignments=assignments,
+        controller=controller,
         output=output,
         record=not no_record,
     )

@@ -13,6 +13,15 @@ set_option = click.option(
 )
 """Sets parameters of a run."""
 
+controller_option = click.option(
+    '--controller',
+    metavar='CONTROLLER',
+    help="Controller: the document's program in Python (python), as generated C (c) or C on an "
+    'emulated ARM processor (arm); the name of an installed one; package.module:Class; or '
+    'FILE.py:Class.  [default: python, unless the scenario sets it]',
+)
+"""Selects the controller of a run."""
+
 
 def split_at_commas(
     context: click.Context, parameter: click.Parameter, values: tuple[str, ...]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.options import set_option
+from ballbot_ros.cli.options import controller_option, set_option
 from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.processes import Processes
@@ -43,12 +43,7 @@ from ballbot_ros.run.processes import Processes
 @click.option('--seed', type=click.IntRange(0), help='Seed of the device noise.')
 @click.option('--no-record', is_flag=True, help='Write no recording.')
 @set_option
-@click.option(
-    '--controller',
-    type=click.Choice(['python', 'c', 'arm']),
-    help='Implementation of the controller: Python, the generated C, or the generated C on an '
-    'emulated ARM processor.  [default: python, unless the scenario sets it]',
-)
+@controller_option
 @click.option(
     '--viewer',
     is_flag=True,

@@ -10,8 +10,8 @@ from ballbot_ros.brick.schedule import Schedule, TaskTiming
 from ballbot_ros.codegen.brick_process import Answer, encode_request
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.state_variables import named_values, plane_values
-from ballbot_ros.controllers.document.program import operating_state
-from ballbot_ros.controllers.interface import ControlMode, OperatingState
+from ballbot_ros.controllers.document.program import ControlMode, operating_state
+from ballbot_ros.controllers.interface import OperatingState
 
 
 class ProgramProcess(Protocol):

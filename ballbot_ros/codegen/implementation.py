@@ -1,19 +1,43 @@
-"""Selection of the control program: the Python one, or its generated C on some machine."""
+"""Selection of the control program: the document's in Python or C, or another controller."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.codegen.errors import CodegenError
+from ballbot_ros.controllers.controller_program import ControllerProgram, TickTimes
 from ballbot_ros.controllers.document.program import ControlProgram
+from ballbot_ros.controllers.document.tasks import task_timings
 from ballbot_ros.controllers.interface import Program
-from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.controllers.loading import (
+    LoadedController,
+    load_controller,
+    resolve_reference,
+)
+from ballbot_ros.controllers.own_parameters import (
+    design,
+    design_model,
+    missing_design,
+    own_rows,
+    user_parameters,
+)
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    DOCUMENTS_PROGRAM,
+    NOT_DESIGNED,
+    ControllerParameters,
+    Parameter,
+    ParameterError,
+    ParameterSet,
+)
 
 
 def missing_tool_for(name: str) -> str:
     """Return which tool to install first for an implementation; '' if none is missing."""
-    if name == 'python':
+    if name not in DOCUMENTS_PROGRAM or name == 'python':
         return ''
     from ballbot_ros.codegen.toolchain import TARGETS, missing_tool
 
@@ -26,8 +50,65 @@ def require_implementation(name: str) -> None:
         raise CodegenError(reason)
 
 
-def program_maker(parameters: ControllerParameters) -> Callable[[], Program]:
-    """Return a function that creates programs of the selected implementation.
+@dataclass(frozen=True)
+class Implementation:
+    """An implementation of the controller, for given parameters.
+
+    Attributes
+    ----------
+    tasks : tuple of TaskTiming
+        The tasks of its programs.
+    make : callable
+        Creates a program.
+    loaded : LoadedController or None
+        The class of a controller other than the document's.
+    times : TickTimes
+        How long the ticks of its newest program take; not measured for the document's program.
+    """
+
+    tasks: tuple[TaskTiming, ...]
+    make: Callable[[], Program]
+    loaded: LoadedController | None = None
+    times: TickTimes = field(default_factory=TickTimes)
+
+
+def parameters_of_implementation(name: str) -> Iterable[Parameter]:
+    """Return the parameters that only an implementation has; ControllerError as from loading."""
+    return () if name in DOCUMENTS_PROGRAM else own_rows(load_controller(name))
+
+
+def compose_controller(parameters: ParameterSet) -> LoadedController | None:
+    """Prepare the controller of a run: load its class, check its parameters, and design its gains.
+
+    The path of its file becomes absolute.
+
+    Returns
+    -------
+    LoadedController or None
+        None for the document's program.
+
+    Raises
+    ------
+    BallbotError
+        If it can't run here, its class or its parameters are not valid, or the design fails.
+    """
+    reference = parameters.of(ControllerParameters).implementation
+    if reference in DOCUMENTS_PROGRAM:
+        require_implementation(reference)
+        parameters.declare_own(())
+        return None
+    reference = resolve_reference(reference, Path.cwd())
+    parameters.set(CONTROLLER, 'implementation', reference)
+    loaded = load_controller(reference)
+    parameters.declare_own(own_rows(loaded))
+    design(loaded, parameters)
+    # Create an instance, so that most mistakes are found before the run.
+    implementation_for(parameters.of(ControllerParameters)).make()
+    return loaded
+
+
+def implementation_for(parameters: ControllerParameters) -> Implementation:
+    """Return the implementation that the parameters select.
 
     C is generated and compiled once, here; each program is then a separate process.
 
@@ -35,10 +116,29 @@ def program_maker(parameters: ControllerParameters) -> Callable[[], Program]:
     ------
     CodegenError
         If a tool is missing or the C does not build.
+    ControllerError, ParameterError
+        If the class of a controller can't be loaded, or its gains have not been designed.
     """
+    if parameters.implementation not in DOCUMENTS_PROGRAM:
+        return _controller(parameters)
+    tasks = task_timings(parameters.ts2_period, parameters.ts3_period)
     if parameters.implementation == 'python':
-        return lambda: ControlProgram(parameters)
+        return Implementation(tasks, lambda: ControlProgram(parameters))
+    return Implementation(tasks, _compiled(parameters))
 
+
+def _controller(parameters: ControllerParameters) -> Implementation:
+    loaded = load_controller(parameters.implementation)
+    if missing := missing_design(parameters, own_rows(loaded)):
+        raise ParameterError(f'{CONTROLLER}.{missing[0]}: {NOT_DESIGNED}')
+    user, model = user_parameters(loaded, parameters), design_model(parameters)
+    times = TickTimes()
+    return Implementation(
+        tuple(loaded.tasks), lambda: ControllerProgram(loaded, user, model, times), loaded, times
+    )
+
+
+def _compiled(parameters: ControllerParameters) -> Callable[[], Program]:
     from ballbot_ros.codegen.application import read_tasks, write_application
     from ballbot_ros.codegen.brick_process import BrickProcess
     from ballbot_ros.codegen.compiled_program import CompiledProgram

@@ -1,1 +1,12 @@
-"""Control programs of the brick: the interface, and the programs. No ROS."""
+"""Controllers of the robot: the base class for your own, and those that ship. No ROS."""
+
+from ballbot_ros.controllers.controller import Controller, Duty, Readings, task
+from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.controllers.interface import Estimates, OperatingState
+from ballbot_ros.parameters import designed, quantity, setting
+from ballbot_ros.plant.model import PhysicalParameters
+
+__all__ = [
+    'Controller', 'ControllerError', 'Duty', 'Estimates', 'OperatingState', 'PhysicalParameters',
+    'Readings', 'designed', 'quantity', 'setting', 'task',
+]  # fmt: skip

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from enum import IntEnum
+from dataclasses import dataclass
 from typing import Protocol, SupportsFloat
 
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.text_enum import TextEnum
-
-
-class ControlMode(IntEnum):
-    """Mode of the control program (section 7.6), with the values in its memory."""
-
-    STOP = 0
-    CALIBRATION = 1
-    CONTROL = 2
 
 
 class OperatingState(TextEnum):
@@ -47,6 +40,26 @@ class PlaneEstimates(Protocol):
     def theta_ref_dot(self) -> SupportsFloat: ...  # noqa: D102
 
 
+@dataclass
+class Estimates:
+    """One plane's estimates and references [deg, deg/s]; NaN for what is not estimated.
+
+    Attributes
+    ----------
+    theta, psi, theta_dot, psi_dot : float
+        Ball angle and body pitch [deg], and their rates [deg/s].
+    theta_ref, theta_ref_dot : float
+        Reference of the ball angle [deg], and its rate [deg/s].
+    """
+
+    theta: float = math.nan
+    psi: float = math.nan
+    theta_dot: float = math.nan
+    psi_dot: float = math.nan
+    theta_ref: float = math.nan
+    theta_ref_dot: float = math.nan
+
+
 class Program(Protocol):
     """A control program that a node or the closed loop can run."""
 
@@ -57,10 +70,6 @@ class Program(Protocol):
     @property
     def y(self) -> PlaneEstimates:
         """Plane y."""
-
-    @property
-    def control_mode(self) -> ControlMode:
-        """Whether the program calibrates, controls or has stopped the motors."""
 
     @property
     def operating_state(self) -> OperatingState:

@@ -27,6 +27,7 @@ from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.nodes.processes import end_with_parent
 from ballbot_ros.nodes.shared_memory import mark_dead_readers
 from ballbot_ros.nodes.topic_publisher import TopicPublisher, flush, requested_qos
+from ballbot_ros.parameters import Value
 from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -151,6 +152,10 @@ class BallbotNode(ParameterNode[P]):
         self._samples += 1
         self.now_ns = now_ns
         self._last_sample_at = time.monotonic()
+
+    def announced_values(self) -> Mapping[str, Value]:
+        """Return what the node announces when it joins a run, next to its parameters."""
+        return {}
 
     def diagnose(self) -> Mapping[str, object]:
         """Return the node's own entries in its diagnostics."""

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from ballbot_ros.codegen.implementation import program_maker, require_implementation
-from ballbot_ros.controllers.document.tasks import TASK_TS1, task_timings
+from ballbot_ros.codegen.implementation import (
+    Implementation,
+    implementation_for,
+    parameters_of_implementation,
+    require_implementation,
+)
+from ballbot_ros.controllers.controller import every_tick
+from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS, with_former_names
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs
@@ -25,10 +31,17 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.task_timers import TaskTimers
-from ballbot_ros.parameters import CONTROLLER, ControllerParameters
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    DOCUMENTS_PROGRAM,
+    ControllerParameters,
+    Parameter,
+    ParameterError,
+    Value,
+)
 from ballbot_ros.simulation.free_running_ticks import FreeRunningTicks
 from ballbot_ros.simulation.lockstep import LockstepTicks, Run, SampleReaction
-from ballbot_ros.simulation.participants import Objection
+from ballbot_ros.simulation.participants import SOURCE_HASH, Objection
 from ballbot_ros.simulation.sample_history import DEPTH
 from ballbot_ros.simulation.task_releases import DueTick
 from ballbot_ros.timing import MILLISECOND_NS, SECOND_NS, TICK_NS
@@ -43,8 +56,15 @@ class Controller(BallbotNode[ControllerParameters]):
     ``simulation/`` decides what a sample or a callback leads to; the node carries it out.
     """
 
-    def __init__(self, parameters: ControllerParameters | None = None) -> None:
+    def __init__(
+        self,
+        parameters: ControllerParameters | None = None,
+        make_implementation: Callable[[ControllerParameters], Implementation] = implementation_for,
+    ) -> None:
         super().__init__(ControllerParameters, parameters, use_sim_time=True)
+        self._make_implementation = make_implementation
+        self._implementation = make_implementation(self.parameters)
+        self._program = self._implementation.make()
         self._lockstep = self.parameters.lockstep
         if self._lockstep:
             self.require_sim_time('in lockstep its timers run on /clock')
@@ -56,46 +76,55 @@ class Controller(BallbotNode[ControllerParameters]):
             tick_ns=TICK_NS,
         )
         self._free_ticks = FreeRunningTicks(
-            every_tick=TASK_TS1,
+            every_tick=every_tick(self._implementation.tasks),
             clock=GYRO_IMU.name,
             needed=[topic.name for topic in (GYRO_IMU, JOINT_STATES, BATTERY_STATE)],
             sticks=GAMEPAD_JOY.name,
             tick_ns=TICK_NS,
         )
         self._gate = (self._lockstep_ticks if self._lockstep else self._free_ticks).gate
-        self._make_program = program_maker(self.parameters)
-        self._program = self._make_program()
         self._resends = 0
         self._messages = ControllerMessages(lambda topic: self.output(topic).send)
         self._task_timers = TaskTimers(
             self,
             self.get_clock() if self._lockstep else self._steady,
             self._on_timer,
-            ticking='' if self._lockstep else TASK_TS1,
+            ticking='' if self._lockstep else every_tick(self._implementation.tasks),
         )
-        self._set_tasks()
+        self._task_timers.set(self._implementation.tasks)
         self._participation = Participation(self, self._on_run)
         # In lockstep receive all messages about one tick, also a second sample of an input.
         depth = DEPTH if self._lockstep else 1
         for topic, reader in INPUT_READERS.items():
             self.subscribe(topic, self._input_callback(topic, reader), depth=depth, raw=True)
 
+    def further_parameters(self, parameters: ControllerParameters) -> Iterable[Parameter]:
+        """Return the parameters that only this controller has."""
+        return parameters_of_implementation(parameters.implementation)
+
+    def announced_values(self) -> Mapping[str, Value]:
+        """Return the hash of the code of a controller other than the document's."""
+        loaded = self._implementation.loaded
+        return {SOURCE_HASH: loaded.source.sha256} if loaded else {}
+
     def check(self, parameters: ControllerParameters) -> None:
         """Check that everything the control program needs is available."""
         # Leave building the program to the next run: it takes seconds, and would stall this run.
-        require_implementation(parameters.implementation)
+        before, after = self.parameters.implementation, parameters.implementation
+        if before != after and not {before, after} <= set(DOCUMENTS_PROGRAM):
+            raise ParameterError(
+                f'{self.get_name()}.implementation: {after!r} takes another node: start it with '
+                f'-p implementation:={after}'
+            )
+        require_implementation(after)
 
     def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
         before = self.parameters
         super().apply_parameters()
         if self.parameters != before:
-            self._make_program = program_maker(self.parameters)
-            self._set_tasks()
-
-    def _set_tasks(self) -> None:
-        self._tasks = task_timings(self.parameters.ts2_period, self.parameters.ts3_period)
-        self._task_timers.set(self._tasks)
+            self._implementation = self._make_implementation(self.parameters)
+            self._task_timers.set(self._implementation.tasks)
 
     def _on_timer(self, task: str) -> None:
         if self._lockstep:
@@ -125,10 +154,10 @@ class Controller(BallbotNode[ControllerParameters]):
         return receive
 
     def _on_run(self, run: Run) -> None:
-        self._program = self._make_program()
+        self._program = self._implementation.make()
         self._messages.begin()
         ticks = self._lockstep_ticks if self._lockstep else self._free_ticks
-        ticks.begin(run.start_ns, self._tasks)
+        ticks.begin(run.start_ns, self._implementation.tasks)
         self._task_timers.stop()
 
     def _take(self, name: str, stamp: int, data: bytes, reading: Any) -> None:
@@ -160,9 +189,13 @@ class Controller(BallbotNode[ControllerParameters]):
                 f'{CONTROLLER} started {at}, without the state of earlier ticks (rejoin: true '
                 'allows a restart)'
             )
-            self._participation.raise_objection(Objection(problem))
-            self.finish()
-            self.fail(problem)
+            self._abort(problem)
+
+    def _abort(self, problem: str) -> None:
+        """Fail the run, and end."""
+        self._participation.raise_objection(Objection(problem))
+        self.finish()
+        self.fail(problem)
 
     def _run(self, tick: DueTick) -> None:
         """Run the tasks of a tick, and publish the results."""
@@ -170,7 +203,11 @@ class Controller(BallbotNode[ControllerParameters]):
         if tick.untimed:
             self._start_timers(tick)
         inputs = device_inputs(lambda topic: self._gate.newest(topic.name))
-        outputs = self._program.run(tick.tasks, tick.time_ns // MILLISECOND_NS, inputs)
+        try:
+            outputs = self._program.run(tick.tasks, tick.time_ns // MILLISECOND_NS, inputs)
+        except ControllerError as error:
+            self._abort(str(error))
+            return
         self._messages.tick(tick.time_ns, outputs, self._program)
         self.count_sample(tick.time_ns)
 
@@ -184,8 +221,10 @@ class Controller(BallbotNode[ControllerParameters]):
     def diagnose(self) -> Mapping[str, object]:
         """Return the operating state and the counts of callbacks, late ticks and resends."""
         fired = (self._lockstep_ticks.releases if self._lockstep else self._free_ticks).fired
-        periods = {name: period_ms for name, _, period_ms in self._tasks if period_ms}
-        content = {
+        periods = {
+            name: period_ms for name, _, period_ms in self._implementation.tasks if period_ms
+        }
+        content: dict[str, object] = {
             'operating state': self._messages.operating_state,
             f'timer callbacks {"/".join(map(str, periods.values()))} ms': '/'.join(
                 str(fired[name]) for name in periods
@@ -194,10 +233,18 @@ class Controller(BallbotNode[ControllerParameters]):
             'late ticks': self._free_ticks.late_ticks,
             'resends': self._resends,
         }
+        if self._implementation.loaded:
+            times = self._implementation.times
+            content |= {
+                'ticks longer than 4 ms': times.slow,
+                'longest tick [ms]': f'{times.longest_ms:.3f}',
+            }
         return with_former_names(content, FORMER_CONTROLLER_KEYS)
 
     def close(self) -> None:
         """Switch off the motors, and wait until an objection has reached the plant."""
+        if problem := self._implementation.times.problem:
+            self.get_logger().warning(problem)
         if self.now_ns:
             self._messages.stop_motors(self.now_ns)
         self.flush(MOTOR_DUTY, PARTICIPANTS)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import asdict, replace
+from collections.abc import Iterable, Mapping
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import (
@@ -17,13 +16,17 @@ from rclpy.parameter import Parameter as RosParameter
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.parameters import (
+    CONTROLLER,
+    NOT_DESIGNED,
     TABLE,
     NodeParameters,
     Parameter,
     ParameterError,
     TakesEffect,
+    Value,
+    is_own,
     parameters_of,
-    suggest_names,
+    suggest,
 )
 
 SIM_TIME = 'use_sim_time'
@@ -66,7 +69,7 @@ class ParameterNode(Node, Generic[P]):
     def __init__(
         self, cls: type[P], parameters: P | None = None, *, use_sim_time: bool = False
     ) -> None:
-        given = asdict(parameters) if parameters else {}
+        given = parameters.values() if parameters else {}
         super().__init__(
             cls.node,
             parameter_overrides=[_ros_parameter(name, value) for name, value in given.items()],
@@ -75,7 +78,10 @@ class ParameterNode(Node, Generic[P]):
         self.role = cls.node
         self._rows = parameters_of(cls.node)
         self._sim_time_reason = ''
-        self._requested = cls(**{row.name: self._declare(row) for row in self._rows.values()})
+        requested = cls().with_values(self._declare_all(self._rows))
+        further = {row.name: row for row in self.further_parameters(requested)}
+        self._rows = {**self._rows, **further}
+        self._requested = requested.with_values(self._declare_all(further))
         self.parameters = self._requested
         self._refuse_unknown()
         if use_sim_time and SIM_TIME not in self._parameter_overrides:
@@ -90,7 +96,14 @@ class ParameterNode(Node, Generic[P]):
         if self._sim_time_reason and value is False:
             raise ParameterError(f'{self.get_name()}.{SIM_TIME}: false: {self._sim_time_reason}')
 
-    def _declare(self, row: Parameter) -> Any:
+    def further_parameters(self, parameters: P) -> Iterable[Parameter]:
+        """Return the parameters that the node has for these values of those of its role."""
+        return ()
+
+    def _declare_all(self, rows: Mapping[str, Parameter]) -> dict[str, Value]:
+        return {name: self._declare(row) for name, row in rows.items()}
+
+    def _declare(self, row: Parameter) -> Value:
         descriptor = ParameterDescriptor(
             description=f'{row.description} [{row.unit}]' if row.unit else row.description,
             read_only=row.takes_effect is TakesEffect.READ_ONLY,
@@ -110,6 +123,8 @@ class ParameterNode(Node, Generic[P]):
         value = row.default
         if given := self._parameter_overrides.pop(row.name, None):
             value = row.check(_read(row, given), f'{self.get_name()}.')
+        elif row.is_designed:
+            raise ParameterError(f'{self.get_name()}.{row.name}: {NOT_DESIGNED}')
         self.declare_parameter(row.name, _ros_parameter(row.name, value).value, descriptor)
         return value
 
@@ -117,9 +132,10 @@ class ParameterNode(Node, Generic[P]):
         """Raise ParameterError for a parameter that no node has, such as a typo."""
         known = {row.name for row in TABLE} | _ROS_PARAMETERS
         for name in self._parameter_overrides:
-            if name not in known and not name.startswith('qos_overrides.'):
+            is_of_controller = is_own(name) and self.role != CONTROLLER
+            if not (name in known or is_of_controller or name.startswith('qos_overrides.')):
                 raise ParameterError(
-                    f'{self.get_name()} has no parameter {name!r}; {suggest_names(name, self.role)}'
+                    f'{self.get_name()} has no parameter {name!r}; {suggest(name, self._rows)}'
                 )
 
     def _in_own_type(self, parameter: RosParameter) -> RosParameter:
@@ -149,7 +165,7 @@ class ParameterNode(Node, Generic[P]):
             for each in changes:
                 if row := self._rows.get(each.name):
                     value = row.check(_read(row, each), f'{self.get_name()}.')
-                    requested = replace(requested, **{row.name: value})
+                    requested = requested.with_values({row.name: value})
                 elif each.name == SIM_TIME:
                     self._check_sim_time(each.value)
             if requested != self._requested:
@@ -171,16 +187,16 @@ class ParameterNode(Node, Generic[P]):
 
     def _apply_live(self, names: Iterable[str]) -> str:
         """Apply changes that take effect at once; return a note if any change does not, else ''."""
+        present, requested = self.parameters.values(), self._requested.values()
         waiting: list[str] = []
         live: list[str] = []
         for name in names:
             row = self._rows.get(name)
-            if row is None or getattr(self.parameters, name) == getattr(self._requested, name):
+            if row is None or present[name] == requested[name]:
                 continue
             (live if row.takes_effect is TakesEffect.IMMEDIATELY else waiting).append(name)
         if live:
-            changes = {name: getattr(self._requested, name) for name in live}
-            self.parameters = replace(self.parameters, **changes)
+            self.parameters = self.parameters.with_values({name: requested[name] for name in live})
             self.on_parameters_changed()
         return NEXT_RUN if waiting else ''
 

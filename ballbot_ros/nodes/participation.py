@@ -6,12 +6,13 @@ import hashlib
 import json
 import os
 import socket
-from collections.abc import Callable
-from dataclasses import asdict, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from uuid import uuid4
 
 from ballbot_ros import __version__
+from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.messages.conversions import time_ns
 from ballbot_ros.messages.message_types import Header
 from ballbot_ros.messages.participation import encode_announcement
@@ -19,7 +20,7 @@ from ballbot_ros.messages.topics import PARTICIPANTS, ROLL_CALL, periodic_topics
 from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.graph_observer import guid_prefix
 from ballbot_ros.nodes.presence import Presence
-from ballbot_ros.parameters import PATHS, NodeParameters
+from ballbot_ros.parameters import PATHS, NodeParameters, Value
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import MAP_HASH, Announcement, Objection, Participant
 from ballbot_ros.world.library import read_map_file
@@ -41,23 +42,29 @@ def participant_of(node: AnyNode) -> Participant:
     )
 
 
-def with_parameters(participant: Participant, parameters: NodeParameters) -> Participant:
-    """Return a participant with the parameters of a run.
+def with_parameters(
+    participant: Participant, parameters: NodeParameters, further: Mapping[str, Value] | None = None
+) -> Participant:
+    """Return a participant with the parameters of a run, and further values to announce.
 
     Paths on this machine stay private: only file names are announced.
     """
-    values = asdict(parameters)
+    values = parameters.values()
     text = json.dumps(values, sort_keys=True, default=list)
-    announced = {
-        name: Path(value).name if name in PATHS else value for name, value in values.items()
-    }
-    if values.get('map'):
-        announced[MAP_HASH] = hashlib.sha256(read_map_file(values['map'])).hexdigest()
+    announced = {name: _public(name, value) for name, value in values.items()}
+    if image := str(values.get('map', '')):
+        announced[MAP_HASH] = hashlib.sha256(read_map_file(image)).hexdigest()
     return replace(
         participant,
         parameters_sha256=hashlib.sha256(text.encode()).hexdigest(),
-        parameters=announced,
+        parameters={**announced, **(further or {})},
     )
+
+
+def _public(name: str, value: Value) -> Value:
+    if name == 'implementation':
+        return public_reference(str(value))
+    return Path(str(value)).name if name in PATHS else value
 
 
 class Participation:
@@ -114,7 +121,9 @@ class Participation:
         self._objection = None
         self._node.now_ns = 0
         self._node.apply_parameters()
-        self._participant = with_parameters(self._participant, self._node.parameters)
+        self._participant = with_parameters(
+            self._participant, self._node.parameters, self._node.announced_values()
+        )
         self._node.get_logger().info(f'takes part in run {run.number}')
         self._on_new_run(run)
 

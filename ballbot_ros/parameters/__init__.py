@@ -1,6 +1,10 @@
 """The parameters of each node, their checks, and the files and pages generated from them."""
 
-from ballbot_ros.parameters.controller import ControllerParameters, Implementation
+from ballbot_ros.parameters.controller import (
+    DOCUMENTS_PROGRAM,
+    ControllerParameters,
+    is_own,
+)
 from ballbot_ros.parameters.devices import (
     DEVICES,
     EncoderParameters,
@@ -8,6 +12,7 @@ from ballbot_ros.parameters.devices import (
     SonarParameters,
 )
 from ballbot_ros.parameters.parameter import (
+    NOT_DESIGNED,
     DriverParameters,
     NodeParameters,
     Parameter,
@@ -15,6 +20,10 @@ from ballbot_ros.parameters.parameter import (
     Subset,
     TakesEffect,
     Value,
+    declared_in,
+    designed,
+    quantity,
+    setting,
 )
 from ballbot_ros.parameters.parameter_set import ParameterSet
 from ballbot_ros.parameters.plant import PlantParameters
@@ -41,7 +50,7 @@ from ballbot_ros.parameters.table import (
     VIEWER,
     VISUALIZER,
     parameters_of,
-    suggest_names,
+    suggest,
 )
 from ballbot_ros.parameters.teleop import GamepadParameters
 from ballbot_ros.parameters.tools import (
@@ -53,12 +62,53 @@ from ballbot_ros.parameters.tools import (
 )
 
 __all__ = [
-    'ALL_NODES', 'CONTROLLER', 'DEVICES', 'DRIVERS', 'DRIVER_PERIODS_NS', 'EXECUTABLES',
-    'GAMEPAD', 'GYRO', 'NODES', 'OPTIONAL_NODES', 'PATHS', 'PLANT', 'PLAYER', 'RECORDER',
-    'SHARED_PARAMETERS', 'SIMULATED', 'SONAR', 'SUPERVISOR', 'TABLE', 'VIEWER', 'VISUALIZER',
-    'ControllerParameters', 'Dimensions', 'DriverParameters', 'EncoderParameters',
-    'GamepadParameters', 'GyroParameters', 'Implementation', 'NodeParameters', 'Parameter',
-    'ParameterError', 'ParameterSet', 'PlantParameters', 'PlayerParameters', 'RecorderParameters',
-    'SonarParameters', 'Subset', 'SupervisorParameters', 'TakesEffect', 'Value', 'ViewerParameters',
-    'VisualizerParameters', 'parameters_of', 'suggest_names',
+    'ALL_NODES',
+    'CONTROLLER',
+    'DEVICES',
+    'DOCUMENTS_PROGRAM',
+    'DRIVERS',
+    'DRIVER_PERIODS_NS',
+    'EXECUTABLES',
+    'GAMEPAD',
+    'GYRO',
+    'NODES', 'NOT_DESIGNED',
+    'OPTIONAL_NODES',
+    'PATHS',
+    'PLANT',
+    'PLAYER',
+    'RECORDER',
+    'SHARED_PARAMETERS',
+    'SIMULATED',
+    'SONAR',
+    'SUPERVISOR',
+    'TABLE',
+    'VIEWER',
+    'VISUALIZER',
+    'ControllerParameters',
+    'Dimensions',
+    'DriverParameters',
+    'EncoderParameters',
+    'GamepadParameters',
+    'GyroParameters',
+    'NodeParameters',
+    'Parameter',
+    'ParameterError',
+    'ParameterSet',
+    'PlantParameters',
+    'PlayerParameters',
+    'RecorderParameters',
+    'SonarParameters',
+    'Subset',
+    'SupervisorParameters',
+    'TakesEffect',
+    'Value',
+    'ViewerParameters',
+    'VisualizerParameters',
+    'declared_in',
+    'designed',
+    'is_own',
+    'parameters_of',
+    'quantity',
+    'setting',
+    'suggest',
 ]  # fmt: skip

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
-from ballbot_ros.parameters.parameter import NodeParameters, quantity, setting
+from ballbot_ros.parameters.parameter import NodeParameters, Value, quantity, setting
 from ballbot_ros.parameters.shared import LockstepChoice, Radii, StickScale
 
 Gains = tuple[float, float, float, float]
 Period = Literal[4, 20, 100]
 """Periods [ms] of whole ticks that divide 100 ms, the grid on which runs begin."""
 
-Implementation = Literal['python', 'c', 'arm']
+DOCUMENTS_PROGRAM = ('python', 'c', 'arm')
+"""Implementations of the document's control program."""
+
+OWN_PREFIXES = ('user.', 'model.')
+"""Start of the names of parameters that only controllers other than the document's have: those
+that the controller's class declares, and the physical values that its gains are designed for."""
 
 ANY = (-1e9, 1e9)
 COEFFICIENT = (0.0, 1.0)
@@ -25,9 +31,10 @@ class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
 
     node: ClassVar[str] = 'controller'
 
-    implementation: Implementation = setting(
+    implementation: str = setting(
         'python',
-        'control program: in Python, the generated C, or that C on an emulated ARM',
+        "control program: the document's as python, c or arm (C on an emulated ARM); the name of "
+        'an installed controller; or package.module:Class or FILE.py:Class',
         'project',
     )
     mode: Literal['remote', 'autonomous'] = setting('remote', 'drive mode (task_init)', '7.3')
@@ -83,3 +90,23 @@ class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
         'false: it fails the run at once',
         'project',
     )
+    own: tuple[tuple[str, Value], ...] = ()
+    """Names and values of the parameters with :data:`OWN_PREFIXES`."""
+
+    def values(self) -> dict[str, Value]:
+        """Return the value of each parameter, by name."""
+        values = super().values()
+        del values['own']
+        return {**values, **dict(self.own)}
+
+    def with_values(self, values: Mapping[str, Value]) -> ControllerParameters:
+        """Return these parameters with other values for some, by name."""
+        own = {name: value for name, value in values.items() if is_own(name)}
+        others = {name: value for name, value in values.items() if not is_own(name)}
+        changed = super().with_values(others)
+        return replace(changed, own=tuple({**dict(self.own), **own}.items()))
+
+
+def is_own(name: str) -> bool:
+    """Return whether a parameter belongs to a controller other than the document's."""
+    return name.startswith(OWN_PREFIXES)

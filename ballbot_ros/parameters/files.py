@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable
-from dataclasses import asdict
+from collections.abc import Hashable, Iterable, Iterator
 from pathlib import Path
 
 import yaml
 
+from ballbot_ros.parameters.controller import is_own
 from ballbot_ros.parameters.parameter import ParameterError
 from ballbot_ros.parameters.parameter_set import ParameterSet
 from ballbot_ros.parameters.table import NODES, parameters_of
@@ -33,11 +33,23 @@ def read_parameter_file(path: str | Path) -> ParameterSet:
                 f'{document.where(node)}: {node!r} must contain ros__parameters and nothing else'
             )
         values = _mapping(document, names['ros__parameters'], node, 'ros__parameters')
-        for name, value in values.items():
-            where = document.where(node, 'ros__parameters', name)
-            parameters.set(str(node).removeprefix('/**/').strip('/') if node != '/**' else node,
-                           str(name), value, where)  # fmt: skip
+        target = '/**' if node == '/**' else str(node).removeprefix('/**/').strip('/')
+        for keys, value in _leaves(values):
+            where = document.where(node, 'ros__parameters', *keys)
+            parameters.set(target, '.'.join(map(str, keys)), value, where)
     return parameters
+
+
+def _leaves(
+    values: dict[Hashable, object], *above: Hashable
+) -> Iterator[tuple[tuple[Hashable, ...], object]]:
+    """Yield keys and value of each parameter; `ros2 param dump` nests names that have dots."""
+    for name, value in values.items():
+        keys = (*above, name)
+        if isinstance(value, dict) and value and is_own('.'.join(map(str, (*keys, '')))):
+            yield from _leaves(value, *keys)
+        else:
+            yield keys, value
 
 
 def _mapping(document: YamlDocument, data: object, *keys: Hashable) -> dict[Hashable, object]:
@@ -69,7 +81,7 @@ def format_parameters(parameters: ParameterSet, nodes: Iterable[str] = NODES) ->
         f'/**/{node}': {
             'ros__parameters': {
                 name: list(value) if isinstance(value, tuple) else value
-                for name, value in asdict(parameters.of_node(node)).items()
+                for name, value in parameters.of_node(node).values().items()
             }
         }
         for node in nodes

@@ -8,7 +8,8 @@ Model-Based Design* (2009).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterator, Mapping
+from dataclasses import Field, dataclass, field, fields, replace
 from enum import Enum
 from typing import Any, ClassVar, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -16,7 +17,17 @@ from ballbot_ros.errors import BallbotError
 
 Value = bool | int | float | str | tuple[float, ...]
 _Value = TypeVar('_Value', bound=Value)
+_Node = TypeVar('_Node', bound='NodeParameters')
 _Bounds = tuple[float, float]
+
+MAX_DESIGNED = 100_000
+"""Largest number of designed values in one parameter."""
+
+
+NOT_DESIGNED = (
+    'not designed: `ballbot run`, `drive` and the launch file design it; for a node alone, '
+    '`ballbot design --controller` prints a parameter file'
+)
 
 
 class ParameterError(BallbotError):
@@ -53,6 +64,9 @@ class Parameter:
         Allowed words for a text, or values for an integer; empty for any.
     takes_effect : TakesEffect
         When a new value takes effect in a running node; never for a read-only parameter.
+    is_designed : bool
+        Whether it is an array of any length that is designed when a run is composed, unless it is
+        set. Its default is empty, and not allowed in a run.
     """
 
     nodes: tuple[str, ...]
@@ -66,15 +80,16 @@ class Parameter:
     description: str
     source: str
     takes_effect: TakesEffect
+    is_designed: bool = False
 
     def check(self, value: object, where: str) -> Value:
         """Return `value` in the parameter's own type; raise ParameterError if it is not allowed."""
         name = f'{where}{self.name}'
         if isinstance(self.default, tuple):
-            if not isinstance(value, list | tuple) or len(value) != len(self.default):
-                raise ParameterError(
-                    f'{name}: {value!r} is not a list of {len(self.default)} numbers'
-                )
+            lengths = (len(self.default),) if self.default else range(1, MAX_DESIGNED + 1)
+            if not isinstance(value, list | tuple) or len(value) not in lengths:
+                count = len(self.default) or f'1 … {MAX_DESIGNED}'
+                raise ParameterError(f'{name}: {value!r} is not a list of {count} numbers')
             return tuple(self._number(item, name) for item in value)
         if isinstance(self.default, bool):
             if not isinstance(value, bool):
@@ -141,6 +156,14 @@ class NodeParameters:
     node: ClassVar[str]
     """Name of the node."""
 
+    def values(self) -> dict[str, Value]:
+        """Return the value of each parameter, by name."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    def with_values(self: _Node, values: Mapping[str, Value]) -> _Node:
+        """Return these parameters with other values for some, by name."""
+        return replace(self, **values)
+
 
 @dataclass(frozen=True, kw_only=True)
 class DriverParameters(NodeParameters):
@@ -167,7 +190,7 @@ def quantity(
     unit: str,
     bounds: _Bounds | None,
     description: str,
-    source: str,
+    source: str = '',
     *,
     or_zero: bool = False,
     takes_effect: TakesEffect = TakesEffect.NEXT_RUN,
@@ -182,12 +205,20 @@ def quantity(
 def setting(
     default: _Value,
     description: str,
-    source: str,
+    source: str = '',
     *,
     takes_effect: TakesEffect = TakesEffect.NEXT_RUN,
 ) -> _Value:
     """Declare a switch or a text; a field of a Literal type is a choice among its values."""
     return _declared(default, description=description, source=source, takes_effect=takes_effect)
+
+
+def designed(unit: str, bounds: _Bounds | None, description: str) -> tuple[float, ...]:
+    """Declare numbers that are designed once, when a run is composed, unless they are set."""
+    return _declared(
+        (), unit=unit, bounds=bounds, description=description, source='',
+        takes_effect=TakesEffect.NEXT_RUN, is_designed=True,
+    )  # fmt: skip
 
 
 def path(description: str, source: str, *, takes_effect: TakesEffect = TakesEffect.NEXT_RUN) -> str:
@@ -207,10 +238,12 @@ def _declared(
     bounds: _Bounds | None = None,
     or_zero: bool = False,
     is_path: bool = False,
+    is_designed: bool = False,
 ) -> _Value:
     metadata = {
         'unit': unit, 'bounds': bounds, 'or_zero': or_zero, 'is_path': is_path,
         'description': description, 'source': source, 'takes_effect': takes_effect,
+        'is_designed': is_designed,
     }  # fmt: skip
     return field(default=default, metadata=metadata)
 
@@ -219,11 +252,31 @@ def table(classes: tuple[type[NodeParameters], ...]) -> tuple[Parameter, ...]:
     """Return the parameters of all nodes, with one row for a shared parameter."""
     rows = {}
     for cls in classes:
-        types = get_type_hints(cls)
-        for each in fields(cls):
-            nodes = tuple(c.node for c in classes if each in fields(c))
-            choices = get_args(types[each.name]) if get_origin(types[each.name]) is Literal else ()
-            rows[nodes, each.name] = Parameter(
-                nodes, each.name, cast(Value, each.default), choices=choices, **each.metadata
-            )
+        for each in declared_in(cls):
+            declaration = _fields(cls)[each.name]
+            nodes = tuple(c.node for c in classes if _fields(c).get(each.name) is declaration)
+            rows[nodes, each.name] = replace(each, nodes=nodes)
     return tuple(rows.values())
+
+
+def declared_in(cls: type, node: str = '', prefix: str = '') -> Iterator[Parameter]:
+    """Yield the parameters that the fields of a dataclass declare, for a node.
+
+    Parameters
+    ----------
+    prefix : str
+        Put before the name of each field.
+    """
+    types = get_type_hints(cls)
+    for each in _fields(cls).values():
+        kind = types[each.name]
+        default = cast(Value, each.default)
+        if kind is float and isinstance(default, int):
+            default = float(default)
+        choices = get_args(kind) if get_origin(kind) is Literal else ()
+        yield Parameter((node,), prefix + each.name, default, choices=choices, **each.metadata)
+
+
+def _fields(cls: Any) -> dict[str, Field[Any]]:
+    """Return the fields of a dataclass that declare parameters, by name."""
+    return {each.name: each for each in fields(cls) if each.metadata}

@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TypeVar
 
-from ballbot_ros.parameters.parameter import NodeParameters, ParameterError, Value
-from ballbot_ros.parameters.table import ALL_NODES, CLASSES, parameters_of, suggest_names
+from ballbot_ros.parameters.controller import is_own
+from ballbot_ros.parameters.parameter import NodeParameters, Parameter, ParameterError, Value
+from ballbot_ros.parameters.table import (
+    ALL_NODES,
+    CLASSES,
+    CONTROLLER,
+    parameters_of,
+    suggest,
+)
 
 _Node = TypeVar('_Node', bound=NodeParameters)
 
 
 class ParameterSet:
-    """A value for every parameter of every node; unset ones have their defaults."""
+    """A value for every parameter of every node; unset ones have their defaults.
+
+    The controller's own parameters (:data:`~ballbot_ros.parameters.controller.OWN_PREFIXES`) depend
+    on its class. They are kept as given until :meth:`declare_own`, which checks them.
+    """
 
     def __init__(self) -> None:
         self._values: dict[tuple[str, str], Value] = {}
+        self._given_own: dict[str, tuple[object, str]] = {}
+        self._own: dict[str, Parameter] | None = None
 
     def __iter__(self) -> Iterator[tuple[str, str, Value]]:
         """Yield node, name and value of all parameters that were set."""
@@ -32,6 +45,9 @@ class ParameterSet:
             with `where`, such as a file and line, or an option.
         """
         prefix = f'{where}: ' if where else ''
+        if is_own(name) and node in ('/**', CONTROLLER):
+            self._set_own(name, value, prefix)
+            return
         if node == '/**':
             nodes = [known for known in ALL_NODES if name in parameters_of(known)]
             if not nodes:
@@ -43,13 +59,36 @@ class ParameterSet:
         for each in nodes:
             row = parameters_of(each).get(name)
             if row is None:
-                raise ParameterError(
-                    f'{prefix}{each} has no parameter {name!r}; {suggest_names(name, each)}'
-                )
+                hint = suggest(name, parameters_of(each))
+                raise ParameterError(f'{prefix}{each} has no parameter {name!r}; {hint}')
             checked = row.check(value, f'{prefix}{each}.')
             # Set a shared parameter in all nodes that share it: they must agree on its value.
             for sharer in row.nodes:
                 self._values[sharer, name] = checked
+
+    def _set_own(self, name: str, value: object, prefix: str) -> None:
+        if self._own is None:
+            self._given_own[name] = (value, prefix)
+            return
+        row = self._own.get(name)
+        if row is None:
+            which = self._values.get((CONTROLLER, 'implementation'), 'python')
+            hint = suggest(name, self._own) if self._own else 'it has none of its own'
+            raise ParameterError(f'{prefix}{CONTROLLER} {which} has no parameter {name!r}; {hint}')
+        self._values[CONTROLLER, name] = row.check(value, f'{prefix}{CONTROLLER}.')
+
+    def declare_own(self, rows: Iterable[Parameter]) -> None:
+        """Declare the controller's own parameters, and check the values given so far.
+
+        Raises
+        ------
+        ParameterError
+            As for :meth:`set`.
+        """
+        self._own = {row.name: row for row in rows}
+        given, self._given_own = self._given_own, {}
+        for name, (value, prefix) in given.items():
+            self._set_own(name, value, prefix)
 
     def is_set(self, node: str, name: str) -> bool:
         """Return whether a parameter was set, rather than left at its default."""
@@ -58,11 +97,18 @@ class ParameterSet:
     def update(self, other: ParameterSet) -> None:
         """Apply everything that was set in `other`."""
         self._values.update(other._values)
+        self._given_own.update(other._given_own)
+        own = self._own if other._own is None else other._own
+        if own is not None:
+            self.declare_own(own.values())
 
     def of(self, cls: type[_Node]) -> _Node:
         """Return the parameters of the node whose parameter class is `cls`."""
         given = {name: value for (node, name), value in self._values.items() if node == cls.node}
-        return cls(**given)
+        if cls.node == CONTROLLER:
+            defaults = {row.name: row.default for row in (self._own or {}).values()}
+            given = {**defaults, **given}
+        return cls().with_values(given)
 
     def of_node(self, node: str) -> NodeParameters:
         """Return the parameters of a node by its name."""

@@ -6,7 +6,7 @@ The ROS declarations, the validation of parameter files, ``config/ballbot.yaml``
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from difflib import get_close_matches
 
@@ -105,9 +105,9 @@ def parameters_of(node: str) -> Mapping[str, Parameter]:
     return _BY_NODE[node]
 
 
-def suggest_names(name: str, node: str) -> str:
-    """Return a hint about a misspelt `name`, or the parameters of `node`."""
-    known = sorted(_BY_NODE[node])
+def suggest(name: str, known: Iterable[str]) -> str:
+    """Return a hint about a misspelt `name`, or all `known` names."""
+    known = sorted(known)
     close = get_close_matches(name, known)
     if close:
         return f'did you mean {" or ".join(close)}?'

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from ballbot_ros.codegen.implementation import require_implementation
+from ballbot_ros.codegen.implementation import compose_controller
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.parameters import (
+    CONTROLLER,
     GAMEPAD,
     NODES,
     PLANT,
     RECORDER,
     VIEWER,
-    ControllerParameters,
     GamepadParameters,
     ParameterSet,
 )
@@ -59,6 +59,7 @@ class DriveOptions:
     profile: str | None = None
     device: str | None = None
     assignments: Sequence[str] = ()
+    controller: str | None = None
     output: Path | None = None
     record: bool = True
 
@@ -86,10 +87,18 @@ def drive_spec(options: DriveOptions) -> RunSpec:
         parameters.set(GAMEPAD, 'device', options.device, '--device')
     for assignment in options.assignments:
         assign(parameters, assignment)
-    require_implementation(parameters.of(ControllerParameters).implementation)
+    if options.controller:
+        parameters.set(CONTROLLER, 'implementation', options.controller, '--controller')
+    controller = compose_controller(parameters)
     check_reserved_parameters(parameters)
     resolve_map(parameters)
-    return RunSpec(Scenario(NAME), parameters, output=options.output, record=options.record)
+    return RunSpec(
+        Scenario(NAME),
+        parameters,
+        output=options.output,
+        record=options.record,
+        controller=controller,
+    )
 
 
 def drive(

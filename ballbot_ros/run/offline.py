@@ -6,10 +6,13 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.messages.run_summary import summary_json
 from ballbot_ros.messages.simulated_recording import SimulatedRecording
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.run.attachments import attachments_of
+from ballbot_ros.run.guarded_controller import guarded_implementation
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
@@ -27,10 +30,15 @@ def run_offline(spec: RunSpec, recording: Path | None, observer: RunObserver) ->
     with StopRequest() as stop:
         run = _OfflineRun(spec, recording, stop)
         try:
-            run.run_to_end(observer)
-            if run.wall_hit:
-                observer.notice(run.wall_hit)
-            summary = run.summary(run.wall_hit)
+            failure = ''
+            try:
+                run.run_to_end(observer)
+            except ControllerError as error:
+                failure = f'{CONTROLLER}: {error}'
+            failure = failure or run.wall_hit
+            for notice in filter(None, (failure, run.slow_ticks)):
+                observer.notice(notice)
+            summary = run.summary(failure)
             run.end_recording(summary)
         except RecordingError as error:
             summary = run.summary(str(error))
@@ -43,7 +51,10 @@ class _OfflineRun:
     """A closed loop with log, recording and pacing."""
 
     def __init__(self, spec: RunSpec, recording: Path | None, stop: StopRequest) -> None:
-        self._loop = ClosedLoop(spec.parameters, spec.scenario)
+        self._implementation = guarded_implementation(
+            spec.parameters.of(ControllerParameters), spec.plant
+        )
+        self._loop = ClosedLoop(spec.parameters, spec.scenario, program=self._implementation.make())
         self._plant_parameters = spec.plant
         self._stop = stop
         self._pacer = Pacer()
@@ -59,6 +70,12 @@ class _OfflineRun:
     def wall_hit(self) -> str:
         """Description of the wall hit that ended the run; '' if there is none."""
         return str(self._loop.plant.newest_hit) if self._loop.plant.stopped else ''
+
+    @property
+    def slow_ticks(self) -> str:
+        """That the controller is too slow; '' if it is not."""
+        problem = self._implementation.times.problem
+        return problem and f'{CONTROLLER}: {problem}'
 
     def run_to_end(self, observer: RunObserver) -> None:
         """Run the ticks, paced, until the end of the run, a wall hit or a signal."""

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from ballbot_ros.nodes.base import AnyNode, spin
+from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.plant_sim import PlantSim
 from ballbot_ros.nodes.recorder import Recorder
 from ballbot_ros.nodes.registry import make_node
-from ballbot_ros.parameters import NODES, PLANT, RECORDER, PlantParameters, RecorderParameters
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    NODES,
+    PLANT,
+    RECORDER,
+    ControllerParameters,
+    PlantParameters,
+    RecorderParameters,
+)
 from ballbot_ros.progress import PROGRESS_PERIOD_S
 from ballbot_ros.run.graph import graph_parameters, ros
+from ballbot_ros.run.guarded_controller import guarded_implementation
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
@@ -30,7 +41,13 @@ def run_in_one_process(
         try:
             plant = PlantSim(parameters.of(PlantParameters))
             nodes.append(plant)
-            others = [name for name in NODES if name not in (PLANT, RECORDER)]
+            nodes.append(
+                Controller(
+                    parameters.of(ControllerParameters),
+                    partial(guarded_implementation, plant=plant.parameters),
+                )
+            )
+            others = [name for name in NODES if name not in (PLANT, CONTROLLER, RECORDER)]
             nodes += [make_node(parameters.of_node(name)) for name in others]
             if recording:
                 recorder = Recorder(parameters.of(RecorderParameters))

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ballbot_ros.codegen.implementation import require_implementation
+from ballbot_ros.codegen.implementation import compose_controller
+from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.parameters import (
     CONTROLLER,
     GAMEPAD,
@@ -14,7 +15,6 @@ from ballbot_ros.parameters import (
     PLANT,
     RECORDER,
     SUPERVISOR,
-    ControllerParameters,
     GamepadParameters,
     ParameterError,
     ParameterSet,
@@ -76,10 +76,12 @@ class RunSpec:
     Attributes
     ----------
     parameters : ParameterSet
-        Parameters of all nodes; a map file has an absolute path.
+        Parameters of all nodes; a map file and the file of a controller have absolute paths.
     output : Path or None
         Folder for recording and figure. None means a new one under ``runs/`` if the run is
         recorded, and no folder otherwise.
+    controller : LoadedController or None
+        The class of a controller other than the document's.
     """
 
     scenario: Scenario
@@ -87,6 +89,7 @@ class RunSpec:
     processes: Processes = Processes.SEPARATE
     output: Path | None = None
     record: bool = True
+    controller: LoadedController | None = None
 
     @property
     def name(self) -> str:
@@ -148,9 +151,11 @@ class RunSpec:
         _apply(options, parameters)
         if reference is not None:
             _follow_scenario(reference, options, parameters)
-        require_implementation(parameters.of(ControllerParameters).implementation)
+        controller = compose_controller(parameters)
         resolve_map(parameters)
-        return cls(scenario, parameters, options.processes, options.output, options.record)
+        return cls(
+            scenario, parameters, options.processes, options.output, options.record, controller
+        )
 
 
 def _apply(options: RunOptions, parameters: ParameterSet) -> None:

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple, Protocol
 
 from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
-from ballbot_ros.codegen.implementation import program_maker
+from ballbot_ros.codegen.implementation import implementation_for
+from ballbot_ros.controllers.interface import Program
 from ballbot_ros.parameters import (
     ControllerParameters,
     GamepadParameters,
@@ -71,11 +72,13 @@ class ClosedLoop:
     ----------
     scenario : Scenario or ExternalInputs, or None
         Stick signals and pushes; None for a neutral stick and no push.
+    program : Program or None
+        The control program; None for the one that the controller's parameters select.
 
     Attributes
     ----------
     program : Program
-        The implementation that the controller's parameter `implementation` selects.
+        The control program.
     world : World or None
         None for an unlimited floor without walls.
 
@@ -90,13 +93,14 @@ class ClosedLoop:
         parameters: ParameterSet,
         scenario: ExternalInputs | None = None,
         start_ns: int = FIRST_TICK_NS,
+        program: Program | None = None,
     ) -> None:
         self._start_ns = start_ns
         self.world = World.of(parameters.of(PlantParameters))
         self.plant = Plant(parameters.of(PlantParameters), self._start_ns, self.world)
         self._devices = [_SampledDevice.of(each, parameters) for each in DEVICES]
         self._no_samples = [None] * len(DeviceInputs._fields)
-        self.program = program_maker(parameters.of(ControllerParameters))()
+        self.program = program or implementation_for(parameters.of(ControllerParameters)).make()
         self._scenario = scenario or Scenario()
         self.pushes = self._scenario.pushes_from(self._start_ns)
         for push in self.pushes:

@@ -12,6 +12,9 @@ MAP_HASH = 'map_sha256'
 """Parameter that identifies the map by its content, since the same file may have another path on
 another machine."""
 
+SOURCE_HASH = 'implementation_sha256'
+"""Parameter that identifies the code of a controller other than the document's."""
+
 
 @dataclass(frozen=True)
 class Participant:

@@ -19,7 +19,7 @@ from ballbot_ros.controllers.document.program import (
     VOLTAGE_SLOPE,
     ControlProgram,
 )
-from ballbot_ros.controllers.interface import ControlMode
+from ballbot_ros.controllers.document.program import ControlMode
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,

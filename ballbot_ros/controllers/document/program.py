@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from enum import IntEnum
 
 from ballbot_ros.brick.brick import UINT32_MASK, Brick, DeviceInputs, DeviceOutputs
 from ballbot_ros.brick.schedule import Schedule
@@ -11,7 +12,7 @@ from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controllers.document.axis import ONE, ZERO, Axis
 from ballbot_ros.controllers.document.constants import ProgramConstants, Single
 from ballbot_ros.controllers.document.tasks import PROGRAM_NAME
-from ballbot_ros.controllers.interface import ControlMode, OperatingState
+from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.parameters import ControllerParameters
 
 LOWEST_TONE_HZ = 31
@@ -19,6 +20,14 @@ LOWEST_TONE_HZ = 31
 VOLTAGE_SLOPE = Single(1.089000027e-3)
 VOLTAGE_OFFSET = Single(0.625)
 _INT16_MIN, _INT16_MAX = -32768, 32767
+
+
+class ControlMode(IntEnum):
+    """Mode of the control program (section 7.6), with the values in its memory."""
+
+    STOP = 0
+    CALIBRATION = 1
+    CONTROL = 2
 
 
 def operating_state(

@@ -1,0 +1,259 @@
+"""The base class of controllers that replace the document's program."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import (
+    Any,
+    ClassVar,
+    Generic,
+    NamedTuple,
+    TypeVar,
+    get_args,
+    get_origin,
+)
+
+from ballbot_ros.brick.brick import Brick
+from ballbot_ros.brick.schedule import TaskTiming
+from ballbot_ros.brick.units import NO_ECHO_CM
+from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.controllers.interface import Estimates, OperatingState
+from ballbot_ros.plant.model import PhysicalParameters
+
+TICK_MS = 4
+"""Period of the plant [ms]: the shortest of a task, and the unit of all periods."""
+
+TICK = 'tick'
+"""Name of the task of a controller that has only one."""
+
+IDLE = 'idle'
+"""Name of the task that makes the ticks if no task of the controller has the shortest period."""
+
+MAX_TASKS = 8
+
+VOLTAGE_SLOPE = 1.089e-3
+VOLTAGE_OFFSET = 0.625
+
+
+@dataclass(frozen=True)
+class NoParameters:
+    """The parameters of a controller that has none."""
+
+
+P = TypeVar('P')
+"""Class of a controller's parameters: a frozen dataclass."""
+
+Method = TypeVar('Method', bound=Callable[..., Any])
+
+Duty = tuple[int, int]
+"""Duty of the motors B (plane x) and C (plane y) [%], whole numbers in -100 ... 100."""
+
+
+class Readings(NamedTuple):
+    """What the brick's devices report at a tick.
+
+    Attributes
+    ----------
+    elapsed_ms : int
+        Time since the start of the run [ms]. The robot is held still for the first second.
+    gyro : tuple of int
+        Rates of the planes x and y [deg/s], plus the offset of each gyro, about 600.
+    revolutions : tuple of int
+        Angles of the motors B (plane x) and C (plane y) against the body [deg].
+    battery_mv : int
+        Battery voltage [mV], a new sample every 20 ms.
+    distance_cm : int
+        Distance to an obstacle [cm], 255 for none; a new sample every 20 ms.
+    sticks : tuple of int
+        Left vertical (up is negative) and right horizontal of the newest packet, -100 ... 100.
+    """
+
+    elapsed_ms: int
+    gyro: tuple[int, int]
+    revolutions: tuple[int, int]
+    battery_mv: int
+    distance_cm: int = NO_ECHO_CM
+    sticks: tuple[int, int] = (0, 0)
+
+    @property
+    def max_voltage(self) -> float:
+        """Voltage of a motor at a duty of 100 % [V] (6.1)."""
+        return VOLTAGE_SLOPE * self.battery_mv - VOLTAGE_OFFSET
+
+
+class Controller(Generic[P]):
+    """A controller: subclass it, and implement :meth:`tick` or methods marked by :func:`task`.
+
+    The class of its parameters is the argument of the base class: ``class PID(Controller[Gains])``.
+    It is a frozen dataclass whose fields are declared by
+    :func:`~ballbot_ros.parameters.quantity` and similar functions, with units and bounds. Their
+    values are set as ``controller.user.<name>``.
+
+    A new instance is made for each run.
+
+    Attributes
+    ----------
+    portable : bool
+        Whether its duties are the same on every machine. Declare False if it computes them by
+        LAPACK, a solver or a neural network.
+    parameters : P
+        The values for the run.
+    model : PhysicalParameters
+        The physical values to design for, set as ``controller.model.<name>``. Unless they are set,
+        they are those of the document; the plant's may differ.
+    x, y : Estimates
+        What it estimates, for ``controller/state``.
+    operating_state : OperatingState
+        Published on ``operating_state`` when it changes.
+    """
+
+    portable: ClassVar[bool] = True
+    parameters_class: ClassVar[type] = NoParameters
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        for base in getattr(cls, '__orig_bases__', ()):
+            if get_origin(base) is Controller and isinstance(get_args(base)[0], type):
+                cls.parameters_class = get_args(base)[0]
+
+    def __init__(self, parameters: P, model: PhysicalParameters) -> None:
+        self.parameters = parameters
+        self.model = model
+        self.x, self.y = Estimates(), Estimates()
+        self.operating_state = OperatingState.BALANCE
+        self._brick = Brick()
+        self.start()
+
+    @classmethod
+    def design(cls, parameters: P, model: PhysicalParameters) -> P:
+        """Return the parameters with values for those declared by ``designed``.
+
+        It is called once, when a run is composed; the values become parameters of the run.
+        """
+        return parameters
+
+    def start(self) -> None:
+        """Set the initial state, before the first tick of a run."""
+
+    def tick(self, readings: Readings) -> Duty:
+        """Return the duty of the motors for the readings of a tick; called every 4 ms."""
+        raise NotImplementedError
+
+    def sound(self, frequency_hz: int, duration_ms: int, volume: int) -> None:
+        """Sound a tone: 31 ... 14080 Hz, 0 ... 65535 ms, 0 ... 100 %; else ControllerError."""
+        self._brick.sound_tone(
+            whole_number(frequency_hz, 31, 14080, 'frequency_hz'),
+            whole_number(duration_ms, 0, 65535, 'duration_ms'),
+            whole_number(volume, 0, 100, 'volume'),
+        )
+
+    def log(
+        self,
+        data1: int = 0,
+        data2: int = 0,
+        adc1: int = 0,
+        adc2: int = 0,
+        adc3: int = 0,
+        adc4: int = 0,
+    ) -> None:
+        """Send a record of the data logger: two 8-bit and four 16-bit values, or ControllerError.
+
+        The brick adds time, battery voltage, motor angles and distance.
+        """
+        self._brick.log(
+            whole_number(data1, -128, 127, 'data1'),
+            whole_number(data2, -128, 127, 'data2'),
+            *(
+                whole_number(value, -32768, 32767, f'adc{number}')
+                for number, value in enumerate((adc1, adc2, adc3, adc4), 1)
+            ),
+        )
+
+    def show(self, name: str) -> None:
+        """Refresh the display, whose first line is `name`."""
+        self._brick.show_status(name)
+
+
+def whole_number(value: Any, low: int, high: int, name: str = '') -> int:
+    """Return a whole number within bounds as an int; ControllerError if it is none.
+
+    Integers of numpy count; a bool does not, nor does a float without a fraction.
+    """
+    with suppress(TypeError):
+        number = operator.index(value)
+        if low <= number <= high and not isinstance(value, bool):
+            return number
+    prefix = f'{name}: ' if name else ''
+    raise ControllerError(f'{prefix}{value!r} is not a whole number in {low} … {high}')
+
+
+def task(period_ms: int, priority: int) -> Callable[[Method], Method]:
+    """Mark a method of a controller as a task of the brick.
+
+    The method takes the :class:`Readings`. It returns the new :data:`Duty`, or None to keep the
+    present one.
+
+    Parameters
+    ----------
+    period_ms : int
+        A multiple of 4 ms.
+    priority : int
+        Tasks due at the same tick run in the order of their priorities, the highest first.
+    """
+
+    def mark(method: Method) -> Method:
+        method.timing = TaskTiming(method.__name__, priority, period_ms)  # type: ignore[attr-defined]
+        return method
+
+    return mark
+
+
+def tasks_of(cls: type[Controller[Any]]) -> tuple[TaskTiming, ...]:
+    """Return the tasks of a controller, by falling priority.
+
+    Raises
+    ------
+    ControllerError
+        If it has none, or they are not valid.
+    """
+    found = [
+        method.timing
+        for name in dir(cls)
+        if isinstance(getattr(method := getattr(cls, name), 'timing', None), TaskTiming)
+    ]
+    has_tick = cls.tick is not Controller.tick
+    if has_tick == bool(found):
+        raise ControllerError(
+            f'{cls.__name__} has both tick and tasks; it needs one of them'
+            if has_tick
+            else f'{cls.__name__} has neither a method tick nor a method marked by @task'
+        )
+    if has_tick:
+        return (TaskTiming(TICK, 1, TICK_MS),)
+    for each in found:
+        if not isinstance(each.period_ms, int) or each.period_ms <= 0 or each.period_ms % TICK_MS:
+            raise ControllerError(
+                f'{cls.__name__}.{each.name}: the period {each.period_ms!r} ms is not a multiple '
+                f'of {TICK_MS} ms'
+            )
+        if not isinstance(each.priority, int):
+            raise ControllerError(
+                f'{cls.__name__}.{each.name}: the priority {each.priority!r} is not a whole number'
+            )
+    if len({each.priority for each in found}) < len(found):
+        raise ControllerError(f'{cls.__name__}: two tasks have the same priority')
+    if len(found) > MAX_TASKS:
+        raise ControllerError(f'{cls.__name__} has {len(found)} tasks; the brick has {MAX_TASKS}')
+    if IDLE in {each.name for each in found}:
+        raise ControllerError(f'{cls.__name__}: a task must have another name than {IDLE!r}')
+    if all(each.period_ms != TICK_MS for each in found):
+        found.append(TaskTiming(IDLE, min(each.priority for each in found) - 1, TICK_MS))
+    return tuple(sorted(found, key=lambda each: -each.priority))
+
+
+def every_tick(tasks: Iterable[TaskTiming]) -> str:
+    """Return the name of the first task with the shortest period, which runs at every tick."""
+    return next(each.name for each in tasks if each.period_ms == TICK_MS)

@@ -1,0 +1,216 @@
+"""A controller in a process of its own, for runs that would hang with it.
+
+In separate processes the plant notices a controller that does not return. With all nodes in one
+process, or without nodes, the plant would hang, too. There a child process runs the controller, and
+the plant's process notices its silence.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import math
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+import weakref
+from collections.abc import Sequence
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
+from ballbot_ros.brick.schedule import Schedule
+from ballbot_ros.codegen.implementation import Implementation, implementation_for
+from ballbot_ros.controllers.controller_program import TickTimes
+from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.controllers.interface import Estimates, OperatingState, PlaneEstimates
+from ballbot_ros.controllers.loading import LoadedController, shown_path
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, threads_by_process
+from ballbot_ros.parameters import ControllerParameters, PlantParameters
+from ballbot_ros.simulation.silence_timer import SilenceTimer
+
+_PROGRAM = f'from {__name__} import main; main()'
+_POLL_S = 0.05
+_STACK_S = 0.5
+_FRAME = re.compile(r'File "(.+)", line (\d+)')
+
+
+class _Answer(NamedTuple):
+    """The results of a tick, or the error that ended the controller."""
+
+    error: str
+    outputs: DeviceOutputs
+    x: PlaneEstimates
+    y: PlaneEstimates
+    operating_state: OperatingState
+    times: TickTimes
+
+
+def guarded_implementation(
+    parameters: ControllerParameters, plant: PlantParameters
+) -> Implementation:
+    """Return the implementation that the parameters select, guarded if it is foreign code.
+
+    Raises
+    ------
+    BallbotError
+        As for :func:`~ballbot_ros.codegen.implementation.implementation_for`.
+    """
+    implementation = implementation_for(parameters)
+    loaded = implementation.loaded
+    if loaded is None or loaded.is_ours:
+        return implementation
+    return replace(
+        implementation,
+        make=lambda: GuardedProgram(parameters, loaded, plant, implementation.times),
+    )
+
+
+class GuardedProgram:
+    """A controller's program in a child process, which starts at the first tick.
+
+    The two exchange pickled tuples over a socket: the arguments of :meth:`run`, and an answer.
+
+    Parameters
+    ----------
+    plant : PlantParameters
+        Its timeouts are those of the controller.
+    times : TickTimes
+        Receives how long the ticks take.
+    """
+
+    def __init__(
+        self,
+        parameters: ControllerParameters,
+        loaded: LoadedController,
+        plant: PlantParameters,
+        times: TickTimes,
+    ) -> None:
+        self.x: PlaneEstimates = Estimates()
+        self.y: PlaneEstimates = Estimates()
+        self.operating_state = OperatingState.BALANCE
+        self._parameters, self._loaded, self._plant = parameters, loaded, plant
+        self._times = times
+        times.reset()
+        self._schedule = Schedule(loaded.tasks)
+        self._child: _Child | None = None
+
+    def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
+        """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
+        return self.run(self._schedule.due(elapsed_ms), systick_ms, inputs)
+
+    def run(self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
+        """Run the tasks with these names, in this order, on the inputs of a tick.
+
+        Raises
+        ------
+        ControllerError
+            If the controller fails, or does not return.
+        """
+        timeout_s = self._plant.timeout
+        if self._child is None:
+            self._child = _Child(self._parameters, self._loaded)
+            timeout_s = self._plant.startup_timeout
+        answer = self._child.exchange(
+            (tasks, systick_ms, tuple(inputs)),
+            timeout_s if self._plant.on_timeout == 'end' else math.inf,
+        )
+        if answer.error:
+            raise ControllerError(answer.error)
+        self.x, self.y, self.operating_state = answer.x, answer.y, answer.operating_state
+        vars(self._times).update(vars(answer.times))
+        return answer.outputs
+
+
+class _Child:
+    """The child process; it ends with this object."""
+
+    def __init__(self, parameters: ControllerParameters, loaded: LoadedController) -> None:
+        self._loaded = loaded
+        ours, theirs = socket.socketpair()
+        # In memory: where the controller is, if it does not return.
+        stack = os.fdopen(os.memfd_create('stack'), 'rb', buffering=0)
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, '-c', _PROGRAM, str(theirs.fileno()), str(stack.fileno())],
+                env={**os.environ, END_WITH_PARENT: str(os.getpid())},
+                pass_fds=[theirs.fileno(), stack.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=sys.stderr.fileno(),
+                # Keep Ctrl-C from the controller: the run gets it, and ends the controller.
+                start_new_session=True,
+            )
+        self._connection, self._stack = Connection(ours.detach()), stack
+        self._end = weakref.finalize(self, _end, self._process, self._connection, stack)
+        self._connection.send(parameters)
+
+    def exchange(self, request: tuple[Any, ...], timeout_s: float) -> _Answer:
+        """Run a tick; ControllerError if there is no answer within `timeout_s` [s]."""
+        try:
+            self._connection.send(request)
+            begun, timer = time.monotonic(), SilenceTimer()
+            while not self._connection.poll(_POLL_S):
+                threads = threads_by_process([self._process.pid])
+                timer.update(begun, time.monotonic(), threads)
+                if timer.silence_s(self._process.pid) > timeout_s:
+                    raise ControllerError(f'no answer within {timeout_s:g} s{self._where()}')
+            return self._connection.recv()  # type: ignore[no-any-return]
+        except (OSError, EOFError):
+            status = self._process.wait()
+            end = f'was killed by {signal.Signals(-status).name}' if status < 0 else 'ended'
+            raise ControllerError(f'{self._loaded.shown}: its process {end}') from None
+        except ControllerError:
+            self._end()
+            raise
+
+    def _where(self) -> str:
+        """Return the line at which the controller is; '' if it is unknown."""
+        self._process.send_signal(signal.SIGUSR1)
+        deadline = time.monotonic() + _STACK_S
+        text = ''
+        while not text.endswith('\n\n') and time.monotonic() < deadline:
+            time.sleep(_POLL_S)
+            text = os.pread(self._stack.fileno(), 2**16, 0).decode(errors='replace')
+        for path, line in _FRAME.findall(text):
+            if self._loaded.has(Path(path)):
+                return f': {shown_path(path)}:{line} does not return'
+        return ''
+
+
+def _end(process: subprocess.Popen[bytes], connection: Connection, stack: IO[bytes]) -> None:
+    connection.close()
+    stack.close()
+    process.kill()
+    process.wait()
+
+
+def main() -> None:
+    """Run the controller, until the parent closes the connection."""
+    if not end_with_parent():
+        return
+    connection = Connection(int(sys.argv[1]))
+    faulthandler.register(signal.SIGUSR1, file=int(sys.argv[2]), all_threads=False)
+    parameters: ControllerParameters = connection.recv()
+    implementation = implementation_for(parameters)
+    program = implementation.make()
+    while True:
+        try:
+            tasks, systick_ms, inputs = connection.recv()
+        except EOFError:
+            return
+        error, outputs = '', DeviceOutputs()
+        try:
+            outputs = program.run(tasks, systick_ms, DeviceInputs._make(inputs))
+        except BallbotError as failure:
+            error = str(failure)
+        connection.send(
+            _Answer(
+                error, outputs, program.x, program.y, program.operating_state, implementation.times
+            )
+        )
