@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ballbot_ros.analysis.announced_parameters import AnnouncedParameters
+from ballbot_ros.analysis.recorded_controller import decode_controller
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import temporary_folder, write_temporary
 from ballbot_ros.parameters import ParameterSet, PlantParameters
@@ -90,6 +91,8 @@ def read_attachments(recording: RecordingReader) -> RecordedAttachments:
             except BallbotError as error:
                 reason = str(error).replace(f'{folder}/', '')
                 attached.notices.append(f'{reason}; {_WITHOUT[name]}.')
+    if identity := decode_controller(files):
+        attached.versions['controller'] = identity.description
     return attached
 
 

@@ -10,6 +10,13 @@ from typing import NamedTuple
 
 from ballbot_ros.analysis.divergence import Divergence
 from ballbot_ros.analysis.message_comparison import MessageComparator, MessageDifference
+from ballbot_ros.analysis.recorded_controller import (
+    ControllerIdentity,
+    decode_controller,
+    find_recorded,
+    identity_of,
+    load_attached,
+)
 from ballbot_ros.analysis.recorded_inputs import RunInputs, read_inputs
 from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.analysis.replay import (
@@ -20,18 +27,26 @@ from ballbot_ros.analysis.replay import (
     replay_controller,
     replay_run,
 )
-from ballbot_ros.analysis.replayed_controller import ReplayedController, choose_controller
+from ballbot_ros.analysis.replayed_controller import (
+    ReplayedController,
+    choose_controller,
+    is_foreign,
+)
 from ballbot_ros.codegen.implementation import (
     implementation_for,
     missing_tool_for,
     require_implementation,
 )
+from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Program
+from ballbot_ros.controllers.loading import public_reference
+from ballbot_ros.controllers.own_parameters import own_rows
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import write_temporary
 from ballbot_ros.messages.topics import PARTICIPANTS, Topic
 from ballbot_ros.parameters import (
     CONTROLLER,
+    DOCUMENTS_PROGRAM,
     PLANT,
     ControllerParameters,
     ParameterError,
@@ -44,6 +59,7 @@ from ballbot_ros.recording.attachments import PARAMETERS
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.closed_loop import Tick
+from ballbot_ros.simulation.participants import Participant
 from ballbot_ros.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.world.library import is_file_name
 
@@ -91,7 +107,9 @@ class _Job(NamedTuple):
 class RecordingReplay:
     """Replays the runs of a recording, whose attachments go to the folder `scratch`.
 
-    The implementation of the controller is `controller`, or the recorded one.
+    The implementation of the controller is `controller`, or the recorded one. The code of a
+    controller other than the document's is the user's own copy, or, if it is to be trusted, the
+    attached one.
 
     Attributes
     ----------
@@ -107,7 +125,12 @@ class RecordingReplay:
     """
 
     def __init__(
-        self, reader: RecordingReader, scratch: Path, controller: str | None = None
+        self,
+        reader: RecordingReader,
+        scratch: Path,
+        controller: str | None = None,
+        *,
+        trust_attached_code: bool = False,
     ) -> None:
         attached = _attached_parameters(reader, scratch)
         if attached is None and not _has_announcements(reader):
@@ -122,9 +145,11 @@ class RecordingReplay:
         self._jobs = [job for job in self._begun if job.inputs.ticks]
         if not self._jobs:
             raise RecordingError(f'{reader.path}: nothing to replay: no tick has a duty')
-        if controller:
+        if controller in DOCUMENTS_PROGRAM:
             require_implementation(controller)
-        self.controllers = [self._choose(job, controller) for job in self._jobs]
+        self._scratch, self._trusts_code = scratch, trust_attached_code
+        chosen = {id(job): self._choose(job, controller) for job in self._begun}
+        self.controllers = [chosen[id(job)] for job in self._jobs]
         self.duration = sum(job.inputs.ticks for job in self._jobs) * TICK_NS / SECOND_NS
 
     def _parameters(
@@ -148,9 +173,42 @@ class RecordingReplay:
     def _choose(self, job: _Job, requested: str | None) -> ReplayedController:
         """Choose the controller of a run, and set it in the run's parameters."""
         participant = self._announced.controller(job.inputs.run.name)
+        if identity := self._identity(job, participant):
+            return self._choose_class(job, identity, requested)
+        if requested is not None and requested not in DOCUMENTS_PROGRAM:
+            raise ControllerError(
+                f'--controller {requested}: {self._recording.reader.path} can be replayed only by '
+                f'{", ".join(DOCUMENTS_PROGRAM)}'
+            )
         chosen = choose_controller(participant, job.implementation, requested, missing_tool_for)
         job.parameters.set(CONTROLLER, 'implementation', chosen.replayed)
         return chosen
+
+    def _identity(self, job: _Job, participant: Participant | None) -> ControllerIdentity | None:
+        """Return what identifies a controller other than the document's; None for any other."""
+        if job.implementation in DOCUMENTS_PROGRAM or (participant and is_foreign(participant)):
+            return None
+        announced = participant.parameters if participant else {}
+        attached = decode_controller(self._recording.reader.attachments())
+        return identity_of(job.implementation, announced, attached)
+
+    def _choose_class(
+        self, job: _Job, identity: ControllerIdentity, requested: str | None
+    ) -> ReplayedController:
+        reader = self._recording.reader
+        if requested in DOCUMENTS_PROGRAM:
+            raise ControllerError(
+                f'--controller {requested}: {reader.path} can be replayed only by {identity}'
+            )
+        if self._trusts_code:
+            files = reader.attachments()
+            loaded = load_attached(identity, reader.path, files, self._scratch)
+        else:
+            loaded = find_recorded(identity, reader.path, requested)
+        job.parameters.set(CONTROLLER, 'implementation', loaded.code.reference)
+        job.parameters.declare_own(loaded.cls.__name__, own_rows(loaded))
+        reference = identity.reference
+        return ReplayedController(reference, reference, is_portable=loaded.is_portable)
 
     def replay_controller(self, update: ReportTime) -> ReplayResult:
         """Run the controller on the recorded samples; compare its messages."""
@@ -188,7 +246,7 @@ class RecordingReplay:
             for job in self._jobs:
                 assign(job.parameters, assignment)
         self.controllers = [
-            replace(each, replayed=job.implementation)
+            replace(each, replayed=public_reference(job.implementation))
             for each, job in zip(self.controllers, self._jobs, strict=True)
         ]
         done = 0.0

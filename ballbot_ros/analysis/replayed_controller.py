@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ballbot_ros.parameters import CONTROLLER, parameters_of
+from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 from ballbot_ros.simulation.participants import Participant
 
 PYTHON = 'python'
@@ -18,11 +18,18 @@ class ReplayedController:
 
     Both are values of the parameter `implementation`; a foreign recorded controller has its
     announced name. The reason says why they differ; empty if they don't, or if one was requested.
+    A controller that is not portable may compute other duties on another machine.
     """
 
     recorded: str
     replayed: str
     reason: str = ''
+    is_portable: bool = True
+
+
+def is_foreign(participant: Participant) -> bool:
+    """Return whether a participant is a node of another package."""
+    return participant.implementation.split()[:1] != [OUR_PACKAGE]
 
 
 def choose_controller(
@@ -31,7 +38,7 @@ def choose_controller(
     requested: str | None,
     missing_tool: Callable[[str], str],
 ) -> ReplayedController:
-    """Return the controller for a replay: the requested one, or else the recorded one.
+    """Return the program for a replay of the document's: the requested, or else the recorded one.
 
     Python replaces an implementation that can't run here, since the two are proven bit-identical.
     `participant` is the run's controller as announced, if known; `attached` is the parameter
@@ -41,13 +48,13 @@ def choose_controller(
     parameters: dict[str, object] = dict(participant.parameters) if participant else {}
     recorded = str(parameters.get('implementation', attached))
     reason = ''
-    if participant and participant.implementation.split()[:1] != [OUR_PACKAGE]:
+    if participant and is_foreign(participant):
         recorded = participant.implementation
         reason = (
             f'its controller {recorded!r} is not part of {OUR_PACKAGE}, whose own controller '
             'replays it'
         )
-    elif recorded not in parameters_of(CONTROLLER)['implementation'].choices:
+    elif recorded not in DOCUMENTS_PROGRAM:
         reason = f'this version does not know its controller {recorded!r}; {PYTHON} replays it'
     elif missing := missing_tool(recorded):
         reason = (

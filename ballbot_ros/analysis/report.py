@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -21,6 +22,7 @@ from ballbot_ros.former_names import (
     without_former_names,
 )
 from ballbot_ros.parameters import (
+    CONTROLLER,
     NODES,
     GyroParameters,
     PlantParameters,
@@ -176,6 +178,16 @@ def _parameters(run: RunData) -> Iterator[dict[str, object]]:
                 'meaning': row.description,
                 'changed': value != row.default,
             }
+    for name, own in run.attached.parameters.undeclared.items():
+        yield {
+            'node': CONTROLLER,
+            'name': name,
+            'value': reprlib.repr(own),
+            'default': '',
+            'unit': '',
+            'meaning': "of the controller's class",
+            'changed': True,
+        }
 
 
 def _text(value: Value) -> str:

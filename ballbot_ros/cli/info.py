@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import click
 import yaml
 from rich.console import Console
 
+from ballbot_ros.analysis.recorded_controller import ControllerIdentity, decode_controller
 from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.messages.topics import RUN
@@ -130,7 +132,10 @@ def _lines(content: Mapping[str, Any], state: str) -> list[tuple[str, str]]:
         words = (outcome.get('outcome', ''), outcome.get('reason', ''))
         lines.append(('outcome', ': '.join(filter(None, words))))
     for name, value in content['made_by'].items():
-        lines.append((name, _listed(value, ' ') if isinstance(value, dict) else str(value)))
+        if name == 'controller':
+            lines.append((name, ControllerIdentity(**value).description))
+        else:
+            lines.append((name, _listed(value, ' ') if isinstance(value, dict) else str(value)))
     for name, file in content['attachments'].items():
         lines.append(('attachment', f'{name}, {file["size_bytes"]} bytes'))
     for name, record in content['metadata'].items():
@@ -151,11 +156,13 @@ def _state(reader: RecordingReader) -> str:
 
 
 def _made_by(attachments: Mapping[str, AttachedFile]) -> dict[str, object]:
-    """Return scenario, seed and versions from the attachments of `ballbot run`."""
+    """Return controller, scenario, seed and versions from the attachments of `ballbot run`."""
     scenario, parameters, versions = (
         _attached(attachments.get(name)) for name in (SCENARIO, PARAMETERS, VERSIONS)
     )
+    identity = decode_controller(attachments)
     content = {
+        'controller': identity and asdict(identity),
         'purpose': scenario.get('purpose'),
         'profile': scenario.get('profile'),
         'seed': next(

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ballbot_ros.analysis.divergence import Divergence
+from ballbot_ros.analysis.recorded_controller import NOT_PORTABLE
 from ballbot_ros.analysis.recording_replay import RecordingReplay, ReplayResult
 from ballbot_ros.analysis.replay import ReplayedTick
 from ballbot_ros.analysis.replayed_controller import ReplayedController
@@ -23,7 +24,12 @@ from ballbot_ros.recording.reader import RecordingReader
 
 
 def replay_recording(
-    path: Path, *, controller: str | None, assignments: Sequence[str], as_json: bool
+    path: Path,
+    *,
+    controller: str | None,
+    assignments: Sequence[str],
+    as_json: bool,
+    trust_attached_code: bool = False,
 ) -> int:
     """Replay every run of a recording, print the result, return the exit status.
 
@@ -31,7 +37,9 @@ def replay_recording(
     these parameters on the recorded inputs, and only its duties are compared.
     """
     with RecordingReader(path) as reader, temporary_folder() as scratch:
-        replay = RecordingReplay(reader, Path(scratch), controller)
+        replay = RecordingReplay(
+            reader, Path(scratch), controller, trust_attached_code=trust_attached_code
+        )
         for reason in dict.fromkeys(each.reason for each in replay.controllers if each.reason):
             print(f'note: {path}: {reason}', file=sys.stderr)
         if assignments:
@@ -79,7 +87,8 @@ def print_results(
 def _print_controllers(console: Console, controllers: Sequence[ReplayedController]) -> None:
     for each in dict.fromkeys(controllers):
         origin = 'as recorded' if each.replayed == each.recorded else f'recorded {each.recorded}'
-        console.print(f'implementation: {each.replayed}, {origin}', soft_wrap=True)
+        portable = '' if each.is_portable else f', {NOT_PORTABLE}'
+        console.print(f'implementation: {each.replayed}, {origin}{portable}', soft_wrap=True)
 
 
 def _table(ticks: Sequence[ReplayedTick], stamp_ns: int) -> Table:
@@ -108,11 +117,12 @@ def _print_json(results: Sequence[ReplayResult], controllers: Sequence[ReplayedC
     print(json.dumps([{**_plain(each), **common} for each in results], indent=2))
 
 
-def _plain_controller(controller: ReplayedController) -> dict[str, str | None]:
+def _plain_controller(controller: ReplayedController) -> dict[str, object]:
     return {
         'recorded': controller.recorded,
         'replayed': controller.replayed,
         'reason': controller.reason or None,
+        'portable': controller.is_portable,
     }
 
 
@@ -171,9 +181,16 @@ def _print_divergences_json(
 @click.argument('recording', type=RECORDING)
 @click.option(
     '--controller',
-    type=click.Choice(['python', 'c', 'arm']),
-    help='Implementation of the controller: Python, or its generated C on this machine or an '
-    'emulated ARM.  [default: the recorded one, or Python if that cannot run]',
+    metavar='CONTROLLER',
+    help="The document's controller in Python (python), as generated C (c) or on an emulated ARM "
+    '(arm); or the code of any other recorded one, as FILE.py:Class.  [default: the recorded one, '
+    'or Python if that cannot run]',
+)
+@click.option(
+    '--trust-attached-code',
+    is_flag=True,
+    help='Run the code of the controller that is attached to the recording, which may come from '
+    'anybody.',
 )
 @click.option(
     '--set',
@@ -184,7 +201,11 @@ def _print_divergences_json(
 )
 @click.option('--json', 'as_json', is_flag=True, help='Print JSON.')
 def command(
-    recording: Path, controller: str | None, assignments: tuple[str, ...], as_json: bool
+    recording: Path,
+    controller: str | None,
+    trust_attached_code: bool,
+    assignments: tuple[str, ...],
+    as_json: bool,
 ) -> int:
     """Run the runs of RECORDING again, from the data in the file alone.
 
@@ -195,5 +216,9 @@ def command(
     --set only the controller's duties are compared, and the status is 0.
     """
     return replay_recording(
-        recording, controller=controller, assignments=assignments, as_json=as_json
+        recording,
+        controller=controller,
+        assignments=assignments,
+        as_json=as_json,
+        trust_attached_code=trust_attached_code,
     )

@@ -10,8 +10,9 @@ from rich.table import Table
 from rich.text import Text
 
 from ballbot_ros.analysis.metrics import Judgement, number
+from ballbot_ros.analysis.recorded_controller import ControllerIdentity
 from ballbot_ros.former_names import FORMER_METRICS, FORMER_RESULT_KEYS, with_former_names
-from ballbot_ros.parameters import GyroParameters
+from ballbot_ros.parameters import ControllerParameters, GyroParameters
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.scenario.metric_registry import label as metric_label
@@ -23,6 +24,7 @@ def print_json(spec: RunSpec, result: RunResult) -> None:
         'scenario': spec.name,
         'processes': spec.processes.value,
         'seed': _seed(spec),
+        'controller': _controller(spec),
         'outcome': result.verdict.value,
         'reason': result.reason,
         'duty_sha256': result.duty_sha256,
@@ -43,6 +45,19 @@ def print_json(spec: RunSpec, result: RunResult) -> None:
         ],
     }
     print(json.dumps(with_former_names(content, FORMER_RESULT_KEYS), indent=2, allow_nan=False))
+
+
+def _controller(spec: RunSpec) -> dict[str, object]:
+    """Return the controller of a run: its name, and of another than the document's what it is."""
+    if spec.controller is None:
+        name = spec.parameters.of(ControllerParameters).implementation
+        return {'name': name, 'sha256': None, 'portable': True}
+    identity = ControllerIdentity.of(spec.controller)
+    return {
+        'name': identity.reference,
+        'sha256': identity.sha256,
+        'portable': identity.portable,
+    }
 
 
 def _seed(spec: RunSpec) -> int:
@@ -79,6 +94,9 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
     colour = 'green' if result.exit_status == 0 else 'red'
     reason = f': {result.reason}' if result.reason else ''
     console.print(Text.assemble((result.verdict.value, colour), reason), soft_wrap=True)
+    if spec.controller:
+        identity = ControllerIdentity.of(spec.controller)
+        console.print(f'controller  {identity.description}', soft_wrap=True)
     for label, path in (('recording', result.recording), ('picture', result.figure)):
         if path:
             console.print(f'{label}  {path}', soft_wrap=True)

@@ -95,12 +95,12 @@ def compose_controller(parameters: ParameterSet) -> LoadedController | None:
     reference = parameters.of(ControllerParameters).implementation
     if reference in DOCUMENTS_PROGRAM:
         require_implementation(reference)
-        parameters.declare_own(())
+        parameters.declare_own(reference, ())
         return None
     reference = resolve_reference(reference, Path.cwd())
     parameters.set(CONTROLLER, 'implementation', reference)
     loaded = load_controller(reference)
-    parameters.declare_own(own_rows(loaded))
+    parameters.declare_own(loaded.cls.__name__, own_rows(loaded))
     design(loaded, parameters)
     # Create an instance, so that most mistakes are found before the run.
     implementation_for(parameters.of(ControllerParameters)).make()
@@ -134,7 +134,10 @@ def _controller(parameters: ControllerParameters) -> Implementation:
     user, model = user_parameters(loaded, parameters), design_model(parameters)
     times = TickTimes()
     return Implementation(
-        tuple(loaded.tasks), lambda: ControllerProgram(loaded, user, model, times), loaded, times
+        tuple(loaded.tasks),
+        lambda: ControllerProgram(loaded, user, model, parameters, times),
+        loaded,
+        times,
     )
 
 

@@ -21,6 +21,7 @@ from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState
+from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.plant.model import PhysicalParameters
 
 TICK_MS = 4
@@ -104,6 +105,8 @@ class Controller(Generic[P]):
     model : PhysicalParameters
         The physical values to design for, set as ``controller.model.<name>``. Unless they are set,
         they are those of the document; the plant's may differ.
+    settings : ControllerParameters
+        The parameters that scenarios set for any controller, such as ``mode`` and ``k_thetadot``.
     x, y : Estimates
         What it estimates, for ``controller/state``.
     operating_state : OperatingState
@@ -119,9 +122,12 @@ class Controller(Generic[P]):
             if get_origin(base) is Controller and isinstance(get_args(base)[0], type):
                 cls.parameters_class = get_args(base)[0]
 
-    def __init__(self, parameters: P, model: PhysicalParameters) -> None:
+    def __init__(
+        self, parameters: P, model: PhysicalParameters, settings: ControllerParameters
+    ) -> None:
         self.parameters = parameters
         self.model = model
+        self.settings = settings
         self.x, self.y = Estimates(), Estimates()
         self.operating_state = OperatingState.BALANCE
         self._brick = Brick()

@@ -23,7 +23,9 @@ from ballbot_ros.controllers.controller import (
 )
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState, PlaneEstimates
-from ballbot_ros.controllers.loading import LoadedController
+from ballbot_ros.controllers.loading import LoadedController, shown_path
+from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.plant.model import PhysicalParameters
 
 MAX_DUTY = 100
 NANOSECONDS_PER_MILLISECOND = 1_000_000
@@ -80,7 +82,7 @@ class ControllerProgram:
     Parameters
     ----------
     loaded : LoadedController
-    parameters, model : object
+    parameters, model, settings : object
         Arguments of the controller's class.
     times : TickTimes
         Receives how long each tick takes.
@@ -92,7 +94,12 @@ class ControllerProgram:
     """
 
     def __init__(
-        self, loaded: LoadedController, parameters: Any, model: Any, times: TickTimes
+        self,
+        loaded: LoadedController,
+        parameters: Any,
+        model: PhysicalParameters,
+        settings: ControllerParameters,
+        times: TickTimes,
     ) -> None:
         self._loaded = loaded
         self._name = loaded.cls.__name__
@@ -102,7 +109,7 @@ class ControllerProgram:
         self._start_ms: int | None = None
         self._readings = Readings(0, (0, 0), (0, 0), 0)
         self._controller: Controller[Any] = self._call(
-            lambda: loaded.cls(parameters, model), f'{self._name} at the start'
+            lambda: loaded.cls(parameters, model, settings), f'{self._name} at the start'
         )
         self._brick: Brick = self._controller._brick
         self._methods = {
@@ -158,7 +165,7 @@ class ControllerProgram:
             where = f'{self._name}.{name} at {elapsed_ms / 1000:.3f} s'
             answer = self._call(lambda: method(readings), where)  # noqa: B023
             if answer is not None or name == TICK:
-                line = self._loaded.line_of(method)
+                line = line_of(method)
                 self._brick.duty = _duty(answer, line, where)
         self._check_state()
 
@@ -182,7 +189,13 @@ class ControllerProgram:
         try:
             return function()
         except (Exception, SystemExit) as error:
-            raise ControllerError(f'{self._loaded.describe(error)} ({where})') from None
+            raise ControllerError(f'{self._loaded.code.describe(error)} ({where})') from None
+
+
+def line_of(method: Any) -> str:
+    """Return file and line of a method's definition."""
+    code = method.__func__.__code__
+    return f'{shown_path(code.co_filename)}:{code.co_firstlineno}'
 
 
 def _duty(answer: Any, line: str, where: str) -> Duty:

@@ -1,15 +1,15 @@
-"""Finding and loading the class of a controller."""
+"""Finding the code of a controller, and loading its class."""
 
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
 import importlib.util
 import sys
 import traceback
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import Any
@@ -29,27 +29,34 @@ _MAX_LENGTH = 300
 
 
 @dataclass(frozen=True)
-class LoadedController:
-    """The class of a controller, and where it is from.
+class ControllerCode:
+    """The code of a controller, found but not yet executed.
 
     Attributes
     ----------
     reference : str
-        What it was loaded by; a file has an absolute path.
+        What it was found by; a file has an absolute path.
+    module : str
+        Name of its module; '' for a file.
+    class_name : str
+        Name of its class.
+    source : Source
+        Its content.
     path : Path
         The file of the class.
     folder : Path or None
         Folder of its package; None if it is a single file.
-    tasks : sequence of TaskTiming
-        Its tasks, the first the one of the highest priority.
+    owner : str
+        Name and version of the installed package that it is from; '' if unknown.
     """
 
-    cls: type[Controller[Any]]
     reference: str
+    module: str
+    class_name: str
     source: Source
     path: Path
-    folder: Path | None
-    tasks: Sequence[TaskTiming]
+    folder: Path | None = None
+    owner: str = ''
 
     @property
     def shown(self) -> str:
@@ -59,29 +66,57 @@ class LoadedController:
     @property
     def is_ours(self) -> bool:
         """Whether it is part of this package."""
-        return self.cls.__module__.partition('.')[0] == OUR_PACKAGE
+        return self.module.partition('.')[0] == OUR_PACKAGE
+
+    def has(self, file: Path) -> bool:
+        """Return whether a file belongs to it."""
+        return file == self.path or bool(self.folder and self.folder in file.parents)
+
+    def describe(self, error: BaseException) -> str:
+        """Return an error with the innermost line of this code that caused it, on one line."""
+        text = one_line(error)[:_MAX_LENGTH]
+        name = '' if isinstance(error, BallbotError) else type(error).__name__
+        if isinstance(error, SyntaxError) and error.filename:
+            return f'{shown_path(error.filename)}:{error.lineno}: {name}: {error.msg}'
+        what = ': '.join(filter(None, (name, text)))
+        place = self.shown if self.path.exists() else self.reference
+        return f'{self._line(error.__traceback__) or place}: {what}'
+
+    def _line(self, trace: TracebackType | None) -> str:
+        """Return the innermost line of a traceback in this code; '' if there is none."""
+        for frame in reversed(traceback.extract_tb(trace)):
+            if self.has(Path(frame.filename)):
+                return f'{shown_path(frame.filename)}:{frame.lineno}'
+        return ''
+
+
+@dataclass(frozen=True)
+class LoadedController:
+    """The class of a controller, and its code.
+
+    Attributes
+    ----------
+    tasks : sequence of TaskTiming
+        Its tasks, the first the one of the highest priority.
+    """
+
+    cls: type[Controller[Any]]
+    code: ControllerCode
+    tasks: Sequence[TaskTiming]
 
     @property
     def is_portable(self) -> bool:
         """Whether its duties are the same on every machine."""
         return self.cls.portable
 
-    def describe(self, error: BaseException) -> str:
-        """Return an error with the line of the controller's code that caused it, on one line."""
-        return describe(error, self.path, self.folder)
-
-    def has(self, file: Path) -> bool:
-        """Return whether a file belongs to the code of the controller."""
-        return file == self.path or bool(self.folder and self.folder in file.parents)
-
-    def line_of(self, method: Any) -> str:
-        """Return file and line of a method's definition."""
-        code = method.__func__.__code__
-        return f'{shown_path(code.co_filename)}:{code.co_firstlineno}'
-
 
 def load_controller(reference: str) -> LoadedController:
-    """Load the class of a controller.
+    """Load the class of a controller; for the argument and the errors see :func:`find_code`."""
+    return load(find_code(reference))
+
+
+def find_code(reference: str) -> ControllerCode:
+    """Find the code of a controller, without executing it.
 
     Parameters
     ----------
@@ -92,16 +127,20 @@ def load_controller(reference: str) -> LoadedController:
     Raises
     ------
     ControllerError
-        If there is no such class, its code fails, or it is not a valid controller.
+        If there is no such code.
     """
     place, colon, name = reference.rpartition(':')
     if not colon:
-        return _load_installed(reference)
+        return _find_installed(reference)
     if not name.isidentifier():
         raise ControllerError(f'{reference}: {name!r} is not the name of a class')
     if is_file_reference(reference):
-        return _load_file(reference, Path(place), name)
-    return _load_module(reference, place, name)
+        path = Path(place).absolute()
+        try:
+            return ControllerCode(reference, '', name, Source.of_file(path), path)
+        except OSError as error:
+            raise ControllerError(f'{shown_path(path)}: {error.strerror}') from None
+    return _find_module(reference, place, name)
 
 
 def is_file_reference(reference: str) -> bool:
@@ -123,94 +162,75 @@ def public_reference(reference: str) -> str:
     return reference.rpartition('/')[2] if is_file_reference(reference) else reference
 
 
-def installed_controllers() -> dict[str, list[importlib.metadata.EntryPoint]]:
+def installed_controllers() -> dict[str, list[EntryPoint]]:
     """Return the installed controllers by name, several if packages claim the same name."""
-    found: dict[str, list[importlib.metadata.EntryPoint]] = {}
-    for point in importlib.metadata.entry_points(group=GROUP):
+    found: dict[str, list[EntryPoint]] = {}
+    for point in entry_points(group=GROUP):
         claims = found.setdefault(point.name, [])
         if point.value not in {each.value for each in claims}:
             claims.append(point)
     return dict(sorted(found.items()))
 
 
-def _load_installed(name: str) -> LoadedController:
+def _find_installed(name: str) -> ControllerCode:
     installed = installed_controllers()
     claims = installed.get(name, [])
     if len(claims) > 1:
-        owners = ', '.join(f'{_owner(each)} ({each.value})' for each in claims)
-        raise ControllerError(f'controller {name!r}: several packages have this name: {owners}')
+        owners = ' and '.join(f'{_owner(each)} ({each.value})' for each in claims)
+        raise ControllerError(
+            f'controller {name!r}: several packages have this name: {owners}; give package.module:'
+            'Class'
+        )
     if not claims:
         known = ', '.join([*DOCUMENTS_PROGRAM, *installed])
+        file = f', such as {name}:Class' if name.endswith('.py') else ''
         raise ControllerError(
             f'no controller {name!r}: give one of {known}, or package.module:Class, or '
-            'FILE.py:Class'
+            f'FILE.py:Class{file}'
         )
     module, _, class_name = claims[0].value.partition(':')
-    return _load_module(name, module.strip(), class_name.strip())
+    return replace(_find_module(name, module.strip(), class_name.strip()), owner=_owner(claims[0]))
 
 
-def _owner(point: importlib.metadata.EntryPoint) -> str:
-    return point.dist.name if point.dist else 'an unknown package'
+def _owner(point: EntryPoint) -> str:
+    return f'{point.dist.name} {point.dist.version}' if point.dist else ''
 
 
-def _load_module(reference: str, module_name: str, class_name: str) -> LoadedController:
-    top = module_name.partition('.')[0]
+def _find_module(reference: str, module: str, class_name: str) -> ControllerCode:
+    top = module.partition('.')[0]
     try:
-        spec = importlib.util.find_spec(top)
+        spec = importlib.util.find_spec(top) if top else None
     except (ImportError, ValueError):
         spec = None
-    if spec is None:
+    if spec is None or not spec.origin:
         raise ControllerError(f'{reference}: no package or module {top!r} is installed')
-    folder = Path(spec.origin or '').parent if spec.submodule_search_locations else None
+    path = Path(spec.origin)
+    folder = path.parent if spec.submodule_search_locations else None
+    if folder is not None:
+        base = folder.joinpath(*module.split('.')[1:])
+        path = base / '__init__.py' if base.is_dir() else base.with_suffix('.py')
     try:
-        module = importlib.import_module(module_name)
-    except (Exception, SystemExit) as error:
-        where = Path(spec.origin or '')
-        raise ControllerError(f'{reference}: {describe(error, where, folder)}') from None
-    path = Path(module.__file__ or '')
-    if top == OUR_PACKAGE:
-        folder = None  # the version of this package tells the rest
-    try:
-        source = Source.of_package(folder) if folder else Source.of_file(path)
+        if folder is None or top == OUR_PACKAGE:  # the version of this package tells the rest
+            return ControllerCode(reference, module, class_name, Source.of_file(path), path)
+        source = Source.of_package(folder)
     except OSError as error:
         raise ControllerError(f'{reference}: {error.filename}: {error.strerror}') from None
-    return _checked(module, class_name, reference, source, path, folder)
+    return ControllerCode(reference, module, class_name, source, path, folder)
 
 
-def _load_file(reference: str, path: Path, class_name: str) -> LoadedController:
-    path = path.absolute()
+def load(code: ControllerCode) -> LoadedController:
+    """Execute the code of a controller.
+
+    Raises
+    ------
+    ControllerError
+        If it fails, or its class is not a valid controller.
+    """
     try:
-        source = Source.of_file(path)
-    except OSError as error:
-        raise ControllerError(f'{shown_path(path)}: {error.strerror}') from None
-    return _checked(_execute(path, source), class_name, reference, source, path, None)
-
-
-@lru_cache(maxsize=8)
-def _execute(path: Path, source: Source) -> ModuleType:
-    """Return the module of a file, for the content that was read and is attached."""
-    name = f'ballbot_controller_{source.sha256[:16]}'
-    module = ModuleType(name)
-    module.__file__ = str(path)
-    sys.modules[name] = module  # where dataclasses and pickle look for it
-    try:
-        exec(compile(source.data, str(path), 'exec', dont_inherit=True), vars(module))
+        module = importlib.import_module(code.module) if code.module else _execute(code)
     except (Exception, SystemExit) as error:
-        del sys.modules[name]
-        raise ControllerError(describe(error, path, None)) from None
-    return module
-
-
-def _checked(
-    module: ModuleType,
-    class_name: str,
-    reference: str,
-    source: Source,
-    path: Path,
-    folder: Path | None,
-) -> LoadedController:
-    shown = shown_path(path)
-    found = vars(module).get(class_name)
+        raise ControllerError(code.describe(error)) from None
+    found = vars(module).get(code.class_name)
     if found is None:
         own = [
             name
@@ -220,38 +240,32 @@ def _checked(
             and value.__module__ == module.__name__
         ]
         hint = f'it has {", ".join(own)}' if own else 'it has no controller'
-        raise ControllerError(f'{shown} has no class {class_name!r}; {hint}')
+        raise ControllerError(f'{code.shown} has no class {code.class_name!r}; {hint}')
     if not isinstance(found, type) or not issubclass(found, Controller):
         kind = 'a class' if isinstance(found, type) else f'of type {type(found).__name__}'
         raise ControllerError(
-            f'{shown}: {class_name} is {kind}, but not derived from '
+            f'{code.shown}: {code.class_name} is {kind}, but not derived from '
             f'{Controller.__module__.rpartition(".")[0]}.{Controller.__name__}'
         )
     try:
-        tasks = tasks_of(found)
+        return LoadedController(found, code, tasks_of(found))
     except ControllerError as error:
-        raise ControllerError(f'{shown}: {error}') from None
-    return LoadedController(found, reference, source, path, folder, tasks)
+        raise ControllerError(f'{code.shown}: {error}') from None
 
 
-def describe(error: BaseException, path: Path, folder: Path | None) -> str:
-    """Return an error on one line, with the innermost line in a file or folder that caused it."""
-    text = one_line(error)[:_MAX_LENGTH]
-    name = '' if isinstance(error, BallbotError) else type(error).__name__
-    what = ': '.join(filter(None, (name, text)))
-    if isinstance(error, SyntaxError) and error.filename:
-        return f'{shown_path(error.filename)}:{error.lineno}: {name}: {error.msg}'
-    line = _line(error.__traceback__, path, folder)
-    return f'{line}: {what}' if line else f'{shown_path(path)}: {what}'
-
-
-def _line(trace: TracebackType | None, path: Path, folder: Path | None) -> str:
-    """Return the innermost line of a traceback in a file or folder; '' if there is none."""
-    for frame in reversed(traceback.extract_tb(trace)):
-        file = Path(frame.filename)
-        if file == path or (folder and folder in file.parents):
-            return f'{shown_path(file)}:{frame.lineno}'
-    return ''
+@lru_cache(maxsize=8)
+def _execute(code: ControllerCode) -> ModuleType:
+    """Return the module of a file, from the content that was read and is attached."""
+    name = f'ballbot_controller_{code.source.sha256[:16]}'
+    module = ModuleType(name)
+    module.__file__ = str(code.path)
+    sys.modules[name] = module  # where dataclasses and pickle look for it
+    try:
+        exec(compile(code.source.data, str(code.path), 'exec', dont_inherit=True), vars(module))
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
 
 
 def shown_path(path: str | Path) -> str:

@@ -37,7 +37,7 @@ def own_rows(loaded: LoadedController) -> Iterator[Parameter]:
         If its class does not declare its parameters as it should.
     """
     cls = loaded.cls.parameters_class
-    name = f'{loaded.shown}: {cls.__name__}'
+    name = f'{loaded.code.shown}: {cls.__name__}'
     if not is_dataclass(cls) or not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]
         raise ControllerError(f'{name} is not a dataclass with frozen=True')
     for each in fields(cls):
@@ -52,7 +52,7 @@ def own_rows(loaded: LoadedController) -> Iterator[Parameter]:
     for row in rows:
         if not row.is_designed:
             try:
-                row.check(row.default, f'{loaded.shown}: default of ')
+                row.check(row.default, f'{loaded.code.shown}: default of ')
             except ParameterError as error:
                 raise ControllerError(str(error)) from None
     yield from rows
@@ -74,7 +74,7 @@ def user_parameters(loaded: LoadedController, parameters: ControllerParameters) 
     try:
         return loaded.cls.parameters_class(**values)
     except (Exception, SystemExit) as error:
-        raise ControllerError(loaded.describe(error)) from None
+        raise ControllerError(loaded.code.describe(error)) from None
 
 
 def design_model(parameters: ControllerParameters) -> PhysicalParameters:
@@ -114,9 +114,11 @@ def design(loaded: LoadedController, parameters: ParameterSet) -> None:
         values = {name: _flat(getattr(designed, name.removeprefix(USER))) for name in missing}
     except (Exception, SystemExit) as error:
         where = f'{loaded.cls.__name__}.{Controller.design.__name__}'
-        raise ControllerError(f'{loaded.describe(error)} ({where})') from None
+        raise ControllerError(f'{loaded.code.describe(error)} ({where})') from None
     for name, value in values.items():
-        parameters.set(CONTROLLER, name, value, f'{loaded.shown}: {loaded.cls.__name__}.design')
+        parameters.set(
+            CONTROLLER, name, value, f'{loaded.code.shown}: {loaded.cls.__name__}.design'
+        )
 
 
 def _flat(values: Any) -> list[float]:

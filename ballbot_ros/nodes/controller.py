@@ -105,7 +105,7 @@ class Controller(BallbotNode[ControllerParameters]):
     def announced_values(self) -> Mapping[str, Value]:
         """Return the hash of the code of a controller other than the document's."""
         loaded = self._implementation.loaded
-        return {SOURCE_HASH: loaded.source.sha256} if loaded else {}
+        return {SOURCE_HASH: loaded.code.source.sha256} if loaded else {}
 
     def check(self, parameters: ControllerParameters) -> None:
         """Check that everything the control program needs is available."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -34,22 +35,23 @@ def read_parameter_file(path: str | Path) -> ParameterSet:
             )
         values = _mapping(document, names['ros__parameters'], node, 'ros__parameters')
         target = '/**' if node == '/**' else str(node).removeprefix('/**/').strip('/')
-        for keys, value in _leaves(values):
+        for keys, name, value in leaves(values):
             where = document.where(node, 'ros__parameters', *keys)
-            parameters.set(target, '.'.join(map(str, keys)), value, where)
+            parameters.set(target, name, value, where)
     return parameters
 
 
-def _leaves(
-    values: dict[Hashable, object], *above: Hashable
-) -> Iterator[tuple[tuple[Hashable, ...], object]]:
-    """Yield keys and value of each parameter; `ros2 param dump` nests names that have dots."""
-    for name, value in values.items():
-        keys = (*above, name)
-        if isinstance(value, dict) and value and is_own('.'.join(map(str, (*keys, '')))):
-            yield from _leaves(value, *keys)
+def leaves(
+    values: Mapping[Any, object], *above: Hashable
+) -> Iterator[tuple[tuple[Hashable, ...], str, object]]:
+    """Yield keys, name and value of each parameter; a name with dots may be nested mappings."""
+    for key, value in values.items():
+        keys = (*above, key)
+        name = '.'.join(map(str, keys))
+        if isinstance(value, dict) and value and is_own(f'{name}.'):
+            yield from leaves(value, *keys)
         else:
-            yield keys, value
+            yield keys, name, value
 
 
 def _mapping(document: YamlDocument, data: object, *keys: Hashable) -> dict[Hashable, object]:

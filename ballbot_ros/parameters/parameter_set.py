@@ -29,6 +29,7 @@ class ParameterSet:
         self._values: dict[tuple[str, str], Value] = {}
         self._given_own: dict[str, tuple[object, str]] = {}
         self._own: dict[str, Parameter] | None = None
+        self._class = ''
 
     def __iter__(self) -> Iterator[tuple[str, str, Value]]:
         """Yield node, name and value of all parameters that were set."""
@@ -72,23 +73,30 @@ class ParameterSet:
             return
         row = self._own.get(name)
         if row is None:
-            which = self._values.get((CONTROLLER, 'implementation'), 'python')
-            hint = suggest(name, self._own) if self._own else 'it has none of its own'
-            raise ParameterError(f'{prefix}{CONTROLLER} {which} has no parameter {name!r}; {hint}')
+            hint = suggest(name, self._own) if self._own else 'only other controllers have some'
+            raise ParameterError(
+                f'{prefix}the {CONTROLLER} {self._class} has no parameter {name!r}; {hint}'
+            )
         self._values[CONTROLLER, name] = row.check(value, f'{prefix}{CONTROLLER}.')
 
-    def declare_own(self, rows: Iterable[Parameter]) -> None:
-        """Declare the controller's own parameters, and check the values given so far.
+    def declare_own(self, class_name: str, rows: Iterable[Parameter]) -> None:
+        """Declare the parameters of the controller's class, and check the values given so far.
 
         Raises
         ------
         ParameterError
             As for :meth:`set`.
         """
+        self._class = class_name
         self._own = {row.name: row for row in rows}
         given, self._given_own = self._given_own, {}
         for name, (value, prefix) in given.items():
             self._set_own(name, value, prefix)
+
+    @property
+    def undeclared(self) -> dict[str, object]:
+        """The controller's own parameters as given, if its class is not known."""
+        return {name: value for name, (value, _) in self._given_own.items()}
 
     def is_set(self, node: str, name: str) -> bool:
         """Return whether a parameter was set, rather than left at its default."""
@@ -98,9 +106,10 @@ class ParameterSet:
         """Apply everything that was set in `other`."""
         self._values.update(other._values)
         self._given_own.update(other._given_own)
-        own = self._own if other._own is None else other._own
-        if own is not None:
-            self.declare_own(own.values())
+        if other._own is not None:
+            self.declare_own(other._class, other._own.values())
+        elif self._own is not None:
+            self.declare_own(self._class, self._own.values())
 
     def of(self, cls: type[_Node]) -> _Node:
         """Return the parameters of the node whose parameter class is `cls`."""

@@ -10,7 +10,16 @@ OUTCOME_KEYS = ('outcome', 'reason', 'ticks', 'duty_sha256')
 MAPS = ('map.png', 'map.bmp')
 """Possible names of the attached map image, one per format; without a map there is none."""
 
-_MEDIA_TYPES = {'.yaml': 'application/yaml', '.png': 'image/png', '.bmp': 'image/bmp'}
+CONTROLLER_INFO = 'controller.yaml'
+"""Name of the file that identifies a controller other than the document's."""
+
+CONTROLLER_SOURCES = ('controller.py', 'controller.zip')
+"""Possible names of the attached code of a controller."""
+
+_MEDIA_TYPES = {
+    '.yaml': 'application/yaml', '.png': 'image/png', '.bmp': 'image/bmp',
+    '.py': 'text/x-python', '.zip': 'application/zip',
+}  # fmt: skip
 
 
 def media_type(name: str) -> str:

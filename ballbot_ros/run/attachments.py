@@ -9,7 +9,9 @@ from importlib.metadata import PackageNotFoundError, version
 import yaml
 
 from ballbot_ros import __version__
-from ballbot_ros.parameters import GAMEPAD, PLANT, ParameterSet
+from ballbot_ros.analysis.recorded_controller import encode_controller
+from ballbot_ros.controllers.loading import public_reference
+from ballbot_ros.parameters import CONTROLLER, GAMEPAD, PLANT, ParameterSet
 from ballbot_ros.parameters.files import format_parameters
 from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.run.spec import RunSpec
@@ -19,7 +21,7 @@ RECORDED_VERSIONS = ('numpy', 'scipy', 'control', 'mcap', 'ros-rclpy', 'ros-rmw-
 
 
 def attachments_of(spec: RunSpec) -> Mapping[str, bytes]:
-    """Return scenario, parameters, versions and map of a run, by file name.
+    """Return scenario, parameters, versions, map and controller of a run, by file name.
 
     It raises WorldError if the map's file can't be read.
     """
@@ -34,6 +36,10 @@ def attachments_of(spec: RunSpec) -> Mapping[str, bytes]:
         files[attached_name] = image
         if is_file_name(name):
             parameters.set(PLANT, 'map', attached_name)
+    if spec.controller:
+        files |= encode_controller(spec.controller)
+        reference = public_reference(spec.controller.code.reference)
+        parameters.set(CONTROLLER, 'implementation', reference)
     text = spec.scenario.text
     return {
         **({SCENARIO: text.encode()} if text else {}),

@@ -87,7 +87,7 @@ def drive_spec(options: DriveOptions) -> RunSpec:
         parameters.set(GAMEPAD, 'device', options.device, '--device')
     for assignment in options.assignments:
         assign(parameters, assignment)
-    if options.controller:
+    if options.controller is not None:
         parameters.set(CONTROLLER, 'implementation', options.controller, '--controller')
     controller = compose_controller(parameters)
     check_reserved_parameters(parameters)

@@ -36,6 +36,7 @@ from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.simulation.silence_timer import SilenceTimer
 
 _PROGRAM = f'from {__name__} import main; main()'
+_STANDARD_ERROR = 2
 _POLL_S = 0.05
 _STACK_S = 0.5
 _FRAME = re.compile(r'File "(.+)", line (\d+)')
@@ -64,7 +65,7 @@ def guarded_implementation(
     """
     implementation = implementation_for(parameters)
     loaded = implementation.loaded
-    if loaded is None or loaded.is_ours:
+    if loaded is None or loaded.code.is_ours:
         return implementation
     return replace(
         implementation,
@@ -142,7 +143,7 @@ class _Child:
                 env={**os.environ, END_WITH_PARENT: str(os.getpid())},
                 pass_fds=[theirs.fileno(), stack.fileno()],
                 stdin=subprocess.DEVNULL,
-                stdout=sys.stderr.fileno(),
+                stdout=_STANDARD_ERROR,
                 # Keep Ctrl-C from the controller: the run gets it, and ends the controller.
                 start_new_session=True,
             )
@@ -164,7 +165,7 @@ class _Child:
         except (OSError, EOFError):
             status = self._process.wait()
             end = f'was killed by {signal.Signals(-status).name}' if status < 0 else 'ended'
-            raise ControllerError(f'{self._loaded.shown}: its process {end}') from None
+            raise ControllerError(f'{self._loaded.code.shown}: its process {end}') from None
         except ControllerError:
             self._end()
             raise
@@ -178,7 +179,7 @@ class _Child:
             time.sleep(_POLL_S)
             text = os.pread(self._stack.fileno(), 2**16, 0).decode(errors='replace')
         for path, line in _FRAME.findall(text):
-            if self._loaded.has(Path(path)):
+            if self._loaded.code.has(Path(path)):
                 return f': {shown_path(path)}:{line} does not return'
         return ''
 

@@ -17,6 +17,7 @@ from ballbot_ros.parameters import (
     PLANT,
     RECORDER,
     ControllerParameters,
+    ParameterSet,
     PlantParameters,
     RecorderParameters,
 )
@@ -41,14 +42,8 @@ def run_in_one_process(
         try:
             plant = PlantSim(parameters.of(PlantParameters))
             nodes.append(plant)
-            nodes.append(
-                Controller(
-                    parameters.of(ControllerParameters),
-                    partial(guarded_implementation, plant=plant.parameters),
-                )
-            )
-            others = [name for name in NODES if name not in (PLANT, CONTROLLER, RECORDER)]
-            nodes += [make_node(parameters.of_node(name)) for name in others]
+            others = [name for name in NODES if name not in (PLANT, RECORDER)]
+            nodes += [_make_node(name, parameters) for name in others]
             if recording:
                 recorder = Recorder(parameters.of(RecorderParameters))
                 nodes.append(recorder)
@@ -68,3 +63,11 @@ def run_in_one_process(
     if plant.exit_status == 2:
         return replace(result, failure_status=2)
     return replace(result, failure_status=128 + stop.signal) if stop.signal else result
+
+
+def _make_node(name: str, parameters: ParameterSet) -> AnyNode:
+    """Create a node; the plant must not hang with a controller that does not return."""
+    if name != CONTROLLER:
+        return make_node(parameters.of_node(name))
+    guarded = partial(guarded_implementation, plant=parameters.of(PlantParameters))
+    return Controller(parameters.of(ControllerParameters), guarded)

@@ -171,7 +171,7 @@ def _apply(options: RunOptions, parameters: ParameterSet) -> None:
         parameters.set(GYRO, 'seed', options.seed, '--seed')
     for assignment in options.assignments:
         assign(parameters, assignment)
-    if options.controller:
+    if options.controller is not None:
         parameters.set(CONTROLLER, 'implementation', options.controller, '--controller')
 
 

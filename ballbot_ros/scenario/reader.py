@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import reprlib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Hashable, Mapping
 from itertools import pairwise
 from typing import TypeVar, cast
 
 import yaml
 
+from ballbot_ros.controllers.loading import resolve_reference
 from ballbot_ros.files import read_text
 from ballbot_ros.former_names import current_metric
 from ballbot_ros.numerics.elementary import sine_cosine
@@ -21,6 +22,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     parameters_of,
 )
+from ballbot_ros.parameters.files import leaves
 from ballbot_ros.plant.ground_truth import FORCE_LIMIT
 from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.metrics import METRICS
@@ -59,7 +61,7 @@ SCENARIO_KEYS = {
     'expectations',
 }  # fmt: skip
 
-Keys = tuple[str | int, ...]
+Keys = tuple[Hashable, ...]
 _Part = TypeVar('_Part')
 
 
@@ -129,12 +131,13 @@ class ScenarioReader:
                 number = self._radians(number, _START[key], ('start', key))
             self._set(parameters, PLANT, _START[key], number, ('start', key))
         for node, values in self._mapping(data.get('parameters', {}), ('parameters',)).items():
-            for name, value in self._mapping(values, ('parameters', node)).items():
+            for inner, name, value in leaves(self._mapping(values, ('parameters', node))):
+                keys = ('parameters', node, *inner)
                 if name == 'scenario':
-                    raise self._error(
-                        ('parameters', node, name), 'a scenario cannot set the parameter scenario'
-                    )
-                self._set(parameters, node, name, value, ('parameters', node, name))
+                    raise self._error(keys, 'a scenario cannot set the parameter scenario')
+                if name == 'implementation' and isinstance(value, str):
+                    value = resolve_reference(value, self._document.path.parent)
+                self._set(parameters, node, name, value, keys)
         self._check_world(parameters)
         return parameters
 
@@ -361,4 +364,4 @@ def _label(keys: Keys) -> str:
     if not names:
         return 'the scenario'
     last = len(keys) - 1 - keys[::-1].index(names[-1])
-    return reprlib.repr(names[-1]) + ''.join(f' {int(index) + 1}' for index in keys[last + 1 :])
+    return reprlib.repr(names[-1]) + ''.join(f' {int(cast(int, index)) + 1}' for index in keys[last + 1 :])

@@ -17,9 +17,9 @@ from ballbot_ros.codegen.toolchain import TARGETS
 from ballbot_ros.controllers.document.program import (
     VOLTAGE_OFFSET,
     VOLTAGE_SLOPE,
+    ControlMode,
     ControlProgram,
 )
-from ballbot_ros.controllers.document.program import ControlMode
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
@@ -31,7 +31,7 @@ from ballbot_ros.scenario.library import load_scenario, scenario_names
 from ballbot_ros.simulation.golden import duty_sha256, load_golden
 from ballbot_ros.simulation.scenario_steps import scenario_steps
 
-GOLDEN = sorted((Path(__file__).parents[1] / 'controller' / 'golden').glob('*.npz'))
+GOLDEN = sorted((Path(__file__).parents[1] / 'controllers' / 'golden').glob('*.npz'))
 RANDOM_SETS, SEQUENCES = 10, 100
 TICKS = 50
 

@@ -10,7 +10,7 @@ from generated import need
 from robot import AT_REST, values_of
 
 from ballbot_ros.codegen.errors import CodegenError
-from ballbot_ros.codegen.implementation import program_maker
+from ballbot_ros.codegen.implementation import implementation_for
 from ballbot_ros.codegen.toolchain import TARGETS
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER
@@ -23,13 +23,13 @@ def own_children():
 
 
 def test_python_is_the_default():
-    assert isinstance(program_maker(values_of(CONTROLLER))(), ControlProgram)
+    assert isinstance(implementation_for(values_of(CONTROLLER)).make(), ControlProgram)
 
 
 @pytest.mark.parametrize('target', TARGETS)
 def test_each_program_starts_from_the_initial_state_and_ends_with_its_owner(target):
     need(target)
-    make = program_maker(values_of(CONTROLLER, implementation=target, time_start=0))
+    make = implementation_for(values_of(CONTROLLER, implementation=target, time_start=0)).make
     gc.collect()
     before = own_children()
     for _ in range(2):
@@ -48,7 +48,7 @@ def test_each_program_starts_from_the_initial_state_and_ends_with_its_owner(targ
 @pytest.mark.parametrize('target', TARGETS)
 def test_a_program_that_dies_is_reported(target):
     need(target)
-    make = program_maker(values_of(CONTROLLER, implementation=target))
+    make = implementation_for(values_of(CONTROLLER, implementation=target)).make
     before = own_children()
     program = make()
     program.tick(0, 1000, AT_REST)
@@ -60,7 +60,7 @@ def test_a_program_that_dies_is_reported(target):
 
 def test_a_value_that_no_device_gives_is_refused():
     need('c')
-    program = program_maker(values_of(CONTROLLER, implementation='c'))()
+    program = implementation_for(values_of(CONTROLLER, implementation='c')).make()
     with pytest.raises(CodegenError, match="a reading is out of its device's range"):
         program.tick(0, 1000, AT_REST._replace(battery_mv=70000))
 
@@ -69,7 +69,7 @@ def test_a_value_that_no_device_gives_is_refused():
 def test_only_the_named_tasks_run(implementation):
     if implementation in TARGETS:
         need(implementation)
-    program = program_maker(values_of(CONTROLLER, implementation=implementation, time_start=0))()
+    program = implementation_for(values_of(CONTROLLER, implementation=implementation, time_start=0)).make()
     assert program.run(['task_init', 'task_lcd'], 1000, AT_REST).pages
     assert program.operating_state == 'calibration'
     assert program.run(['task_ts3'], 1004, AT_REST).tones

@@ -6,6 +6,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from ballbot_ros.controllers.controller_program import TickTimes
 from ballbot_ros.messages.topics import MOTOR_DUTY, PARTICIPANTS
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.parameters import ControllerParameters
@@ -20,6 +21,7 @@ def test_only_a_controller_that_has_driven_switches_off_the_motors(now_ns, stops
     controller = SimpleNamespace(
         now_ns=now_ns,
         _messages=SimpleNamespace(stop_motors=stopped.append),
+        _implementation=SimpleNamespace(times=TickTimes()),
         flush=lambda *topics: flushed.extend(topics),
     )
     Controller.close(controller)
@@ -84,6 +86,7 @@ def test_a_controller_that_starts_in_mid_run_restarts_or_fails(reaction, expecte
         finish=lambda: done.append('finished'),
         fail=lambda problem: done.append('failed') or problems.append(problem),
     )
+    controller._abort = lambda problem: Controller._abort(controller, problem)
     Controller._on_missed_start(controller, 1_500_000_000)
     assert done == expected
     assert len(set(problems)) == (len(problems) > 0)
@@ -101,10 +104,9 @@ def test_a_run_begins_with_a_new_program_and_timers_that_its_ticks_start():
             _lockstep=lockstep,
             _lockstep_ticks=ticks(True),
             _free_ticks=ticks(False),
-            _make_program=lambda: 'program',
+            _implementation=SimpleNamespace(make=lambda: 'program', tasks='tasks'),
             _messages=SimpleNamespace(begin=lambda begun=begun: begun.append('messages')),
             _task_timers=SimpleNamespace(stop=lambda begun=begun: begun.append('timers stop')),
-            _tasks='tasks',
         )
         Controller._on_run(controller, Run('1 abc', 7))
         assert controller._program == 'program'

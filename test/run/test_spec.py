@@ -152,7 +152,7 @@ def test_a_mistake_is_refused_in_one_line():
         ('parameter_file', '/no/such.yaml', '/no/such.yaml: No such file'),
         ('seed', -1, '--seed: gyro_driver.seed: -1 is not within'),
         ('real_time_factor', 'x', "--real-time-factor: plant_sim.real_time_factor: 'x'"),
-        ('controller', 'fortran', 'is not one of python, c, arm'),
+        ('controller', 'fortran', "no controller 'fortran': give one of python, c, arm"),
     ):
         options = RunOptions(**{name: value})
         assert told in refusal(BallbotError, RunSpec.of_scenario, 'stationary', options), name

@@ -1,0 +1,197 @@
+"""The controller of a recorded run that is not the document's: its identity and its code."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import sys
+import zipfile
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+
+import yaml
+
+from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.controllers.loading import (
+    LoadedController,
+    find_code,
+    is_file_reference,
+    load,
+    public_reference,
+    resolve_reference,
+)
+from ballbot_ros.files import write_temporary
+from ballbot_ros.recording.attachments import CONTROLLER_INFO, CONTROLLER_SOURCES
+from ballbot_ros.recording.reader import AttachedFile
+from ballbot_ros.simulation.participants import SOURCE_HASH
+
+SHOWN_HASH = 12
+NOT_PORTABLE = 'not portable: its duties may differ on another machine'
+
+
+@dataclass(frozen=True)
+class ControllerIdentity:
+    """What identifies a controller, as attached to a recording.
+
+    Attributes
+    ----------
+    reference : str
+        The parameter `implementation`; of a file only its name.
+    class_path : str
+        Module and class, ``package.module:Class``; '' for a file.
+    sha256 : str
+        Hash of its code, the attached file.
+    package : str
+        Name and version of the package that it was installed from; '' for none.
+    portable : bool
+        Whether its duties are the same on every machine.
+    """
+
+    reference: str = ''
+    class_path: str = ''
+    sha256: str = ''
+    package: str = ''
+    portable: bool = True
+
+    def __str__(self) -> str:
+        package = f' of {self.package}' if self.package else ''
+        return f'{self.reference}{package} (sha256 {self.sha256[:SHOWN_HASH]})'
+
+    @property
+    def description(self) -> str:
+        """The identity, and whether the controller is portable."""
+        return str(self) if self.portable else f'{self}, {NOT_PORTABLE}'
+
+    @classmethod
+    def of(cls, loaded: LoadedController) -> ControllerIdentity:
+        """Return the identity of a controller."""
+        code = loaded.code
+        return cls(
+            public_reference(code.reference),
+            f'{code.module}:{code.class_name}' if code.module else '',
+            code.source.sha256,
+            code.owner,
+            loaded.is_portable,
+        )
+
+
+def encode_controller(loaded: LoadedController) -> dict[str, bytes]:
+    """Return the attachments of a controller, by file name."""
+    identity, source = asdict(ControllerIdentity.of(loaded)), loaded.code.source
+    return {
+        CONTROLLER_INFO: yaml.safe_dump(identity, sort_keys=False).encode(),
+        f'controller{source.suffix}': source.data,
+    }
+
+
+def decode_controller(files: Mapping[str, AttachedFile]) -> ControllerIdentity | None:
+    """Return the attached identity of a controller; None if there is none that can be read."""
+    if CONTROLLER_INFO not in files:
+        return None
+    try:
+        content = yaml.safe_load(files[CONTROLLER_INFO].data)
+        kinds = {each.name: type(each.default) for each in fields(ControllerIdentity)}
+        if all(isinstance(content[name], kind) for name, kind in kinds.items()):
+            return ControllerIdentity(**{name: content[name] for name in kinds})
+    except (TypeError, KeyError, ValueError, yaml.YAMLError):
+        pass
+    return None
+
+
+def identity_of(
+    reference: str, announced: Mapping[str, object], attached: ControllerIdentity | None
+) -> ControllerIdentity | None:
+    """Return what identifies the controller of a run; None if nothing does.
+
+    Parameters
+    ----------
+    reference : str
+        Its parameter `implementation`.
+    announced : mapping of str to object
+        What the controller announced; empty if unknown.
+    """
+    sha256 = announced.get(SOURCE_HASH)
+    if attached and attached.reference == reference:
+        return replace(attached, sha256=str(sha256)) if sha256 else attached
+    return ControllerIdentity(reference, sha256=str(sha256)) if sha256 else None
+
+
+def find_recorded(
+    identity: ControllerIdentity, recording: Path, requested: str | None
+) -> LoadedController:
+    """Load the user's own copy of a recorded controller, whose code must be the recorded one.
+
+    Parameters
+    ----------
+    recording : Path
+        The recording; its folder may have the file.
+    requested : str or None
+        Where the copy is; None for the current folder, the recording's, or an installed package.
+
+    Raises
+    ------
+    ControllerError
+        If there is none; the message says how to get it.
+    """
+    problems = []
+    for reference in _candidates(identity, recording, requested):
+        try:
+            code = find_code(reference)
+        except ControllerError as error:
+            problems.append(str(error))
+            continue
+        if code.source.sha256 == identity.sha256:
+            return load(code)
+        owner = f' ({code.owner})' if code.owner else ''
+        problems.append(f'{code.shown}{owner} has other code')
+    where = 'its file as --controller FILE.py:Class'
+    if not is_file_reference(identity.reference):
+        where = f'install {identity.package or "its package"}'
+    raise ControllerError(
+        f'{recording}: its controller is {identity}, but {", ".join(dict.fromkeys(problems))}; '
+        f'{"give " if "--" in where else ""}{where}, or run the attached copy by '
+        '--trust-attached-code'
+    )
+
+
+def _candidates(
+    identity: ControllerIdentity, recording: Path, requested: str | None
+) -> Iterator[str]:
+    if requested is not None:
+        yield resolve_reference(requested, Path.cwd())
+    elif is_file_reference(identity.reference):
+        yield resolve_reference(identity.reference, Path.cwd())
+        yield resolve_reference(identity.reference, recording.parent)
+    else:
+        yield identity.reference
+
+
+def load_attached(
+    identity: ControllerIdentity, recording: Path, files: Mapping[str, AttachedFile], scratch: Path
+) -> LoadedController:
+    """Execute the code attached to a recording, which the user has said to trust.
+
+    Raises
+    ------
+    ControllerError
+        If none is attached, or that of another run.
+    """
+    for name in CONTROLLER_SOURCES:
+        if name in files and hashlib.sha256(files[name].data).hexdigest() == identity.sha256:
+            break
+    else:
+        raise ControllerError(f'{recording}: the code of {identity} is not attached')
+    if name.endswith('.zip'):
+        folder = scratch / 'controller'
+        with zipfile.ZipFile(io.BytesIO(files[name].data)) as archive:
+            archive.extractall(folder)
+        sys.path.insert(0, str(folder))
+        code = find_code(identity.class_path)
+        if code.source.sha256 != identity.sha256:  # an imported package has the same name
+            raise ControllerError(f'{recording}: {code.shown} hides the attached code')
+        return load(code)
+    class_name = (identity.class_path or identity.reference).rpartition(':')[2]
+    file = scratch / name
+    write_temporary(file, files[name].data)
+    return load(find_code(f'{file}:{class_name}'))
