@@ -202,11 +202,12 @@ def _find_module(reference: str, module: str, class_name: str) -> ControllerCode
         spec = importlib.util.find_spec(top) if top else None
     except (ImportError, ValueError):
         spec = None
-    if spec is None or not spec.origin:
+    folders = list(spec.submodule_search_locations or ()) if spec else []
+    if spec is None or not (folders or spec.has_location):
         raise ControllerError(f'{reference}: no package or module {top!r} is installed')
-    path = Path(spec.origin)
-    folder = path.parent if spec.submodule_search_locations else None
-    if folder is not None:
+    path, folder = Path(spec.origin or ''), None
+    if folders:
+        folder = Path(folders[0])
         base = folder.joinpath(*module.split('.')[1:])
         path = base / '__init__.py' if base.is_dir() else base.with_suffix('.py')
     try:
@@ -227,7 +228,11 @@ def load(code: ControllerCode) -> LoadedController:
         If it fails, or its class is not a valid controller.
     """
     try:
-        module = importlib.import_module(code.module) if code.module else _execute(code)
+        module = (
+            importlib.import_module(code.module)
+            if code.module
+            else _execute(code.path, code.source)
+        )
     except (Exception, SystemExit) as error:
         raise ControllerError(code.describe(error)) from None
     found = vars(module).get(code.class_name)
@@ -254,14 +259,14 @@ def load(code: ControllerCode) -> LoadedController:
 
 
 @lru_cache(maxsize=8)
-def _execute(code: ControllerCode) -> ModuleType:
+def _execute(path: Path, source: Source) -> ModuleType:
     """Return the module of a file, from the content that was read and is attached."""
-    name = f'ballbot_controller_{code.source.sha256[:16]}'
+    name = f'ballbot_controller_{source.sha256[:16]}'
     module = ModuleType(name)
-    module.__file__ = str(code.path)
+    module.__file__ = str(path)
     sys.modules[name] = module  # where dataclasses and pickle look for it
     try:
-        exec(compile(code.source.data, str(code.path), 'exec', dont_inherit=True), vars(module))
+        exec(compile(source.data, str(path), 'exec', dont_inherit=True), vars(module))
     except BaseException:
         del sys.modules[name]
         raise

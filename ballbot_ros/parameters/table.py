@@ -108,7 +108,9 @@ def parameters_of(node: str) -> Mapping[str, Parameter]:
 def suggest(name: str, known: Iterable[str]) -> str:
     """Return a hint about a misspelt `name`, or all `known` names."""
     known = sorted(known)
-    close = get_close_matches(name, known)
+    group, dot, rest = name.rpartition('.')
+    alike = [each.removeprefix(group + dot) for each in known if each.startswith(group + dot)]
+    close = get_close_matches(rest, alike)
     if close:
-        return f'did you mean {" or ".join(close)}?'
+        return f'did you mean {" or ".join(group + dot + each for each in close)}?'
     return f'it has {", ".join(known) or "none"}'

@@ -364,4 +364,6 @@ def _label(keys: Keys) -> str:
     if not names:
         return 'the scenario'
     last = len(keys) - 1 - keys[::-1].index(names[-1])
-    return reprlib.repr(names[-1]) + ''.join(f' {int(cast(int, index)) + 1}' for index in keys[last + 1 :])
+    return reprlib.repr(names[-1]) + ''.join(
+        f' {int(cast(int, index)) + 1}' for index in keys[last + 1 :]
+    )

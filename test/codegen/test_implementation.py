@@ -69,7 +69,9 @@ def test_a_value_that_no_device_gives_is_refused():
 def test_only_the_named_tasks_run(implementation):
     if implementation in TARGETS:
         need(implementation)
-    program = implementation_for(values_of(CONTROLLER, implementation=implementation, time_start=0)).make()
+    program = implementation_for(
+        values_of(CONTROLLER, implementation=implementation, time_start=0)
+    ).make()
     assert program.run(['task_init', 'task_lcd'], 1000, AT_REST).pages
     assert program.operating_state == 'calibration'
     assert program.run(['task_ts3'], 1004, AT_REST).tones

@@ -1,0 +1,187 @@
+"""Runs with a user's controller: the same in every arrangement, and ended cleanly by its faults."""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+from graph import BALLBOT
+from own_controllers import BALANCE, FAULTY, line_in_faulty
+
+from ballbot_ros.messages.conversions import stamp_ns
+from ballbot_ros.nodes.processes import children
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.run import guarded_controller
+from ballbot_ros.run.execution import execute
+from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.spec import RunOptions, RunSpec
+from ballbot_ros.simulation.outcome import Outcome
+
+FAULT_S = 1.4
+"""Sim time of the fault: the run begins at 1 s."""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path('balance.py').write_text(BALANCE)
+    Path('faulty.py').write_text(FAULTY)
+    return tmp_path
+
+
+class Notices:
+    def __init__(self):
+        self.lines = []
+        self.notice = self.lines.append
+
+    def update(self, elapsed_s):
+        pass
+
+
+def execute_faulty(class_name, *assignments):
+    options = RunOptions(
+        processes=Processes.NONE,
+        controller=f'faulty.py:{class_name}',
+        assignments=['plant_sim.duration=0.6', 'plant_sim.timeout=1', *assignments],
+        output=Path(f'run_{class_name}'),
+    )
+    notices = Notices()
+    return execute(RunSpec.of_scenario('stationary', options), notices), notices.lines
+
+
+def last_duty(recording):
+    """Return stamp [s], duty and frame of the last duty; that of a stop is named."""
+    with RecordingReader(recording) as reader:
+        *_, (_, _, message) = reader.messages(['/motor_duty'])
+    stamp_s = stamp_ns(message) / 1e9
+    return stamp_s, (message.vector.x, message.vector.y), message.header.frame_id
+
+
+ENDED = (FAULT_S + 0.004, (0.0, 0.0), 'stop')
+
+
+@pytest.mark.parametrize(
+    ('class_name', 'told'),
+    [
+        ('ReturnsNaN', 'nan is not a whole number in -100 … 100 (ReturnsNaN.tick at 0.400 s)'),
+        ('ReturnsOne', 'returned 3, not the duties of two motors'),
+        ('Raises', f'faulty.py:{line_in_faulty("1 // 0")}: ZeroDivisionError'),
+        ('Exits', f'faulty.py:{line_in_faulty("sys.exit")}: SystemExit: 3'),
+        ('Blocks', f'no answer within 1 s: faulty.py:{line_in_faulty("while True")}'),
+        ('Sleeps', f'no answer within 1 s: faulty.py:{line_in_faulty("time.sleep(1000")}'),
+        ('Dies', 'faulty.py: its process was killed by SIGKILL'),
+    ],
+)
+def test_a_fault_ends_a_run_without_nodes_with_the_motors_off(folder, class_name, told):
+    before = set(children(os.getpid()))
+    result, notices = execute_faulty(class_name)
+    assert (result.outcome, result.exit_status, result.ticks) == (Outcome.FAILED, 1, 100)
+    assert told in result.reason
+    assert result.reason.startswith('controller: ')
+    assert notices == [result.reason]
+    assert last_duty(result.recording) == ENDED
+    assert set(children(os.getpid())) == before
+
+
+def test_a_controller_that_ends_its_connection_is_told(folder, monkeypatch):
+    monkeypatch.setattr(guarded_controller, '_PROGRAM', 'pass')
+    result, _ = execute_faulty('Raises')
+    assert result.reason == 'controller: faulty.py: its process ended'
+
+
+def test_a_run_that_may_wait_waits_for_a_slow_controller(folder):
+    Path('faulty.py').write_text(FAULTY.replace('time.sleep(1000.0)', 'time.sleep(1.5)\n') +
+        '\n\nclass Late(Faulty):\n    def fail(self, readings):\n        time.sleep(0.02)\n'
+        '        return 0, 0\n')  # fmt: skip
+    result, notices = execute_faulty('Late', 'plant_sim.on_timeout=wait')
+    assert result.ticks == 150
+    assert '50 of 150 ticks took longer than 4 ms' in notices[0]
+    assert notices[0].startswith('controller: ')
+
+
+def test_what_a_controller_prints_is_not_the_result(folder):
+    words = ['run', 'stationary', '--processes=none', '--no-record', '--json']
+    words += ['--controller=faulty.py:Prints', '--set=plant_sim.duration=0.1']
+    done = subprocess.run([*BALLBOT, *words], capture_output=True, text=True, check=False)
+    result = json.loads(done.stdout)
+    assert done.stderr.count('here\n') == result['ticks'] == 25
+    assert result['controller']['name'] == 'faulty.py:Prints'
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize(
+    ('processes', 'class_name', 'told'),
+    [
+        ('one', 'Raises', f'faulty.py:{line_in_faulty("1 // 0")}: ZeroDivisionError'),
+        ('one', 'Blocks', f'no answer within 1 s: faulty.py:{line_in_faulty("while True")}'),
+        ('separate', 'Raises', f'faulty.py:{line_in_faulty("1 // 0")}: ZeroDivisionError'),
+        ('separate', 'Blocks', 'controller silent for 1 s at sim time 1.400 s'),
+    ],
+)
+def test_a_fault_ends_a_graph_with_the_motors_off(start_run, folder, processes, class_name, told):
+    run = start_run(
+        'stationary', '--processes', processes, '--controller', f'faulty.py:{class_name}',
+        '--output', folder / 'run', '--set', 'plant_sim.timeout=1', '--json',
+    )  # fmt: skip
+    assert run.finish() == 1, run.stderr
+    assert run.result['outcome'] == 'failed'
+    assert told in run.result['reason']
+    assert run.result['ticks'] == 100
+    assert last_duty(folder / 'run' / 'stationary.mcap') == ENDED
+    assert 'Traceback' not in run.stderr
+
+
+@pytest.mark.graph
+def test_a_fault_at_the_first_tick_ends_a_graph(start_run, folder):
+    run = start_run('stationary', '--controller', 'faulty.py:RaisesAtOnce', '--no-record', '--json')
+    assert run.finish() == 1, run.stderr
+    assert 'RuntimeError: no (RaisesAtOnce.tick at 0.000 s)' in run.result['reason']
+
+
+@pytest.mark.graph
+def test_a_slow_controller_is_told_by_its_node(start_run, folder):
+    run = start_run(
+        'stationary', '--controller', 'faulty.py:Slow', '--set', 'plant_sim.duration=0.2',
+        '--no-record', '--json',
+    )  # fmt: skip
+    assert run.finish() == 1  # it has not begun to balance
+    assert 'controller: 50 of 50 ticks took longer than 4 ms, the longest' in run.stderr
+
+
+@pytest.mark.graph
+def test_all_ways_of_running_give_the_same_duties_and_replay_identically(start_run, folder):
+    hashes = set()
+    for processes in ('none', 'one', 'separate'):
+        run = start_run(
+            'stationary', '--processes', processes, '--controller', 'balance.py:Balance',
+            '--set', 'controller.user.rate=1.9', '--set', 'plant_sim.duration=3',
+            '--profile', 'hardware', '--output', processes, '--json',
+        )  # fmt: skip
+        assert run.finish() in (0, 1), run.stderr  # with this noise it may miss an expectation
+        assert run.result['ticks'] == 750, run.result['reason']
+        hashes.add(run.result['duty_sha256'])
+        recording = Path(processes, 'stationary.mcap')
+        words = [*BALLBOT, 'replay', str(recording), '--json']
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert [each['identical'] for each in json.loads(done.stdout)] == [True, True]
+    assert len(hashes) == 1
+
+
+@pytest.mark.graph
+def test_free_running_ticks_of_a_users_controller(start_run, folder):
+    Path('slow.py').write_text(
+        'from ballbot_ros.controllers import Controller, task\n'
+        'class Mine(Controller):\n'
+        ' @task(20, 1)\n def slow(self, readings): return 7, 0\n'
+    )
+    run = start_run(
+        'stationary', '--controller', 'slow.py:Mine', '--set', 'plant_sim.lockstep=false',
+        '--set', 'plant_sim.duration=1', '--real-time-factor', '1', '--output', 'run', '--json',
+    )  # fmt: skip
+    run.finish()
+    assert run.result['outcome'] != 'failed', run.stderr
+    with RecordingReader(Path('run/stationary.mcap')) as reader:
+        duties = [message.vector.x for _, _, message in reader.messages(['/motor_duty'])]
+    assert duties.count(7.0) > len(duties) / 2
