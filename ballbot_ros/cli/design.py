@@ -12,9 +12,17 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from ballbot_ros.cli.options import set_option
 from ballbot_ros.cli.path_types import PATH
-from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
-from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.codegen.implementation import compose_controller
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    ControllerParameters,
+    ParameterSet,
+    PlantParameters,
+)
+from ballbot_ros.parameters.assignment import assign
+from ballbot_ros.parameters.files import format_parameters, read_parameter_file
 from ballbot_ros.plant.model import Matrix, PhysicalParameters
 
 GAIN_NAMES = ('θ', 'ψ', 'θ̇', 'ψ̇', '∫θ')
@@ -27,12 +35,32 @@ GAIN_NAMES = ('θ', 'ψ', 'θ̇', 'ψ̇', '∫θ')
     type=PATH,
     help='Parameter file with physical values.',
 )
-def command(parameter_file: Path | None) -> None:
+@set_option
+@click.option(
+    '--controller',
+    metavar='CONTROLLER',
+    help='Design the gains of this controller instead, and print a parameter file for its node: '
+    'the name of an installed one, package.module:Class, or FILE.py:Class.',
+)
+def command(
+    parameter_file: Path | None, assignments: tuple[str, ...], controller: str | None
+) -> None:
     """Print the model, its poles, and the servo gains next to the published ones."""
+    parameters = read_parameter_file(parameter_file) if parameter_file else ParameterSet()
+    for assignment in assignments:
+        assign(parameters, assignment)
+    if controller is None:
+        _print_servo_design(parameters)
+        return
+    parameters.set(CONTROLLER, 'implementation', controller, '--controller')
+    compose_controller(parameters)
+    click.echo(format_parameters(parameters, [CONTROLLER]), nl=False)
+
+
+def _print_servo_design(parameters: ParameterSet) -> None:
     # Imported only here: it takes two seconds.
     from ballbot_ros.design.servo import PUBLISHED_GAIN, design_servo
 
-    parameters = read_parameter_file(parameter_file) if parameter_file else ParameterSet()
     physical = PhysicalParameters.from_parameters(parameters.of(PlantParameters))
     design = design_servo(physical)
     console = Console(highlight=False, markup=False)

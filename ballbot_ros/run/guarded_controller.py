@@ -18,6 +18,7 @@ import sys
 import time
 import weakref
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -43,9 +44,8 @@ _FRAME = re.compile(r'File "(.+)", line (\d+)')
 
 
 class _Answer(NamedTuple):
-    """The results of a tick, or the error that ended the controller."""
+    """The results of a tick."""
 
-    error: str
     outputs: DeviceOutputs
     x: PlaneEstimates
     y: PlaneEstimates
@@ -76,7 +76,8 @@ def guarded_implementation(
 class GuardedProgram:
     """A controller's program in a child process, which starts at the first tick.
 
-    The two exchange pickled tuples over a socket: the arguments of :meth:`run`, and an answer.
+    The two exchange pickled tuples over a socket: the arguments of :meth:`run`, and an answer, or
+    the text of an error.
 
     Parameters
     ----------
@@ -122,8 +123,6 @@ class GuardedProgram:
             (tasks, systick_ms, tuple(inputs)),
             timeout_s if self._plant.on_timeout == 'end' else math.inf,
         )
-        if answer.error:
-            raise ControllerError(answer.error)
         self.x, self.y, self.operating_state = answer.x, answer.y, answer.operating_state
         vars(self._times).update(vars(answer.times))
         return answer.outputs
@@ -149,7 +148,7 @@ class _Child:
             )
         self._connection, self._stack = Connection(ours.detach()), stack
         self._end = weakref.finalize(self, _end, self._process, self._connection, stack)
-        self._connection.send(parameters)
+        self._connection.send((sys.path, parameters))
 
     def exchange(self, request: tuple[Any, ...], timeout_s: float) -> _Answer:
         """Run a tick; ControllerError if there is no answer within `timeout_s` [s]."""
@@ -161,7 +160,10 @@ class _Child:
                 timer.update(begun, time.monotonic(), threads)
                 if timer.silence_s(self._process.pid) > timeout_s:
                     raise ControllerError(f'no answer within {timeout_s:g} s{self._where()}')
-            return self._connection.recv()  # type: ignore[no-any-return]
+            answer = self._connection.recv()
+            if isinstance(answer, _Answer):
+                return answer
+            raise ControllerError(answer)
         except (OSError, EOFError):
             status = self._process.wait()
             end = f'was killed by {signal.Signals(-status).name}' if status < 0 else 'ended'
@@ -197,21 +199,19 @@ def main() -> None:
         return
     connection = Connection(int(sys.argv[1]))
     faulthandler.register(signal.SIGUSR1, file=int(sys.argv[2]), all_threads=False)
-    parameters: ControllerParameters = connection.recv()
-    implementation = implementation_for(parameters)
+    with suppress(EOFError):
+        sys.path[:], parameters = connection.recv()
+        try:
+            _serve(connection, implementation_for(parameters))
+        except BallbotError as error:
+            connection.send(str(error))
+
+
+def _serve(connection: Connection, implementation: Implementation) -> None:
     program = implementation.make()
     while True:
-        try:
-            tasks, systick_ms, inputs = connection.recv()
-        except EOFError:
-            return
-        error, outputs = '', DeviceOutputs()
-        try:
-            outputs = program.run(tasks, systick_ms, DeviceInputs._make(inputs))
-        except BallbotError as failure:
-            error = str(failure)
+        tasks, systick_ms, inputs = connection.recv()
+        outputs = program.run(tasks, systick_ms, DeviceInputs._make(inputs))
         connection.send(
-            _Answer(
-                error, outputs, program.x, program.y, program.operating_state, implementation.times
-            )
+            _Answer(outputs, program.x, program.y, program.operating_state, implementation.times)
         )

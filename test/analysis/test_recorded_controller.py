@@ -1,0 +1,180 @@
+"""Which code replays a run of a user's controller."""
+
+import re
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from graph import BALLBOT
+from own_controllers import BALANCE
+from recordings import copy_recording
+
+from ballbot_ros.analysis.recorded_controller import (
+    ControllerIdentity,
+    decode_controller,
+    identity_of,
+)
+from ballbot_ros.analysis.recording_replay import RecordingReplay
+from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.recording.reader import AttachedFile, RecordingReader
+from ballbot_ros.run.execution import execute
+from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.spec import RunOptions, RunSpec
+from ballbot_ros.simulation.participants import SOURCE_HASH
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def record(controller, *assignments):
+    options = RunOptions(
+        processes=Processes.NONE,
+        controller=controller,
+        assignments=['plant_sim.duration=1.2', *assignments],
+        output=Path('run'),
+    )
+    return execute(RunSpec.of_scenario('stationary', options)).recording
+
+
+def replay(path, tmp_path, controller=None, **options):
+    with RecordingReader(path) as reader:
+        replay = RecordingReplay(reader, tmp_path / 'scratch', controller, **options)
+        results = (replay.replay_controller(lambda _: None), replay.replay_robot(lambda _: None))
+        assert [each.difference for each in results] == [None, None]
+        return replay.controllers
+
+
+def refusal(path, tmp_path, *arguments, **options):
+    with pytest.raises(ControllerError) as raised:
+        replay(path, tmp_path, *arguments, **options)
+    words = str(raised.value)
+    assert '\n' not in words
+    assert str(path) in words
+    return words
+
+
+def test_the_users_own_file_replays_a_run(folder):
+    Path('mine.py').write_text(BALANCE)
+    path = record('mine.py:Balance', 'controller.user.rate=2.0')
+    (one,) = replay(path, folder)
+    assert (one.recorded, one.replayed, one.is_portable) == (*['mine.py:Balance'] * 2, True)
+    with RecordingReader(path) as reader:
+        files = reader.attachments()
+    assert files['controller.py'].data.decode() == BALANCE
+    assert str(folder) not in files['parameters.yaml'].data.decode()
+    assert str(folder) not in files['controller.yaml'].data.decode()
+
+    Path('mine.py').rename('run/mine.py')  # next to the recording
+    replay(path, folder)
+    Path('run/mine.py').rename('renamed.py')
+    words = refusal(path, folder)
+    assert 'mine.py: No such file or directory' in words
+    assert '--trust-attached-code' in words
+    replay(path, folder, 'renamed.py:Balance')
+
+
+def test_other_code_does_not_replay_it(folder):
+    Path('mine.py').write_text(BALANCE)
+    path = record('mine.py:Balance')
+    Path('mine.py').write_text(BALANCE + "\nopen('executed', 'w')\n")
+    words = refusal(path, folder)
+    assert 'but mine.py has other code, run/mine.py: No such file' in words
+    assert 'give its file as --controller FILE.py:Class' in words
+    refusal(path, folder, 'mine.py:Balance')
+    refusal(path, folder, 'none.py:Balance')
+    for name in ('python', 'c'):
+        assert 'can be replayed only by mine.py:Balance (sha256' in refusal(path, folder, name)
+    assert not Path('executed').exists()  # other code is not even executed
+
+
+def test_attached_code_runs_only_by_request(folder):
+    text = BALANCE + "\nopen('executed', 'w')\n"
+    Path('mine.py').write_text(text)
+    path = record('mine.py:Balance')
+    Path('executed').unlink()
+    Path('mine.py').unlink()
+    refusal(path, folder)
+    assert not Path('executed').exists()
+    replay(path, folder, trust_attached_code=True)
+    assert Path('executed').exists()
+
+
+def test_attached_code_of_another_run_is_refused(folder):
+    Path('mine.py').write_text(BALANCE)
+    path = record('mine.py:Balance')
+    changed = copy_recording(
+        folder / 'changed.mcap',
+        path,
+        attach=lambda data: data + b'#' if data == BALANCE.encode() else data,
+    )
+    words = refusal(changed, folder, trust_attached_code=True)
+    assert re.search(r'the code of mine.py:Balance \(sha256 \w{12}\) is not attached', words)
+
+
+def test_a_controller_of_a_package(folder, monkeypatch):
+    package = folder / 'site' / 'acme_bots'
+    package.mkdir(parents=True)
+    (package / '__init__.py').write_text('')
+    (package / 'mine.py').write_text(
+        BALANCE.replace('(Controller[Gains]):\n', '(Controller[Gains]):\n    portable = False\n')
+    )
+    monkeypatch.syspath_prepend(str(package.parent))
+    path = record('acme_bots.mine:Balance')
+    (one,) = replay(path, folder)
+    assert not one.is_portable
+    words = [*BALLBOT, 'replay', str(path)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "no package or module 'acme_bots' is installed; install its package" in done.stderr
+    words.append('--trust-attached-code')
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert 'as recorded, not portable: its duties may differ on another machine' in done.stdout
+    with RecordingReader(path) as reader:
+        content = Path('attached.zip')
+        content.write_bytes(reader.attachments()['controller.zip'].data)
+    assert zipfile.ZipFile(content).namelist() == ['acme_bots/__init__.py', 'acme_bots/mine.py']
+
+    (package / 'more.py').write_text('')
+    assert 'mine.py has other code; install its package' in refusal(path, folder)
+    # In this process the package is imported, and hides the attached one.
+    assert 'hides the attached code' in refusal(path, folder, trust_attached_code=True)
+    for name in [name for name in sys.modules if name.partition('.')[0] == 'acme_bots']:
+        del sys.modules[name]
+
+
+def test_a_run_of_the_documents_program_is_replayed_by_nothing_else(folder):
+    Path('mine.py').write_text(BALANCE)
+    path = record('python')
+    assert 'can be replayed only by python, c, arm' in refusal(path, folder, 'mine.py:Balance')
+
+
+IDENTITY = ControllerIdentity('mine.py:Mine', '', 'a' * 64, 'acme 1.0', False)
+
+
+def test_the_identity_of_a_run_is_the_announced_one():
+    other = 'b' * 64
+    assert identity_of('mine.py:Mine', {}, IDENTITY) == IDENTITY
+    assert identity_of('mine.py:Mine', {SOURCE_HASH: other}, IDENTITY).sha256 == other
+    assert identity_of('mine.py:Mine', {SOURCE_HASH: other}, None).sha256 == other
+    assert identity_of('other.py:Mine', {SOURCE_HASH: other}, IDENTITY).package == ''
+    assert identity_of('other.py:Mine', {}, IDENTITY) is None
+    assert identity_of('rust', {}, None) is None
+    assert IDENTITY.description == (
+        'mine.py:Mine of acme 1.0 (sha256 aaaaaaaaaaaa), not portable: its duties may differ on '
+        'another machine'
+    )
+
+
+@pytest.mark.parametrize(
+    'data', [b'', b'3', b'{', b'reference: 3', b'\xff', b'reference: a\nsha256: b\nportable: 1']
+)
+def test_an_identity_that_can_not_be_read_is_none(data):
+    files = {'controller.yaml': AttachedFile('application/yaml', data)}
+    assert decode_controller(files) is None
+    assert decode_controller({}) is None
