@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import pytest
+from own_controllers import BALANCE
 
 pytest.importorskip('rclpy')
 
@@ -18,6 +19,7 @@ from std_msgs.msg import Header
 from ballbot_ros.controllers.document.tasks import task_timings
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import PLANT_ODOM, SONAR_RANGE
+from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.nodes.registry import REGISTRY
 from ballbot_ros.parameters import (
     ALL_NODES,
@@ -28,6 +30,7 @@ from ballbot_ros.parameters import (
     PLANT,
     RECORDER,
     SONAR,
+    GyroParameters,
     TakesEffect,
     parameters_of,
 )
@@ -99,7 +102,13 @@ def test_every_parameter_takes_effect_as_the_table_says(make, role):
         assert set_one(node, name, list(before) if isinstance(before, tuple) else before).successful
 
 
-OTHER_TEXTS = {'map': 'corridor', 'scenario': 'square', 'output': 'x.mcap', 'attachments': '.'}
+OTHER_TEXTS = {
+    'implementation': 'python',
+    'map': 'corridor',
+    'scenario': 'square',
+    'output': 'x.mcap',
+    'attachments': '.',
+}
 
 
 def another(row, value):
@@ -293,3 +302,80 @@ def test_a_task_with_another_period_has_another_timer(make):
     periods_ms = {name: each.timer_period_ns / 1e6 for name, each in timers.items()}
     tasks = task_timings(100, node.parameters.ts3_period)
     assert periods_ms == {task.name: task.period_ms for task in tasks if task.period_ms}
+
+
+@pytest.fixture
+def own_controller(tmp_path):
+    """Return the arguments of a node whose controller's class is in a file."""
+    file = tmp_path / 'mine.py'
+    file.write_text(BALANCE)
+    return ['-p', f'implementation:={file}:Balance']
+
+
+def test_a_users_controller_has_its_own_parameters(make, own_controller):
+    node = make(CONTROLLER, [*own_controller, '-p', 'user.rate:=2.0', '-p', 'model.gravity:=9'])
+    names = node.list_parameters([], 10).names
+    assert {'user.rate', 'user.pitch', 'model.gravity', 'model.body_mass'} <= set(names)
+    assert node.get_parameter('user.rate').value == 2.0
+    assert node.get_parameter('model.gravity').value == 9.0
+    descriptor = node.describe_parameter('user.rate')
+    assert descriptor.description == 'gain of the rate of the body pitch [%·s/deg]'
+    assert descriptor.floating_point_range[0].to_value == 10.0
+
+    assert NEXT_RUN in set_one(node, 'user.rate', 3).reason
+    assert node.parameters.values()['user.rate'] == 2.0
+    node.apply_parameters()
+    assert node.parameters.values()['user.rate'] == 3.0
+    refused = set_one(node, 'user.rate', 11.0)
+    assert (refused.successful, refused.reason) == (
+        False,
+        'controller.user.rate: 11.0 is not within 0 … 10 %·s/deg',
+    )
+    dump = node.get_parameters(names)
+    sent = [Parameter.from_parameter_msg(each.to_parameter_msg()) for each in dump]
+    assert all(result.successful for result in node.set_parameters(sent))
+
+
+def test_a_running_node_keeps_its_controller(make, own_controller):
+    reference = own_controller[1].partition(':=')[2]
+    for arguments, other in ((own_controller, 'python'), ((), reference)):
+        node = make(CONTROLLER, arguments)
+        result = set_one(node, 'implementation', other)
+        assert not result.successful
+        assert f'takes another node: start it with -p implementation:={other}' in result.reason
+        node.close()
+        rclpy.try_shutdown()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'told'),
+    [
+        (['-p', 'user.speeed:=1.0'], "controller has no parameter 'user.speeed'; did you"),
+        (['-p', 'user.speed:=11.0'], 'controller.user.speed: 11.0 is not within 0 … 10 %·s/deg'),
+        (['-p', 'user.speed:=fast'], "controller.user.speed: 'fast' is not a number"),
+    ],
+)  # fmt: skip
+def test_a_node_refuses_own_parameters_that_are_not_allowed(make, own_controller, arguments, told):
+    with pytest.raises(BallbotError) as raised:
+        make(CONTROLLER, [*own_controller, *arguments])
+    assert told in str(raised.value)
+
+
+def test_own_parameters_of_the_controller_do_not_disturb_other_nodes(make):
+    assert make(GYRO, ['-p', 'user.speed:=1.0']).parameters == GyroParameters()
+
+
+def test_a_node_without_a_design_says_how_to_get_it(make, tmp_path):
+    file = tmp_path / 'mine.py'
+    file.write_text(
+        BALANCE.replace('import Controller,', 'import Controller, designed,').replace(
+            'class Gains:\n', "class Gains:\n    gain: tuple[float, ...] = designed('1', None, '')\n"
+        )
+    )
+    arguments = ['-p', f'implementation:={file}:Balance']
+    with pytest.raises(BallbotError, match=r'controller\.user\.gain: not designed: `ballbot run`'):
+        make(CONTROLLER, arguments)
+    rclpy.try_shutdown()
+    node = make(CONTROLLER, [*arguments, '-p', 'user.gain:=[1.0, 2.0, 3.0]'])
+    assert node.parameters.values()['user.gain'] == (1.0, 2.0, 3.0)
+    assert set_one(node, 'user.gain', [4.0]).successful
