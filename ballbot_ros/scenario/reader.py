@@ -10,6 +10,7 @@ from typing import TypeVar, cast
 
 import yaml
 
+from ballbot_ros.controllers.loading import resolve_reference
 from ballbot_ros.files import read_text
 from ballbot_ros.former_names import current_metric
 from ballbot_ros.numerics.elementary import sine_cosine
@@ -134,6 +135,8 @@ class ScenarioReader:
                     raise self._error(
                         ('parameters', node, name), 'a scenario cannot set the parameter scenario'
                     )
+                if name == 'implementation' and isinstance(value, str):
+                    value = resolve_reference(value, self._document.path.parent)
                 self._set(parameters, node, name, value, ('parameters', node, name))
         self._check_world(parameters)
         return parameters
