@@ -37,8 +37,8 @@ TEMPLATES = {
 """Template of each file; '' for the marker of the ament index, which is empty."""
 
 _NAME = re.compile(r'[a-z][a-z0-9]*(_[a-z0-9]+)*')
-_FOLDERS = ('build', 'dist', 'install', 'log', 'scenarios', 'setup')
-"""Names of files and folders next to the folder of the modules; others are standard modules."""
+_FOLDERS = ('build', 'dist', 'install', 'log', 'resource', 'scenarios', 'setup', 'test')
+"""Names of files and folders next to the folder of the modules."""
 
 _NAMES_IN_TEMPLATES = {
     'Controller', 'Duty', 'Estimates', 'Gains', 'OperatingState', 'Path', 'PhysicalParameters',
