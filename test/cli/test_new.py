@@ -114,7 +114,7 @@ def test_colcon_builds_and_tests_it_and_its_name_is_known(made, tmp_path):
 def test_pip_installs_it(made, tmp_path):
     install = ['-m', 'pip', 'install', '--quiet', '--no-deps', '--target', tmp_path / 'site']
     shutil.copytree(made[0] / 'my_pid', tmp_path / 'my_pid')
-    done = call(sys.executable, *install, './my_pid', cwd=tmp_path)
+    done = call(sys.executable, *install, './my_pid', cwd=tmp_path, PIP_RETRIES='0')
     if 'No matching distribution found for setuptools' in done.stderr:
         pytest.skip('no network to get setuptools')
     assert done.returncode == 0, done.stderr
