@@ -67,6 +67,7 @@ setup(
     package_data={
         PACKAGE: ['py.typed'],
         f'{PACKAGE}.analysis': ['templates/*.html'],
+        f'{PACKAGE}.controllers': ['templates/*.jinja'],
         f'{PACKAGE}.codegen': ['templates/*', 'target/*'],
     },
     data_files=[

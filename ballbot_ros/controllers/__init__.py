@@ -5,8 +5,19 @@ from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.parameters import designed, quantity, setting
 from ballbot_ros.plant.model import PhysicalParameters
+from ballbot_ros.timing import TICK_S
 
 __all__ = [
-    'Controller', 'ControllerError', 'Duty', 'Estimates', 'OperatingState', 'PhysicalParameters',
-    'Readings', 'designed', 'quantity', 'setting', 'task',
+    'TICK_S',
+    'Controller',
+    'ControllerError',
+    'Duty',
+    'Estimates',
+    'OperatingState',
+    'PhysicalParameters',
+    'Readings',
+    'designed',
+    'quantity',
+    'setting',
+    'task',
 ]  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import (
     Any,
     ClassVar,
@@ -16,15 +16,18 @@ from typing import (
     get_origin,
 )
 
+import numpy as np
+
 from ballbot_ros.brick.brick import Brick
 from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState
-from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.plant.model import PhysicalParameters
+from ballbot_ros.timing import MILLISECOND_NS, TICK_NS
 
-TICK_MS = 4
+TICK_MS = TICK_NS // MILLISECOND_NS
 """Period of the plant [ms]: the shortest of a task, and the unit of all periods."""
 
 TICK = 'tick'
@@ -84,6 +87,12 @@ class Readings(NamedTuple):
         """Voltage of a motor at a duty of 100 % [V] (6.1)."""
         return VOLTAGE_SLOPE * self.battery_mv - VOLTAGE_OFFSET
 
+    def duty(self, voltage: float) -> int:
+        """Return the duty [%] nearest to a motor voltage [V], at most ±100; 0 without a voltage."""
+        if self.max_voltage <= 0.0:
+            return 0
+        return round(max(-100.0, min(100.0, 100.0 * voltage / self.max_voltage)))
+
 
 class Controller(Generic[P]):
     """A controller: subclass it, and implement :meth:`tick` or methods marked by :func:`task`.
@@ -93,7 +102,7 @@ class Controller(Generic[P]):
     :func:`~ballbot_ros.parameters.quantity` and similar functions, with units and bounds. Their
     values are set as ``controller.user.<name>``.
 
-    A new instance is made for each run.
+    A new instance is made for each run. Without arguments it has the defaults.
 
     Attributes
     ----------
@@ -123,11 +132,15 @@ class Controller(Generic[P]):
                 cls.parameters_class = get_args(base)[0]
 
     def __init__(
-        self, parameters: P, model: PhysicalParameters, settings: ControllerParameters
+        self,
+        parameters: P | None = None,
+        model: PhysicalParameters | None = None,
+        settings: ControllerParameters | None = None,
     ) -> None:
-        self.parameters = parameters
-        self.model = model
-        self.settings = settings
+        self.model = model or PhysicalParameters.from_parameters(PlantParameters())
+        given: P = self.parameters_class() if parameters is None else parameters
+        self.parameters = with_design(type(self), given, self.model)
+        self.settings = settings or ControllerParameters()
         self.x, self.y = Estimates(), Estimates()
         self.operating_state = OperatingState.BALANCE
         self._brick = Brick()
@@ -181,6 +194,20 @@ class Controller(Generic[P]):
     def show(self, name: str) -> None:
         """Refresh the display, whose first line is `name`."""
         self._brick.show_status(name)
+
+
+def with_design(cls: type[Controller[P]], parameters: P, model: PhysicalParameters) -> P:
+    """Return the parameters with a design for those that are not set, as flat tuples."""
+    missing = [
+        each.name
+        for each in fields(parameters)  # type: ignore[arg-type]
+        if each.metadata.get('is_designed') and not getattr(parameters, each.name)
+    ]
+    if not missing:
+        return parameters
+    designed = cls.design(parameters, model)
+    flat = {name: tuple(map(float, np.ravel(getattr(designed, name)))) for name in missing}
+    return replace(parameters, **flat)  # type: ignore[type-var]
 
 
 def whole_number(value: Any, low: int, high: int, name: str = '') -> int:

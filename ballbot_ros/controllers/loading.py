@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -154,7 +155,7 @@ def resolve_reference(reference: str, folder: Path) -> str:
     if not is_file_reference(reference):
         return reference
     place, _, name = reference.rpartition(':')
-    return f'{(folder / Path(place).expanduser()).absolute()}:{name}'
+    return f'{os.path.normpath((folder / Path(place).expanduser()).absolute())}:{name}'
 
 
 def public_reference(reference: str) -> str:
@@ -210,6 +211,8 @@ def _find_module(reference: str, module: str, class_name: str) -> ControllerCode
         folder = Path(folders[0])
         base = folder.joinpath(*module.split('.')[1:])
         path = base / '__init__.py' if base.is_dir() else base.with_suffix('.py')
+        if not path.is_file():
+            raise ControllerError(f'{reference}: no module {module!r} in {folder}')
     try:
         if folder is None or top == OUR_PACKAGE:  # the version of this package tells the rest
             return ControllerCode(reference, module, class_name, Source.of_file(path), path)

@@ -6,9 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
-import numpy as np
-
-from ballbot_ros.controllers.controller import Controller
+from ballbot_ros.controllers.controller import Controller, with_design
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.parameters import (
@@ -109,18 +107,11 @@ def design(loaded: LoadedController, parameters: ParameterSet) -> None:
     if not missing:
         return
     user = user_parameters(loaded, given)
+    where = f'{loaded.cls.__name__}.{Controller.design.__name__}'
     try:
-        designed = loaded.cls.design(user, design_model(given))
-        values = {name: _flat(getattr(designed, name.removeprefix(USER))) for name in missing}
+        designed = with_design(loaded.cls, user, design_model(given))
     except (Exception, SystemExit) as error:
-        where = f'{loaded.cls.__name__}.{Controller.design.__name__}'
         raise ControllerError(f'{loaded.code.describe(error)} ({where})') from None
-    for name, value in values.items():
-        parameters.set(
-            CONTROLLER, name, value, f'{loaded.code.shown}: {loaded.cls.__name__}.design'
-        )
-
-
-def _flat(values: Any) -> list[float]:
-    """Return designed values, such as an array of any shape, as a flat list."""
-    return [float(each) for each in np.ravel(values)]
+    for name in missing:
+        value = getattr(designed, name.removeprefix(USER))
+        parameters.set(CONTROLLER, name, value, f'{loaded.code.shown}: {where}')

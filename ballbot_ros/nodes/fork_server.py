@@ -54,6 +54,8 @@ class NodeRequest(NamedTuple):
 def main() -> None:
     """Fork nodes until the command ends; in a fork, run the node."""
     set_command_line('fork_server', ['ballbot_ros fork_server'])
+    # Python puts the current folder first, where a file may have the name of an installed module.
+    sys.path.remove('')
     parent = os.getpid()
     with socket.socket(fileno=int(sys.argv[1])) as control:
         import_nodes()

@@ -216,4 +216,5 @@ def test_the_time_of_each_tick_is_measured(make, monkeypatch):
 
 def test_the_settings_of_the_node_reach_every_controller():
     settings = values_of(CONTROLLER, mode='autonomous')
-    assert Controller((), None, settings).settings.mode == 'autonomous'
+    assert Controller(settings=settings).settings.mode == 'autonomous'
+    assert Controller().settings.mode == 'remote'

@@ -144,7 +144,7 @@ def test_a_value_that_is_not_allowed_is_refused_where_it_was_set(compose, assign
         (('model.body_mass', 'model.mass'), "AttributeError: 'PhysicalParameters' object has no"),
         (('[[parameters.q, model.body_mass]]', '"x"'), 'mine.py: ValueError: could not convert'),
         (('[[parameters.q, model.body_mass]]', '500'), 'mine.py: Mine.design: controller.user.gai'),
-        (('[[parameters.q, model.body_mass]]', '()'), 'user.gain: [] is not a list of'),
+        (('[[parameters.q, model.body_mass]]', '()'), 'user.gain: () is not a list of'),
         (('[[parameters.q, model.body_mass]]', 'float("nan")'), 'user.gain: nan is not within'),
         (('return replace(', 'return ('), 'mine.py:'),
     ],

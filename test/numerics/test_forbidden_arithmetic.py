@@ -7,7 +7,8 @@ import ballbot_ros
 
 PACKAGE = Path(ballbot_ros.__file__).parent
 FLOORS = (
-    'numerics', 'plant', 'brick', 'world', 'controller', 'scenario', 'teleop', 'simulation',
+    'numerics', 'plant', 'brick', 'world', 'controllers', 'controllers/document', 'scenario',
+    'teleop', 'simulation',
 )  # fmt: skip
 # Measurements of a finished run do not lead to a duty.
 FILES = {
@@ -22,11 +23,11 @@ ALLOWED_MATH = {
 }  # fmt: skip
 ALLOWED_NUMPY = {
     # types and constants
-    'bool_', 'errstate', 'float32', 'float64', 'inf', 'int32', 'int8', 'ndarray', 'uint64',
-    'uint8',
+    'bool_', 'errstate', 'float32', 'float64', 'inf', 'int32', 'int8', 'ndarray', 'number',
+    'uint64', 'uint8',
     # creating and moving
     'arange', 'array', 'asarray', 'ascontiguousarray', 'empty', 'equal', 'frombuffer', 'full',
-    'isin', 'load', 'savez', 'where', 'zeros',
+    'isin', 'load', 'ravel', 'savez', 'where', 'zeros',
     # whole numbers
     'argmin', 'cumsum', 'unravel_index',
 }  # fmt: skip

@@ -159,12 +159,13 @@ def test_every_subpackage_is_installed(setup):
     assert folders == set(setup['packages'])
 
 
-def test_every_file_that_the_c_is_made_from_is_installed(setup):
-    folder = ROOT / 'ballbot_ros/codegen'
-    patterns = setup['package_data']['ballbot_ros.codegen']
+@pytest.mark.parametrize(('package', 'more_than'), [('codegen', 10), ('controllers', 6)])
+def test_every_template_is_installed(setup, package, more_than):
+    folder = ROOT / 'ballbot_ros' / package
+    patterns = setup['package_data'][f'ballbot_ros.{package}']
     installed = {file for pattern in patterns for file in folder.glob(pattern)}
     there = {
         file for file in folder.rglob('*') if file.is_file() and file.suffix not in ('.py', '.pyc')
     }
     assert there == installed
-    assert len(there) > 10
+    assert len(there) > more_than
