@@ -33,8 +33,8 @@ class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
 
     implementation: str = setting(
         'python',
-        "control program: the document's as python, c or arm (C on an emulated ARM); the name of "
-        'an installed controller; or package.module:Class or FILE.py:Class',
+        "the document's program (python, c, arm), or another controller: an installed name, "
+        'package.module:Class or FILE.py:Class',
         'project',
     )
     mode: Literal['remote', 'autonomous'] = setting('remote', 'drive mode (task_init)', '7.3')
