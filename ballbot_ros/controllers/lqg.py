@@ -1,0 +1,257 @@
+"""A linear quadratic Gaussian controller: Kalman filter and LQR, designed for ticks of 4 ms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ballbot_ros.controllers.controller import Controller, Duty, Readings
+from ballbot_ros.controllers.driving import (
+    FULL_DUTY,
+    MOTORS_OFF,
+    TICK_S,
+    Driving,
+    DrivingParameters,
+    SpeedReference,
+    duty_for,
+)
+from ballbot_ros.controllers.interface import Estimates
+from ballbot_ros.numerics.discretisation import zero_order_hold
+from ballbot_ros.parameters import designed, quantity
+from ballbot_ros.plant.model import Matrix, PhysicalParameters, state_space
+
+DEGREE = math.pi / 180.0
+ANY, POSITIVE = (-1e9, 1e9), (1e-6, 1e6)
+STATES = 5
+"""Of the filter: theta, psi, theta_dot, psi_dot, and the error of the gyro offset."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LQGParameters(DrivingParameters):
+    """What the design starts from, and its results.
+
+    The LQR weighs each deviation relative to its scale: deviations cost the same if they are the
+    same multiple of their scales. The filter weighs errors by their standard deviations.
+    """
+
+    reference_time: float = quantity(
+        0.3, 's', (0.0, 60.0), 'time constant of each of two low passes of the speed', 'project'
+    )
+    theta_scale: float = quantity(15.0, 'deg', POSITIVE, 'LQR: scale of θ', 'project')
+    psi_scale: float = quantity(1.0, 'deg', POSITIVE, 'LQR: scale of ψ', 'project')
+    theta_dot_scale: float = quantity(50.0, 'deg/s', POSITIVE, 'LQR: scale of θ˙', 'project')
+    psi_dot_scale: float = quantity(200.0, 'deg/s', POSITIVE, 'LQR: scale of ψ˙', 'project')
+    integral_scale: float = quantity(150.0, 'deg·s', POSITIVE, 'LQR: scale of ∫θ', 'project')
+    voltage_scale: float = quantity(1.0, 'V', POSITIVE, 'LQR: scale of the voltage', 'project')
+    voltage_error: float = quantity(
+        0.1, 'V', POSITIVE, 'filter: error of the motor voltage in a tick', 'project'
+    )
+    torque_error: float = quantity(
+        0.03, 'N·m', POSITIVE, 'filter: unknown torque on the body in a tick', 'project'
+    )
+    drift_rate: float = quantity(
+        0.01, 'deg/s/√s', POSITIVE, 'filter: random walk of the gyro offset', 'project'
+    )
+    gyro_error: float = quantity(
+        0.7, 'deg/s', POSITIVE, 'filter: error of a gyro reading', 'project'
+    )
+    encoder_error: float = quantity(
+        0.25, 'deg', POSITIVE, 'filter: error of an encoder reading', 'project'
+    )
+    dead_zone: float = quantity(
+        1.0, '%', (0.0, 50.0), 'filter: duty that friction takes', 'project'
+    )
+    transition: tuple[float, ...] = designed(
+        '1, s, 1/s', ANY, 'A of the filter, 5 × 5, row by row: θ, ψ, θ˙, ψ˙, gyro drift'
+    )
+    input_effect: tuple[float, ...] = designed('deg/V, deg/s/V', ANY, 'B of the filter, 5 × 1')
+    filter_gain: tuple[float, ...] = designed(
+        's, 1, 1/s', ANY, 'Kalman gain, 5 × 2, row by row: of the gyro and of the encoder'
+    )
+    feedback: tuple[float, ...] = designed(
+        'V/deg, V·s/deg, V/(deg·s)', ANY, 'LQR gain of θ, ψ, θ˙, ψ˙, ∫θ'
+    )
+    feedforward: tuple[float, ...] = designed(
+        's, V·s/deg, s², V·s²/deg', ANY,
+        'ψ and voltage per rate of the reference, then both per its acceleration',
+    )  # fmt: skip
+
+
+class LQG(Controller[LQGParameters]):
+    """A Kalman filter that knows the gyro's drift, and an LQR with the integral of theta.
+
+    The duty of a tick acts at once and until the next tick, so that the loop has no dead time: the
+    filter corrects its prediction by the readings of a tick, the LQR answers, and the filter
+    predicts the next tick with the voltage that the whole duty gives.
+    """
+
+    @classmethod
+    def design(cls, parameters: LQGParameters, model: PhysicalParameters) -> LQGParameters:
+        """Return the parameters with the filter and the gains for a model."""
+        a, b = degree_model(model)
+        transition, effect = zero_order_hold(a, b, TICK_S)
+        filter_a, filter_b, filter_gain = kalman_filter(parameters, transition, effect, model.ratio)
+        return replace(
+            parameters,
+            transition=_flat(filter_a),
+            input_effect=_flat(filter_b),
+            filter_gain=_flat(filter_gain),
+            feedback=_flat(regulator(parameters, transition, effect[:, :1])),
+            feedforward=_flat(feedforward(a, b[:, 0])),
+        )
+
+    def start(self) -> None:
+        """Start both planes at rest."""
+        self._driving = Driving(self.parameters, self.sound)
+        self._planes = _Plane(self), _Plane(self)
+        self.x, self.y = (plane.estimates for plane in self._planes)
+
+    def tick(self, readings: Readings) -> Duty:
+        """Return the duties for the readings."""
+        driving = self._driving
+        self.operating_state = driving.update(readings)
+        if not driving.balances:
+            return MOTORS_OFF
+        x, y = self._planes
+        duty = (
+            x.duty(readings.max_voltage, *driving.plane(readings, 0)),
+            y.duty(readings.max_voltage, *driving.plane(readings, 1)),
+        )
+        driving.watch(readings, self.x, self.y)
+        return duty
+
+
+def degree_model(model: PhysicalParameters) -> tuple[Matrix, Matrix]:
+    """Return A (4, 4) and B (4, 2) of (3.24) in degrees, for the voltage and a torque on psi."""
+    a, b = state_space(model)
+    return a, b[:, [0, 2]] / DEGREE
+
+
+def regulator(p: LQGParameters, transition: Matrix, effect: Matrix) -> Matrix:
+    """Return the gain (1, 5) of the LQR for theta, psi, their rates, and the integral of theta."""
+    import control  # only a design needs it, and it takes long to import
+
+    a = np.eye(5)
+    a[:4, :4] = transition
+    a[4, 0] = TICK_S
+    b = np.vstack([effect, [[0.0]]])
+    scales = np.array(
+        [p.theta_scale, p.psi_scale, p.theta_dot_scale, p.psi_dot_scale, p.integral_scale]
+    )
+    gain, _, _ = control.dlqr(a, b, np.diag(scales**-2.0), [[p.voltage_scale**-2.0]])
+    return np.asarray(gain, float)
+
+
+def kalman_filter(
+    p: LQGParameters, transition: Matrix, effect: Matrix, ratio: float
+) -> tuple[Matrix, Matrix, Matrix]:
+    """Return A (5, 5), B (5, 1) and the gain (5, 2) of the stationary Kalman filter.
+
+    The gyro reads psi_dot plus the drift, the encoder Rs/Rw (theta - psi). The gain is the one that
+    corrects a prediction by the readings of the same tick.
+    """
+    import control
+
+    a = np.eye(STATES)
+    a[:4, :4] = transition
+    g = np.zeros((STATES, 3))
+    g[:4, :2] = effect
+    g[4, 2] = 1.0
+    errors = np.diag([p.voltage_error, p.torque_error, p.drift_rate * TICK_S**0.5]) ** 2
+    disturbance = g @ errors @ g.T
+    disturbance = (disturbance + disturbance.T) / 2.0  # dlqe refuses what rounding has left
+    c = measurement(ratio)
+    noise = np.diag([p.gyro_error, p.encoder_error]) ** 2
+    _, covariance, _ = control.dlqe(a, np.eye(STATES), c, disturbance, noise)
+    gain = covariance @ c.T @ np.linalg.inv(c @ covariance @ c.T + noise)
+    return a, g[:, :1], np.asarray(gain, float)
+
+
+def measurement(ratio: float) -> Matrix:
+    """Return C (2, 5): what gyro and encoder read of the filter's state."""
+    return np.array([[0.0, 0.0, 0.0, 1.0, 1.0], [ratio, -ratio, 0.0, 0.0, 0.0]])
+
+
+def feedforward(a: Matrix, b: Matrix) -> Matrix:
+    """Return what a steadily rolling or accelerating ball takes, with psi constant.
+
+    They are psi and voltage per deg/s of its rate, then psi and voltage per deg/s² of its
+    acceleration: the solution of the last two rows of (3.24).
+    """
+    unknown = np.column_stack([a[2:, 1], b[2:]])
+    known = np.column_stack([-a[2:, 2], [1.0, 0.0]])
+    return np.asarray(np.linalg.solve(unknown, known).T, float)
+
+
+class _Plane:
+    """Filter and regulator of a plane, in plain floats: the same on every machine."""
+
+    def __init__(self, controller: LQG) -> None:
+        p = self._p = controller.parameters
+        self._ratio = controller.model.ratio
+        self._transition = _rows(p.transition, STATES)
+        self._gain = _rows(p.filter_gain, 2)
+        self._reference = SpeedReference(p.reference_time)
+        self._predicted = (0.0,) * STATES
+        self._integral = 0.0
+        self.estimates = Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def duty(self, max_voltage: float, rate: float, revolution: int, speed: float) -> int:
+        """Return the duty [%]; for the arguments see :meth:`Driving.plane`."""
+        reference, now = self._reference, self.estimates
+        reference.update(speed)
+        now.theta_ref, now.theta_ref_dot = reference.theta, reference.theta_dot
+        state = self._corrected(rate, revolution)
+        now.theta, now.psi, now.theta_dot, now.psi_dot, _ = state
+        duty = duty_for(self._voltage(), max_voltage)
+        if abs(duty) < FULL_DUTY:  # else the integral would wind up
+            self._integral += TICK_S * (now.theta - now.theta_ref)
+        self._predict(state, self._effective(duty) * max_voltage / FULL_DUTY)
+        return duty
+
+    def _corrected(self, rate: float, revolution: int) -> Sequence[float]:
+        """Return the state, corrected by the readings."""
+        theta, psi, _, psi_dot, drift = self._predicted
+        gyro = rate - (psi_dot + drift)
+        encoder = revolution - self._ratio * (theta - psi)
+        return [
+            predicted + (of_gyro * gyro + of_encoder * encoder)
+            for predicted, (of_gyro, of_encoder) in zip(self._predicted, self._gain, strict=True)
+        ]
+
+    def _voltage(self) -> float:
+        """Return the voltage of feedforward and LQR."""
+        now, acceleration = self.estimates, self._reference.theta_ddot
+        psi_rate, voltage_rate, psi_acceleration, voltage_acceleration = self._p.feedforward
+        k_theta, k_psi, k_theta_dot, k_psi_dot, k_integral = self._p.feedback
+        psi_ref = psi_rate * now.theta_ref_dot + psi_acceleration * acceleration
+        voltage = voltage_rate * now.theta_ref_dot + voltage_acceleration * acceleration
+        voltage -= k_theta * (now.theta - now.theta_ref)
+        voltage -= k_psi * (now.psi - psi_ref)
+        voltage -= k_theta_dot * (now.theta_dot - now.theta_ref_dot)
+        voltage -= k_psi_dot * now.psi_dot
+        return voltage - k_integral * self._integral
+
+    def _effective(self, duty: int) -> float:
+        """Return what friction leaves of a duty [%]."""
+        rest = max(0.0, abs(duty) - self._p.dead_zone)
+        return rest if duty > 0 else -rest
+
+    def _predict(self, state: Sequence[float], voltage: float) -> None:
+        # No sum(): since Python 3.12 it compensates the rounding.
+        v, w, x, y, z = state
+        self._predicted = tuple(
+            a * v + b * w + c * x + d * y + e * z + effect * voltage
+            for (a, b, c, d, e), effect in zip(self._transition, self._p.input_effect, strict=True)
+        )
+
+
+def _flat(matrix: Matrix) -> tuple[float, ...]:
+    return tuple(matrix.ravel().tolist())
+
+
+def _rows(values: Sequence[float], width: int) -> list[tuple[float, ...]]:
+    return [tuple(values[start : start + width]) for start in range(0, len(values), width)]

@@ -1,0 +1,124 @@
+"""A cascade of two PID controllers: the ball's position demands a pitch, the pitch a voltage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ballbot_ros.controllers.controller import Controller, Duty, Readings
+from ballbot_ros.controllers.driving import (
+    FULL_DUTY,
+    MOTORS_OFF,
+    TICK_S,
+    Driving,
+    DrivingParameters,
+    SpeedReference,
+    duty_for,
+)
+from ballbot_ros.controllers.interface import Estimates
+from ballbot_ros.parameters import quantity
+
+GAIN = (0.0, 1e6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PIDParameters(DrivingParameters):
+    """Gains of both controllers, and time constants of the estimates."""
+
+    reference_time: float = quantity(
+        0.3, 's', (0.0, 60.0), 'time constant of each of two low passes of the speed', 'project'
+    )
+    pitch_p: float = quantity(1.6, 'V/deg', GAIN, 'voltage for a pitch error', 'project')
+    pitch_d: float = quantity(0.2, 'V·s/deg', GAIN, 'voltage for a pitch rate', 'project')
+    position_p: float = quantity(
+        0.012, '1', GAIN, 'pitch for an error of the ball angle', 'project'
+    )
+    position_i: float = quantity(0.004, '1/s', GAIN, 'pitch for its integral', 'project')
+    position_d: float = quantity(0.01, 's', GAIN, 'pitch for an error of the ball rate', 'project')
+    back_emf: float = quantity(
+        0.0111, 'V·s/deg', GAIN, 'voltage that keeps the ball rolling, per ball rate', 'project'
+    )
+    rate_time: float = quantity(
+        0.02, 's', (0.0, 10.0), 'time constant of the low pass of the ball rate', 'project'
+    )
+    drift_time: float = quantity(
+        6.0, 's', (0.1, 1e6), 'time constant at which the gyro offset is corrected', 'project'
+    )
+
+
+class PID(Controller[PIDParameters]):
+    """Two PID controllers in a cascade, for each plane.
+
+    The outer one leans the body against an error of the ball's angle (P), its integral (I) and its
+    rate (D). The inner one drives the ball under the body: P on the pitch error, D on its rate.
+    """
+
+    def start(self) -> None:
+        """Start both planes at rest."""
+        self._driving = Driving(self.parameters, self.sound)
+        self._planes = _Plane(self), _Plane(self)
+        self.x, self.y = (plane.estimates for plane in self._planes)
+
+    def tick(self, readings: Readings) -> Duty:
+        """Return the duties for the readings."""
+        driving = self._driving
+        self.operating_state = driving.update(readings)
+        if not driving.balances:
+            return MOTORS_OFF
+        x, y = self._planes
+        duty = (
+            x.duty(readings.max_voltage, *driving.plane(readings, 0)),
+            y.duty(readings.max_voltage, *driving.plane(readings, 1)),
+        )
+        driving.watch(readings, self.x, self.y)
+        return duty
+
+
+class _Plane:
+    """Both controllers and the estimates of a plane."""
+
+    def __init__(self, controller: PID) -> None:
+        self._p = controller.parameters
+        self._wheel_per_ball = 1.0 / controller.model.ratio
+        self._reference = SpeedReference(self._p.reference_time)
+        self._offset_error = 0.0
+        self._rate = 0.0
+        self._integral = 0.0
+        self.estimates = Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def duty(self, max_voltage: float, rate: float, revolution: int, speed: float) -> int:
+        """Return the duty [%]; for the arguments see :meth:`Driving.plane`."""
+        p = self._p
+        self._reference.update(speed)
+        self._estimate(rate, revolution)
+        now = self.estimates
+
+        error = now.theta_ref - now.theta
+        pitch = (
+            p.position_p * error
+            + p.position_i * self._integral
+            + p.position_d * (now.theta_ref_dot - now.theta_dot)
+        )
+        voltage = (
+            p.pitch_p * (now.psi - pitch) + p.pitch_d * now.psi_dot + p.back_emf * now.theta_dot
+        )
+        duty = duty_for(voltage, max_voltage)
+        if abs(duty) < FULL_DUTY:  # else the integral would wind up
+            self._integral += TICK_S * error
+        return duty
+
+    def _estimate(self, rate: float, revolution: int) -> None:
+        """Update the estimates from the gyro and the encoder."""
+        p, now = self._p, self.estimates
+        # A robot that does not fall has a mean pitch of 0: what remains is the gyro's drift.
+        self._offset_error += TICK_S / p.drift_time**2 * now.psi
+        # The mean of two readings: the motors answer within a tick, so that a strong reaction to
+        # single readings would make them shiver from tick to tick.
+        now.psi_dot = (rate + self._rate) / 2.0 - self._offset_error
+        self._rate = rate
+        now.psi += TICK_S * (now.psi_dot - 2.0 / p.drift_time * now.psi)
+
+        theta = self._wheel_per_ball * revolution + now.psi
+        change = (theta - now.theta) / TICK_S - now.theta_dot
+        now.theta_dot += TICK_S / (TICK_S + p.rate_time) * change
+        now.theta = theta
+        now.theta_ref, now.theta_ref_dot = self._reference.theta, self._reference.theta_dot
