@@ -106,6 +106,10 @@ setup(
             'pygame-ce>=2.5',
             'prompt_toolkit>=3.0.36',
         ],
+        # The controller mpc.
+        'mpc': [
+            'osqp>=1.0',
+        ],
         'parquet': [
             'pyarrow>=14',
         ],
@@ -131,6 +135,7 @@ setup(
             'colcon-common-extensions>=0.3',
             'mcap-ros2-support>=0.5',
             'numba>=0.58',
+            'osqp>=1.0',
             'pyarrow>=14',
             'types-PyYAML>=6.0',
             'yourdfpy>=0.0.56',
@@ -138,6 +143,12 @@ setup(
     },
     zip_safe=True,
     entry_points={
+        'ballbot_ros.controllers': [
+            f'pid = {PACKAGE}.controllers.pid:PID',
+            f'lqg = {PACKAGE}.controllers.lqg:LQG',
+            f'drift_filter = {PACKAGE}.controllers.drift_filter:DriftFilter',
+            f'mpc = {PACKAGE}.controllers.mpc:MPC',
+        ],
         'console_scripts': [
             f'ballbot = {PACKAGE}.cli.main:main',
             *(f'{node} = {PACKAGE}.nodes.executables:{node}' for node in nodes()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -37,6 +38,9 @@ IDLE = 'idle'
 """Name of the task that makes the ticks if no task of the controller has the shortest period."""
 
 MAX_TASKS = 8
+
+MAX_DUTY = 100
+"""Largest duty [%]."""
 
 VOLTAGE_SLOPE = 1.089e-3
 VOLTAGE_OFFSET = 0.625
@@ -88,10 +92,16 @@ class Readings(NamedTuple):
         return VOLTAGE_SLOPE * self.battery_mv - VOLTAGE_OFFSET
 
     def duty(self, voltage: float) -> int:
-        """Return the duty [%] nearest to a motor voltage [V], at most ±100; 0 without a voltage."""
+        """Return the duty [%] nearest to a motor voltage [V], at most ±100.
+
+        It is 0 if the battery gives no voltage. It raises ValueError for NaN.
+        """
+        if math.isnan(voltage):
+            raise ValueError('the voltage is NaN')
         if self.max_voltage <= 0.0:
             return 0
-        return round(max(-100.0, min(100.0, 100.0 * voltage / self.max_voltage)))
+        duty = MAX_DUTY * voltage / self.max_voltage
+        return round(max(-MAX_DUTY, min(MAX_DUTY, duty)))
 
 
 class Controller(Generic[P]):
@@ -127,9 +137,12 @@ class Controller(Generic[P]):
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
-        for base in getattr(cls, '__orig_bases__', ()):
-            if get_origin(base) is Controller and isinstance(get_args(base)[0], type):
-                cls.parameters_class = get_args(base)[0]
+        for base in cls.__dict__.get('__orig_bases__', ()):
+            origin = get_origin(base)
+            if isinstance(origin, type) and issubclass(origin, Controller):
+                (parameters,) = get_args(base)
+                if isinstance(parameters, type):  # not the type variable of a generic class
+                    cls.parameters_class = parameters
 
     def __init__(
         self,

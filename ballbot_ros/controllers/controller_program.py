@@ -14,6 +14,7 @@ from ballbot_ros.brick.schedule import Schedule
 from ballbot_ros.brick.units import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.controllers.controller import (
     IDLE,
+    MAX_DUTY,
     TICK,
     TICK_MS,
     Controller,
@@ -27,7 +28,6 @@ from ballbot_ros.controllers.loading import LoadedController, shown_path
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.plant.model import PhysicalParameters
 
-MAX_DUTY = 100
 NANOSECONDS_PER_MILLISECOND = 1_000_000
 NOTABLE_SHARE = 0.01
 NOTABLE_MS = 25 * TICK_MS

@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from ballbot_ros.controllers.controller import Controller, Duty, Readings
+from ballbot_ros.controllers.controller import Readings
 from ballbot_ros.controllers.document.axis import THOUSAND, TS1_PERIOD, Axis
 from ballbot_ros.controllers.document.constants import ProgramConstants, Single
-from ballbot_ros.controllers.driving import MOTORS_OFF, TICK_S, Driving, DrivingParameters
+from ballbot_ros.controllers.driving import DrivingController, PlaneController, PlaneInputs
 from ballbot_ros.controllers.interface import Estimates
 from ballbot_ros.parameters import ControllerParameters, quantity
 from ballbot_ros.plant.model import PhysicalParameters, mass_matrix
-
-COEFFICIENT = (0.0, 1.0)
-LAW = ControllerParameters()
-"""The document's values."""
+from ballbot_ros.timing import TICK_S
 
 
-@dataclass(frozen=True, kw_only=True)
-class DriftFilterParameters(DrivingParameters):
-    """The parameters of the document's law, and the time constant of the filter."""
+@dataclass(frozen=True)
+class DriftFilterParameters:
+    """The time constant of the filter."""
 
-    k_f: tuple[float, float, float, float] = quantity(
-        LAW.k_f, 'V/deg, V·s/deg', (-1e9, 1e9), 'servo control feedback gain of θ, ψ, θ˙, ψ˙', '4.2'
-    )
-    k_i: float = quantity(LAW.k_i, 'V/(deg·s)', (-1e9, 1e9), 'servo control integral gain', '4.2')
-    a_d: float = quantity(LAW.a_d, '1', COEFFICIENT, 'low pass: velocity', '7.7')
-    a_r: float = quantity(LAW.a_r, '1', COEFFICIENT, 'low pass: speed reference', '7.7')
     drift_time: float = quantity(
         8.0, 's', (0.1, 1e6), 'time constant of the correction of pitch and gyro offset', '10'
     )
 
 
-class DriftFilter(Controller[DriftFilterParameters]):
+class DriftFilter(DrivingController[DriftFilterParameters]):
     """The document's law on a pitch that does not drift.
 
     The document's program takes the low-passed gyro reading for its offset. Its pitch is therefore
@@ -40,43 +31,33 @@ class DriftFilter(Controller[DriftFilterParameters]):
     what the body really did, see :class:`LeanObserver`.
     """
 
-    def start(self) -> None:
-        """Start both planes at rest."""
-        p = self.parameters
-        constants = ProgramConstants.of(
-            ControllerParameters(
-                k_f=p.k_f, k_i=p.k_i, a_d=p.a_d, a_r=p.a_r,
-                a_gd=1.0,  # Axis keeps the offset that it is given
-                k_thetadot=p.k_thetadot,
-                wheel_radius=self.model.wheel_radius, ball_radius=self.model.ball_radius,
-            )
-        )  # fmt: skip
-        self._driving = Driving(p, self.sound)
-        self._axes = Axis(constants), Axis(constants)
-        self._observers = tuple(LeanObserver(p.drift_time, self.model) for _ in self._axes)
+    def make_plane(self) -> PlaneController:
+        """Return the controller of a plane, at rest."""
+        return DriftFreeAxis(self.settings, self.parameters.drift_time, self.model)
 
-    def tick(self, readings: Readings) -> Duty:
-        """Return the duties for the readings."""
-        driving = self._driving
-        self.operating_state = driving.update(readings)
-        if not driving.balances:
-            return MOTORS_OFF
-        duty = self._duty(0, readings), self._duty(1, readings)
-        self.x, self.y = (_estimates(axis) for axis in self._axes)
-        driving.watch(readings, self.x, self.y)
-        return duty
 
-    def _duty(self, plane: int, readings: Readings) -> int:
-        axis, observer = self._axes[plane], self._observers[plane]
-        axis.gyro_offset = Single(self._driving.gyro_offsets[plane] + observer.offset_error)
+class DriftFreeAxis:
+    """The document's controller of a plane, whose gyro offset is known."""
+
+    def __init__(
+        self, settings: ControllerParameters, drift_time: float, model: PhysicalParameters
+    ) -> None:
+        # An Axis with this coefficient keeps the offset that it is given.
+        self._axis = Axis(ProgramConstants.of(replace(settings, a_gd=1.0)))
+        self._observer = LeanObserver(drift_time, model)
+        self.estimates = Estimates()
+
+    def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
+        """Return the duty [%]."""
+        axis, observer = self._axis, self._observer
+        axis.gyro_offset = Single(inputs.gyro - inputs.rate + observer.offset_error)
         duty = axis.control(
-            readings.gyro[plane],
-            readings.revolutions[plane],
-            self._driving.sticks[plane],
-            Single(readings.max_voltage),
+            inputs.gyro, inputs.revolution, inputs.stick, Single(readings.max_voltage)
         )
         pitch_error = observer.update(float(axis.psi), float(axis.theta_dot), float(axis.psi_dot))
         axis.sum_psi_dot -= Single(pitch_error) * THOUSAND / TS1_PERIOD
+        for name in vars(self.estimates):
+            setattr(self.estimates, name, float(getattr(axis, name)))
         return duty
 
 
@@ -116,15 +97,3 @@ class LeanObserver:
         self._momentum = momentum
         self.offset_error += error / self._time**2
         return 2.0 / self._time * error
-
-
-def _estimates(axis: Axis) -> Estimates:
-    return Estimates(
-        *map(
-            float,
-            (
-                axis.theta, axis.psi, axis.theta_dot, axis.psi_dot,
-                axis.theta_ref, axis.theta_ref_dot,
-            ),
-        )
-    )  # fmt: skip

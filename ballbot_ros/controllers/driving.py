@@ -3,43 +3,78 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from typing import NamedTuple, Protocol
 
 from ballbot_ros.brick.units import NO_ECHO_CM
-from ballbot_ros.controllers.controller import TICK_MS, Duty, Readings
+from ballbot_ros.controllers.controller import Controller, Duty, P, Readings
 from ballbot_ros.controllers.interface import Estimates, OperatingState
-from ballbot_ros.parameters import quantity, setting
+from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.timing import TICK_S
 
-TICK_S = TICK_MS / 1000
-FULL_STICK, FULL_DUTY = 100, 100
 MOTORS_OFF: Duty = (0, 0)
 
 
-@dataclass(frozen=True, kw_only=True)
-class DrivingParameters:
-    """The parameters of :class:`Driving`, named like those of the document's program."""
+class PlaneInputs(NamedTuple):
+    """What the controller of a plane gets.
 
-    mode: Literal['remote', 'autonomous'] = setting('remote', 'drive mode', '7.3')
-    k_thetadot: float = quantity(380.0, 'deg/s', (0.0, 1e4), 'ball speed at full stick', '7.7')
-    dst_thr: int = quantity(30, 'cm', (-1, 255), 'obstacle avoidance threshold', '7.7')
-    sonar_hold: int = quantity(
-        200, 'ms', (0, 60000), 'time for which the last echo stays valid if none returns', 'project'
-    )
-    time_start: int = quantity(1000, 'ms', (0, 60000), 'gyro calibration time', '7.4')
-    time_auto: int = quantity(5000, 'ms', (0, 3600000), 'start of autonomous drive', '7.6')
-    time_stop: int = quantity(
-        500, 'ms', (20, 60000), 'time from the loss of control until the motors stop', '7.6'
-    )
-    theta_diff_thr: float = quantity(
-        600.0, 'deg', (0.0, 1e6), 'ball angle error from which control counts as lost', '7.6'
-    )
-    psi_diff_thr: float = quantity(
-        15.0, 'deg', (0.0, 180.0), 'body pitch from which control counts as lost', '7.6'
-    )
-    sound_freq: int = quantity(440, 'Hz', (31, 14080), 'tone after calibration', '7.6')
-    sound_dur: int = quantity(500, 'ms', (0, 65535), 'duration of that tone', '7.6')
-    sound_volume: int = quantity(70, '%', (0, 100), 'volume of that tone', '7.6')
+    Attributes
+    ----------
+    gyro : int
+        Gyro reading [deg/s + offset].
+    rate : float
+        The same without the offset at the calibration [deg/s].
+    revolution : int
+        Motor angle [deg].
+    stick : int
+        Speed command, -gp_max ... gp_max.
+    speed : float
+        Ball rate that it commands [deg/s].
+    """
+
+    gyro: int
+    rate: float
+    revolution: int
+    stick: int
+    speed: float
+
+
+class PlaneController(Protocol):
+    """The controller of one plane, with its state; both planes are alike."""
+
+    @property
+    def estimates(self) -> Estimates:
+        """What it estimates, updated by each call."""
+
+    def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
+        """Return the duty [%]."""
+
+
+class DrivingController(Controller[P]):
+    """A controller that drives as the document's program does, with another law of balance."""
+
+    def make_plane(self) -> PlaneController:
+        """Return the controller of a plane, at rest."""
+        raise NotImplementedError
+
+    def start(self) -> None:
+        """Start both planes at rest."""
+        self._driving = Driving(self.settings, self.sound)
+        self._planes = self.make_plane(), self.make_plane()
+        self.x, self.y = (plane.estimates for plane in self._planes)
+
+    def tick(self, readings: Readings) -> Duty:
+        """Return the duties for the readings."""
+        driving = self._driving
+        self.operating_state = driving.update(readings)
+        if not driving.balances:
+            return MOTORS_OFF
+        x, y = self._planes
+        duty = (
+            x.duty(readings, driving.inputs(readings, 0)),
+            y.duty(readings, driving.inputs(readings, 1)),
+        )
+        driving.watch(readings, self.x, self.y)
+        return duty
 
 
 class Driving:
@@ -50,6 +85,8 @@ class Driving:
 
     Parameters
     ----------
+    settings : ControllerParameters
+        Those of the document's program: drive mode, speed, thresholds, times, tone.
     sound : callable
         :meth:`~ballbot_ros.controllers.controller.Controller.sound` of the controller.
 
@@ -62,9 +99,9 @@ class Driving:
     """
 
     def __init__(
-        self, parameters: DrivingParameters, sound: Callable[[int, int, int], None]
+        self, settings: ControllerParameters, sound: Callable[[int, int, int], None]
     ) -> None:
-        self._p = parameters
+        self._p = settings
         self._sound = sound
         self.state = OperatingState.CALIBRATION
         self.gyro_offsets = (0.0, 0.0)
@@ -82,16 +119,16 @@ class Driving:
 
     @property
     def sticks(self) -> tuple[int, int]:
-        """Speed command for the planes x and y, -100 ... 100."""
+        """Speed command for the planes x and y, -gp_max ... gp_max."""
         if self.state is OperatingState.REMOTE:
             vertical, horizontal = self._sticks
-            return _limited(-vertical), _limited(horizontal)
+            return self._limited(-vertical), self._limited(horizontal)
         if self.state is OperatingState.BACKWARD:
-            return -FULL_STICK, _limited(self._sticks[1])
+            return -self._p.gp_max, self._limited(self._sticks[1])
         if self.state is OperatingState.FORWARD:
-            return FULL_STICK, 0
+            return self._p.gp_max, 0
         if self.state is OperatingState.RIGHTWARD:
-            return 0, FULL_STICK
+            return 0, self._p.gp_max
         return 0, 0
 
     def update(self, readings: Readings) -> OperatingState:
@@ -111,15 +148,16 @@ class Driving:
         self.state = OperatingState.OUT_OF_CONTROL if lost else self._drive_state(now_ms)
         return self.state
 
-    def plane(self, readings: Readings, axis: int) -> tuple[float, int, float]:
-        """Return the inputs of the controller of plane x (axis 0) or y (axis 1).
-
-        They are the gyro reading without its offset [deg/s], the motor angle [deg] and the
-        commanded ball rate [deg/s].
-        """
-        rate = readings.gyro[axis] - self.gyro_offsets[axis]
-        speed = self.sticks[axis] / FULL_STICK * self._p.k_thetadot
-        return rate, readings.revolutions[axis], speed
+    def inputs(self, readings: Readings, axis: int) -> PlaneInputs:
+        """Return the inputs of the controller of plane x (axis 0) or y (axis 1)."""
+        stick = self.sticks[axis]
+        return PlaneInputs(
+            readings.gyro[axis],
+            readings.gyro[axis] - self.gyro_offsets[axis],
+            readings.revolutions[axis],
+            stick,
+            stick / self._p.gp_max * self._p.k_thetadot,
+        )
 
     def watch(self, readings: Readings, x: Estimates, y: Estimates) -> None:
         """Check whether both planes are in control, by the estimates of a tick (7.6)."""
@@ -142,6 +180,10 @@ class Driving:
             self._distance_cm, self._echo_ms = readings.distance_cm, readings.elapsed_ms
         elif readings.elapsed_ms - self._echo_ms > self._p.sonar_hold:
             self._distance_cm = NO_ECHO_CM
+
+    def _limited(self, stick: int) -> int:
+        """Return a stick within its largest values; a packet may hold more."""
+        return max(-self._p.gp_max, min(self._p.gp_max, stick))
 
     def _drive_state(self, now_ms: int) -> OperatingState:
         obstacle = self._distance_cm <= self._p.dst_thr
@@ -181,16 +223,3 @@ class SpeedReference:
         step = self._share * (self._first - self.theta_dot)
         self.theta_ddot = step / TICK_S
         self.theta_dot += step
-
-
-def duty_for(voltage: float, max_voltage: float) -> int:
-    """Return the duty [%] closest to a motor voltage [V]; 0 if the battery gives none."""
-    if max_voltage <= 0.0:
-        return 0
-    share = voltage / max_voltage * FULL_DUTY
-    return round(max(-FULL_DUTY, min(FULL_DUTY, share)))
-
-
-def _limited(stick: int) -> int:
-    """Return a stick within -100 ... 100; a packet may hold -128."""
-    return max(-FULL_STICK, min(FULL_STICK, stick))

@@ -8,29 +8,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ballbot_ros.controllers.controller import Controller, Duty, Readings
+from ballbot_ros.controllers.controller import MAX_DUTY, Readings
 from ballbot_ros.controllers.driving import (
-    FULL_DUTY,
-    MOTORS_OFF,
-    TICK_S,
-    Driving,
-    DrivingParameters,
+    DrivingController,
+    PlaneController,
+    PlaneInputs,
     SpeedReference,
-    duty_for,
 )
 from ballbot_ros.controllers.interface import Estimates
 from ballbot_ros.numerics.discretisation import zero_order_hold
 from ballbot_ros.parameters import designed, quantity
 from ballbot_ros.plant.model import Matrix, PhysicalParameters, state_space
+from ballbot_ros.timing import TICK_S
 
 DEGREE = math.pi / 180.0
 ANY, POSITIVE = (-1e9, 1e9), (1e-6, 1e6)
 STATES = 5
 """Of the filter: theta, psi, theta_dot, psi_dot, and the error of the gyro offset."""
 
+PlaneError = tuple[float, float, float, float, float]
+
 
 @dataclass(frozen=True, kw_only=True)
-class LQGParameters(DrivingParameters):
+class LQGParameters:
     """What the design starts from, and its results.
 
     The LQR weighs each deviation relative to its scale: deviations cost the same if they are the
@@ -80,7 +80,7 @@ class LQGParameters(DrivingParameters):
     )  # fmt: skip
 
 
-class LQG(Controller[LQGParameters]):
+class LQG(DrivingController[LQGParameters]):
     """A Kalman filter that knows the gyro's drift, and an LQR with the integral of theta.
 
     The duty of a tick acts at once and until the next tick, so that the loop has no dead time: the
@@ -91,63 +91,52 @@ class LQG(Controller[LQGParameters]):
     @classmethod
     def design(cls, parameters: LQGParameters, model: PhysicalParameters) -> LQGParameters:
         """Return the parameters with the filter and the gains for a model."""
-        a, b = degree_model(model)
-        transition, effect = zero_order_hold(a, b, TICK_S)
-        filter_a, filter_b, filter_gain = kalman_filter(parameters, transition, effect, model.ratio)
+        filter_a, filter_b, filter_gain = kalman_filter(parameters, model)
+        gain, _ = regulator(parameters, model)
         return replace(
             parameters,
             transition=_flat(filter_a),
             input_effect=_flat(filter_b),
             filter_gain=_flat(filter_gain),
-            feedback=_flat(regulator(parameters, transition, effect[:, :1])),
-            feedforward=_flat(feedforward(a, b[:, 0])),
+            feedback=_flat(gain),
+            feedforward=_flat(feedforward(model)),
         )
 
-    def start(self) -> None:
-        """Start both planes at rest."""
-        self._driving = Driving(self.parameters, self.sound)
-        self._planes = _Plane(self), _Plane(self)
-        self.x, self.y = (plane.estimates for plane in self._planes)
-
-    def tick(self, readings: Readings) -> Duty:
-        """Return the duties for the readings."""
-        driving = self._driving
-        self.operating_state = driving.update(readings)
-        if not driving.balances:
-            return MOTORS_OFF
-        x, y = self._planes
-        duty = (
-            x.duty(readings.max_voltage, *driving.plane(readings, 0)),
-            y.duty(readings.max_voltage, *driving.plane(readings, 1)),
-        )
-        driving.watch(readings, self.x, self.y)
-        return duty
+    def make_plane(self) -> PlaneController:
+        """Return the controller of a plane, at rest."""
+        return Plane(self.parameters, self.model)
 
 
-def degree_model(model: PhysicalParameters) -> tuple[Matrix, Matrix]:
-    """Return A (4, 4) and B (4, 2) of (3.24) in degrees, for the voltage and a torque on psi."""
+def discrete_model(model: PhysicalParameters) -> tuple[Matrix, Matrix]:
+    """Return A (4, 4) and B (4, 2) of a tick in degrees, for the voltage and a torque on psi."""
     a, b = state_space(model)
-    return a, b[:, [0, 2]] / DEGREE
+    return zero_order_hold(a, b[:, [0, 2]] / DEGREE, TICK_S)
 
 
-def regulator(p: LQGParameters, transition: Matrix, effect: Matrix) -> Matrix:
-    """Return the gain (1, 5) of the LQR for theta, psi, their rates, and the integral of theta."""
-    import control  # only a design needs it, and it takes long to import
-
+def with_integral(model: PhysicalParameters) -> tuple[Matrix, Matrix]:
+    """Return A (5, 5) and B (5, 1) of a tick: theta, psi, their rates, the integral of theta."""
+    transition, effect = discrete_model(model)
     a = np.eye(5)
     a[:4, :4] = transition
     a[4, 0] = TICK_S
-    b = np.vstack([effect, [[0.0]]])
-    scales = np.array(
-        [p.theta_scale, p.psi_scale, p.theta_dot_scale, p.psi_dot_scale, p.integral_scale]
-    )
-    gain, _, _ = control.dlqr(a, b, np.diag(scales**-2.0), [[p.voltage_scale**-2.0]])
-    return np.asarray(gain, float)
+    return a, np.vstack([effect[:, :1], [[0.0]]])
 
 
-def kalman_filter(
-    p: LQGParameters, transition: Matrix, effect: Matrix, ratio: float
-) -> tuple[Matrix, Matrix, Matrix]:
+def weights(p: LQGParameters) -> tuple[Matrix, Matrix]:
+    """Return the weights of the state (5, 5) and of the voltage (1, 1)."""
+    scales = [p.theta_scale, p.psi_scale, p.theta_dot_scale, p.psi_dot_scale, p.integral_scale]
+    return np.diag(np.array(scales) ** -2.0), np.array([[p.voltage_scale**-2.0]])
+
+
+def regulator(p: LQGParameters, model: PhysicalParameters) -> tuple[Matrix, Matrix]:
+    """Return gain (1, 5) and cost (5, 5) of the LQR for the states of :func:`with_integral`."""
+    import control  # only a design needs it, and it takes long to import
+
+    gain, cost, _ = control.dlqr(*with_integral(model), *weights(p))
+    return np.asarray(gain, float), np.asarray(cost, float)
+
+
+def kalman_filter(p: LQGParameters, model: PhysicalParameters) -> tuple[Matrix, Matrix, Matrix]:
     """Return A (5, 5), B (5, 1) and the gain (5, 2) of the stationary Kalman filter.
 
     The gyro reads psi_dot plus the drift, the encoder Rs/Rw (theta - psi). The gain is the one that
@@ -155,6 +144,7 @@ def kalman_filter(
     """
     import control
 
+    transition, effect = discrete_model(model)
     a = np.eye(STATES)
     a[:4, :4] = transition
     g = np.zeros((STATES, 3))
@@ -163,7 +153,7 @@ def kalman_filter(
     errors = np.diag([p.voltage_error, p.torque_error, p.drift_rate * TICK_S**0.5]) ** 2
     disturbance = g @ errors @ g.T
     disturbance = (disturbance + disturbance.T) / 2.0  # dlqe refuses what rounding has left
-    c = measurement(ratio)
+    c = measurement(model.ratio)
     noise = np.diag([p.gyro_error, p.encoder_error]) ** 2
     _, covariance, _ = control.dlqe(a, np.eye(STATES), c, disturbance, noise)
     gain = covariance @ c.T @ np.linalg.inv(c @ covariance @ c.T + noise)
@@ -175,23 +165,24 @@ def measurement(ratio: float) -> Matrix:
     return np.array([[0.0, 0.0, 0.0, 1.0, 1.0], [ratio, -ratio, 0.0, 0.0, 0.0]])
 
 
-def feedforward(a: Matrix, b: Matrix) -> Matrix:
+def feedforward(model: PhysicalParameters) -> Matrix:
     """Return what a steadily rolling or accelerating ball takes, with psi constant.
 
     They are psi and voltage per deg/s of its rate, then psi and voltage per deg/s² of its
     acceleration: the solution of the last two rows of (3.24).
     """
-    unknown = np.column_stack([a[2:, 1], b[2:]])
+    a, b = state_space(model)
+    unknown = np.column_stack([a[2:, 1], b[2:, 0] / DEGREE])
     known = np.column_stack([-a[2:, 2], [1.0, 0.0]])
     return np.asarray(np.linalg.solve(unknown, known).T, float)
 
 
-class _Plane:
+class Plane:
     """Filter and regulator of a plane, in plain floats: the same on every machine."""
 
-    def __init__(self, controller: LQG) -> None:
-        p = self._p = controller.parameters
-        self._ratio = controller.model.ratio
+    def __init__(self, parameters: LQGParameters, model: PhysicalParameters) -> None:
+        p = self._p = parameters
+        self._ratio = model.ratio
         self._transition = _rows(p.transition, STATES)
         self._gain = _rows(p.filter_gain, 2)
         self._reference = SpeedReference(p.reference_time)
@@ -199,17 +190,17 @@ class _Plane:
         self._integral = 0.0
         self.estimates = Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-    def duty(self, max_voltage: float, rate: float, revolution: int, speed: float) -> int:
-        """Return the duty [%]; for the arguments see :meth:`Driving.plane`."""
+    def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
+        """Return the duty [%]."""
         reference, now = self._reference, self.estimates
-        reference.update(speed)
+        reference.update(inputs.speed)
         now.theta_ref, now.theta_ref_dot = reference.theta, reference.theta_dot
-        state = self._corrected(rate, revolution)
+        state = self._corrected(inputs.rate, inputs.revolution)
         now.theta, now.psi, now.theta_dot, now.psi_dot, _ = state
-        duty = duty_for(self._voltage(), max_voltage)
-        if abs(duty) < FULL_DUTY:  # else the integral would wind up
+        duty = readings.duty(self._voltage(readings.max_voltage))
+        if abs(duty) < MAX_DUTY:  # else the integral would wind up
             self._integral += TICK_S * (now.theta - now.theta_ref)
-        self._predict(state, self._effective(duty) * max_voltage / FULL_DUTY)
+        self._predict(state, self._effective(duty) * readings.max_voltage / MAX_DUTY)
         return duty
 
     def _corrected(self, rate: float, revolution: int) -> Sequence[float]:
@@ -222,18 +213,38 @@ class _Plane:
             for predicted, (of_gyro, of_encoder) in zip(self._predicted, self._gain, strict=True)
         ]
 
-    def _voltage(self) -> float:
-        """Return the voltage of feedforward and LQR."""
+    def _voltage(self, max_voltage: float) -> float:
+        """Return the voltage of feedforward and feedback, for the largest one [V]."""
         now, acceleration = self.estimates, self._reference.theta_ddot
         psi_rate, voltage_rate, psi_acceleration, voltage_acceleration = self._p.feedforward
-        k_theta, k_psi, k_theta_dot, k_psi_dot, k_integral = self._p.feedback
         psi_ref = psi_rate * now.theta_ref_dot + psi_acceleration * acceleration
         voltage = voltage_rate * now.theta_ref_dot + voltage_acceleration * acceleration
-        voltage -= k_theta * (now.theta - now.theta_ref)
-        voltage -= k_psi * (now.psi - psi_ref)
-        voltage -= k_theta_dot * (now.theta_dot - now.theta_ref_dot)
-        voltage -= k_psi_dot * now.psi_dot
-        return voltage - k_integral * self._integral
+        error = (
+            now.theta - now.theta_ref,
+            now.psi - psi_ref,
+            now.theta_dot - now.theta_ref_dot,
+            now.psi_dot,
+            self._integral,
+        )
+        low, high = -max_voltage - voltage, max_voltage - voltage
+        return voltage + self.feedback(error, (low, high), psi_ref)
+
+    def feedback(self, error: PlaneError, limits: tuple[float, float], psi_ref: float) -> float:
+        """Return the voltage [V] that takes a deviation back to the reference.
+
+        Parameters
+        ----------
+        error : tuple of float
+            Deviations of theta, psi and their rates, and the integral of that of theta.
+        limits : tuple of float
+            Lowest and highest voltage that the motor can give here [V].
+        psi_ref : float
+            Reference of the pitch [deg].
+        """
+        voltage = 0.0
+        for gain, deviation in zip(self._p.feedback, error, strict=True):
+            voltage -= gain * deviation
+        return voltage
 
     def _effective(self, duty: int) -> float:
         """Return what friction leaves of a duty [%]."""

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ballbot_ros.controllers.controller import Controller, Duty, Readings
+from ballbot_ros.controllers.controller import MAX_DUTY, Readings
 from ballbot_ros.controllers.driving import (
-    FULL_DUTY,
-    MOTORS_OFF,
-    TICK_S,
-    Driving,
-    DrivingParameters,
+    DrivingController,
+    PlaneController,
+    PlaneInputs,
     SpeedReference,
-    duty_for,
 )
 from ballbot_ros.controllers.interface import Estimates
 from ballbot_ros.parameters import quantity
+from ballbot_ros.plant.model import PhysicalParameters
+from ballbot_ros.timing import TICK_S
 
 GAIN = (0.0, 1e6)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PIDParameters(DrivingParameters):
+@dataclass(frozen=True)
+class PIDParameters:
     """Gains of both controllers, and time constants of the estimates."""
 
     reference_time: float = quantity(
@@ -45,51 +44,35 @@ class PIDParameters(DrivingParameters):
     )
 
 
-class PID(Controller[PIDParameters]):
+class PID(DrivingController[PIDParameters]):
     """Two PID controllers in a cascade, for each plane.
 
     The outer one leans the body against an error of the ball's angle (P), its integral (I) and its
     rate (D). The inner one drives the ball under the body: P on the pitch error, D on its rate.
     """
 
-    def start(self) -> None:
-        """Start both planes at rest."""
-        self._driving = Driving(self.parameters, self.sound)
-        self._planes = _Plane(self), _Plane(self)
-        self.x, self.y = (plane.estimates for plane in self._planes)
-
-    def tick(self, readings: Readings) -> Duty:
-        """Return the duties for the readings."""
-        driving = self._driving
-        self.operating_state = driving.update(readings)
-        if not driving.balances:
-            return MOTORS_OFF
-        x, y = self._planes
-        duty = (
-            x.duty(readings.max_voltage, *driving.plane(readings, 0)),
-            y.duty(readings.max_voltage, *driving.plane(readings, 1)),
-        )
-        driving.watch(readings, self.x, self.y)
-        return duty
+    def make_plane(self) -> PlaneController:
+        """Return the controller of a plane, at rest."""
+        return Cascade(self.parameters, self.model)
 
 
-class _Plane:
+class Cascade:
     """Both controllers and the estimates of a plane."""
 
-    def __init__(self, controller: PID) -> None:
-        self._p = controller.parameters
-        self._wheel_per_ball = 1.0 / controller.model.ratio
+    def __init__(self, parameters: PIDParameters, model: PhysicalParameters) -> None:
+        self._p = parameters
+        self._wheel_per_ball = 1.0 / model.ratio
         self._reference = SpeedReference(self._p.reference_time)
         self._offset_error = 0.0
         self._rate = 0.0
         self._integral = 0.0
         self.estimates = Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-    def duty(self, max_voltage: float, rate: float, revolution: int, speed: float) -> int:
-        """Return the duty [%]; for the arguments see :meth:`Driving.plane`."""
+    def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
+        """Return the duty [%]."""
         p = self._p
-        self._reference.update(speed)
-        self._estimate(rate, revolution)
+        self._reference.update(inputs.speed)
+        self._estimate(inputs.rate, inputs.revolution)
         now = self.estimates
 
         error = now.theta_ref - now.theta
@@ -101,8 +84,8 @@ class _Plane:
         voltage = (
             p.pitch_p * (now.psi - pitch) + p.pitch_d * now.psi_dot + p.back_emf * now.theta_dot
         )
-        duty = duty_for(voltage, max_voltage)
-        if abs(duty) < FULL_DUTY:  # else the integral would wind up
+        duty = readings.duty(voltage)
+        if abs(duty) < MAX_DUTY:  # else the integral would wind up
             self._integral += TICK_S * error
         return duty
 

@@ -194,9 +194,9 @@ def test_each_script_installs_what_it_needs_once(machine):
     assert machine.run('run').messages.startswith('Setting up .venv')
     venv, pip = machine.calls()
     assert venv == f'venv {machine.venv}'
-    assert pip == 'pip install --no-input -e .[ros,drive,viewer]'
+    assert pip == 'pip install --no-input -e .[ros,drive,mpc,viewer]'
     machine.run('test')
-    assert machine.calls() == ['pip install --no-input -e .[ros,drive,viewer,test]']
+    assert machine.calls() == ['pip install --no-input -e .[ros,drive,mpc,viewer,test]']
     assert machine.run('run').messages == machine.run('test').messages == ''
     assert machine.calls() == []
 
@@ -207,9 +207,9 @@ def test_changed_requirements_and_nodes_update_the_environment(machine):
     for name in ('setup.py', 'pyproject.toml', 'ballbot_ros/parameters/new.py'):
         (machine.project / name).write_text("    node: ClassVar[str] = 'second'")
         machine.run('run')
-        assert machine.calls() == ['pip install --no-input -e .[ros,drive,viewer]'], name
+        assert machine.calls() == ['pip install --no-input -e .[ros,drive,mpc,viewer]'], name
     machine.run('test')
-    assert machine.calls() == ['pip install --no-input -e .[ros,drive,viewer,test]']
+    assert machine.calls() == ['pip install --no-input -e .[ros,drive,mpc,viewer,test]']
 
 
 def test_a_failed_update_leaves_the_environment_as_it_was(machine):
@@ -296,7 +296,7 @@ def test_a_sourced_jazzy_gets_an_environment_without_the_wheels(bare_machine):
     environment = machine.run('run', **jazzy).environment
     assert machine.calls() == [
         f'venv --system-site-packages {machine.venv}-jazzy',
-        'pip install --no-input -e .[drive,viewer] numpy==1.26.4',
+        'pip install --no-input -e .[drive,mpc,viewer] numpy==1.26.4',
     ]
     jazzy['PYTHONPATH'] = f'{machine.project}:{jazzy["PYTHONPATH"]}'
     assert environment.items() >= jazzy.items()

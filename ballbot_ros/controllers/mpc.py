@@ -1,0 +1,149 @@
+"""A model predictive controller: the LQG's law within limits of voltage and pitch, by OSQP."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from ballbot_ros.controllers.driving import PlaneController
+from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.controllers.lqg import LQG, STATES, LQGParameters, Plane, PlaneError
+from ballbot_ros.parameters import quantity
+from ballbot_ros.plant.model import Matrix, PhysicalParameters
+from ballbot_ros.timing import TICK_S
+
+HORIZON = 40
+"""Ticks ahead that the limits count: 0.16 s."""
+
+SLACK_WEIGHT = 100.0
+"""Cost of leaning 1° beyond the limit: that of adding 10 V for a tick. A robot that is pushed must
+be allowed to lean."""
+
+SETTINGS = {
+    'rho': 1.0, 'adaptive_rho': False, 'eps_abs': 1e-4, 'eps_rel': 1e-4, 'max_iter': 500,
+    'polishing': False, 'verbose': False,
+}  # fmt: skip
+"""Nothing depends on time: the same inputs give the same duty on the same machine."""
+
+
+@dataclass(frozen=True)
+class MPCParameters(LQGParameters):
+    """The parameters of the LQG, and the limit of the pitch."""
+
+    pitch_limit: float = quantity(
+        3.0, 'deg', (0.1, 45.0), 'pitch beyond which the body leans only if it must', 'project'
+    )
+
+
+class MPC(LQG):
+    """At each tick, the cheapest voltages of the next 40 ticks that keep to the limits.
+
+    The voltages are those of the LQR and additions to them. In the LQR's cost, up to infinity, the
+    additions cost the sum of their squares. So without a limit in sight they are 0, and the
+    controller is the LQG. Otherwise a quadratic program finds them, and the first one is applied.
+    """
+
+    portable = False
+    parameters_class = MPCParameters
+
+    def make_plane(self) -> PlaneController:
+        """Return the controller of a plane, at rest."""
+        assert isinstance(self.parameters, MPCParameters)
+        return PredictivePlane(self.parameters, self.model)
+
+
+class Predictions(NamedTuple):
+    """What the LQR will do within the horizon.
+
+    Attributes
+    ----------
+    voltage, pitch : ndarray, shape (HORIZON, 5)
+        Voltages and pitches at the coming ticks for the present deviation from the reference.
+    voltage_response, pitch_response : ndarray, shape (HORIZON, HORIZON)
+        The changes of these by a voltage that is added at each of the ticks.
+    """
+
+    voltage: Matrix
+    pitch: Matrix
+    voltage_response: Matrix
+    pitch_response: Matrix
+
+    @classmethod
+    def of(cls, p: LQGParameters) -> Predictions:
+        """Return the predictions for the model and the gain of the LQG."""
+        a, b = np.eye(STATES), np.zeros((STATES, 1))
+        a[:-1, :-1] = np.reshape(p.transition, a.shape)[:-1, :-1]
+        a[-1] = [TICK_S, 0.0, 0.0, 0.0, 1.0]  # the integral of theta, instead of the drift
+        b[:-1, 0] = p.input_effect[:-1]
+        gain = np.array([p.feedback])
+        powers = [np.eye(STATES)]
+        for _ in range(HORIZON):
+            powers.append((a - b @ gain) @ powers[-1])
+        voltage = np.vstack([-gain @ power for power in powers[:-1]])
+        pitch = np.vstack([power[1] for power in powers[1:]])
+        return cls(
+            voltage,
+            pitch,
+            _responses(np.append(1.0, (voltage @ b)[:-1])),
+            _responses(np.append(b[1], (pitch @ b)[:-1])),
+        )
+
+
+class PredictivePlane(Plane):
+    """The LQG's plane, with additions to the voltage that keep to the limits."""
+
+    def __init__(self, parameters: MPCParameters, model: PhysicalParameters) -> None:
+        super().__init__(parameters, model)
+        self._pitch_limit = parameters.pitch_limit
+        self._predictions = predictions = Predictions.of(parameters)
+        # The unknowns are the additions, and the pitch beyond the limit.
+        one, none = np.ones((HORIZON, 1)), np.zeros((HORIZON, 1))
+        constraints = np.block(
+            [
+                [predictions.voltage_response, none],
+                [predictions.pitch_response, -one],
+                [predictions.pitch_response, one],
+            ]
+        )
+        try:
+            import osqp
+        except ImportError as error:
+            raise ControllerError(
+                f'osqp not found ({error}): install it with `pip install "ballbot_ros[mpc]"`'
+            ) from None
+        self._solver = osqp.OSQP()
+        self._solver.setup(
+            sparse.diags([1.0] * HORIZON + [SLACK_WEIGHT], format='csc'),
+            np.zeros(HORIZON + 1),
+            sparse.csc_matrix(constraints),
+            np.full(len(constraints), -np.inf),
+            np.full(len(constraints), np.inf),
+            **SETTINGS,
+        )
+
+    def feedback(self, error: PlaneError, limits: tuple[float, float], psi_ref: float) -> float:
+        """Return the voltage of the LQR with the first addition; see :meth:`Plane.feedback`."""
+        voltage = super().feedback(error, limits, psi_ref)
+        low, high = limits
+        voltages = self._predictions.voltage @ error
+        pitches = self._predictions.pitch @ error + psi_ref
+        fits = low <= voltages.min() and voltages.max() <= high
+        if fits and np.abs(pitches).max() <= self._pitch_limit:
+            return voltage
+        free = np.full(HORIZON, np.inf)
+        self._solver.update(
+            l=np.concatenate([low - voltages, -free, -self._pitch_limit - pitches]),
+            u=np.concatenate([high - voltages, self._pitch_limit - pitches, free]),
+        )
+        return voltage + float(self._solver.solve(raise_error=False).x[0])
+
+
+def _responses(response: Matrix) -> Matrix:
+    """Return the lower triangular matrix whose columns are a response, later by a tick each."""
+    matrix = np.zeros((HORIZON, HORIZON))
+    for tick in range(HORIZON):
+        matrix[tick:, tick] = response[: HORIZON - tick]
+    return matrix
