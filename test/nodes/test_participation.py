@@ -16,7 +16,7 @@ from ballbot_ros.messages.participation import decode_announcement
 from ballbot_ros.messages.topics import GYRO_IMU, PARTICIPANTS
 from ballbot_ros.nodes import participation
 from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.parameters import GYRO, GyroParameters, SonarParameters
+from ballbot_ros.parameters import GYRO, ControllerParameters, GyroParameters, SonarParameters
 from ballbot_ros.simulation.participants import MAP_HASH, Objection
 from ballbot_ros.timing import FIRST_TICK_NS
 from ballbot_ros.world.library import read_map_file
@@ -38,6 +38,7 @@ def node(monkeypatch):
         parameters=GyroParameters(),
         now_ns=0,
         announced=announced,
+        announced_values=lambda: {'code': 'abc'},
         get_fully_qualified_name=lambda: f'/{GYRO}',
         get_logger=lambda: SimpleNamespace(info=lambda text: None),
         output=lambda topic: SimpleNamespace(
@@ -103,6 +104,7 @@ def test_a_node_announces_the_parameters_of_its_run_but_no_path(node, tmp_path):
         member._on_roll_call(Header(frame_id=run))
     first, second = (each.participant for each in node.announced)
     assert first.parameters['seed'] == 7
+    assert first.parameters['code'] == 'abc'
     assert MAP_HASH not in first.parameters
     assert second.parameters['map'] == 'floor.png'
     assert second.parameters[MAP_HASH] == hashlib.sha256(path.read_bytes()).hexdigest()
@@ -110,3 +112,10 @@ def test_a_node_announces_the_parameters_of_its_run_but_no_path(node, tmp_path):
     assert first.implementation == f'ballbot_ros {__version__} GyroDriver'
     assert first.topics == (GYRO_IMU.name,)
     assert [getattr(run, 'name', run) for run in runs] == ['1 abc', 'called', '2 abc', 'called']
+
+
+def test_the_folder_of_a_controllers_file_is_not_announced(node):
+    node.parameters = ControllerParameters(implementation='/home/me/mine.py:Mine')
+    Participation(node)._on_roll_call(Header(frame_id='1 abc'))
+    (announced,) = (each.participant.parameters for each in node.announced)
+    assert announced['implementation'] == 'mine.py:Mine'

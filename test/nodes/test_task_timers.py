@@ -12,11 +12,11 @@ from std_srvs.srv import Trigger
 from ballbot_ros.controllers.document.tasks import TASK_TS1
 from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS
 from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
-from ballbot_ros.nodes import controller
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.one_shot import OneShotTimer
 from ballbot_ros.nodes.task_timers import TaskTimers
 from ballbot_ros.parameters import CONTROLLER, NODES, PLANT, RECORDER, PlantParameters
+from ballbot_ros.run import one_process
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
@@ -126,8 +126,8 @@ class AtEveryTick(Tampered):
 class Late(Tampered):
     """The callback of task_ts2 runs late, by the wall clock."""
 
-    def __init__(self, parameters):
-        super().__init__(parameters)
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
         self._later = OneShotTimer(self, lambda: super(Late, self)._on_timer(TS2))
 
     def _on_timer(self, task):
@@ -164,7 +164,7 @@ def expected_sha256():
 )
 def test_the_duties_do_not_depend_on_the_timers(domain, monkeypatch, expected_sha256, kind, forced):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-    monkeypatch.setattr(controller, 'Controller', kind)
+    monkeypatch.setattr(one_process, 'Controller', kind)
     if kind is Late:
         # On a busy machine the callback may come more than 0.1 s late. The plant would then ask
         # again, and the controller rightly make the release good.

@@ -1,6 +1,5 @@
 """The files generated from the parameter table are up to date."""
 
-from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -42,7 +41,7 @@ def test_ros_takes_every_value_of_the_default_file(domain):
                 allow_undeclared_parameters=True,
                 automatically_declare_parameters_from_overrides=True,
             )
-            for key, value in asdict(ParameterSet().of_node(name)).items():
+            for key, value in ParameterSet().of_node(name).values().items():
                 got = node.get_parameter(key).value
                 got = tuple(got) if isinstance(value, tuple) else got
                 assert got == value, f'{name}.{key}'
