@@ -18,9 +18,9 @@ from ballbot_ros.timing import TICK_S
 HORIZON = 40
 """Ticks ahead that the limits count: 0.16 s."""
 
-SLACK_WEIGHT = 100.0
-"""Cost of leaning 1° beyond the limit: that of adding 10 V for a tick. A robot that is pushed must
-be allowed to lean."""
+SLACK_WEIGHT = 1e4
+"""Cost of leaning 1° beyond the limit: that of adding 100 V for a tick. It is not infinite, since a
+robot that is pushed must be allowed to lean."""
 
 SETTINGS = {
     'rho': 1.0, 'adaptive_rho': False, 'eps_abs': 1e-4, 'eps_rel': 1e-4, 'max_iter': 500,

@@ -1,0 +1,91 @@
+"""The model predictive controller that ships."""
+
+import sys
+
+import numpy as np
+import pytest
+from shipped_controllers import duties, exchanged, run_shipped
+
+pytest.importorskip('osqp')
+
+from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.controllers.mpc import HORIZON, MPC, MPCParameters, Predictions, PredictivePlane
+
+MPC_NAME = 'mpc'
+NO_LIMIT = 'controller.user.pitch_limit=45'
+
+
+def plane(**changes):
+    controller = MPC(MPC.design(MPCParameters(**changes), MPC().model))
+    made = controller.make_plane()
+    assert isinstance(made, PredictivePlane)
+    return made, controller.parameters
+
+
+def test_without_a_limit_in_sight_it_is_the_lqg():
+    of_lqg, _ = duties('lqg')
+    of_mpc, _ = duties(MPC_NAME, NO_LIMIT)
+    assert (of_lqg == of_mpc).all()
+
+
+@pytest.mark.parametrize('scenario', ['stationary', 'push', 'autonomous', 'hardware_standing'])
+def test_it_passes_shipped_scenarios(scenario):
+    result = run_shipped(MPC_NAME, scenario)
+    assert result.passed, result.reason
+
+
+def test_predictions_are_those_of_the_closed_loop():
+    """Simulate the regulator with added voltages, tick by tick."""
+    _, p = plane()
+    predictions = Predictions.of(p)
+    a, b = np.eye(5), np.append(p.input_effect[:4], 0.0)
+    a[:4, :4] = np.reshape(p.transition, (5, 5))[:4, :4]
+    a[4, 0] = 0.004
+    random = np.random.default_rng(1)
+    state, added = random.normal(size=5), random.normal(size=HORIZON)
+    expected_voltage = predictions.voltage @ state + predictions.voltage_response @ added
+    expected_pitch = predictions.pitch @ state + predictions.pitch_response @ added
+    for tick in range(HORIZON):
+        voltage = added[tick] - np.dot(p.feedback, state)
+        assert voltage == pytest.approx(expected_voltage[tick], rel=1e-9, abs=1e-9)
+        state = a @ state + b * voltage
+        assert state[1] == pytest.approx(expected_pitch[tick], rel=1e-9, abs=1e-9)
+
+
+def test_it_keeps_to_the_voltage_that_there_is():
+    made, p = plane(pitch_limit=45.0)
+    error = (0.0, 6.0, 0.0, 60.0, 0.0)
+    wanted = -np.dot(p.feedback, error)
+    high = 0.8 * wanted
+    assert made.feedback(error, (-8.0, high), 0.0) == pytest.approx(high, abs=0.01)
+    assert made.feedback(error, (-8.0, 1.5 * wanted), 0.0) == pytest.approx(wanted)
+
+
+def test_it_leans_less_than_the_lqg_if_the_pitch_is_limited():
+    error = (-100.0, 0.0, 0.0, 0.0, 0.0)  # far from the reference: leaning brings it back
+    free, p = plane(pitch_limit=45.0)
+    limited, _ = plane(pitch_limit=0.5)
+    limits = (-8.0, 8.0)
+    pitches = Predictions.of(p).pitch @ error
+    assert abs(pitches).max() > 1.0
+    assert abs(limited.feedback(error, limits, 0.0)) < 0.9 * abs(free.feedback(error, limits, 0.0))
+
+
+def test_its_planes_are_alike():
+    assert exchanged(MPC_NAME)
+
+
+def test_the_same_run_has_the_same_duties():
+    first, again = (duties(MPC_NAME, profile='hardware', seed=3)[0] for _ in range(2))
+    assert (first == again).all()
+
+
+def test_a_missing_solver_is_told(monkeypatch):
+    controller = MPC()
+    monkeypatch.setitem(sys.modules, 'osqp', None)
+    with pytest.raises(ControllerError, match=r'osqp not found .*pip install "ballbot_ros\[mpc\]"'):
+        controller.make_plane()
+
+
+def test_it_is_not_portable():
+    assert not MPC.portable
