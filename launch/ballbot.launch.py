@@ -30,6 +30,7 @@ from ballbot_ros.share import share_directory
 ARGUMENTS = {
     'scenario': ('', 'name or file of a scenario; empty: balance until stopped'),
     'params_file': ('', 'parameter file that overrides the scenario'),
+    'controller': ('', 'controller: a name, FILE.py:Class or package.module:Class; empty: as set'),
     'real_time_factor': ('', '1: real time, 0: as fast as possible; empty: as in the files, or 1'),
     'record': ('false', 'true: record the run'),
     'output': ('', 'recording to write; empty: a new one under runs/'),
@@ -101,6 +102,7 @@ def launch_graph(context):
         parameter_file=Path(given['params_file']) if given['params_file'] else None,
         real_time_factor=factor,
         default_real_time_factor=None,
+        controller=given['controller'] or None,
         record=record,
     )
     spec = RunSpec.compose(given['scenario'] or None, options)

@@ -45,7 +45,7 @@ class DriftFreeAxis:
         # An Axis with this coefficient keeps the offset that it is given.
         self._axis = Axis(ProgramConstants.of(replace(settings, a_gd=1.0)))
         self._observer = LeanObserver(drift_time, model)
-        self.estimates = Estimates()
+        self.estimates = Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
         """Return the duty [%]."""
@@ -95,5 +95,5 @@ class LeanObserver:
         momentum = self._rolling * theta_dot + self._tilting * psi_dot
         error = TICK_S * psi - (momentum - self._momentum)
         self._momentum = momentum
-        self.offset_error += error / self._time**2
+        self.offset_error += error / (self._time * self._time)
         return 2.0 / self._time * error

@@ -7,6 +7,8 @@ from typing import NamedTuple, Protocol
 
 from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controllers.controller import Controller, Duty, P, Readings
+from ballbot_ros.controllers.document.program import logged
+from ballbot_ros.controllers.document.tasks import LCD_MS, PROGRAM_NAME
 from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.timing import TICK_S
@@ -60,14 +62,21 @@ class DrivingController(Controller[P]):
         """Start both planes at rest."""
         self._driving = Driving(self.settings, self.sound)
         self._planes = self.make_plane(), self.make_plane()
+        self._ticks = 0
         self.x, self.y = (plane.estimates for plane in self._planes)
 
     def tick(self, readings: Readings) -> Duty:
         """Return the duties for the readings."""
+        if readings.elapsed_ms % LCD_MS == 0:
+            self.show(PROGRAM_NAME)
         driving = self._driving
         self.operating_state = driving.update(readings)
         if not driving.balances:
             return MOTORS_OFF
+        if self._ticks % self.settings.log_count == 0:
+            lsb = self.settings.lsb
+            self.log(adc1=logged(self.x.psi / lsb), adc2=logged(self.y.psi / lsb))
+        self._ticks += 1
         x, y = self._planes
         duty = (
             x.duty(readings, driving.inputs(readings, 0)),

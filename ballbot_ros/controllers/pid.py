@@ -93,7 +93,7 @@ class Cascade:
         """Update the estimates from the gyro and the encoder."""
         p, now = self._p, self.estimates
         # A robot that does not fall has a mean pitch of 0: what remains is the gyro's drift.
-        self._offset_error += TICK_S / p.drift_time**2 * now.psi
+        self._offset_error += TICK_S / (p.drift_time * p.drift_time) * now.psi
         # The mean of two readings: the motors answer within a tick, so that a strong reaction to
         # single readings would make them shiver from tick to tick.
         now.psi_dot = (rate + self._rate) / 2.0 - self._offset_error

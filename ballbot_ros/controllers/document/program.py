@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from enum import IntEnum
+from typing import SupportsFloat
 
 from ballbot_ros.brick.brick import UINT32_MASK, Brick, DeviceInputs, DeviceOutputs
 from ballbot_ros.brick.schedule import Schedule
@@ -204,11 +205,13 @@ class ControlProgram:
 
     def _log(self) -> None:
         if self.log_counter == 0:
-            self.brick.log(0, 0, self._logged(self.x.psi), self._logged(self.y.psi))
+            lsb = self._p.lsb
+            self.brick.log(0, 0, logged(self.x.psi / lsb), logged(self.y.psi / lsb))
         self.log_counter = (self.log_counter + 1) & 0xFF
         if self.log_counter == self._p.log_count:
             self.log_counter = 0
 
-    def _logged(self, psi: Single) -> int:
-        """Return a pitch [deg] in units of lsb: rounded in double, saturated to 16 bits."""
-        return max(_INT16_MIN, min(_INT16_MAX, math.floor(float(psi / self._p.lsb) + 0.5)))
+
+def logged(value: SupportsFloat) -> int:
+    """Return a value of the data log: rounded in double, saturated to 16 bits."""
+    return max(_INT16_MIN, min(_INT16_MAX, math.floor(float(value) + 0.5)))
