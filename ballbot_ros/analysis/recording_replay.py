@@ -182,6 +182,7 @@ class RecordingReplay:
             )
         chosen = choose_controller(participant, job.implementation, requested, missing_tool_for)
         job.parameters.set(CONTROLLER, 'implementation', chosen.replayed)
+        job.parameters.drop_own(chosen.replayed)
         return chosen
 
     def _identity(self, job: _Job, participant: Participant | None) -> ControllerIdentity | None:

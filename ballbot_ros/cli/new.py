@@ -1,4 +1,4 @@
-"""`ballbot new`: start something of your own."""
+"""`ballbot new`: projects of your own."""
 
 from __future__ import annotations
 
@@ -16,13 +16,17 @@ from ballbot_ros.controllers.new_package import SCENARIO, write_package
 
 @click.group('new')
 def command() -> None:
-    """Start something of your own, from files that run as they are."""
+    """Create a project of your own that runs right away."""
 
 
 @command.command('controller')
 @click.argument('name')
 @click.option(
-    '--output', type=PATH, default=Path(), help="The package's folder is DIR/NAME.  [default: .]"
+    '--output',
+    type=PATH,
+    default=Path(),
+    metavar='DIR',
+    help="The package's folder is DIR/NAME.  [default: .]",
 )
 def controller(name: str, output: Path) -> None:
     """Write the package NAME, with a controller that balances.

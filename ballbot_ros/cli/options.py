@@ -18,7 +18,7 @@ controller_option = click.option(
     metavar='CONTROLLER',
     help="Controller: the document's program in Python (python), as generated C (c) or C on an "
     'emulated ARM processor (arm); the name of an installed one; package.module:Class; or '
-    'FILE.py:Class.  [default: python, unless the scenario sets it]',
+    'FILE.py:Class.  [default: python, unless a file sets it]',
 )
 """Selects the controller of a run."""
 

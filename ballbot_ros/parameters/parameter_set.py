@@ -61,6 +61,8 @@ class ParameterSet:
             row = parameters_of(each).get(name)
             if row is None:
                 hint = suggest(name, parameters_of(each))
+                if each == CONTROLLER and not hint.startswith('did'):
+                    hint += "; the names of those of another controller's class begin with user."
                 raise ParameterError(f'{prefix}{each} has no parameter {name!r}; {hint}')
             checked = row.check(value, f'{prefix}{each}.')
             # Set a shared parameter in all nodes that share it: they must agree on its value.
@@ -92,6 +94,11 @@ class ParameterSet:
         given, self._given_own = self._given_own, {}
         for name, (value, prefix) in given.items():
             self._set_own(name, value, prefix)
+
+    def drop_own(self, class_name: str) -> None:
+        """Forget the controller's own parameters: this class has none."""
+        self._given_own.clear()
+        self.declare_own(class_name, ())
 
     @property
     def undeclared(self) -> dict[str, object]:

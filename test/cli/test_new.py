@@ -128,6 +128,24 @@ def test_pip_installs_it(made, tmp_path):
     assert done.stdout == f'MyPid {site}/my_pid/controller.py .zip\n', done.stderr
 
 
+def test_an_editable_installation_works_next_to_its_folder(made, tmp_path):
+    """In the folder above, Python finds a namespace of the same name first."""
+    shutil.copytree(made[0] / 'my_pid', tmp_path / 'my_pid')
+    install = ['-m', 'pip', 'install', '--quiet', '--no-deps', '--prefix', tmp_path / 'prefix']
+    done = call(sys.executable, *install, '-e', './my_pid', cwd=tmp_path, PIP_RETRIES='0')
+    if 'No matching distribution found for setuptools' in done.stderr:
+        pytest.skip('no network to get setuptools')
+    assert done.returncode == 0, done.stderr
+    (site,) = (tmp_path / 'prefix').rglob('site-packages')
+    code = (
+        f'import site; site.addsitedir({str(site)!r})\n'
+        'from ballbot_ros.controllers.loading import load_controller\n'
+        "print(load_controller('my_pid').code.shown)"
+    )
+    done = call(sys.executable, '-c', code, cwd=tmp_path, pythonpath=(PROJECT, tmp_path))
+    assert done.stdout == 'my_pid/my_pid/controller.py\n', done.stderr
+
+
 @pytest.mark.parametrize(
     ('name', 'reason'),
     [
