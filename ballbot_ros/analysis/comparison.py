@@ -79,6 +79,8 @@ class ComparedRun:
     ----------
     letter : str
         ``A`` for the reference, ``B`` and so on.
+    controller : str
+        Name of its controller; '' if unknown.
     trusted : bool
         Whether the run is complete and did not fail.
     tables : dict of str to Table
@@ -89,6 +91,7 @@ class ComparedRun:
     path: Path
     outcome: str
     reason: str
+    controller: str
     trusted: bool
     metrics: dict[str, float]
     tables: dict[str, Table]
@@ -107,6 +110,7 @@ class ComparedRun:
             path=run.path,
             outcome=assessment.outcome,
             reason=assessment.reason,
+            controller=run.attached.controller if run.attached.has_parameters else '',
             trusted=run.complete and assessment.outcome is not Verdict.FAILED,
             metrics=assessment.metrics,
             tables=tables,
@@ -171,6 +175,7 @@ def as_json(runs: Sequence[ComparedRun], failed: Sequence[str]) -> dict[str, obj
                 'recording': str(each.path),
                 'outcome': each.outcome,
                 'reason': each.reason,
+                'controller': each.controller or None,
                 'notes': list(each.notes),
             }
             for each in runs

@@ -10,7 +10,7 @@ from ballbot_ros.analysis.announced_parameters import AnnouncedParameters
 from ballbot_ros.analysis.recorded_controller import decode_controller
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import temporary_folder, write_temporary
-from ballbot_ros.parameters import ParameterSet, PlantParameters
+from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.recording.attachments import MAPS, PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
@@ -47,6 +47,11 @@ class RecordedAttachments:
     floor_map: FloorMap | None = None
     notices: list[str] = field(default_factory=list)
     files: Mapping[str, AttachedFile] = field(default_factory=dict)
+
+    @property
+    def controller(self) -> str:
+        """Name of the controller."""
+        return self.parameters.of(ControllerParameters).implementation
 
     def for_run(self, run: str, announced: AnnouncedParameters) -> RecordedAttachments:
         """Return the content that applies to the run with this name in ``plant/run``."""

@@ -112,9 +112,14 @@ def identity_of(
         What the controller announced; empty if unknown.
     """
     sha256 = announced.get(SOURCE_HASH)
-    if attached and attached.reference == reference:
+    if attached and _name(attached.reference) == _name(reference):
         return replace(attached, sha256=str(sha256)) if sha256 else attached
     return ControllerIdentity(reference, sha256=str(sha256)) if sha256 else None
+
+
+def _name(reference: str) -> str:
+    """Return a reference without folders: nodes may have been started in different ones."""
+    return reference.rpartition('/')[2]
 
 
 def find_recorded(
@@ -125,7 +130,7 @@ def find_recorded(
     Parameters
     ----------
     recording : Path
-        The recording; its folder may have the file.
+        The recording; the file may be below its folder.
     requested : str or None
         Where the copy is; None for the current folder, the recording's, or an installed package.
 
@@ -143,15 +148,13 @@ def find_recorded(
             continue
         if code.source.sha256 == identity.sha256:
             return load(code)
-        owner = f' ({code.owner})' if code.owner else ''
-        problems.append(f'{code.shown}{owner} has other code')
-    where = 'its file as --controller FILE.py:Class'
+        problems.append(f'{code.shown} has changed (sha256 {code.source.sha256[:SHOWN_HASH]})')
+    remedy = 'give a copy of that code as --controller FILE.py:Class'
     if not is_file_reference(identity.reference):
-        where = f'install {identity.package or "its package"}'
+        remedy = f'install that code of {identity.package or "its package"}'
     raise ControllerError(
         f'{recording}: its controller is {identity}, but {", ".join(dict.fromkeys(problems))}; '
-        f'{"give " if "--" in where else ""}{where}, or run the attached copy by '
-        '--trust-attached-code'
+        f'{remedy}, or run the attached code by --trust-attached-code'
     )
 
 
@@ -161,8 +164,12 @@ def _candidates(
     if requested is not None:
         yield resolve_reference(requested, Path.cwd())
     elif is_file_reference(identity.reference):
-        yield resolve_reference(identity.reference, Path.cwd())
-        yield resolve_reference(identity.reference, recording.parent)
+        # Look only below these folders, whatever somebody has written into the recording.
+        name = _name(identity.reference)
+        is_below = not {'/', '..'} & set(Path(identity.reference).parts)
+        for reference in dict.fromkeys([identity.reference if is_below else name, name]):
+            yield resolve_reference(reference, Path.cwd())
+            yield resolve_reference(reference, recording.parent)
     else:
         yield identity.reference
 

@@ -136,6 +136,7 @@ def _facts(run: RunData) -> list[tuple[str, str]]:
     if attached.scenario:
         facts.append(('Profile', attached.scenario.profile))
     if attached.has_parameters:
+        facts.append(('Controller', attached.controller))
         facts.append(('Plant model', str(run.plant.plant_model)))
         facts.append(('Seed', str(attached.parameters.of(GyroParameters).seed)))
     return facts

@@ -81,7 +81,10 @@ def _print_table(runs: Sequence[ComparedRun], rows: Iterable[MetricComparison]) 
     console = Console(highlight=False, markup=False)
     for each in runs:
         reason = f': {each.reason}' if each.reason else ''
-        console.print(f'{each.letter}  {each.path}  {each.outcome}{reason}', soft_wrap=True)
+        controller = f'  {each.controller}' if each.controller else ''
+        console.print(
+            f'{each.letter}  {each.path}{controller}  {each.outcome}{reason}', soft_wrap=True
+        )
     table = Table()
     table.add_column('metric')
     table.add_column('unit')

@@ -159,8 +159,15 @@ def resolve_reference(reference: str, folder: Path) -> str:
 
 
 def public_reference(reference: str) -> str:
-    """Return a reference without the folder of its file, which is private to this machine."""
-    return reference.rpartition('/')[2] if is_file_reference(reference) else reference
+    """Return a reference without folders that are private to this machine.
+
+    A file below the current folder has its path from there; any other only its name.
+    """
+    if not is_file_reference(reference):
+        return reference
+    place, _, name = reference.rpartition(':')
+    shown = shown_path(place)
+    return f'{Path(shown).name if shown.startswith("/") else shown}:{name}'
 
 
 def installed_controllers() -> dict[str, list[EntryPoint]]:

@@ -109,11 +109,12 @@ def _with_figure(spec: RunSpec, world: World | None, result: RunResult, path: Pa
     if result.trajectory is None or not len(result.trajectory.time):
         return result
     scenario = spec.scenario
+    controller = f', {spec.controller.cls.__name__}' if spec.controller else ''
     try:
         draw_motion(
             result.trajectory,
             path,
-            f'{scenario.name}: {scenario.purpose}',
+            f'{scenario.name}{controller}: {scenario.purpose}',
             spec.plant.hold_time,
             (*scenario.vertical.segments, *scenario.horizontal.segments),
             world.map if world else None,

@@ -13,6 +13,7 @@ from recordings import copy_recording
 
 from ballbot_ros.analysis.recorded_controller import (
     ControllerIdentity,
+    _candidates,
     decode_controller,
     identity_of,
 )
@@ -83,13 +84,32 @@ def test_other_code_does_not_replay_it(folder):
     path = record('mine.py:Balance')
     Path('mine.py').write_text(BALANCE + "\nopen('executed', 'w')\n")
     words = refusal(path, folder)
-    assert 'but mine.py has other code, run/mine.py: No such file' in words
-    assert 'give its file as --controller FILE.py:Class' in words
+    assert re.search(r'but mine.py has changed \(sha256 \w{12}\), run/mine.py: No such file', words)
+    assert 'give a copy of that code as --controller FILE.py:Class' in words
     refusal(path, folder, 'mine.py:Balance')
     refusal(path, folder, 'none.py:Balance')
     for name in ('python', 'c'):
         assert 'can be replayed only by mine.py:Balance (sha256' in refusal(path, folder, name)
     assert not Path('executed').exists()  # other code is not even executed
+
+
+def test_a_file_below_the_current_folder_is_found_where_it_was(folder):
+    Path('mine').mkdir()
+    Path('mine/mine.py').write_text(BALANCE)
+    path = record('mine/mine.py:Balance')
+    (one,) = replay(path, folder)
+    assert one.recorded == 'mine/mine.py:Balance'
+    Path('mine/mine.py').rename('mine.py')
+    replay(path, folder)
+
+
+@pytest.mark.parametrize(
+    'reference', ['/etc/mine.py:Mine', '../mine.py:Mine', 'a/../../mine.py:Mine']
+)
+def test_a_recording_can_not_point_to_other_folders(folder, reference):
+    identity = ControllerIdentity(reference, sha256='a' * 64)
+    found = set(_candidates(identity, Path('run/stationary.mcap'), None))
+    assert found == {f'{folder}/mine.py:Mine', f'{folder}/run/mine.py:Mine'}
 
 
 def test_attached_code_runs_only_by_request(folder):
@@ -130,7 +150,10 @@ def test_a_controller_of_a_package(folder, monkeypatch):
     words = [*BALLBOT, 'replay', str(path)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert "no package or module 'acme_bots' is installed; install its package" in done.stderr
+    assert (
+        "no package or module 'acme_bots' is installed; install that code of its package"
+        in done.stderr
+    )
     words.append('--trust-attached-code')
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -141,7 +164,7 @@ def test_a_controller_of_a_package(folder, monkeypatch):
     assert zipfile.ZipFile(content).namelist() == ['acme_bots/__init__.py', 'acme_bots/mine.py']
 
     (package / 'more.py').write_text('')
-    assert 'mine.py has other code; install its package' in refusal(path, folder)
+    assert '; install that code of its package' in refusal(path, folder)
     # In this process the package is imported, and hides the attached one.
     assert 'hides the attached code' in refusal(path, folder, trust_attached_code=True)
     for name in [name for name in sys.modules if name.partition('.')[0] == 'acme_bots']:
@@ -162,6 +185,7 @@ def test_the_identity_of_a_run_is_the_announced_one():
     assert identity_of('mine.py:Mine', {}, IDENTITY) == IDENTITY
     assert identity_of('mine.py:Mine', {SOURCE_HASH: other}, IDENTITY).sha256 == other
     assert identity_of('mine.py:Mine', {SOURCE_HASH: other}, None).sha256 == other
+    assert identity_of('folder/mine.py:Mine', {}, IDENTITY) == IDENTITY
     assert identity_of('other.py:Mine', {SOURCE_HASH: other}, IDENTITY).package == ''
     assert identity_of('other.py:Mine', {}, IDENTITY) is None
     assert identity_of('rust', {}, None) is None

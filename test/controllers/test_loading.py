@@ -200,7 +200,9 @@ def test_a_name_that_two_packages_claim_is_refused(monkeypatch):
     assert 'c:Other' in words
 
 
-def test_only_the_name_of_a_file_is_public(tmp_path):
+def test_only_what_is_below_the_current_folder_is_public(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert public_reference(f'{tmp_path}/a/mine.py:Mine') == 'a/mine.py:Mine'
     assert public_reference('/home/me/secret/mine.py:Mine') == 'mine.py:Mine'
     assert public_reference('a.b:Mine') == 'a.b:Mine'
     assert resolve_reference('mine.py:Mine', tmp_path) == f'{tmp_path}/mine.py:Mine'
