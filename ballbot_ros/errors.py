@@ -1,4 +1,9 @@
-"""The base class of the package's errors."""
+"""The base class of the package's errors, and what they show of other objects."""
+
+from __future__ import annotations
+
+MAX_SHOWN = 100
+MAX_LINE = 1000
 
 
 class BallbotError(Exception):
@@ -6,5 +11,24 @@ class BallbotError(Exception):
 
 
 def one_line(error: BaseException) -> str:
-    """Return an error's text on one line."""
-    return ' '.join(str(error).split())
+    """Return an error's text on one line, without control characters."""
+    try:
+        text = str(error)
+    except Exception:  # of an exception class of the user
+        return ''
+    return ' '.join(printable(text[:MAX_LINE]).split())
+
+
+def short_repr(value: object) -> str:
+    """Return the representation of any object on one line, at most 100 characters of it."""
+    try:
+        text = repr(value)
+    except Exception:
+        text = f'<{type(value).__name__}>'
+    text = printable(text)
+    return text if len(text) <= MAX_SHOWN else f'{text[:MAX_SHOWN]}…'
+
+
+def printable(text: str) -> str:
+    """Return a text in which a space replaces each control character and lone surrogate."""
+    return ''.join(each if each.isprintable() else ' ' for each in text)

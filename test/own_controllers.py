@@ -83,8 +83,7 @@ class WritesIntoItsInputs(Faulty):
 
 class Blocks(Faulty):
     def fail(self, readings):
-        while True:
-            pass
+        while True: pass
 
 
 class Sleeps(Faulty):
@@ -101,6 +100,47 @@ class Estimates(Faulty):
     def fail(self, readings):
         self.x = 3
         return 0, 0
+
+
+class DeletesItsEstimates(Faulty):
+    def fail(self, readings):
+        del self.x
+        return 0, 0
+
+
+class Strange(BaseException):
+    def __str__(self):
+        raise ValueError
+
+
+class RaisesAnything(Faulty):
+    def fail(self, readings):
+        raise Strange
+
+
+class Interrupts(Faulty):
+    def fail(self, readings):
+        raise KeyboardInterrupt
+
+
+class Lines:
+    def __repr__(self):
+        return 'A\\nB\\x1bC'
+
+
+class ReturnsLines(Faulty):
+    def fail(self, readings):
+        return Lines()
+
+
+class ReturnsAHugeNumber(Faulty):
+    def fail(self, readings):
+        return 10**5000, 0
+
+
+class ReturnsAHugeText(Faulty):
+    def fail(self, readings):
+        return 'x' * 10_000_000
 
 
 class Slow(Controller):

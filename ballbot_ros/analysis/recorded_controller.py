@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import re
 import sys
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -21,12 +22,14 @@ from ballbot_ros.controllers.loading import (
     public_reference,
     resolve_reference,
 )
+from ballbot_ros.errors import one_line, printable
 from ballbot_ros.files import write_temporary
 from ballbot_ros.recording.attachments import CONTROLLER_INFO, CONTROLLER_SOURCES
 from ballbot_ros.recording.reader import AttachedFile
 from ballbot_ros.simulation.participants import SOURCE_HASH
 
 SHOWN_HASH = 12
+_HASH = re.compile('[0-9a-f]{64}')
 NOT_PORTABLE = 'not portable: its duties may differ on another machine'
 
 
@@ -56,7 +59,12 @@ class ControllerIdentity:
 
     def __str__(self) -> str:
         package = f' of {self.package}' if self.package else ''
-        return f'{self.reference}{package} (sha256 {self.sha256[:SHOWN_HASH]})'
+        return f'{printable(self.reference + package)} (sha256 {self.sha256[:SHOWN_HASH]})'
+
+    @property
+    def class_name(self) -> str:
+        """Name of the class; '' if only the name of an installed controller is known."""
+        return (self.class_path or self.reference).rpartition(':')[2]
 
     @property
     def description(self) -> str:
@@ -92,9 +100,11 @@ def decode_controller(files: Mapping[str, AttachedFile]) -> ControllerIdentity |
     try:
         content = yaml.safe_load(files[CONTROLLER_INFO].data)
         kinds = {each.name: type(each.default) for each in fields(ControllerIdentity)}
-        if all(isinstance(content[name], kind) for name, kind in kinds.items()):
-            return ControllerIdentity(**{name: content[name] for name in kinds})
-    except (TypeError, KeyError, ValueError, yaml.YAMLError):
+        values = {name: content[name] for name in kinds}
+        if all(isinstance(values[name], kind) for name, kind in kinds.items()):
+            identity = ControllerIdentity(**values)
+            return identity if _HASH.fullmatch(identity.sha256) else None
+    except (TypeError, KeyError, ValueError, RecursionError, yaml.YAMLError):
         pass
     return None
 
@@ -111,10 +121,12 @@ def identity_of(
     announced : mapping of str to object
         What the controller announced; empty if unknown.
     """
-    sha256 = announced.get(SOURCE_HASH)
+    sha256 = str(announced.get(SOURCE_HASH, ''))
+    if not _HASH.fullmatch(sha256):
+        sha256 = ''
     if attached and _name(attached.reference) == _name(reference):
-        return replace(attached, sha256=str(sha256)) if sha256 else attached
-    return ControllerIdentity(reference, sha256=str(sha256)) if sha256 else None
+        return replace(attached, sha256=sha256) if sha256 else attached
+    return ControllerIdentity(reference, sha256=sha256) if sha256 else None
 
 
 def _name(reference: str) -> str:
@@ -130,9 +142,9 @@ def find_recorded(
     Parameters
     ----------
     recording : Path
-        The recording; the file may be below its folder.
+        The recording.
     requested : str or None
-        Where the copy is; None for the current folder, the recording's, or an installed package.
+        Where the copy is; None for a file below the current folder, or an installed package.
 
     Raises
     ------
@@ -140,15 +152,18 @@ def find_recorded(
         If there is none; the message says how to get it.
     """
     problems = []
-    for reference in _candidates(identity, recording, requested):
+    for reference in _candidates(identity, requested):
         try:
             code = find_code(reference)
         except ControllerError as error:
             problems.append(str(error))
             continue
-        if code.source.sha256 == identity.sha256:
+        if code.source.sha256 != identity.sha256:
+            problems.append(f'{code.shown} has changed (sha256 {code.source.sha256[:SHOWN_HASH]})')
+        elif requested is not None and code.class_name != identity.class_name:
+            problems.append(f'{code.class_name} is another class of {code.shown}')
+        else:
             return load(code)
-        problems.append(f'{code.shown} has changed (sha256 {code.source.sha256[:SHOWN_HASH]})')
     remedy = 'give a copy of that code as --controller FILE.py:Class'
     if not is_file_reference(identity.reference):
         remedy = f'install that code of {identity.package or "its package"}'
@@ -158,18 +173,15 @@ def find_recorded(
     )
 
 
-def _candidates(
-    identity: ControllerIdentity, recording: Path, requested: str | None
-) -> Iterator[str]:
+def _candidates(identity: ControllerIdentity, requested: str | None) -> Iterator[str]:
     if requested is not None:
         yield resolve_reference(requested, Path.cwd())
     elif is_file_reference(identity.reference):
-        # Look only below these folders, whatever somebody has written into the recording.
+        # Look only below the current folder, whatever somebody has written into the recording.
         name = _name(identity.reference)
         is_below = not {'/', '..'} & set(Path(identity.reference).parts)
         for reference in dict.fromkeys([identity.reference if is_below else name, name]):
             yield resolve_reference(reference, Path.cwd())
-            yield resolve_reference(reference, recording.parent)
     else:
         yield identity.reference
 
@@ -191,14 +203,16 @@ def load_attached(
         raise ControllerError(f'{recording}: the code of {identity} is not attached')
     if name.endswith('.zip'):
         folder = scratch / 'controller'
-        with zipfile.ZipFile(io.BytesIO(files[name].data)) as archive:
-            archive.extractall(folder)
+        try:
+            with zipfile.ZipFile(io.BytesIO(files[name].data)) as archive:
+                archive.extractall(folder)
+        except (zipfile.BadZipFile, OSError, RuntimeError, ValueError) as error:
+            raise ControllerError(f'{recording}: {name}: {one_line(error)}') from None
         sys.path.insert(0, str(folder))
         code = find_code(identity.class_path)
         if code.source.sha256 != identity.sha256:  # an imported package has the same name
             raise ControllerError(f'{recording}: {code.shown} hides the attached code')
         return load(code)
-    class_name = (identity.class_path or identity.reference).rpartition(':')[2]
     file = scratch / name
     write_temporary(file, files[name].data)
-    return load(find_code(f'{file}:{class_name}'))
+    return load(find_code(f'{file}:{identity.class_name}'))

@@ -41,7 +41,7 @@ from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Program
 from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.controllers.own_parameters import own_rows
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, printable
 from ballbot_ros.files import write_temporary
 from ballbot_ros.messages.topics import PARTICIPANTS, Topic
 from ballbot_ros.parameters import (
@@ -55,7 +55,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.parameters.files import read_parameter_file
-from ballbot_ros.recording.attachments import PARAMETERS
+from ballbot_ros.recording.attachments import CONTROLLER_INFO, PARAMETERS
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.closed_loop import Tick
@@ -175,6 +175,11 @@ class RecordingReplay:
         participant = self._announced.controller(job.inputs.run.name)
         if identity := self._identity(job, participant):
             return self._choose_class(job, identity, requested)
+        if ':' in job.implementation and not (participant and is_foreign(participant)):
+            raise RecordingError(
+                f'{self._recording.reader.path}: cannot replay the controller '
+                f'{printable(job.implementation)}: {CONTROLLER_INFO} is missing or cannot be read'
+            )
         if requested is not None and requested not in DOCUMENTS_PROGRAM:
             raise ControllerError(
                 f'--controller {requested}: {self._recording.reader.path} can be replayed only by '
@@ -245,7 +250,13 @@ class RecordingReplay:
                     f'--set {assignment}: a replay can only change parameters of the {CONTROLLER}'
                 )
             for job in self._jobs:
+                before = job.implementation
                 assign(job.parameters, assignment)
+                after = job.implementation
+                if before != after and not {before, after} <= set(DOCUMENTS_PROGRAM):
+                    raise ParameterError(
+                        f'--set {assignment}: only {public_reference(before)} can replay this run'
+                    )
         self.controllers = [
             replace(each, replayed=public_reference(job.implementation))
             for each, job in zip(self.controllers, self._jobs, strict=True)

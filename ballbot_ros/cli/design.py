@@ -24,6 +24,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.parameters.files import format_parameters, read_parameter_file
 from ballbot_ros.plant.model import Matrix, PhysicalParameters
+from ballbot_ros.standard_streams import stdout_to_stderr
 
 GAIN_NAMES = ('θ', 'ψ', 'θ̇', 'ψ̇', '∫θ')
 
@@ -53,7 +54,8 @@ def command(
         _print_servo_design(parameters)
         return
     parameters.set(CONTROLLER, 'implementation', controller, '--controller')
-    compose_controller(parameters)
+    with stdout_to_stderr():  # it may print while its class is loaded
+        compose_controller(parameters)
     click.echo(format_parameters(parameters, [CONTROLLER]), nl=False)
 
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.result import print_json, print_table
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.spec import RunOptions, RunSpec
+from ballbot_ros.standard_streams import stdout_to_stderr
 
 
 def run_and_print(
@@ -27,21 +25,9 @@ def run_and_print(
     `client` forks the nodes that are separate processes. `is_replaced` returns whether another run
     has been requested, which replaces this one.
     """
-    spec = RunSpec.of_scenario(reference, options)
-    with Progress(spec.name, spec.plant.duration) as progress, _stdout_to_stderr():
+    with stdout_to_stderr():  # a controller may print while its class is loaded
+        spec = RunSpec.of_scenario(reference, options)
+    with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
         result = execute(spec, progress, is_replaced, client)
     (print_json if as_json else print_table)(spec, result)
     return result.exit_status
-
-
-@contextmanager
-def _stdout_to_stderr() -> Iterator[None]:
-    """Keep stdout for the result: redirect what the middleware prints there to stderr."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    os.dup2(2, 1)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)

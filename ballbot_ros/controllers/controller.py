@@ -24,6 +24,7 @@ from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState
+from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.timing import MILLISECOND_NS, TICK_NS
@@ -141,8 +142,10 @@ class Controller(Generic[P]):
             origin = get_origin(base)
             if isinstance(origin, type) and issubclass(origin, Controller):
                 (parameters,) = get_args(base)
-                if isinstance(parameters, type):  # not the type variable of a generic class
+                if isinstance(parameters, type):
                     cls.parameters_class = parameters
+                elif not isinstance(parameters, TypeVar):
+                    raise TypeError(f'{origin.__name__}[{parameters}]: it is not a class')
 
     def __init__(
         self,
@@ -205,7 +208,9 @@ class Controller(Generic[P]):
         )
 
     def show(self, name: str) -> None:
-        """Refresh the display, whose first line is `name`."""
+        """Refresh the display, whose first line is `name`; ControllerError if it is no text."""
+        if not isinstance(name, str) or not name.isprintable():
+            raise ControllerError(f'name: {short_repr(name)} is not a printable text')
         self._brick.show_status(name)
 
 
@@ -219,8 +224,16 @@ def with_design(cls: type[Controller[P]], parameters: P, model: PhysicalParamete
     if not missing:
         return parameters
     designed = cls.design(parameters, model)
-    flat = {name: tuple(map(float, np.ravel(getattr(designed, name)))) for name in missing}
+    flat = {name: _flat(getattr(designed, name), name) for name in missing}
     return replace(parameters, **flat)  # type: ignore[type-var]
+
+
+def _flat(values: Any, name: str) -> tuple[float, ...]:
+    """Return real numbers of any shape as a flat tuple; TypeError if they are something else."""
+    array = np.asarray(values)
+    if array.dtype.kind not in 'iuf' or not np.isfinite(array).all():
+        raise TypeError(f'{name}: {short_repr(values)} are not real, finite numbers')
+    return tuple(array.ravel().astype(float).tolist())
 
 
 def whole_number(value: Any, low: int, high: int, name: str = '') -> int:
@@ -233,7 +246,7 @@ def whole_number(value: Any, low: int, high: int, name: str = '') -> int:
         if low <= number <= high and not isinstance(value, bool):
             return number
     prefix = f'{name}: ' if name else ''
-    raise ControllerError(f'{prefix}{value!r} is not a whole number in {low} … {high}')
+    raise ControllerError(f'{prefix}{short_repr(value)} is not a whole number in {low} … {high}')
 
 
 def task(period_ms: int, priority: int) -> Callable[[Method], Method]:
@@ -272,11 +285,12 @@ def tasks_of(cls: type[Controller[Any]]) -> tuple[TaskTiming, ...]:
     ]
     has_tick = cls.tick is not Controller.tick
     if has_tick == bool(found):
-        raise ControllerError(
-            f'{cls.__name__} has both tick and tasks; it needs one of them'
+        problem = (
+            'both tick and tasks; it needs one of them'
             if has_tick
-            else f'{cls.__name__} has neither a method tick nor a method marked by @task'
+            else 'neither a method tick nor one marked by @task (mark an overriding one again)'
         )
+        raise ControllerError(f'{cls.__name__} has {problem}')
     if has_tick:
         return (TaskTiming(TICK, 1, TICK_MS),)
     for each in found:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NoReturn
 
 from ballbot_ros.brick.brick import UINT32_MASK, Brick, DeviceInputs, DeviceOutputs
 from ballbot_ros.brick.schedule import Schedule
@@ -23,12 +22,15 @@ from ballbot_ros.controllers.controller import (
     whole_number,
 )
 from ballbot_ros.controllers.errors import ControllerError
-from ballbot_ros.controllers.interface import Estimates, OperatingState, PlaneEstimates
-from ballbot_ros.controllers.loading import LoadedController, shown_path
+from ballbot_ros.controllers.interface import Estimates, OperatingState
+from ballbot_ros.controllers.loading import LoadedController, public_path
+from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.plant.model import PhysicalParameters
+from ballbot_ros.timing import MILLISECOND_NS
 
-NANOSECONDS_PER_MILLISECOND = 1_000_000
+SECOND_MS = 1000
+_ESTIMATES = tuple(each.name for each in fields(Estimates))
 NOTABLE_SHARE = 0.01
 NOTABLE_MS = 25 * TICK_MS
 
@@ -52,6 +54,11 @@ class TickTimes:
     longest_ms: float = 0.0
     longest_at_s: float = 0.0
 
+    def copy(self, other: TickTimes) -> None:
+        """Take over the times of a program in another process."""
+        self.ticks, self.slow = other.ticks, other.slow
+        self.longest_ms, self.longest_at_s = other.longest_ms, other.longest_at_s
+
     def reset(self) -> None:
         """Forget all ticks: another run begins."""
         self.ticks = self.slow = 0
@@ -59,11 +66,11 @@ class TickTimes:
 
     def add(self, elapsed_ms: int, took_ns: int) -> None:
         """Count a tick at `elapsed_ms` that took `took_ns` of wall time."""
-        took_ms = took_ns / NANOSECONDS_PER_MILLISECOND
+        took_ms = took_ns / MILLISECOND_NS
         self.ticks += 1
         self.slow += took_ms > TICK_MS
         if took_ms > self.longest_ms:
-            self.longest_ms, self.longest_at_s = took_ms, elapsed_ms / 1000
+            self.longest_ms, self.longest_at_s = took_ms, elapsed_ms / SECOND_MS
 
     @property
     def problem(self) -> str:
@@ -87,6 +94,13 @@ class ControllerProgram:
     times : TickTimes
         Receives how long each tick takes.
 
+    Attributes
+    ----------
+    x, y : Estimates
+        Of the planes.
+    operating_state : OperatingState
+        The state of figure 7-1.
+
     Raises
     ------
     ControllerError
@@ -107,29 +121,17 @@ class ControllerProgram:
         times.reset()
         self._schedule = Schedule(loaded.tasks)
         self._start_ms: int | None = None
+        self._task = ''
         self._readings = Readings(0, (0, 0), (0, 0), 0)
-        self._controller: Controller[Any] = self._call(
-            lambda: loaded.cls(parameters, model, settings), f'{self._name} at the start'
-        )
-        self._brick: Brick = self._controller._brick
-        self._methods = {
-            name: getattr(self._controller, name) for name, _, _ in loaded.tasks if name != IDLE
-        }
-
-    @property
-    def x(self) -> PlaneEstimates:
-        """Plane x."""
-        return self._controller.x
-
-    @property
-    def y(self) -> PlaneEstimates:
-        """Plane y."""
-        return self._controller.y
-
-    @property
-    def operating_state(self) -> OperatingState:
-        """The state of figure 7-1."""
-        return self._controller.operating_state
+        try:
+            self._controller: Controller[Any] = loaded.cls(parameters, model, settings)
+            self._brick: Brick = self._controller._brick
+            self._methods = {
+                name: getattr(self._controller, name) for name, _, _ in loaded.tasks if name != IDLE
+            }
+            self._take_state()
+        except BaseException as error:
+            raise self._error(error, f'{self._name} at the start') from None
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
@@ -151,65 +153,78 @@ class ControllerProgram:
         )
         self._brick.sonar_cm = readings.distance_cm
         started_ns = time.perf_counter_ns()
-        outputs = self._brick.tick(
-            systick_ms, inputs, lambda: self._run_tasks(tasks, readings, elapsed_ms)
-        )
+        try:
+            outputs = self._brick.tick(systick_ms, inputs, lambda: self._run_tasks(tasks, readings))
+        except BaseException as error:
+            at = f'{self._name}.{self._task} at {elapsed_ms / SECOND_MS:.3f} s'
+            raise self._error(error, at) from None
         self._times.add(elapsed_ms, time.perf_counter_ns() - started_ns)
         return outputs
 
-    def _run_tasks(self, tasks: Sequence[str], readings: Readings, elapsed_ms: int) -> None:
+    def _run_tasks(self, tasks: Sequence[str], readings: Readings) -> None:
         for name in tasks:
             if name == IDLE:
                 continue
-            method = self._methods[name]
-            where = f'{self._name}.{name} at {elapsed_ms / 1000:.3f} s'
-            answer = self._call(lambda: method(readings), where)  # noqa: B023
+            self._task = name
+            answer = self._methods[name](readings)
             if answer is not None or name == TICK:
-                line = line_of(method)
-                self._brick.duty = _duty(answer, line, where)
-        self._check_state()
+                self._brick.duty = self._duty(answer, self._methods[name])
+        self._take_state()
 
-    def _check_state(self) -> None:
-        """Refuse what can't be published."""
-        controller = self._controller
-        for name, plane in (('x', controller.x), ('y', controller.y)):
-            if not isinstance(plane, Estimates):
-                raise ControllerError(f'{self._name}.{name}: {plane!r} is not an Estimates')
-            for key, value in vars(plane).items():
-                if not isinstance(value, float | int | np.number):
-                    raise ControllerError(f'{self._name}.{name}.{key}: {value!r} is not a number')
-        if not isinstance(controller.operating_state, OperatingState):
-            raise ControllerError(
-                f'{self._name}.operating_state: {controller.operating_state!r} is not an '
-                'OperatingState'
-            )
-
-    def _call(self, function: Callable[[], Any], where: str) -> Any:
-        """Call a function of the controller; an error names file and line of the user's code."""
+    def _duty(self, answer: Any, method: Any) -> Duty:
+        """Return a controller's answer as a duty."""
         try:
-            return function()
-        except (Exception, SystemExit) as error:
-            raise ControllerError(f'{self._loaded.code.describe(error)} ({where})') from None
+            try:
+                x, y = answer
+            except (TypeError, ValueError):
+                raise ControllerError('not the duties of two motors') from None
+            return whole_number(x, -MAX_DUTY, MAX_DUTY), whole_number(y, -MAX_DUTY, MAX_DUTY)
+        except ControllerError as error:
+            line = line_of(method) or self._loaded.code.public
+            raise InvalidAnswerError(f'{line}: returned {short_repr(answer)}: {error}') from None
+
+    def _take_state(self) -> None:
+        """Take over what is published; refuse what can't be."""
+        controller = self._controller
+        self.x = self._estimates('x', controller.x)
+        self.y = self._estimates('y', controller.y)
+        self.operating_state = controller.operating_state
+        if not isinstance(self.operating_state, OperatingState):
+            self._refuse('operating_state', self.operating_state, 'an OperatingState')
+
+    def _estimates(self, plane: str, estimates: object) -> Estimates:
+        """Return a copy, whose values are exact floats."""
+        if not isinstance(estimates, Estimates):
+            self._refuse(plane, estimates, 'an Estimates')
+        values = {}
+        for name in _ESTIMATES:
+            value = getattr(estimates, name)
+            try:
+                values[name] = float(value * 1.0)
+            except (TypeError, ValueError, OverflowError):
+                self._refuse(f'{plane}.{name}', value, 'a number')
+        return Estimates(**values)
+
+    def _refuse(self, name: str, value: object, wanted: str) -> NoReturn:
+        place = f'{self._loaded.code.public}: {self._name}.{name}'
+        raise InvalidAnswerError(f'{place}: {short_repr(value)} is not {wanted}')
+
+    def _error(self, error: BaseException, where: str) -> ControllerError:
+        """Return an error of the user's code, with its file and line."""
+        if isinstance(error, InvalidAnswerError):
+            return ControllerError(f'{error} ({where})')
+        return ControllerError(f'{self._loaded.code.describe(error)} ({where})')
+
+
+class InvalidAnswerError(ControllerError):
+    """An answer of a controller that can't be used; the text says where it is from."""
 
 
 def line_of(method: Any) -> str:
-    """Return file and line of a method's definition."""
-    code = method.__func__.__code__
-    return f'{shown_path(code.co_filename)}:{code.co_firstlineno}'
-
-
-def _duty(answer: Any, line: str, where: str) -> Duty:
-    """Return a controller's answer as a duty; ControllerError if it is none."""
-    try:
-        x, y = answer
-    except (TypeError, ValueError):
-        raise ControllerError(
-            f'{line}: returned {answer!r}, not the duties of two motors ({where})'
-        ) from None
-    try:
-        return whole_number(x, -MAX_DUTY, MAX_DUTY), whole_number(y, -MAX_DUTY, MAX_DUTY)
-    except ControllerError as error:
-        raise ControllerError(f'{line}: returned {answer!r}: {error} ({where})') from None
+    """Return file and line of a method's definition; '' if it is not written in Python."""
+    function = inspect.unwrap(getattr(method, '__func__', method))
+    code = getattr(function, '__code__', None)
+    return f'{public_path(code.co_filename)}:{code.co_firstlineno}' if code else ''
 
 
 def _distance_cm(sonar_cm: int) -> int:

@@ -8,6 +8,7 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
@@ -19,7 +20,7 @@ from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.controllers.controller import Controller, tasks_of
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.source import Source
-from ballbot_ros.errors import BallbotError, one_line
+from ballbot_ros.errors import BallbotError, one_line, short_repr
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 
 GROUP = 'ballbot_ros.controllers'
@@ -65,6 +66,11 @@ class ControllerCode:
         return shown_path(self.path)
 
     @property
+    def public(self) -> str:
+        """The file of the class, as shown and recorded."""
+        return public_path(self.path)
+
+    @property
     def is_ours(self) -> bool:
         """Whether it is part of this package."""
         return self.module.partition('.')[0] == OUR_PACKAGE
@@ -78,16 +84,16 @@ class ControllerCode:
         text = one_line(error)[:_MAX_LENGTH]
         name = '' if isinstance(error, BallbotError) else type(error).__name__
         if isinstance(error, SyntaxError) and error.filename:
-            return f'{shown_path(error.filename)}:{error.lineno}: {name}: {error.msg}'
+            line = f':{error.lineno}' if error.lineno else ''
+            return f'{public_path(error.filename)}{line}: {name}: {error.msg}'
         what = ': '.join(filter(None, (name, text)))
-        place = self.shown if self.path.exists() else self.reference
-        return f'{self._line(error.__traceback__) or place}: {what}'
+        return f'{self._line(error.__traceback__) or self.public}: {what}'
 
     def _line(self, trace: TracebackType | None) -> str:
         """Return the innermost line of a traceback in this code; '' if there is none."""
         for frame in reversed(traceback.extract_tb(trace)):
             if self.has(Path(frame.filename)):
-                return f'{shown_path(frame.filename)}:{frame.lineno}'
+                return f'{public_path(frame.filename)}:{frame.lineno}'
         return ''
 
 
@@ -155,7 +161,10 @@ def resolve_reference(reference: str, folder: Path) -> str:
     if not is_file_reference(reference):
         return reference
     place, _, name = reference.rpartition(':')
-    return f'{os.path.normpath((folder / Path(place).expanduser()).absolute())}:{name}'
+    path = Path(place)
+    with suppress(RuntimeError):  # ~somebody is nobody
+        path = path.expanduser()
+    return f'{os.path.normpath((folder / path).absolute())}:{name}'
 
 
 def public_reference(reference: str) -> str:
@@ -166,8 +175,7 @@ def public_reference(reference: str) -> str:
     if not is_file_reference(reference):
         return reference
     place, _, name = reference.rpartition(':')
-    shown = shown_path(place)
-    return f'{Path(shown).name if shown.startswith("/") else shown}:{name}'
+    return f'{public_path(place)}:{name}'
 
 
 def installed_controllers() -> dict[str, list[EntryPoint]]:
@@ -224,8 +232,8 @@ def _find_module(reference: str, module: str, class_name: str) -> ControllerCode
         if folder is None or top == OUR_PACKAGE:  # the version of this package tells the rest
             return ControllerCode(reference, module, class_name, Source.of_file(path), path)
         source = Source.of_package(folder)
-    except OSError as error:
-        raise ControllerError(f'{reference}: {error.filename}: {error.strerror}') from None
+    except (OSError, UnicodeError) as error:
+        raise ControllerError(f'{reference}: {one_line(error)}') from None
     return ControllerCode(reference, module, class_name, source, path, folder)
 
 
@@ -243,7 +251,9 @@ def load(code: ControllerCode) -> LoadedController:
             if code.module
             else _execute(code.path, code.source)
         )
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise ControllerError(code.describe(error)) from None
     found = vars(module).get(code.class_name)
     if found is None:
@@ -263,9 +273,13 @@ def load(code: ControllerCode) -> LoadedController:
             f'{Controller.__module__.rpartition(".")[0]}.{Controller.__name__}'
         )
     try:
+        if not isinstance(found.portable, bool):
+            raise ControllerError(
+                f'{code.class_name}.portable: {short_repr(found.portable)} is not True or False'
+            )
         return LoadedController(found, code, tasks_of(found))
-    except ControllerError as error:
-        raise ControllerError(f'{code.shown}: {error}') from None
+    except Exception as error:
+        raise ControllerError(code.describe(error)) from None
 
 
 @lru_cache(maxsize=8)
@@ -281,6 +295,12 @@ def _execute(path: Path, source: Source) -> ModuleType:
         del sys.modules[name]
         raise
     return module
+
+
+def public_path(path: str | Path) -> str:
+    """Return a path without folders that are private: from the current folder, or only its name."""
+    shown = Path(shown_path(path))
+    return shown.name if shown.is_absolute() else str(shown)
 
 
 def shown_path(path: str | Path) -> str:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import MISSING, fields, is_dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 from ballbot_ros.controllers.controller import Controller, with_design
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import LoadedController
+from ballbot_ros.errors import one_line, short_repr
 from ballbot_ros.parameters import (
     CONTROLLER,
+    MAX_DESIGNED,
     PLANT,
     ControllerParameters,
     Parameter,
@@ -26,34 +29,55 @@ from ballbot_ros.plant.model import PhysicalParameters
 USER, MODEL = 'user.', 'model.'
 
 
-def own_rows(loaded: LoadedController) -> Iterator[Parameter]:
-    """Yield the parameters of a controller: those of its class, and the physical values.
+@lru_cache(maxsize=8)
+def own_rows(loaded: LoadedController) -> tuple[Parameter, ...]:
+    """Return the parameters of a controller: those of its class, and the physical values.
 
     Raises
     ------
     ControllerError
         If its class does not declare its parameters as it should.
     """
+    try:
+        return (*_user_rows(loaded), *_model_rows())
+    except ControllerError as error:
+        raise ControllerError(f'{loaded.code.shown}: {error}') from None
+    except Exception as error:  # of annotations and defaults, which are the user's
+        cls = loaded.cls.parameters_class
+        name = getattr(cls, '__name__', short_repr(cls))
+        raise ControllerError(f'{loaded.code.shown}: {name}: {one_line(error)}') from None
+
+
+def _user_rows(loaded: LoadedController) -> Iterator[Parameter]:
     cls = loaded.cls.parameters_class
-    name = f'{loaded.code.shown}: {cls.__name__}'
-    if not is_dataclass(cls) or not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]
+    name = getattr(cls, '__name__', short_repr(cls))
+    if not (isinstance(cls, type) and is_dataclass(cls)) or not _is_frozen(cls):
         raise ControllerError(f'{name} is not a dataclass with frozen=True')
     for each in fields(cls):
-        if not each.metadata:
+        if not each.metadata or each.default is MISSING:
             raise ControllerError(
                 f'{name}.{each.name} is not declared by quantity, setting or designed'
             )
-    try:
-        rows = list(declared_in(cls, CONTROLLER, USER))
-    except (NameError, TypeError, ValueError) as error:
-        raise ControllerError(f'{name}: {error}') from None
-    for row in rows:
-        if not row.is_designed:
-            try:
-                row.check(row.default, f'{loaded.code.shown}: default of ')
-            except ParameterError as error:
-                raise ControllerError(str(error)) from None
-    yield from rows
+    for row in declared_in(cls, CONTROLLER, USER):
+        if row.is_designed:
+            yield row
+            continue
+        is_whole = isinstance(row.default, int) and not isinstance(row.default, bool)
+        if is_whole and not all(abs(each) < 2**63 for each in (row.default, *(row.bounds or ()))):
+            raise ControllerError(f'{name}.{row.name}: a whole number has at most 63 bits')
+        if isinstance(row.default, tuple) and len(row.default) > MAX_DESIGNED:
+            raise ControllerError(f'{name}.{row.name}: more than {MAX_DESIGNED} numbers')
+        try:
+            yield replace(row, default=row.check(row.default, 'default of '))
+        except ParameterError as error:
+            raise ControllerError(str(error)) from None
+
+
+def _is_frozen(cls: type) -> bool:
+    return bool(cls.__dataclass_params__.frozen)  # type: ignore[attr-defined]
+
+
+def _model_rows() -> Iterator[Parameter]:
     known = parameters_of(PLANT)
     for each in fields(PhysicalParameters):
         row = known[each.name]
@@ -71,7 +95,9 @@ def user_parameters(loaded: LoadedController, parameters: ControllerParameters) 
     values = _with_prefix(parameters.values(), USER)
     try:
         return loaded.cls.parameters_class(**values)
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise ControllerError(loaded.code.describe(error)) from None
 
 
@@ -88,7 +114,7 @@ def _with_prefix(values: Mapping[str, Value], prefix: str) -> dict[str, Value]:
     }
 
 
-def missing_design(parameters: ControllerParameters, rows: Iterator[Parameter]) -> list[str]:
+def missing_design(parameters: ControllerParameters, rows: Iterable[Parameter]) -> list[str]:
     """Return the names of the parameters that have to be designed first."""
     values = parameters.values()
     return [row.name for row in rows if row.is_designed and not values[row.name]]
@@ -110,7 +136,9 @@ def design(loaded: LoadedController, parameters: ParameterSet) -> None:
     where = f'{loaded.cls.__name__}.{Controller.design.__name__}'
     try:
         designed = with_design(loaded.cls, user, design_model(given))
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise ControllerError(f'{loaded.code.describe(error)} ({where})') from None
     for name in missing:
         value = getattr(designed, name.removeprefix(USER))

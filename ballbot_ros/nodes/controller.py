@@ -84,6 +84,7 @@ class Controller(BallbotNode[ControllerParameters]):
         )
         self._gate = (self._lockstep_ticks if self._lockstep else self._free_ticks).gate
         self._resends = 0
+        self._is_running = True
         self._messages = ControllerMessages(lambda topic: self.output(topic).send)
         self._task_timers = TaskTimers(
             self,
@@ -155,6 +156,7 @@ class Controller(BallbotNode[ControllerParameters]):
 
     def _on_run(self, run: Run) -> None:
         self._program = self._implementation.make()
+        self._is_running = True
         self._messages.begin()
         ticks = self._lockstep_ticks if self._lockstep else self._free_ticks
         ticks.begin(run.start_ns, self._implementation.tasks)
@@ -193,12 +195,15 @@ class Controller(BallbotNode[ControllerParameters]):
 
     def _abort(self, problem: str) -> None:
         """Fail the run, and end."""
+        self._is_running = False
         self._participation.raise_objection(Objection(problem))
         self.finish()
         self.fail(problem)
 
     def _run(self, tick: DueTick) -> None:
         """Run the tasks of a tick, and publish the results."""
+        if not self._is_running:
+            return
         # Start the timers before the answer, which may let the clock advance.
         if tick.untimed:
             self._start_timers(tick)

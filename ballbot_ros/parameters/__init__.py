@@ -12,6 +12,7 @@ from ballbot_ros.parameters.devices import (
     SonarParameters,
 )
 from ballbot_ros.parameters.parameter import (
+    MAX_DESIGNED,
     NOT_DESIGNED,
     DriverParameters,
     NodeParameters,
@@ -70,7 +71,7 @@ __all__ = [
     'DRIVER_PERIODS_NS',
     'EXECUTABLES',
     'GAMEPAD',
-    'GYRO',
+    'GYRO', 'MAX_DESIGNED',
     'NODES', 'NOT_DESIGNED',
     'OPTIONAL_NODES',
     'PATHS',

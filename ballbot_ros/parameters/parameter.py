@@ -13,14 +13,14 @@ from dataclasses import Field, dataclass, field, fields, replace
 from enum import Enum
 from typing import Any, ClassVar, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, short_repr
 
 Value = bool | int | float | str | tuple[float, ...]
 _Value = TypeVar('_Value', bound=Value)
 _Node = TypeVar('_Node', bound='NodeParameters')
 _Bounds = tuple[float, float]
 
-MAX_DESIGNED = 100_000
+MAX_DESIGNED = 10_000
 """Largest number of designed values in one parameter."""
 
 
@@ -89,30 +89,32 @@ class Parameter:
             lengths = (len(self.default),) if self.default else range(1, MAX_DESIGNED + 1)
             if not isinstance(value, list | tuple) or len(value) not in lengths:
                 count = len(self.default) or f'1 … {MAX_DESIGNED}'
-                raise ParameterError(f'{name}: {value!r} is not a list of {count} numbers')
+                raise ParameterError(
+                    f'{name}: {short_repr(value)} is not a list of {count} numbers'
+                )
             return tuple(self._number(item, name) for item in value)
         if isinstance(self.default, bool):
             if not isinstance(value, bool):
-                raise ParameterError(f'{name}: {value!r} is not true or false')
+                raise ParameterError(f'{name}: {short_repr(value)} is not true or false')
             return value
         if isinstance(self.default, str):
             if not isinstance(value, str):
-                raise ParameterError(f'{name}: {value!r} is not text')
+                raise ParameterError(f'{name}: {short_repr(value)} is not text')
             if not _is_utf8(value):
-                raise ParameterError(f'{name}: {value!r} is not UTF-8')
-            return str(self._choice(value, name))
+                raise ParameterError(f'{name}: {short_repr(value)} is not UTF-8')
+            return str.__str__(self._choice(value, name))  # exactly a str, also of an Enum
         if isinstance(self.default, int):
             if isinstance(value, float) and value.is_integer():
                 value = int(value)
             if isinstance(value, bool) or not isinstance(value, int):
-                raise ParameterError(f'{name}: {value!r} is not a whole number')
+                raise ParameterError(f'{name}: {short_repr(value)} is not a whole number')
             return int(self._choice(value, name) if self.choices else self._number(value, name))
         return float(self._number(value, name))
 
     def _choice(self, value: object, name: str) -> Any:
         if self.choices and value not in self.choices:
             raise ParameterError(
-                f'{name}: {value!r} is not one of {self.choices_text}{self._spaced_unit}'
+                f'{name}: {short_repr(value)} is not one of {self.choices_text}{self._spaced_unit}'
             )
         return value
 
@@ -135,11 +137,15 @@ class Parameter:
 
     def _number(self, value: object, name: str) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ParameterError(f'{name}: {value!r} is not a number')
-        low, high = self.bounds or (-math.inf, math.inf)
+            raise ParameterError(f'{name}: {short_repr(value)} is not a number')
+        if self.bounds is None:
+            if not math.isfinite(value):
+                raise ParameterError(f'{name}: {value!r} is not finite')
+            return value if isinstance(self.default, int) else float(value)
+        low, high = self.bounds
         if not (low <= value <= high or (self.or_zero and value == 0)):
             raise ParameterError(
-                f'{name}: {value!r} is not within {self.bounds_text}{self._spaced_unit}'
+                f'{name}: {short_repr(value)} is not within {self.bounds_text}{self._spaced_unit}'
             )
         return value if isinstance(self.default, int) else float(value)
 

@@ -75,7 +75,9 @@ class ParameterSet:
             return
         row = self._own.get(name)
         if row is None:
-            hint = suggest(name, self._own) if self._own else 'only other controllers have some'
+            group = name.partition('.')[0]
+            alike = [each for each in self._own if each.startswith(f'{group}.')]
+            hint = suggest(name, alike) if alike else f'it has no {group} parameters'
             raise ParameterError(
                 f'{prefix}the {CONTROLLER} {self._class} has no parameter {name!r}; {hint}'
             )

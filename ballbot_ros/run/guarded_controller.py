@@ -30,8 +30,8 @@ from ballbot_ros.codegen.implementation import Implementation, implementation_fo
 from ballbot_ros.controllers.controller_program import TickTimes
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState, PlaneEstimates
-from ballbot_ros.controllers.loading import LoadedController, shown_path
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.controllers.loading import LoadedController, public_path
+from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, threads_by_process
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.simulation.silence_timer import SilenceTimer
@@ -54,16 +54,23 @@ class _Answer(NamedTuple):
 
 
 def guarded_implementation(
-    parameters: ControllerParameters, plant: PlantParameters
+    parameters: ControllerParameters, plant: PlantParameters, composed: LoadedController | None
 ) -> Implementation:
     """Return the implementation that the parameters select, guarded if it is foreign code.
+
+    Parameters
+    ----------
+    composed : LoadedController or None
+        The controller for which the run was composed.
 
     Raises
     ------
     BallbotError
-        As for :func:`~ballbot_ros.codegen.implementation.implementation_for`.
+        As for :func:`~ballbot_ros.codegen.implementation.implementation_for`; also if the code has
+        changed.
     """
     implementation = implementation_for(parameters)
+    require_same_code(implementation, composed.code.source.sha256 if composed else '')
     loaded = implementation.loaded
     if loaded is None or loaded.code.is_ours:
         return implementation
@@ -71,6 +78,13 @@ def guarded_implementation(
         implementation,
         make=lambda: GuardedProgram(parameters, loaded, plant, implementation.times),
     )
+
+
+def require_same_code(implementation: Implementation, sha256: str) -> None:
+    """Raise ControllerError unless the code is that for which the run was composed."""
+    loaded = implementation.loaded
+    if loaded and loaded.code.source.sha256 != sha256:
+        raise ControllerError(f'{loaded.code.public} has changed since the run was composed')
 
 
 class GuardedProgram:
@@ -124,7 +138,7 @@ class GuardedProgram:
             timeout_s if self._plant.on_timeout == 'end' else math.inf,
         )
         self.x, self.y, self.operating_state = answer.x, answer.y, answer.operating_state
-        vars(self._times).update(vars(answer.times))
+        self._times.copy(answer.times)
         return answer.outputs
 
 
@@ -148,7 +162,7 @@ class _Child:
             )
         self._connection, self._stack = Connection(ours.detach()), stack
         self._end = weakref.finalize(self, _end, self._process, self._connection, stack)
-        self._connection.send((sys.path, parameters))
+        self._connection.send((sys.path, parameters, loaded.code.source.sha256))
 
     def exchange(self, request: tuple[Any, ...], timeout_s: float) -> _Answer:
         """Run a tick; ControllerError if there is no answer within `timeout_s` [s]."""
@@ -167,7 +181,7 @@ class _Child:
         except (OSError, EOFError):
             status = self._process.wait()
             end = f'was killed by {signal.Signals(-status).name}' if status < 0 else 'ended'
-            raise ControllerError(f'{self._loaded.code.shown}: its process {end}') from None
+            raise ControllerError(f'{self._loaded.code.public}: its process {end}') from None
         except ControllerError:
             self._end()
             raise
@@ -182,7 +196,7 @@ class _Child:
             text = os.pread(self._stack.fileno(), 2**16, 0).decode(errors='replace')
         for path, line in _FRAME.findall(text):
             if self._loaded.code.has(Path(path)):
-                return f': {shown_path(path)}:{line} does not return'
+                return f': {public_path(path)}:{line} does not return'
         return ''
 
 
@@ -199,15 +213,16 @@ def main() -> None:
         return
     connection = Connection(int(sys.argv[1]))
     faulthandler.register(signal.SIGUSR1, file=int(sys.argv[2]), all_threads=False)
-    with suppress(EOFError):
-        sys.path[:], parameters = connection.recv()
+    with suppress(EOFError, OSError):  # the run has ended
+        sys.path[:], parameters, sha256 = connection.recv()
         try:
-            _serve(connection, implementation_for(parameters))
+            _serve(connection, implementation_for(parameters), sha256)
         except BallbotError as error:
-            connection.send(str(error))
+            connection.send(one_line(error))
 
 
-def _serve(connection: Connection, implementation: Implementation) -> None:
+def _serve(connection: Connection, implementation: Implementation, sha256: str) -> None:
+    require_same_code(implementation, sha256)
     program = implementation.make()
     while True:
         tasks, systick_ms, inputs = connection.recv()

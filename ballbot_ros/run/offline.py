@@ -52,7 +52,7 @@ class _OfflineRun:
 
     def __init__(self, spec: RunSpec, recording: Path | None, stop: StopRequest) -> None:
         self._implementation = guarded_implementation(
-            spec.parameters.of(ControllerParameters), spec.plant
+            spec.parameters.of(ControllerParameters), spec.plant, spec.controller
         )
         self._loop = ClosedLoop(spec.parameters, spec.scenario, program=self._implementation.make())
         self._plant_parameters = spec.plant

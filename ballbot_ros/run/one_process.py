@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.nodes.base import AnyNode, spin
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.plant_sim import PlantSim
@@ -43,7 +44,7 @@ def run_in_one_process(
             plant = PlantSim(parameters.of(PlantParameters))
             nodes.append(plant)
             others = [name for name in NODES if name not in (PLANT, RECORDER)]
-            nodes += [_make_node(name, parameters) for name in others]
+            nodes += [_make_node(name, parameters, spec.controller) for name in others]
             if recording:
                 recorder = Recorder(parameters.of(RecorderParameters))
                 nodes.append(recorder)
@@ -65,9 +66,11 @@ def run_in_one_process(
     return replace(result, failure_status=128 + stop.signal) if stop.signal else result
 
 
-def _make_node(name: str, parameters: ParameterSet) -> AnyNode:
+def _make_node(name: str, parameters: ParameterSet, composed: LoadedController | None) -> AnyNode:
     """Create a node; the plant must not hang with a controller that does not return."""
     if name != CONTROLLER:
         return make_node(parameters.of_node(name))
-    guarded = partial(guarded_implementation, plant=parameters.of(PlantParameters))
+    guarded = partial(
+        guarded_implementation, plant=parameters.of(PlantParameters), composed=composed
+    )
     return Controller(parameters.of(ControllerParameters), guarded)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.run_master import Phase, RunMaster, event
 from ballbot_ros.timing import FREE_RUNNING_SILENCE_S, RESEND_S, TICK_S
 
@@ -18,6 +19,9 @@ class FreeRunningMaster(RunMaster):
     def on_tick(self) -> None:
         """Advance by one tick with the newest duty, or with zero duty after a silence."""
         if self._phase is not Phase.TICKING:
+            return
+        if problem := self._participants.roster.fatal_objection:
+            self._end(Outcome.FAILED, problem, 1)
             return
         if self.log.ticks == 0 and self._awaits_first_duty():
             if self._now_s - self._waiting_since_s > RESEND_S:

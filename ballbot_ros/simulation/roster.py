@@ -80,6 +80,7 @@ class Roster:
     ) -> None:
         self._plant: Participant | None = None
         self._required: tuple[str, ...] = ()
+        self._fatal: frozenset[str] = frozenset()
         self._shared = tuple(shared)
         self._stateless = frozenset(stateless)
         self._owners = owners
@@ -88,9 +89,16 @@ class Roster:
         self._calls = 0
         self._run = _Run('')
 
-    def gather(self, run: str, plant: Participant, required: Collection[str]) -> None:
-        """Start collecting the participants of a run, which begins with the `required` roles."""
+    def gather(
+        self, run: str, plant: Participant, required: Collection[str], fatal: Collection[str] = ()
+    ) -> None:
+        """Start collecting the participants of a run, which begins with the `required` roles.
+
+        The run fails if a participant in one of these roles, or in one of the `fatal` ones, can't
+        continue.
+        """
         self._plant, self._required = plant, tuple(required)
+        self._fatal = frozenset((*required, *fatal))
         self._run = _Run(run)
         self._strangers.begin()
         self._run.heard[plant.instance] = _Heard(Announcement(plant, run), self._calls)
@@ -119,8 +127,8 @@ class Roster:
             return
         run.heard[participant.instance] = _Heard(announcement, self._calls)
         objection = announcement.objection
-        # Ignore it if a participant that the run does not require can't continue.
-        if objection and (objection.topic or participant.role in self._required):
+        # Ignore it if a participant that the run can do without can't continue.
+        if objection and (objection.topic or participant.role in self._fatal):
             self.add_objection(objection)
         if len(self._claimants(participant.role)) > 1:
             run.contests.setdefault(participant.role, self._calls)
@@ -220,6 +228,12 @@ class Roster:
             run.members[role] = participant
             run.history.append(Membership(participant, now_ns, is_successor))
         return ''
+
+    @property
+    def fatal_objection(self) -> str:
+        """Why a participant can't continue; '' if all can."""
+        texts = (each.text for _, each in self._run.objections if not each.topic)
+        return next(texts, '')
 
     def _judge_objections(self) -> str:
         """Return the oldest objection as a problem, once roll calls have shown who is alive."""

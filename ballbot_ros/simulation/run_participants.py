@@ -98,14 +98,15 @@ class RunParticipants:
             required += (*DRIVERS, CONTROLLER)
             if requires_recorder:
                 required.append(RECORDER)
-        self.roster.gather(run.name, plant, required)
+        self.roster.gather(run.name, plant, required, fatal=(CONTROLLER,))
         self._act(CallRoll(run, plant))
         self._graph.stop_listening()
         self.liveness.begin()
 
     def on_announcement(self, announcement: Announcement) -> None:
         """Process a participant's announcement."""
-        if not self._is_lockstep:
+        objection = announcement.objection
+        if objection and objection.topic and not self._is_lockstep:
             # Drop the objection: in free-running mode, a sample may have served to answer two
             # ticks.
             announcement = replace(announcement, objection=None)

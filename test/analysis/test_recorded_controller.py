@@ -19,6 +19,8 @@ from ballbot_ros.analysis.recorded_controller import (
 )
 from ballbot_ros.analysis.recording_replay import RecordingReplay
 from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.parameters import ParameterError
+from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
@@ -70,9 +72,7 @@ def test_the_users_own_file_replays_a_run(folder):
     assert str(folder) not in files['parameters.yaml'].data.decode()
     assert str(folder) not in files['controller.yaml'].data.decode()
 
-    Path('mine.py').rename('run/mine.py')  # next to the recording
-    replay(path, folder)
-    Path('run/mine.py').rename('renamed.py')
+    Path('mine.py').rename('renamed.py')
     words = refusal(path, folder)
     assert 'mine.py: No such file or directory' in words
     assert '--trust-attached-code' in words
@@ -84,7 +84,7 @@ def test_other_code_does_not_replay_it(folder):
     path = record('mine.py:Balance')
     Path('mine.py').write_text(BALANCE + "\nopen('executed', 'w')\n")
     words = refusal(path, folder)
-    assert re.search(r'but mine.py has changed \(sha256 \w{12}\), run/mine.py: No such file', words)
+    assert re.search(r'but mine.py has changed \(sha256 \w{12}\); give a copy', words)
     assert 'give a copy of that code as --controller FILE.py:Class' in words
     refusal(path, folder, 'mine.py:Balance')
     refusal(path, folder, 'none.py:Balance')
@@ -108,8 +108,7 @@ def test_a_file_below_the_current_folder_is_found_where_it_was(folder):
 )
 def test_a_recording_can_not_point_to_other_folders(folder, reference):
     identity = ControllerIdentity(reference, sha256='a' * 64)
-    found = set(_candidates(identity, Path('run/stationary.mcap'), None))
-    assert found == {f'{folder}/mine.py:Mine', f'{folder}/run/mine.py:Mine'}
+    assert list(_candidates(identity, None)) == [f'{folder}/mine.py:Mine']
 
 
 def test_attached_code_runs_only_by_request(folder):
@@ -177,6 +176,45 @@ def test_a_run_of_the_documents_program_is_replayed_by_nothing_else(folder):
     assert 'can be replayed only by python, c, arm' in refusal(path, folder, 'mine.py:Balance')
 
 
+def test_another_class_of_the_file_does_not_replay_it(folder):
+    Path('mine.py').write_text(BALANCE + '\n\nclass Other(Balance):\n    pass\n')
+    path = record('mine.py:Balance')
+    assert 'Other is another class of mine.py' in refusal(path, folder, 'mine.py:Other')
+
+
+@pytest.mark.parametrize(
+    ('name', 'data', 'told'),
+    [
+        ('controller.yaml', None, 'controller.yaml is missing or cannot be read'),
+        ('controller.yaml', b'{', 'controller.yaml is missing or cannot be read'),
+        ('controller.yaml', b'sha256: "a\\n"', 'controller.yaml is missing or cannot be read'),
+    ],
+)
+def test_a_recording_without_the_identity_of_its_controller_is_refused(folder, name, data, told):
+    Path('mine.py').write_text(BALANCE)
+    path = record('mine.py:Balance')
+    with RecordingReader(path) as reader:
+        original = reader.attachments()[name].data
+    changed = copy_recording(
+        folder / 'changed.mcap', path, attach=lambda each: data if each == original else each
+    )
+    with pytest.raises(RecordingError, match=told):
+        replay(changed, folder)
+
+
+def test_a_replay_can_not_set_another_controller(folder):
+    Path('mine.py').write_text(BALANCE)
+    for controller, other in (('mine.py:Balance', 'python'), ('python', 'lqg')):
+        path = record(controller)
+        with RecordingReader(path) as reader:
+            made = RecordingReplay(reader, folder / 'scratch')
+            with pytest.raises(ParameterError, match='can replay this run'):
+                made.replay_with([f'controller.implementation={other}'], lambda _: None)
+            with pytest.raises(ParameterError, match='has no parameter'):
+                made.replay_with(['controller.user.none=1'], lambda _: None)
+        path.unlink()
+
+
 IDENTITY = ControllerIdentity('mine.py:Mine', '', 'a' * 64, 'acme 1.0', False)
 
 
@@ -196,7 +234,16 @@ def test_the_identity_of_a_run_is_the_announced_one():
 
 
 @pytest.mark.parametrize(
-    'data', [b'', b'3', b'{', b'reference: 3', b'\xff', b'reference: a\nsha256: b\nportable: 1']
+    'data',
+    [
+        b'',
+        b'3',
+        b'{',
+        b'reference: 3',
+        b'\xff',
+        b'reference: a\nsha256: b\nportable: 1',
+        b'[' * 3000,
+    ],
 )
 def test_an_identity_that_can_not_be_read_is_none(data):
     files = {'controller.yaml': AttachedFile('application/yaml', data)}

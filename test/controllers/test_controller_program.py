@@ -90,7 +90,12 @@ def test_outputs_and_estimates_reach_the_brick(make):
         ('self.log(128)', 'data1: 128 is not a whole number in -128 … 127'),
         ('self.log(0, -129)', 'data2: -129 is not a whole number in -128 … 127'),
         ('self.log(adc3=40000)', 'adc3: 40000 is not a whole number in -32768 … 32767'),
-        ('self.x.theta = None', 'Mine.x.theta: None is not a number'),
+        ('self.x.theta = None', 'mine.py: Mine.x.theta: None is not a number'),
+        ("self.x.theta = '3'", "mine.py: Mine.x.theta: '3' is not a number"),
+        ('self.x.theta = 1j', 'mine.py: Mine.x.theta: 1j is not a number'),
+        ('self.x.theta = 10**400', 'Mine.x.theta: 1000'),
+        ("self.show('\\udc80')", "name: '\\udc80' is not a printable text"),
+        ('self.show(3)', 'name: 3 is not a printable text'),
         ('self.y = 3', 'Mine.y: 3 is not an Estimates'),
         ("self.operating_state = 'lost'", "Mine.operating_state: 'lost' is not an OperatingState"),
     ],
@@ -100,6 +105,7 @@ def test_outputs_that_do_not_fit_are_refused(make, call, told):
     with pytest.raises(ControllerError) as raised:
         run(program, 1)
     assert told in str(raised.value)
+    assert str(raised.value).endswith('(Mine.tick at 0.000 s)')
     assert ('mine.py:4' in str(raised.value)) == ('Mine.' not in told)
 
 
@@ -117,8 +123,8 @@ def test_whole_numbers_of_any_kind_are_duties(make, answer):
         ('ReturnsNaN', 'returned (nan, 0): nan is not a whole number in -100 … 100'),
         ('ReturnsFloats', 'returned (1.0, 2.0): 1.0 is not a whole number in -100 … 100'),
         ('ReturnsTooMuch', 'returned (300, 0): 300 is not a whole number in -100 … 100'),
-        ('ReturnsOne', 'returned 3, not the duties of two motors'),
-        ('ReturnsNone', 'returned None, not the duties of two motors'),
+        ('ReturnsOne', 'returned 3: not the duties of two motors'),
+        ('ReturnsNone', 'returned None: not the duties of two motors'),
         ('ReturnsBool', 'returned (True, False): True is not a whole number in -100 … 100'),
         ('Raises', 'ZeroDivisionError: integer division or modulo by zero'),
         ('RaisesInALibrary', "ValueError: invalid literal for int() with base 10: 'two\\nlines'"),
@@ -126,6 +132,15 @@ def test_whole_numbers_of_any_kind_are_duties(make, answer):
         ('WritesToItsInputs', "AttributeError: can't set attribute"),
         ('WritesIntoItsInputs', "TypeError: 'tuple' object does not support item assignment"),
         ('Estimates', 'Estimates.x: 3 is not an Estimates'),
+        (
+            'DeletesItsEstimates',
+            "AttributeError: 'DeletesItsEstimates' object has no attribute 'x'",
+        ),
+        ('RaisesAnything', 'Strange'),
+        ('Interrupts', 'KeyboardInterrupt'),
+        ('ReturnsLines', 'returned A B C: not the duties of two motors'),
+        ('ReturnsAHugeNumber', 'returned <tuple>: '),
+        ('ReturnsAHugeText', "returned 'xxxxxxx"),
     ],
 )
 def test_a_mistake_is_told_in_one_line_with_its_place(make, class_name, told):
@@ -137,12 +152,14 @@ def test_a_mistake_is_told_in_one_line_with_its_place(make, class_name, told):
     words = str(raised.value)
     assert told in words
     assert '\n' not in words
+    assert len(words) < 400
+    assert words.isprintable()
     if told.startswith('returned'):
         assert words.startswith(f'mine.py:{line_in_faulty("def tick")}: ')
     elif 'Estimates' not in told:
         line = line_in_faulty(f'class {class_name}(') + 2
         assert words.startswith(f'mine.py:{line}: ')
-    if 'Estimates' not in told:
+    if class_name:
         assert words.endswith(f'({class_name}.tick at 0.400 s)')
 
 
@@ -218,3 +235,40 @@ def test_the_settings_of_the_node_reach_every_controller():
     settings = values_of(CONTROLLER, mode='autonomous')
     assert Controller(settings=settings).settings.mode == 'autonomous'
     assert Controller().settings.mode == 'remote'
+
+
+@pytest.mark.parametrize(
+    'body',
+    [
+        ' @functools.lru_cache\n def tick(self, r): return 1, 2',
+        ' @staticmethod\n def tick(r): return 1, 2',
+        ' def tick(self, r, extra): return 1, 2\n tick = functools.partialmethod(tick, extra=0)',
+        ' def start(self): self.tick = lambda r: (1, 2)\n def tick(self, r): return 0, 0',
+        ' class Call:\n  def __call__(self, r): return 1, 2\n tick = Call()',
+    ],
+    ids=['cached', 'static', 'partial', 'instance', 'callable'],
+)
+def test_tick_may_be_anything_that_can_be_called(make, body):
+    program = make('import functools\n' + mine(body))
+    assert [each.duty for each in run(program, 2)] == [(1, 2)] * 2
+
+
+def test_an_init_that_forgets_its_base_is_told(make):
+    with pytest.raises(ControllerError, match=r'^mine.py: AttributeError: .* \(Mine at t'):
+        make(mine(' def __init__(self, *a): pass\n def tick(self, r): return 0, 0'))
+
+
+def test_published_estimates_are_plain_floats(make):
+    program = make(
+        'import numpy as np\n'
+        + mine(
+            ' def tick(self, r):\n'
+            '  class Own(float): pass\n'
+            '  self.x.psi, self.x.theta, self.y.psi = Own(1.5), np.float32(2.5), -0.0\n'
+            '  return 0, 0'
+        )
+    )
+    run(program, 1)
+    assert [type(each) for each in (program.x.psi, program.x.theta)] == [float, float]
+    assert (program.x.psi, program.x.theta) == (1.5, 2.5)
+    assert np.signbit(program.y.psi)

@@ -86,7 +86,7 @@ CLASS = 'from ballbot_ros.controllers import Controller, task\nclass Mine(Contro
 @pytest.mark.parametrize(
     ('body', 'told'),
     [
-        ('pass', 'has neither a method tick nor a method marked by @task'),
+        ('pass', 'has neither a method tick nor one marked by @task'),
         ('@task(4, 1)\n def a(self, r): pass\n def tick(self, r): pass', 'has both tick and tasks'),
         ('@task(6, 1)\n def a(self, r): pass', 'Mine.a: the period 6 ms is not a multiple of 4 ms'),
         ('@task(0, 1)\n def a(self, r): pass', 'the period 0 ms is not a multiple of 4 ms'),

@@ -9,6 +9,7 @@ import pytest
 from graph import BALLBOT
 from own_controllers import BALANCE, FAULTY, line_in_faulty
 
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.nodes.processes import children
 from ballbot_ros.recording.reader import RecordingReader
@@ -65,7 +66,7 @@ OFF = ((0.0, 0.0), 'stop')
     ('class_name', 'told'),
     [
         ('ReturnsNaN', 'nan is not a whole number in -100 … 100 (ReturnsNaN.tick at 0.400 s)'),
-        ('ReturnsOne', 'returned 3, not the duties of two motors'),
+        ('ReturnsOne', 'returned 3: not the duties of two motors'),
         ('Raises', f'faulty.py:{line_in_faulty("1 // 0")}: ZeroDivisionError'),
         ('Exits', f'faulty.py:{line_in_faulty("sys.exit")}: SystemExit: 3'),
         ('Blocks', f'no answer within 1 s: faulty.py:{line_in_faulty("while True")}'),
@@ -185,3 +186,61 @@ def test_free_running_ticks_of_a_users_controller(start_run, folder):
     with RecordingReader(Path('run/stationary.mcap')) as reader:
         duties = [message.vector.x for _, _, message in reader.messages(['/motor_duty'])]
     assert duties.count(7.0) > len(duties) / 2
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize('processes', ['one', 'separate'])
+def test_a_fault_ends_a_free_running_graph(start_run, folder, processes):
+    run = start_run(
+        'stationary', '--processes', processes, '--controller', 'faulty.py:Raises',
+        '--set', 'plant_sim.lockstep=false', '--real-time-factor', '1', '--output', 'run', '--json',
+    )  # fmt: skip
+    assert run.finish() == 1, run.stderr
+    assert run.result['outcome'] == 'failed'
+    assert 'ZeroDivisionError' in run.result['reason']
+    assert run.result['ticks'] < 2000
+    assert run.stderr.count('ZeroDivisionError') < 5
+    _, duty, _ = last_duty(Path('run', 'stationary.mcap'))
+    assert duty == (0.0, 0.0)
+
+
+def test_code_that_has_changed_since_the_run_was_composed_does_not_run(folder):
+    options = RunOptions(processes=Processes.NONE, controller='balance.py:Balance', record=False)
+    spec = RunSpec.of_scenario('stationary', options)
+    Path('balance.py').write_text(BALANCE + '#')
+    with pytest.raises(BallbotError, match=r'^balance\.py has changed since the run was compos'):
+        execute(spec, Notices())
+
+
+def test_no_folder_of_the_machine_is_recorded(folder, tmp_path_factory, monkeypatch):
+    monkeypatch.chdir(tmp_path_factory.mktemp('elsewhere'))
+    options = RunOptions(
+        processes=Processes.NONE, controller=f'{folder}/faulty.py:Raises', output=Path('run')
+    )
+    result = execute(RunSpec.of_scenario('stationary', options), Notices())
+    assert result.reason.startswith('controller: faulty.py:')
+    assert str(folder).encode() not in result.recording.read_bytes()
+    with RecordingReader(result.recording) as reader:
+        files = reader.attachments().values()
+    assert not any(str(folder).encode() in file.data for file in files)
+
+
+@pytest.mark.graph
+def test_an_interrupted_import_is_no_traceback(folder):
+    Path('broken.py').write_text('raise SystemError("\\n\\x1b no")\n')
+    words = [*BALLBOT, 'run', 'stationary', '--controller', 'broken.py:Mine', '--processes=none']
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr == 'error: broken.py:1: SystemError: no\n'
+
+
+def test_what_a_class_prints_when_it_is_loaded_is_not_the_result(folder):
+    Path('loud.py').write_text(f"print('loaded')\n{BALANCE}")
+    words = [*BALLBOT, 'run', 'stationary', '--processes=none', '--no-record', '--json']
+    words += ['--controller=loud.py:Balance', '--set=plant_sim.duration=0.1']
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert json.loads(done.stdout)['ticks'] == 25
+    assert 'loaded' in done.stderr
+    words = [*BALLBOT, 'design', '--controller=loud.py:Balance']
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.stdout.startswith('/**/controller:')
