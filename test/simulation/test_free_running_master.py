@@ -1,10 +1,13 @@
 """The master of a run on the wall clock, which waits for no participant."""
 
 import pytest
-from lockstep_world import FREE_PERIODS_S, LockstepWorld, data_of
+from lockstep_world import FREE_PERIODS_S, LockstepWorld, data_of, make_participant
 
+from ballbot_ros.parameters import CONTROLLER, GYRO
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.free_running_master import FreeRunningMaster
+from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.participants import Announcement, Objection
 from ballbot_ros.simulation.strangers import Publisher
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import FREE_RUNNING_SILENCE_S, TICK_NS, TICK_S
@@ -188,3 +191,24 @@ def test_a_pause_is_no_silence_of_the_controller():
     for _ in range(world.ticks):
         log.add(None, 10, -20)
     assert world.master.log.duty_sha256 == log.duty_sha256
+
+
+@pytest.mark.parametrize(
+    ('role', 'objection', 'fails'),
+    [
+        (CONTROLLER, Objection('mine.py:3: KeyError'), True),
+        (GYRO, Objection('broken'), False),
+        (CONTROLLER, Objection.to_sample('gyro', START_NS), False),
+    ],
+)
+def test_a_controller_that_can_not_continue_ends_the_run(role, objection, fails):
+    world = begun()
+    send_duty(world)
+    world.wait(0.1)
+    (call,) = {each.run.name for each in world.actions(do.CallRoll)}
+    announcement = Announcement(make_participant(role), call, START_NS, objection)
+    world.dispatch(world.master.on_announcement, announcement)
+    world.wait(0.1)
+    assert (world.summary is not None) == fails
+    if fails:
+        assert (world.summary.outcome, world.summary.reason) == (Outcome.FAILED, objection.text)
