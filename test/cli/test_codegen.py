@@ -258,7 +258,7 @@ def test_a_node_takes_its_implementation_from_a_parameter_and_names_a_missing_to
 def test_a_node_refuses_an_unknown_implementation(start_node):
     node = start_node('controller', implementation='rust')
     assert node.finish() == 2
-    assert "'rust' give one of python, c, arm" in node.output
+    assert "no controller 'rust': give one of python, c, arm" in node.output
 
 
 def test_the_json_of_the_result_differs_only_in_the_speed(tmp_path):

@@ -366,7 +366,7 @@ def test_own_parameters_of_the_controller_do_not_disturb_other_nodes(make):
 def test_a_node_without_a_design_says_how_to_get_it(make, tmp_path):
     file = tmp_path / 'mine.py'
     file.write_text(
-        BALANCE.replace('import Controller,', 'import Controller, designed,').replace(
+        BALANCE.replace('import TICK_S,', 'import designed, TICK_S,').replace(
             'class Gains:\n',
             "class Gains:\n    gain: tuple[float, ...] = designed('1', None, '')\n",
         )

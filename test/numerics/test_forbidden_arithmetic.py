@@ -29,7 +29,7 @@ ALLOWED_NUMPY = {
     'arange', 'array', 'asarray', 'ascontiguousarray', 'empty', 'equal', 'frombuffer', 'full',
     'isin', 'load', 'ravel', 'savez', 'where', 'zeros',
     # whole numbers
-    'argmin', 'cumsum', 'unravel_index',
+    'argmin', 'cumsum', 'isfinite', 'unravel_index',
 }  # fmt: skip
 # Not on the way to a duty: measurements of a run, and messages that are read afterwards.
 MEASURING = {'clearance', '_outline', 'pitch_angles'}

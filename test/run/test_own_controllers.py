@@ -54,7 +54,8 @@ def execute_faulty(class_name, *assignments):
 def last_duty(recording):
     """Return stamp [s], duty and frame of the last duty; that of a stop is named."""
     with RecordingReader(recording) as reader:
-        *_, (_, _, message) = reader.messages(['/motor_duty'])
+        duties = [message for _, _, message in reader.messages(['/motor_duty'])]
+    message = max(duties, key=stamp_ns)  # the controller's stop may arrive after the plant's
     stamp_s = stamp_ns(message) / 1e9
     return stamp_s, (message.vector.x, message.vector.y), message.header.frame_id
 
