@@ -43,10 +43,12 @@ LONG_METRICS = {
 }
 
 
-def compare(folder: Path, scenario: str, *options: str) -> dict[str, Any]:
+def compare(
+    folder: Path, scenario: str, *options: str, controllers: Sequence[str] = CONTROLLERS
+) -> dict[str, Any]:
     """Run a scenario with every controller; return the comparison as JSON."""
     recordings = []
-    for controller in CONTROLLERS:
+    for controller in controllers:
         output = folder / controller
         words = ['run', scenario, '--processes', 'none', '--json', '--controller', controller]
         words += ['--output', str(output), *options]
