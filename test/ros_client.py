@@ -33,6 +33,7 @@ class Client:
         self.executor.add_node(self.node)
         self.newest = {}
         self.seen = {}
+        self._clients = {}
 
     def close(self):
         self.node.destroy_node()
@@ -67,7 +68,10 @@ class Client:
             self.executor.spin_once(timeout_sec=left)
 
     def call(self, kind, name, request):
-        client = self.node.create_client(kind, name)
+        # Keep each client: a service may drop its answer to one that it has not discovered yet.
+        client = self._clients.get((kind, name))
+        if client is None:
+            client = self._clients[kind, name] = self.node.create_client(kind, name)
         assert client.wait_for_service(LAST_RESORT_S)
         future = client.call_async(request)
         self.spin_until(future.done)

@@ -53,10 +53,10 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         self._input_errors = InputErrors()
         self._log: CsvLog | None = None
         self._log_subscription: Subscription | None = None
+        self._set_log()  # may fail; so before a thread reads the gamepad
         self._inputs = TeleopInputs(self, self._sources, self._input_errors)
         self.terminal: TeleopTerminal | None = None
         self._set_terminal()
-        self._set_log()
         self.create_wall_timer(FLUSH_PERIOD_S, self._flush_log)
         self._participation = Participation(self, self._on_run)
         self.subscribe(PLANT_JOINT_STATES, self._on_truth, raw=True)

@@ -19,6 +19,7 @@ from std_msgs.msg import Header
 from ballbot_ros.controllers.document.tasks import task_timings
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import PLANT_ODOM, SONAR_RANGE
+from ballbot_ros.nodes import gamepad_teleop
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.nodes.registry import REGISTRY
 from ballbot_ros.parameters import (
@@ -378,3 +379,12 @@ def test_a_node_without_a_design_says_how_to_get_it(make, tmp_path):
     node = make(CONTROLLER, [*arguments, '-p', 'user.gain:=[1.0, 2.0, 3.0]'])
     assert node.parameters.values()['user.gain'] == (1.0, 2.0, 3.0)
     assert set_one(node, 'user.gain', [4.0]).successful
+
+
+def test_a_log_that_can_not_be_written_is_refused_before_the_gamepad_is_read(make, monkeypatch):
+    """The thread of the gamepad would go on while the program ends, and fail in the end."""
+    opened = []
+    monkeypatch.setattr(gamepad_teleop, 'TeleopInputs', lambda *arguments: opened.append(arguments))
+    with pytest.raises(BallbotError, match=r'/nowhere/log\.csv: No such file or directory'):
+        make(GAMEPAD, log_csv='/nowhere/log.csv')
+    assert opened == []
