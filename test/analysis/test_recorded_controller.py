@@ -215,6 +215,14 @@ def test_a_replay_can_not_set_another_controller(folder):
         path.unlink()
 
 
+@pytest.mark.parametrize('name', ['pid', 'lqg', 'drift_filter', 'mpc'])
+def test_the_included_controllers_replay_identically(folder, name):
+    if name == 'mpc':
+        pytest.importorskip('osqp')
+    (one,) = replay(record(name, 'plant_sim.duration=2'), folder)
+    assert (one.replayed, one.is_portable) == (name, name != 'mpc')
+
+
 IDENTITY = ControllerIdentity('mine.py:Mine', '', 'a' * 64, 'acme 1.0', False)
 
 
