@@ -11,6 +11,7 @@ STEP_NS = MILLISECOND_NS
 STEPS_PER_TICK = 4
 TICK_NS = STEPS_PER_TICK * STEP_NS
 TICK_S = TICK_NS / SECOND_NS
+TICK_MS = TICK_NS // MILLISECOND_NS
 """Period of the lockstep, of the gyro, encoder and duty samples, and of task_ts1."""
 
 SLOW_PERIOD_NS = 20 * MILLISECOND_NS

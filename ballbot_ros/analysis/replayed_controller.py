@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from ballbot_ros.controllers.loading import OUR_PACKAGE
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 from ballbot_ros.simulation.participants import Participant
 
 PYTHON = 'python'
-OUR_PACKAGE = 'ballbot_ros'
 
 
 @dataclass(frozen=True)

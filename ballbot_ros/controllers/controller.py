@@ -27,10 +27,7 @@ from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.timing import MILLISECOND_NS, TICK_NS
-
-TICK_MS = TICK_NS // MILLISECOND_NS
-"""Period of the plant [ms]: the shortest of a task, and the unit of all periods."""
+from ballbot_ros.timing import TICK_MS
 
 TICK = 'tick'
 """Name of the task of a controller that has only one."""
@@ -43,8 +40,7 @@ MAX_TASKS = 8
 MAX_DUTY = 100
 """Largest duty [%]."""
 
-VOLTAGE_SLOPE = 1.089e-3
-VOLTAGE_OFFSET = 0.625
+VOLTAGE_SLOPE, VOLTAGE_OFFSET = PlantParameters.voltage_slope, PlantParameters.voltage_offset
 
 
 @dataclass(frozen=True)
@@ -90,7 +86,7 @@ class Readings(NamedTuple):
     @property
     def max_voltage(self) -> float:
         """Voltage of a motor at a duty of 100 % [V] (6.1)."""
-        return VOLTAGE_SLOPE * self.battery_mv - VOLTAGE_OFFSET
+        return VOLTAGE_SLOPE * self.battery_mv + VOLTAGE_OFFSET
 
     def duty(self, voltage: float) -> int:
         """Return the duty [%] nearest to a motor voltage [V], at most ±100.

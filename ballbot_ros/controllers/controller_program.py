@@ -15,7 +15,6 @@ from ballbot_ros.controllers.controller import (
     IDLE,
     MAX_DUTY,
     TICK,
-    TICK_MS,
     Controller,
     Duty,
     Readings,
@@ -27,7 +26,7 @@ from ballbot_ros.controllers.loading import LoadedController, public_path
 from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.timing import MILLISECOND_NS
+from ballbot_ros.timing import MILLISECOND_NS, TICK_MS
 
 SECOND_MS = 1000
 _ESTIMATES = tuple(each.name for each in fields(Estimates))

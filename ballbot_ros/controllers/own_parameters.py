@@ -24,9 +24,8 @@ from ballbot_ros.parameters import (
     declared_in,
     parameters_of,
 )
+from ballbot_ros.parameters.controller import MODEL, USER
 from ballbot_ros.plant.model import PhysicalParameters
-
-USER, MODEL = 'user.', 'model.'
 
 
 @lru_cache(maxsize=8)

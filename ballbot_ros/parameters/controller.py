@@ -16,7 +16,8 @@ Period = Literal[4, 20, 100]
 DOCUMENTS_PROGRAM = ('python', 'c', 'arm')
 """Implementations of the document's control program."""
 
-OWN_PREFIXES = ('user.', 'model.')
+USER, MODEL = 'user.', 'model.'
+OWN_PREFIXES = (USER, MODEL)
 """Start of the names of parameters that only controllers other than the document's have: those
 that the controller's class declares, and the physical values that its gains are designed for."""
 

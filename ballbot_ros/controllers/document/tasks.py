@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from ballbot_ros.brick.schedule import TaskTiming
-from ballbot_ros.timing import MILLISECOND_NS, TICK_NS
+from ballbot_ros.timing import TICK_MS
 
 PROGRAM_NAME = 'NXT BALLBOT'
 """First line of the display."""
 
 TASK_TS1 = 'task_ts1'
-TS1_MS = TICK_NS // MILLISECOND_NS
+TS1_MS = TICK_MS
 """Period of task_ts1: the tick of the plant."""
 
 LCD_MS = 500
