@@ -25,6 +25,7 @@ COMMANDS = {
     'map': 'Check a map image; export it for other programs.',
     'design': 'Print the model, its poles and the servo gains.',
     'new': 'Start a controller of your own: a package that runs.',
+    'conform': 'Test a node of your own against its contract.',
     'codegen': 'Generate the controller as C for the brick, or check it.',
     'doctor': 'Check that this machine is ready.',
 }

@@ -25,6 +25,7 @@ def print_json(spec: RunSpec, result: RunResult) -> None:
         'processes': spec.processes.value,
         'seed': _seed(spec),
         'controller': _controller(spec),
+        'external': list(spec.external),
         'outcome': result.verdict.value,
         'reason': result.reason,
         'duty_sha256': result.duty_sha256,
@@ -97,6 +98,10 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
     if spec.controller:
         identity = ControllerIdentity.of(spec.controller)
         console.print(f'controller  {identity.description}', soft_wrap=True)
+    for row in result.participants:
+        if row['role'] in spec.external:
+            text = f'external  {row["role"]}: {row["node"]}, {row["implementation"]}'
+            console.print(text, soft_wrap=True)
     for label, path in (('recording', result.recording), ('picture', result.figure)):
         if path:
             console.print(f'{label}  {path}', soft_wrap=True)

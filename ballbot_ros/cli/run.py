@@ -9,6 +9,7 @@ import click
 
 from ballbot_ros.cli.options import controller_option, set_option
 from ballbot_ros.cli.path_types import PATH
+from ballbot_ros.parameters import ROLES
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.processes import Processes
 
@@ -45,6 +46,12 @@ from ballbot_ros.run.processes import Processes
 @set_option
 @controller_option
 @click.option(
+    '--external',
+    type=click.Choice(ROLES),
+    multiple=True,
+    help='Start no node for this role, and wait for yours; can be repeated.',
+)
+@click.option(
     '--viewer',
     is_flag=True,
     help='Show the run in a browser, at factor 1 unless another is given; prints the address. The '
@@ -62,6 +69,7 @@ def command(
     no_record: bool,
     assignments: tuple[str, ...],
     controller: str | None,
+    external: tuple[str, ...],
     viewer: bool,
     as_json: bool,
 ) -> int:
@@ -87,6 +95,7 @@ def command(
             seed=seed,
             assignments=assignments,
             controller=controller,
+            external=external,
             output=output,
             record=not no_record,
         )

@@ -21,6 +21,7 @@ from ballbot_ros.timing import SECOND_NS
 OK, ERROR = 0, 2
 
 _PARAMETER = 'parameter '
+_AWAITS = 'awaits'
 _KEY_VALUE = 'diagnostic_msgs/msg/KeyValue'
 _encode = encoder(PARTICIPANTS.type_name)
 _decode = decoder(PARTICIPANTS.type_name)
@@ -59,6 +60,8 @@ def encode_announcement(announcement: Announcement) -> bytes:
         'topics': ' '.join(participant.topics),
         'answered [ns]': announcement.answered_ns,
     }
+    if announcement.awaits:
+        values[_AWAITS] = json.dumps(dict(announcement.awaits))
     values |= {
         f'{_PARAMETER}{name}': json.dumps(value) for name, value in participant.parameters.items()
     }
@@ -92,7 +95,7 @@ def decode_announcement(data: bytes) -> Announcement:
             guid_prefix=values.get('guid prefix', ''),
             topics=tuple(values['topics'].split()),
             parameters={
-                key.removeprefix(_PARAMETER): _parameter(value)
+                key.removeprefix(_PARAMETER): _from_json(value)
                 for key, value in values.items()
                 if key.startswith(_PARAMETER)
             },
@@ -101,7 +104,13 @@ def decode_announcement(data: bytes) -> Announcement:
         if message.level != OK:
             topic, stamp_ns = values['objection topic'], int(values['objection stamp [ns]'])
             objection = Objection(message.message, topic, stamp_ns)
-        return Announcement(participant, values['run'], int(values['answered [ns]']), objection)
+        return Announcement(
+            participant,
+            values['run'],
+            int(values['answered [ns]']),
+            objection,
+            _stamps(values.get(_AWAITS, '{}')),
+        )
     except KeyError as error:
         raise ValueError(f'{message.name} has no {error}') from None
 
@@ -167,7 +176,14 @@ def membership_text(member: Membership, start_ns: int) -> str:
     )
 
 
-def _parameter(text: str) -> object:
+def _stamps(text: str) -> dict[str, int]:
+    stamps = _from_json(text)
+    if not isinstance(stamps, dict) or not all(type(each) is int for each in stamps.values()):
+        raise ValueError(f'{_AWAITS} is {text[:40]!r}, not stamps by topic')
+    return stamps
+
+
+def _from_json(text: str) -> object:
     try:
         return json.loads(text)
     except RecursionError:

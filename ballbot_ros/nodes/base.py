@@ -157,6 +157,10 @@ class BallbotNode(ParameterNode[P]):
         """Return what the node announces when it joins a run, next to its parameters."""
         return {}
 
+    def awaited(self) -> Mapping[str, int]:
+        """Return the topics that the node waits for, as in :class:`Announcement`."""
+        return {}
+
     def diagnose(self) -> Mapping[str, object]:
         """Return the node's own entries in its diagnostics."""
         return {}

@@ -108,6 +108,10 @@ class Controller(BallbotNode[ControllerParameters]):
         loaded = self._implementation.loaded
         return {SOURCE_HASH: loaded.code.source.sha256} if loaded else {}
 
+    def awaited(self) -> Mapping[str, int]:
+        """Return the inputs that the next tick in lockstep lacks."""
+        return self._lockstep_ticks.awaited()
+
     def check(self, parameters: ControllerParameters) -> None:
         """Check that everything the control program needs is available."""
         # Leave building the program to the next run: it takes seconds, and would stall this run.

@@ -130,6 +130,10 @@ class Participation:
     def _announce(self) -> None:
         if self.run:
             announcement = Announcement(
-                self._participant, self.run.name, self._node.now_ns, self._objection
+                self._participant,
+                self.run.name,
+                self._node.now_ns,
+                self._objection,
+                self._node.awaited(),
             )
             self._publisher.publish(encode_announcement(announcement))

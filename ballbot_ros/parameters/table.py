@@ -58,6 +58,9 @@ RECORDER = RecorderParameters.node
 NODES = tuple(cls.node for cls in PARTICIPANTS)
 """The participants of a run."""
 
+ROLES = tuple(node for node in NODES if node != PLANT)
+"""The participants whose place another program may take: all but the plant, which owns the run."""
+
 DRIVER_PERIODS_NS = {
     cls.node: cls.period_ns for cls in PARTICIPANTS if issubclass(cls, DriverParameters)
 }

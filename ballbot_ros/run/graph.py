@@ -11,7 +11,13 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.files import write_temporary
-from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, start_failure, stay_local
+from ballbot_ros.nodes.middleware import (
+    DOMAIN,
+    prepare_middleware,
+    ros_domain,
+    start_failure,
+    stay_local,
+)
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
 from ballbot_ros.run.attachments import attachments_of
@@ -69,7 +75,17 @@ def graph_parameters(spec: RunSpec, recording: Path | None, scratch: Path) -> Pa
     parameters.update(spec.parameters)
     if recording:
         parameters.set(RECORDER, 'output', str(recording.resolve()))
-    if spec.record:
         parameters.set(RECORDER, 'attachments', str(write_attachments(spec, scratch)))
+    if spec.record:
         parameters.set(PLANT, 'require_recorder', True)
     return parameters
+
+
+def call_for_external(spec: RunSpec) -> str:
+    """Return the line that asks the user to start his nodes, '' if the run starts all."""
+    if not spec.external:
+        return ''
+    return (
+        f'waiting for {", ".join(spec.external)}: start within {spec.plant.startup_timeout:g} s, '
+        f'with {DOMAIN}={ros_domain()}'
+    )

@@ -14,7 +14,6 @@ from ballbot_ros.nodes.recorder import Recorder
 from ballbot_ros.nodes.registry import make_node
 from ballbot_ros.parameters import (
     CONTROLLER,
-    NODES,
     PLANT,
     RECORDER,
     ControllerParameters,
@@ -23,7 +22,7 @@ from ballbot_ros.parameters import (
     RecorderParameters,
 )
 from ballbot_ros.progress import PROGRESS_PERIOD_S
-from ballbot_ros.run.graph import graph_parameters, ros
+from ballbot_ros.run.graph import call_for_external, graph_parameters, ros
 from ballbot_ros.run.guarded_controller import guarded_implementation
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import RunResult
@@ -41,9 +40,11 @@ def run_in_one_process(
     recorder: Recorder | None = None
     with ros():
         try:
+            if call := call_for_external(spec):
+                observer.notice(call)
             plant = PlantSim(parameters.of(PlantParameters))
             nodes.append(plant)
-            others = [name for name in NODES if name not in (PLANT, RECORDER)]
+            others = [name for name in spec.nodes if name not in (PLANT, RECORDER)]
             nodes += [_make_node(name, parameters, spec.controller) for name in others]
             if recording:
                 recorder = Recorder(parameters.of(RecorderParameters))

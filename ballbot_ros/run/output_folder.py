@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.parameters import RECORDER
 from ballbot_ros.run.spec import RunSpec
 
 
@@ -32,7 +33,7 @@ def output_files(spec: RunSpec) -> Iterator[OutputFiles]:
     if spec.output is not None:
         _make_folder(folder)
     try:
-        recording = folder / f'{spec.name}.mcap' if spec.record else None
+        recording = folder / f'{spec.name}.mcap' if RECORDER in spec.nodes else None
         if recording and recording.exists():
             raise BallbotError(f'{recording}: already exists; choose another --output')
         yield OutputFiles(recording, folder / f'{spec.name}.png')

@@ -13,7 +13,7 @@ from ballbot_ros.nodes.shared_memory import SETTLED_S, sweep
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER, ParameterSet
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.run.fork_client import ForkClient
-from ballbot_ros.run.graph import graph_parameters, ros
+from ballbot_ros.run.graph import call_for_external, graph_parameters, ros
 from ballbot_ros.run.node_process import NodeProcess, stop_all
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.plant_monitor import PlantMonitor
@@ -50,13 +50,16 @@ def run_in_separate_processes(
     parameters = graph_parameters(spec, recording, scratch)
     trajectory_file = scratch / 'trajectory.npz'
     parameters.set(PLANT, 'trajectory_file', str(trajectory_file))
-    names = [name for name in NODES if name != RECORDER or recording]
     with StopRequest() as stop, ros():
 
         def should_stop() -> bool:
             return bool(stop.signal) or is_replaced()
 
-        processes, failure = run_nodes(client, names, parameters, scratch, observer, should_stop)
+        if call := call_for_external(spec):
+            observer.notice(call)
+        processes, failure = run_nodes(
+            client, spec.nodes, parameters, scratch, observer, should_stop
+        )
         plant_result = RunResult(Outcome.FAILED)
         if trajectory_file.exists():
             trajectory, summary = load_trajectory(trajectory_file)

@@ -8,12 +8,15 @@ from pathlib import Path
 
 from ballbot_ros.codegen.implementation import compose_controller
 from ballbot_ros.controllers.loading import LoadedController
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
     CONTROLLER,
     GAMEPAD,
     GYRO,
+    NODES,
     PLANT,
     RECORDER,
+    ROLES,
     SUPERVISOR,
     GamepadParameters,
     ParameterError,
@@ -53,6 +56,8 @@ class RunOptions:
         default.
     seed : int or None
         Seed of the device noise; None for the one in scenario or parameter file.
+    external : sequence of str
+        Roles that programs of the user take.
     output : Path or None
         Folder for recording and figure; None for a new one under ``runs/``.
     """
@@ -65,6 +70,7 @@ class RunOptions:
     seed: int | None = None
     assignments: Sequence[str] = ()
     controller: str | None = None
+    external: Sequence[str] = ()
     output: Path | None = None
     record: bool = True
 
@@ -82,6 +88,8 @@ class RunSpec:
         recorded, and no folder otherwise.
     controller : LoadedController or None
         The class of a controller other than the document's.
+    external : tuple of str
+        Roles that programs of the user take; the run starts no node for them.
     """
 
     scenario: Scenario
@@ -90,6 +98,13 @@ class RunSpec:
     output: Path | None = None
     record: bool = True
     controller: LoadedController | None = None
+    external: tuple[str, ...] = ()
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """The nodes that the run starts."""
+        left_out = (*self.external, *(() if self.record else (RECORDER,)))
+        return tuple(name for name in NODES if name not in left_out)
 
     @property
     def name(self) -> str:
@@ -151,11 +166,36 @@ class RunSpec:
         _apply(options, parameters)
         if reference is not None:
             _follow_scenario(reference, options, parameters)
-        controller = compose_controller(parameters)
+        external = _external_roles(options)
+        controller = None if CONTROLLER in external else compose_controller(parameters)
         resolve_map(parameters)
         return cls(
-            scenario, parameters, options.processes, options.output, options.record, controller
+            scenario,
+            parameters,
+            options.processes,
+            options.output,
+            options.record,
+            controller,
+            external,
         )
+
+
+def _external_roles(options: RunOptions) -> tuple[str, ...]:
+    """Return the roles that programs of the user take, in the order of the table."""
+    for role in options.external:
+        if role not in ROLES:
+            raise BallbotError(f'--external {role}: no such role; the roles are {", ".join(ROLES)}')
+        if options.processes is Processes.NONE:
+            raise BallbotError(
+                f'--external {role}: requires nodes; use --processes separate or one'
+            )
+    if CONTROLLER in options.external and options.controller is not None:
+        raise BallbotError(
+            f'--controller {options.controller}: contradicts --external {CONTROLLER}'
+        )
+    if RECORDER in options.external and not options.record:
+        raise BallbotError(f'--no-record: contradicts --external {RECORDER}')
+    return tuple(role for role in ROLES if role in options.external)
 
 
 def _apply(options: RunOptions, parameters: ParameterSet) -> None:

@@ -55,6 +55,14 @@ class InputGate:
             for name, period in self._periods.items()
         )
 
+    def missing(self, stamp_ns: int) -> list[str]:
+        """Return the inputs due at `stamp_ns` that have not arrived."""
+        return [
+            name
+            for name, period in self._periods.items()
+            if stamp_ns % period == 0 and self.stamp(name) != stamp_ns
+        ]
+
 
 @dataclass(frozen=True)
 class Run:
@@ -121,6 +129,7 @@ class LockstepTicks:
         self._start_ns: int | None = None
         self._next_ns: int | None = None
         self._is_open = False
+        self._received_ns: dict[str, int] = {}
 
     def begin(self, start_ns: int, tasks: Iterable[TaskTiming]) -> None:
         """Wait for the first tick of a run, at `start_ns` [ns]; ignore all other runs."""
@@ -129,6 +138,7 @@ class LockstepTicks:
             history.clear()
         self.releases.begin(start_ns, tasks)
         self._start_ns, self._next_ns, self._is_open = start_ns, None, False
+        self._received_ns.clear()
 
     def take(self, name: str, stamp_ns: int, data: bytes, value: Any) -> SampleReaction | DueTick:
         """Decide the reaction to a sample.
@@ -143,6 +153,7 @@ class LockstepTicks:
         SampleReaction or DueTick
             A tick if this sample completed its inputs.
         """
+        self._received_ns[name] = stamp_ns
         if self._start_ns is None or stamp_ns < self._start_ns:
             return SampleReaction.IGNORE
         self._is_open = self._is_open or name == self._first
@@ -202,10 +213,22 @@ class LockstepTicks:
         self._next_ns = stamp_ns
         return SampleReaction.RESTART
 
+    def awaited(self) -> dict[str, int]:
+        """Return the inputs that the next tick lacks.
+
+        For each, the stamp of the newest sample that has arrived since the last tick [ns], 0 if
+        none has.
+        """
+        now = self._start_ns if self._next_ns is None else self._next_ns
+        if now is None or not self._is_open:
+            return {}
+        return {name: self._received_ns.get(name, 0) for name in self.gate.missing(now)}
+
     def _due_tick(self) -> DueTick | None:
         """Return the next tick and advance to the following one, if nothing is missing."""
         now = self._next_ns
         if now is None or not self.gate.ready(now) or self.releases.missing(now):
             return None
         self._next_ns = now + self._tick_ns
+        self._received_ns.clear()
         return self.releases.take(now)

@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Collection
 
-from ballbot_ros.parameters import RECORDER
+from ballbot_ros.parameters import CONTROLLER, RECORDER
 from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recorder_flow import RecorderFlow
+from ballbot_ros.simulation.roster import wrong_stamp_text
 from ballbot_ros.simulation.run_master import STARTUP_WARN_S, Phase, RunMaster
 from ballbot_ros.simulation.sample_history import SampleHistory, SampleStatus
 from ballbot_ros.timing import MAX_LEAD_TICKS, RESEND_S, SECOND_NS
@@ -42,7 +43,10 @@ class LockstepMaster(RunMaster):
                 Objection.to_sample(self._topics.duty, stamp_ns, 'duty')
             )
             return
-        if self._duty is not None or stamp_ns != now_ns or self._phase is Phase.DRAINING:
+        if self._duty is not None or self._phase is Phase.DRAINING:
+            return
+        if stamp_ns != now_ns:
+            self._other_duty_ns = stamp_ns
             return
         self._duty = duty
         self._answered_s = self._now_s
@@ -69,6 +73,7 @@ class LockstepMaster(RunMaster):
         self._recent: deque[GroundTruth] = deque(maxlen=MAX_LEAD_TICKS + 1)
         self._duties = SampleHistory(self._topics.is_same_duty)
         self._duty = None
+        self._other_duty_ns = 0
         self._answered_s = self._now_s
         self._recorder = RecorderFlow(start_ns)
         # The tick that was sent last: after a resend, it may be older than the newest.
@@ -83,6 +88,7 @@ class LockstepMaster(RunMaster):
         self._last_sent = self._truth
         if not is_resend:
             self._recent.append(self._truth)
+            self._other_duty_ns = 0
 
     def _advance(self) -> None:
         if self._phase is Phase.DRAINING:
@@ -160,10 +166,18 @@ class LockstepMaster(RunMaster):
     def _give_up(self, silent: Collection[str]) -> None:
         who, when = ', '.join(silent), f'{self._sim_time_s:.3f} s'
         problem = f'{who} silent for {self._limit_s:g} s at sim time {when}'
+        if wrong := '; '.join(filter(None, map(self._wrong_stamp, silent))):
+            problem = f'{problem}: {wrong}'
         if self._parameters.on_timeout == 'wait':
             self._warn(f'{problem}; still waiting')
         else:
             self._end(Outcome.FAILED, problem, 1)
+
+    def _wrong_stamp(self, role: str) -> str:
+        """Return with which stamp a role has answered instead of the awaited one, or ''."""
+        if role == CONTROLLER and self._other_duty_ns:
+            return wrong_stamp_text(self._topics.duty, self._other_duty_ns)
+        return self._participants.roster.wrong_stamp(role)
 
     @property
     def _limit_s(self) -> float:

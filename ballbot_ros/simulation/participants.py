@@ -79,13 +79,21 @@ class Objection:
 class Announcement:
     """A participant's description of itself, sent when it joins a run and at each roll call.
 
-    `answered_ns` is the stamp of its newest sample in this run [ns], 0 before the first.
+    Attributes
+    ----------
+    answered_ns : int
+        The stamp of its newest sample in this run [ns], 0 before the first.
+    awaits : mapping of str to int
+        The topics whose samples it lacks for its next answer. For each, the stamp of the newest
+        sample that has arrived since its last answer [ns], which is not the awaited one; 0 if none
+        has.
     """
 
     participant: Participant
     run: str
     answered_ns: int = 0
     objection: Objection | None = None
+    awaits: Mapping[str, int] = field(default_factory=dict)
 
 
 class Membership(NamedTuple):

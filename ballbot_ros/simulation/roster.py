@@ -13,6 +13,7 @@ from enum import Enum, auto
 
 from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
 from ballbot_ros.simulation.strangers import ANSWER_CALLS, Publisher, Strangers
+from ballbot_ros.timing import SECOND_NS
 
 
 class ReadinessState(Enum):
@@ -319,8 +320,8 @@ class Roster:
         -------
         dict of str to float
             The participants that have answered no roll call since then, each with its own
-            silence. If all have answered, the participants whose newest sample is older than due;
-            some of these may be waiting for others.
+            silence. If all have answered, the participants whose newest sample is older than due,
+            and those whose sample another one awaits; some of these may be waiting for others.
         """
         run = self._run
         found = {}
@@ -334,9 +335,28 @@ class Roster:
         lacking = [
             role
             for role, heard in found.items()
-            if heard and heard.announcement.answered_ns < due_ns[role]
+            if (heard and heard.announcement.answered_ns < due_ns[role]) or self._awaited_of(role)
         ]
         return dict.fromkeys(lacking, min(silences_s[role] for role in lacking)) if lacking else {}
+
+    def _awaited_of(self, role: str) -> dict[str, int]:
+        """Return what others await of a role, as in :class:`Announcement`.
+
+        What a participant announced before it became silent itself does not count.
+        """
+        return {
+            topic: stamp_ns
+            for member in self._run.members.values()
+            if (heard := self._run.heard.get(member.instance))
+            and self._calls - heard.calls < ANSWER_CALLS
+            for topic, stamp_ns in heard.announcement.awaits.items()
+            if role in self._owners.get(topic, ())
+        }
+
+    def wrong_stamp(self, role: str) -> str:
+        """Return with which other stamp a role has sent a sample that is awaited, or ''."""
+        stamped = ((topic, each) for topic, each in self._awaited_of(role).items() if each)
+        return next((wrong_stamp_text(topic, each) for topic, each in stamped), '')
 
     @property
     def calls(self) -> int:
@@ -359,6 +379,11 @@ class Roster:
         return tuple(
             topic for participant in self._run.members.values() for topic in participant.topics
         )
+
+
+def wrong_stamp_text(topic: str, stamp_ns: int) -> str:
+    """Return the text for a sample that has another stamp than the awaited one."""
+    return f'its newest {topic!r} is stamped {stamp_ns / SECOND_NS:.3f} s'
 
 
 def _are_equal(one: Participant, other: Participant) -> bool:

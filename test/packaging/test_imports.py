@@ -14,7 +14,7 @@ FLOORS = (
     ('codegen', 'scenario', 'teleop'),
     ('simulation',),
     ('messages',),
-    ('analysis',),
+    ('analysis', 'conformance'),
     ('viewer',),
     ('nodes',),
     ('run',),

@@ -1,0 +1,56 @@
+"""`ballbot conform`: tests a node against the contract of its role."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import asdict
+
+import click
+from rich.console import Console
+from rich.text import Text
+
+from ballbot_ros.parameters import ROLES
+
+
+@click.command('conform')
+@click.argument('role', type=click.Choice(ROLES), metavar='ROLE')
+@click.argument('command_line', nargs=-1, type=click.UNPROCESSED, metavar='[-- COMMAND…]')
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
+    """Test a node against the contract of its ROLE.
+
+    ROLE is gyro_driver, encoder_driver, sonar_driver, controller, gamepad_teleop or recorder.
+    COMMAND starts the node. Without it, start the node yourself: it is then not restarted.
+
+    Exit status: 0 if the node met all that was tested, 1 if not, 2 for a mistake in the arguments.
+    """
+    from ballbot_ros.run.requirements import require_rclpy
+
+    require_rclpy()
+    from ballbot_ros.conformance.examination import START_S, Row, Verdict
+    from ballbot_ros.nodes.middleware import DOMAIN, ros_domain
+    from ballbot_ros.run.conformance import examine
+
+    if not command_line:
+        click.echo(
+            f'waiting for {role}: start within {START_S:g} s, with {DOMAIN}={ros_domain()}',
+            err=True,
+        )
+    rows: list[Row] = []
+    console = Console(highlight=False, markup=False)
+    colours = {Verdict.MET: 'green', Verdict.FAILED: 'red', Verdict.NOT_TESTED: 'yellow'}
+    for row in examine(role, command_line):
+        rows.append(row)
+        if not as_json:
+            verdict = (f'{row.verdict.value:<10}', colours[row.verdict])
+            reason = f': {row.reason}' if row.reason else ''
+            line = Text.assemble(verdict, f'  {row.name:<12}  {row.requirement}{reason}')
+            console.print(line, soft_wrap=True)
+    if as_json:
+        content = [{**asdict(row), 'verdict': row.verdict.value} for row in rows]
+        print(json.dumps({'role': role, 'requirements': content}, indent=2))
+    else:
+        counts = Counter(row.verdict for row in rows)
+        print(', '.join(f'{counts[each]} {each.value}' for each in Verdict if counts[each]))
+    return int(any(row.verdict is Verdict.FAILED for row in rows))

@@ -1,0 +1,1 @@
+"""The contract of each role in the graph, and the test of a node against it."""

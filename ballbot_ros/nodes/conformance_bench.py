@@ -1,0 +1,150 @@
+"""The graph around a node under test: one node in the place of all others."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+from ballbot_ros.conformance.bench import Offer
+from ballbot_ros.conformance.contract import CONTRACTS
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.messages.topics import HISTORY, PARTICIPANTS, TOPICS, Topic
+from ballbot_ros.nodes.base import PORTS_PERIOD_S
+from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
+from ballbot_ros.nodes.own_ports import OwnPorts
+from ballbot_ros.nodes.shared_memory import mark_dead_readers
+from ballbot_ros.nodes.topic_publisher import TopicPublisher, requested_qos
+from ballbot_ros.stop_request import StopRequest
+
+POLL_S = 2e-4
+END_S = 5.0
+"""Time that a node has to end when asked to [s]."""
+
+
+class ConformanceBench:
+    """The rest of the graph around the node of a role.
+
+    Parameters
+    ----------
+    command : sequence of str
+        The command that starts the node under test; empty if the user starts it.
+    stop : StopRequest
+        A requested stop interrupts a wait by KeyboardInterrupt.
+    """
+
+    def __init__(self, role: str, command: Sequence[str], stop: StopRequest) -> None:
+        self._command, self._stop = command, stop
+        self._node = Node('ballbot_conform')
+        self._inbox = hidden_node('inbox', self._node)
+        self._process: subprocess.Popen[bytes] | None = None
+        contract = CONTRACTS[role]
+        self._publishers = {
+            topic: TopicPublisher(self._node, topic)
+            for topic in TOPICS
+            if topic.publisher not in (None, role)
+        }
+        self._received: dict[Topic, list[bytes]] = {}
+        self._subscriptions = {}
+        for topic in (PARTICIPANTS, *contract.topics):
+            self._received[topic] = []
+            self._subscriptions[topic] = raw_subscription(
+                self._inbox, topic, requested_qos(topic, HISTORY)
+            )
+        self._own_ports = OwnPorts()
+        self._checked_s = 0.0
+
+    @property
+    def can_start(self) -> bool:
+        """Whether there is a command that starts the node."""
+        return bool(self._command)
+
+    @property
+    def end(self) -> str:
+        """Why the node is not running; '' while it runs."""
+        if self._process is None:
+            return 'it was not started'
+        status = self._process.poll()
+        if status is None:
+            return ''
+        if status < 0:
+            return f'it was killed by {signal.Signals(-status).name}'
+        return f'it has ended with status {status}'
+
+    def start(self) -> None:
+        """Start the node; BallbotError if there is no such program."""
+        try:
+            self._process = subprocess.Popen(
+                self._command, stdin=subprocess.DEVNULL, start_new_session=True
+            )
+        except OSError as error:
+            raise BallbotError(f'{self._command[0]}: {error.strerror}') from None
+
+    def kill(self) -> None:
+        """Kill the node, and the processes that it has started."""
+        self._signal(signal.SIGKILL)
+        if self._process:
+            self._process.wait()
+
+    def close(self) -> None:
+        """Ask the node to end, kill it if it does not, and leave the graph."""
+        self._signal(signal.SIGTERM)
+        if self._process:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(END_S)
+        self.kill()
+        self._inbox.destroy_node()
+        self._node.destroy_node()
+
+    def _signal(self, number: signal.Signals) -> None:
+        # The group may still have processes when its first one, such as `ros2 run`, has ended.
+        if self._process:
+            with suppress(ProcessLookupError):
+                os.killpg(self._process.pid, number)
+
+    def publish(self, topic: Topic, data: bytes) -> None:
+        """Publish a message of the rest of the graph."""
+        self._publishers[topic].publish(data)
+
+    def received(self, topic: Topic) -> Sequence[bytes]:
+        """Return all messages of the node on a topic so far."""
+        return self._received[topic]
+
+    def offers(self, topic: Topic) -> Sequence[Offer]:
+        """Return the publishers on a topic, of which the bench has none."""
+        return [
+            Offer(
+                found.topic_type,
+                found.qos_profile.reliability is ReliabilityPolicy.RELIABLE,
+                found.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL,
+            )
+            for found in self._node.get_publishers_info_by_topic(topic.name)
+        ]
+
+    def wait(self, is_done: Callable[[], bool], limit_s: float) -> bool:
+        """Receive messages until it is done, the time is over, or the node has ended."""
+        deadline_s = time.monotonic() + limit_s
+        while True:
+            for topic, subscription in self._subscriptions.items():
+                self._received[topic] += [data for data, _ in drain(subscription)]
+            if is_done():
+                return True
+            now_s = time.monotonic()
+            if now_s > deadline_s or (self.can_start and self.end):
+                return False
+            if self._stop.signal:
+                raise KeyboardInterrupt
+            self._check_ports(now_s)
+            time.sleep(POLL_S)
+
+    def _check_ports(self, now_s: float) -> None:
+        if now_s - self._checked_s > PORTS_PERIOD_S:
+            self._checked_s = now_s
+            mark_dead_readers()
+            self._own_ports.repair()

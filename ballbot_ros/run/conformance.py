@@ -1,0 +1,38 @@
+"""Testing a node against the contract of its role."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from uuid import uuid4
+
+from ballbot_ros.conformance.examination import Examination, Row
+from ballbot_ros.nodes.conformance_bench import ConformanceBench
+from ballbot_ros.nodes.domain_lock import DomainLock
+from ballbot_ros.nodes.middleware import require_discovery, ros_domain
+from ballbot_ros.run.graph import ros
+from ballbot_ros.stop_request import StopRequest
+
+
+def examine(role: str, command: Sequence[str] = ()) -> Iterator[Row]:
+    """Test the node of a role; yield a row for each requirement of its contract.
+
+    Parameters
+    ----------
+    command : sequence of str
+        The command that starts the node, which has ended when the iterator has; empty if the user
+        starts the node. Late start and restart can only be tested with a command.
+
+    Raises
+    ------
+    BallbotError
+        If ROS can't start, a plant or player is in the ROS domain, or there is no such program.
+    """
+    require_discovery()
+    with StopRequest() as stop, ros():
+        lock = DomainLock(ros_domain())
+        try:
+            with closing(ConformanceBench(role, command, stop)) as bench:
+                yield from Examination(role, bench, uuid4().hex).rows()
+        finally:
+            lock.release()
