@@ -17,6 +17,11 @@ class Offer:
     is_reliable: bool
     is_latched: bool
 
+    def __str__(self) -> str:
+        reliability = 'reliable' if self.is_reliable else 'best effort'
+        durability = 'transient local' if self.is_latched else 'volatile'
+        return f'{self.type_name}, {reliability}, {durability}'
+
 
 class Bench(Protocol):
     """The graph around the node under test, of which it is the only node that answers."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from enum import Enum
 
-from ballbot_ros.conformance.bench import Bench
+from ballbot_ros.conformance.bench import Bench, Offer
 from ballbot_ros.conformance.contract import CONTRACTS
 from ballbot_ros.conformance.nominal_run import TickMessages, nominal_run
 from ballbot_ros.messages.conversions import encode_header
@@ -137,9 +137,7 @@ class Examination:
         if missing := required - set(participant.topics):
             raise _BreachError(f"'topics' lacks {', '.join(sorted(missing))}")
         if foreign := set(participant.topics) - allowed:
-            raise _BreachError(
-                f"'topics' has {', '.join(sorted(foreign))}, which it does not publish"
-            )
+            raise _BreachError(f"'topics' has {', '.join(sorted(foreign))}, which is not its own")
         for topic in periodic_topics(contract.role):
             if topic.name in participant.topics and not self._bench.received(topic):
                 raise _BreachError(f"'topics' has {topic.name}, but nothing was published there")
@@ -152,19 +150,10 @@ class Examination:
             offers = self._bench.offers(topic)
             if not offers and topic in self._contract.required:
                 raise _BreachError(f'nothing publishes on {topic.name!r}')
+            due = Offer(topic.type_name, is_reliable=True, is_latched=topic.latched_depth > 0)
             for offer in offers:
-                if offer.type_name != topic.type_name:
-                    raise _BreachError(
-                        f'{topic.name!r} is {offer.type_name}, not {topic.type_name}'
-                    )
-                if not offer.is_reliable:
-                    raise _BreachError(f'{topic.name!r} is best effort, not reliable')
-                is_latched = topic.latched_depth > 0
-                if offer.is_latched != is_latched:
-                    words = ('volatile', 'transient local')
-                    raise _BreachError(
-                        f'{topic.name!r} is {words[offer.is_latched]}, not {words[is_latched]}'
-                    )
+                if offer != due:
+                    raise _BreachError(f'{topic.name!r} is {offer}, not {due}')
 
     def check_every_stamp(self) -> None:
         """Check that each due stamp has one answer, and no other has one."""
@@ -200,7 +189,7 @@ class Examination:
             for data in self._answers_to(tick.stamp_ns):
                 if not self._is_same(before[0], data):
                     raise _BreachError(
-                        f'asked again at {_s(tick.stamp_ns)}, it answers differently'
+                        f'asked again at {_s(tick.stamp_ns)}, it gives another answer'
                     )
         self._settle()
 
@@ -340,9 +329,7 @@ class Examination:
 
     def _await_member(self) -> None:
         if not self._bench.wait(lambda: bool(self._announcements()), START_S):
-            raise _BreachError(
-                self._unread or 'it does not join the run that the roll call announces'
-            )
+            raise _BreachError(self._unread or 'it does not join the run')
 
     def _announcements(self) -> list[Announcement]:
         """Return its announcements for this run."""
@@ -453,11 +440,16 @@ class Examination:
     def _judge(self) -> None:
         """Check the stamps of all answers in this run."""
         stamps = [stamp_of(data) for data in self._answers()]
+        if self._contract.acknowledges:
+            # An acknowledgement from before the run does not count; the plant ignores it.
+            if ahead := [each for each in stamps if each > self._newest_ns]:
+                raise _BreachError(f'it acknowledges {_s(ahead[0])}, ahead of the run')
+            return
         for stamp_ns in stamps:
             if stamp_ns not in self._asked or stamp_ns % self._contract.period_ns:
                 raise _BreachError(f'it answers {_s(stamp_ns)}, which nobody asked for')
             times, asked = stamps.count(stamp_ns), self._asked[stamp_ns]
-            if times > asked and not self._contract.acknowledges:
+            if times > asked:
                 raise _BreachError(f'it answers {_s(stamp_ns)} {times} times, asked {asked} times')
 
 
