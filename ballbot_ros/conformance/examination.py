@@ -165,10 +165,7 @@ class Examination:
         self._join()
         self._drive(SERIES)
         for data in self._answers():
-            try:
-                self._contract.read(data)
-            except (ValueError, IndexError, OverflowError) as error:
-                raise _BreachError(f'at {_s(stamp_of(data))}: {error}') from None
+            self._read(data)
 
     def check_repetition(self) -> None:
         """Check that it repeats its newest answer, and a driver also older ones."""
@@ -249,7 +246,7 @@ class Examination:
         self._drive(ticks)
         if self._contract.role != CONTROLLER:
             return
-        read = self._contract.read
+        read = self._read
         for one, other in zip(before, self._answers(), strict=True):
             if read(one) != read(other):
                 at_s = (stamp_of(one) - start_ns) / SECOND_NS
@@ -416,6 +413,12 @@ class Examination:
     def _answers(self) -> list[bytes]:
         """Return its answers in this run."""
         return list(self._bench.received(self._contract.answer)[self._first_answer :])
+
+    def _read(self, data: bytes) -> object:
+        try:
+            return self._contract.read(data)
+        except (ValueError, IndexError, OverflowError) as error:
+            raise _BreachError(f'at {_s(stamp_of(data))}: {error}') from None
 
     def _answers_to(self, stamp_ns: int) -> list[bytes]:
         return [data for data in self._answers() if stamp_of(data) == stamp_ns]
