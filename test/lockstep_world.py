@@ -67,14 +67,20 @@ class FakeNode:
     samples : set of int
         Stamps that it has answered [ns].
     is_alive, is_hung : bool
+    late_ns : int
+        How much too old the stamps of its samples are [ns].
+    awaits : dict
+        What it awaits, if it is a controller.
     """
 
     participant: Participant
     samples: set[int] = field(default_factory=set)
     is_alive: bool = True
     is_hung: bool = False
+    late_ns: int = 0
     run: str = ''
     objection: Objection | None = None
+    awaits: dict[str, int] = field(default_factory=dict)
 
     @property
     def role(self):
@@ -86,7 +92,7 @@ class FakeNode:
 
     def announcement(self):
         answered_ns = max(self.samples, default=0)
-        return Announcement(self.participant, self.run, answered_ns, self.objection)
+        return Announcement(self.participant, self.run, answered_ns, self.objection, self.awaits)
 
 
 def make_participant(role, generation=0, **changes):
@@ -265,15 +271,20 @@ class LockstepWorld:
             node = self.nodes.get(role)
             if node and node.answers and node.run and is_due(role, stamp_ns):
                 node.samples.add(stamp_ns)
-        has_all = all(
-            stamp_ns in self.nodes[role].samples
-            for role in DRIVERS
-            if role in self.nodes and is_due(role, stamp_ns)
-        )
+        senders = [
+            self.nodes[role] for role in DRIVERS if role in self.nodes and is_due(role, stamp_ns)
+        ]
         controller = self.nodes.get(CONTROLLER)
-        if controller and controller.answers and controller.run and has_all:
-            controller.samples.add(stamp_ns)
-            self.send_duty(stamp_ns)
+        if controller and controller.answers and controller.run:
+            controller.awaits = {
+                topic: stamp_ns - node.late_ns if node.late_ns and node.answers else 0
+                for node in senders
+                if node.late_ns or stamp_ns not in node.samples
+                for topic in node.participant.topics
+            }
+            if not controller.awaits:
+                controller.samples.add(stamp_ns)
+                self.send_duty(stamp_ns - controller.late_ns)
 
     def send_duty(self, stamp_ns, duty=None):
         duty = duty or duty_of(stamp_ns)

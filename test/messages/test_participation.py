@@ -51,6 +51,7 @@ announcements = st.builds(
     run=text,
     answered_ns=count,
     objection=st.none() | st.builds(Objection, text, text, count),
+    awaits=st.dictionaries(word, count),
 )
 statuses = st.builds(
     RunStatus,
@@ -89,6 +90,15 @@ def status_message(*pairs, level=0):
 def test_a_malformed_announcement_is_a_value_error(pairs):
     with pytest.raises(ValueError, match=r'/forger|many'):
         decode_announcement(status_message(*pairs))
+
+
+@pytest.mark.parametrize('awaits', ['gyro', '[1]', '{"gyro": "1"}', '{"gyro": true}', '[' * 9999])
+def test_awaited_samples_are_stamps_by_topic(awaits):
+    pairs = [(key, '1') for key in ('role', 'process', 'instance', 'run', 'implementation')]
+    pairs += [('parameters sha256', ''), ('topics', ''), ('answered [ns]', '0')]
+    assert decode_announcement(status_message(*pairs)).awaits == {}
+    with pytest.raises(ValueError):  # noqa: PT011  a JSON error is one, too
+        decode_announcement(status_message(*pairs, ('awaits', awaits)))
 
 
 @pytest.mark.parametrize('pairs', [(), [('run', '1')], [*RUNNING, ('outcome', 'completed')]])

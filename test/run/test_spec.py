@@ -8,6 +8,7 @@ from laws import refusal
 from ballbot_ros import __version__
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
+    NODES,
     ControllerParameters,
     GamepadParameters,
     GyroParameters,
@@ -169,6 +170,36 @@ def test_a_mistake_is_refused_in_one_line():
         text = refusal(BallbotError, RunSpec.of_scenario, 'stationary', options)
         assert told in text, assignment
         assert text.startswith(f'--set {assignment}: ') or 'unknown' in text, assignment
+
+
+def test_a_run_starts_no_node_for_an_external_role():
+    assert RunSpec.of_scenario('stationary').nodes == NODES
+    options = RunOptions(external=['recorder', 'gyro_driver', 'gyro_driver'])
+    spec = RunSpec.of_scenario('stationary', options)
+    assert spec.external == ('gyro_driver', 'recorder')
+    assert set(NODES) - set(spec.nodes) == {'gyro_driver', 'recorder'}
+    unrecorded = RunSpec.of_scenario('stationary', RunOptions(record=False))
+    assert set(NODES) - set(unrecorded.nodes) == {'recorder'}
+
+
+def test_an_external_controller_is_not_loaded(tmp_path):
+    own = parameter_file(tmp_path, '/**/controller:\n  ros__parameters: {implementation: nosuch}')
+    options = RunOptions(parameter_file=own, external=['controller'])
+    assert RunSpec.of_scenario('stationary', options).controller is None
+    with pytest.raises(BallbotError, match='nosuch'):
+        RunSpec.of_scenario('stationary', RunOptions(parameter_file=own))
+
+
+def test_an_external_role_that_can_not_be_is_refused():
+    for told, values in (
+        ('--external plant_sim: no such role; the roles are gyro_driver, ', {}),
+        ('--external gyro_driver: requires nodes', {'processes': Processes.NONE}),
+        ('--controller lqg: contradicts --external controller', {'controller': 'lqg'}),
+        ('--no-record: contradicts --external recorder', {'record': False}),
+    ):
+        external = [told.rpartition('--external ')[2].partition(':')[0]]
+        options = RunOptions(external=external, **values)
+        assert refusal(BallbotError, RunSpec.of_scenario, 'stationary', options).startswith(told)
 
 
 def test_a_mistake_in_a_parameter_file_is_named_with_its_line(tmp_path):

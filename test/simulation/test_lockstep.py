@@ -253,6 +253,30 @@ def test_nothing_is_forced_while_an_input_is_missing():
     assert ticks.forced == 0
 
 
+def test_it_says_which_samples_it_awaits_and_with_which_other_stamp_they_came():
+    ticks = LockstepTicks(
+        {'battery': 100 * MS, 'gyro': 4 * MS, 'sonar': 20 * MS},
+        first='battery',
+        every_tick='gyro',
+        is_same=dict.fromkeys(('battery', 'gyro', 'sonar'), lambda one, other: one == other),
+        tick_ns=4 * MS,
+    )
+    assert ticks.awaited() == {}
+    ticks.begin(START, [])
+    assert ticks.awaited() == {}
+    ticks.take('battery', START, b'', 0)
+    assert ticks.awaited() == {'gyro': 0, 'sonar': 0}
+    ticks.take('gyro', START - 4 * MS, b'', 0)
+    ticks.take('sonar', START, b'', 0)
+    assert ticks.awaited() == {'gyro': START - 4 * MS}
+    assert isinstance(ticks.take('gyro', START, b'', 0), DueTick)
+    assert ticks.awaited() == {'gyro': 0}
+    ticks.take('gyro', START + 6 * MS, b'', 0)
+    assert ticks.awaited() == {'gyro': START + 6 * MS}
+    ticks.begin(START + 100 * MS, [])
+    assert ticks.awaited() == {}
+
+
 def test_before_a_run_is_known_everything_is_ignored():
     assert set(Ticks(None).feed_all(*FIRST, (TS1, 1000))) == {IGNORE, None}
 

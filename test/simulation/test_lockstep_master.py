@@ -11,6 +11,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from lockstep_world import (
     DRIVERS,
     ROLES,
+    TOPICS,
     WATCH_S,
     FakeNode,
     LockstepWorld,
@@ -355,6 +356,31 @@ def test_the_dead_node_is_named_not_the_nodes_that_wait_for_it(role):
     world.kill(role)
     world.wait(1.0)
     assert world.summary.reason.startswith(f'{role} silent for 0.2 s at sim time ')
+
+
+@pytest.mark.parametrize('role', ROLES)
+def test_a_node_that_answers_with_a_wrong_stamp_is_named_with_it(role):
+    # The node says, and believes, that it has answered.
+    world = begun(5)
+    world.nodes[role].late_ns = TICK_NS
+    world.wait(4)
+    topic = TOPICS.duty if role == CONTROLLER else world.nodes[role].participant.topics[0]
+    now_ns = world.master.time_ns
+    assert world.summary.reason == (
+        f'{role} silent for 2 s at sim time {now_ns / 1e9:.3f} s: its newest {topic!r} is stamped '
+        f'{(now_ns - TICK_NS) / 1e9:.3f} s'
+    )
+
+
+def test_what_a_node_awaited_before_it_hung_accuses_nobody():
+    world = begun(5)
+    world.nodes[GYRO].is_hung = True
+    world.wait(1)
+    assert world.nodes[CONTROLLER].awaits
+    world.nodes[GYRO].is_hung = False
+    world.nodes[CONTROLLER].is_hung = True
+    world.wait(3)
+    assert world.summary.reason == 'controller silent for 2 s at sim time 1.024 s'
 
 
 @pytest.mark.parametrize('role', ROLES)
