@@ -1,0 +1,124 @@
+"""`ballbot conform`: real nodes, right and wrong, against the contracts of their roles."""
+
+import contextlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from graph import BALLBOT, LAST_RESORT_S, environment, without_taken_ports
+
+from ballbot_ros.conformance.examination import REQUIREMENTS
+from ballbot_ros.nodes.domain_lock import DomainLock
+from ballbot_ros.parameters import GYRO, ROLES
+
+pytest.importorskip('rclpy')
+
+pytestmark = pytest.mark.graph
+
+WRONG = Path(__file__).parents[1] / 'wrong_gyro_driver.py'
+
+
+@pytest.fixture
+def conform(domain, tmp_path):
+    """Run `ballbot conform`; return status, output and errors."""
+
+    def run(*words):
+        done = subprocess.run(
+            [*BALLBOT, 'conform', *map(str, words)],
+            env=environment(domain), cwd=tmp_path, capture_output=True, text=True, check=False,
+            stdin=subprocess.DEVNULL, timeout=LAST_RESORT_S,
+        )  # fmt: skip
+        return done.returncode, done.stdout, without_taken_ports(done.stderr)
+
+    return run
+
+
+def own(role):
+    return [sys.executable, '-m', 'ballbot_ros.nodes', role]
+
+
+def wrong(*faults):
+    return [sys.executable, WRONG, ','.join(faults)]
+
+
+def verdicts(output):
+    return {row['name']: row['verdict'] for row in json.loads(output)['requirements']}
+
+
+def test_a_node_of_the_project_meets_its_contract(conform):
+    status, output, errors = conform(GYRO, '--', *own(GYRO))
+    assert status == 0, output + errors
+    lines = output.splitlines()
+    expected = [each for each in REQUIREMENTS if GYRO in each.roles]
+    assert len(lines) == len(expected) + 1
+    for line, each in zip(lines, expected, strict=False):
+        assert line.split() == ['met', *each.name.split(), *each.text.split()]
+    assert lines[-1] == f'{len(expected)} met'
+
+
+def test_a_wrong_node_fails_what_it_breaks_and_nothing_else(conform):
+    status, output, errors = conform(GYRO, '--json', '--', *wrong('mute', 'twin'))
+    assert status == 1, output + errors
+    failed = [name for name, verdict in verdicts(output).items() if verdict == 'failed']
+    assert failed == ['asked again', 'restart']
+
+
+def test_a_node_that_answers_twice_fails(conform):
+    status, output, _ = conform(GYRO, '--', *wrong('double'))
+    assert status == 1
+    assert 'failed      every stamp   answers each due stamp once, and no other: ' in output
+    assert output.splitlines()[-1].endswith(' failed')
+
+
+def test_a_node_that_the_user_has_started_is_not_restarted(conform, start_node):
+    start_node(GYRO)
+    status, output, errors = conform(GYRO, '--json')
+    assert status == 0, output
+    untested = [name for name, verdict in verdicts(output).items() if verdict == 'not tested']
+    assert untested == ['late start', 'restart']
+    assert errors.startswith(f'waiting for {GYRO}: start within 30 s, with ROS_DOMAIN_ID=')
+
+
+def test_two_nodes_in_a_role_are_named(conform, start_node):
+    for _ in range(2):
+        start_node(GYRO)
+    status, output, _ = conform(GYRO, '--json')
+    assert status == 1
+    rows = {row['name']: row for row in json.loads(output)['requirements']}
+    assert rows['announcement']['reason'].count('/gyro_driver (process ') == 2
+
+
+def test_a_node_that_ends_is_failed_at_once(conform):
+    status, output, _ = conform(GYRO, '--', sys.executable, '-c', 'raise SystemExit(3)')
+    assert status == 1
+    lines = output.splitlines()
+    assert lines[0].endswith('it does not join the run; it has ended with status 3')
+    assert lines[-1] == f'{len(lines) - 1} failed'
+
+
+def test_a_mistake_is_one_line_and_exit_status_2(conform, domain):
+    for words, told in (
+        (['gyro'], f"'gyro' is not one of {', '.join(map(repr, ROLES))}"),
+        ([], "Missing argument 'ROLE'"),
+        ([GYRO, '--', '/no/such/node'], '/no/such/node: No such file or directory'),
+        ([GYRO, '--', '/dev/null'], '/dev/null: Permission denied'),
+    ):
+        status, output, errors = conform(*words)
+        assert (status, output) == (2, ''), errors
+        assert errors.startswith('error: '), errors
+        assert told in errors
+        assert len(errors.splitlines()) == 1, errors
+    with contextlib.closing(_Locked(domain)):
+        status, _, errors = conform(GYRO, '--', *own(GYRO))
+    assert status == 2
+    assert f'another plant or player is running in ROS domain {domain}' in errors
+
+
+class _Locked:
+    def __init__(self, domain):
+        self._lock = DomainLock(domain)
+
+    def close(self):
+        self._lock.release()

@@ -1,0 +1,139 @@
+"""Runs that leave a role to a program of the user: `ballbot run --external`."""
+
+import pytest
+
+rclpy = pytest.importorskip('rclpy')
+
+from ros_client import header  # noqa: E402
+from sensor_msgs.msg import Imu  # noqa: E402
+from std_msgs.msg import Header  # noqa: E402
+
+from ballbot_ros.messages.conversions import time_ns  # noqa: E402
+from ballbot_ros.messages.participation import encode_announcement  # noqa: E402
+from ballbot_ros.messages.topics import (  # noqa: E402
+    GYRO_IMU,
+    HISTORY,
+    PARTICIPANTS,
+    PLANT_IMU,
+    ROLL_CALL,
+)
+from ballbot_ros.nodes.topic_publisher import reliable_qos  # noqa: E402
+from ballbot_ros.parameters import CONTROLLER, GYRO, NODES, RECORDER  # noqa: E402
+from ballbot_ros.run.execution import execute  # noqa: E402
+from ballbot_ros.run.processes import Processes  # noqa: E402
+from ballbot_ros.run.spec import RunOptions, RunSpec  # noqa: E402
+from ballbot_ros.simulation.participants import Announcement, Participant  # noqa: E402
+from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS  # noqa: E402
+
+pytestmark = pytest.mark.graph
+
+SHORT = ('--json', '--set', 'plant_sim.duration=1.2')
+
+
+@pytest.fixture(scope='module')
+def duties():
+    """The duties of the short run without nodes."""
+    options = RunOptions(
+        processes=Processes.NONE, record=False, assignments=['plant_sim.duration=1.2']
+    )
+    return execute(RunSpec.of_scenario('stationary', options)).duty_sha256
+
+
+@pytest.mark.parametrize('processes', ['separate', 'one'])
+@pytest.mark.parametrize('role', [GYRO, CONTROLLER])
+def test_the_node_of_the_user_takes_the_place(
+    start_run, start_node, tmp_path, duties, processes, role
+):
+    run = start_run('stationary', *SHORT, '--processes', processes, '--external', role,
+                    '--output', tmp_path)  # fmt: skip
+    node = start_node(role)
+    assert run.finish() in (0, 1), run.stderr  # such a short run may miss the expectations
+    assert run.result['external'] == [role]
+    assert run.result['duty_sha256'] == duties
+    assert run.result['recording'] == str(tmp_path / 'stationary.mcap')
+    (process,) = (row['process'] for row in run.result['participants'] if row['role'] == role)
+    assert process == node.process.pid
+    assert run.stderr.startswith(f'waiting for {role}: start within 30 s, with ROS_DOMAIN_ID=')
+    assert node.process.poll() is None  # it waits for the next run
+
+
+def test_an_external_recorder_writes_the_file(start_run, start_node, tmp_path):
+    run = start_run('stationary', *SHORT, '--external', RECORDER, '--output', tmp_path / 'run')
+    recorder = start_node(RECORDER, output=tmp_path / 'mine.mcap')
+    assert run.finish() in (0, 1), run.stderr
+    assert run.result['recording'] is None
+    assert {row['role'] for row in run.result['participants']} == set(NODES)
+    recorder.interrupt()
+    assert (tmp_path / 'mine.mcap').stat().st_size > 100_000
+    assert [path.name for path in (tmp_path / 'run').iterdir()] == ['stationary.png']
+
+
+def test_a_node_that_never_comes_is_named(start_run):
+    run = start_run('stationary', *SHORT, '--no-record', '--external', GYRO,
+                    '--set', 'plant_sim.startup_timeout=1')  # fmt: skip
+    assert run.finish() == 1
+    assert run.result['reason'] == f'{GYRO} silent for 1 s before the first tick'
+    assert run.result['ticks'] == 0
+
+
+def test_a_node_that_comes_twice_is_refused(start_run, start_node):
+    for _ in range(2):
+        start_node(GYRO)
+    run = start_run('stationary', *SHORT, '--no-record', '--external', GYRO)
+    assert run.finish() == 1
+    assert run.result['ticks'] == 0
+    assert run.result['reason'].startswith(f"two nodes publish on 'gyro' as {GYRO}: ")
+    assert run.result['reason'].count('(process ') == 2
+
+
+class WrongGyro:
+    """A gyro whose answers have the stamp of another time from a sim time on [ns]."""
+
+    def __init__(self, node, late_ns, since_ns):
+        self._late_ns, self._since_ns, self._answered_ns = late_ns, since_ns, 0
+        self._participant = Participant(
+            GYRO, node.get_fully_qualified_name(), 'elsewhere', 1, 'mine', 'my own', '00',
+            topics=(GYRO_IMU.name,),
+        )  # fmt: skip
+        stream, latched = reliable_qos(HISTORY, latched=False), reliable_qos(1, latched=True)
+        self._samples = node.create_publisher(Imu, GYRO_IMU.name, stream)
+        self._announcements = node.create_publisher(
+            PARTICIPANTS.message_class, PARTICIPANTS.name, latched
+        )
+        node.create_subscription(Header, ROLL_CALL.name, self._on_call, latched)
+        node.create_subscription(Imu, PLANT_IMU.name, self._on_truth, stream)
+
+    def _on_call(self, call):
+        announcement = Announcement(self._participant, call.frame_id, self._answered_ns)
+        self._announcements.publish(encode_announcement(announcement))
+
+    def _on_truth(self, truth):
+        self._answered_ns = time_ns(truth.header.stamp)
+        sample = Imu(angular_velocity=truth.angular_velocity)
+        late_ns = self._late_ns if self._answered_ns >= self._since_ns else 0
+        sample.header = header(self._answered_ns - late_ns)
+        self._samples.publish(sample)
+
+
+AHEAD = "'gyro' has a second sample stamped 1.104 s, or one ahead of the run, sent by /test_client"
+SILENT = f"{GYRO} silent for 2 s at sim time {{}} s: its newest 'gyro' is stamped {{}} s"
+
+
+@pytest.mark.parametrize(
+    ('late_ns', 'since_ns', 'reason'),
+    [
+        (TICK_NS, FIRST_TICK_NS, SILENT.format('1.000', '0.996')),
+        (-TICK_NS, FIRST_TICK_NS, SILENT.format('1.000', '1.004')),
+        (TICK_NS, 1_100_000_000, SILENT.format('1.100', '1.096')),
+        (-TICK_NS, 1_100_000_000, AHEAD),
+    ],
+    ids=['late', 'ahead', 'late in mid-run', 'ahead in mid-run'],
+)
+def test_a_wrong_stamp_is_named_with_its_sender(start_run, client, late_ns, since_ns, reason):
+    gyro = WrongGyro(client.node, late_ns, since_ns)
+    run = start_run('stationary', *SHORT, '--no-record', '--external', GYRO,
+                    '--set', 'plant_sim.startup_timeout=2')  # fmt: skip
+    client.spin_until(lambda: run.process.poll() is not None, what='the end of the run')
+    assert gyro
+    assert run.finish() == 1
+    assert run.result['reason'].startswith(reason)
