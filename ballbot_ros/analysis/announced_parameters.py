@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from ballbot_ros.messages.participation import decode_announcement, decode_run_status
 from ballbot_ros.messages.topics import RUN_STATUS, Topic
 from ballbot_ros.parameters import (
-    CONTROLLER,
     NODES,
     PATHS,
     PLANT,
@@ -27,7 +26,7 @@ class AnnouncedParameters:
 
     def __init__(self) -> None:
         self._announcements: dict[str, list[Participant]] = {}
-        self._controllers: dict[str, list[Participant]] = {}
+        self._participants: dict[str, list[Participant]] = {}
         self._members: dict[str, Mapping[str, str]] = {}
 
     def add(self, topic: Topic, data: bytes) -> None:
@@ -41,8 +40,7 @@ class AnnouncedParameters:
         except ValueError:
             return
         participant = announcement.participant
-        if participant.role == CONTROLLER:
-            self._controllers.setdefault(announcement.run, []).append(participant)
+        self._participants.setdefault(announcement.run, []).append(participant)
         if participant.role in NODES and participant.parameters:
             self._announcements.setdefault(announcement.run, []).append(participant)
 
@@ -58,10 +56,10 @@ class AnnouncedParameters:
         member = self._members.get(run, {}).get(participant.role, '')
         return participant.parameters_sha256[:12] in member
 
-    def controller(self, run: str) -> Participant | None:
-        """Return the controller of the run with this name; None if it was not announced."""
-        controllers = self._controllers.get(run, ())
-        return next((each for each in controllers if self._took_part(each, run)), None)
+    def participant(self, run: str, role: str) -> Participant | None:
+        """Return who took a role in the run with this name; None if nobody was announced."""
+        announced = (each for each in self._participants.get(run, ()) if each.role == role)
+        return next((each for each in announced if self._took_part(each, run)), None)
 
     def has_parameters(self, run: str) -> bool:
         """Return whether all parameters needed to replay the run with this name were announced."""

@@ -39,14 +39,16 @@ from ballbot_ros.codegen.implementation import (
 )
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Program
-from ballbot_ros.controllers.loading import public_reference
+from ballbot_ros.controllers.loading import OUR_PACKAGE, public_reference
 from ballbot_ros.controllers.own_parameters import own_rows
 from ballbot_ros.errors import BallbotError, printable
 from ballbot_ros.files import write_temporary
+from ballbot_ros.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.messages.topics import PARTICIPANTS, Topic
 from ballbot_ros.parameters import (
     CONTROLLER,
     DOCUMENTS_PROGRAM,
+    DRIVERS,
     PLANT,
     ControllerParameters,
     ParameterError,
@@ -150,6 +152,7 @@ class RecordingReplay:
         self._scratch, self._trusts_code = scratch, trust_attached_code
         chosen = {id(job): self._choose(job, controller) for job in self._begun}
         self.controllers = [chosen[id(job)] for job in self._jobs]
+        self._foreign = {id(job): self._foreign_drivers(job) for job in self._begun}
         self.duration = sum(job.inputs.ticks for job in self._jobs) * TICK_NS / SECOND_NS
 
     def _parameters(
@@ -172,7 +175,7 @@ class RecordingReplay:
 
     def _choose(self, job: _Job, requested: str | None) -> ReplayedController:
         """Choose the controller of a run, and set it in the run's parameters."""
-        participant = self._announced.controller(job.inputs.run.name)
+        participant = self._announced.participant(job.inputs.run.name, CONTROLLER)
         if identity := self._identity(job, participant):
             return self._choose_class(job, identity, requested)
         if ':' in job.implementation and not (participant and is_foreign(participant)):
@@ -216,6 +219,24 @@ class RecordingReplay:
         reference = identity.reference
         return ReplayedController(reference, reference, is_portable=loaded.is_portable)
 
+    def _foreign_drivers(self, job: _Job) -> list[Participant]:
+        """Return the drivers of a run that are nodes of other packages."""
+        found = (self._announced.participant(job.inputs.run.name, role) for role in DRIVERS)
+        return [each for each in found if each and is_foreign(each)]
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why a run is not replayed with the programs that were recorded."""
+        drivers = [each for found in self._foreign.values() for each in found]
+        return [
+            *dict.fromkeys(each.reason for each in self.controllers if each.reason),
+            *dict.fromkeys(
+                f'its {each.role} {each.implementation!r} is not part of {OUR_PACKAGE}: the '
+                'recorded samples replay it'
+                for each in drivers
+            ),
+        ]
+
     def replay_controller(self, update: ReportTime) -> ReplayResult:
         """Run the controller on the recorded samples; compare its messages."""
         return self._compare(
@@ -224,7 +245,9 @@ class RecordingReplay:
 
     def replay_robot(self, update: ReportTime) -> ReplayResult:
         """Run the whole robot; compare all messages."""
-        result = self._compare('robot', self._begun, ALL_TOPICS, self._robot_ticks, update)
+        foreign = {each.role for found in self._foreign.values() for each in found}
+        topics = [topic for topic in ALL_TOPICS if topic.publisher not in foreign]
+        result = self._compare('robot', self._begun, topics, self._robot_ticks, update)
         if result.difference is None:
             return result
         # Show the last run that had begun by then; it may have ended before the difference.
@@ -281,7 +304,9 @@ class RecordingReplay:
         return replay_controller(self._recording, job.inputs, job.program(), comparator)
 
     def _robot_ticks(self, job: _Job, comparator: MessageComparator) -> Iterator[Tick]:
-        return replay_run(self._recording, job.inputs, job.parameters, comparator)
+        foreign = [each.role for each in self._foreign[id(job)]]
+        devices = [each for each in DEVICE_MESSAGES if each.sample.publisher in foreign]
+        return replay_run(self._recording, job.inputs, job.parameters, comparator, devices)
 
     def _compare(
         self,

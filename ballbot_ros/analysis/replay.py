@@ -12,7 +12,7 @@ from ballbot_ros.analysis.recorded_runs import RobotRecording
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.controllers.interface import Program
 from ballbot_ros.messages.controller_messages import ControllerMessages
-from ballbot_ros.messages.devices import DEVICE_MESSAGES
+from ballbot_ros.messages.devices import DEVICE_MESSAGES, AnyDeviceMessages
 from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import (
@@ -103,8 +103,14 @@ def replay_run(
     inputs: RunInputs,
     parameters: ParameterSet,
     comparator: MessageComparator,
+    recorded_devices: Iterable[AnyDeviceMessages] = (),
 ) -> Iterator[Tick]:
     """Run the whole robot with its parameters, recorded sticks and pushes; compare all messages.
+
+    Parameters
+    ----------
+    recorded_devices : iterable of DeviceMessages
+        The devices that are not simulated: their recorded samples are used.
 
     Yields
     ------
@@ -112,7 +118,10 @@ def replay_run(
         Each tick of the closed loop.
     """
     run = inputs.run
-    loop = ClosedLoop(parameters, inputs, run.start_ns)
+    samples = {
+        each.device.field: _samples(recording, inputs, each.sample) for each in recorded_devices
+    }
+    loop = ClosedLoop(parameters, inputs, run.start_ns, recorded=samples)
 
     def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
         # Leave out stamped messages after the last tick with a duty: a push may end later, and in
@@ -130,6 +139,16 @@ def replay_run(
             source = inputs.sources.get(tick.truth.stamp_ns, '')
             messages.tick(tick, loop.program, source)
             yield tick
+
+
+def _samples(recording: RobotRecording, inputs: RunInputs, topic: Topic) -> dict[int, Any]:
+    """Return the readings of a device in a run, by their stamps [ns]."""
+    readings = {}
+    for epoch, _, raw in recording.messages([topic], inputs.run.start_ns):
+        if epoch == inputs.run.epoch and raw.stamp_ns <= inputs.last_ns:
+            with recording_error_context(recording.reader, raw.topic, raw.stamp_ns):
+                readings[raw.stamp_ns] = INPUT_READERS[topic](raw.data)
+    return readings
 
 
 def compare_events(

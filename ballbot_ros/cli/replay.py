@@ -40,7 +40,7 @@ def replay_recording(
         replay = RecordingReplay(
             reader, Path(scratch), controller, trust_attached_code=trust_attached_code
         )
-        for reason in dict.fromkeys(each.reason for each in replay.controllers if each.reason):
+        for reason in replay.reasons:
             print(f'note: {path}: {reason}', file=sys.stderr)
         if assignments:
             with Progress('controller', replay.duration) as progress:

@@ -6,7 +6,8 @@ duties are therefore bit-identical to the graph's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 from ballbot_ros.brick.battery_monitor import battery_mv
@@ -59,9 +60,18 @@ class _SampledDevice(NamedTuple):
     read: Read[Any, Any]
 
     @classmethod
-    def of(cls, device: AnyDevice, parameters: ParameterSet) -> _SampledDevice:
+    def of(
+        cls, device: AnyDevice, parameters: ParameterSet, recorded: Mapping[int, Any]
+    ) -> _SampledDevice:
         input_index = DeviceInputs._fields.index(device.field)
         read = device.make(parameters.of(device.parameters))
+        if recorded:
+            simulate = read
+
+            def read(measured: Any, stamp_ns: int) -> Any:
+                sample = recorded.get(stamp_ns)
+                return simulate(measured, stamp_ns) if sample is None else sample
+
         return cls(device.period_ns, input_index, device.measured, read)
 
 
@@ -74,6 +84,8 @@ class ClosedLoop:
         Stick signals and pushes; None for a neutral stick and no push.
     program : Program or None
         The control program; None for the one that the controller's parameters select.
+    recorded : mapping of str to mapping of int to object
+        Recorded samples that replace those of a device, by its field and their stamps [ns].
 
     Attributes
     ----------
@@ -94,11 +106,14 @@ class ClosedLoop:
         scenario: ExternalInputs | None = None,
         start_ns: int = FIRST_TICK_NS,
         program: Program | None = None,
+        recorded: Mapping[str, Mapping[int, Any]] = MappingProxyType({}),
     ) -> None:
         self._start_ns = start_ns
         self.world = World.of(parameters.of(PlantParameters))
         self.plant = Plant(parameters.of(PlantParameters), self._start_ns, self.world)
-        self._devices = [_SampledDevice.of(each, parameters) for each in DEVICES]
+        self._devices = [
+            _SampledDevice.of(each, parameters, recorded.get(each.field, {})) for each in DEVICES
+        ]
         self._no_samples = [None] * len(DeviceInputs._fields)
         self.program = program or implementation_for(parameters.of(ControllerParameters)).make()
         self._scenario = scenario or Scenario()

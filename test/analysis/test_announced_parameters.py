@@ -104,6 +104,6 @@ def test_malformed_announcements_are_ignored():
 def test_the_controller_of_a_run_is_known_even_without_its_parameters():
     stranger, other = a(CONTROLLER, 'f'), a(CONTROLLER, 'b', k_i=-0.1)
     found = told(other, *SIMULATED[:3], stranger, members=[*SIMULATED[:3], stranger])
-    assert found.controller(RUN) == stranger
-    assert found.controller('2 abc') is None
+    assert found.participant(RUN, CONTROLLER) == stranger
+    assert found.participant('2 abc', CONTROLLER) is None
     assert not found.has_parameters(RUN)
