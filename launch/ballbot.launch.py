@@ -16,9 +16,7 @@ from ballbot_ros.files import temporary_folder
 from ballbot_ros.messages.topics import MAP, MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION
 from ballbot_ros.parameters import (
     ALL_NODES,
-    NODES,
     PLANT,
-    RECORDER,
     VISUALIZER,
     ParameterSet,
 )
@@ -31,6 +29,7 @@ ARGUMENTS = {
     'scenario': ('', 'name or file of a scenario; empty: balance until stopped'),
     'params_file': ('', 'parameter file that overrides the scenario'),
     'controller': ('', 'controller: a name, FILE.py:Class or package.module:Class; empty: as set'),
+    'external': ('', 'roles, separated by commas, that nodes of yours take; empty: none'),
     'real_time_factor': ('', '1: real time, 0: as fast as possible; empty: as in the files, or 1'),
     'record': ('false', 'true: record the run'),
     'output': ('', 'recording to write; empty: a new one under runs/'),
@@ -103,6 +102,7 @@ def launch_graph(context):
         real_time_factor=factor,
         default_real_time_factor=None,
         controller=given['controller'] or None,
+        external=[role for role in given['external'].split(',') if role],
         record=record,
     )
     spec = RunSpec.compose(given['scenario'] or None, options)
@@ -111,7 +111,6 @@ def launch_graph(context):
     recording = Path(given['output']) if given['output'] else None
     parameters = graph_parameters(spec, recording, folder)
     write_parameter_file(folder / 'parameters.yaml', parameters, ALL_NODES)
-    names = [name for name in NODES if name != RECORDER or record]
     nodes = {
         name: Node(
             package='ballbot_ros',
@@ -121,7 +120,7 @@ def launch_graph(context):
             parameters=[str(folder / 'parameters.yaml')],
             output='screen',
         )
-        for name in (*names, *([VISUALIZER] if show else []))
+        for name in (*spec.nodes, *([VISUALIZER] if show else []))
     }
     windows = [rviz(given['namespace'])] if show else []
     end = RegisterEventHandler(OnProcessExit(on_exit=End(nodes)))

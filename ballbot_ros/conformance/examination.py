@@ -37,7 +37,11 @@ ANSWER_S = 5.0
 """Time limit for an answer: longer than the plant's, since the machine may be busy."""
 
 QUIET_S = 0.5
-"""Time in which a node must not send anything unasked."""
+"""Time for which an input is withheld; the node must not answer without it."""
+
+SILENCE_S = 2.5
+"""Silence of the plant, in which the node must not send anything: longer than the plant's own
+limit, since a pause may last as long as it likes."""
 
 FEW, SERIES, LONG = 6, 75, 400
 """Numbers of ticks: up to the second sample of a slow device; 0.3 s; and 1.6 s, in which a
@@ -87,24 +91,27 @@ class Examination:
         self._asked: dict[int, int] = {}
         self._ticks: Iterator[TickMessages] = iter(())
         self._first_announcement = self._first_answer = 0
+        self._is_starting, self._has_waited = True, False
+        self._unread = ''
 
     def rows(self) -> Iterator[Row]:
         """Check one requirement after the other."""
         for each in REQUIREMENTS:
             if self._contract.role not in each.roles:
                 continue
-            if each.restarts and not self._bench.can_start:
-                reason = 'give the COMMAND that starts the node'
-                yield Row(each.name, each.text, Verdict.NOT_TESTED, reason)
-                continue
-            try:
-                each.check(self)
-            except _BreachError as breach:
-                is_gone = self._bench.can_start and self._bench.end
-                reason = f'{breach}; {self._bench.end}' if is_gone else str(breach)
-                yield Row(each.name, each.text, Verdict.FAILED, reason)
-            else:
-                yield Row(each.name, each.text, Verdict.MET)
+            yield Row(each.name, each.text, *self._verdict(each))
+
+    def _verdict(self, requirement: _Requirement) -> tuple[Verdict, str]:
+        if requirement.restarts and not self._bench.can_start:
+            return Verdict.NOT_TESTED, 'give the COMMAND that starts the node'
+        if self._has_waited and not self._bench.received(PARTICIPANTS):
+            return Verdict.NOT_TESTED, 'the node has never joined a run'
+        try:
+            requirement.check(self)
+        except _BreachError as breach:
+            is_gone = self._bench.can_start and self._bench.end
+            return Verdict.FAILED, f'{breach}; {self._bench.end}' if is_gone else str(breach)
+        return Verdict.MET, ''
 
     # Requirements
 
@@ -112,7 +119,7 @@ class Examination:
         """Check that a roll call made before the node started reaches it."""
         self._bench.kill()
         self._announce_run()
-        self._bench.start()
+        self._start()
         self._await_member()
         self._drive(1)
 
@@ -230,7 +237,7 @@ class Examination:
         self._drive(FEW)
         self._settle()
         before = len(self._answers())
-        self._bench.wait(lambda: False, QUIET_S)
+        self._bench.wait(lambda: False, SILENCE_S)
         sent = self._answers()[before:]
         if sent and not self._contract.acknowledges:
             raise _BreachError(f'it sends {_s(stamp_of(sent[0]))} unasked')
@@ -280,7 +287,7 @@ class Examination:
         before = self._announcement().participant.instance
         self._bench.kill()
         self._first_announcement = len(self._bench.received(PARTICIPANTS))
-        self._bench.start()
+        self._start()
         self._await_member()
         if self._announcement().participant.instance == before:
             raise _BreachError(f'the restarted node has the same instance, {before!r}')
@@ -303,8 +310,12 @@ class Examination:
         """Announce another run, and wait until the node has joined it."""
         self._announce_run()
         if self._bench.can_start and self._bench.end:
-            self._bench.start()
+            self._start()
         self._await_member()
+
+    def _start(self) -> None:
+        self._is_starting = True
+        self._bench.start()
 
     def _announce_run(self) -> None:
         self._number += 1
@@ -325,11 +336,14 @@ class Examination:
         self._bench.publish(ROLL_CALL, encode_header(self._run.start_ns, self._run.name))
 
     def _await_member(self) -> None:
-        if not self._bench.wait(lambda: bool(self._announcements()), START_S):
+        limit_s = START_S if self._is_starting else ANSWER_S
+        self._is_starting, self._has_waited = False, True
+        self._bench.wait(lambda: bool(self._announcements() or self._unread), limit_s)
+        if not self._announcements():
             raise _BreachError(self._unread or 'it does not join the run')
 
     def _announcements(self) -> list[Announcement]:
-        """Return its announcements for this run."""
+        """Return its announcements for this run; note one that can't be used."""
         found = []
         self._unread = ''
         for data in self._bench.received(PARTICIPANTS)[self._first_announcement :]:
@@ -339,11 +353,11 @@ class Examination:
                 self._unread = f'its announcement cannot be read: {error}'
                 continue
             if announcement.run != self._run.name:
-                self._unread = f'it announces the run {announcement.run!r}, not {self._run.name!r}'
-            elif announcement.participant.role != self._contract.role:
-                self._unread = f'it announces the role {announcement.participant.role!r}'
-            else:
+                continue  # of an earlier run, and late
+            if announcement.participant.role == self._contract.role:
                 found.append(announcement)
+            else:
+                self._unread = f'it announces the role {announcement.participant.role!r}'
         if len({each.participant.instance for each in found}) > 1:
             names = ' and '.join(dict.fromkeys(str(each.participant) for each in found))
             raise _BreachError(f'two nodes take the role, or one changes its instance: {names}')

@@ -75,6 +75,7 @@ def graph_parameters(spec: RunSpec, recording: Path | None, scratch: Path) -> Pa
     parameters.update(spec.parameters)
     if recording:
         parameters.set(RECORDER, 'output', str(recording.resolve()))
+    if RECORDER in spec.nodes:
         parameters.set(RECORDER, 'attachments', str(write_attachments(spec, scratch)))
     if spec.record:
         parameters.set(PLANT, 'require_recorder', True)

@@ -86,8 +86,8 @@ def test_two_nodes_in_a_role_are_named(conform, start_node):
         start_node(GYRO)
     status, output, _ = conform(GYRO, '--json')
     assert status == 1
-    rows = {row['name']: row for row in json.loads(output)['requirements']}
-    assert rows['announcement']['reason'].count('/gyro_driver (process ') == 2
+    reasons = [row['reason'] for row in json.loads(output)['requirements']]
+    assert any(reason.count('/gyro_driver (process ') == 2 for reason in reasons)
 
 
 def test_a_node_that_ends_is_failed_at_once(conform):
@@ -95,7 +95,7 @@ def test_a_node_that_ends_is_failed_at_once(conform):
     assert status == 1
     lines = output.splitlines()
     assert lines[0].endswith('it does not join the run; it has ended with status 3')
-    assert lines[-1] == f'{len(lines) - 1} failed'
+    assert lines[-1] == f'1 failed, {len(lines) - 2} not tested'
 
 
 def test_a_mistake_is_one_line_and_exit_status_2(conform, domain):

@@ -9,9 +9,10 @@ from ballbot_ros.conformance.bench import Offer
 from ballbot_ros.conformance.contract import CONTRACTS
 from ballbot_ros.conformance.examination import (
     FEW,
-    QUIET_S,
     REQUIREMENTS,
     SERIES,
+    SILENCE_S,
+    START_S,
     Examination,
     Verdict,
 )
@@ -99,6 +100,8 @@ class Node:
         return topic in needed and needed <= self.inputs
 
     def _answer_call(self, run):
+        if self.fault == 'ignores every roll call':
+            return
         if self.fault == 'ignores the next plant' and self.run and run.plant != self.run.plant:
             return
         if self.fault == 'joins only one run' and self.run:
@@ -183,7 +186,7 @@ class Node:
 
     def pass_time(self, seconds):
         """Let time pass in which nothing arrives."""
-        if self.fault == 'sends unasked' and self.given and seconds == QUIET_S:
+        if self.fault == 'sends unasked' and self.given and seconds == SILENCE_S:
             self.send(self.contract.answer, self._sample(self.answered_ns, 1))
 
 
@@ -270,7 +273,7 @@ ALONE = {
     'does not repeat': ('asked again', DRIVERS),
     'answers before its inputs': ('inputs', (CONTROLLER, RECORDER)),
     'does not say what it has answered': ('roll call', ROLES),
-    'sends unasked': ('silence', DRIVERS),
+    'sends unasked': ('silence', SAMPLING),
     'keeps its state': ('reset', (CONTROLLER,)),
     'answers an earlier run': ('earlier run', SAMPLING),
     'knows no earlier time': ('asked again', (GYRO,)),
@@ -281,7 +284,6 @@ ALONE = {
 
 WITH_OTHERS = {
     'misses earlier roll calls': ('late start', ROLES),
-    'sends unasked': ('silence', (CONTROLLER,)),
     'sends unreadable values': ('values', (CONTROLLER,)),
     'announces another role': ('announcement', ROLES),
     'sends an announcement without a role': ('announcement', ROLES),
@@ -337,6 +339,18 @@ def test_every_requirement_can_fail(role):
     # The recorder's answers are stamps only, and it may repeat them.
     harmless = {RECORDER: {'values', 'asked again', 'silence', 'earlier run'}}
     assert about == set(names(role)) - harmless.get(role, set())
+
+
+def test_after_a_node_that_never_joins_nothing_else_is_tested():
+    for options in ({}, {'can_start': False}):
+        bench = MemoryBench(GYRO, 'ignores every roll call', **options)
+        first, *others = [
+            row for row in Examination(GYRO, bench, 'token').rows() if row.reason[:4] != 'give'
+        ]
+        assert (first.verdict, first.reason) == (Verdict.FAILED, 'it does not join the run')
+        assert {row.verdict for row in others} == {Verdict.NOT_TESTED}
+        assert {row.reason for row in others} == {'the node has never joined a run'}
+        assert bench.limits == {START_S: 1}
 
 
 def test_a_recorder_that_does_not_repeat_itself_fails():

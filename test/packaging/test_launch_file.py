@@ -41,7 +41,7 @@ def launch_file(monkeypatch):
     [
         ('scenaro:=stationary', "no launch argument 'scenaro'; did you mean scenario?"),
         ('real_time_factr:=0', 'did you mean real_time_factor?'),
-        ('qqq:=1', 'known: scenario, params_file, controller, real_time_factor, record,'),
+        ('qqq:=1', 'known: scenario, params_file, controller, external, real_time_factor,'),
     ],
 )
 def test_a_misspelt_argument_is_an_error(launch_file, given, words):
