@@ -28,7 +28,8 @@ def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
     from ballbot_ros.run.requirements import require_rclpy
 
     require_rclpy()
-    from ballbot_ros.conformance.examination import START_S, Row, Verdict
+    from ballbot_ros.conformance.examination import Row, Verdict
+    from ballbot_ros.conformance.node_under_test import START_S
     from ballbot_ros.nodes.middleware import DOMAIN, ros_domain
     from ballbot_ros.run.conformance import examine
 

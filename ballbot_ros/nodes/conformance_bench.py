@@ -11,6 +11,7 @@ from contextlib import suppress
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.subscription import Subscription
 
 from ballbot_ros.conformance.bench import Offer
 from ballbot_ros.conformance.contract import CONTRACTS
@@ -20,7 +21,7 @@ from ballbot_ros.nodes.base import PORTS_PERIOD_S
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
 from ballbot_ros.nodes.own_ports import OwnPorts
 from ballbot_ros.nodes.shared_memory import mark_dead_readers
-from ballbot_ros.nodes.topic_publisher import TopicPublisher, requested_qos
+from ballbot_ros.nodes.topic_publisher import TopicPublisher, reliable_qos
 from ballbot_ros.stop_request import StopRequest
 
 POLL_S = 2e-4
@@ -50,15 +51,21 @@ class ConformanceBench:
             for topic in TOPICS
             if topic.publisher not in (None, role)
         }
-        self._received: dict[Topic, list[bytes]] = {}
-        self._subscriptions = {}
-        for topic in (PARTICIPANTS, *contract.topics):
-            self._received[topic] = []
-            self._subscriptions[topic] = raw_subscription(
-                self._inbox, topic, requested_qos(topic, HISTORY)
-            )
+        topics = (PARTICIPANTS, *contract.topics)
+        self._received: dict[Topic, list[bytes]] = {topic: [] for topic in topics}
+        self._subscriptions = [
+            (topic, self._subscribe(topic, is_latched=is_latched))
+            for topic in topics
+            # The node may answer a roll call before its publisher is discovered, so also get what
+            # it keeps; but one that wrongly keeps nothing must be heard, too.
+            for is_latched in ((True, False) if topic is PARTICIPANTS else (False,))
+        ]
+        self._announced: set[tuple[int, bytes]] = set()
         self._own_ports = OwnPorts()
         self._checked_s = 0.0
+
+    def _subscribe(self, topic: Topic, *, is_latched: bool) -> Subscription:
+        return raw_subscription(self._inbox, topic, reliable_qos(HISTORY, latched=is_latched))
 
     @property
     def can_start(self) -> bool:
@@ -131,8 +138,7 @@ class ConformanceBench:
         """Receive messages until it is done, the time is over, or the node has ended."""
         deadline_s = time.monotonic() + limit_s
         while True:
-            for topic, subscription in self._subscriptions.items():
-                self._received[topic] += [data for data, _ in drain(subscription)]
+            self._receive()
             if is_done():
                 return True
             now_s = time.monotonic()
@@ -142,6 +148,16 @@ class ConformanceBench:
                 raise KeyboardInterrupt
             self._check_ports(now_s)
             time.sleep(POLL_S)
+
+    def _receive(self) -> None:
+        for topic, subscription in self._subscriptions:
+            for data, info in drain(subscription):
+                if topic is PARTICIPANTS:
+                    key = (info['publication_sequence_number'], data)
+                    if key in self._announced:
+                        continue
+                    self._announced.add(key)
+                self._received[topic].append(data)
 
     def _check_ports(self, now_s: float) -> None:
         if now_s - self._checked_s > PORTS_PERIOD_S:

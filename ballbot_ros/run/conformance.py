@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from uuid import uuid4
 
-from ballbot_ros.conformance.examination import Examination, Row
+from ballbot_ros.conformance import examination
+from ballbot_ros.conformance.examination import Row
 from ballbot_ros.nodes.conformance_bench import ConformanceBench
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.middleware import require_discovery, ros_domain
@@ -33,6 +34,6 @@ def examine(role: str, command: Sequence[str] = ()) -> Iterator[Row]:
         lock = DomainLock(ros_domain())
         try:
             with closing(ConformanceBench(role, command, stop)) as bench:
-                yield from Examination(role, bench, uuid4().hex).rows()
+                yield from examination.examine(role, bench, uuid4().hex)
         finally:
             lock.release()

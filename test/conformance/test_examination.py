@@ -12,10 +12,10 @@ from ballbot_ros.conformance.examination import (
     REQUIREMENTS,
     SERIES,
     SILENCE_S,
-    START_S,
-    Examination,
     Verdict,
+    examine,
 )
+from ballbot_ros.conformance.node_under_test import START_S
 from ballbot_ros.conformance.nominal_run import nominal_run
 from ballbot_ros.messages.conversions import encode_duty, encode_header, encode_sticks
 from ballbot_ros.messages.devices import encode_encoders, encode_gyro, encode_sonar
@@ -247,7 +247,7 @@ class MemoryBench:
 
 
 def rows_of(role, fault='', **options):
-    return list(Examination(role, MemoryBench(role, fault, **options), 'token').rows())
+    return list(examine(role, MemoryBench(role, fault, **options), 'token'))
 
 
 def failed(rows):
@@ -312,7 +312,7 @@ def test_a_right_node_meets_every_requirement(role):
 @pytest.mark.parametrize('role', ROLES)
 def test_without_a_command_nothing_is_restarted(role):
     bench = MemoryBench(role, can_start=False)
-    rows = list(Examination(role, bench, 'token').rows())
+    rows = list(examine(role, bench, 'token'))
     untested = [row.name for row in rows if row.verdict is Verdict.NOT_TESTED]
     assert untested == ['late start', 'restart']
     assert failed(rows) == {}
@@ -344,9 +344,7 @@ def test_every_requirement_can_fail(role):
 def test_after_a_node_that_never_joins_nothing_else_is_tested():
     for options in ({}, {'can_start': False}):
         bench = MemoryBench(GYRO, 'ignores every roll call', **options)
-        first, *others = [
-            row for row in Examination(GYRO, bench, 'token').rows() if row.reason[:4] != 'give'
-        ]
+        first, *others = [row for row in examine(GYRO, bench, 'token') if row.reason[:4] != 'give']
         assert (first.verdict, first.reason) == (Verdict.FAILED, 'it does not join the run')
         assert {row.verdict for row in others} == {Verdict.NOT_TESTED}
         assert {row.reason for row in others} == {'the node has never joined a run'}

@@ -28,6 +28,18 @@ def test_a_recorded_run_waits_for_its_recorder_which_attaches_its_files(spec, tm
     assert recorder.attachments == str(tmp_path / 'attachments')
 
 
+def test_a_recorder_that_chooses_its_file_attaches_them_too(spec, tmp_path):
+    recorder = graph_parameters(spec, None, tmp_path).of(RecorderParameters)
+    assert (recorder.output, recorder.attachments) == ('', str(tmp_path / 'attachments'))
+
+
+def test_a_run_waits_for_a_recorder_of_the_user_and_attaches_nothing(spec, tmp_path):
+    parameters = graph_parameters(replace(spec, external=('recorder',)), None, tmp_path)
+    assert parameters.of(PlantParameters).require_recorder
+    assert parameters.of(RecorderParameters) == RecorderParameters()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_run_without_a_recording_waits_for_none(spec, tmp_path):
     parameters = graph_parameters(replace(spec, record=False), None, tmp_path)
     assert not parameters.of(PlantParameters).require_recorder
