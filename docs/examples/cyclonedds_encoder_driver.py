@@ -7,10 +7,11 @@ and a ROS type a DDS type with `dds_` and underscores in its name.
 import math
 import os
 import signal
+import threading
 import uuid
 from dataclasses import dataclass, field
 
-from cyclonedds.core import Listener, Policy, Qos
+from cyclonedds.core import DDSStatus, Policy, Qos, WaitSet
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.types import float64, int32, sequence, uint8, uint32
@@ -75,29 +76,32 @@ class DiagnosticStatus(IdlStruct, typename='diagnostic_msgs.msg.dds_.DiagnosticS
 class EncoderDriver:
     """Answers each true angle of the motor shafts with whole degrees."""
 
-    def __init__(self, participant: DomainParticipant) -> None:
-        self.guid_prefix = participant.guid.bytes[:12].hex()
+    def __init__(self) -> None:
+        self.dds = DomainParticipant(int(os.environ.get('ROS_DOMAIN_ID') or 0))
         self.instance = uuid.uuid4().hex
         self.run, self.start_ns, self.answered_ns = '', math.inf, 0
+        self.announcements = DataWriter(
+            self.dds, self.topic('participants', DiagnosticStatus), STATE
+        )
+        self.joint_states = DataWriter(self.dds, self.topic('joint_states', JointState), STREAM)
+        self.roll_calls = DataReader(self.dds, self.topic('plant/roll_call', Header), STATE)
+        self.truths = DataReader(self.dds, self.topic('plant/joint_states', JointState), NEWEST)
+        self.waitset = WaitSet(self.dds)
+        for reader in (self.roll_calls, self.truths):
+            reader.set_status_mask(DDSStatus.DataAvailable)
+            self.waitset.attach(reader)
 
-        def topic(name: str, kind: type) -> Topic:
-            return Topic(participant, f'rt/{name}', kind)
+    def topic(self, name: str, kind: type) -> Topic:
+        """Return the DDS topic of a ROS topic."""
+        return Topic(self.dds, f'rt/{name}', kind)
 
-        def read(name: str, kind: type, qos: Qos, on_message) -> DataReader:
-            def on_data(reader: DataReader) -> None:
-                for message in reader.take():
-                    if isinstance(message, kind):  # not the notice that a publisher has left
-                        on_message(message)
-
-            listener = Listener(on_data_available=on_data)
-            return DataReader(participant, topic(name, kind), qos, listener)
-
-        self.participants = DataWriter(participant, topic('participants', DiagnosticStatus), STATE)
-        self.joint_states = DataWriter(participant, topic('joint_states', JointState), STREAM)
-        self.readers = [
-            read('plant/roll_call', Header, STATE, self.on_roll_call),
-            read('plant/joint_states', JointState, NEWEST, self.on_truth),
-        ]
+    def spin_once(self) -> None:
+        """Wait a moment for messages, and handle them."""
+        self.waitset.wait(duration(milliseconds=100))
+        for call in valid_messages(self.roll_calls):
+            self.on_roll_call(call)
+        for truth in valid_messages(self.truths):
+            self.on_truth(truth)
 
     def on_roll_call(self, call: Header) -> None:
         """Join the run if it is new, and announce this driver in any case."""
@@ -110,13 +114,14 @@ class EncoderDriver:
             'run': self.run,
             'implementation': 'docs/examples/cyclonedds_encoder_driver.py',
             'parameters sha256': '',
-            'guid prefix': self.guid_prefix,  # in place of the name, which only ROS nodes have
+            # Identifies this driver's publishers, which belong to no ROS node.
+            'guid prefix': self.dds.guid.bytes[:12].hex(),
             'topics': 'joint_states',
             'answered [ns]': self.answered_ns,
         }
         pairs = [KeyValue(key, str(value)) for key, value in values.items()]
         host = os.uname().nodename
-        self.participants.write(DiagnosticStatus(0, '/encoder_driver', '', host, pairs))
+        self.announcements.write(DiagnosticStatus(0, '/encoder_driver', '', host, pairs))
 
     def on_truth(self, truth: JointState) -> None:
         """Answer a truth of the run. A repeated truth gets the same answer."""
@@ -125,6 +130,11 @@ class EncoderDriver:
         self.answered_ns = time_ns(truth.header)
         readings = [whole_degrees(angle) for angle in truth.position]
         self.joint_states.write(JointState(truth.header, truth.name, readings))
+
+
+def valid_messages(reader: DataReader) -> list:
+    """Take the messages of a reader, without the notices that a publisher has left."""
+    return [message for message in reader.take(8) if message.sample_info.valid_data]
 
 
 def whole_degrees(angle: float) -> float:
@@ -139,14 +149,13 @@ def time_ns(header: Header) -> int:
 
 def main() -> None:
     """Drive the encoders until SIGINT or SIGTERM."""
-    # The threads of Cyclone DDS inherit the mask, so the signals wait for this one.
-    ends = {signal.SIGINT, signal.SIGTERM}
-    signal.pthread_sigmask(signal.SIG_BLOCK, ends)
     os.environ.setdefault('CYCLONEDDS_URI', LOCALHOST)
-    participant = DomainParticipant(int(os.environ.get('ROS_DOMAIN_ID') or 0))
-    driver = EncoderDriver(participant)
-    signal.sigwait(ends)
-    del driver
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    driver = EncoderDriver()
+    while not ended.is_set():
+        driver.spin_once()
 
 
 if __name__ == '__main__':
