@@ -1,14 +1,20 @@
-"""A gyro driver with a low pass of its own, which takes the place of the project's gyro_driver."""
+"""A gyro driver with a low pass of its own, which takes the place of the project's gyro_driver.
+
+The filter has a memory, so a run in which this driver is restarted has other duties.
+"""
 
 import math
 import os
+import signal
+import threading
 import uuid
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Header
 
@@ -73,11 +79,19 @@ def time_ns(header: Header) -> int:
     return header.stamp.sec * 10**9 + header.stamp.nanosec
 
 
+def main() -> None:
+    """Drive the gyros until SIGINT or SIGTERM."""
+    # By default a signal makes ROS unusable at once, even in the middle of a callback.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    executor = SingleThreadedExecutor()
+    executor.add_node(GyroDriver())
+    while not ended.is_set():
+        executor.spin_once(timeout_sec=0.1)
+    rclpy.shutdown()
+
+
 if __name__ == '__main__':
-    rclpy.init()
-    try:
-        rclpy.spin(GyroDriver())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
+    main()
