@@ -133,6 +133,7 @@ setup(
             'mypy>=2.4,<2.5',
             'numpydoc>=1.8',
             'colcon-common-extensions>=0.3',
+            'cyclonedds>=11.0',
             'mcap-ros2-support>=0.5',
             'numba>=0.58',
             'osqp>=1.0',

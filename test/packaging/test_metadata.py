@@ -46,6 +46,7 @@ ROSDEP_KEYS = {
 }
 ROSDEP_TEST_KEYS = {
     'colcon-common-extensions': 'python3-colcon-common-extensions',
+    'cyclonedds': None,
     'hypothesis': 'python3-hypothesis',
     'mcap-ros2-support': 'mcap-ros2-support',
     'mypy': 'python3-mypy',
