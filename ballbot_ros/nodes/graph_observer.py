@@ -29,6 +29,7 @@ _EVERY_PARTICIPANT = 'ros_discovery_info'
 _LIST_PERIOD_S = 1.0
 
 _UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
+_WITHOUT_ROS = '_CREATED_BY_BARE_DDS_APP_'
 
 
 class GraphObserver:
@@ -130,4 +131,6 @@ def full_name(offer: TopicEndpointInfo) -> str:
     """Return the fully qualified name of a publisher's node, '' until it is discovered."""
     if offer.node_name == _UNKNOWN_NODE:
         return ''
+    if offer.node_name == _WITHOUT_ROS:
+        return 'a program without ROS'
     return f'{offer.node_namespace.rstrip("/")}/{offer.node_name}'

@@ -104,7 +104,7 @@ class EncoderDriver:
             self.on_truth(truth)
 
     def on_roll_call(self, call: Header) -> None:
-        """Join the run if it is new, and announce this driver in any case."""
+        """Join the run if it is new; announce this driver in any case."""
         if call.frame_id != self.run:
             self.run, self.start_ns, self.answered_ns = call.frame_id, time_ns(call), 0
         values = {
@@ -112,7 +112,7 @@ class EncoderDriver:
             'process': os.getpid(),
             'instance': self.instance,
             'run': self.run,
-            'implementation': 'docs/examples/cyclonedds_encoder_driver.py',
+            'implementation': 'my encoder 1.0',
             'parameters sha256': '',
             # Identifies this driver's publishers, which belong to no ROS node.
             'guid prefix': self.dds.guid.bytes[:12].hex(),
@@ -124,10 +124,10 @@ class EncoderDriver:
         self.announcements.write(DiagnosticStatus(0, '/encoder_driver', '', host, pairs))
 
     def on_truth(self, truth: JointState) -> None:
-        """Answer a truth of the run. A repeated truth gets the same answer."""
+        """Answer a truth of the run; one that comes again gets the same answer."""
         if time_ns(truth.header) < self.start_ns:
             return
-        self.answered_ns = time_ns(truth.header)
+        self.answered_ns = max(self.answered_ns, time_ns(truth.header))
         readings = [whole_degrees(angle) for angle in truth.position]
         self.joint_states.write(JointState(truth.header, truth.name, readings))
 

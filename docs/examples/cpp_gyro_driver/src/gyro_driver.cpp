@@ -1,8 +1,8 @@
-// A gyro driver in C++ with a low pass of its own, which takes the place of ballbot_ros's
-// gyro_driver. It is ../../gyro_driver.py in C++.
+// A gyro driver in C++: a gyro that resolves only 2 deg/s. It is ../../gyro_driver.py in C++.
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -26,8 +26,8 @@ using std_msgs::msg::Header;
 namespace
 {
 
-constexpr double kOffset = 600.0;  // reading at rest [deg/s]
-constexpr double kWeight = 0.5;  // of the newest rate in the filtered one
+constexpr double kAtRest = 600.0;  // [deg/s]
+constexpr double kResolution = 2.0;  // [deg/s]
 constexpr double kDegreesPerRadian = 180.0 / M_PI;
 
 // The stamp of a header [ns].
@@ -36,10 +36,11 @@ int64_t time_ns(const Header & header)
   return header.stamp.sec * int64_t{1'000'000'000} + header.stamp.nanosec;
 }
 
-// A rate [rad/s] as whole deg/s with the offset, in rad/s again.
+// What the gyro reads [rad/s] at a true rate [rad/s].
 double reading(double rate)
 {
-  return (kOffset + std::round(rate * kDegreesPerRadian)) / kDegreesPerRadian;
+  const double counts = std::nearbyint(rate * kDegreesPerRadian / kResolution);
+  return (kAtRest + kResolution * counts) / kDegreesPerRadian;
 }
 
 std::string host()
@@ -49,7 +50,7 @@ std::string host()
   return name;
 }
 
-// Answers each true rate with the reading of a gyro.
+// Answers each true rate of the body with one reading of the same stamp.
 class GyroDriver : public rclcpp::Node
 {
 public:
@@ -67,21 +68,20 @@ public:
   }
 
 private:
-  // Join the run from the initial state if it is new. Announce this node in any case.
+  // Join the run if it is new; announce this node in any case.
   void on_roll_call(const Header & call)
   {
     if (call.frame_id != run_) {
       run_ = call.frame_id;
       start_ns_ = time_ns(call);
       answered_ns_ = 0;
-      rate_x_ = rate_y_ = 0.0;
     }
     const std::vector<std::pair<std::string, std::string>> values = {
       {"role", "gyro_driver"},
       {"process", std::to_string(getpid())},
       {"instance", instance_},
       {"run", run_},
-      {"implementation", "docs/examples/cpp_gyro_driver"},
+      {"implementation", "my gyro in C++ 1.0"},
       {"parameters sha256", ""},
       {"topics", "gyro"},
       {"answered [ns]", std::to_string(answered_ns_)},
@@ -98,31 +98,25 @@ private:
     participants_->publish(announcement);
   }
 
-  // Answer a truth of the run. A repeated truth gets the same answer.
+  // Answer a truth of the run; one that comes again gets the same answer.
   void on_truth(const Imu & truth)
   {
     const int64_t now_ns = time_ns(truth.header);
     if (now_ns < start_ns_) {
       return;
     }
-    if (now_ns != answered_ns_) {  // The filter counts a repeated truth only once.
-      rate_x_ += kWeight * (truth.angular_velocity.x - rate_x_);
-      rate_y_ += kWeight * (truth.angular_velocity.y - rate_y_);
-      answered_ns_ = now_ns;
-    }
     Imu sample;
     sample.header = truth.header;
-    sample.angular_velocity.x = reading(rate_x_);
-    sample.angular_velocity.y = reading(rate_y_);
+    sample.angular_velocity.x = reading(truth.angular_velocity.x);
+    sample.angular_velocity.y = reading(truth.angular_velocity.y);
     gyro_->publish(sample);
+    answered_ns_ = std::max(answered_ns_, now_ns);
   }
 
   std::string instance_;
   std::string run_;
   int64_t start_ns_ = std::numeric_limits<int64_t>::max();
   int64_t answered_ns_ = 0;
-  double rate_x_ = 0.0;
-  double rate_y_ = 0.0;
   rclcpp::Publisher<DiagnosticStatus>::SharedPtr participants_;
   rclcpp::Publisher<Imu>::SharedPtr gyro_;
   rclcpp::Subscription<Header>::SharedPtr roll_calls_;
