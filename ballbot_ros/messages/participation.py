@@ -170,10 +170,9 @@ def membership_text(member: Membership, start_ns: int) -> str:
     """Return a participant of a run that began at `start_ns` [ns], as one line of text."""
     row = membership_json(member, start_ns)
     since = f', since {row["since_s"]:.3f} s' if member.is_successor else ''
-    return (
-        f'{member.participant}{since}, {member.participant.implementation}, '
-        f'parameters {member.participant.parameters_sha256[:12]}'
-    )
+    sha256 = member.participant.parameters_sha256
+    parameters = f', parameters {sha256[:12]}' if sha256 else ''
+    return f'{member.participant}{since}, {member.participant.implementation}{parameters}'
 
 
 def _stamps(text: str) -> dict[str, int]:

@@ -133,6 +133,8 @@ def test_the_verdict_describes_a_participant():
         '/lab/gyro (process 7 on here), ours, parameters 0123456789ab'
     )
     assert 'since 0.500 s' in membership_text(later, start_ns)
+    bare = Membership(dataclasses.replace(GYRO, parameters_sha256=''), 0)
+    assert membership_text(bare, start_ns) == '/lab/gyro (process 7 on here), ours'
 
 
 def test_alignment_padding_is_ignored():
