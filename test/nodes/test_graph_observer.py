@@ -1,5 +1,7 @@
 """What a node sees of the graph."""
 
+import importlib
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -10,7 +12,7 @@ pytest.importorskip('rclpy')
 import rclpy
 
 from ballbot_ros.messages.conversions import encode_duty
-from ballbot_ros.messages.topics import GYRO_IMU, MOTOR_DUTY
+from ballbot_ros.messages.topics import GYRO_IMU, JOINT_STATES, MOTOR_DUTY
 from ballbot_ros.nodes import graph_observer
 from ballbot_ros.nodes.graph_observer import GraphObserver
 from ballbot_ros.nodes.inbox import hidden_node
@@ -19,6 +21,8 @@ from ballbot_ros.parameters import GYRO
 from ballbot_ros.simulation.strangers import Publisher
 
 pytestmark = pytest.mark.graph
+
+EXAMPLES = Path(__file__).parents[2] / 'docs/examples'
 
 
 def test_discovery_is_complete_once_every_participant_of_this_machine_is_known(
@@ -78,6 +82,21 @@ def test_publishers_are_listed_again_if_their_number_changes_or_after_a_second(m
             assert bool(listed) == is_listed, now_s
             names = ['/gyro_driver'] if GYRO_OFFER in offers else [''] * len(offers)
             assert found == {GYRO_IMU.name: [Publisher(bytes([7] * 16), name) for name in names]}
+
+
+def test_a_publisher_without_a_ros_node_is_called_a_program_without_ros(domain, client):
+    pytest.importorskip('cyclonedds')
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(EXAMPLES)
+        example = importlib.import_module('cyclonedds_encoder_driver')
+        patch.setenv('ROS_DOMAIN_ID', str(domain))
+        patch.setenv('CYCLONEDDS_URI', example.LOCALHOST)
+        driver = example.EncoderDriver()
+    observer = GraphObserver(client.node, [JOINT_STATES])
+    client.spin_until(lambda: observer.publishers()[JOINT_STATES.name])
+    (found,) = observer.publishers()[JOINT_STATES.name]
+    assert found.node == 'a program without ROS'
+    assert found.gid.hex().startswith(driver.dds.guid.bytes[:12].hex())
 
 
 def test_messages_are_received_from_the_first_question_until_the_last(monkeypatch):
