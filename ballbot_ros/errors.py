@@ -10,8 +10,8 @@ class BallbotError(Exception):
     """A mistake or fault reported on one line: what, where, and what is allowed."""
 
 
-def one_line(error: BaseException) -> str:
-    """Return an error's text on one line, without control characters."""
+def one_line(error: object) -> str:
+    """Return a text, or an error's text, on one line and without control characters."""
     try:
         text = str(error)
     except Exception:  # of an exception class of the user

@@ -69,8 +69,10 @@ class FakeNode:
     is_alive, is_hung : bool
     late_ns : int
         How much too old the stamps of its samples are [ns].
-    awaits : dict
-        What it awaits, if it is a controller.
+    is_mute : bool
+        Whether it sends no samples, but answers roll calls.
+    awaits, expects : dict
+        What it says that it awaits before it answers a tick, and afterwards.
     """
 
     participant: Participant
@@ -80,7 +82,9 @@ class FakeNode:
     late_ns: int = 0
     run: str = ''
     objection: Objection | None = None
-    awaits: dict[str, int] = field(default_factory=dict)
+    is_mute: bool = False
+    awaits: dict[str, int | None] = field(default_factory=dict)
+    expects: dict[str, int | None] = field(default_factory=dict)
 
     @property
     def role(self):
@@ -92,7 +96,8 @@ class FakeNode:
 
     def announcement(self):
         answered_ns = max(self.samples, default=0)
-        return Announcement(self.participant, self.run, answered_ns, self.objection, self.awaits)
+        awaits = self.awaits or self.expects
+        return Announcement(self.participant, self.run, answered_ns, self.objection, awaits)
 
 
 def make_participant(role, generation=0, **changes):
@@ -269,7 +274,7 @@ class LockstepWorld:
         stamp_ns = truth.stamp_ns
         for role in DRIVERS:
             node = self.nodes.get(role)
-            if node and node.answers and node.run and is_due(role, stamp_ns):
+            if node and node.answers and node.run and is_due(role, stamp_ns) and not node.is_mute:
                 node.samples.add(stamp_ns)
         senders = [
             self.nodes[role] for role in DRIVERS if role in self.nodes and is_due(role, stamp_ns)
@@ -277,7 +282,7 @@ class LockstepWorld:
         controller = self.nodes.get(CONTROLLER)
         if controller and controller.answers and controller.run:
             controller.awaits = {
-                topic: stamp_ns - node.late_ns if node.late_ns and node.answers else 0
+                topic: stamp_ns - node.late_ns if node.late_ns and node.answers else None
                 for node in senders
                 if node.late_ns or stamp_ns not in node.samples
                 for topic in node.participant.topics
@@ -292,7 +297,7 @@ class LockstepWorld:
         recorder = self.nodes.get(RECORDER)
         if recorder and recorder.answers and recorder.run:
             recorder.samples.add(stamp_ns)
-            self.send(self.master.on_ack, max(recorder.samples))
+            self.send(self.master.on_ack, max(recorder.samples) - recorder.late_ns)
 
     def send(self, event, *what):
         self.in_flight.append((event, what))

@@ -6,8 +6,9 @@ Both are ``diagnostic_msgs/DiagnosticStatus``, whose keys and values any tool ca
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from ballbot_ros.messages.message_types import DiagnosticStatus
 from ballbot_ros.messages.raw import decoder
@@ -19,6 +20,8 @@ from ballbot_ros.simulation.participants import Announcement, Membership, Object
 from ballbot_ros.timing import SECOND_NS
 
 OK, ERROR = 0, 2
+
+T = TypeVar('T')
 
 _PARAMETER = 'parameter '
 _AWAITS = 'awaits'
@@ -82,37 +85,31 @@ def decode_announcement(data: bytes) -> Announcement:
     It raises ValueError if a key is missing, a number is malformed, or a parameter is not JSON.
     """
     message = _decode(data)
-    values = _values(message)
-    try:
-        participant = Participant(
-            role=values['role'],
-            node=message.name,
-            host=message.hardware_id,
-            process=int(values['process']),
-            instance=values['instance'],
-            implementation=values['implementation'],
-            parameters_sha256=values['parameters sha256'],
-            guid_prefix=values.get('guid prefix', ''),
-            topics=tuple(values['topics'].split()),
-            parameters={
-                key.removeprefix(_PARAMETER): _from_json(value)
-                for key, value in values.items()
-                if key.startswith(_PARAMETER)
-            },
-        )
-        objection = None
-        if message.level != OK:
-            topic, stamp_ns = values['objection topic'], int(values['objection stamp [ns]'])
-            objection = Objection(message.message, topic, stamp_ns)
-        return Announcement(
-            participant,
-            values['run'],
-            int(values['answered [ns]']),
-            objection,
-            _stamps(values.get(_AWAITS, '{}')),
-        )
-    except KeyError as error:
-        raise ValueError(f'{message.name} has no {error}') from None
+    values = _Values(message)
+    parameters = {
+        key.removeprefix(_PARAMETER): values.read(key, _from_json)
+        for key in values.keys
+        if key.startswith(_PARAMETER)
+    }
+    participant = Participant(
+        role=values['role'],
+        node=message.name,
+        host=message.hardware_id,
+        process=values.read('process', int),
+        instance=values['instance'],
+        implementation=values['implementation'],
+        parameters_sha256=values['parameters sha256'],
+        guid_prefix=values.get('guid prefix', ''),
+        topics=tuple(values['topics'].split()),
+        parameters=parameters,
+    )
+    objection = None
+    if message.level != OK:
+        topic = values['objection topic']
+        objection = Objection(message.message, topic, values.read('objection stamp [ns]', int))
+    answered_ns = values.read('answered [ns]', int)
+    awaits = values.read(_AWAITS, _stamps) if _AWAITS in values.keys else {}
+    return Announcement(participant, values['run'], answered_ns, objection, awaits)
 
 
 def encode_run_status(status: RunStatus) -> bytes:
@@ -131,22 +128,15 @@ def encode_run_status(status: RunStatus) -> bytes:
 
 def decode_run_status(data: bytes) -> RunStatus:
     """Decode a message of ``plant/run_status``; ValueError if a key is missing."""
-    values = _values(_decode(data))
+    values = _Values(_decode(data))
     prefix = 'participant '
-    try:
-        return RunStatus(
-            values['run'],
-            values['lockstep'] == 'true',
-            tuple(values['periodic topics'].split()),
-            {
-                key.removeprefix(prefix): value
-                for key, value in values.items()
-                if key.startswith(prefix)
-            },
-            {key: values[key] for key in OUTCOME_KEYS} if 'outcome' in values else {},
-        )
-    except KeyError as error:
-        raise ValueError(f'has no {error}') from None
+    return RunStatus(
+        values['run'],
+        values['lockstep'] == 'true',
+        tuple(values['periodic topics'].split()),
+        {key.removeprefix(prefix): values[key] for key in values.keys if key.startswith(prefix)},
+        {key: values[key] for key in OUTCOME_KEYS} if 'outcome' in values.keys else {},
+    )
 
 
 def membership_json(member: Membership, start_ns: int) -> dict[str, object]:
@@ -175,10 +165,12 @@ def membership_text(member: Membership, start_ns: int) -> str:
     return f'{member.participant}{since}, {member.participant.implementation}{parameters}'
 
 
-def _stamps(text: str) -> dict[str, int]:
+def _stamps(text: str) -> dict[str, int | None]:
     stamps = _from_json(text)
-    if not isinstance(stamps, dict) or not all(type(each) is int for each in stamps.values()):
-        raise ValueError(f'{_AWAITS} is {text[:40]!r}, not stamps by topic')
+    if not isinstance(stamps, dict) or not all(
+        each is None or type(each) is int for each in stamps.values()
+    ):
+        raise ValueError('not stamps by topic')
     return stamps
 
 
@@ -186,7 +178,7 @@ def _from_json(text: str) -> object:
     try:
         return json.loads(text)
     except RecursionError:
-        raise ValueError(f'{text[:20]} ...: nested too deeply') from None
+        raise ValueError('nested too deeply') from None
 
 
 def _encoded(level: int, name: str, text: str, host: str, values: Mapping[str, object]) -> bytes:
@@ -199,5 +191,28 @@ def _encoded(level: int, name: str, text: str, host: str, values: Mapping[str, o
     return _encode(message)
 
 
-def _values(message: DiagnosticStatus) -> dict[str, str]:
-    return {pair.key: pair.value for pair in message.values}
+class _Values:
+    """The values of a message; an error names the message and the key."""
+
+    def __init__(self, message: DiagnosticStatus) -> None:
+        self._name = message.name
+        self._values = {pair.key: pair.value for pair in message.values}
+
+    @property
+    def keys(self) -> Collection[str]:
+        return self._values.keys()
+
+    def __getitem__(self, key: str) -> str:
+        if key not in self._values:
+            raise ValueError(f'{self._name}: has no {key!r}')
+        return self._values[key]
+
+    def get(self, key: str, default: str) -> str:
+        return self._values.get(key, default)
+
+    def read(self, key: str, decode: Callable[[str], T]) -> T:
+        text = self[key]
+        try:
+            return decode(text)
+        except ValueError as error:
+            raise ValueError(f'{self._name}: {key!r} is {text[:40]!r}: {error}') from None

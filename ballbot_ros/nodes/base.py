@@ -118,8 +118,7 @@ class BallbotNode(ParameterNode[P]):
     ) -> Subscription:
         """Subscribe to `topic`; with `raw` the callback receives the serialised message.
 
-        In lockstep no newer sample arrives before the last one is answered, so a depth of one loses
-        nothing in the loop. The subscription to a periodic topic gets no earlier messages, even if
+        The subscription to a periodic topic gets no earlier messages, even if
         the topic is latched: the plant sends again what the node has missed, and the node must not
         answer older ticks.
         """
@@ -157,7 +156,7 @@ class BallbotNode(ParameterNode[P]):
         """Return what the node announces when it joins a run, next to its parameters."""
         return {}
 
-    def awaited(self) -> Mapping[str, int]:
+    def awaited(self) -> Mapping[str, int | None]:
         """Return the topics that the node waits for, as in :class:`Announcement`."""
         return {}
 

@@ -108,7 +108,7 @@ class Controller(BallbotNode[ControllerParameters]):
         loaded = self._implementation.loaded
         return {SOURCE_HASH: loaded.code.source.sha256} if loaded else {}
 
-    def awaited(self) -> Mapping[str, int]:
+    def awaited(self) -> Mapping[str, int | None]:
         """Return the inputs that the next tick in lockstep lacks."""
         return self._lockstep_ticks.awaited()
 

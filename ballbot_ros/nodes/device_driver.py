@@ -7,6 +7,7 @@ from functools import partial
 
 from ballbot_ros.messages.devices import DEVICE_MESSAGES, AnyDeviceMessages
 from ballbot_ros.messages.raw import stamp_of
+from ballbot_ros.messages.topics import HISTORY
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import DriverParameters
@@ -26,7 +27,8 @@ class DeviceDriver(BallbotNode[P]):
         self._output = self.output(self._messages.sample)
         self._encode = self._messages.encoder(self.parameters)
         self._participation = Participation(self, self._on_run)
-        self.subscribe(self._messages.truth, self._on_truth, raw=True)
+        # A controller that does not wait for this device lets the plant run ahead.
+        self.subscribe(self._messages.truth, self._on_truth, depth=HISTORY, raw=True)
 
     @property
     def program(self) -> str:

@@ -59,7 +59,8 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         self._set_terminal()
         self.create_wall_timer(FLUSH_PERIOD_S, self._flush_log)
         self._participation = Participation(self, self._on_run)
-        self.subscribe(PLANT_JOINT_STATES, self._on_truth, raw=True)
+        # A controller that does not wait for the sticks lets the plant run ahead.
+        self.subscribe(PLANT_JOINT_STATES, self._on_truth, depth=HISTORY, raw=True)
 
     def check(self, parameters: GamepadParameters) -> None:
         """Check that scenario, terminal and gamepad are available, and that the log file is new."""

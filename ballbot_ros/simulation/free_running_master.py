@@ -45,6 +45,9 @@ class FreeRunningMaster(RunMaster):
     ) -> None:
         self._duty, self._duty_s = duty, self._now_s
 
+    def _note_early(self, topic: str, stamp_ns: int) -> None:
+        pass  # it is not waited for
+
     def _take_ack(self, stamp_ns: int) -> None:
         pass  # The recorder does not hold up a free-running plant.
 

@@ -77,7 +77,10 @@ class LivenessMonitor:
         if awaits_recorder:
             awaited, due_ns[RECORDER] = RECORDER, 0
         living = self._poll(max(since_s, self._called_s), self._participants())
-        found = self._roster.silences_s(self._since_call, due_ns, self._silence_s)
+        # A controller whose tick is done awaits the next one, which the plant has not sent.
+        found = self._roster.silences_s(
+            self._since_call, due_ns, self._silence_s, heeds_awaited=not awaits_recorder
+        )
         processes = {role: self._process(self._roster.members.get(role)) for role in found}
         gone = [role for role, process in processes.items() if process and process not in living]
         if gone:

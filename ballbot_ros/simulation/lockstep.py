@@ -213,16 +213,16 @@ class LockstepTicks:
         self._next_ns = stamp_ns
         return SampleReaction.RESTART
 
-    def awaited(self) -> dict[str, int]:
+    def awaited(self) -> dict[str, int | None]:
         """Return the inputs that the next tick lacks.
 
-        For each, the stamp of the newest sample that has arrived since the last tick [ns], 0 if
+        For each, the stamp of the newest sample that has arrived since the last tick [ns], None if
         none has.
         """
         now = self._start_ns if self._next_ns is None else self._next_ns
         if now is None or not self._is_open:
             return {}
-        return {name: self._received_ns.get(name, 0) for name in self.gate.missing(now)}
+        return {name: self._received_ns.get(name) for name in self.gate.missing(now)}
 
     def _due_tick(self) -> DueTick | None:
         """Return the next tick and advance to the following one, if nothing is missing."""

@@ -46,7 +46,7 @@ class LockstepMaster(RunMaster):
         if self._duty is not None or self._phase is Phase.DRAINING:
             return
         if stamp_ns != now_ns:
-            self._other_duty_ns = stamp_ns
+            self._other_ns[self._topics.duty] = stamp_ns
             return
         self._duty = duty
         self._answered_s = self._now_s
@@ -58,13 +58,17 @@ class LockstepMaster(RunMaster):
         if stamp_ns > self._plant.time_ns:
             topic = self._topics.ack
             self._participants.roster.add_objection(
-                Objection(f'{topic!r} is ahead of the run', topic, stamp_ns)
+                Objection(f'{topic!r} is ahead of the run', topic)
             )
             return
+        self._other_ns[self._topics.ack] = stamp_ns
         self._recorder.ack_ns = stamp_ns
         self._advance()
         if self._is_behind() and self._last_sent.stamp_ns <= stamp_ns and not self._is_ended:
             self._resend()
+
+    def _note_early(self, topic: str, stamp_ns: int) -> None:
+        self._other_ns[topic] = stamp_ns
 
     # Running
 
@@ -73,7 +77,7 @@ class LockstepMaster(RunMaster):
         self._recent: deque[GroundTruth] = deque(maxlen=MAX_LEAD_TICKS + 1)
         self._duties = SampleHistory(self._topics.is_same_duty)
         self._duty = None
-        self._other_duty_ns = 0
+        self._other_ns: dict[str, int] = {}
         self._answered_s = self._now_s
         self._recorder = RecorderFlow(start_ns)
         # The tick that was sent last: after a resend, it may be older than the newest.
@@ -88,7 +92,7 @@ class LockstepMaster(RunMaster):
         self._last_sent = self._truth
         if not is_resend:
             self._recent.append(self._truth)
-            self._other_duty_ns = 0
+            self._other_ns.clear()
 
     def _advance(self) -> None:
         if self._phase is Phase.DRAINING:
@@ -175,9 +179,10 @@ class LockstepMaster(RunMaster):
 
     def _wrong_stamp(self, role: str) -> str:
         """Return with which stamp a role has answered instead of the awaited one, or ''."""
-        if role == CONTROLLER and self._other_duty_ns:
-            return wrong_stamp_text(self._topics.duty, self._other_duty_ns)
-        return self._participants.roster.wrong_stamp(role)
+        topic = {CONTROLLER: self._topics.duty, RECORDER: self._topics.ack}.get(role)
+        if topic is None:
+            return self._participants.roster.wrong_stamp(role)
+        return wrong_stamp_text(topic, self._other_ns.get(topic))
 
     @property
     def _limit_s(self) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from ballbot_ros.errors import one_line
 from ballbot_ros.timing import SECOND_NS
 
 MAP_HASH = 'map_sha256'
@@ -65,6 +66,11 @@ class Objection:
     topic: str = ''
     stamp_ns: int = 0
 
+    def told_by(self, participant: Participant) -> str:
+        """Return the objection of a participant that can't continue as one line."""
+        text = one_line(self.text) or 'it cannot continue'
+        return text if text.startswith(participant.role) else f'{participant.role}: {text}'
+
     @classmethod
     def to_sample(cls, topic: str, stamp_ns: int, kind: str = 'sample') -> Objection:
         """Return the objection to a sample that no participant can have sent."""
@@ -83,17 +89,17 @@ class Announcement:
     ----------
     answered_ns : int
         The stamp of its newest sample in this run [ns], 0 before the first.
-    awaits : mapping of str to int
-        The topics whose samples it lacks for its next answer. For each, the stamp of the newest
-        sample that has arrived since its last answer [ns], which is not the awaited one; 0 if none
-        has.
+    awaits : mapping of str to int or None
+        Of a controller: the topics whose samples it lacks for its next answer. For each, the stamp
+        of the newest sample that has arrived since its last answer [ns], which is not the awaited
+        one; None if none has.
     """
 
     participant: Participant
     run: str
     answered_ns: int = 0
     objection: Objection | None = None
-    awaits: Mapping[str, int] = field(default_factory=dict)
+    awaits: Mapping[str, int | None] = field(default_factory=dict)
 
 
 class Membership(NamedTuple):

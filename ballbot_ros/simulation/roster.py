@@ -11,6 +11,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
 
+from ballbot_ros.errors import one_line
+from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
 from ballbot_ros.simulation.strangers import ANSWER_CALLS, Publisher, Strangers
 from ballbot_ros.timing import SECOND_NS
@@ -128,9 +130,11 @@ class Roster:
             return
         run.heard[participant.instance] = _Heard(announcement, self._calls)
         objection = announcement.objection
-        # Ignore it if a participant that the run can do without can't continue.
-        if objection and (objection.topic or participant.role in self._fatal):
+        if objection and objection.topic:
             self.add_objection(objection)
+        # Ignore it if a participant that the run can do without can't continue.
+        elif objection and participant.role in self._fatal:
+            self.add_objection(Objection(objection.told_by(participant)))
         if len(self._claimants(participant.role)) > 1:
             run.contests.setdefault(participant.role, self._calls)
 
@@ -292,7 +296,7 @@ class Roster:
         member = self._run.members.get(role)
         heard = self._run.heard.get(member.instance) if member else None
         objection = heard.announcement.objection if heard else None
-        return objection.text if objection and not objection.topic else ''
+        return one_line(objection.text) if objection and not objection.topic else ''
 
     def missing(self) -> list[str]:
         """Return the required roles that have no participant in this run."""
@@ -303,6 +307,8 @@ class Roster:
         since_call: int,
         due_ns: Mapping[str, int],
         silence_s: Callable[[Participant | None], float],
+        *,
+        heeds_awaited: bool = True,
     ) -> dict[str, float]:
         """Return the roles of silent participants, and the length of each silence [s].
 
@@ -315,13 +321,15 @@ class Roster:
             the roles that depend on it.
         silence_s : callable
             Returns how much of the silence counts for a participant.
+        heeds_awaited : bool
+            Whether the samples that the controller awaits are those that the plant waits for.
 
         Returns
         -------
         dict of str to float
             The participants that have answered no roll call since then, each with its own
             silence. If all have answered, the participants whose newest sample is older than due,
-            and those whose sample another one awaits; some of these may be waiting for others.
+            and those whose sample the controller awaits; some of these may be waiting for others.
         """
         run = self._run
         found = {}
@@ -335,28 +343,30 @@ class Roster:
         lacking = [
             role
             for role, heard in found.items()
-            if (heard and heard.announcement.answered_ns < due_ns[role]) or self._awaited_of(role)
+            if (heard and heard.announcement.answered_ns < due_ns[role])
+            or (heeds_awaited and self._awaited_of(role))
         ]
         return dict.fromkeys(lacking, min(silences_s[role] for role in lacking)) if lacking else {}
 
-    def _awaited_of(self, role: str) -> dict[str, int]:
-        """Return what others await of a role, as in :class:`Announcement`.
+    def _awaited_of(self, role: str) -> dict[str, int | None]:
+        """Return what the controller awaits of a role, as in :class:`Announcement`.
 
-        What a participant announced before it became silent itself does not count.
+        What it announced before it became silent itself does not count.
         """
+        controller = self._run.members.get(CONTROLLER)
+        heard = self._run.heard.get(controller.instance) if controller else None
+        if heard is None or self._calls - heard.calls >= ANSWER_CALLS:
+            return {}
         return {
             topic: stamp_ns
-            for member in self._run.members.values()
-            if (heard := self._run.heard.get(member.instance))
-            and self._calls - heard.calls < ANSWER_CALLS
             for topic, stamp_ns in heard.announcement.awaits.items()
             if role in self._owners.get(topic, ())
         }
 
     def wrong_stamp(self, role: str) -> str:
         """Return with which other stamp a role has sent a sample that is awaited, or ''."""
-        stamped = ((topic, each) for topic, each in self._awaited_of(role).items() if each)
-        return next((wrong_stamp_text(topic, each) for topic, each in stamped), '')
+        texts = (wrong_stamp_text(*each) for each in self._awaited_of(role).items())
+        return next(filter(None, texts), '')
 
     @property
     def calls(self) -> int:
@@ -381,8 +391,10 @@ class Roster:
         )
 
 
-def wrong_stamp_text(topic: str, stamp_ns: int) -> str:
-    """Return the text for a sample that has another stamp than the awaited one."""
+def wrong_stamp_text(topic: str, stamp_ns: int | None) -> str:
+    """Return the text for a sample with another stamp than the awaited one; '' for None."""
+    if stamp_ns is None:
+        return ''
     return f'its newest {topic!r} is stamped {stamp_ns / SECOND_NS:.3f} s'
 
 

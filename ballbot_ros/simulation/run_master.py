@@ -177,9 +177,11 @@ class RunMaster(ABC):
 
         A message that is a stop answers no tick, but says that the motors are off.
         """
-        if not self._is_open or stamp_ns < self._run.start_ns:
+        if not self._is_open:
             return
-        if duty is None:
+        if stamp_ns < self._run.start_ns:
+            self._note_early(self._topics.duty, stamp_ns)
+        elif duty is None:
             text = f'{self._topics.duty}: duty ignored: not whole numbers within -100 … 100 %'
             self._act(do.Log(text, do.Severity.WARNING))
         else:
@@ -188,7 +190,11 @@ class RunMaster(ABC):
     @event
     def on_ack(self, stamp_ns: int) -> None:
         """Note the newest tick that the recorder has completely [ns]."""
-        if self._is_open and stamp_ns >= self._run.start_ns:
+        if not self._is_open:
+            return
+        if stamp_ns < self._run.start_ns:
+            self._note_early(self._topics.ack, stamp_ns)
+        else:
             self._take_ack(stamp_ns)
 
     @event
@@ -449,6 +455,10 @@ class RunMaster(ABC):
             self._warn(standing.reason)
 
     # Differences between lockstep and free running
+
+    @abstractmethod
+    def _note_early(self, topic: str, stamp_ns: int) -> None:
+        """Note an answer with a stamp from before the run [ns], which does not count."""
 
     @abstractmethod
     def _take_duty(

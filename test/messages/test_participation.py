@@ -51,7 +51,7 @@ announcements = st.builds(
     run=text,
     answered_ns=count,
     objection=st.none() | st.builds(Objection, text, text, count),
-    awaits=st.dictionaries(word, count),
+    awaits=st.dictionaries(word, st.none() | count),
 )
 statuses = st.builds(
     RunStatus,

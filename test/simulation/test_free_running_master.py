@@ -211,4 +211,7 @@ def test_a_controller_that_can_not_continue_ends_the_run(role, objection, fails)
     world.wait(0.1)
     assert (world.summary is not None) == fails
     if fails:
-        assert (world.summary.outcome, world.summary.reason) == (Outcome.FAILED, objection.text)
+        assert (world.summary.outcome, world.summary.reason) == (
+            Outcome.FAILED,
+            f'controller: {objection.text}',
+        )

@@ -81,8 +81,8 @@ class Silence:
         living = {each: self.threads[each] for each in processes if each in self.threads}
         return Observation(self.now_s, living)
 
-    def _silences_s(self, call, due_ns, silence_s):
-        self.due_ns = due_ns
+    def _silences_s(self, call, due_ns, silence_s, *, heeds_awaited):
+        self.due_ns, self.heeds_awaited = due_ns, heeds_awaited
         return {role: silence_s(member) for role, member in self.silent.items()}
 
     def after(self, seconds, tick_ms=1000, *, awaits_recorder=False):

@@ -265,12 +265,12 @@ def test_it_says_which_samples_it_awaits_and_with_which_other_stamp_they_came():
     ticks.begin(START, [])
     assert ticks.awaited() == {}
     ticks.take('battery', START, b'', 0)
-    assert ticks.awaited() == {'gyro': 0, 'sonar': 0}
+    assert ticks.awaited() == {'gyro': None, 'sonar': None}
     ticks.take('gyro', START - 4 * MS, b'', 0)
     ticks.take('sonar', START, b'', 0)
     assert ticks.awaited() == {'gyro': START - 4 * MS}
     assert isinstance(ticks.take('gyro', START, b'', 0), DueTick)
-    assert ticks.awaited() == {'gyro': 0}
+    assert ticks.awaited() == {'gyro': None}
     ticks.take('gyro', START + 6 * MS, b'', 0)
     assert ticks.awaited() == {'gyro': START + 6 * MS}
     ticks.begin(START + 100 * MS, [])

@@ -372,6 +372,41 @@ def test_a_node_that_answers_with_a_wrong_stamp_is_named_with_it(role):
     )
 
 
+@pytest.mark.parametrize('stamp_ns', [0, START_NS - TICK_NS])
+def test_a_duty_from_before_the_run_is_named_with_its_stamp(stamp_ns):
+    world = LockstepWorld(duration=ENDLESS, startup_timeout=2.0)
+    world.start()
+    world.nodes[CONTROLLER].late_ns = START_NS - stamp_ns
+    world.wait(9)
+    assert world.summary.reason == (
+        "controller silent for 2 s at sim time 1.000 s: its newest 'motor_duty' is stamped "
+        f'{stamp_ns / 1e9:.3f} s'
+    )
+
+
+@pytest.mark.parametrize('late_ns', [TICK_NS, START_NS])
+def test_a_recorder_that_acknowledges_too_little_is_named_not_the_drivers(late_ns):
+    world = LockstepWorld(duration=ENDLESS, startup_timeout=2.0).start(*ROLES, RECORDER)
+    world.nodes[RECORDER].late_ns = late_ns
+    # As the project's own: its tick is done, so it awaits the next one, and the truths that are
+    # sent again give it older samples.
+    world.nodes[CONTROLLER].expects = {'gyro': START_NS}
+    world.wait(9)
+    assert world.summary.reason == (
+        "recorder silent for 2 s at sim time 1.000 s: its newest 'recorder/ack' is stamped "
+        f'{(START_NS - late_ns) / 1e9:.3f} s'
+    )
+
+
+def test_only_a_controller_says_what_it_awaits():
+    world = begun(5)
+    world.nodes[SONAR].awaits = {'gyro': 77_000_000}
+    world.nodes[SONAR].is_mute = True
+    world.wait(4)
+    assert world.summary.reason.startswith(f'{SONAR} silent for 2 s at sim time ')
+    assert 'gyro' not in world.summary.reason
+
+
 def test_what_a_node_awaited_before_it_hung_accuses_nobody():
     world = begun(5)
     world.nodes[GYRO].is_hung = True
@@ -516,7 +551,21 @@ def test_an_objection_of_a_participant_ends_the_run():
     node.objection = Objection('broken')
     world.dispatch(world.master.on_announcement, node.announcement())
     world.wait(0.2)
-    assert world.summary.reason == 'broken'
+    assert world.summary.reason == 'gyro_driver: broken'
+
+
+@pytest.mark.parametrize(
+    ('text', 'told'),
+    [('', 'it cannot continue'), ('on\nfire', 'on fire'), ('gyro_driver is full', 'is full')],
+)
+def test_an_objection_is_one_line_that_names_its_role(text, told):
+    world = begun(7)
+    node = world.nodes[GYRO]
+    node.objection = Objection(text)
+    world.dispatch(world.master.on_announcement, node.announcement())
+    world.wait(0.2)
+    name, _, reason = world.summary.reason.partition(' ')
+    assert (name.rstrip(':'), reason) == (GYRO, told)
 
 
 # The recorder

@@ -406,7 +406,7 @@ def test_a_recorder_that_can_not_continue_ends_only_a_run_that_requires_it():
     full = Announcement(a('recorder'), RUN, 0, Objection('x.mcap: No space left on device'))
     run = World((*ROLES, 'recorder')).join(*map(a, ROLES), a('recorder')).begin()
     run.roster.on_announcement(full)
-    assert is_refused(run.look(), 'x.mcap: No space left on device')
+    assert is_refused(run.look(), 'recorder: x.mcap: No space left on device')
     run = world().join(a('recorder')).begin()
     assert run.roster.reported_failure('recorder') == ''
     run.roster.on_announcement(full)
