@@ -11,6 +11,7 @@ from ballbot_ros.parameters import (
     NODES,
     PATHS,
     PLANT,
+    ROLES,
     SIMULATED,
     ParameterError,
     ParameterSet,
@@ -60,6 +61,11 @@ class AnnouncedParameters:
         """Return who took a role in the run with this name; None if nobody was announced."""
         announced = (each for each in self._participants.get(run, ()) if each.role == role)
         return next((each for each in announced if self._took_part(each, run)), None)
+
+    def foreign(self, run: str) -> dict[str, Participant]:
+        """Return the participants that are nodes of other packages, by role."""
+        found = ((role, self.participant(run, role)) for role in ROLES)
+        return {role: each for role, each in found if each and each.is_foreign}
 
     def has_parameters(self, run: str) -> bool:
         """Return whether all parameters needed to replay the run with this name were announced."""

@@ -110,7 +110,7 @@ class ComparedRun:
             path=run.path,
             outcome=assessment.outcome,
             reason=assessment.reason,
-            controller=run.attached.controller if run.attached.has_parameters else '',
+            controller=run.attached.controller,
             trusted=run.complete and assessment.outcome is not Verdict.FAILED,
             metrics=assessment.metrics,
             tables=tables,

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from ballbot_ros.analysis.announced_parameters import AnnouncedParameters
 from ballbot_ros.analysis.recorded_controller import decode_controller
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import MAX_SHOWN, BallbotError, printable
 from ballbot_ros.files import temporary_folder, write_temporary
-from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.recording.attachments import MAPS, PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
@@ -38,6 +38,8 @@ class RecordedAttachments:
         A line about each attachment that is missing or unreadable.
     files : mapping of str to AttachedFile
         The attached files.
+    external : mapping of str to str
+        By role: the programs of the participants that are nodes of other packages.
     """
 
     scenario: Scenario | None = None
@@ -47,16 +49,22 @@ class RecordedAttachments:
     floor_map: FloorMap | None = None
     notices: list[str] = field(default_factory=list)
     files: Mapping[str, AttachedFile] = field(default_factory=dict)
+    external: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def controller(self) -> str:
-        """Name of the controller."""
-        return self.parameters.of(ControllerParameters).implementation
+        """Name of the controller; '' if it is unknown."""
+        own = self.parameters.of(ControllerParameters).implementation
+        return self.external.get(CONTROLLER, own if self.has_parameters else '')
 
     def for_run(self, run: str, announced: AnnouncedParameters) -> RecordedAttachments:
         """Return the content that applies to the run with this name in ``plant/run``."""
+        external = {
+            role: printable(each.implementation[:MAX_SHOWN])
+            for role, each in announced.foreign(run).items()
+        }
         if not announced.has_parameters(run):
-            return self
+            return replace(self, external=external)
         parameters = announced.of(run, self.parameters, self.files)
         name = parameters.of(PlantParameters).map
         floor_map = self.floor_map
@@ -76,6 +84,7 @@ class RecordedAttachments:
             has_parameters=True,
             floor_map=floor_map,
             notices=notices,
+            external=external,
         )
 
 

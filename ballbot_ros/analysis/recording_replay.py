@@ -30,7 +30,6 @@ from ballbot_ros.analysis.replay import (
 from ballbot_ros.analysis.replayed_controller import (
     ReplayedController,
     choose_controller,
-    is_foreign,
 )
 from ballbot_ros.codegen.implementation import (
     implementation_for,
@@ -178,7 +177,7 @@ class RecordingReplay:
         participant = self._announced.participant(job.inputs.run.name, CONTROLLER)
         if identity := self._identity(job, participant):
             return self._choose_class(job, identity, requested)
-        if ':' in job.implementation and not (participant and is_foreign(participant)):
+        if ':' in job.implementation and not (participant and participant.is_foreign):
             raise RecordingError(
                 f'{self._recording.reader.path}: cannot replay the controller '
                 f'{printable(job.implementation)}: {CONTROLLER_INFO} is missing or cannot be read'
@@ -195,7 +194,7 @@ class RecordingReplay:
 
     def _identity(self, job: _Job, participant: Participant | None) -> ControllerIdentity | None:
         """Return what identifies a controller other than the document's; None for any other."""
-        if job.implementation in DOCUMENTS_PROGRAM or (participant and is_foreign(participant)):
+        if job.implementation in DOCUMENTS_PROGRAM or (participant and participant.is_foreign):
             return None
         announced = participant.parameters if participant else {}
         attached = decode_controller(self._recording.reader.attachments())
@@ -221,8 +220,8 @@ class RecordingReplay:
 
     def _foreign_drivers(self, job: _Job) -> list[Participant]:
         """Return the drivers of a run that are nodes of other packages."""
-        found = (self._announced.participant(job.inputs.run.name, role) for role in DRIVERS)
-        return [each for each in found if each and is_foreign(each)]
+        found = self._announced.foreign(job.inputs.run.name)
+        return [each for role, each in found.items() if role in DRIVERS]
 
     @property
     def reasons(self) -> list[str]:

@@ -27,11 +27,6 @@ class ReplayedController:
     is_portable: bool = True
 
 
-def is_foreign(participant: Participant) -> bool:
-    """Return whether a participant is a node of another package."""
-    return participant.implementation.split()[:1] != [OUR_PACKAGE]
-
-
 def choose_controller(
     participant: Participant | None,
     attached: str,
@@ -48,7 +43,7 @@ def choose_controller(
     parameters: dict[str, object] = dict(participant.parameters) if participant else {}
     recorded = str(parameters.get('implementation', attached))
     reason = ''
-    if participant and is_foreign(participant):
+    if participant and participant.is_foreign:
         recorded = participant.implementation
         reason = (
             f'its controller {recorded!r} is not part of {OUR_PACKAGE}, whose own controller '

@@ -135,10 +135,16 @@ def _facts(run: RunData) -> list[tuple[str, str]]:
     ]
     if attached.scenario:
         facts.append(('Profile', attached.scenario.profile))
-    if attached.has_parameters:
+    if attached.controller:
         facts.append(('Controller', attached.controller))
+    if attached.has_parameters:
         facts.append(('Plant model', str(run.plant.plant_model)))
         facts.append(('Seed', str(attached.parameters.of(GyroParameters).seed)))
+    facts += [
+        (f'External {role}', program)
+        for role, program in attached.external.items()
+        if role != CONTROLLER
+    ]
     return facts
 
 

@@ -50,6 +50,11 @@ class Contract:
         return self.answer is RECORDER_ACK
 
     @property
+    def repetitions(self) -> int:
+        """The number of answers when asked again: a controller may answer each repeated input."""
+        return len(INPUT_READERS) if self.role == CONTROLLER else 1
+
+    @property
     def required(self) -> tuple[Topic, ...]:
         """The topics that it must publish."""
         return (PARTICIPANTS, self.answer)

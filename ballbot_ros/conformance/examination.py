@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -13,12 +13,24 @@ from ballbot_ros.conformance.node_under_test import (
     NodeUnderTest,
     seconds,
 )
+from ballbot_ros.conformance.nominal_run import TickMessages
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.raw import same_content, stamp_of
-from ballbot_ros.messages.topics import GYRO_IMU, periodic_topics
-from ballbot_ros.parameters import CONTROLLER, RECORDER, ROLES
-from ballbot_ros.timing import SLOW_PERIOD_NS
+from ballbot_ros.messages.topics import (
+    CLOCK,
+    GYRO_IMU,
+    JOINT_STATES,
+    TOPICS,
+    Topic,
+    periodic_topics,
+)
+from ballbot_ros.parameters import CONTROLLER, DRIVERS, RECORDER, ROLES
+from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
 
-QUIET_S = 0.5
+DISCOVERY_S = 1.0
+"""Time within which a node that is running already is discovered."""
+
+QUIET_S = 0.3
 """Time for which an input is withheld; the node must not answer without it."""
 
 SILENCE_S = 2.5
@@ -74,11 +86,28 @@ def examine(role: str, bench: Bench, token: str) -> Iterator[Row]:
     ----------
     token : str
         Unique text that identifies the played plant.
+
+    Raises
+    ------
+    BallbotError
+        If another node has the role already.
     """
     node = NodeUnderTest(role, bench, token)
+    if bench.can_start:
+        _require_absence(node)
     for each in REQUIREMENTS:
         if role in each.roles:
             yield Row(each.name, each.text, *_verdict(each, node))
+
+
+def _require_absence(node: NodeUnderTest) -> None:
+    """Check that no other node would answer in the place of the one under test."""
+    topic = node.contract.answer
+    if node.bench.wait(lambda: bool(node.bench.offers(topic)), DISCOVERY_S):
+        raise BallbotError(
+            f'a node that publishes on {topic.name!r} is running already: end it, or omit COMMAND '
+            'to test it'
+        )
 
 
 def _verdict(requirement: Requirement, node: NodeUnderTest) -> tuple[Verdict, str]:
@@ -171,6 +200,7 @@ def _check_repetition(node: NodeUnderTest) -> None:
             if not is_same(before[0], data):
                 raise BreachError(f'asked again at {at}, it gives another answer')
     node.settle()
+    node.judge()
 
 
 def _check_repeated_acknowledgement(node: NodeUnderTest) -> None:
@@ -183,14 +213,28 @@ def _check_repeated_acknowledgement(node: NodeUnderTest) -> None:
 def _check_inputs(node: NodeUnderTest) -> None:
     node.join()
     node.drive(FEW)
-    node.send_next(without=[GYRO_IMU])
-    stamp_ns = node.tick.stamp_ns
-    if node.bench.wait(lambda: node.is_answered(stamp_ns), QUIET_S):
-        raise BreachError(f'it answers {seconds(stamp_ns)} before {GYRO_IMU.name!r} has come')
-    node.send_rest([GYRO_IMU])
-    if not node.await_answers(stamp_ns):
-        raise BreachError(f'{node.silence(stamp_ns)} after a late {GYRO_IMU.name!r}')
+    if node.contract.role == CONTROLLER:
+        # It need not use both, but without either it has measured nothing.
+        _check_late_inputs(node, [GYRO_IMU, JOINT_STATES])
+    else:
+        for topic in TOPICS:
+            if topic.period_ns and topic is not CLOCK:
+                _check_late_inputs(node, [topic])
     node.drive(FEW)
+
+
+def _check_late_inputs(node: NodeUnderTest, topics: Sequence[Topic]) -> None:
+    """Check that it does not answer a tick before the messages on some topics have come."""
+    period_ns = max(topic.period_ns for topic in topics)
+    while (node.tick.stamp_ns + TICK_NS) % period_ns:
+        node.ask()
+    node.send_next(without=topics)
+    stamp_ns, names = node.tick.stamp_ns, ' and '.join(repr(topic.name) for topic in topics)
+    if node.bench.wait(lambda: node.is_answered(stamp_ns), QUIET_S):
+        raise BreachError(f'it answers {seconds(stamp_ns)} before {names}')
+    node.send_rest(topics)
+    if not node.await_answers(stamp_ns):
+        raise BreachError(f'{node.silence(stamp_ns)} after {names} came late')
 
 
 def _check_roll_call(node: NodeUnderTest) -> None:
@@ -256,10 +300,10 @@ def _check_next_plant(node: NodeUnderTest) -> None:
 def _check_restart(node: NodeUnderTest) -> None:
     node.join()
     node.drive(FEW)
-    before = node.announcement().participant.instance
+    old, instance = node.tick, node.announcement().participant.instance
     node.restart()
-    if node.announcement().participant.instance == before:
-        raise BreachError(f'the restarted node has the same instance, {before!r}')
+    if node.announcement().participant.instance == instance:
+        raise BreachError(f'the restarted node has the same instance, {instance!r}')
     node.send_next()
     while node.tick.stamp_ns % SLOW_PERIOD_NS:  # up to a tick that every role answers
         node.send_next()
@@ -271,6 +315,19 @@ def _check_restart(node: NodeUnderTest) -> None:
 
     if not node.repeat_until(is_back):
         raise BreachError(f'{node.silence(stamp_ns)} after a restart')
+    if node.contract.role in DRIVERS:
+        _check_same_answer(node, old)
+
+
+def _check_same_answer(node: NodeUnderTest, tick: TickMessages) -> None:
+    """Check that a restarted driver answers as the one before."""
+    before = node.answers_to(tick.stamp_ns)
+    node.send_again(tick)
+    if not node.await_answers(tick.stamp_ns, len(before) + 1):
+        raise BreachError(f'after a restart, it does not answer {seconds(tick.stamp_ns)} again')
+    is_same = same_content(node.contract.answer.type_name)
+    if not is_same(before[0], node.answers_to(tick.stamp_ns)[-1]):
+        raise BreachError(f'after a restart, it changes its answer to {seconds(tick.stamp_ns)}')
 
 
 REQUIREMENTS = (

@@ -6,6 +6,7 @@ The functions that encode and decode messages are like those of
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -47,6 +48,7 @@ from ballbot_ros.simulation.devices import (
 )
 
 ULTRASOUND = 0
+_COUNTS = 2**31
 
 
 @dataclass(frozen=True)
@@ -118,10 +120,13 @@ def encode_encoders(stamp_ns: int, counts: tuple[int, int]) -> bytes:
 def decode_encoders(data: bytes) -> tuple[int, int]:
     """Return the counts [deg] of motors B and C from ``joint_states``.
 
-    It raises ValueError if the message has other joints.
+    It raises ValueError if the message has other joints, or a count that exceeds 32 bits.
     """
-    angle_x, angle_y = _ENCODERS.decode(data)
-    return radians_to_degrees(angle_x), radians_to_degrees(angle_y)
+    counts = tuple(radians_to_degrees(angle) for angle in _ENCODERS.decode(data))
+    for count in counts:
+        if not -_COUNTS <= count < _COUNTS:
+            raise ValueError(f'{count:.4g} degrees exceed a counter of 32 bits')
+    return counts[0], counts[1]
 
 
 def encode_sonar(stamp_ns: int, sonar_cm: int, cone_angle: float = 0.0) -> bytes:
@@ -134,7 +139,10 @@ def decode_sonar(data: bytes) -> int:
 
     It raises ValueError if the sensor's register can't hold it.
     """
-    reading = metres_to_sonar_cm(_SONAR.decode(data)[0])
+    (distance,) = _SONAR.decode(data)[:1]
+    if distance == -math.inf:
+        raise ValueError('-inf m is no distance')
+    reading = metres_to_sonar_cm(distance)
     if not NO_DATA_CM <= reading <= NO_ECHO_CM:
         raise ValueError(f'{reading} cm is not within 0 … {NO_ECHO_CM}')
     return reading

@@ -15,11 +15,12 @@ from rclpy.subscription import Subscription
 
 from ballbot_ros.conformance.bench import Offer
 from ballbot_ros.conformance.contract import CONTRACTS
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.messages.topics import HISTORY, PARTICIPANTS, TOPICS, Topic
 from ballbot_ros.nodes.base import PORTS_PERIOD_S
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
 from ballbot_ros.nodes.own_ports import OwnPorts
+from ballbot_ros.nodes.processes import exit_description
 from ballbot_ros.nodes.shared_memory import mark_dead_readers
 from ballbot_ros.nodes.topic_publisher import TopicPublisher, reliable_qos
 from ballbot_ros.stop_request import StopRequest
@@ -78,20 +79,18 @@ class ConformanceBench:
         if self._process is None:
             return 'it was not started'
         status = self._process.poll()
-        if status is None:
-            return ''
-        if status < 0:
-            return f'it was killed by {signal.Signals(-status).name}'
-        return f'it has ended with status {status}'
+        return '' if status is None else f'it {exit_description(status)}'
 
     def start(self) -> None:
         """Start the node; BallbotError if there is no such program."""
         try:
+            # Its output goes to the errors: the output is the table, or JSON.
             self._process = subprocess.Popen(
-                self._command, stdin=subprocess.DEVNULL, start_new_session=True
+                self._command, stdin=subprocess.DEVNULL, stdout=2, start_new_session=True
             )
-        except OSError as error:
-            raise BallbotError(f'{self._command[0]}: {error.strerror}') from None
+        except (OSError, ValueError) as error:  # ValueError: a null character
+            reason = getattr(error, 'strerror', None) or one_line(error)
+            raise BallbotError(f'{self._command[0]!r}: {reason}') from None
 
     def kill(self) -> None:
         """Kill the node, and the processes that it has started."""
@@ -142,7 +141,7 @@ class ConformanceBench:
             if is_done():
                 return True
             now_s = time.monotonic()
-            if now_s > deadline_s or (self.can_start and self.end):
+            if now_s > deadline_s or (self._process and self.end):
                 return False
             if self._stop.signal:
                 raise KeyboardInterrupt

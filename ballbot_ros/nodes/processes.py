@@ -106,3 +106,15 @@ class LocalProcessObserver:
     def siblings(self) -> list[int]:
         """Return the processes started by the command that started this node."""
         return children(os.getppid()) if END_WITH_PARENT in os.environ else []
+
+
+def exit_description(status: int | None) -> str:
+    """Return how a process has ended, for its exit status or negative signal number."""
+    if status is None:
+        return 'is still running'
+    if status >= 0:
+        return f'ended with status {status}'
+    try:
+        return f'was killed by {signal.Signals(-status).name}'
+    except ValueError:  # a real-time signal has no name
+        return f'was killed by signal {-status}'

@@ -13,7 +13,7 @@ from pathlib import Path
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.fork_server import NodeRequest
-from ballbot_ros.nodes.processes import threads_by_process
+from ballbot_ros.nodes.processes import exit_description, threads_by_process
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.simulation.silence_timer import SilenceTimer
 
@@ -101,12 +101,7 @@ class NodeProcess:
     @property
     def exit_description(self) -> str:
         """Description of how it ended."""
-        status = self.exit_status
-        if status is None:
-            return 'is still running'
-        if status < 0:
-            return f'was killed by {signal.Signals(-status).name}'
-        return f'ended with status {status}'
+        return exit_description(self.exit_status)
 
     @property
     def failure(self) -> str:

@@ -195,6 +195,12 @@ def _external_roles(options: RunOptions) -> tuple[str, ...]:
         )
     if RECORDER in options.external and not options.record:
         raise BallbotError(f'--no-record: contradicts --external {RECORDER}')
+    for assignment in options.assignments:
+        node = assignment.partition('.')[0]
+        if node in options.external:
+            raise BallbotError(
+                f'--set {assignment}: {node} is external; set its parameters where you start it'
+            )
     return tuple(role for role in ROLES if role in options.external)
 
 

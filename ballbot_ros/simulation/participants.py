@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from ballbot_ros.controllers.loading import OUR_PACKAGE
 from ballbot_ros.errors import one_line
 from ballbot_ros.timing import SECOND_NS
 
@@ -50,6 +51,11 @@ class Participant:
     guid_prefix: str = ''
     topics: tuple[str, ...] = ()
     parameters: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether it is a node of another package."""
+        return self.implementation.split()[:1] != [OUR_PACKAGE]
 
     def __str__(self) -> str:
         return f'{self.node} (process {self.process} on {self.host})'

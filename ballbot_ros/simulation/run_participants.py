@@ -6,12 +6,19 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from ballbot_ros.parameters import CONTROLLER, DRIVERS, RECORDER, SHARED_PARAMETERS
+from ballbot_ros.parameters import CONTROLLER, DRIVERS, NODES, RECORDER, SHARED_PARAMETERS
 from ballbot_ros.simulation.liveness import LivenessMonitor, ProcessObserver
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import MAP_HASH, Announcement, Objection, Participant
 from ballbot_ros.simulation.roster import Readiness, ReadinessState, Roster
-from ballbot_ros.simulation.run_actions import Action, CallRoll, PublishStatus, RunSummary
+from ballbot_ros.simulation.run_actions import (
+    Action,
+    CallRoll,
+    Log,
+    PublishStatus,
+    RunSummary,
+    Severity,
+)
 from ballbot_ros.simulation.strangers import Publisher
 from ballbot_ros.timing import SECOND_NS
 
@@ -105,7 +112,10 @@ class RunParticipants:
 
     def on_announcement(self, announcement: Announcement) -> None:
         """Process a participant's announcement."""
-        objection = announcement.objection
+        participant, objection = announcement.participant, announcement.objection
+        if participant.role not in NODES:
+            text = f'{participant} announces {participant.role!r}, which is not a role'
+            self._act(Log(text, Severity.WARNING, is_throttled=True))
         if objection and objection.topic and not self._is_lockstep:
             # Drop the objection: in free-running mode, a sample may have served to answer two
             # ticks.

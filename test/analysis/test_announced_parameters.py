@@ -106,4 +106,6 @@ def test_the_controller_of_a_run_is_known_even_without_its_parameters():
     found = told(other, *SIMULATED[:3], stranger, members=[*SIMULATED[:3], stranger])
     assert found.participant(RUN, CONTROLLER) == stranger
     assert found.participant('2 abc', CONTROLLER) is None
+    assert found.foreign(RUN)[CONTROLLER] == stranger
+    assert found.foreign('2 abc') == {}
     assert not found.has_parameters(RUN)

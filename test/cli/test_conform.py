@@ -81,6 +81,24 @@ def test_a_node_that_the_user_has_started_is_not_restarted(conform, start_node):
     assert errors.startswith(f'waiting for {GYRO}: start within 30 s, with ROS_DOMAIN_ID=')
 
 
+def test_a_node_that_runs_already_is_not_taken_for_the_one_under_test(conform, start_node):
+    start_node(GYRO)
+    status, output, errors = conform(GYRO, '--', *own(GYRO))
+    assert (status, output) == (2, '')
+    assert errors == (
+        "error: a node that publishes on 'gyro' is running already: end it, or omit COMMAND to "
+        'test it\n'
+    )
+
+
+def test_what_the_node_prints_is_no_part_of_the_output(conform):
+    status, output, errors = conform(GYRO, '--json', '--', 'sh', '-c', 'echo hello; kill -40 $$')
+    assert status == 1
+    assert verdicts(output)['late start'] == 'failed'
+    assert 'it was killed by signal 40' in output
+    assert errors == 'hello\n'
+
+
 def test_two_nodes_in_a_role_are_named(conform, start_node):
     for _ in range(2):
         start_node(GYRO)
@@ -94,7 +112,7 @@ def test_a_node_that_ends_is_failed_at_once(conform):
     status, output, _ = conform(GYRO, '--', sys.executable, '-c', 'raise SystemExit(3)')
     assert status == 1
     lines = output.splitlines()
-    assert lines[0].endswith('it does not join the run; it has ended with status 3')
+    assert lines[0].endswith('it does not join the run; it ended with status 3')
     assert lines[-1] == f'1 failed, {len(lines) - 2} not tested'
 
 
@@ -102,8 +120,9 @@ def test_a_mistake_is_one_line_and_exit_status_2(conform, domain):
     for words, told in (
         (['gyro'], f"'gyro' is not one of {', '.join(map(repr, ROLES))}"),
         ([], "Missing argument 'ROLE'"),
-        ([GYRO, '--', '/no/such/node'], '/no/such/node: No such file or directory'),
-        ([GYRO, '--', '/dev/null'], '/dev/null: Permission denied'),
+        ([GYRO, '--', '/no/such/node'], "'/no/such/node': No such file or directory"),
+        ([GYRO, '--', ''], "'': "),
+        ([GYRO, '--', '/dev/null'], "'/dev/null': Permission denied"),
     ):
         status, output, errors = conform(*words)
         assert (status, output) == (2, ''), errors

@@ -8,6 +8,7 @@ import pytest
 from ballbot_ros.conformance.bench import Offer
 from ballbot_ros.conformance.contract import CONTRACTS
 from ballbot_ros.conformance.examination import (
+    DISCOVERY_S,
     FEW,
     REQUIREMENTS,
     SERIES,
@@ -17,6 +18,7 @@ from ballbot_ros.conformance.examination import (
 )
 from ballbot_ros.conformance.node_under_test import START_S
 from ballbot_ros.conformance.nominal_run import nominal_run
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import encode_duty, encode_header, encode_sticks
 from ballbot_ros.messages.devices import encode_encoders, encode_gyro, encode_sonar
 from ballbot_ros.messages.participation import encode_announcement
@@ -24,10 +26,13 @@ from ballbot_ros.messages.raw import decoder, stamp_of
 from ballbot_ros.messages.topics import (
     CLOCK,
     GYRO_IMU,
+    JOINT_STATES,
     MOTOR_DUTY,
     PARTICIPANTS,
     PLANT_ODOM,
     ROLL_CALL,
+    SONAR_RANGE,
+    TOPICS,
 )
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -46,8 +51,8 @@ decode_header = decoder(ROLL_CALL.type_name)
 ANSWERS = {
     GYRO: lambda ns, tick: encode_gyro(ns, (600 + tick, 600)),
     'encoder_driver': lambda ns, tick: encode_encoders(ns, (tick, 0)),
-    SONAR: lambda ns, tick: encode_sonar(ns, 255),
-    GAMEPAD: lambda ns, tick: encode_sticks(ns, (0, 0), 'mine'),
+    SONAR: lambda ns, tick: encode_sonar(ns, tick % 255),
+    GAMEPAD: lambda ns, tick: encode_sticks(ns, (tick % 100, 0), 'mine'),
     CONTROLLER: lambda ns, tick: encode_duty(ns, (tick % 7, -tick % 5)),
     RECORDER: lambda ns, tick: encode_header(ns),
 }
@@ -96,8 +101,21 @@ class Node:
     def _is_complete_by(self, topic):
         if self.role in DRIVERS or self.fault == 'answers before its inputs':
             return topic is PLANT_ODOM
-        needed = {GYRO_IMU, MOTOR_DUTY} if self.role == RECORDER else {GYRO_IMU}
+        needed = {JOINT_STATES} if self.fault == 'uses no gyro' else {GYRO_IMU, JOINT_STATES}
+        if self.role == RECORDER:
+            needed = {
+                each
+                for each in TOPICS
+                if each.period_ns
+                and self.newest_ns % each.period_ns == 0
+                and each is not self.unneeded
+            }
         return topic in needed and needed <= self.inputs
+
+    @property
+    def unneeded(self):
+        """The topic that a careless recorder forgets."""
+        return {'forgets the duties': MOTOR_DUTY, 'forgets the sonar': SONAR_RANGE}.get(self.fault)
 
     def _answer_call(self, run):
         if self.fault == 'ignores every roll call':
@@ -167,11 +185,15 @@ class Node:
         if stamp_ns in self.given:
             if fault != 'does not repeat':
                 again = self._sample(stamp_ns, 99) if fault == 'repeats another answer' else None
-                self.send(self.contract.answer, again or self.given[stamp_ns])
+                for _ in range(3 if fault == 'answers again three times' else 1):
+                    self.send(self.contract.answer, again or self.given[stamp_ns])
             return
         self.ticks += 1
         self.answered_ns = stamp_ns
-        self.given[stamp_ns] = self._sample(stamp_ns, self.ticks)
+        number = self.ticks if self.role == CONTROLLER else tick
+        if fault == 'answers at random':
+            number += 50 * self.generation
+        self.given[stamp_ns] = self._sample(stamp_ns, number)
         for _ in range(2 if fault == 'answers twice' else 1):
             self.send(self.contract.answer, self.given[stamp_ns])
 
@@ -272,17 +294,21 @@ ALONE = {
     'sends unreadable values': ('values', DRIVERS),
     'does not repeat': ('asked again', DRIVERS),
     'answers before its inputs': ('inputs', (CONTROLLER, RECORDER)),
+    'forgets the duties': ('inputs', (RECORDER,)),
+    'forgets the sonar': ('inputs', (RECORDER,)),
+    'answers at random': ('restart', DRIVERS),
+    'answers again three times': ('asked again', DRIVERS),
     'does not say what it has answered': ('roll call', ROLES),
     'sends unasked': ('silence', SAMPLING),
     'keeps its state': ('reset', (CONTROLLER,)),
     'answers an earlier run': ('earlier run', SAMPLING),
-    'knows no earlier time': ('asked again', (GYRO,)),
     'keeps its instance': ('restart', ROLES),
     'is silent after a restart': ('restart', ROLES),
 }
 """Faults that fail the one requirement that they are about, and the roles that can have them."""
 
 WITH_OTHERS = {
+    'knows no earlier time': ('asked again', (GYRO,)),
     'misses earlier roll calls': ('late start', ROLES),
     'sends unreadable values': ('values', (CONTROLLER,)),
     'announces another role': ('announcement', ROLES),
@@ -348,7 +374,24 @@ def test_after_a_node_that_never_joins_nothing_else_is_tested():
         assert (first.verdict, first.reason) == (Verdict.FAILED, 'it does not join the run')
         assert {row.verdict for row in others} == {Verdict.NOT_TESTED}
         assert {row.reason for row in others} == {'the node has never joined a run'}
-        assert bench.limits == {START_S: 1}
+        assert bench.limits == {START_S: 1} | ({DISCOVERY_S: 1} if bench.can_start else {})
+
+
+def test_a_controller_need_not_use_the_gyro():
+    assert failed(rows_of(CONTROLLER, 'uses no gyro')) == {}
+
+
+def test_a_controller_may_answer_each_repeated_input():
+    assert failed(rows_of(CONTROLLER, 'answers again three times')) == {}
+
+
+@pytest.mark.parametrize('role', ROLES)
+def test_with_a_node_in_the_role_already_the_command_is_not_started(role):
+    bench = MemoryBench(role)
+    bench.start()
+    with pytest.raises(BallbotError, match='is running already: end it, or omit COMMAND'):
+        list(examine(role, bench, 'token'))
+    assert bench.generation == 1
 
 
 def test_a_recorder_that_does_not_repeat_itself_fails():
@@ -364,7 +407,7 @@ def test_a_recorder_that_does_not_repeat_itself_fails():
             'every stamp',
             'no answer to 1.460 s; its newest one is stamped 1',
         ),
-        (GYRO, 'answers twice', 'every stamp', 'it answers 1.300 s 2 times, asked 1 times'),
+        (GYRO, 'answers twice', 'every stamp', 'it answers 1.300 s 2 times'),
         (CONTROLLER, 'sends unreadable values', 'values', 'the duties are not whole numbers'),
         (GYRO, 'announces no topics', 'announcement', "'topics' lacks gyro"),
         (GYRO, 'is best effort', 'publishers', "'gyro' is sensor_msgs/msg/Imu, best effort, vol"),

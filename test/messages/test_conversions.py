@@ -101,6 +101,23 @@ def test_the_field_of_view_is_the_cone_of_the_driver(read):
         assert message.max_range == pytest.approx(2.54)
 
 
+def test_what_no_sensor_can_have_sent_is_refused():
+    for data, decode, told in (
+        (devices.encode_sonar(STAMP, 256), devices.decode_sonar, '256 cm is not within'),
+        (_with_range(-math.inf), devices.decode_sonar, '-inf m is no distance'),
+        (devices.encode_encoders(STAMP, (2**31, 0)), devices.decode_encoders, '32 bits'),
+        (devices.encode_encoders(STAMP, (0, 10**300)), devices.decode_encoders, '32 bits'),
+    ):
+        with pytest.raises(ValueError, match=told):
+            decode(data)
+
+
+def _with_range(distance):
+    message = decoder(SONAR_RANGE.type_name)(devices.encode_sonar(STAMP, 20))
+    message.range = distance
+    return encoder(SONAR_RANGE.type_name)(message)
+
+
 def test_no_echo_is_infinite_and_no_data_is_not_a_number(read):
     assert read(SONAR_RANGE, devices.encode_sonar(STAMP, 255)).range == math.inf
     assert math.isnan(read(SONAR_RANGE, devices.encode_sonar(STAMP, -1)).range)

@@ -1,6 +1,8 @@
 """Runs with leftover, duplicate, foreign and user-written nodes."""
 
+import json
 import signal
+import subprocess
 
 import pytest
 
@@ -8,6 +10,7 @@ rclpy = pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue  # noqa: E402
 from geometry_msgs.msg import Vector3Stamped  # noqa: E402
+from graph import BALLBOT  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 
 from ballbot_ros.messages.conversions import time_ns  # noqa: E402
@@ -21,7 +24,15 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     ROLL_CALL,
 )
 from ballbot_ros.nodes.topic_publisher import reliable_qos  # noqa: E402
-from ballbot_ros.parameters import CONTROLLER, GYRO, NODES, PLANT, RECORDER  # noqa: E402
+from ballbot_ros.parameters import (  # noqa: E402
+    CONTROLLER,
+    GAMEPAD,
+    GYRO,
+    NODES,
+    PLANT,
+    RECORDER,
+    SONAR,
+)
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 from ballbot_ros.simulation.participants import Announcement, Participant  # noqa: E402
 from ballbot_ros.simulation.trajectory import load_trajectory  # noqa: E402
@@ -171,3 +182,35 @@ def test_a_controller_without_a_state_topic_is_recorded(start_node, client, tmp_
     found = counts(tmp_path)
     assert found['/motor_duty'] == found['/gyro'] == 250
     assert '/controller/state' not in found
+    compared = subprocess.run(
+        [*BALLBOT, 'compare', '--json', tmp_path / 'own.mcap', tmp_path / 'own.mcap'],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert [run['controller'] for run in json.loads(compared.stdout)['runs']] == ['my own'] * 2
+    reported = [*BALLBOT, 'report', '--output', tmp_path / 'report', tmp_path / 'own.mcap']
+    subprocess.run(reported, capture_output=True, check=True)
+    (page,) = (tmp_path / 'report').rglob('*.html')
+    assert 'my own' in page.read_text(encoding='utf-8')
+
+
+def test_a_driver_that_lags_behind_answers_every_truth(start_node, client, tmp_path):
+    # This controller does not wait for the sonar and the sticks, so the plant runs ahead of them.
+    controller = OwnController(client.node)
+    client.watch(MOTOR_DUTY)
+    nodes = {name: start_node(name) for name in OTHERS if name != CONTROLLER}
+    recorder = start_node(RECORDER, output=tmp_path / 'own.mcap')
+    plant = start_node(PLANT, duration=1.0, real_time_factor=0.0, require_recorder='true')
+    client.spin_until(lambda: MOTOR_DUTY.name in client.newest)
+    lagging = [nodes[name].process for name in (SONAR, GAMEPAD)]
+    for process in lagging:
+        process.send_signal(signal.SIGSTOP)
+    newest = len(client.seen[MOTOR_DUTY.name])
+    client.spin_until(lambda: len(client.seen[MOTOR_DUTY.name]) > newest + 20)
+    for process in lagging:
+        process.send_signal(signal.SIGCONT)
+    client.spin_until(lambda: plant.process.poll() is not None)
+    assert controller
+    assert plant.finish() == 0, plant.output
+    recorder.interrupt()
+    found = counts(tmp_path)
+    assert (found['/gyro'], found['/sonar'], found['/gamepad']) == (250, 50, 50)

@@ -187,6 +187,7 @@ def test_how_a_node_has_ended_is_described():
         (0, False, False, 'ended with status 0'),
         (2, False, False, 'ended with status 2'),
         (-SIGKILL, False, True, 'was killed by SIGKILL'),
+        (-40, False, True, 'was killed by signal 40'),
     ):
         client = SimpleNamespace(status_of=lambda pid, status=status: status)
         node = bare(NodeProcess, name=GYRO, pid=1234, _last_error_line='', _client=client)

@@ -196,8 +196,13 @@ def test_an_external_role_that_can_not_be_is_refused():
         ('--external gyro_driver: requires nodes', {'processes': Processes.NONE}),
         ('--controller lqg: contradicts --external controller', {'controller': 'lqg'}),
         ('--no-record: contradicts --external recorder', {'record': False}),
+        (
+            '--set sonar_driver.seed=2: sonar_driver is external; set its parameters where',
+            {'assignments': ['controller.user.x=1', 'sonar_driver.seed=2']},
+        ),
     ):
         external = [told.rpartition('--external ')[2].partition(':')[0]]
+        external = ['sonar_driver'] if 'assignments' in values else external
         options = RunOptions(external=external, **values)
         assert refusal(BallbotError, RunSpec.of_scenario, 'stationary', options).startswith(told)
 

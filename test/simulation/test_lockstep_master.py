@@ -398,6 +398,15 @@ def test_a_recorder_that_acknowledges_too_little_is_named_not_the_drivers(late_n
     )
 
 
+def test_a_role_that_does_not_exist_is_told():
+    world = LockstepWorld(duration=ENDLESS).start()
+    participant = replace(make_participant(GYRO), role='gyro', instance='mine')
+    world.dispatch(world.master.on_announcement, Announcement(participant, 'any'))
+    assert world.actions(do.Log)[-1].text == (
+        "/gyro_driver (process 2 on here) announces 'gyro', which is not a role"
+    )
+
+
 def test_only_a_controller_says_what_it_awaits():
     world = begun(5)
     world.nodes[SONAR].awaits = {'gyro': 77_000_000}
