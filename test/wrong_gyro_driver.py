@@ -28,8 +28,6 @@ class WrongDriver(DeviceDriver):
             return
         self._answered.add(stamp)
         super()._on_truth(truth)
-        if 'double' in FAULTS:
-            super()._on_truth(truth)
 
 
 if 'twin' in FAULTS:

@@ -260,7 +260,8 @@ def test_a_full_disk_is_one_line_and_a_failed_run(start_run, tmp_path, processes
     assert 'Traceback' not in run.stderr
     assert run.result['outcome'] == 'failed'
     # The recording comes first, even if the picture does not fit, either.
-    assert run.result['reason'].startswith(f'{recording}: File too large')
+    teller = '' if processes == 'none' else 'recorder: '
+    assert run.result['reason'].startswith(f'{teller}{recording}: File too large')
     with RecordingReader(tmp_path / 'stationary.mcap') as reader:
         assert sum(1 for _ in reader.messages(['/plant/imu'])) > 10
 

@@ -39,8 +39,7 @@ def duties():
     return execute(RunSpec.of_scenario('stationary', options)).duty_sha256
 
 
-@pytest.mark.parametrize('processes', ['separate', 'one'])
-@pytest.mark.parametrize('role', [GYRO, CONTROLLER])
+@pytest.mark.parametrize(('processes', 'role'), [('separate', GYRO), ('one', CONTROLLER)])
 def test_the_node_of_the_user_takes_the_place(
     start_run, start_node, tmp_path, duties, processes, role
 ):
@@ -123,11 +122,9 @@ SILENT = f"{GYRO} silent for 2 s at sim time {{}} s: its newest 'gyro' is stampe
     ('late_ns', 'since_ns', 'reason'),
     [
         (TICK_NS, FIRST_TICK_NS, SILENT.format('1.000', '0.996')),
-        (-TICK_NS, FIRST_TICK_NS, SILENT.format('1.000', '1.004')),
-        (TICK_NS, 1_100_000_000, SILENT.format('1.100', '1.096')),
         (-TICK_NS, 1_100_000_000, AHEAD),
     ],
-    ids=['late', 'ahead', 'late in mid-run', 'ahead in mid-run'],
+    ids=['late', 'ahead in mid-run'],
 )
 def test_a_wrong_stamp_is_named_with_its_sender(start_run, client, late_ns, since_ns, reason):
     gyro = WrongGyro(client.node, late_ns, since_ns)

@@ -41,6 +41,7 @@ def node(monkeypatch):
         announced_values=lambda: {'code': 'abc'},
         get_fully_qualified_name=lambda: f'/{GYRO}',
         get_logger=lambda: SimpleNamespace(info=lambda text: None),
+        awaited=dict,
         output=lambda topic: SimpleNamespace(
             publish=lambda data: announced.append(decode_announcement(data))
         ),
