@@ -9,11 +9,13 @@ from pathlib import Path
 import pytest
 from graph import BALLBOT, LAST_RESORT_S, environment, without_taken_ports
 
-from ballbot_ros.conformance.examination import REQUIREMENTS
+from ballbot_ros.conformance.examination import Row, Verdict
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.parameters import GYRO, ROLES
 
 pytest.importorskip('rclpy')
+
+from ballbot_ros.run import conformance
 
 pytestmark = pytest.mark.graph
 
@@ -47,15 +49,24 @@ def verdicts(output):
     return {row['name']: row['verdict'] for row in json.loads(output)['requirements']}
 
 
-def test_a_node_of_the_project_meets_its_contract(conform):
-    status, output, errors = conform(GYRO, '--', *own(GYRO))
-    assert status == 0, output + errors
-    lines = output.splitlines()
-    expected = [each for each in REQUIREMENTS if GYRO in each.roles]
-    assert len(lines) == len(expected) + 1
-    for line, each in zip(lines, expected, strict=False):
-        assert line.split() == ['met', *each.name.split(), *each.text.split()]
-    assert lines[-1] == f'{len(expected)} met'
+def test_the_table_has_a_line_for_each_requirement(command, monkeypatch):
+    rows = [
+        Row('late start', 'joins', Verdict.NOT_TESTED, 'give the COMMAND'),
+        Row('values', 'sends values', Verdict.MET),
+        Row('restart', 'takes part', Verdict.FAILED, 'no answer to 1.140 s'),
+    ]
+    monkeypatch.setattr(conformance, 'examine', lambda role, words: rows if words else rows[1:2])
+    status, output, errors = command('conform', GYRO, '--', 'mine', '--option')
+    assert (status, errors) == (1, '')
+    assert output.splitlines() == [
+        'not tested  late start    joins: give the COMMAND',
+        'met         values        sends values',
+        'failed      restart       takes part: no answer to 1.140 s',
+        '1 met, 1 failed, 1 not tested',
+    ]
+    status, output, errors = command('conform', GYRO)
+    assert (status, output.splitlines()[-1]) == (0, '1 met')
+    assert errors.startswith(f'waiting for {GYRO}: start within 30 s')
 
 
 def test_a_wrong_node_fails_what_it_breaks_and_nothing_else(conform):

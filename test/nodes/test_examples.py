@@ -81,12 +81,3 @@ def test_a_driver_on_another_dds_measures_as_the_own_one(run_with):
     options = RunOptions(processes=Processes.NONE, record=False, assignments=SHORT)
     own = execute(RunSpec.of_scenario('stationary', options))
     assert run_with(ENCODER).result['duty_sha256'] == own.duty_sha256
-
-
-@pytest.mark.parametrize('role', FILES)
-def test_an_example_meets_the_contract(role, domain, tmp_path):
-    done = subprocess.run(
-        [*BALLBOT, 'conform', role, '--', sys.executable, EXAMPLES / FILES[role]],
-        env=environment(domain), cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout
