@@ -25,6 +25,11 @@ def short_repr(value: object) -> str:
         text = repr(value)
     except Exception:
         text = f'<{type(value).__name__}>'
+    return short_text(text)
+
+
+def short_text(text: str) -> str:
+    """Return a text without control characters, at most 100 characters of it."""
     text = printable(text)
     return text if len(text) <= MAX_SHOWN else f'{text[:MAX_SHOWN]}…'
 

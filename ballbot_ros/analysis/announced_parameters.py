@@ -26,7 +26,6 @@ class AnnouncedParameters:
     """Collects the announcements of the participants in a recording."""
 
     def __init__(self) -> None:
-        self._announcements: dict[str, list[Participant]] = {}
         self._participants: dict[str, list[Participant]] = {}
         self._members: dict[str, Mapping[str, str]] = {}
 
@@ -40,16 +39,13 @@ class AnnouncedParameters:
             announcement = decode_announcement(data)
         except ValueError:
             return
-        participant = announcement.participant
-        self._participants.setdefault(announcement.run, []).append(participant)
-        if participant.role in NODES and participant.parameters:
-            self._announcements.setdefault(announcement.run, []).append(participant)
+        self._participants.setdefault(announcement.run, []).append(announcement.participant)
 
     def _of_run(self, run: str) -> dict[str, Mapping[str, object]]:
         """Return the parameters by role, only of participants that the run status lists."""
         values: dict[str, Mapping[str, object]] = {}
-        for each in self._announcements.get(run, ()):
-            if self._took_part(each, run):
+        for each in self._participants.get(run, ()):
+            if each.role in NODES and each.parameters and self._took_part(each, run):
                 values.setdefault(each.role, each.parameters)
         return values
 
@@ -73,8 +69,8 @@ class AnnouncedParameters:
 
     def is_of_another_scenario(self, run: str) -> bool:
         """Return whether the scenario of a run differs from that of the first announced run."""
-        scenarios = [self._scenario(each) for each in (*self._announcements, run)]
-        return bool(scenarios[-1] != scenarios[0])
+        first = next(iter(self._participants), run)
+        return bool(self._scenario(run) != self._scenario(first))
 
     def _scenario(self, run: str) -> object:
         return self._of_run(run).get(PLANT, {}).get('scenario')

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ballbot_ros.analysis.announced_parameters import AnnouncedParameters
 from ballbot_ros.analysis.recorded_controller import decode_controller
-from ballbot_ros.errors import MAX_SHOWN, BallbotError, printable
+from ballbot_ros.errors import BallbotError, short_text
 from ballbot_ros.files import temporary_folder, write_temporary
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.parameters.files import read_parameter_file
@@ -60,8 +60,7 @@ class RecordedAttachments:
     def for_run(self, run: str, announced: AnnouncedParameters) -> RecordedAttachments:
         """Return the content that applies to the run with this name in ``plant/run``."""
         external = {
-            role: printable(each.implementation[:MAX_SHOWN])
-            for role, each in announced.foreign(run).items()
+            role: short_text(each.implementation) for role, each in announced.foreign(run).items()
         }
         if not announced.has_parameters(run):
             return replace(self, external=external)

@@ -151,7 +151,6 @@ class RecordingReplay:
         self._scratch, self._trusts_code = scratch, trust_attached_code
         chosen = {id(job): self._choose(job, controller) for job in self._begun}
         self.controllers = [chosen[id(job)] for job in self._jobs]
-        self._foreign = {id(job): self._foreign_drivers(job) for job in self._begun}
         self.duration = sum(job.inputs.ticks for job in self._jobs) * TICK_NS / SECOND_NS
 
     def _parameters(
@@ -226,7 +225,7 @@ class RecordingReplay:
     @property
     def reasons(self) -> list[str]:
         """Why a run is not replayed with the programs that were recorded."""
-        drivers = [each for found in self._foreign.values() for each in found]
+        drivers = [each for job in self._begun for each in self._foreign_drivers(job)]
         return [
             *dict.fromkeys(each.reason for each in self.controllers if each.reason),
             *dict.fromkeys(
@@ -244,7 +243,7 @@ class RecordingReplay:
 
     def replay_robot(self, update: ReportTime) -> ReplayResult:
         """Run the whole robot; compare all messages."""
-        foreign = {each.role for found in self._foreign.values() for each in found}
+        foreign = {each.role for job in self._begun for each in self._foreign_drivers(job)}
         topics = [topic for topic in ALL_TOPICS if topic.publisher not in foreign]
         result = self._compare('robot', self._begun, topics, self._robot_ticks, update)
         if result.difference is None:
@@ -303,7 +302,7 @@ class RecordingReplay:
         return replay_controller(self._recording, job.inputs, job.program(), comparator)
 
     def _robot_ticks(self, job: _Job, comparator: MessageComparator) -> Iterator[Tick]:
-        foreign = [each.role for each in self._foreign[id(job)]]
+        foreign = [each.role for each in self._foreign_drivers(job)]
         devices = [each for each in DEVICE_MESSAGES if each.sample.publisher in foreign]
         return replay_run(self._recording, job.inputs, job.parameters, comparator, devices)
 

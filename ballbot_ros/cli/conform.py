@@ -30,14 +30,11 @@ def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
     require_rclpy()
     from ballbot_ros.conformance.examination import Row, Verdict
     from ballbot_ros.conformance.node_under_test import START_S
-    from ballbot_ros.nodes.middleware import DOMAIN, ros_domain
     from ballbot_ros.run.conformance import examine
+    from ballbot_ros.run.graph import call_for
 
     if not command_line:
-        click.echo(
-            f'waiting for {role}: start within {START_S:g} s, with {DOMAIN}={ros_domain()}',
-            err=True,
-        )
+        click.echo(call_for([role], START_S), err=True)
     rows: list[Row] = []
     console = Console(highlight=False, markup=False)
     colours = {Verdict.MET: 'green', Verdict.FAILED: 'red', Verdict.NOT_TESTED: 'yellow'}

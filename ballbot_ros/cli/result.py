@@ -11,7 +11,7 @@ from rich.text import Text
 
 from ballbot_ros.analysis.metrics import Judgement, number
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity
-from ballbot_ros.errors import MAX_SHOWN, printable
+from ballbot_ros.errors import short_text
 from ballbot_ros.former_names import FORMER_METRICS, FORMER_RESULT_KEYS, with_former_names
 from ballbot_ros.parameters import ControllerParameters, GyroParameters
 from ballbot_ros.run.result import RunResult
@@ -102,7 +102,7 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
     for row in result.participants:
         if row['role'] in spec.external:
             since = f', since {row["since_s"]:.3f} s' if row['successor'] else ''
-            program = printable(str(row['implementation'])[:MAX_SHOWN])
+            program = short_text(str(row['implementation']))
             text = f'external  {row["role"]}: {row["node"]}{since}, {program}'
             console.print(text, soft_wrap=True)
     for label, path in (('recording', result.recording), ('picture', result.figure)):

@@ -132,8 +132,7 @@ def _check_late_start(node: NodeUnderTest) -> None:
 
 
 def _check_announcement(node: NodeUnderTest) -> None:
-    node.join()
-    node.drive(FEW)
+    node.begin_run(FEW)
     participant = node.announcement().participant
     if not participant.node.startswith('/'):
         raise BreachError(f'its name is {participant.node!r}, not fully qualified as in /name')
@@ -155,8 +154,7 @@ def _check_announcement(node: NodeUnderTest) -> None:
 
 
 def _check_publishers(node: NodeUnderTest) -> None:
-    node.join()
-    node.drive(1)
+    node.begin_run(1)
     required = node.contract.required
     for topic in dict.fromkeys((*required, *node.contract.topics)):
         offers = node.bench.offers(topic)
@@ -169,13 +167,11 @@ def _check_publishers(node: NodeUnderTest) -> None:
 
 
 def _check_every_stamp(node: NodeUnderTest) -> None:
-    node.join()
-    node.drive(SERIES)
+    node.begin_run(SERIES)
 
 
 def _check_values(node: NodeUnderTest) -> None:
-    node.join()
-    node.drive(SERIES)
+    node.begin_run(SERIES)
     for data in node.answers():
         node.read(data)
 
@@ -211,8 +207,7 @@ def _check_repeated_acknowledgement(node: NodeUnderTest) -> None:
 
 
 def _check_inputs(node: NodeUnderTest) -> None:
-    node.join()
-    node.drive(FEW)
+    node.begin_run(FEW)
     if node.contract.role == CONTROLLER:
         # It need not use both, but without either it has measured nothing.
         _check_late_inputs(node, [GYRO_IMU, JOINT_STATES])
@@ -238,8 +233,7 @@ def _check_late_inputs(node: NodeUnderTest, topics: Sequence[Topic]) -> None:
 
 
 def _check_roll_call(node: NodeUnderTest) -> None:
-    node.join()
-    node.drive(FEW)
+    node.begin_run(FEW)
     newest_ns = node.tick.stamp_ns
     due_ns = newest_ns - newest_ns % node.contract.period_ns
     answered_ns = node.announcement().answered_ns
@@ -248,8 +242,7 @@ def _check_roll_call(node: NodeUnderTest) -> None:
 
 
 def _check_silence(node: NodeUnderTest) -> None:
-    node.join()
-    node.drive(FEW)
+    node.begin_run(FEW)
     before = len(node.answers())
     node.bench.wait(lambda: False, SILENCE_S)
     sent = node.answers()[before:]
@@ -261,8 +254,7 @@ def _check_silence(node: NodeUnderTest) -> None:
 def _check_reset(node: NodeUnderTest) -> None:
     if node.contract.role != CONTROLLER:
         for _ in range(2):
-            node.join()
-            node.drive(SERIES)
+            node.begin_run(SERIES)
         return
     first, second = _duties(node), _duties(node)
     for elapsed_ns, duty in first.items():
@@ -275,14 +267,12 @@ def _check_reset(node: NodeUnderTest) -> None:
 
 def _duties(node: NodeUnderTest) -> dict[int, object]:
     """Return the duties of a run by the time since its start [ns]."""
-    node.join()
-    node.drive(LONG)
+    node.begin_run(LONG)
     return {stamp_of(data) - node.run.start_ns: node.read(data) for data in node.answers()}
 
 
 def _check_earlier_run(node: NodeUnderTest) -> None:
-    node.join()
-    node.drive(FEW)
+    node.begin_run(FEW)
     old = node.tick
     node.join()
     node.send_again(old)
@@ -290,16 +280,13 @@ def _check_earlier_run(node: NodeUnderTest) -> None:
 
 
 def _check_next_plant(node: NodeUnderTest) -> None:
-    node.join()
-    node.drive(FEW)
+    node.begin_run(FEW)
     node.replace_plant()
-    node.join()
-    node.drive(FEW)
+    node.begin_run(FEW)
 
 
 def _check_restart(node: NodeUnderTest) -> None:
-    node.join()
-    node.drive(FEW)
+    node.begin_run(FEW)
     old, instance = node.tick, node.announcement().participant.instance
     node.restart()
     if node.announcement().participant.instance == instance:

@@ -157,6 +157,11 @@ class NodeUnderTest:
 
     # Ticks
 
+    def begin_run(self, ticks: int) -> None:
+        """Let the node join another run, and drive through its first ticks."""
+        self.join()
+        self.drive(ticks)
+
     def drive(self, ticks: int) -> None:
         """Send some ticks, each after the answer to the one before; judge the answers."""
         for _ in range(ticks):

@@ -139,7 +139,7 @@ def decode_sonar(data: bytes) -> int:
 
     It raises ValueError if the sensor's register can't hold it.
     """
-    (distance,) = _SONAR.decode(data)[:1]
+    distance = _SONAR.decode(data)[0]
     if distance == -math.inf:
         raise ValueError('-inf m is no distance')
     reading = metres_to_sonar_cm(distance)

@@ -118,9 +118,8 @@ class BallbotNode(ParameterNode[P]):
     ) -> Subscription:
         """Subscribe to `topic`; with `raw` the callback receives the serialised message.
 
-        The subscription to a periodic topic gets no earlier messages, even if
-        the topic is latched: the plant sends again what the node has missed, and the node must not
-        answer older ticks.
+        The subscription to a periodic topic gets no earlier messages, even if the topic is latched:
+        the plant sends again what the node has missed, and the node must not answer older ticks.
         """
         if raw:
             receive = callback

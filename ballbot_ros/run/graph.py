@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from ballbot_ros.nodes.middleware import (
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.parameters import PLANT, RECORDER, ParameterSet
 from ballbot_ros.run.attachments import attachments_of
+from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.spec import RunSpec
 
 RCLError = rclpy_implementation.RCLError
@@ -82,11 +83,13 @@ def graph_parameters(spec: RunSpec, recording: Path | None, scratch: Path) -> Pa
     return parameters
 
 
-def call_for_external(spec: RunSpec) -> str:
-    """Return the line that asks the user to start his nodes, '' if the run starts all."""
-    if not spec.external:
-        return ''
-    return (
-        f'waiting for {", ".join(spec.external)}: start within {spec.plant.startup_timeout:g} s, '
-        f'with {DOMAIN}={ros_domain()}'
-    )
+def call_for(roles: Iterable[str], limit_s: float) -> str:
+    """Return the line that asks the user to start nodes of his own within a time [s]."""
+    where = f'with {DOMAIN}={ros_domain()}'
+    return f'waiting for {", ".join(roles)}: start within {limit_s:g} s, {where}'
+
+
+def call_for_external(spec: RunSpec, observer: RunObserver) -> None:
+    """Ask the user to start the nodes that a run leaves to him, if any."""
+    if spec.external:
+        observer.notice(call_for(spec.external, spec.plant.startup_timeout))

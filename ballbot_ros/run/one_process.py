@@ -40,8 +40,7 @@ def run_in_one_process(
     recorder: Recorder | None = None
     with ros():
         try:
-            if call := call_for_external(spec):
-                observer.notice(call)
+            call_for_external(spec, observer)
             plant = PlantSim(parameters.of(PlantParameters))
             nodes.append(plant)
             others = [name for name in spec.nodes if name not in (PLANT, RECORDER)]

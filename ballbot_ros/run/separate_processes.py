@@ -55,8 +55,7 @@ def run_in_separate_processes(
         def should_stop() -> bool:
             return bool(stop.signal) or is_replaced()
 
-        if call := call_for_external(spec):
-            observer.notice(call)
+        call_for_external(spec, observer)
         processes, failure = run_nodes(
             client, spec.nodes, parameters, scratch, observer, should_stop
         )

@@ -50,10 +50,7 @@ class InputGate:
 
     def ready(self, stamp_ns: int) -> bool:
         """Return whether every input due at `stamp_ns` has arrived."""
-        return all(
-            stamp_ns % period or self.stamp(name) == stamp_ns
-            for name, period in self._periods.items()
-        )
+        return not self.missing(stamp_ns)
 
     def missing(self, stamp_ns: int) -> list[str]:
         """Return the inputs due at `stamp_ns` that have not arrived."""
