@@ -142,7 +142,8 @@ def _discovery() -> str:
         )
     if process.returncode:
         raise FailedCheckError(' '.join(output.split()) or f'ended with {process.returncode}')
-    return output.strip()
+    # The middleware may have logged something before, such as a port that is taken.
+    return output.strip().rpartition('\n')[2]
 
 
 def _arithmetic() -> str:

@@ -206,6 +206,7 @@ def test_discovery_works_only_if_its_process_says_so(monkeypatch):
     monkeypatch.setattr(machine_checks.subprocess, 'Popen', Probe)
     for status, output, failure in (
         (0, 'found in 0.1 s\n', ''),
+        (0, 'Fast DDS: a port is taken\nfound in 0.1 s\n', ''),
         (1, 'no\nnodes\n', 'no nodes'),
         (-signal.SIGALRM, '', 'the middleware did not respond within '),
         (-signal.SIGSEGV, '', f'ended with {-signal.SIGSEGV}'),
