@@ -1,3 +1,25 @@
-"""The LEGO NXT Ballbot as a ROS 2 node graph."""
+"""The LEGO NXT Ballbot as a ROS 2 node graph, and as a library: ``import ballbot_ros as bb``."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ballbot_ros.analysis.run import Run
+    from ballbot_ros.run.library import linear_model, loop, open, simulate  # noqa: A004
 
 __version__ = '0.1.0'
+
+__all__ = ['Run', 'linear_model', 'loop', 'open', 'simulate']
+
+
+def __getattr__(name: str) -> Any:
+    # Imported at their first use, so that a node's start does not wait for them.
+    if name not in __all__:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(import_module(f'{__name__}.run.library'), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, '__version__'])

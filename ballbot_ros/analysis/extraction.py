@@ -33,6 +33,7 @@ from ballbot_ros.messages.topics import (
     CONTROLLER_STATE,
     DIAGNOSTICS,
     GYRO_IMU,
+    JOINT_STATES,
     LCD,
     MAP,
     MOTOR_DUTY,
@@ -71,6 +72,7 @@ STAMPED_TOPICS: Mapping[Topic, tuple[str, int, Callable[[Any], Sequence[Any]]]] 
     MOTOR_DUTY: ('f', 2, lambda m: (m.vector.x, m.vector.y)),
     CONTROLLER_STATE: ('f', 6, lambda m: (*m.position.T[:4], *m.velocity.T[[1, 3]])),
     GYRO_IMU: ('f', 2, lambda m: (m.angular_velocity.y, m.angular_velocity.x)),
+    JOINT_STATES: ('f', 2, lambda m: m.position.T[:2]),
     SONAR_RANGE: ('f', 2, lambda m: (m.range, m.field_of_view)),
     BATTERY_STATE: ('f', 1, lambda m: (m.voltage,)),
 }
@@ -79,7 +81,7 @@ them from a record array of messages.
 
 Pitch and pitch rate of planes x, y [rad, rad/s]; position x, y [m]; motor rate x, y [rad/s] and
 torque x, y [N·m]; duty x, y [%]; the estimates of ``controller/state`` [rad] and its pitch rates
-x, y [rad/s]; gyro x, y with offset [rad/s]; distance [m]; voltage [V].
+x, y [rad/s]; gyro x, y with offset [rad/s]; encoder x, y [rad]; distance [m]; voltage [V].
 """
 
 
@@ -328,5 +330,7 @@ def _wanted(topics: RobotTopics, notices: list[str]) -> dict[str, Topic]:
         elif name in topics.by_name:
             wanted[name] = topic
         elif topic in STAMPED_TOPICS:
-            notices.append(f'Topic {name} not found; figures and metrics that need it are missing.')
+            notices.append(
+                f'Topic {name} not found; figures, metrics and columns that need it are missing.'
+            )
     return wanted

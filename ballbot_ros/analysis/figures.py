@@ -1,9 +1,8 @@
-"""The picture next to a run's recording: its motion against time, and its track."""
+"""The figure of a run: its motion against time, and its track."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,10 +21,11 @@ from ballbot_ros.analysis.drawing import (
     shade_intervals,
 )
 from ballbot_ros.analysis.interval import Interval
-from ballbot_ros.analysis.style import BLUE, WIDTH, Line, new_figure, png_of
+from ballbot_ros.analysis.style import BLUE, WIDTH, Line, new_figure
 from ballbot_ros.analysis.table import track_columns
 from ballbot_ros.scenario.signal import Segment
 from ballbot_ros.simulation.trajectory import Trajectory
+from ballbot_ros.world.exports import OccupancyGrid
 from ballbot_ros.world.floor_map import FloorMap
 
 if TYPE_CHECKING:
@@ -37,32 +37,31 @@ MIN_TRACK_RANGE_CM = 5.0
 
 def draw_motion(
     trajectory: Trajectory,
-    path: Path,
     title: str,
     hold_time: float,
     segments: Iterable[Segment] = (),
-    floor_map: FloorMap | None = None,
-) -> None:
+    floor: FloorMap | OccupancyGrid | None = None,
+) -> Figure:
     """Draw position, body pitch and duty against time, like the document's figures 8-2 and 8-3.
 
     With a map, or if the ball moves in both planes, the track is drawn next to them. The gyro
     calibration, up to `hold_time` [s], is shaded, and so are the segments of the sticks; both are
-    named. `path` is the PNG to write.
+    named.
     """
     position = trajectory.position
     with_track = len(position) > 0 and (
-        floor_map is not None or np.ptp(position[:, 1]) * 100.0 > MIN_TRACK_RANGE_CM
+        floor is not None or np.ptp(position[:, 1]) * 100.0 > MIN_TRACK_RANGE_CM
     )
     figure = new_figure(12.0 if with_track else WIDTH, 6.0, title)
     history: Figure | SubFigure = figure
     if with_track:
         history, beside = np.asarray(figure.subfigures(1, 2, width_ratios=(8, 5)))
         track = beside.subplots()
-        draw_floor(track, floor_map)
+        draw_floor(track, floor)
         draw_track(track, track_columns(position), Line(BLUE))
         legend_above(track)
     _draw_history(history, trajectory, _intervals(trajectory, hold_time, segments))
-    path.write_bytes(png_of(figure))
+    return figure
 
 
 def _intervals(

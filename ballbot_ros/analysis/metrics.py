@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +50,21 @@ class Judgement:
 def number(value: float) -> float | None:
     """Return `value`, or None if it is not finite, since JSON has no NaN or infinity."""
     return value if math.isfinite(value) else None
+
+
+def with_judgements(
+    metrics: Mapping[str, float], judgements: Iterable[Judgement]
+) -> Iterator[tuple[str, float, Judgement | None]]:
+    """Yield each metric, its value, and the judgement of the whole run by it; then the windows'."""
+    judgements = list(judgements)
+    whole = {
+        each.expectation.metric: each for each in judgements if each.expectation.covers_whole_run
+    }
+    for name, value in metrics.items():
+        yield name, value, whole.get(name)
+    for each in judgements:
+        if not each.expectation.covers_whole_run:
+            yield each.expectation.metric, each.value, each
 
 
 def judge(

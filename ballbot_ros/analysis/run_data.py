@@ -22,13 +22,16 @@ from ballbot_ros.analysis.recorded_attachments import RecordedAttachments, read_
 from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.errors import one_line
 from ballbot_ros.messages.conversions import map_grid
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.writer import RUN_OUTCOME
 from ballbot_ros.scenario.metrics import Floats
+from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.world.exports import OccupancyGrid
@@ -105,6 +108,8 @@ class RunData:
         Whether the run is as long as its parameter `duration`, or the duration is unknown.
     notices : tuple of str
         Notices for the reader of a report.
+    failure : str
+        Why the run failed, as recorded at its end; '' if it did not, or if it is unknown.
     """
 
     path: Path
@@ -124,6 +129,7 @@ class RunData:
     reached_end: bool
     notices: tuple[str, ...]
     plant: PlantParameters = field(default_factory=PlantParameters)
+    failure: str = ''
 
     @property
     def name(self) -> str:
@@ -182,6 +188,7 @@ def read_run(
         attached = read_attachments(recording)
         extraction = extract(recording, progress)
         damage = recording.damage
+        outcome = recording.metadata().get(RUN_OUTCOME, {})
     runs = extraction.runs
     if number is None:
         number = len(runs)
@@ -228,7 +235,14 @@ def read_run(
         reached_end=bool(reached_end),
         notices=tuple(notices),
         plant=plant,
+        failure=_failure(outcome) if number == len(runs) else '',
     )
+
+
+def _failure(outcome: Mapping[str, str]) -> str:
+    """Return why the last run of a file failed; '' if it did not."""
+    failed = outcome.get('outcome') == Outcome.FAILED.value
+    return one_line(outcome.get('reason', '')) if failed else ''
 
 
 def _series(extraction: Extraction, run: RecordedRun) -> dict[Topic, Series]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from dataclasses import dataclass
+from functools import cache
 from io import BytesIO
 from typing import TYPE_CHECKING
 
@@ -34,12 +35,22 @@ PLANES = (Line(BLUE, label='plane x'), Line(ORANGE, 1.0, '--', 'plane y'))
 """The curves of planes x and y."""
 
 
-def new_figure(width: float, height: float, title: str = '') -> Figure:
-    """Return a figure of this size [inch], with its title on as many lines as it needs."""
+@cache
+def _figure_class() -> type[Figure]:
     # Imported here, so that the start of a run does not wait for the import, which takes a second.
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout='constrained')
+    class ShownFigure(Figure):
+        """A figure that a notebook shows, whether or not it uses pyplot."""
+
+        _repr_png_ = png_of
+
+    return ShownFigure
+
+
+def new_figure(width: float, height: float, title: str = '') -> Figure:
+    """Return a figure of this size [inch], with its title on as many lines as it needs."""
+    figure = _figure_class()(figsize=(width, height), layout='constrained')
     if title:
         letters = int(width * _TITLE_LETTERS_PER_INCH)
         figure.suptitle(textwrap.fill(title, letters, break_on_hyphens=False))

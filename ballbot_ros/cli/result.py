@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ballbot_ros.analysis.metrics import Judgement, number
+from ballbot_ros.analysis.metrics import Judgement, number, with_judgements
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity
 from ballbot_ros.errors import short_text
 from ballbot_ros.former_names import FORMER_METRICS, FORMER_RESULT_KEYS, with_former_names
@@ -74,16 +74,8 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
     table.add_column('value', justify='right')
     table.add_column('expected')
     table.add_column('')
-    whole = {
-        each.expectation.metric: each
-        for each in result.judgements
-        if each.expectation.covers_whole_run
-    }
-    for name, value in result.metrics.items():
-        _add_metric(table, name, value, whole.get(name), marked=result.is_complete)
-    for each in result.judgements:
-        if not each.expectation.covers_whole_run:
-            _add_metric(table, each.expectation.metric, each.value, each, marked=result.is_complete)
+    for name, value, judgement in with_judgements(result.metrics, result.judgements):
+        _add_metric(table, name, value, judgement, marked=result.is_complete)
     table.add_section()
     if result.real_time_factor:
         table.add_row('real-time factor', f'{result.real_time_factor:.1f}', '', '')

@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
+from linecache import getline
 from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import Any
@@ -19,6 +20,7 @@ from typing import Any
 from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.controllers.controller import Controller, tasks_of
 from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.controllers.excerpt import EXCERPT_SUFFIX
 from ballbot_ros.controllers.source import Source
 from ballbot_ros.errors import BallbotError, one_line, short_repr
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
@@ -93,7 +95,7 @@ class ControllerCode:
         """Return the innermost line of a traceback in this code; '' if there is none."""
         for frame in reversed(traceback.extract_tb(trace)):
             if self.has(Path(frame.filename)):
-                return f'{public_path(frame.filename)}:{frame.lineno}'
+                return shown_line(frame.filename, frame.lineno or 0)
         return ''
 
 
@@ -301,6 +303,12 @@ def public_path(path: str | Path) -> str:
     """Return a path without folders that are private: from the current folder, or only its name."""
     shown = Path(shown_path(path))
     return shown.name if shown.is_absolute() else str(shown)
+
+
+def shown_line(path: str, number: int) -> str:
+    """Return a line of code as shown; with its text if the user has not seen the file."""
+    text = f' ({getline(path, number).strip()})' if path.endswith(EXCERPT_SUFFIX) else ''
+    return f'{public_path(path)}:{number}{text}'
 
 
 def shown_path(path: str | Path) -> str:

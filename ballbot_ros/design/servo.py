@@ -10,6 +10,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.design.linear_model import ideal_loop
 from ballbot_ros.design.state_feedback import lqr
 from ballbot_ros.plant.model import Matrix, PhysicalParameters, state_space
 
@@ -70,7 +71,7 @@ def design_servo(
     a_bar[4, 0] = 1.0
     b_bar = np.vstack([b, [[0.0]]])
     gain = lqr(a_bar, b_bar, np.diag(q_diagonal), [[r]])
-    loop = control.ss(a_bar, b_bar, gain, [[0.0]])
+    loop = ideal_loop(p, gain[0])
     gains, phase, _, _, phase_at, _ = control.stability_margins(loop, returnall=True)
     lower = max((float(gain) for gain in gains if gain < 1.0), default=0.0)
     upper = min((float(gain) for gain in gains if gain > 1.0), default=math.inf)

@@ -1,6 +1,8 @@
-"""Assignments of parameters: ``node.param=value``."""
+"""Assignments of parameters: ``node.param=value``, or values by ``node.param``."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 from ballbot_ros.parameters.parameter import ParameterError
 from ballbot_ros.parameters.parameter_set import ParameterSet
@@ -24,3 +26,18 @@ def assign(parameters: ParameterSet, assignment: str) -> None:
     is_text = row is not None and isinstance(row.default, str)
     value = text if is_text else parse_value(text)
     parameters.set(node, name, value, f'--set {assignment}')
+
+
+def assign_values(parameters: ParameterSet, values: Mapping[str, object]) -> None:
+    """Set parameters to values by ``node.param``, such as ``{'controller.k_thetadot': 300}``.
+
+    Raises
+    ------
+    ParameterError
+        If a node, name or value is not allowed.
+    """
+    for target, value in values.items():
+        node, dot, name = target.partition('.')
+        if not (dot and node and name):
+            raise ParameterError(f'{target!r} is not of the form node.param')
+        parameters.set(node, name, value)

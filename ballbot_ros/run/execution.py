@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ballbot_ros.analysis.figures import draw_motion
 from ballbot_ros.analysis.metrics import judge, measure
+from ballbot_ros.analysis.style import png_of
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.observer import LogObserver, RunObserver
@@ -111,14 +112,14 @@ def _with_figure(spec: RunSpec, world: World | None, result: RunResult, path: Pa
     scenario = spec.scenario
     controller = f', {spec.controller.cls.__name__}' if spec.controller else ''
     try:
-        draw_motion(
+        figure = draw_motion(
             result.trajectory,
-            path,
             f'{scenario.name}{controller}: {scenario.purpose}',
             spec.plant.hold_time,
             (*scenario.vertical.segments, *scenario.horizontal.segments),
             world.map if world else None,
         )
+        path.write_bytes(png_of(figure))
     except OSError as error:
         with suppress(OSError):
             path.unlink()

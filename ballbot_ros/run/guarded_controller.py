@@ -30,7 +30,7 @@ from ballbot_ros.codegen.implementation import Implementation, implementation_fo
 from ballbot_ros.controllers.controller_program import TickTimes
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState, PlaneEstimates
-from ballbot_ros.controllers.loading import LoadedController, public_path
+from ballbot_ros.controllers.loading import LoadedController, shown_line
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, threads_by_process
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
@@ -196,7 +196,7 @@ class _Child:
             text = os.pread(self._stack.fileno(), 2**16, 0).decode(errors='replace')
         for path, line in _FRAME.findall(text):
             if self._loaded.code.has(Path(path)):
-                return f': {public_path(path)}:{line} does not return'
+                return f': {shown_line(path, int(line))} does not return'
         return ''
 
 

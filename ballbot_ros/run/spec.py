@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from ballbot_ros.parameters import (
     RecorderParameters,
     SupervisorParameters,
 )
-from ballbot_ros.parameters.assignment import assign
+from ballbot_ros.parameters.assignment import assign, assign_values
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.scenario.library import load_profile, load_scenario
@@ -41,7 +41,7 @@ class RunOptions:
     """Settings of a run that apply to any scenario.
 
     In order of increasing precedence: profile, scenario, `parameter_file`, `real_time_factor` and
-    `seed`, `assignments`, `controller`.
+    `seed`, `values`, `assignments`, `controller`.
 
     Attributes
     ----------
@@ -56,6 +56,10 @@ class RunOptions:
         default.
     seed : int or None
         Seed of the device noise; None for the one in scenario or parameter file.
+    values : mapping of str to object
+        Values of parameters, by ``node.param``.
+    assignments : sequence of str
+        The same as texts, ``node.param=value``.
     external : sequence of str
         Roles that programs of the user take.
     output : Path or None
@@ -68,6 +72,7 @@ class RunOptions:
     real_time_factor: float | None = None
     default_real_time_factor: float | None = 0.0
     seed: int | None = None
+    values: Mapping[str, object] = field(default_factory=dict)
     assignments: Sequence[str] = ()
     controller: str | None = None
     external: Sequence[str] = ()
@@ -215,6 +220,7 @@ def _apply(options: RunOptions, parameters: ParameterSet) -> None:
         parameters.set(PLANT, 'real_time_factor', factor, '--real-time-factor')
     if options.seed is not None:
         parameters.set(GYRO, 'seed', options.seed, '--seed')
+    assign_values(parameters, options.values)
     for assignment in options.assignments:
         assign(parameters, assignment)
     if options.controller is not None:

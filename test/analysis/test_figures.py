@@ -1,9 +1,9 @@
 """The picture of a run: all its text is legible."""
 
 import numpy as np
-import pytest
 
-from ballbot_ros.analysis import figures
+from ballbot_ros.analysis.figures import draw_motion
+from ballbot_ros.analysis.style import png_of
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 from ballbot_ros.scenario.signal import Segment
 from ballbot_ros.simulation.trajectory import Trajectory
@@ -11,38 +11,26 @@ from ballbot_ros.simulation.trajectory import Trajectory
 LONGEST = max((f'{name}: {load_scenario(name).purpose}' for name in scenario_names()), key=len)
 
 
-@pytest.fixture
-def draw(tmp_path, monkeypatch):
-    """Return a function that draws a trajectory and returns the figure."""
-    drawn = []
-
-    def keep(figure):
-        drawn.append(figure)
-        return png_of(figure)
-
-    png_of = figures.png_of
-    monkeypatch.setattr(figures, 'png_of', keep)
-
-    def draw(title='', segments=()):
-        time = np.linspace(0.0, 2.0, 501)
-        # Curves fill the axes to every corner: wherever a legend might be, there is a curve.
-        waves = np.stack([np.sin(20.0 * time), np.cos(20.0 * time)], axis=1) * 0.02
-        trajectory = Trajectory(time, waves, waves, (waves * 5000.0).astype(np.int8))
-        figures.draw_motion(trajectory, tmp_path / 'run.png', title, 1.0, segments)
-        drawn[-1].draw_without_rendering()  # Positions at the figure's own resolution.
-        return drawn[-1]
-
-    return draw
+def draw(title='', segments=()):
+    """Return the figure of a trajectory, as written to a file."""
+    time = np.linspace(0.0, 2.0, 501)
+    # Curves fill the axes to every corner: wherever a legend might be, there is a curve.
+    waves = np.stack([np.sin(20.0 * time), np.cos(20.0 * time)], axis=1) * 0.02
+    trajectory = Trajectory(time, waves, waves, (waves * 5000.0).astype(np.int8))
+    figure = draw_motion(trajectory, title, 1.0, segments)
+    assert png_of(figure).startswith(b'\x89PNG')
+    figure.draw_without_rendering()  # Positions at the figure's own resolution.
+    return figure
 
 
-def test_the_longest_shipped_heading_is_not_cut_off(draw):
+def test_the_longest_shipped_heading_is_not_cut_off():
     figure = draw(LONGEST)
     extent = figure._suptitle.get_window_extent()
     assert 0.0 <= extent.x0 < extent.x1 <= figure.bbox.x1
     assert ' '.join(figure.get_suptitle().split()) == LONGEST
 
 
-def test_the_legend_covers_no_curve(draw):
+def test_the_legend_covers_no_curve():
     axes = draw().axes
     legends = [each.get_legend() for each in axes if each.get_legend()]
     assert legends
@@ -50,5 +38,5 @@ def test_the_legend_covers_no_curve(draw):
         assert not any(legend.get_window_extent().overlaps(each.bbox) for each in axes)
 
 
-def test_a_dollar_sign_is_not_mathtext(draw):
+def test_a_dollar_sign_is_not_mathtext():
     draw(r'costs $5^ or {$6_', [Segment(r'$\forward$', ((0.5, 0.0), (1.5, 10.0)))])

@@ -7,6 +7,7 @@ import math
 import signal
 import threading
 from contextlib import nullcontext
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -173,11 +174,11 @@ def test_a_picture_that_can_not_be_written_fails_a_run_that_passed(tmp_path):
 
 
 def test_a_picture_that_is_written_in_part_is_removed(tmp_path, monkeypatch):
-    def draw(trajectory, path, *_):
-        path.write_bytes(b'\x89PNG')
+    def write(path, data):
+        path.write_text(data.decode('latin-1')[:4])
         raise OSError(errno.ENOSPC, 'No space left on device')
 
-    monkeypatch.setattr(execution, 'draw_motion', draw)
+    monkeypatch.setattr(Path, 'write_bytes', write)
     result = execute(spec_of('stationary', 'plant_sim.duration=1', output=tmp_path, record=False))
     assert result.figure_failure == f'{tmp_path}/stationary.png: No space left on device'
     assert not tmp_path.exists()

@@ -1,0 +1,208 @@
+"""A run to look at: its verdict, metrics, signals and figure."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import shutil
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ballbot_ros.analysis.assessment import ExpectationResult, assess
+from ballbot_ros.analysis.figures import draw_motion
+from ballbot_ros.analysis.frame import frame_of
+from ballbot_ros.analysis.metrics import with_judgements
+from ballbot_ros.analysis.page import render_template
+from ballbot_ros.analysis.report import banner, metric_text
+from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.analysis.style import png_of
+from ballbot_ros.analysis.verdict import Verdict
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.parameters import DOCUMENTS_PROGRAM
+from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+_SUFFIX = '.mcap'
+_PIXELS_PER_INCH = 96
+
+
+class Run:
+    """A simulated or recorded run.
+
+    :func:`ballbot_ros.simulate` and :func:`ballbot_ros.open` return it. In a notebook, it shows its
+    metrics and its figure.
+
+    Parameters
+    ----------
+    path : Path
+        Its recording.
+    number : int or None
+        Number of the run in a recording of several, from 1; None for the last one.
+    folder : TemporaryDirectory or None
+        The folder of the recording, if it is removed together with this object.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such recording, or no such run in it.
+    """
+
+    def __init__(
+        self, path: Path, number: int | None = None, folder: TemporaryDirectory[str] | None = None
+    ) -> None:
+        self._folder = folder
+        self._data = read_run(path, number)
+        self._assessment = assess(self._data)
+
+    def __repr__(self) -> str:
+        """Return name and verdict."""
+        reason = f': {self.reason}' if self.reason else ''
+        return f'<Run {self.name}, {self.verdict}{reason}>'
+
+    @property
+    def name(self) -> str:
+        """Name of the scenario or the recording."""
+        return self._data.name
+
+    @property
+    def passed(self) -> bool:
+        """Whether the run is complete and all expectations of its scenario are met."""
+        return self.verdict is Verdict.PASSED
+
+    @property
+    def verdict(self) -> Verdict:
+        """The result in one word."""
+        return self._assessment.outcome
+
+    @property
+    def reason(self) -> str:
+        """Why the run did not pass, on one line; empty if it passed."""
+        return self._assessment.reason
+
+    @property
+    def metrics(self) -> Mapping[str, float]:
+        """The value of each metric, by name; NaN if the data are missing.
+
+        The names end in the unit. The page on reports has their meanings.
+        """
+        return self._assessment.metrics
+
+    @property
+    def expectations(self) -> tuple[ExpectationResult, ...]:
+        """The expectations of the scenario, with the measured values and verdicts."""
+        return self._assessment.expectations
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """True position and body pitch, and duty, as arrays."""
+        return self._data.trajectory
+
+    @cached_property
+    def duty_sha256(self) -> str | None:
+        """SHA-256 of all int8 duty pairs, which identifies the run; None if a tick is missing."""
+        if not (self._data.intact and self._data.plant.lockstep):
+            return None
+        return hashlib.sha256(self.trajectory.duty.astype(np.int8).tobytes()).hexdigest()
+
+    def frame(self) -> pandas.DataFrame:
+        """Return all signals as a data frame, one row per tick of 4 ms.
+
+        The index `time_s` is the time since the start [s]. The columns, each for the planes ``x``
+        and ``y``:
+
+        ============================ ===========================================================
+        ``position_x_m``             true position of the ball
+        ``pitch_x_deg``              true body pitch
+        ``pitch_rate_x_deg_per_s``   its rate
+        ``motor_rate_x_deg_per_s``   true rate of the motor
+        ``motor_torque_x_n_m``       true torque of the motor
+        ``duty_x_percent``           duty
+        ``gyro_x_deg_per_s``         reading of the gyro, with its offset
+        ``encoder_x_deg``            reading of the encoder
+        ``estimated_position_x_m``   estimate of the controller, NaN until it balances
+        ``estimated_pitch_x_deg``    estimate of the controller, NaN until it balances
+        ============================ ===========================================================
+
+        ``distance_m`` (infinite without an echo), ``battery_v`` and ``operating_state`` are the
+        same for both planes. Distance and battery voltage keep their newest value. A signal that
+        was not recorded has no column.
+
+        Raises
+        ------
+        BallbotError
+            If pandas is not installed.
+        """
+        return frame_of(self._data)
+
+    def plot(self) -> Figure:
+        """Return a figure of position, body pitch and duty against time.
+
+        If the ball moves in both planes, or has a map, the track is next to them. A notebook shows
+        the figure; in a program, ``run.plot().savefig('run.png')`` writes it.
+        """
+        run, scenario = self._data, self._data.attached.scenario
+        controller = run.attached.controller.rpartition(':')[2]
+        name = '' if controller in ('', *DOCUMENTS_PROGRAM) else f', {controller}'
+        purpose = f': {scenario.purpose}' if scenario else ''
+        return draw_motion(
+            run.trajectory,
+            f'{run.name}{name}{purpose}',
+            run.plant.hold_time,
+            (*scenario.vertical.segments, *scenario.horizontal.segments) if scenario else (),
+            run.floor,
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the recording to a file, which replaces an existing one.
+
+        It is the file that the node graph writes: ``ballbot`` and other ROS 2 tools read it.
+
+        Parameters
+        ----------
+        path : str or path-like
+            Its name ends in ``.mcap``.
+
+        Raises
+        ------
+        BallbotError
+            If it has another ending, or can't be written.
+        """
+        target = Path(path)
+        if target.suffix != _SUFFIX:
+            raise BallbotError(f'{target}: the name of a recording ends in {_SUFFIX}')
+        partial = target.with_name(f'{target.name}.part')
+        try:
+            shutil.copyfile(self._data.path, partial)
+            partial.replace(target)
+        except OSError as error:
+            partial.unlink(missing_ok=True)
+            raise BallbotError(f'{target}: {error.strerror}') from None
+        return target
+
+    def _repr_html_(self) -> str:
+        metrics = {name: value for name, value in self.metrics.items() if name in METRICS}
+        verdicts = {each.judgement: each.verdict for each in self.expectations}
+        rows = [
+            (metric_text(name, value), judgement, judgement and verdicts[judgement])
+            for name, value, judgement in with_judgements(metrics, verdicts)
+            if judgement or not math.isnan(value)
+        ]
+        figure = self.plot()
+        return render_template(
+            'run.html',
+            run=self,
+            banner=banner(self._data),
+            rows=rows,
+            figure=png_of(figure),
+            width=round(figure.get_figwidth() * _PIXELS_PER_INCH),
+        )

@@ -1,0 +1,231 @@
+"""The package as a library: simulate runs, open recordings, get the linear model.
+
+Its functions are those of the package itself: ``import ballbot_ros as bb``.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ballbot_ros.analysis.run import Run
+from ballbot_ros.controllers.controller import Controller
+from ballbot_ros.controllers.excerpt import reference_to
+from ballbot_ros.errors import BallbotError, short_repr
+from ballbot_ros.files import temporary_folder
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    GYRO,
+    ControllerParameters,
+    ParameterSet,
+    PlantParameters,
+)
+from ballbot_ros.parameters.assignment import assign_values
+from ballbot_ros.parameters.controller import MODEL, USER
+from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.plant.model import PhysicalParameters
+from ballbot_ros.run.observer import LogObserver
+from ballbot_ros.run.offline import run_offline
+from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.spec import RunOptions, RunSpec
+from ballbot_ros.simulation.outcome import Outcome
+
+if TYPE_CHECKING:
+    import control
+
+Parameters = Mapping[str, object] | str | os.PathLike[str]
+"""Values of parameters by ``node.param``, such as ``{'plant_sim.body_mass': 0.6}``, or a file."""
+
+
+def simulate(
+    scenario: str | os.PathLike[str] = 'stationary',
+    controller: str | type[Controller[Any]] | Controller[Any] | None = None,
+    *,
+    seed: int | None = None,
+    profile: str | None = None,
+    parameters: Parameters | None = None,
+) -> Run:
+    """Run a scenario in this process, without ROS.
+
+    The motor duties are those of the node graph, bit for bit. The random numbers depend on the seed
+    only, so the same arguments give the same run.
+
+    Parameters
+    ----------
+    scenario : str or path-like
+        Name of a shipped scenario, or a scenario file.
+    controller : str, class, Controller or None
+        None for the scenario's, which is the document's control program unless it sets another. A
+        text is one for the option ``--controller``: ``'lqg'``, ``'FILE.py:Class'``. Of an instance,
+        the run uses class, parameters and design model, and makes its own instance. The class may
+        be defined in a notebook.
+    seed : int or None
+        Seed of the device noise; None for the scenario's.
+    profile : str or None
+        Device profile, ``'ideal'`` or ``'hardware'``; None for the scenario's.
+    parameters : mapping or path-like or None
+        Values that override the scenario: by ``node.param``, such as ``{'plant_sim.duration': 60}``
+        or ``{'controller.user.kp': 3}``, or a parameter file.
+
+    Returns
+    -------
+    Run
+        Also if the robot falls or the controller fails: see `verdict` and `reason`. A failure is
+        logged as a warning, too.
+
+    Raises
+    ------
+    BallbotError
+        If an argument is not valid, or the run ends before its first tick; the message is one line.
+    KeyboardInterrupt
+        If it is interrupted; the run is lost.
+    """
+    values = {} if controller is None else _values_of(controller)
+    if seed is not None:
+        values[f'{GYRO}.seed'] = _plain(seed)
+    file, overrides = _split(parameters)
+    options = RunOptions(
+        processes=Processes.NONE,
+        profile=profile,
+        parameter_file=file,
+        values={**values, **overrides},
+    )
+    spec = RunSpec.of_scenario(os.fspath(scenario), options)
+    folder = temporary_folder()
+    path = Path(folder.name, f'{spec.name}.mcap')
+    result = run_offline(spec, path, LogObserver())
+    if result.outcome is Outcome.STOPPED:
+        signal.raise_signal(result.failure_status - 128)  # now with its usual effect
+    if not result.ticks:
+        raise BallbotError(result.failure)
+    return Run(path, folder=folder)
+
+
+def open(path: str | os.PathLike[str], number: int | None = None) -> Run:  # noqa: A001
+    """Open the recording of a run, from the node graph or from :meth:`Run.save`.
+
+    Parameters
+    ----------
+    number : int or None
+        Number of the run in a recording of several, from 1; None for the last one.
+
+    Raises
+    ------
+    RecordingError
+        If it is not a recording of a ballbot, or has no such run. Of a damaged file, the part
+        before the damage is read.
+    """
+    return Run(Path(path), number)
+
+
+def linear_model(parameters: Parameters | None = None) -> control.StateSpace:
+    """Return the linear model of one plane (3.24), without friction of its own or devices.
+
+    Parameters
+    ----------
+    parameters : mapping or path-like or None
+        Physical values of ``plant_sim`` other than the document's: see :func:`simulate`.
+
+    Returns
+    -------
+    control.StateSpace
+        Input: the motor voltage `v` [V]. States and outputs: the ball angle `theta` and the body
+        pitch `psi` [rad], and their rates `theta_dot` and `psi_dot` [rad/s].
+
+    Raises
+    ------
+    BallbotError
+        If a parameter is not valid.
+    """
+    from ballbot_ros.design.linear_model import plane_model  # its import takes two seconds
+
+    return plane_model(_physical(_parameter_set(parameters)))
+
+
+def loop(parameters: Parameters | None = None) -> control.StateSpace:
+    """Return the loop of one plane, opened at the motor voltage, for margins and Bode diagrams.
+
+    It is the ideal loop of section 4.2: state feedback in continuous time with the document's
+    structure, ``k_f`` on the states of :func:`linear_model` and ``k_i`` on the integral of `theta`.
+    The program that runs also samples, filters and rounds, so its margins are smaller.
+
+    Parameters
+    ----------
+    parameters : mapping or path-like or None
+        Physical values of ``plant_sim``, and gains ``controller.k_f`` and ``controller.k_i``, other
+        than the document's: see :func:`simulate`.
+
+    Returns
+    -------
+    control.StateSpace
+        From the motor voltage `v` [V] to the voltage `v_fb` [V] that the feedback subtracts: the
+        closed loop is ``control.feedback(loop)``.
+
+    Raises
+    ------
+    BallbotError
+        If a parameter is not valid.
+    """
+    from ballbot_ros.design.linear_model import ideal_loop
+
+    values = _parameter_set(parameters)
+    gains = values.of(ControllerParameters)
+    return ideal_loop(_physical(values), (*gains.k_f, gains.k_i))
+
+
+def _values_of(
+    controller: str | type[Controller[Any]] | Controller[Any],
+) -> dict[str, object]:
+    """Return the parameters that select a controller, and those that an instance has."""
+    implementation = f'{CONTROLLER}.implementation'
+    if isinstance(controller, str):
+        return {implementation: controller}
+    if isinstance(controller, type) and issubclass(controller, Controller):
+        return {implementation: reference_to(controller)}
+    if not isinstance(controller, Controller):
+        raise BallbotError(
+            f'controller: {short_repr(controller)} is not a name, a subclass of '
+            f'{Controller.__module__.rpartition(".")[0]}.{Controller.__name__}, or its instance'
+        )
+    name = type(controller).__name__
+    if controller.settings != ControllerParameters():
+        raise BallbotError(
+            f'controller: the settings of {name} are those of the scenario; set them by '
+            "parameters={'controller.…': …}"
+        )
+    values: dict[str, object] = {implementation: reference_to(type(controller))}
+    for prefix, own in ((USER, controller.parameters), (MODEL, controller.model)):
+        for each in fields(own):
+            values[f'{CONTROLLER}.{prefix}{each.name}'] = getattr(own, each.name)
+    return values
+
+
+def _split(parameters: Parameters | None) -> tuple[Path | None, dict[str, object]]:
+    """Return the file and the values that parameters are given by."""
+    if parameters is None:
+        return None, {}
+    if isinstance(parameters, Mapping):
+        return None, {str(name): _plain(value) for name, value in parameters.items()}
+    return Path(parameters), {}
+
+
+def _parameter_set(parameters: Parameters | None) -> ParameterSet:
+    file, values = _split(parameters)
+    found = read_parameter_file(file) if file else ParameterSet()
+    assign_values(found, values)
+    return found
+
+
+def _physical(parameters: ParameterSet) -> PhysicalParameters:
+    return PhysicalParameters.from_parameters(parameters.of(PlantParameters))
+
+
+def _plain(value: object) -> object:
+    """Return a number or array of numpy as the number or list that parameters are made of."""
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value

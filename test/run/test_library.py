@@ -1,0 +1,315 @@
+"""The package as a library: ``import ballbot_ros as bb``."""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+
+import control
+import numpy as np
+import pandas
+import pytest
+
+import ballbot_ros as bb
+from ballbot_ros.analysis.verdict import ExpectationVerdict, Verdict
+from ballbot_ros.controllers import Controller, quantity
+from ballbot_ros.controllers.lqg import LQG
+from ballbot_ros.design.servo import design_servo
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.parameters import ControllerParameters, PlantParameters
+from ballbot_ros.plant.model import PhysicalParameters, state_space
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.run import library
+from ballbot_ros.run.execution import execute
+from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.spec import RunOptions, RunSpec
+from ballbot_ros.simulation.golden import load_golden
+
+SHORT = {'plant_sim.duration': 1.2}
+
+
+@dataclass(frozen=True)
+class Gains:
+    """The parameters of the controllers below."""
+
+    duty: float = quantity(0.0, '%', (-100, 100), 'duty')
+
+
+class Constant(Controller[Gains]):
+    """Returns its parameter, from 1 s on."""
+
+    def tick(self, readings):
+        return (round(self.parameters.duty) if readings.elapsed_ms >= 1000 else 0), 0
+
+
+class Failing(Controller):
+    """Fails at 0.4 s."""
+
+    def tick(self, readings):
+        return 1 // (400 - readings.elapsed_ms), 0
+
+
+class FailingAtOnce(Controller):
+    """Fails at its first tick."""
+
+    def tick(self, readings):
+        raise RuntimeError('no')
+
+
+@pytest.fixture(scope='module')
+def stationary():
+    return bb.simulate('stationary')
+
+
+@pytest.fixture(scope='module')
+def hardware():
+    return bb.simulate('autonomous', profile='hardware', seed=3)
+
+
+def test_a_run_is_that_of_the_command(stationary, tmp_path):
+    options = RunOptions(processes=Processes.NONE, output=tmp_path)
+    result = execute(RunSpec.of_scenario('stationary', options))
+    assert stationary.duty_sha256 == result.duty_sha256 == load_golden().scenarios['stationary']
+    assert (stationary.verdict, stationary.reason) == (Verdict.PASSED, '')
+    assert stationary.passed
+    assert repr(stationary) == '<Run stationary, passed>'
+    for name, value in result.metrics.items():
+        assert stationary.metrics[name] == pytest.approx(value, rel=1e-9, nan_ok=True), name
+    assert [each.verdict for each in stationary.expectations] == [ExpectationVerdict.MET] * 4
+    saved = stationary.save(tmp_path / 'saved.mcap')
+    # Only the set pace differs: the command's run is as fast as possible because it says so.
+    assert messages(saved) == messages(result.recording)
+
+
+def messages(path):
+    """Return all messages of a recording but the announced parameters, and what is attached."""
+    with RecordingReader(path) as reader:
+        assert reader.complete
+        content = [
+            (raw.topic, raw.stamp_ns, raw.data)
+            for batch in reader.batches()
+            for raw in map(batch.message, range(len(batch)))
+            if raw.topic != '/participants'
+        ]
+        return content, {name: file.data for name, file in reader.attachments().items()}
+
+
+def test_a_saved_run_opens_as_the_same_run(hardware, tmp_path):
+    path = tmp_path / 'x.mcap'
+    path.write_text('former')
+    assert hardware.save(os.fspath(path)) == path
+    again = bb.open(path)
+    assert again.metrics == pytest.approx(hardware.metrics, nan_ok=True)
+    assert again.duty_sha256 == hardware.duty_sha256
+    assert again.name == 'x'
+    pandas.testing.assert_frame_equal(again.frame(), hardware.frame())
+    assert [each.name for each in tmp_path.iterdir()] == ['x.mcap']
+    assert again.save(path) == path  # onto itself
+    assert bb.open(path, 1).passed == hardware.passed
+    with pytest.raises(RecordingError, match=r'run 2 not found; the file has run 1'):
+        bb.open(path, 2)
+
+
+def test_the_same_arguments_give_the_same_run():
+    def duties(**arguments):
+        return bb.simulate('hardware_standing', parameters=SHORT, **arguments).duty_sha256
+
+    assert duties(seed=3) == duties(seed=np.int64(3)) != duties(seed=4)
+
+
+def test_parameters_override_the_scenario(tmp_path):
+    file = tmp_path / 'own.yaml'
+    file.write_text('plant_sim:\n  ros__parameters: {duration: 1.2, start_pitch_x: 0.01}\n')
+    by_file = bb.simulate(parameters=file)
+    values = {'plant_sim.duration': np.float32(1.25), 'plant_sim.start_pitch_x': 0.01}
+    by_value = bb.simulate(parameters=values)
+    assert len(by_file.trajectory.time) == 300
+    assert len(by_value.trajectory.time) == 312
+    assert by_file.trajectory.psi[0, 0] == by_value.trajectory.psi[0, 0] == pytest.approx(0.01)
+
+
+def test_a_controller_is_given_by_name_class_or_instance():
+    by_name = bb.simulate(controller='lqg', parameters=SHORT)
+    by_class = bb.simulate(controller=LQG, parameters=SHORT)
+    assert by_name.duty_sha256 == by_class.duty_sha256
+    assert by_class.duty_sha256 == bb.simulate(controller=LQG(), parameters=SHORT).duty_sha256
+    assert by_name.duty_sha256 != bb.simulate(parameters=SHORT).duty_sha256
+
+
+def test_an_instance_brings_its_parameters_and_its_design_model():
+    def last_duty(controller, **parameters):
+        run = bb.simulate(controller=controller, parameters={**SHORT, **parameters})
+        return run.trajectory.duty[-1, 0]
+
+    assert last_duty(Constant) == 0
+    assert last_duty(Constant(Gains(duty=7.0))) == 7
+    assert last_duty(Constant(Gains(duty=7.0)), **{'controller.user.duty': 9}) == 9
+    heavy = PhysicalParameters.from_parameters(PlantParameters(body_mass=0.9))
+    models = [LQG(), LQG(model=heavy)]
+    first, second = (bb.simulate(controller=each, parameters=SHORT) for each in models)
+    assert first.duty_sha256 != second.duty_sha256
+    with pytest.raises(BallbotError, match=r'controller\.user\.duty: 300\.0 is not within -100'):
+        bb.simulate(controller=Constant(Gains(duty=300.0)))
+
+
+def test_a_run_that_fails_is_returned_up_to_there(caplog, tmp_path):
+    run = bb.simulate(controller=Failing())
+    told = 'ZeroDivisionError: integer division or modulo by zero (Failing.tick at 0.400 s)'
+    assert (run.verdict, run.passed) == (Verdict.FAILED, False)
+    assert run.reason.startswith('controller: ')
+    assert run.reason.endswith(told)
+    assert caplog.messages == [run.reason]
+    assert len(run.trajectory.time) == 100
+    assert told in run._repr_html_()
+    assert bb.open(run.save(tmp_path / 'failed.mcap')).reason == run.reason
+    with pytest.raises(BallbotError, match='RuntimeError: no'):
+        bb.simulate(controller=FailingAtOnce)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'told'),
+    [
+        ({'scenario': 'nope'}, "unknown scenario 'nope'"),
+        ({'profile': 'x'}, "unknown profile 'x'; known: ideal, hardware"),
+        ({'seed': -1}, r'gyro_driver\.seed: -1 is not within 0'),
+        ({'seed': 1.5}, r'gyro_driver\.seed: 1\.5 is not a whole number'),
+        ({'controller': 'nope'}, "no controller 'nope'"),
+        ({'controller': 3}, 'controller: 3 is not a name, a subclass of ballbot_ros.controllers.C'),
+        ({'controller': int}, "controller: <class 'int'> is not a name"),
+        (
+            {'controller': Constant(settings=ControllerParameters(k_thetadot=3.0))},
+            'the settings of Constant are those of the scenario',
+        ),
+        ({'parameters': {'duration': 1}}, "'duration' is not of the form node.param"),
+        ({'parameters': {'plant_sim.nope': 1}}, "plant_sim has no parameter 'nope'"),
+        ({'parameters': {'plant_sim.duration': 0}}, r'plant_sim\.duration is 0'),
+        ({'parameters': {'recorder.output': 'x'}}, r'recorder\.output cannot be set'),
+        ({'parameters': '/nope.yaml'}, '/nope.yaml: No such file'),
+    ],
+)
+def test_a_mistake_is_told_on_one_line(arguments, told):
+    with pytest.raises(BallbotError, match=told) as refusal:
+        bb.simulate(**arguments)
+    assert '\n' not in str(refusal.value)
+
+
+def test_an_interruption_ends_the_program_as_usual(monkeypatch):
+    class Interrupting(library.LogObserver):
+        def update(self, elapsed_s):
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(library, 'LogObserver', Interrupting)
+    with pytest.raises(KeyboardInterrupt):
+        bb.simulate()
+
+
+def test_a_run_is_saved_only_where_it_can_be(stationary, tmp_path):
+    with pytest.raises(BallbotError, match=r'x\.csv: the name of a recording ends in \.mcap'):
+        stationary.save(tmp_path / 'x.csv')
+    with pytest.raises(BallbotError, match=r'x\.mcap: No such file or directory'):
+        stationary.save(tmp_path / 'nope' / 'x.mcap')
+    with pytest.raises(RecordingError, match='No such file'):
+        bb.open(tmp_path / 'x.mcap')
+
+
+def test_a_frame_has_every_signal_with_its_unit(hardware):
+    frame = hardware.frame()
+    trajectory = hardware.trajectory
+    assert frame.index.name == 'time_s'
+    assert frame.index[1] == 0.004
+    assert len(frame) == len(trajectory.time)
+    for number, plane in enumerate('xy'):
+        np.testing.assert_array_equal(frame[f'position_{plane}_m'], trajectory.position[:, number])
+        np.testing.assert_allclose(
+            frame[f'pitch_{plane}_deg'], np.degrees(trajectory.psi)[:, number]
+        )
+        np.testing.assert_array_equal(frame[f'duty_{plane}_percent'], trajectory.duty[:, number])
+        # The brick's devices count in whole degrees.
+        for name in (f'gyro_{plane}_deg_per_s', f'encoder_{plane}_deg'):
+            np.testing.assert_array_equal(frame[name], np.rint(frame[name]))
+        assert frame[f'gyro_{plane}_deg_per_s'].between(500, 700).all()
+        assert math.isnan(frame[f'estimated_pitch_{plane}_deg'].iloc[0])
+        assert not math.isnan(frame[f'estimated_pitch_{plane}_deg'].iloc[-1])
+    # Means over 0.1 s, because the rate rings from tick to tick.
+    rate = pandas.Series(np.gradient(frame['pitch_x_deg'], 0.004), frame.index).rolling(25).mean()
+    assert rate.corr(frame['pitch_rate_x_deg_per_s'].rolling(25).mean()) > 0.99
+    assert frame['distance_m'].min() < 1.0
+    assert np.isinf(frame['distance_m']).any()
+    assert frame['battery_v'].between(6, 9).all()
+    assert frame['operating_state'].iloc[0] == 'calibration'
+    assert set(frame['operating_state']) >= {'calibration', 'balance', 'forward', 'rightward'}
+    assert {str(kind) for kind in frame.drop(columns='operating_state').dtypes} == {'float64'}
+
+
+def test_a_signal_of_20_ms_keeps_its_newest_value(hardware):
+    distance = hardware.frame()['distance_m']
+    changes = np.flatnonzero(distance.to_numpy()[1:] != distance.to_numpy()[:-1]) + 1
+    assert len(changes) > 10
+    assert not distance.isna().any()
+    assert set(changes % 5) == {0}
+
+
+def test_a_frame_without_pandas_says_how_to_get_it(stationary, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'pandas', None)
+    with pytest.raises(BallbotError, match='pandas not found: install it with `pip install'):
+        stationary.frame()
+
+
+def test_a_notebook_shows_table_and_figure(hardware):
+    page = hardware._repr_html_()
+    for text in ('<td style="text-align: left">wall clearance</td>', '✓', 'data:image/png;base64,'):
+        assert text in page
+    for absent in ('nan', 'None', 'tick jitter'):
+        assert absent not in page.partition('<img')[0]
+    figure = hardware.plot()
+    assert figure._repr_png_().startswith(b'\x89PNG')
+    assert figure.get_suptitle().startswith('autonomous: ')
+    controlled = bb.simulate(controller=Constant, parameters=SHORT).plot()
+    assert controlled.get_suptitle().startswith('stationary, Constant: ')
+
+
+def test_the_linear_model_is_that_of_the_plant():
+    physical = PhysicalParameters.from_parameters(PlantParameters())
+    a, b = state_space(physical)
+    model = bb.linear_model()
+    np.testing.assert_array_equal(model.A, a)
+    np.testing.assert_array_equal(model.B, b[:, :1])
+    assert (model.input_labels, model.output_labels) == (
+        ['v'], ['theta', 'psi', 'theta_dot', 'psi_dot'],
+    )  # fmt: skip
+    assert model.state_labels == model.output_labels
+    heavier = bb.linear_model({'plant_sim.body_mass': 1.0})
+    assert not np.array_equal(heavier.A, a)
+
+
+def test_the_loop_closes_to_the_poles_of_the_design():
+    design = design_servo(PhysicalParameters.from_parameters(PlantParameters()))
+    *k_f, k_i = design.gain
+    closed = control.feedback(bb.loop({'controller.k_f': k_f, 'controller.k_i': k_i}))
+    np.testing.assert_allclose(
+        np.sort_complex(closed.poles()), np.sort_complex(design.poles), rtol=1e-6
+    )
+    low, *_ = control.stability_margins(bb.loop())
+    assert low == pytest.approx(design.gain_margins[0], rel=1e-3)
+    with pytest.raises(BallbotError, match='k_f'):
+        bb.loop({'controller.k_f': [1.0]})
+
+
+def test_the_package_imports_nothing_before_its_first_use():
+    code = (
+        'import json, sys, ballbot_ros as bb\n'
+        'before = [each for each in ("numpy", "ballbot_ros.run") if each in sys.modules]\n'
+        'bb.simulate\n'
+        'after = [each for each in ("rclpy", "control", "matplotlib") if each in sys.modules]\n'
+        'print(json.dumps([before, after, dir(bb)]))'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, check=True)
+    before, after, names = json.loads(done.stdout)
+    assert (before, after) == ([], [])
+    assert names == ['Run', '__version__', 'linear_model', 'loop', 'open', 'simulate']
+    with pytest.raises(AttributeError, match="module 'ballbot_ros' has no attribute 'nope'"):
+        bb.nope  # noqa: B018
