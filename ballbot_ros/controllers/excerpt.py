@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from textwrap import dedent
 from types import FunctionType, ModuleType
 from typing import Any, get_origin
 
@@ -88,7 +89,7 @@ def _folder() -> TemporaryDirectory[str]:
 
 @dataclass(frozen=True)
 class _Statement:
-    """A statement at the top level of the notebook or program."""
+    """A statement of the notebook or program outside functions and classes."""
 
     node: ast.stmt
     text: str
@@ -206,11 +207,20 @@ def _top_level(main: ModuleType) -> dict[str, _Statement]:
     for text in _texts(main):
         with suppress(SyntaxError):
             lines = text.splitlines()
-            for node in ast.parse(text).body:
+            for node in _statements(ast.parse(text)):
                 first = min([node.lineno, *(d.lineno for d in getattr(node, 'decorator_list', ()))])
-                statement = _Statement(node, '\n'.join(lines[first - 1 : node.end_lineno]))
-                found |= dict.fromkeys(_bound_by(node), statement)
+                own = dedent('\n'.join(lines[first - 1 : node.end_lineno]))
+                found |= dict.fromkeys(_bound_by(node), _Statement(node, own))
     return found
+
+
+def _statements(parent: ast.AST) -> Iterator[ast.stmt]:
+    """Yield the statements outside functions and classes, also those in conditions and loops."""
+    for node in ast.iter_child_nodes(parent):
+        if isinstance(node, ast.stmt):
+            yield node
+        if not isinstance(node, _Definition | ast.expr):
+            yield from _statements(node)
 
 
 def _texts(main: ModuleType) -> list[str]:

@@ -116,6 +116,14 @@ def test_the_newest_definition_counts(notebook):
         excerpt_of(former)
 
 
+def test_a_class_in_a_condition_or_loop_counts(notebook):
+    main = notebook(
+        f'if True:\n    try:\n        {IMPORTS}\n    finally:\n        pass',
+        'for gain in 1, 2:\n    ' + CLASS.format(duty='gain').replace('\n', '\n    '),
+    )
+    assert first_duty(main.Mine) == 2
+
+
 def test_annotations_are_kept(notebook):
     main = notebook(
         f'from __future__ import annotations\nfrom typing import Literal\n{IMPORTS}\n'
