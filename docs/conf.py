@@ -37,9 +37,11 @@ suppress_warnings = ['ref.python']
 # GitHub's anchors of headings: `architecture.md#where-is-`.
 myst_heading_anchors = 4
 
-# Notebooks are executed at each build, and an exception in a cell fails it.
+# Notebooks are executed at each build; an exception in a cell is a warning, which fails the build.
+# They run in a temporary folder, so that their files do not stay in the source tree.
 nb_execution_mode = 'force'
-nb_execution_raise_on_error = True
+nb_execution_in_temp = True
+nb_execution_show_tb = True
 nb_execution_timeout = 300
 
 autodoc_default_options = {'members': True, 'show-inheritance': True}
