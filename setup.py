@@ -123,6 +123,12 @@ setup(
             'imageio-ffmpeg>=0.5',
             'playwright>=1.50',
         ],
+        # Notebooks, as in docs/notebooks.
+        'notebook': [
+            'pandas>=2.1',
+            'jupytext>=1.16',
+            'jupyterlab>=4.0',
+        ],
         # ruff and mypy stay in one minor series, since newer ones are stricter.
         'test': [
             'pytest>=7.4',
@@ -137,9 +143,18 @@ setup(
             'mcap-ros2-support>=0.5',
             'numba>=0.58',
             'osqp>=1.0',
+            'pandas>=2.1',
             'pyarrow>=14',
             'types-PyYAML>=6.0',
             'yourdfpy>=0.0.56',
+        ],
+        # The documentation site.
+        'docs': [
+            'sphinx>=8.1',
+            'myst-nb>=1.2',
+            'myst-parser>=4.0.1',
+            'furo>=2024.8.6',
+            'pandas>=2.1',
         ],
     },
     zip_safe=True,

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 Value = TypeVar('Value')
+"""What is kept by name."""
 
 FORMER_METRICS: Mapping[str, str] = {
     'truth_sent_again': 'resends',

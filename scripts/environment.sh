@@ -1,6 +1,7 @@
 # Sourced by the other scripts and by .ci/run. `prepare_environment run` sets `project`, the source
 # tree, and `venv`, its virtual environment, which it creates or updates if necessary;
-# `prepare_environment test` adds the test tools. If it fails, it exits with one line and status 2.
+# `prepare_environment test` adds the test tools, `prepare_environment docs` those of the
+# documentation site. If it fails, it exits with one line and status 2.
 
 project=$(dirname "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")")
 
@@ -42,7 +43,7 @@ set_up() (
   ! is_current "$1" || exit 0
   # Create it if its first set-up was interrupted, or if it was moved or its Python replaced.
   [[ -e $venv/run.stamp && $("$venv/bin/pip" -V 2>/dev/null) == *" $venv/"* ]] || create
-  [[ $1 == run ]] || extras+=,test
+  [[ $1 == run ]] || extras+=,$1
   # The sourced message packages need the numpy that they were built for.
   [[ $venv == *.venv ]] || numpy=$("$venv/bin/python" -c 'import numpy; print(numpy.__version__)')
   "$venv/bin/python" -m pip install --no-input -e ".[$extras]" ${numpy:+"numpy==$numpy"} \

@@ -222,7 +222,7 @@ def _signed(value: float) -> str:
 
 
 def write_comparison(runs: Sequence[ComparedRun], failed: Sequence[str], folder: Path) -> None:
-    """Write page, figures and metrics of the comparison, as :func:`write_folder` does."""
+    """Write page, figures and metrics of the comparison, as `page.write_folder` does."""
     figures = list(_figures(runs))
     page = render_template(
         'compare.html',

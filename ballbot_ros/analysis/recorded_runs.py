@@ -24,6 +24,7 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.recording_gate import MAX_AHEAD_NS
 
 END_OF_TIME_NS = 2**63 - 1
+"""The largest stamp."""
 
 
 @dataclass(frozen=True)

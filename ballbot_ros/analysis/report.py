@@ -42,7 +42,7 @@ MEANINGS: Mapping[str, str] = {**METRICS.meanings, **RUN_METRICS.meanings}
 
 
 def write_report(assessment: Assessment, folder: Path) -> None:
-    """Write the report of a run into `folder`, as :func:`write_folder` does."""
+    """Write the report of a run into `folder`, as `page.write_folder` does."""
     figures = draw_figures(assessment.run)
     page = report_page(assessment, figures)
     metrics = csv_text(

@@ -12,6 +12,7 @@ _DEGREES_PER_RADIAN = 180.0 / math.pi
 
 NO_ECHO_CM = 255
 NO_DATA_CM = -1
+"""Reading of a sonar that does not answer."""
 
 
 def quantise(value: float) -> int:

@@ -41,7 +41,7 @@ class Contract:
 
     @property
     def topics(self) -> tuple[Topic, ...]:
-        """All topics that only this role publishes; all but :attr:`answer` may be left out."""
+        """All topics that only this role publishes; all but `answer` may be left out."""
         return tuple(topic for topic in TOPICS if topic.publisher == self.role)
 
     @property

@@ -52,6 +52,7 @@ P = TypeVar('P')
 """Class of a controller's parameters: a frozen dataclass."""
 
 Method = TypeVar('Method', bound=Callable[..., Any])
+"""A method of a controller."""
 
 Duty = tuple[int, int]
 """Duty of the motors B (plane x) and C (plane y) [%], whole numbers in -100 ... 100."""
@@ -248,8 +249,8 @@ def whole_number(value: Any, low: int, high: int, name: str = '') -> int:
 def task(period_ms: int, priority: int) -> Callable[[Method], Method]:
     """Mark a method of a controller as a task of the brick.
 
-    The method takes the :class:`Readings`. It returns the new :data:`Duty`, or None to keep the
-    present one.
+    The method takes the :class:`Readings`. It returns the new duty, or None to keep the present
+    one.
 
     Parameters
     ----------

@@ -125,7 +125,7 @@ class PredictivePlane(Plane):
         )
 
     def feedback(self, error: PlaneError, limits: tuple[float, float], psi_ref: float) -> float:
-        """Return the voltage of the LQR with the first addition; see :meth:`Plane.feedback`."""
+        """Return the voltage of the LQR with the first addition; see `Plane.feedback`."""
         voltage = super().feedback(error, limits, psi_ref)
         low, high = limits
         voltages = self._predictions.voltage @ error

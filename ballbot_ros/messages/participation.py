@@ -39,7 +39,7 @@ class RunStatus:
     run : str
         Name of the run in ``plant/run``.
     result : mapping of str to str
-        The :data:`OUTCOME_KEYS` of a run that has ended; otherwise empty.
+        The `OUTCOME_KEYS` of a run that has ended; otherwise empty.
     """
 
     run: str

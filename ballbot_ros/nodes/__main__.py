@@ -2,4 +2,5 @@
 
 from ballbot_ros.nodes.executables import main
 
-main()
+if __name__ == '__main__':
+    main()

@@ -21,6 +21,8 @@ STATIC_PEERS = 'ROS_STATIC_PEERS'
 
 DEFAULT_RMW = 'rmw_fastrtps_cpp'
 DOMAIN = 'ROS_DOMAIN_ID'
+"""Environment variable: number of the domain."""
+
 MAX_DOMAIN_ID = 232
 """The last domain that has ports; beyond it, the middleware ends the process."""
 

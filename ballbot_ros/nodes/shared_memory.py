@@ -39,6 +39,8 @@ SETTLED_S = 5.0
 
 POLL_S = 0.05
 INITIALISED, CORRUPTED = (2).to_bytes(4, 'little'), (3).to_bytes(4, 'little')
+"""First word of a port."""
+
 MIN_PORT_BYTES = 1024 * 20
 """Minimum size of a port with the state of 1024 readers. Opening a smaller one crashes."""
 

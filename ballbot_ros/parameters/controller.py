@@ -92,7 +92,7 @@ class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
         'project',
     )
     own: tuple[tuple[str, Value], ...] = ()
-    """Names and values of the parameters with :data:`OWN_PREFIXES`."""
+    """Names and values of the parameters with `OWN_PREFIXES`."""
 
     def values(self) -> dict[str, Value]:
         """Return the value of each parameter, by name."""

@@ -12,7 +12,7 @@ LOW_V = 7.0
 
 @dataclass(frozen=True)
 class BatteryParameters(Subset):
-    """Battery parameters, named as in :data:`ballbot_ros.parameters.TABLE`."""
+    """Battery parameters, named as in `parameters.TABLE`."""
 
     battery_model: str
     battery_voltage: float

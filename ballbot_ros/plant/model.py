@@ -20,7 +20,7 @@ Matrix = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Bodies(Subset):
-    """Ball, wheels and body of section 3.1, named as in :data:`ballbot_ros.parameters.TABLE`."""
+    """Ball, wheels and body of section 3.1, named as in `parameters.TABLE`."""
 
     ball_mass: float
     ball_radius: float

@@ -238,7 +238,7 @@ class RecordingWriter:
             self._writer.add_metadata(name, dict(mapping))
 
     def add_outcome(self, outcome: Mapping[str, str]) -> None:
-        """Record how the run ended; `outcome` has a value for each of :data:`OUTCOME_KEYS`."""
+        """Record how the run ended; `outcome` has a value for each of `OUTCOME_KEYS`."""
         self.add_metadata(RUN_OUTCOME, {key: outcome[key] for key in OUTCOME_KEYS})
 
     def mark_incomplete(self, reason: str) -> None:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 Measured = TypeVar('Measured')
+"""What a metric is computed from."""
+
 Function = Callable[[Measured], float]
 
 

@@ -9,6 +9,8 @@ from operator import itemgetter
 from typing import Generic, TypeVar
 
 Message = TypeVar('Message')
+"""A message of a topic."""
+
 Arrival = tuple[int, Message]
 """Arrival time of a message by the system clock [ns], and the message."""
 

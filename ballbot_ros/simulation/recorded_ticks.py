@@ -26,7 +26,7 @@ class RecordedTicks:
         self._required = tuple(streams)
 
     def advance(self) -> bool:
-        """Return whether a newer tick is complete; if so, :attr:`acked_ns` is that tick."""
+        """Return whether a newer tick is complete; if so, `acked_ns` is that tick."""
         complete_ns = min((stream.complete_ns for stream in self._required), default=0)
         if complete_ns <= self.acked_ns:
             return False

@@ -58,6 +58,7 @@ class Phase(Enum):
 
 P = ParamSpec('P')
 M = TypeVar('M', bound='RunMaster')
+"""Class of the master of a run."""
 
 
 def event(method: Callable[Concatenate[M, P], None]) -> Callable[Concatenate[M, float, P], Actions]:

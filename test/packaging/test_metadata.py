@@ -23,6 +23,8 @@ ROSDEP_KEYS = {
     'control': None,
     'imageio': 'python3-imageio',
     'imageio-ffmpeg': None,
+    'jupyterlab': None,
+    'jupytext': None,
     'matplotlib': 'python3-matplotlib',
     'mcap': 'mcap-ros2-support',
     'numpy': 'python3-numpy',
@@ -31,6 +33,7 @@ ROSDEP_KEYS = {
     'prompt_toolkit': 'python3-prompt-toolkit',
     'pygame-ce': 'python3-pygame',
     'osqp': None,
+    'pandas': 'python3-pandas',
     'pyarrow': None,
     'rich': 'python3-rich',
     'rosbags': 'python3-rosbags-pip',
@@ -53,6 +56,7 @@ ROSDEP_TEST_KEYS = {
     'numba': 'python3-numba',
     'numpydoc': None,
     'osqp': None,
+    'pandas': 'python3-pandas',
     'pyarrow': None,
     'pytest': 'python3-pytest',
     'pytest-timeout': 'python3-pytest-timeout',
@@ -61,6 +65,14 @@ ROSDEP_TEST_KEYS = {
     'types-PyYAML': 'python3-types-pyyaml',
     'yourdfpy': None,
 }
+ROSDEP_DOC_KEYS = {
+    'furo': None,
+    'myst-nb': None,
+    'myst-parser': None,
+    'pandas': 'python3-pandas',
+    'sphinx': 'python3-sphinx',
+}
+TOOLS = {'test': ('test_depend', ROSDEP_TEST_KEYS), 'docs': ('doc_depend', ROSDEP_DOC_KEYS)}
 MODULES = {'Jinja2': 'jinja2', 'PyYAML': 'yaml', 'pillow': 'PIL', 'pygame-ce': 'pygame'}
 
 
@@ -88,8 +100,8 @@ def names(requirements):
 
 
 def run_time_requirements(setup):
-    extras = {key: value for key, value in setup['extras_require'].items() if key != 'test'}
-    return names(setup['install_requires']).union(*map(names, extras.values()))
+    extras = [value for key, value in setup['extras_require'].items() if key not in TOOLS]
+    return names(setup['install_requires']).union(*map(names, extras))
 
 
 def test_manifest_and_setup_name_the_same_package(setup, manifest):
@@ -113,11 +125,13 @@ def test_manifest_declares_every_run_time_requirement(setup, manifest):
     assert {ROSDEP_KEYS[name] for name in required} - {None} <= texts(manifest, 'exec_depend')
 
 
-def test_manifest_declares_every_test_requirement(setup, manifest):
-    required = names(setup['extras_require']['test'])
-    assert required == ROSDEP_TEST_KEYS.keys()
-    declared = texts(manifest, 'exec_depend') | texts(manifest, 'test_depend')
-    assert {ROSDEP_TEST_KEYS[name] for name in required} - {None} <= declared
+@pytest.mark.parametrize('extra', TOOLS)
+def test_manifest_declares_every_tool(setup, manifest, extra):
+    tag, keys = TOOLS[extra]
+    required = names(setup['extras_require'][extra])
+    assert required == keys.keys()
+    declared = texts(manifest, 'exec_depend') | texts(manifest, tag)
+    assert {keys[name] for name in required} - {None} <= declared
 
 
 def test_every_import_is_declared(setup, manifest):

@@ -1,4 +1,4 @@
-"""scripts/run and scripts/test on a simulated machine: no network, no real interpreter."""
+"""The scripts on a simulated machine: no network, no real interpreter."""
 
 import json
 import os
@@ -48,6 +48,8 @@ match sys.argv[1:]:
         write('w', os.path.dirname(__file__) + '/ballbot', '#!{INTERPRETER} -IS', '{PRINT}')
     case ['-m', 'pytest', *_]:
         {PRINT}
+    case ['-m', 'sphinx', *_]:
+        exec(open(machine + '/sphinx').read())
 """
 
 
@@ -67,6 +69,7 @@ class Machine:
         for name in ('setup.py', 'pyproject.toml', 'ballbot_ros/parameters/nodes.py'):
             (self.project / name).write_text("node: ClassVar[str] = 'first'")
         self.pip('')
+        self.sphinx(PRINT)
 
     def python(self, name='python3', version=(3, 11, 2), modules=('ensurepip',)):
         file = self.folder / 'bin' / name
@@ -76,6 +79,10 @@ class Machine:
     def pip(self, code):
         """Let pip do this when it installs."""
         (self.folder / 'pip').write_text(code)
+
+    def sphinx(self, code):
+        """Let Sphinx do this when it builds the site."""
+        (self.folder / 'sphinx').write_text(code)
 
     def calls(self):
         """Return the calls of venv and pip since the last time."""
@@ -187,6 +194,31 @@ def test_the_test_script_runs_pytest_with_chosen_plugins(machine):
     assert run.environment['PWD'] == str(machine.project)
 
 
+def test_the_docs_script_builds_from_nothing_with_warnings_as_errors(machine):
+    old = [
+        machine.project / 'docs/_build/html/old.html',
+        machine.project / 'docs/api/packages/old.rst',
+    ]
+    for file in old:
+        file.parent.mkdir(parents=True)
+        file.touch()
+    output, messages = machine.start('docs').communicate(timeout=LAST_RESORT_S)
+    assert output == f'{machine.project}/docs/_build/html/index.html\n', messages
+    arguments, environment = json.loads((machine.project / 'docs/_build/build.log').read_text())
+    assert arguments[:3] == ['-m', 'sphinx', '--fail-on-warning']
+    assert environment['PWD'] == str(machine.project)
+    assert not any(file.exists() for file in old)
+
+
+def test_a_failed_build_of_the_site_shows_its_log(machine):
+    machine.run('run')
+    machine.sphinx('sys.exit("docs/drive.md:3: WARNING: target not found")')
+    process = machine.start('docs')
+    output, messages = process.communicate(timeout=LAST_RESORT_S)
+    assert (process.returncode, output) == (1, '')
+    assert messages.endswith('docs/drive.md:3: WARNING: target not found\n')
+
+
 # --- Installation --------------------------------------------------------------------------------
 
 
@@ -197,6 +229,8 @@ def test_each_script_installs_what_it_needs_once(machine):
     assert pip == 'pip install --no-input -e .[ros,drive,mpc,viewer]'
     machine.run('test')
     assert machine.calls() == ['pip install --no-input -e .[ros,drive,mpc,viewer,test]']
+    machine.start('docs').communicate(timeout=LAST_RESORT_S)
+    assert machine.calls() == ['pip install --no-input -e .[ros,drive,mpc,viewer,docs]']
     assert machine.run('run').messages == machine.run('test').messages == ''
     assert machine.calls() == []
 
