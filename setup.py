@@ -123,6 +123,10 @@ setup(
             'imageio-ffmpeg>=0.5',
             'playwright>=1.50',
         ],
+        # Run.frame.
+        'pandas': [
+            'pandas>=2.1',
+        ],
         # Notebooks, as in docs/notebooks.
         'notebook': [
             'pandas>=2.1',

@@ -1,7 +1,7 @@
 # Sourced by the other scripts and by .ci/run. `prepare_environment run` sets `project`, the source
 # tree, and `venv`, its virtual environment, which it creates or updates if necessary;
-# `prepare_environment test` adds the test tools, `prepare_environment docs` those of the
-# documentation site. If it fails, it exits with one line and status 2.
+# `prepare_environment` with another word adds the extra of this name: `test` the test tools, `docs`
+# those of the documentation site, `notebook` JupyterLab. If it fails, it exits with one line and status 2.
 
 project=$(dirname "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")")
 
@@ -11,10 +11,10 @@ fail() {
 }
 
 prepare_environment() {
-  local options=() extras=ros,drive,mpc,viewer modules=ensurepip
+  local options=() extras=ros,drive,mpc,viewer,pandas modules=ensurepip
   venv=$project/.venv
   if [[ ${ROS_DISTRO:-} == jazzy ]]; then
-    venv+=-jazzy options=(--system-site-packages) extras=drive,mpc,viewer modules+=,numpy,rclpy
+    venv+=-jazzy options=(--system-site-packages) extras=drive,mpc,viewer,pandas modules+=,numpy,rclpy
   elif [[ -n ${ROS_DISTRO:-} ]]; then
     echo "note: the sourced ROS is $ROS_DISTRO, not jazzy: using the ROS 2 wheels" >&2
     unset ROS_DISTRO {AMENT,CMAKE,COLCON}_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH

@@ -47,7 +47,7 @@ def frame_of(run: RunData) -> pandas.DataFrame:
         import pandas
     except ImportError:
         raise BallbotError(
-            'pandas not found: install it with `pip install "ballbot_ros[notebook]"`'
+            'pandas not found: install it with `pip install "ballbot_ros[pandas]"`'
         ) from None
     ticks = next(run.series[t] for t in (PLANT_IMU, PLANT_ODOM, *run.series) if t in run.series)
     columns: dict[str, NDArray[Any]] = {}

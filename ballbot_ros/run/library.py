@@ -108,7 +108,7 @@ def simulate(
 
 
 def open(path: str | os.PathLike[str], number: int | None = None) -> Run:  # noqa: A001
-    """Open the recording of a run, from the node graph or from :meth:`Run.save`.
+    """Open the recording of a run, from the node graph or from `Run.save`.
 
     Parameters
     ----------
