@@ -125,7 +125,7 @@ def open(path: str | os.PathLike[str], number: int | None = None) -> Run:  # noq
 
 
 def linear_model(parameters: Parameters | None = None) -> control.StateSpace:
-    """Return the linear model of one plane (3.24), without friction of its own or devices.
+    """Return the linear model of one plane (3.24).
 
     Parameters
     ----------
