@@ -7,19 +7,22 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ballbot_ros.analysis.run import Run
-    from ballbot_ros.run.library import linear_model, loop, open, simulate  # noqa: A004
+    from ballbot_ros.errors import BallbotError
+    from ballbot_ros.run.library import linear_model, loop, simulate
+    from ballbot_ros.run.library import open as open  # noqa: A004
 
 __version__ = '0.1.0'
 
-__all__ = ['Run', 'linear_model', 'loop', 'open', 'simulate']
+# Without `open`, with which `from ballbot_ros import *` would replace Python's.
+__all__ = ['BallbotError', 'Run', 'linear_model', 'loop', 'simulate']
 
 
 def __getattr__(name: str) -> Any:
     # Imported at their first use, so that a node's start does not wait for them.
-    if name not in __all__:
+    if name not in (*__all__, 'open'):
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
     return getattr(import_module(f'{__name__}.run.library'), name)
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, '__version__'])
+    return sorted([*__all__, 'open', '__version__'])

@@ -5,11 +5,10 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,9 +17,9 @@ from ballbot_ros.analysis.assessment import ExpectationResult, assess
 from ballbot_ros.analysis.figures import draw_motion
 from ballbot_ros.analysis.frame import frame_of
 from ballbot_ros.analysis.metrics import with_judgements
-from ballbot_ros.analysis.page import render_template
-from ballbot_ros.analysis.report import banner, metric_text
-from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.analysis.page import number_text, render_template
+from ballbot_ros.analysis.report import banner
+from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.style import png_of
 from ballbot_ros.analysis.verdict import Verdict
 from ballbot_ros.errors import BallbotError
@@ -44,25 +43,18 @@ class Run:
 
     Parameters
     ----------
-    path : Path
-        Its recording.
-    number : int or None
-        Number of the run in a recording of several, from 1; None for the last one.
-    folder : TemporaryDirectory or None
-        The folder of the recording, if it is removed together with this object.
-
-    Raises
-    ------
-    RecordingError
-        If there is no such recording, or no such run in it.
+    data : RunData
+        What was read from its recording.
+    recording : bytes or Path
+        The recording: its content, or its file.
     """
 
-    def __init__(
-        self, path: Path, number: int | None = None, folder: TemporaryDirectory[str] | None = None
-    ) -> None:
-        self._folder = folder
-        self._data = read_run(path, number)
-        self._assessment = assess(self._data)
+    def __init__(self, data: RunData, recording: bytes | Path) -> None:
+        self._data = data
+        self._recording = recording
+        self._assessment = assess(data)
+        for array in vars(data.trajectory).values():
+            array.flags.writeable = False
 
     def __repr__(self) -> str:
         """Return name and verdict."""
@@ -95,7 +87,7 @@ class Run:
 
         The names end in the unit. The page on reports has their meanings.
         """
-        return self._assessment.metrics
+        return dict(self._assessment.metrics)
 
     @property
     def expectations(self) -> tuple[ExpectationResult, ...]:
@@ -104,13 +96,17 @@ class Run:
 
     @property
     def trajectory(self) -> Trajectory:
-        """True position and body pitch, and duty, as arrays."""
+        """True position and body pitch, and duty, as arrays that can't be changed."""
         return self._data.trajectory
 
     @cached_property
     def duty_sha256(self) -> str | None:
-        """SHA-256 of all int8 duty pairs, which identifies the run; None if a tick is missing."""
-        if not (self._data.intact and self._data.plant.lockstep):
+        """SHA-256 of all int8 duty pairs, which identifies the run.
+
+        None if ticks are missing in the recording, or the run was not in lockstep.
+        """
+        data = self._data
+        if not data.intact or data.damage or not data.plant.lockstep:
             return None
         return hashlib.sha256(self.trajectory.duty.astype(np.int8).tobytes()).hexdigest()
 
@@ -120,7 +116,7 @@ class Run:
         The index `time_s` is the time since the start [s]. The columns, each for the planes ``x``
         and ``y``:
 
-        ============================ ===========================================================
+        ============================ ============================================================
         ``position_x_m``             true position of the ball
         ``pitch_x_deg``              true body pitch
         ``pitch_rate_x_deg_per_s``   its rate
@@ -129,9 +125,9 @@ class Run:
         ``duty_x_percent``           duty
         ``gyro_x_deg_per_s``         reading of the gyro, with its offset
         ``encoder_x_deg``            reading of the encoder
-        ``estimated_position_x_m``   estimate of the controller, NaN until it balances
-        ``estimated_pitch_x_deg``    estimate of the controller, NaN until it balances
-        ============================ ===========================================================
+        ``estimated_position_x_m``   estimate of the controller, NaN while it is not in control
+        ``estimated_pitch_x_deg``    estimate of the controller, NaN while it is not in control
+        ============================ ============================================================
 
         ``distance_m`` (infinite without an echo), ``battery_v`` and ``operating_state`` are the
         same for both planes. Distance and battery voltage keep their newest value. A signal that
@@ -180,21 +176,28 @@ class Run:
         target = Path(path)
         if target.suffix != _SUFFIX:
             raise BallbotError(f'{target}: the name of a recording ends in {_SUFFIX}')
-        partial = target.with_name(f'{target.name}.part')
+        content = self._recording
+        if isinstance(content, Path):
+            try:
+                content = content.read_bytes()
+            except OSError as error:
+                raise BallbotError(f'{self._recording!s}: {error.strerror}') from None
+        partial = target.with_name(f'.{target.name}.{os.getpid()}')
         try:
-            shutil.copyfile(self._data.path, partial)
+            partial.write_bytes(content)
             partial.replace(target)
-        except OSError as error:
-            partial.unlink(missing_ok=True)
-            raise BallbotError(f'{target}: {error.strerror}') from None
+        except (OSError, ValueError) as error:
+            with suppress(OSError, ValueError):
+                partial.unlink()
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise BallbotError(f'{target}: {reason}') from None
         return target
 
     def _repr_html_(self) -> str:
-        metrics = {name: value for name, value in self.metrics.items() if name in METRICS}
         verdicts = {each.judgement: each.verdict for each in self.expectations}
         rows = [
-            (metric_text(name, value), judgement, judgement and verdicts[judgement])
-            for name, value, judgement in with_judgements(metrics, verdicts)
+            (name, number_text(value, 'never'), judgement, judgement and verdicts[judgement])
+            for name, value, judgement in with_judgements(self.metrics, verdicts)
             if judgement or not math.isnan(value)
         ]
         figure = self.plot()
@@ -202,7 +205,8 @@ class Run:
             'run.html',
             run=self,
             banner=banner(self._data),
-            rows=rows,
+            motion=[row for row in rows if row[0] in METRICS],
+            others=[row for row in rows if row[0] not in METRICS],
             figure=png_of(figure),
             width=round(figure.get_figwidth() * _PIXELS_PER_INCH),
         )

@@ -22,7 +22,7 @@ from ballbot_ros.controllers.controller import (
 )
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState
-from ballbot_ros.controllers.loading import LoadedController, public_path
+from ballbot_ros.controllers.loading import LoadedController, shown_line
 from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.plant.model import PhysicalParameters
@@ -223,7 +223,7 @@ def line_of(method: Any) -> str:
     """Return file and line of a method's definition; '' if it is not written in Python."""
     function = inspect.unwrap(getattr(method, '__func__', method))
     code = getattr(function, '__code__', None)
-    return f'{public_path(code.co_filename)}:{code.co_firstlineno}' if code else ''
+    return shown_line(code.co_filename, code.co_firstlineno) if code else ''
 
 
 def _distance_cm(sonar_cm: int) -> int:

@@ -1,35 +1,30 @@
-"""The source of a controller's class that the program has already.
+"""The source of a class that is defined in a notebook or in the main program.
 
-A run executes, attaches and replays files. A notebook is no file, and executing the main program
-again would start its runs again. Both give an excerpt: the class and everything that it uses, as a
-file that stands alone.
+A run executes, attaches and replays files. A notebook is not a Python file, and executing the main
+program again would start its runs again. Both give an excerpt: the class and everything that it
+uses, as a file that stands alone.
 """
 
 from __future__ import annotations
 
 import ast
-import hashlib
+import linecache
 import math
 import symtable
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
+from inspect import unwrap
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from textwrap import dedent
 from types import FunctionType, ModuleType
 from typing import Any, get_origin
 
 import numpy as np
 
+from ballbot_ros.controllers.definitions import functions_of
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.errors import short_repr
-from ballbot_ros.files import temporary_folder, write_temporary
-
-EXCERPT_SUFFIX = '.excerpt.py'
-"""Ending of the name of an excerpt's file."""
 
 MAIN = '__main__'
 
@@ -38,68 +33,42 @@ MAX_ELEMENTS = 10_000
 
 _Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 _Import = ast.Import | ast.ImportFrom
-
-
-def reference_to(cls: type) -> str:
-    """Return a reference to a class, as in :func:`~ballbot_ros.controllers.loading.find_code`.
-
-    A class of a notebook or the main program is written to a temporary file, as an excerpt.
-
-    Raises
-    ------
-    ControllerError
-        If its source is not found, or can't stand alone.
-    """
-    if cls.__module__ == MAIN:
-        return f'{_write_excerpt(cls.__name__, excerpt_of(cls))}:{cls.__name__}'
-    if '.' in cls.__qualname__:
-        raise ControllerError(f'{cls.__qualname__} is not defined at the top level of its file')
-    path = getattr(sys.modules.get(cls.__module__), '__file__', None)
-    if not path:
-        raise ControllerError(f'{cls.__module__}.{cls.__name__}: its source was not found')
-    place = cls.__module__ if _is_importable(cls.__module__, Path(path)) else path
-    return f'{place}:{cls.__name__}'
-
-
-def _is_importable(module: str, path: Path) -> bool:
-    """Return whether an import in another process finds a module at this path."""
-    top, *rest = module.split('.')
-    # Unlike importlib.util.find_spec, the finders do not return what is imported already.
-    found = (finder.find_spec(top, None) for finder in sys.meta_path)
-    spec = next(filter(None, found), None)
-    if spec is None or not spec.submodule_search_locations:
-        return bool(spec and not rest and spec.origin == str(path))
-    base = Path(spec.submodule_search_locations[0]).joinpath(*rest)
-    return path in (base.with_suffix('.py'), base / '__init__.py')
-
-
-def _write_excerpt(name: str, text: str) -> Path:
-    data = text.encode()
-    digest = hashlib.sha256(data).hexdigest()[:16]
-    path = Path(_folder().name, digest, f'{name}{EXCERPT_SUFFIX}')
-    write_temporary(path, data)
-    return path
-
-
-@lru_cache
-def _folder() -> TemporaryDirectory[str]:
-    """Return the folder of the excerpts, which is kept until the program ends."""
-    return temporary_folder()
+_AT_ONCE = ('genexpr', 'listcomp', 'setcomp', 'dictcomp')
+"""Scopes that are evaluated where they stand."""
 
 
 @dataclass(frozen=True)
 class _Statement:
-    """A statement of the notebook or program outside functions and classes."""
+    """A statement outside functions and classes, and its lines, including decorators."""
 
     node: ast.stmt
-    text: str
+    lines: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """Its text alone; an indented one is not dedented, which would change its strings."""
+        condition = ['if True:'] if self.node.col_offset else []
+        return '\n'.join([*condition, *self.lines])
+
+    def defines(self, name: str) -> bool:
+        """Return whether it is the definition of a class or function of this name."""
+        return isinstance(self.node, _Definition) and self.node.name == name
+
+    def assigns(self, name: str) -> bool:
+        """Return whether it assigns to this name alone."""
+        target = None
+        if isinstance(self.node, ast.Assign) and len(self.node.targets) == 1:
+            target = self.node.targets[0]
+        elif isinstance(self.node, ast.AnnAssign) and self.node.value:
+            target = self.node.target
+        return isinstance(target, ast.Name) and target.id == name
 
 
 def excerpt_of(cls: type) -> str:
     """Return the source of a class of the main program or notebook, and of all that it uses.
 
-    Imports are copied, and so are functions and classes of the program. Other values are written as
-    they are now: numbers, texts, their lists, tuples and dictionaries, and arrays of numbers.
+    Imports, functions and classes are copied. Other values are written as they are now: numbers,
+    texts, their lists, tuples and dictionaries, and arrays of numbers.
 
     Raises
     ------
@@ -110,7 +79,7 @@ def excerpt_of(cls: type) -> str:
     if vars(main).get(cls.__name__) is not cls:
         problem = (
             'is defined again, and this is its former definition: make a new instance'
-            if cls.__name__ in vars(main)
+            if isinstance(vars(main).get(cls.__name__), type)
             else 'is not defined at the top level of the program or notebook'
         )
         raise ControllerError(f'{cls.__name__} {problem}')
@@ -118,76 +87,116 @@ def excerpt_of(cls: type) -> str:
 
 
 class _Excerpt:
-    """Collects what a class uses, each thing after those that it uses itself."""
+    """Collects what a class uses, each thing after those that its definition needs."""
 
     def __init__(self, class_name: str, main: ModuleType) -> None:
         self._class = class_name
         self._values = vars(main)
-        self._statements = _top_level(main)
+        self._statements = [each for text in _texts(main) for each in _statements_in(text)]
         self._imports: dict[str, None] = {}
         self._constants: list[str] = []
         self._definitions: list[str] = []
         self._done: set[str] = set()
 
     def text(self) -> str:
-        if self._class not in self._statements:
-            raise ControllerError(f'{self._class}: its source was not found; write it to a file')
         self._add(self._class)
-        annotations = self._statements.get('annotations')
-        if annotations and isinstance(annotations.node, ast.ImportFrom):
-            self._imports = {ast.unparse(annotations.node): None, **self._imports}
-        head = [f'"""Excerpt: {self._class} and what it uses."""', '', *self._imports, '']
+        future = {
+            ast.unparse(each.node): None
+            for each in self._statements
+            if isinstance(each.node, ast.ImportFrom) and each.node.module == '__future__'
+        }
+        head = [f'"""Excerpt: {self._class} and what it uses."""', '', *future, *self._imports, '']
         return '\n'.join([*head, *self._constants, *self._definitions, ''])
 
     def _add(self, name: str) -> None:
         if name in self._done or name not in self._values:
             return  # what is not defined is a builtin, or a mistake that its use will show
         self._done.add(name)
-        statement = self._statements.get(name)
-        if statement and isinstance(statement.node, _Import):
-            self._imports[ast.unparse(statement.node)] = None
-        elif statement and _is_code(statement, self._values[name]):
-            for used in _names_in(statement):
-                self._add(used)
-            self._definitions.append(f'\n\n{statement.text}')
+        value = self._values[name]
+        if imports := list(self._imports_of(name, value)):
+            self._imports |= dict.fromkeys(imports)
+        elif get_origin(value) is not None:  # such as tuple[int, int]
+            self._add_statement(name, self._statements[::-1])
+        elif is_of_main(value):
+            self._add_definition(name, value)
         else:
-            self._add_value(name)
+            self._add_constant(name, value)
 
-    def _add_value(self, name: str) -> None:
+    def _imports_of(self, name: str, value: Any) -> Iterator[str]:
+        """Yield the imports that give a value this name."""
+        found = False
+        for each in self._statements:
+            for text in _imports_in(each.node, name, value):
+                found = True
+                yield text
+        if found:
+            return
+        if isinstance(value, ModuleType):
+            yield f'import {value.__name__} as {name}'
+        elif isinstance(value, FunctionType | type) and not is_of_main(value):
+            module, own_name = value.__module__, value.__name__
+            if _member(sys.modules.get(module), own_name) is value:
+                yield f'from {module} import {own_name} as {name}'
+
+    def _add_definition(self, name: str, value: Any) -> None:
+        original = unwrap(value)
+        own_name = original.__name__
+        if own_name not in (name, '<lambda>') and self._values.get(own_name) is value:
+            self._add(own_name)
+            self._definitions.append(f'\n\n{name} = {own_name}')
+            return
+        functions = functions_of(original)
+        # A class without functions, such as a dataclass, does not know where it was defined.
+        found = [each for function in functions for each in _statements_at(function)]
+        self._add_statement(name, found if functions else self._statements[::-1])
+
+    def _add_statement(self, name: str, candidates: list[_Statement]) -> None:
+        """Add the first of these statements that gives the name its value, and what it uses."""
+        fits = (each for each in candidates if each.defines(name) or each.assigns(name))
+        statement = next(fits, None)
+        if statement is None:
+            raise ControllerError(
+                f'{self._class}: the definition of {name} was not found outside functions and '
+                'classes of the program or notebook; write it to a file'
+            )
+        now, later = _names_in(statement)
+        for each in now:
+            self._add(each)
+        self._definitions.append(f'\n\n{statement.text}')
+        for each in later:
+            self._add(each)
+
+    def _add_constant(self, name: str, value: Any) -> None:
         try:
-            text = _literal(self._values[name])
-        except TypeError as error:
-            raise self._refusal(name, str(error)) from None
-        if 'numpy.array(' in text:
+            text = _literal(value)
+        except (TypeError, RecursionError) as error:
+            what = error if isinstance(error, TypeError) else short_repr(value)
+            raise ControllerError(
+                f'{self._class} uses {name}, which is {what}: only imports, functions, classes, '
+                'numbers, texts, lists, dictionaries and arrays can be included. Make it in the '
+                'class, or write the class to a file'
+            ) from None
+        if 'numpy.' in text:
             self._imports['import numpy'] = None
         self._constants.append(f'{name} = {text}')
 
-    def _refusal(self, name: str, what: str) -> ControllerError:
-        return ControllerError(
-            f'{self._class} uses {name}, which is {what}: a run can take along only imports, '
-            'functions, classes, numbers, texts and arrays. Make it in the class, or write the '
-            'class to a file'
-        )
 
-
-def _is_code(statement: _Statement, value: Any) -> bool:
-    """Return whether a statement defines a class or function, or the name of a type."""
-    return (
-        isinstance(statement.node, _Definition)
-        or isinstance(value, FunctionType)
-        or get_origin(value) is not None
-    )
+def is_of_main(value: Any) -> bool:
+    """Return whether a value is a class or function of the main program or notebook."""
+    original = unwrap(value) if callable(value) else value
+    return isinstance(original, FunctionType | type) and original.__module__ == MAIN
 
 
 def _literal(value: Any) -> str:
-    """Return an expression for a value; TypeError if there is none."""
-    if isinstance(value, np.ndarray) and value.dtype.kind in 'biuf':
+    """Return an expression for a value; TypeError, whose text is what it is, if there is none."""
+    kind = type(value)
+    if kind is np.ndarray and value.dtype.kind in 'biuf' and value.dtype.itemsize <= 8:
         if value.size > MAX_ELEMENTS:
             raise TypeError(f'an array of {value.size} elements')
-        return f'numpy.array({_literal(value.tolist())}, {value.dtype.name!r})'
-    if isinstance(value, np.generic):
-        value = value.item()
-    kind = type(value)
+        numbers = _literal(value.ravel().tolist())
+        return f'numpy.array({numbers}, {value.dtype.name!r}).reshape({value.shape})'
+    if isinstance(value, np.bool_ | np.integer | np.floating) and value.dtype.itemsize <= 8:
+        return f'numpy.dtype({value.dtype.name!r}).type({_literal(value.item())})'
     if kind is float and not math.isfinite(value):
         return f"float('{value}')"
     if value is None or kind in (bool, int, float, str):
@@ -199,28 +208,6 @@ def _literal(value: Any) -> str:
         inner = ', '.join(map(_literal, value))
         return f'[{inner}]' if kind is list else f'({inner}{"," if len(value) == 1 else ""})'
     raise TypeError(short_repr(value))
-
-
-def _top_level(main: ModuleType) -> dict[str, _Statement]:
-    """Return the newest statement that binds each name."""
-    found: dict[str, _Statement] = {}
-    for text in _texts(main):
-        with suppress(SyntaxError):
-            lines = text.splitlines()
-            for node in _statements(ast.parse(text)):
-                first = min([node.lineno, *(d.lineno for d in getattr(node, 'decorator_list', ()))])
-                own = dedent('\n'.join(lines[first - 1 : node.end_lineno]))
-                found |= dict.fromkeys(_bound_by(node), _Statement(node, own))
-    return found
-
-
-def _statements(parent: ast.AST) -> Iterator[ast.stmt]:
-    """Yield the statements outside functions and classes, also those in conditions and loops."""
-    for node in ast.iter_child_nodes(parent):
-        if isinstance(node, ast.stmt):
-            yield node
-        if not isinstance(node, _Definition | ast.expr):
-            yield from _statements(node)
 
 
 def _texts(main: ModuleType) -> list[str]:
@@ -235,33 +222,78 @@ def _texts(main: ModuleType) -> list[str]:
         return []
 
 
-def _bound_by(node: ast.stmt) -> Iterator[str]:
-    if isinstance(node, _Definition):
-        yield node.name
-    elif isinstance(node, _Import):
+def _statements_at(function: FunctionType) -> Iterator[_Statement]:
+    """Yield the statements that contain a function's definition, the innermost last."""
+    code = function.__code__
+    for each in _statements_in(''.join(linecache.getlines(code.co_filename))):
+        if _first_line(each.node) <= code.co_firstlineno <= (each.node.end_lineno or 0):
+            yield each
+
+
+def _statements_in(text: str) -> Iterator[_Statement]:
+    """Yield the statements outside functions and classes, also those in conditions and loops."""
+    with suppress(SyntaxError):
+        lines = text.splitlines()
+        for node in _outer_statements(ast.parse(text)):
+            yield _Statement(node, tuple(lines[_first_line(node) - 1 : node.end_lineno]))
+
+
+def _outer_statements(parent: ast.AST) -> Iterator[ast.stmt]:
+    for node in ast.iter_child_nodes(parent):
+        if isinstance(node, ast.stmt):
+            yield node
+        if not isinstance(node, _Definition | ast.expr):
+            yield from _outer_statements(node)
+
+
+def _first_line(node: ast.stmt) -> int:
+    decorators: list[ast.expr] = getattr(node, 'decorator_list', [])
+    return min([node.lineno, *(each.lineno for each in decorators)])
+
+
+def _imports_in(node: ast.stmt, name: str, value: Any) -> Iterator[str]:
+    """Yield what an import statement does to give a value this name."""
+    if isinstance(node, ast.Import):
         for alias in node.names:
-            yield alias.asname or alias.name.partition('.')[0]
-    else:
-        for each in ast.walk(node):
-            if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store):
-                yield each.id
+            top = alias.name.partition('.')[0]
+            if (alias.asname or top) == name:
+                module = sys.modules.get(alias.name if alias.asname else top)
+                if module is value:
+                    yield ast.unparse(ast.Import([alias]))
+    elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+        module = sys.modules.get(node.module)
+        for alias in node.names:
+            found = name if alias.name == '*' else alias.name
+            own_name = name if alias.name == '*' else alias.asname or alias.name
+            if own_name == name and _member(module, found) is value:
+                short = ast.alias(found, None if found == name else name)
+                yield ast.unparse(ast.ImportFrom(node.module, [short], 0))
 
 
-def _names_in(statement: _Statement) -> list[str]:
-    """Return the global names that a class or function uses, in the order of their names."""
-    names: set[str] = set()
-    tables = [symtable.symtable(statement.text, MAIN, 'exec')]
+def _member(module: ModuleType | None, name: str) -> Any:
+    """Return what an import of a name from a module gives; None if there is none."""
+    submodule = sys.modules.get(f'{module.__name__}.{name}') if module else None
+    return getattr(module, name, submodule)
+
+
+def _names_in(statement: _Statement) -> tuple[list[str], list[str]]:
+    """Return the global names that a definition uses: at once, and when it is called."""
+    now: set[str] = set()
+    later: set[str] = set()
+    tables = [(symtable.symtable(statement.text, MAIN, 'exec'), now)]
     while tables:
-        table = tables.pop()
-        tables += table.get_children()
+        table, names = tables.pop()
         names |= {
             each.get_name()
             for each in table.get_symbols()
             if each.is_referenced() and each.is_global()
         }
-    # Annotations are evaluated late or never, but dataclasses need them.
+        for child in table.get_children():
+            is_called = child.get_type() == 'function' and child.get_name() not in _AT_ONCE
+            tables.append((child, later if is_called else names))
+    # Annotations may not be evaluated, but dataclasses need them.
     for node in ast.walk(statement.node):
         for part in (getattr(node, 'annotation', None), getattr(node, 'returns', None)):
             if isinstance(part, ast.AST):
-                names |= {each.id for each in ast.walk(part) if isinstance(each, ast.Name)}
-    return sorted(names)
+                now |= {each.id for each in ast.walk(part) if isinstance(each, ast.Name)}
+    return sorted(now), sorted(later)

@@ -20,13 +20,15 @@ from typing import Any
 from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.controllers.controller import Controller, tasks_of
 from ballbot_ros.controllers.errors import ControllerError
-from ballbot_ros.controllers.excerpt import EXCERPT_SUFFIX
 from ballbot_ros.controllers.source import Source
 from ballbot_ros.errors import BallbotError, one_line, short_repr
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 
 GROUP = 'ballbot_ros.controllers'
 """Entry point group of installed controllers."""
+
+EXCERPT_SUFFIX = '.excerpt.py'
+"""Ending of the name of a file with the class of a notebook or main program."""
 
 OUR_PACKAGE = __name__.partition('.')[0]
 _MAX_LENGTH = 300
@@ -284,18 +286,28 @@ def load(code: ControllerCode) -> LoadedController:
         raise ControllerError(code.describe(error)) from None
 
 
+_in_execution: set[str] = set()
+
+
 @lru_cache(maxsize=8)
 def _execute(path: Path, source: Source) -> ModuleType:
     """Return the module of a file, from the content that was read and is attached."""
     name = f'ballbot_controller_{source.sha256[:16]}'
+    if name in _in_execution:
+        raise ControllerError(
+            "it runs itself while it is loaded: put that below `if __name__ == '__main__':`"
+        )
     module = ModuleType(name)
     module.__file__ = str(path)
     sys.modules[name] = module  # where dataclasses and pickle look for it
+    _in_execution.add(name)
     try:
         exec(compile(source.data, str(path), 'exec', dont_inherit=True), vars(module))
     except BaseException:
         del sys.modules[name]
         raise
+    finally:
+        _in_execution.discard(name)
     return module
 
 
@@ -306,7 +318,7 @@ def public_path(path: str | Path) -> str:
 
 
 def shown_line(path: str, number: int) -> str:
-    """Return a line of code as shown; with its text if the user has not seen the file."""
+    """Return a line of code as shown; with its text if it is in an excerpt, which nobody sees."""
     text = f' ({getline(path, number).strip()})' if path.endswith(EXCERPT_SUFFIX) else ''
     return f'{public_path(path)}:{number}{text}'
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,14 +15,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ballbot_ros.analysis.run import Run
+from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.controllers.class_reference import reference_to, require_unchanged
 from ballbot_ros.controllers.controller import Controller
-from ballbot_ros.controllers.excerpt import reference_to
 from ballbot_ros.errors import BallbotError, short_repr
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.parameters import (
     CONTROLLER,
-    GYRO,
+    PLANT,
     ControllerParameters,
+    ParameterError,
     ParameterSet,
     PlantParameters,
 )
@@ -41,6 +43,9 @@ if TYPE_CHECKING:
 
 Parameters = Mapping[str, object] | str | os.PathLike[str]
 """Values of parameters by ``node.param``, such as ``{'plant_sim.body_mass': 0.6}``, or a file."""
+
+_PHYSICAL = frozenset(f'{PLANT}.{each.name}' for each in fields(PhysicalParameters))
+_GAINS = frozenset(f'{CONTROLLER}.{name}' for name in ('k_f', 'k_i', 'pwm_gain'))
 
 
 def simulate(
@@ -62,16 +67,16 @@ def simulate(
         Name of a shipped scenario, or a scenario file.
     controller : str, class, Controller or None
         None for the scenario's, which is the document's control program unless it sets another. A
-        text is one for the option ``--controller``: ``'lqg'``, ``'FILE.py:Class'``. Of an instance,
-        the run uses class, parameters and design model, and makes its own instance. The class may
-        be defined in a notebook.
+        string is a value of the option ``--controller``: ``'lqg'``, ``'FILE.py:Class'``. From an
+        instance the run takes class, parameters and design model, and makes its own instance. The
+        class may be defined in a notebook.
     seed : int or None
-        Seed of the device noise; None for the scenario's.
+        Seed of the device noise; None for that of `parameters` or scenario.
     profile : str or None
         Device profile, ``'ideal'`` or ``'hardware'``; None for the scenario's.
     parameters : mapping or path-like or None
-        Values that override the scenario: by ``node.param``, such as ``{'plant_sim.duration': 60}``
-        or ``{'controller.user.kp': 3}``, or a parameter file.
+        Values that override the scenario and the instance of a controller: by ``node.param``, such
+        as ``{'plant_sim.duration': 60}`` or ``{'controller.user.kp': 3}``, or a parameter file.
 
     Returns
     -------
@@ -86,42 +91,48 @@ def simulate(
     KeyboardInterrupt
         If it is interrupted; the run is lost.
     """
-    values = {} if controller is None else _values_of(controller)
-    if seed is not None:
-        values[f'{GYRO}.seed'] = _plain(seed)
-    file, overrides = _split(parameters)
-    options = RunOptions(
-        processes=Processes.NONE,
-        profile=profile,
-        parameter_file=file,
-        values={**values, **overrides},
-    )
-    spec = RunSpec.of_scenario(os.fspath(scenario), options)
-    folder = temporary_folder()
-    path = Path(folder.name, f'{spec.name}.mcap')
-    result = run_offline(spec, path, LogObserver())
+    with temporary_folder() as name:
+        folder = Path(name)
+        reference, own_values = _reference_and_values(controller, folder)
+        file, values = _file_and_values(parameters)
+        options = RunOptions(
+            processes=Processes.NONE,
+            profile=profile,
+            values={**own_values, **values},
+            parameter_file=file,
+            seed=_plain(seed),
+            controller=reference,
+        )
+        spec = RunSpec.of_scenario(os.fspath(scenario), options)
+        path = folder / f'{spec.name}.mcap'
+        result = run_offline(spec, path, LogObserver())
+        run = Run(read_run(path), path.read_bytes()) if result.ticks else None
     if result.outcome is Outcome.STOPPED:
         signal.raise_signal(result.failure_status - 128)  # now with its usual effect
-    if not result.ticks:
+    if run is None:
         raise BallbotError(result.failure)
-    return Run(path, folder=folder)
+    return run
 
 
 def open(path: str | os.PathLike[str], number: int | None = None) -> Run:  # noqa: A001
     """Open the recording of a run, from the node graph or from `Run.save`.
 
+    If the file is damaged, the part before the damage is read.
+
     Parameters
     ----------
+    path : str or path-like
+        The recording.
     number : int or None
         Number of the run in a recording of several, from 1; None for the last one.
 
     Raises
     ------
     RecordingError
-        If it is not a recording of a ballbot, or has no such run. Of a damaged file, the part
-        before the damage is read.
+        If it is not a recording of a ballbot, or has no such run.
     """
-    return Run(Path(path), number)
+    file = Path(path).absolute()
+    return Run(read_run(file, number), file)
 
 
 def linear_model(parameters: Parameters | None = None) -> control.StateSpace:
@@ -130,7 +141,8 @@ def linear_model(parameters: Parameters | None = None) -> control.StateSpace:
     Parameters
     ----------
     parameters : mapping or path-like or None
-        Physical values of ``plant_sim`` other than the document's: see :func:`simulate`.
+        Physical values of ``plant_sim`` other than the document's, by name as in :func:`simulate`,
+        or a parameter file.
 
     Returns
     -------
@@ -141,25 +153,26 @@ def linear_model(parameters: Parameters | None = None) -> control.StateSpace:
     Raises
     ------
     BallbotError
-        If a parameter is not valid.
+        If a parameter is not valid, or is none of the model.
     """
     from ballbot_ros.design.linear_model import plane_model  # its import takes two seconds
 
-    return plane_model(_physical(_parameter_set(parameters)))
+    return plane_model(_physical(_parameter_set(parameters, _PHYSICAL)))
 
 
 def loop(parameters: Parameters | None = None) -> control.StateSpace:
     """Return the loop of one plane, opened at the motor voltage, for margins and Bode diagrams.
 
     It is the ideal loop of section 4.2: state feedback in continuous time with the document's
-    structure, ``k_f`` on the states of :func:`linear_model` and ``k_i`` on the integral of `theta`.
-    The program that runs also samples, filters and rounds, so its margins are smaller.
+    structure, ``k_f`` on the states of :func:`linear_model` and ``k_i`` on the integral of `theta`,
+    both times ``pwm_gain``. The program that runs also samples, filters and rounds, so its margins
+    are smaller.
 
     Parameters
     ----------
     parameters : mapping or path-like or None
-        Physical values of ``plant_sim``, and gains ``controller.k_f`` and ``controller.k_i``, other
-        than the document's: see :func:`simulate`.
+        Physical values of ``plant_sim``, and ``controller.k_f``, ``controller.k_i`` and
+        ``controller.pwm_gain``, other than the document's; or a parameter file.
 
     Returns
     -------
@@ -170,44 +183,43 @@ def loop(parameters: Parameters | None = None) -> control.StateSpace:
     Raises
     ------
     BallbotError
-        If a parameter is not valid.
+        If a parameter is not valid, or is none of the loop.
     """
     from ballbot_ros.design.linear_model import ideal_loop
 
-    values = _parameter_set(parameters)
-    gains = values.of(ControllerParameters)
-    return ideal_loop(_physical(values), (*gains.k_f, gains.k_i))
+    values = _parameter_set(parameters, _PHYSICAL | _GAINS)
+    own = values.of(ControllerParameters)
+    return ideal_loop(_physical(values), [own.pwm_gain * gain for gain in (*own.k_f, own.k_i)])
 
 
-def _values_of(
-    controller: str | type[Controller[Any]] | Controller[Any],
-) -> dict[str, object]:
-    """Return the parameters that select a controller, and those that an instance has."""
-    implementation = f'{CONTROLLER}.implementation'
-    if isinstance(controller, str):
-        return {implementation: controller}
+def _reference_and_values(
+    controller: str | type[Controller[Any]] | Controller[Any] | None, folder: Path
+) -> tuple[str | None, dict[str, object]]:
+    """Return the reference to a controller, and the values of the parameters of an instance.
+
+    If an excerpt is necessary, it is written to `folder`.
+    """
+    if controller is None or isinstance(controller, str):
+        return controller, {}
     if isinstance(controller, type) and issubclass(controller, Controller):
-        return {implementation: reference_to(controller)}
+        return reference_to(controller, folder), {}
     if not isinstance(controller, Controller):
         raise BallbotError(
             f'controller: {short_repr(controller)} is not a name, a subclass of '
             f'{Controller.__module__.rpartition(".")[0]}.{Controller.__name__}, or its instance'
         )
-    name = type(controller).__name__
-    if controller.settings != ControllerParameters():
-        raise BallbotError(
-            f'controller: the settings of {name} are those of the scenario; set them by '
-            "parameters={'controller.…': …}"
-        )
-    values: dict[str, object] = {implementation: reference_to(type(controller))}
-    for prefix, own in ((USER, controller.parameters), (MODEL, controller.model)):
-        for each in fields(own):
-            values[f'{CONTROLLER}.{prefix}{each.name}'] = getattr(own, each.name)
-    return values
+    reference = reference_to(type(controller), folder)
+    require_unchanged(controller)
+    values = {
+        f'{CONTROLLER}.{prefix}{each.name}': getattr(own, each.name)
+        for prefix, own in ((USER, controller.parameters), (MODEL, controller.model))
+        for each in fields(own)
+    }
+    return reference, values
 
 
-def _split(parameters: Parameters | None) -> tuple[Path | None, dict[str, object]]:
-    """Return the file and the values that parameters are given by."""
+def _file_and_values(parameters: Parameters | None) -> tuple[Path | None, dict[str, object]]:
+    """Return the file or the values that parameters are given by."""
     if parameters is None:
         return None, {}
     if isinstance(parameters, Mapping):
@@ -215,10 +227,13 @@ def _split(parameters: Parameters | None) -> tuple[Path | None, dict[str, object
     return Path(parameters), {}
 
 
-def _parameter_set(parameters: Parameters | None) -> ParameterSet:
-    file, values = _split(parameters)
+def _parameter_set(parameters: Parameters | None, allowed: Iterable[str]) -> ParameterSet:
+    """Return the parameters of a model; refuse values, but not a file's, that it does not have."""
+    file, values = _file_and_values(parameters)
     found = read_parameter_file(file) if file else ParameterSet()
     assign_values(found, values)
+    if others := sorted(values.keys() - set(allowed)):
+        raise ParameterError(f'{others[0]} has no effect here; only {", ".join(sorted(allowed))}')
     return found
 
 
@@ -226,6 +241,8 @@ def _physical(parameters: ParameterSet) -> PhysicalParameters:
     return PhysicalParameters.from_parameters(parameters.of(PlantParameters))
 
 
-def _plain(value: object) -> object:
-    """Return a number or array of numpy as the number or list that parameters are made of."""
-    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+def _plain(value: Any) -> Any:
+    """Return numbers and arrays of numpy as the numbers and lists that parameters are made of."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value

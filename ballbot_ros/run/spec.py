@@ -32,6 +32,7 @@ from ballbot_ros.scenario.library import load_profile, load_scenario
 from ballbot_ros.scenario.reader import IDEAL
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.devices import DEVICES
+from ballbot_ros.timing import TICK_S
 from ballbot_ros.world.library import is_file_name
 from ballbot_ros.world.world import World
 
@@ -40,8 +41,8 @@ from ballbot_ros.world.world import World
 class RunOptions:
     """Settings of a run that apply to any scenario.
 
-    In order of increasing precedence: profile, scenario, `parameter_file`, `real_time_factor` and
-    `seed`, `values`, `assignments`, `controller`.
+    In order of increasing precedence: profile, scenario, `values`, `parameter_file`,
+    `real_time_factor` and `seed`, `assignments`, `controller`.
 
     Attributes
     ----------
@@ -137,10 +138,10 @@ class RunSpec:
         """
         options = options or RunOptions()
         spec = cls.compose(reference, options)
-        if spec.plant.duration == 0.0:
+        if spec.plant.duration < TICK_S:
             raise ParameterError(
-                f'{_origin(options, PLANT, "duration")}{PLANT}.duration is 0: a scenario must last '
-                'longer than 0 s'
+                f'{_origin(options, PLANT, "duration")}{PLANT}.duration is '
+                f'{spec.plant.duration:g}: a scenario must last at least {TICK_S:g} s'
             )
         check_reserved_parameters(spec.parameters, lambda node, name: _origin(options, node, name))
         return spec
@@ -171,6 +172,11 @@ class RunSpec:
         _apply(options, parameters)
         if reference is not None:
             _follow_scenario(reference, options, parameters)
+        if options.processes is Processes.NONE and not parameters.of(PlantParameters).lockstep:
+            raise ParameterError(
+                f'{_origin(options, PLANT, "lockstep")}{PLANT}.lockstep: false requires nodes; use '
+                '--processes separate or one'
+            )
         external = _external_roles(options)
         controller = None if CONTROLLER in external else compose_controller(parameters)
         resolve_map(parameters)
@@ -211,6 +217,7 @@ def _external_roles(options: RunOptions) -> tuple[str, ...]:
 
 def _apply(options: RunOptions, parameters: ParameterSet) -> None:
     """Apply the options."""
+    assign_values(parameters, options.values)
     if options.parameter_file is not None:
         parameters.update(read_parameter_file(options.parameter_file))
     factor = options.real_time_factor
@@ -219,8 +226,7 @@ def _apply(options: RunOptions, parameters: ParameterSet) -> None:
     if factor is not None:
         parameters.set(PLANT, 'real_time_factor', factor, '--real-time-factor')
     if options.seed is not None:
-        parameters.set(GYRO, 'seed', options.seed, '--seed')
-    assign_values(parameters, options.values)
+        parameters.set(GYRO, 'seed', options.seed)
     for assignment in options.assignments:
         assign(parameters, assignment)
     if options.controller is not None:

@@ -225,7 +225,9 @@ def test_the_notebook_script_opens_markdown_as_notebooks(machine):
     run = machine.run('notebook', '--no-browser')
     folder = str(machine.project / 'docs/notebooks')
     assert run.arguments == ['-m', 'jupyter', 'lab', '--notebook-dir', folder, '--no-browser']
-    assert machine.calls()[-1] == 'pip install --no-input -e .[ros,drive,mpc,viewer,pandas,notebook]'
+    assert (
+        machine.calls()[-1] == 'pip install --no-input -e .[ros,drive,mpc,viewer,pandas,notebook]'
+    )
     (settings,) = (machine.project / '.venv').rglob('overrides.json')
     assert 'Jupytext Notebook' in str(json.loads(settings.read_text()))
 

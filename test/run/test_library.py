@@ -3,9 +3,11 @@
 import json
 import math
 import os
+import pickle
 import signal
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass
 
 import control
@@ -112,6 +114,32 @@ def test_a_saved_run_opens_as_the_same_run(hardware, tmp_path):
     assert bb.open(path, 1).passed == hardware.passed
     with pytest.raises(RecordingError, match=r'run 2 not found; the file has run 1'):
         bb.open(path, 2)
+    path.unlink()
+    with pytest.raises(BallbotError, match=rf'^{path}: No such file'):
+        again.save(tmp_path / 'other.mcap')
+
+
+def test_a_run_is_copied_with_its_recording(stationary, tmp_path):
+    again = pickle.loads(pickle.dumps(stationary))
+    assert (
+        again.save(tmp_path / 'a.mcap').read_bytes()
+        == stationary.save(tmp_path / 'b.mcap').read_bytes()
+    )
+    assert again.duty_sha256 == stationary.duty_sha256
+
+
+def test_a_run_can_not_be_changed(stationary):
+    stationary.metrics['energy_j'] = 0.0
+    assert stationary.metrics['energy_j'] > 0.0
+    with pytest.raises(ValueError, match='read-only'):
+        stationary.trajectory.duty[0] = 99
+
+
+def test_no_temporary_file_remains(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    run = bb.simulate(controller=Constant, parameters=SHORT)
+    assert list(tmp_path.iterdir()) == []
+    assert len(run.frame()) == 300
 
 
 def test_the_same_arguments_give_the_same_run():
@@ -156,6 +184,23 @@ def test_an_instance_brings_its_parameters_and_its_design_model():
         bb.simulate(controller=Constant(Gains(duty=300.0)))
 
 
+def test_parameters_take_precedence_over_an_instance_and_arguments_over_both(tmp_path):
+    def last_duty(controller, parameters):
+        return bb.simulate(controller=controller, parameters=parameters).trajectory.duty[-1, 0]
+
+    file = tmp_path / 'own.yaml'
+    text = 'plant_sim: {ros__parameters: {duration: 1.2}}\n'
+    file.write_text(text + 'controller: {ros__parameters: {user: {duty: 9.0}}}\n')
+    assert last_duty(Constant(Gains(duty=7.0)), file) == 9
+    assert last_duty(Constant, {**SHORT, 'controller.implementation': 'lqg'}) == 0
+    seeded = {**SHORT, 'gyro_driver.seed': 4}
+    runs = [
+        bb.simulate('hardware_standing', seed=seed, parameters=parameters).duty_sha256
+        for seed, parameters in ((2, seeded), (2, SHORT), (None, seeded), (4, SHORT))
+    ]
+    assert runs[0] == runs[1] != runs[2] == runs[3]
+
+
 def test_a_run_that_fails_is_returned_up_to_there(caplog, tmp_path):
     run = bb.simulate(controller=Failing())
     told = 'ZeroDivisionError: integer division or modulo by zero (Failing.tick at 0.400 s)'
@@ -184,6 +229,8 @@ def test_a_run_that_fails_is_returned_up_to_there(caplog, tmp_path):
             {'controller': Constant(settings=ControllerParameters(k_thetadot=3.0))},
             'the settings of Constant are those of the scenario',
         ),
+        ({'parameters': {'plant_sim.lockstep': False}}, 'lockstep: false requires nodes'),
+        ({'parameters': {'plant_sim.duration': 0.001}}, r'must last at least 0\.004 s'),
         ({'parameters': {'duration': 1}}, "'duration' is not of the form node.param"),
         ({'parameters': {'plant_sim.nope': 1}}, "plant_sim has no parameter 'nope'"),
         ({'parameters': {'plant_sim.duration': 0}}, r'plant_sim\.duration is 0'),
@@ -210,8 +257,13 @@ def test_an_interruption_ends_the_program_as_usual(monkeypatch):
 def test_a_run_is_saved_only_where_it_can_be(stationary, tmp_path):
     with pytest.raises(BallbotError, match=r'x\.csv: the name of a recording ends in \.mcap'):
         stationary.save(tmp_path / 'x.csv')
-    with pytest.raises(BallbotError, match=r'x\.mcap: No such file or directory'):
-        stationary.save(tmp_path / 'nope' / 'x.mcap')
+    for target, told in (
+        (tmp_path / 'nope' / 'x.mcap', r'x\.mcap: No such file or directory'),
+        (tmp_path / f'{"y" * 300}.mcap', 'File name too long'),
+        (tmp_path / 'a\0.mcap', 'null'),
+    ):
+        with pytest.raises(BallbotError, match=told):
+            stationary.save(target)
     with pytest.raises(RecordingError, match='No such file'):
         bb.open(tmp_path / 'x.mcap')
 
@@ -261,9 +313,9 @@ def test_a_frame_without_pandas_says_how_to_get_it(stationary, monkeypatch):
 
 def test_a_notebook_shows_table_and_figure(hardware):
     page = hardware._repr_html_()
-    for text in ('<td style="text-align: left">wall clearance</td>', '✓', 'data:image/png;base64,'):
+    for text in ('<code>wall_clearance_m</code>', '<code>energy_j</code>', '✓', 'data:image/png;'):
         assert text in page
-    for absent in ('nan', 'None', 'tick jitter'):
+    for absent in ('nan', 'None'):
         assert absent not in page.partition('<img')[0]
     figure = hardware.plot()
     assert figure._repr_png_().startswith(b'\x89PNG')
@@ -295,8 +347,14 @@ def test_the_loop_closes_to_the_poles_of_the_design():
     )
     low, *_ = control.stability_margins(bb.loop())
     assert low == pytest.approx(design.gain_margins[0], rel=1e-3)
+    doubled = bb.loop({'controller.pwm_gain': 2.0})
+    np.testing.assert_allclose(doubled.C, 2.0 * bb.loop().C)
     with pytest.raises(BallbotError, match='k_f'):
         bb.loop({'controller.k_f': [1.0]})
+    with pytest.raises(BallbotError, match=r'^controller\.k_thetadot has no effect here'):
+        bb.loop({'controller.k_thetadot': 300})
+    with pytest.raises(BallbotError, match=r'^controller\.k_i has no effect here'):
+        bb.linear_model({'controller.k_i': 300})
 
 
 def test_the_package_imports_nothing_before_its_first_use():
@@ -310,6 +368,9 @@ def test_the_package_imports_nothing_before_its_first_use():
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, check=True)
     before, after, names = json.loads(done.stdout)
     assert (before, after) == ([], [])
-    assert names == ['Run', '__version__', 'linear_model', 'loop', 'open', 'simulate']
+    assert names == [
+        'BallbotError', 'Run', '__version__', 'linear_model', 'loop', 'open', 'simulate',
+    ]  # fmt: skip
+    assert 'open' not in bb.__all__  # which `from ballbot_ros import *` would replace
     with pytest.raises(AttributeError, match="module 'ballbot_ros' has no attribute 'nope'"):
         bb.nope  # noqa: B018

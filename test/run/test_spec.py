@@ -151,7 +151,7 @@ def test_a_mistake_is_refused_in_one_line():
         ('profile', 'soft', "unknown profile 'soft'; known: ideal, hardware"),
         ('profile', '', "unknown profile ''; known: ideal, hardware"),
         ('parameter_file', '/no/such.yaml', '/no/such.yaml: No such file'),
-        ('seed', -1, '--seed: gyro_driver.seed: -1 is not within'),
+        ('seed', -1, 'gyro_driver.seed: -1 is not within'),
         ('real_time_factor', 'x', "--real-time-factor: plant_sim.real_time_factor: 'x'"),
         ('controller', 'fortran', "no controller 'fortran': give one of python, c, arm"),
     ):
@@ -163,7 +163,7 @@ def test_a_mistake_is_refused_in_one_line():
         ('recorder.output=x.mcap', 'recorder.output cannot be set: a run writes its files to'),
         ('recorder.attachments=x', 'recorder.attachments cannot be set'),
         ('plant_sim.trajectory_file=x', 'plant_sim.trajectory_file cannot be set'),
-        ('plant_sim.duration=0', 'plant_sim.duration is 0: a scenario must last longer'),
+        ('plant_sim.duration=0', 'plant_sim.duration is 0: a scenario must last at least'),
         ('plant_sim.map=mars', "unknown map 'mars'"),
     ):
         options = RunOptions(assignments=[assignment, 'gyro_driver.seed=1'])
