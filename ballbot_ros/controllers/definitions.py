@@ -17,7 +17,7 @@ _CALLS = (
     'CALL', 'CALL_FUNCTION', 'CALL_METHOD', 'EXTENDED_ARG', 'PRECALL', 'PUSH_NULL', 'SWAP', 'CACHE',
 )  # fmt: skip
 
-_PLAIN = (bool, int, float, complex, str, bytes, type(None), np.ndarray, np.generic)
+_PLAIN = (bool, int, float, complex, str, bytes, type(None), np.ndarray, np.number)
 
 
 def functions_of(definition: FunctionType | type) -> list[FunctionType]:

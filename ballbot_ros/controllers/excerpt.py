@@ -195,7 +195,7 @@ def _literal(value: Any) -> str:
             raise TypeError(f'an array of {value.size} elements')
         numbers = _literal(value.ravel().tolist())
         return f'numpy.array({numbers}, {value.dtype.name!r}).reshape({value.shape})'
-    if isinstance(value, np.bool_ | np.integer | np.floating) and value.dtype.itemsize <= 8:
+    if isinstance(value, np.bool_ | np.number) and value.dtype.kind in 'biuf':
         return f'numpy.dtype({value.dtype.name!r}).type({_literal(value.item())})'
     if kind is float and not math.isfinite(value):
         return f"float('{value}')"

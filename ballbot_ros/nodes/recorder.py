@@ -77,6 +77,11 @@ class Recorder(BallbotNode[RecorderParameters]):
     def _poll(self) -> None:
         """Write the messages that have arrived, in order of arrival, and acknowledge them."""
         self._write_until(time.time_ns())
+        self._acknowledge()
+
+    def _acknowledge(self) -> None:
+        if not self.exit_status and self._ticks.advance():
+            self._send_ack()
 
     def _write_until(self, received_ns: float) -> None:
         if self.exit_status:
@@ -88,9 +93,6 @@ class Recorder(BallbotNode[RecorderParameters]):
                 self._take(channel, data, sequence)
         except RecordingError as error:
             self._fail(error)
-            return
-        if self._ticks.advance():
-            self._send_ack()
 
     def _take(self, channel: Channel, data: bytes, sequence: int) -> None:
         try:
@@ -123,6 +125,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._ack.publish(encode_header(self._ticks.acked_ns))
 
     def _on_run(self, run: Run) -> None:
+        # Without an acknowledgement, which the plant of this run would take for its own.
         self._write_until(time.time_ns())
         self._gate.takes_part = True
         try:
@@ -204,10 +207,12 @@ class Recorder(BallbotNode[RecorderParameters]):
         """Keep recording until the run has ended: it may be stopped together with the recorder."""
         deadline = time.monotonic() + END_S
         self._write_until(math.inf)
+        self._acknowledge()
         is_under_way = self._gate.takes_part and self._gate.now_ns > 0 and not self.exit_status
         while is_under_way and not (self._outcome or self._stop) and time.monotonic() < deadline:
             time.sleep(POLL_S)
             self._write_until(math.inf)
+            self._acknowledge()
 
     def _write_stop(self) -> None:
         """Write that the motors are off, unless the run has completed."""

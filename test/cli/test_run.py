@@ -109,7 +109,7 @@ MISTAKES = {
     ),
     'no duration': (
         lambda tmp_path: ['stationary', '--set=plant_sim.duration=0'],
-        'longer than 0 s',
+        'at least 0.004 s',
     ),
     'existing recording': (lambda tmp_path: ['stationary', *_full_folder(tmp_path)], 'exists'),
     'folder is a file': (lambda tmp_path: ['stationary', '--output', '/dev/null'], '/dev/null'),

@@ -125,6 +125,8 @@ class Node:
         if self.fault == 'joins only one run' and self.run:
             run = self.run
         if run != self.run:
+            if self.fault == 'acknowledges again late' and self.answered_ns:
+                self.send(self.contract.answer, encode_header(self.answered_ns))
             self.run, self.answered_ns, self.calls = run, 0, 0
             if self.fault != 'keeps its state':
                 self.ticks = 0
@@ -383,6 +385,10 @@ def test_a_controller_need_not_use_the_gyro():
 
 def test_a_controller_may_answer_each_repeated_input():
     assert failed(rows_of(CONTROLLER, 'answers again three times')) == {}
+
+
+def test_an_acknowledgement_that_was_sent_before_the_run_may_be_late():
+    assert failed(rows_of(RECORDER, 'acknowledges again late')) == {}
 
 
 @pytest.mark.parametrize('role', ROLES)

@@ -356,6 +356,25 @@ def test_each_message_is_kept_once_and_the_first_motor_stop_until_the_end():
     assert node._stop == (duty.stream, encode_stop(9), 7)
 
 
+def test_the_rest_of_a_run_is_not_acknowledged_to_the_plant_of_the_next():
+    for how, expected in (('_poll', [('write',), ('ack',)]), ('_on_run', [('write',), ('begin',)])):
+        events = []
+        node = stub_recorder(
+            events, _order=SimpleNamespace(merge=lambda *_, events=events: note_write(events)),
+            _run='1 abc', _gate=SimpleNamespace(), _ticks=SimpleNamespace(advance=lambda: True),
+            _channels=SimpleNamespace(take=list), _send_ack=lambda events=events: events.append(
+                ('ack',)
+            ), _begin=lambda run, events=events: events.append(('begin',)),
+        )  # fmt: skip
+        getattr(node, how)(*([Run('1 next', 1)] if how == '_on_run' else []))
+        assert events == expected, how
+
+
+def note_write(events):
+    events.append(('write',))
+    return []
+
+
 def test_a_recorder_that_is_stopped_with_its_run_awaits_the_end(monkeypatch):
     """It waits at most a second, and only for a run that is under way."""
     now_s = [0.0]
@@ -383,7 +402,7 @@ def test_a_recorder_that_is_stopped_with_its_run_awaits_the_end(monkeypatch):
                 node._outcome = {'outcome': 'completed'}  # noqa: B023
 
         node = stub_recorder(
-            [], exit_status=status, _write_until=write,
+            [], exit_status=status, _write_until=write, _acknowledge=lambda: None,
             _gate=SimpleNamespace(takes_part=takes_part, now_ns=now_ns),
         )  # fmt: skip
         Recorder._await_end(node)
