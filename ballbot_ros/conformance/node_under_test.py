@@ -250,8 +250,8 @@ class NodeUnderTest:
         """Check the stamps of all answers in this run."""
         stamps = [stamp_of(data) for data in self.answers()]
         if self.contract.acknowledges:
-            # An acknowledgement from before the run does not count: the plant ignores it. A late one
-            # of the run before may even arrive after the next plant has begun.
+            # An acknowledgement from before the run does not count: the plant ignores it. A late
+            # one of the run before may even arrive after the next plant has begun.
             stamps = list(dropwhile(lambda each: each == self._earlier_ns, stamps))
             if ahead := [each for each in stamps if each > self._newest_ns]:
                 raise BreachError(f'it acknowledges {seconds(ahead[0])}, ahead of the run')
