@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dis
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from inspect import unwrap
 from types import CodeType, FunctionType
 from typing import Any
@@ -17,7 +18,7 @@ _CALLS = (
     'CALL', 'CALL_FUNCTION', 'CALL_METHOD', 'EXTENDED_ARG', 'PRECALL', 'PUSH_NULL', 'SWAP', 'CACHE',
 )  # fmt: skip
 
-_PLAIN = (bool, int, float, complex, str, bytes, type(None), np.ndarray, np.number)
+_PLAIN = (bool, int, float, complex, str, bytes, type(None), np.ndarray, np.number, np.bool_)
 
 
 def functions_of(definition: FunctionType | type) -> list[FunctionType]:
@@ -61,13 +62,14 @@ class _Comparison:
 
     def __init__(self, module: str) -> None:
         self._module = module
-        self._seen: set[tuple[int, int]] = set()
+        # With the objects, so that no later one gets the identity of one that is gone.
+        self._seen: dict[tuple[int, int], tuple[Any, Any]] = {}
 
     def difference(self, a: Any, b: Any, name: str) -> str:
         """Return the name of the first difference; '' if there is none."""
         if a is b or (id(a), id(b)) in self._seen:
             return ''
-        self._seen.add((id(a), id(b)))
+        self._seen[id(a), id(b)] = a, b
         if isinstance(a, _PLAIN) or isinstance(b, _PLAIN):
             return '' if _are_equal(a, b) else name
         if isinstance(a, list | tuple) and isinstance(b, list | tuple):
@@ -86,7 +88,7 @@ class _Comparison:
 
     def attributes(self, a: Mapping[str, Any], b: Mapping[str, Any], name: str) -> str:
         """Return the name of the first attribute that differs; '' if there is none."""
-        for each in a.keys() | b.keys():
+        for each in sorted(a.keys() | b.keys()):
             if each not in a or each not in b:
                 found = '' if each.startswith('__') else f'{name}.{each}'
             elif each.startswith('__') and not isinstance(a[each], FunctionType):
@@ -104,8 +106,7 @@ class _Comparison:
 
     def _functions(self, a: Sequence[FunctionType], b: Sequence[FunctionType], name: str) -> str:
         def parts(function: FunctionType) -> list[Any]:
-            cells = [each.cell_contents for each in function.__closure__ or ()]
-            return [function.__defaults__, function.__kwdefaults__, cells]
+            return [function.__defaults__, function.__kwdefaults__, _closure(function)]
 
         same_code = [_code(each.__code__) for each in a] == [_code(each.__code__) for each in b]
         return self._elements(list(map(parts, a)), list(map(parts, b)), name) if same_code else name
@@ -118,6 +119,15 @@ def _functions_in(value: Any) -> list[FunctionType]:
         parts = [value.fget, value.fset, value.fdel]
     originals = (unwrap(each) for each in parts if callable(each) or hasattr(each, '__wrapped__'))
     return [each for each in originals if isinstance(each, FunctionType)]
+
+
+def _closure(function: FunctionType) -> list[Any]:
+    """Return the values of a function's free variables that have one."""
+    values = []
+    for cell in function.__closure__ or ():
+        with suppress(ValueError):  # a variable without a value yet
+            values.append(cell.cell_contents)
+    return values
 
 
 def _code(code: CodeType) -> list[tuple[str, Any]]:

@@ -14,6 +14,7 @@ from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from linecache import getline
 from pathlib import Path
+from threading import RLock
 from types import ModuleType, TracebackType
 from typing import Any
 
@@ -286,12 +287,18 @@ def load(code: ControllerCode) -> LoadedController:
         raise ControllerError(code.describe(error)) from None
 
 
+_execution = RLock()
 _in_execution: set[str] = set()
 
 
-@lru_cache(maxsize=8)
 def _execute(path: Path, source: Source) -> ModuleType:
     """Return the module of a file, from the content that was read and is attached."""
+    with _execution:  # several threads may load the same file
+        return _executed(path, source)
+
+
+@lru_cache(maxsize=8)
+def _executed(path: Path, source: Source) -> ModuleType:
     name = f'ballbot_controller_{source.sha256[:16]}'
     if name in _in_execution:
         raise ControllerError(

@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -146,6 +147,35 @@ def test_a_change_after_the_definition_is_not_dropped(notebook, first_duty, refu
     assert first_duty(notebook.Mine) == 1
     notebook.run(change)
     assert f'Mine: {where} is not as its definition says' in refused(notebook.Mine)
+
+
+def test_each_change_of_many_alike_is_found(notebook, first_duty, refused):
+    methods = [f'    def m{each}(self, x=1):\n        return x\n' for each in range(30)]
+    notebook.run(
+        IMPORT,
+        'class Base:\n' + ''.join(methods),
+        controller_class('self.m3()').replace('(Controller)', '(Controller, Base)'),
+    )
+    assert first_duty(notebook.Mine) == 1
+    for each in range(30):
+        method = getattr(notebook.Base, f'm{each}')
+        method.__defaults__ = (2,)
+        assert f'Base.m{each} is not as its definition says' in refused(notebook.Mine)
+        method.__defaults__ = (1,)
+
+
+def test_threads_may_use_a_class_at_the_same_time(notebook, tmp_path):
+    notebook.run(
+        IMPORT,
+        'import time\n'
+        + controller_class('1').replace('def tick', 'pause = time.sleep(0.05)\n    def tick'),
+    )
+    folders = [tmp_path / str(each) for each in range(4)]
+    for folder in folders:
+        folder.mkdir()
+    with ThreadPoolExecutor() as pool:
+        references = list(pool.map(lambda folder: reference_to(notebook.Mine, folder), folders))
+    assert [load_controller(each).cls().tick(None) for each in references] == [(1, 0)] * 4
 
 
 @pytest.mark.parametrize(
