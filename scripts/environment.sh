@@ -1,7 +1,8 @@
 # Sourced by the other scripts and by .ci/run. `prepare_environment run` sets `project`, the source
 # tree, and `venv`, its virtual environment, which it creates or updates if necessary;
 # `prepare_environment` with another word adds the extra of this name: `test` the test tools, `docs`
-# those of the documentation site, `notebook` JupyterLab. If it fails, it exits with one line and status 2.
+# those of the documentation site, `notebook` JupyterLab. If it fails, it exits with one line and
+# status 2.
 
 project=$(dirname "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")")
 

@@ -17,8 +17,8 @@ from ballbot_ros.analysis.assessment import ExpectationResult, assess
 from ballbot_ros.analysis.figures import draw_motion
 from ballbot_ros.analysis.frame import frame_of
 from ballbot_ros.analysis.metrics import with_judgements
-from ballbot_ros.analysis.page import number_text, render_template
-from ballbot_ros.analysis.report import banner
+from ballbot_ros.analysis.page import render_template
+from ballbot_ros.analysis.report import banner, metric_text
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.style import png_of
 from ballbot_ros.analysis.verdict import Verdict
@@ -154,7 +154,7 @@ class Run:
             run.trajectory,
             f'{run.name}{name}{purpose}',
             run.plant.hold_time,
-            (*scenario.vertical.segments, *scenario.horizontal.segments) if scenario else (),
+            scenario.segments if scenario else (),
             run.floor,
         )
 
@@ -196,7 +196,7 @@ class Run:
     def _repr_html_(self) -> str:
         verdicts = {each.judgement: each.verdict for each in self.expectations}
         rows = [
-            (name, number_text(value, 'never'), judgement, judgement and verdicts[judgement])
+            (name, metric_text(name, value).value, judgement, judgement and verdicts[judgement])
             for name, value, judgement in with_judgements(self.metrics, verdicts)
             if judgement or not math.isnan(value)
         ]

@@ -116,7 +116,7 @@ def _with_figure(spec: RunSpec, world: World | None, result: RunResult, path: Pa
             result.trajectory,
             f'{scenario.name}{controller}: {scenario.purpose}',
             spec.plant.hold_time,
-            (*scenario.vertical.segments, *scenario.horizontal.segments),
+            scenario.segments,
             world.map if world else None,
         )
         path.write_bytes(png_of(figure))

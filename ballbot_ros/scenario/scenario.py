@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.scenario.signal import StickSignal
+from ballbot_ros.scenario.signal import Segment, StickSignal
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,11 @@ class Scenario:
     pushes: tuple[ScheduledPush, ...] = ()
     expectations: tuple[Expectation, ...] = ()
     text: str = ''
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """The segments of both stick signals."""
+        return (*self.vertical.segments, *self.horizontal.segments)
 
     def sticks_at(self, time: float) -> tuple[int, int]:
         """Return the sticks (vertical, horizontal) at `time` [s] from the start of the run."""
