@@ -28,6 +28,7 @@ from ballbot_ros.messages.conversions import (
     tone_of,
 )
 from ballbot_ros.messages.message_types import DiagnosticStatus, OccupancyGridMessage
+from ballbot_ros.messages.parameter_events import decode_parameter_event
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -38,6 +39,7 @@ from ballbot_ros.messages.topics import (
     MAP,
     MOTOR_DUTY,
     OPERATING_STATE,
+    PARAMETER_EVENTS,
     PARTICIPANTS,
     PLANT_IMU,
     PLANT_JOINT_STATES,
@@ -48,13 +50,16 @@ from ballbot_ros.messages.topics import (
     SOUND,
     Topic,
 )
+from ballbot_ros.parameters import Value
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.timing import SECOND_NS
 
-_EVENTS = (OPERATING_STATE, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP)
+_EVENTS = (
+    OPERATING_STATE, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP, PARAMETER_EVENTS,
+)  # fmt: skip
 _OTHER_CLOCK_MS = 3.6e6
 
 
@@ -197,6 +202,7 @@ class Extraction:
     statuses: list[tuple[int, int, Status]] = field(default_factory=list)
     pages: list[tuple[int, int, str]] = field(default_factory=list)
     tones: list[tuple[int, int, Tone]] = field(default_factory=list)
+    retunings: list[tuple[int, int, Mapping[str, Value]]] = field(default_factory=list)
     maps: list[tuple[int, int, OccupancyGridMessage]] = field(default_factory=list)
     topic_statistics: dict[str, TopicStatistics] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
@@ -281,6 +287,13 @@ def _take_event(
 ) -> None:
     if topic in (PARTICIPANTS, RUN_STATUS):
         extraction.announced.add(topic, raw.data)
+        return
+    if topic is PARAMETER_EVENTS:
+        try:
+            values = decode_parameter_event(raw.data)
+        except ValueError as error:
+            raise _unlike(recording, raw, error) from None
+        extraction.retunings.append((epoch, raw.stamp_ns, values))
         return
     message, log_ns = recording.decode(raw), raw.stamp_ns
     if topic is OPERATING_STATE:

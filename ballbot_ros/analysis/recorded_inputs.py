@@ -23,23 +23,27 @@ from ballbot_ros.messages.conversions import decode_sticks, push_forces, stamp_n
 from ballbot_ros.messages.inputs import INPUT_READERS
 from ballbot_ros.messages.message_types import WrenchStamped
 from ballbot_ros.messages.motor_stop import is_stop
+from ballbot_ros.messages.parameter_events import decode_parameter_event
+from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import (
     ACCEPTED_PUSH,
     CLOCK,
     GAMEPAD_JOY,
     MOTOR_DUTY,
+    PARAMETER_EVENTS,
     PARTICIPANTS,
     RUN,
     RUN_STATUS,
     Topic,
 )
+from ballbot_ros.parameters import Value
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.recording.batch import RawMessage
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.timing import TICK_NS
 
-_DECODED = {RUN, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY, *INPUT_READERS}
+_DECODED = {RUN, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY, PARAMETER_EVENTS, *INPUT_READERS}
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,9 @@ class RunInputs:
         The duties [%] by stamp [ns].
     pushes : sequence of Push
         The pushes that acted, from the scenario or from outside.
+    retunings : mapping of int to mapping of str to Value
+        The controller's parameters that changed during the run: their new values by name, by the
+        stamp [ns] of the tick from which they apply.
     """
 
     run: RecordedRun
@@ -66,6 +73,7 @@ class RunInputs:
     sources: Mapping[int, str]
     duties: Mapping[int, tuple[int, int]]
     pushes: Sequence[Push]
+    retunings: Mapping[int, Mapping[str, Value]]
 
     @property
     def ticks(self) -> int:
@@ -129,7 +137,9 @@ def read_inputs(reader: RecordingReader) -> RecordedInputs:
             raise RecordingError(f'{reader.path}: {topics.mismatch(name)}')
     finder, announced = RunFinder(reader), AnnouncedParameters()
     epochs: defaultdict[int, _EpochInputs] = defaultdict(_EpochInputs)
-    wanted = (RUN_STATUS, PARTICIPANTS, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY)
+    wanted = (
+        RUN_STATUS, PARTICIPANTS, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY, PARAMETER_EVENTS,
+    )  # fmt: skip
     for epoch, topic, raw in messages_by_epoch(reader, topics, finder, wanted):
         if topic in (PARTICIPANTS, RUN_STATUS):
             announced.add(topic, raw.data)
@@ -156,8 +166,13 @@ class _EpochInputs:
     duties: dict[int, tuple[int, int]] = field(default_factory=dict)
     begun: dict[str, WrenchStamped] = field(default_factory=dict)
     pushes: list[Push] = field(default_factory=list)
+    retunings: dict[int, Mapping[str, Value]] = field(default_factory=dict)
 
     def add(self, reader: RecordingReader, topic: Topic, raw: RawMessage) -> None:
+        if topic is PARAMETER_EVENTS:
+            with recording_error_context(reader, raw.topic, raw.stamp_ns):
+                self.retunings[stamp_of(raw.data)] = decode_parameter_event(raw.data)
+            return
         message = reader.decode(raw)
         if topic is GAMEPAD_JOY:
             with recording_error_context(reader, raw.topic, raw.stamp_ns):
@@ -188,6 +203,6 @@ class _EpochInputs:
         for push in self.pushes:
             pushes[bisect_right(starts, push.start_ns) - 1].append(push)
         return [
-            RunInputs(run, last_ns, self.sticks, self.sources, self.duties, acted)
+            RunInputs(run, last_ns, self.sticks, self.sources, self.duties, acted, self.retunings)
             for run, last_ns, acted in zip(runs, last, pushes, strict=True)
         ]

@@ -32,12 +32,10 @@ from ballbot_ros.analysis.replayed_controller import (
     choose_controller,
 )
 from ballbot_ros.codegen.implementation import (
-    implementation_for,
     missing_tool_for,
     require_implementation,
 )
 from ballbot_ros.controllers.errors import ControllerError
-from ballbot_ros.controllers.interface import Program
 from ballbot_ros.controllers.loading import OUR_PACKAGE, public_reference
 from ballbot_ros.controllers.own_parameters import own_rows
 from ballbot_ros.errors import BallbotError, printable
@@ -96,9 +94,13 @@ class _Job(NamedTuple):
     def implementation(self) -> str:
         return str(self.parameters.of(ControllerParameters).implementation)
 
-    def program(self) -> Program:
-        """Return a new control program."""
-        return implementation_for(self.parameters.of(ControllerParameters)).make()
+    def without_changes_of(self, name: str) -> _Job:
+        """Return the run without the recorded changes of a parameter of the controller."""
+        retunings = {
+            stamp: {each: value for each, value in values.items() if each != name}
+            for stamp, values in self.inputs.retunings.items()
+        }
+        return self._replace(inputs=replace(self.inputs, retunings=retunings))
 
     def has_begun_before(self, difference: MessageDifference) -> bool:
         run = self.inputs.run
@@ -258,7 +260,8 @@ class RecordingReplay:
         Parameters
         ----------
         assignments : sequence of str
-            Parameters of the other controller as ``controller.param=value``; they stay in effect.
+            Parameters of the other controller as ``controller.param=value``. They apply for the
+            whole of each run, also if they were changed on the way, and stay in effect.
 
         Raises
         ------
@@ -278,6 +281,8 @@ class RecordingReplay:
                     raise ParameterError(
                         f'--set {assignment}: only {public_reference(before)} can replay this run'
                     )
+            name = assignment.partition('=')[0].partition('.')[2]
+            self._jobs = [job.without_changes_of(name) for job in self._jobs]
         self.controllers = [
             replace(each, replayed=public_reference(job.implementation))
             for each, job in zip(self.controllers, self._jobs, strict=True)
@@ -299,7 +304,7 @@ class RecordingReplay:
         self, job: _Job, comparator: MessageComparator | None = None
     ) -> Iterator[ReplayedTick]:
         comparator = comparator or MessageComparator(())
-        return replay_controller(self._recording, job.inputs, job.program(), comparator)
+        return replay_controller(self._recording, job.inputs, job.parameters, comparator)
 
     def _robot_ticks(self, job: _Job, comparator: MessageComparator) -> Iterator[Tick]:
         foreign = [each.role for each in self._foreign_drivers(job)]

@@ -10,6 +10,7 @@ from ballbot_ros.analysis.message_comparison import MessageComparator
 from ballbot_ros.analysis.recorded_inputs import RunInputs, recording_error_context
 from ballbot_ros.analysis.recorded_runs import RobotRecording
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
+from ballbot_ros.codegen.implementation import implementation_for
 from ballbot_ros.controllers.interface import Program
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.devices import DEVICE_MESSAGES, AnyDeviceMessages
@@ -26,6 +27,7 @@ from ballbot_ros.messages.topics import (
     MAP,
     MOTOR_DUTY,
     OPERATING_STATE,
+    PARAMETER_EVENTS,
     PLANT_IMU,
     PLANT_JOINT_STATES,
     PLANT_ODOM,
@@ -33,13 +35,13 @@ from ballbot_ros.messages.topics import (
     WALL_HIT,
     Topic,
 )
-from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
 from ballbot_ros.recording.batch import RawMessage
 from ballbot_ros.simulation.closed_loop import ClosedLoop, Tick
 from ballbot_ros.timing import MILLISECOND_NS, TICK_NS
 
 CONTROLLER_TOPICS = (
-    MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD,
+    PARAMETER_EVENTS, MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD,
 )  # fmt: skip
 ALL_TOPICS = (
     MAP, ACCEPTED_PUSH, CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, BATTERY_STATE, WALL_HIT,
@@ -60,10 +62,41 @@ EVENTS = (WALL_HIT, OPERATING_STATE, BLUETOOTH_TX, LCD)
 """Topics without stamps: only the order of their messages shows which run they belong to."""
 
 
+class _Retuning:
+    """Repeats the recorded changes of a controller's parameters, at the same ticks."""
+
+    def __init__(
+        self,
+        recording: RobotRecording,
+        inputs: RunInputs,
+        parameters: ParameterSet,
+        program: Program,
+        messages: ControllerMessages | RunMessages,
+    ) -> None:
+        self._reader, self._retunings = recording.reader, inputs.retunings
+        self._parameters = ParameterSet()
+        self._parameters.update(parameters)
+        self._program, self._messages = program, messages
+
+    def repeat(self, now_ns: int) -> None:
+        """Repeat the changes before the tick at `now_ns` [ns]."""
+        values = self._retunings.get(now_ns)
+        if not values:
+            return
+        with recording_error_context(self._reader, PARAMETER_EVENTS.name, now_ns):
+            for name, value in values.items():
+                self._parameters.set(CONTROLLER, name, value)
+            self._program.retune(self._parameters.of(ControllerParameters))
+        self._messages.retuned(now_ns, values)
+
+
 def replay_controller(
-    recording: RobotRecording, inputs: RunInputs, program: Program, comparator: MessageComparator
+    recording: RobotRecording,
+    inputs: RunInputs,
+    parameters: ParameterSet,
+    comparator: MessageComparator,
 ) -> Iterator[ReplayedTick]:
-    """Feed recorded samples to a controller, and compare its messages.
+    """Feed recorded samples to a controller with these parameters, and compare its messages.
 
     Yields
     ------
@@ -79,6 +112,8 @@ def replay_controller(
     samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUT_READERS}
     sink = partial(comparator.add_replayed, epoch=run.epoch)
     messages = ControllerMessages(lambda topic: partial(sink, topic))
+    program = implementation_for(parameters.of(ControllerParameters)).make()
+    retuning = _Retuning(recording, inputs, parameters, program, messages)
     now = run.start_ns
     for topic, raw in _messages(recording, inputs):
         comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)
@@ -91,6 +126,7 @@ def replay_controller(
         ):
             readings = device_inputs(lambda each: samples[each].pop(now, None))  # noqa: B023
             elapsed = now - run.start_ns
+            retuning.repeat(now)
             with recording_error_context(reader, 'the inputs', now):
                 outputs = program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, readings)
                 messages.tick(now, outputs, program)
@@ -131,10 +167,12 @@ def replay_run(
 
     messages = RunMessages(lambda topic: partial(replayed, topic), parameters)
     messages.begin(run.start_ns, loop.world, loop.pushes)
+    retuning = _Retuning(recording, inputs, parameters, loop.program, messages)
     for topic, raw in _messages(recording, inputs):
         comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)
         # Do not run ahead of the recording, so that few messages wait for their counterparts.
         while topic is CLOCK and loop.plant.time_ns <= raw.stamp_ns:
+            retuning.repeat(loop.plant.time_ns)
             tick = loop.tick()
             source = inputs.sources.get(tick.truth.stamp_ns, '')
             messages.tick(tick, loop.program, source)

@@ -85,6 +85,11 @@ def report_page(assessment: Assessment, figures: list[RenderedFigure]) -> str:
         ],
         problems=list(_problems(run)),
         parameters=sorted(_parameters(run), key=lambda row: not row['changed']),
+        retunings=[
+            (time, name, _text(value))
+            for time, values in run.retunings
+            for name, value in values.items()
+        ],
         versions=run.attached.versions,
     )
 
@@ -102,6 +107,8 @@ def banner(run: RunData) -> list[str]:
     if run.damage:
         lines.insert(0, f'This recording is damaged: {run.damage}. The report covers the part '
                         f'before the damage, up to {run.end:.3f} s.')  # fmt: skip
+    if names := sorted({name for _, values in run.retunings for name in values}):
+        lines.append(f'Parameters of the controller changed during the run: {", ".join(names)}.')
     if run.missing_ticks:
         lines.append(f'{run.missing_ticks} ticks are missing.')
     if not run.reached_end:

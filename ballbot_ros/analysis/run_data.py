@@ -25,7 +25,7 @@ from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.errors import one_line
 from ballbot_ros.messages.conversions import map_grid
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
-from ballbot_ros.parameters import ControllerParameters, PlantParameters
+from ballbot_ros.parameters import ControllerParameters, PlantParameters, Value
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -96,6 +96,8 @@ class RunData:
         The display: time [s] and text.
     tones : tuple of tuple
         Time [s] and tone.
+    retunings : tuple of tuple
+        Changes of the controller's parameters during the run: time [s] and new values by name.
     topic_statistics : tuple of TopicStatistics
         All topics of the file.
     attached : RecordedAttachments
@@ -122,6 +124,7 @@ class RunData:
     statuses: tuple[tuple[float, Status], ...]
     pages: tuple[tuple[float, str], ...]
     tones: tuple[tuple[float, Tone], ...]
+    retunings: tuple[tuple[float, Mapping[str, Value]], ...]
     topic_statistics: tuple[TopicStatistics, ...]
     attached: RecordedAttachments
     damage: str | None
@@ -228,6 +231,7 @@ def read_run(
         statuses=_events(extraction.statuses, run),
         pages=_events(extraction.pages, run),
         tones=_events(extraction.tones, run),
+        retunings=_events(extraction.retunings, run),
         topic_statistics=tuple(extraction.topic_statistics.values()),
         attached=attached,
         damage=damage,

@@ -12,6 +12,7 @@ from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.state_variables import named_values, plane_values
 from ballbot_ros.controllers.document.program import ControlMode, operating_state
 from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.parameters import ControllerParameters
 
 
 class ProgramProcess(Protocol):
@@ -57,6 +58,13 @@ class CompiledProgram:
         self.operating_state = OperatingState.CALIBRATION
         self.state = b''
         self.stack_bytes: tuple[int, ...] = ()
+
+    def retune(self, parameters: ControllerParameters) -> None:
+        """Raise CodegenError: the gains are constants of the compiled program."""
+        raise CodegenError(
+            "the compiled controller can't change its gains during a run (implementation: python "
+            'can)'
+        )
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start; see :meth:`run`."""

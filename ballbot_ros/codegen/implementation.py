@@ -24,6 +24,7 @@ from ballbot_ros.controllers.own_parameters import (
     own_rows,
     user_parameters,
 )
+from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import (
     CONTROLLER,
     DOCUMENTS_PROGRAM,
@@ -32,6 +33,9 @@ from ballbot_ros.parameters import (
     Parameter,
     ParameterError,
     ParameterSet,
+    TakesEffect,
+    Value,
+    parameters_of,
 )
 
 
@@ -56,6 +60,7 @@ class Implementation:
 
     Attributes
     ----------
+    parameters : ControllerParameters
     tasks : tuple of TaskTiming
         The tasks of its programs.
     make : callable
@@ -66,10 +71,43 @@ class Implementation:
         How long the ticks of its newest program take; not measured for the document's program.
     """
 
+    parameters: ControllerParameters
     tasks: tuple[TaskTiming, ...]
     make: Callable[[], Program]
     loaded: LoadedController | None = None
     times: TickTimes = field(default_factory=TickTimes)
+
+    @property
+    def is_tunable(self) -> bool:
+        """Whether its programs take over other gains; in C, they are constants."""
+        return self.loaded is not None or self.parameters.implementation == 'python'
+
+    @property
+    def tunable(self) -> tuple[Parameter, ...]:
+        """The parameters of its own that its programs take over during a run."""
+        if not self.is_tunable:
+            return ()
+        rows = own_rows(self.loaded) if self.loaded else parameters_of(CONTROLLER).values()
+        return tuple(row for row in rows if row.takes_effect is TakesEffect.IMMEDIATELY)
+
+    def check(self, parameters: ControllerParameters) -> None:
+        """Raise BallbotError if its programs can't take over the values of these parameters."""
+        if self.loaded is None:
+            return
+        after, before = parameters.values(), self.parameters.values()
+        for row in self.tunable:
+            count, designed = _count(after[row.name]), _count(before[row.name])
+            if count != designed:
+                raise ParameterError(
+                    f'{CONTROLLER}.{row.name}: {short_repr(after[row.name])} is not a list of '
+                    f'{designed} numbers'
+                )
+        user_parameters(self.loaded, parameters)
+
+
+def _count(value: Value) -> int:
+    """Return how many values a parameter has."""
+    return len(value) if isinstance(value, tuple) else 1
 
 
 def parameters_of_implementation(name: str) -> Iterable[Parameter]:
@@ -123,8 +161,8 @@ def implementation_for(parameters: ControllerParameters) -> Implementation:
         return _controller(parameters)
     tasks = task_timings(parameters.ts2_period, parameters.ts3_period)
     if parameters.implementation == 'python':
-        return Implementation(tasks, lambda: ControlProgram(parameters))
-    return Implementation(tasks, _compiled(parameters))
+        return Implementation(parameters, tasks, lambda: ControlProgram(parameters))
+    return Implementation(parameters, tasks, _compiled(parameters))
 
 
 def _controller(parameters: ControllerParameters) -> Implementation:
@@ -134,6 +172,7 @@ def _controller(parameters: ControllerParameters) -> Implementation:
     user, model = user_parameters(loaded, parameters), design_model(parameters)
     times = TickTimes()
     return Implementation(
+        parameters,
         tuple(loaded.tasks),
         lambda: ControllerProgram(loaded, user, model, parameters, times),
         loaded,

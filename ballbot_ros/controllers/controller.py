@@ -118,7 +118,7 @@ class Controller(Generic[P]):
         Whether its duties are the same on every machine. Declare False if it computes them by
         LAPACK, a solver or a neural network.
     parameters : P
-        The values for the run.
+        The values for the run; others after :meth:`retune`.
     model : PhysicalParameters
         The physical values to design for, set as ``controller.model.<name>``. Unless they are set,
         they are those of the document; the plant's may differ.
@@ -169,6 +169,14 @@ class Controller(Generic[P]):
 
     def start(self) -> None:
         """Set the initial state, before the first tick of a run."""
+
+    def retune(self, parameters: P, settings: ControllerParameters) -> None:
+        """Take over values that have changed during the run, between two ticks.
+
+        Only those declared with ``takes_effect=TakesEffect.IMMEDIATELY`` change. Override it if
+        something is computed from them, or if a change would make the duty jump; call this first.
+        """
+        self.parameters, self.settings = parameters, settings
 
     def tick(self, readings: Readings) -> Duty:
         """Return the duty of the motors for the readings of a tick; called every 4 ms."""

@@ -23,6 +23,7 @@ from ballbot_ros.controllers.controller import (
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.controllers.loading import LoadedController, shown_line
+from ballbot_ros.controllers.own_parameters import user_parameters
 from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.plant.model import PhysicalParameters
@@ -131,6 +132,15 @@ class ControllerProgram:
             self._take_state()
         except BaseException as error:
             raise self._error(error, f'{self._name} at the start') from None
+
+    def retune(self, parameters: ControllerParameters) -> None:
+        """Take over the parameters that take effect immediately, from the next tick on."""
+        user = user_parameters(self._loaded, parameters)
+        try:
+            self._controller.retune(user, parameters)
+        except BaseException as error:
+            at = f'{self._name}.retune after {self._readings.elapsed_ms / SECOND_MS:.3f} s'
+            raise self._error(error, at) from None
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""

@@ -42,10 +42,13 @@ class DriftFreeAxis:
     def __init__(
         self, settings: ControllerParameters, drift_time: float, model: PhysicalParameters
     ) -> None:
-        # An Axis with this coefficient keeps the offset that it is given.
-        self._axis = Axis(ProgramConstants.of(replace(settings, a_gd=1.0)))
+        self._axis = Axis(_constants(settings))
         self._observer = LeanObserver(drift_time, model)
         self.estimates = Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def retune(self, _: DriftFilterParameters, settings: ControllerParameters) -> None:
+        """Take over the document's gains; see `Axis.retune`."""
+        self._axis.retune(_constants(settings))
 
     def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
         """Return the duty [%]."""
@@ -59,6 +62,11 @@ class DriftFreeAxis:
         for name in vars(self.estimates):
             setattr(self.estimates, name, float(getattr(axis, name)))
         return duty
+
+
+def _constants(settings: ControllerParameters) -> ProgramConstants:
+    """Return constants with which an Axis keeps the gyro offset that it is given."""
+    return ProgramConstants.of(replace(settings, a_gd=1.0))
 
 
 class LeanObserver:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controllers.controller import Controller, Duty, P, Readings
@@ -50,6 +50,12 @@ class PlaneController(Protocol):
     def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
         """Return the duty [%]."""
 
+    def retune(self, parameters: Any, settings: ControllerParameters) -> None:
+        """Take over other gains; the duty does not jump as long as the angles stay.
+
+        A bias makes up for what the new gains change, and the integral takes it back in time.
+        """
+
 
 class DrivingController(Controller[P]):
     """A controller that drives as the document's program does, with another law of balance."""
@@ -64,6 +70,13 @@ class DrivingController(Controller[P]):
         self._planes = self.make_plane(), self.make_plane()
         self._ticks = 0
         self.x, self.y = (plane.estimates for plane in self._planes)
+
+    def retune(self, parameters: P, settings: ControllerParameters) -> None:
+        """Take over gains and thresholds."""
+        super().retune(parameters, settings)
+        self._driving.retune(settings)
+        for plane in self._planes:
+            plane.retune(parameters, settings)
 
     def tick(self, readings: Readings) -> Duty:
         """Return the duties for the readings."""
@@ -139,6 +152,10 @@ class Driving:
         if self.state is OperatingState.RIGHTWARD:
             return 0, self._p.gp_max
         return 0, 0
+
+    def retune(self, settings: ControllerParameters) -> None:
+        """Take over thresholds and the speed of a full stick."""
+        self._p = settings
 
     def update(self, readings: Readings) -> OperatingState:
         """Return the operating state for the readings of a tick."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Protocol, SupportsFloat
 
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
+from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.text_enum import TextEnum
 
 
@@ -74,6 +75,17 @@ class Program(Protocol):
     @property
     def operating_state(self) -> OperatingState:
         """The state of figure 7-1."""
+
+    def retune(self, parameters: ControllerParameters) -> None:
+        """Take over the parameters that take effect immediately, from the next tick on.
+
+        The duty does not jump as long as the errors stay.
+
+        Parameters
+        ----------
+        parameters : ControllerParameters
+            Those of the run, with other values for some.
+        """
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""

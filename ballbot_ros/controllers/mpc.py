@@ -11,7 +11,7 @@ from scipy import sparse
 from ballbot_ros.controllers.driving import PlaneController
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.lqg import LQG, STATES, LQGParameters, Plane, PlaneError
-from ballbot_ros.parameters import quantity
+from ballbot_ros.parameters import ControllerParameters, TakesEffect, quantity
 from ballbot_ros.plant.model import Matrix, PhysicalParameters
 from ballbot_ros.timing import TICK_S
 
@@ -34,7 +34,12 @@ class MPCParameters(LQGParameters):
     """The parameters of the LQG, and the limit of the pitch."""
 
     pitch_limit: float = quantity(
-        3.0, 'deg', (0.1, 45.0), 'pitch beyond which the body leans only if it must', 'project'
+        3.0,
+        'deg',
+        (0.1, 45.0),
+        'pitch beyond which the body leans only if it must',
+        'project',
+        takes_effect=TakesEffect.IMMEDIATELY,
     )
 
 
@@ -97,6 +102,16 @@ class PredictivePlane(Plane):
 
     def __init__(self, parameters: MPCParameters, model: PhysicalParameters) -> None:
         super().__init__(parameters, model)
+        self._prepare(parameters)
+
+    def retune(self, parameters: LQGParameters, settings: ControllerParameters) -> None:
+        """Take over other gains and another limit; see `PlaneController.retune`."""
+        super().retune(parameters, settings)
+        assert isinstance(parameters, MPCParameters)
+        self._prepare(parameters)
+
+    def _prepare(self, parameters: MPCParameters) -> None:
+        """Set up the quadratic program for the gains."""
         self._pitch_limit = parameters.pitch_limit
         self._predictions = predictions = Predictions.of(parameters)
         # The unknowns are the additions, and the pitch beyond the limit.
@@ -131,8 +146,8 @@ class PredictivePlane(Plane):
         voltages = self._predictions.voltage @ error
         pitches = self._predictions.pitch @ error + psi_ref
         fits = low <= voltages.min() and voltages.max() <= high
-        if fits and np.abs(pitches).max() <= self._pitch_limit:
-            return voltage
+        if fits and np.abs(pitches).max() <= self._pitch_limit or low >= high:
+            return voltage  # nothing to add, or no voltage at all
         free = np.full(HORIZON, np.inf)
         self._solver.update(
             l=np.concatenate([low - voltages, -free, -self._pitch_limit - pitches]),

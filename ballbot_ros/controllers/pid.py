@@ -12,11 +12,21 @@ from ballbot_ros.controllers.driving import (
     SpeedReference,
 )
 from ballbot_ros.controllers.interface import Estimates
-from ballbot_ros.parameters import quantity
+from ballbot_ros.parameters import ControllerParameters, TakesEffect, quantity
 from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.timing import TICK_S
 
-GAIN = (0.0, 1e6)
+
+def gain(default: float, unit: str, description: str) -> float:
+    """Declare a gain, which can be changed during a run."""
+    return quantity(
+        default,
+        unit,
+        (0.0, 1e6),
+        description,
+        'project',
+        takes_effect=TakesEffect.IMMEDIATELY,
+    )
 
 
 @dataclass(frozen=True)
@@ -26,16 +36,12 @@ class PIDParameters:
     reference_time: float = quantity(
         0.3, 's', (0.0, 60.0), 'time constant of each of two low passes of the speed', 'project'
     )
-    pitch_p: float = quantity(1.6, 'V/deg', GAIN, 'voltage for a pitch error', 'project')
-    pitch_d: float = quantity(0.2, 'V·s/deg', GAIN, 'voltage for a pitch rate', 'project')
-    position_p: float = quantity(
-        0.012, '1', GAIN, 'pitch for an error of the ball angle', 'project'
-    )
-    position_i: float = quantity(0.004, '1/s', GAIN, 'pitch for its integral', 'project')
-    position_d: float = quantity(0.01, 's', GAIN, 'pitch for an error of the ball rate', 'project')
-    back_emf: float = quantity(
-        0.0111, 'V·s/deg', GAIN, 'voltage that keeps the ball rolling, per ball rate', 'project'
-    )
+    pitch_p: float = gain(1.6, 'V/deg', 'voltage for a pitch error')
+    pitch_d: float = gain(0.2, 'V·s/deg', 'voltage for a pitch rate')
+    position_p: float = gain(0.012, '1', 'pitch for an error of the ball angle')
+    position_i: float = gain(0.004, '1/s', 'pitch for its integral')
+    position_d: float = gain(0.01, 's', 'pitch for an error of the ball rate')
+    back_emf: float = gain(0.0111, 'V·s/deg', 'voltage that keeps the ball rolling, per ball rate')
     rate_time: float = quantity(
         0.02, 's', (0.0, 10.0), 'time constant of the low pass of the ball rate', 'project'
     )
@@ -66,6 +72,7 @@ class Cascade:
         self._offset_error = 0.0
         self._rate = 0.0
         self._integral = 0.0
+        self._bias = 0.0
         self.estimates = Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
@@ -82,12 +89,27 @@ class Cascade:
             + p.position_d * (now.theta_ref_dot - now.theta_dot)
         )
         voltage = (
-            p.pitch_p * (now.psi - pitch) + p.pitch_d * now.psi_dot + p.back_emf * now.theta_dot
+            p.pitch_p * (now.psi - pitch)
+            + p.pitch_d * now.psi_dot
+            + p.back_emf * now.theta_dot
+            + self._bias
         )
         duty = readings.duty(voltage)
         if abs(duty) < MAX_DUTY:  # else the integral would wind up
             self._integral += TICK_S * error
         return duty
+
+    def retune(self, parameters: PIDParameters, _: ControllerParameters) -> None:
+        """Take over other gains; see `PlaneController.retune`."""
+        before = self._steady_voltage()
+        self._p = parameters
+        self._bias += before - self._steady_voltage()
+
+    def _steady_voltage(self) -> float:
+        """Return the voltage without the bias if the angle errors stay as they are [V]."""
+        p, now = self._p, self.estimates
+        pitch = p.position_p * (now.theta_ref - now.theta) + p.position_i * self._integral
+        return p.pitch_p * (now.psi - pitch) + p.back_emf * now.theta_ref_dot
 
     def _estimate(self, rate: float, revolution: int) -> None:
         """Update the estimates from the gyro and the encoder."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from ballbot_ros.brick.brick import DeviceOutputs
 from ballbot_ros.controllers.interface import Program
 from ballbot_ros.messages.conversions import (
@@ -13,14 +15,17 @@ from ballbot_ros.messages.conversions import (
 )
 from ballbot_ros.messages.motor_stop import encode_stop
 from ballbot_ros.messages.outputs import MakeSend
+from ballbot_ros.messages.parameter_events import encode_parameter_event
 from ballbot_ros.messages.topics import (
     BLUETOOTH_TX,
     CONTROLLER_STATE,
     LCD,
     MOTOR_DUTY,
     OPERATING_STATE,
+    PARAMETER_EVENTS,
     SOUND,
 )
+from ballbot_ros.parameters import Value
 from ballbot_ros.timing import TICK_NS
 
 
@@ -39,6 +44,7 @@ class ControllerMessages:
         self._send_log = make(BLUETOOTH_TX)
         self._send_sound = make(SOUND)
         self._send_lcd = make(LCD)
+        self._send_event = make(PARAMETER_EVENTS)
 
     def tick(self, now_ns: int, outputs: DeviceOutputs, program: Program) -> None:
         """Send the results of a tick at `now_ns` [ns]."""
@@ -55,6 +61,10 @@ class ControllerMessages:
         self._duty = encode_duty(now_ns, outputs.duty)
         self._state = encode_controller_state(now_ns, program.x, program.y)
         self.resend(now_ns)
+
+    def retuned(self, now_ns: int, values: Mapping[str, Value]) -> None:
+        """Send that parameters have other values from the tick at `now_ns` [ns] on."""
+        self._send_event(now_ns, encode_parameter_event(now_ns, values))
 
     def begin(self) -> None:
         """Begin a run: its first operating state counts as a change."""

@@ -132,6 +132,32 @@ class KeyValue(Protocol):
     value: str
 
 
+class ParameterValue(Protocol):
+    """``rcl_interfaces/ParameterValue``."""
+
+    type: int
+    bool_value: bool
+    integer_value: int
+    double_value: float
+    string_value: str
+    double_array_value: Sequence[float]
+
+
+class ParameterMessage(Protocol):
+    """``rcl_interfaces/Parameter``."""
+
+    name: str
+    value: ParameterValue
+
+
+class ParameterEvent(Protocol):
+    """``rcl_interfaces/ParameterEvent``."""
+
+    stamp: Time
+    node: str
+    changed_parameters: MutableSequence[ParameterMessage]
+
+
 class DiagnosticStatus(Protocol):
     """``diagnostic_msgs/DiagnosticStatus``."""
 

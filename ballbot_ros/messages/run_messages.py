@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from operator import attrgetter
 
 from ballbot_ros.brick.brick import DeviceInputs
@@ -13,7 +13,7 @@ from ballbot_ros.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.messages.outputs import MakeSend
 from ballbot_ros.messages.plant_messages import PlantMessages
 from ballbot_ros.messages.topics import GAMEPAD_JOY
-from ballbot_ros.parameters import ParameterSet, PlantParameters
+from ballbot_ros.parameters import ParameterSet, PlantParameters, Value
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.simulation.closed_loop import Tick
 from ballbot_ros.teleop.arbiter import SCENARIO
@@ -42,6 +42,10 @@ class RunMessages:
         self.plant.begin(start_ns, world)
         for number, push in enumerate(pushes, 1):
             self.plant.push(push, number)
+
+    def retuned(self, now_ns: int, values: Mapping[str, Value]) -> None:
+        """Create the message of parameters that change before the tick at `now_ns` [ns]."""
+        self._controller.retuned(now_ns, values)
 
     def tick(self, tick: Tick, program: Program, source: str = SCENARIO) -> None:
         """Create the messages of a tick; `source` names the input in command."""

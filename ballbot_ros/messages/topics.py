@@ -117,6 +117,12 @@ CONTROLLER_STATE = Topic('controller/state', 'sensor_msgs/msg/JointState', CONTR
 OPERATING_STATE = Topic(
     'operating_state', 'std_msgs/msg/String', CONTROLLER, latched_depth=1, has_history=True
 )
+PARAMETER_EVENTS = Topic(
+    'controller/parameter_events',
+    'rcl_interfaces/msg/ParameterEvent',
+    CONTROLLER,
+    has_history=True,
+)
 BLUETOOTH_TX = Topic('bluetooth/tx', 'std_msgs/msg/UInt8MultiArray', CONTROLLER, has_history=True)
 SOUND = Topic('sound', 'geometry_msgs/msg/Vector3Stamped', CONTROLLER, has_history=True)
 LCD = Topic('lcd', 'std_msgs/msg/String', CONTROLLER, latched_depth=1, has_history=True)
@@ -132,7 +138,7 @@ TOPICS = (
     PLANT_JOINT_STATES, PLANT_IMU, PLANT_ODOM, BATTERY_STATE, WALL_HIT, MAP,
     PUSH, ACCEPTED_PUSH,
     GYRO_IMU, JOINT_STATES, SONAR_RANGE, GAMEPAD_JOY,
-    MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD,
+    MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD, PARAMETER_EVENTS,
     RECORDER_ACK, PARTICIPANTS, DIAGNOSTICS,
 )  # fmt: skip
 """The topics that the graph itself publishes. The recorder discovers the inputs for driving, since

@@ -27,7 +27,6 @@ from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.nodes.processes import end_with_parent
 from ballbot_ros.nodes.shared_memory import mark_dead_readers
 from ballbot_ros.nodes.topic_publisher import TopicPublisher, flush, requested_qos
-from ballbot_ros.parameters import Value
 from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -151,7 +150,7 @@ class BallbotNode(ParameterNode[P]):
         self.now_ns = now_ns
         self._last_sample_at = time.monotonic()
 
-    def announced_values(self) -> Mapping[str, Value]:
+    def announced_values(self) -> Mapping[str, object]:
         """Return what the node announces when it joins a run, next to its parameters."""
         return {}
 

@@ -37,11 +37,10 @@ from ballbot_ros.parameters import (
     ControllerParameters,
     Parameter,
     ParameterError,
-    Value,
 )
 from ballbot_ros.simulation.free_running_ticks import FreeRunningTicks
 from ballbot_ros.simulation.lockstep import LockstepTicks, Run, SampleReaction
-from ballbot_ros.simulation.participants import SOURCE_HASH, Objection
+from ballbot_ros.simulation.participants import SOURCE_HASH, TUNABLE, Objection
 from ballbot_ros.simulation.sample_history import DEPTH
 from ballbot_ros.simulation.task_releases import DueTick
 from ballbot_ros.timing import MILLISECOND_NS, SECOND_NS, TICK_NS
@@ -65,6 +64,7 @@ class Controller(BallbotNode[ControllerParameters]):
         self._make_implementation = make_implementation
         self._implementation = make_implementation(self.parameters)
         self._program = self._implementation.make()
+        self._program_parameters = self.parameters
         self._lockstep = self.parameters.lockstep
         if self._lockstep:
             self.require_sim_time('in lockstep its timers run on /clock')
@@ -103,10 +103,11 @@ class Controller(BallbotNode[ControllerParameters]):
         """Return the parameters that only this controller has."""
         return parameters_of_implementation(parameters.implementation)
 
-    def announced_values(self) -> Mapping[str, Value]:
-        """Return the hash of the code of a controller other than the document's."""
+    def announced_values(self) -> Mapping[str, object]:
+        """Return what can be tuned, and the hash of a controller other than the document's."""
         loaded = self._implementation.loaded
-        return {SOURCE_HASH: loaded.code.source.sha256} if loaded else {}
+        source = {SOURCE_HASH: loaded.code.source.sha256} if loaded else {}
+        return {TUNABLE: [row.name for row in self._implementation.tunable], **source}
 
     def awaited(self) -> Mapping[str, int | None]:
         """Return the inputs that the next tick in lockstep lacks."""
@@ -122,12 +123,16 @@ class Controller(BallbotNode[ControllerParameters]):
                 f'-p implementation:={after}'
             )
         require_implementation(after)
+        self._implementation.check(parameters)
+
+    def is_live(self, row: Parameter) -> bool:
+        """Return whether the program takes over a new value during a run."""
+        return super().is_live(row) and self._implementation.is_tunable
 
     def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
-        before = self.parameters
         super().apply_parameters()
-        if self.parameters != before:
+        if self.parameters != self._implementation.parameters:
             self._implementation = self._make_implementation(self.parameters)
             self._task_timers.set(self._implementation.tasks)
 
@@ -160,6 +165,7 @@ class Controller(BallbotNode[ControllerParameters]):
 
     def _on_run(self, run: Run) -> None:
         self._program = self._implementation.make()
+        self._program_parameters = self.parameters
         self._is_running = True
         self._messages.begin()
         ticks = self._lockstep_ticks if self._lockstep else self._free_ticks
@@ -213,12 +219,26 @@ class Controller(BallbotNode[ControllerParameters]):
             self._start_timers(tick)
         inputs = device_inputs(lambda topic: self._gate.newest(topic.name))
         try:
+            self._retune(tick.time_ns)
             outputs = self._program.run(tick.tasks, tick.time_ns // MILLISECOND_NS, inputs)
         except ControllerError as error:
             self._abort(str(error))
             return
         self._messages.tick(tick.time_ns, outputs, self._program)
         self.count_sample(tick.time_ns)
+
+    def _retune(self, now_ns: int) -> None:
+        """Let the program take over parameters that were set since the last tick."""
+        if self.parameters is self._program_parameters:
+            return
+        before = self._program_parameters.values()
+        self._program_parameters = self.parameters
+        changed = {
+            name: value for name, value in self.parameters.values().items() if value != before[name]
+        }
+        if changed:
+            self._program.retune(self.parameters)
+            self._messages.retuned(now_ns, changed)
 
     def _start_timers(self, tick: DueTick) -> None:
         """Restart the timers that have not released their tasks."""

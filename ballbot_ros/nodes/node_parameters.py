@@ -194,11 +194,15 @@ class ParameterNode(Node, Generic[P]):
             row = self._rows.get(name)
             if row is None or present[name] == requested[name]:
                 continue
-            (live if row.takes_effect is TakesEffect.IMMEDIATELY else waiting).append(name)
+            (live if self.is_live(row) else waiting).append(name)
         if live:
             self.parameters = self.parameters.with_values({name: requested[name] for name in live})
             self.on_parameters_changed()
         return NEXT_RUN if waiting else ''
+
+    def is_live(self, row: Parameter) -> bool:
+        """Return whether a new value of a parameter takes effect immediately."""
+        return row.takes_effect is TakesEffect.IMMEDIATELY
 
     def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""

@@ -43,7 +43,9 @@ def participant_of(node: AnyNode) -> Participant:
 
 
 def with_parameters(
-    participant: Participant, parameters: NodeParameters, further: Mapping[str, Value] | None = None
+    participant: Participant,
+    parameters: NodeParameters,
+    further: Mapping[str, object] | None = None,
 ) -> Participant:
     """Return a participant with the parameters of a run, and further values to announce.
 

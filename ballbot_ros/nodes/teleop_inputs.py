@@ -70,7 +70,6 @@ class TeleopInputs:
         parameters = self._node.parameters
         self._mapping = JoyMapping.from_parameters(parameters)
         self._screen_mapping = JoyMapping(parameters.gp_max)
-        self._velocity = VelocityMapping.from_parameters(parameters)
 
     def close(self) -> None:
         """Close the gamepad."""
@@ -153,7 +152,8 @@ class TeleopInputs:
     def _listen_to_cmd_vel(self, topic: Topic) -> None:
         def read(message: Any) -> Sticks | None:
             twist = message.twist if topic is CMD_VEL_STAMPED else message
-            return self._velocity.sticks(*planar_velocity(twist))
+            velocity = VelocityMapping.from_parameters(self._node.parameters)
+            return velocity.sticks(*planar_velocity(twist))
 
         try:
             self._cmd_vel_subscription = self._subscribe(topic, arbiter.CMD_VEL, read)

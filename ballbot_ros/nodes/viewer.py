@@ -23,6 +23,7 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
+from ballbot_ros.nodes.tuning_requests import TuningRequests
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
 from ballbot_ros.scenario.library import scenario_names
@@ -56,6 +57,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         from ballbot_ros.viewer.live_controls import LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.panel import PERIOD, Panel
+        from ballbot_ros.viewer.tuning_sliders import TuningSliders
 
         host, port = self.parameters.host, self.parameters.port
         self._floor = self._load_floor()
@@ -65,6 +67,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._robot = self._page.show_robot(self._page.dimensions)
         self._requests = ViewerRequests(self, self._page.notify)
         self._controls = LiveControls(self._page.server.gui, self._requests, scenario_names())
+        sliders = TuningSliders(self._page.server.gui)
+        self._tuning = TuningRequests(self, self._page.notify, sliders)
         self._newest = LatestMessages(self, _SHOWN)
         self._history = History()
         self._real_time_factor = RealTimeFactor()
@@ -79,6 +83,7 @@ class Viewer(BallbotNode[ViewerParameters]):
 
     def _update(self) -> None:
         self._requests.send_queued()
+        self._tuning.send_queued()
         snapshot, changed = self._newest.take()
         if snapshot is None:
             return

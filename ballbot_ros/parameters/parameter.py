@@ -219,11 +219,17 @@ def setting(
     return _declared(default, description=description, source=source, takes_effect=takes_effect)
 
 
-def designed(unit: str, bounds: _Bounds | None, description: str) -> tuple[float, ...]:
+def designed(
+    unit: str,
+    bounds: _Bounds | None,
+    description: str,
+    *,
+    takes_effect: TakesEffect = TakesEffect.NEXT_RUN,
+) -> tuple[float, ...]:
     """Declare numbers that are designed once, when a run is composed, unless they are set."""
     return _declared(
         (), unit=unit, bounds=bounds, description=description, source='',
-        takes_effect=TakesEffect.NEXT_RUN, is_designed=True,
+        takes_effect=takes_effect, is_designed=True,
     )  # fmt: skip
 
 

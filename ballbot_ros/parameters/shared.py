@@ -45,7 +45,12 @@ class StickScale:
     """The meaning of a full stick."""
 
     k_thetadot: float = quantity(
-        380.0, 'deg/s', (0.0, 1e4), 'speed reference gain (0.17 m/s)', '7.7'
+        380.0,
+        'deg/s',
+        (0.0, 1e4),
+        'speed reference gain (0.17 m/s)',
+        '7.7',
+        takes_effect=TakesEffect.IMMEDIATELY,
     )
     gp_max: int = quantity(100, '%', (1, 127), 'largest stick value', '5.1')
 

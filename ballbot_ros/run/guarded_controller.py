@@ -90,8 +90,8 @@ def require_same_code(implementation: Implementation, sha256: str) -> None:
 class GuardedProgram:
     """A controller's program in a child process, which starts at the first tick.
 
-    The two exchange pickled tuples over a socket: the arguments of :meth:`run`, and an answer, or
-    the text of an error.
+    The two exchange pickled objects over a socket: the arguments of :meth:`run` or :meth:`retune`,
+    and an answer, or the text of an error.
 
     Parameters
     ----------
@@ -117,6 +117,10 @@ class GuardedProgram:
         self._schedule = Schedule(loaded.tasks)
         self._child: _Child | None = None
 
+    def retune(self, parameters: ControllerParameters) -> None:
+        """Take over the parameters that take effect immediately, from the next tick on."""
+        self._exchange(parameters)
+
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
         return self.run(self._schedule.due(elapsed_ms), systick_ms, inputs)
@@ -129,17 +133,19 @@ class GuardedProgram:
         ControllerError
             If the controller fails, or does not return.
         """
+        answer: _Answer = self._exchange((tasks, systick_ms, tuple(inputs)))
+        self.x, self.y, self.operating_state = answer.x, answer.y, answer.operating_state
+        self._times.copy(answer.times)
+        return answer.outputs
+
+    def _exchange(self, request: object) -> Any:
         timeout_s = self._plant.timeout
         if self._child is None:
             self._child = _Child(self._parameters, self._loaded)
             timeout_s = self._plant.startup_timeout
-        answer = self._child.exchange(
-            (tasks, systick_ms, tuple(inputs)),
-            timeout_s if self._plant.on_timeout == 'end' else math.inf,
-        )
-        self.x, self.y, self.operating_state = answer.x, answer.y, answer.operating_state
-        self._times.copy(answer.times)
-        return answer.outputs
+        if self._plant.on_timeout != 'end':
+            timeout_s = math.inf
+        return self._child.exchange(request, timeout_s)
 
 
 class _Child:
@@ -164,8 +170,8 @@ class _Child:
         self._end = weakref.finalize(self, _end, self._process, self._connection, stack)
         self._connection.send((sys.path, parameters, loaded.code.source.sha256))
 
-    def exchange(self, request: tuple[Any, ...], timeout_s: float) -> _Answer:
-        """Run a tick; ControllerError if there is no answer within `timeout_s` [s]."""
+    def exchange(self, request: object, timeout_s: float) -> Any:
+        """Return the answer; ControllerError if it is an error, or none within `timeout_s` [s]."""
         try:
             self._connection.send(request)
             begun, timer = time.monotonic(), SilenceTimer()
@@ -175,9 +181,9 @@ class _Child:
                 if timer.silence_s(self._process.pid) > timeout_s:
                     raise ControllerError(f'no answer within {timeout_s:g} s{self._where()}')
             answer = self._connection.recv()
-            if isinstance(answer, _Answer):
-                return answer
-            raise ControllerError(answer)
+            if isinstance(answer, str):
+                raise ControllerError(answer)
+            return answer
         except (OSError, EOFError):
             status = self._process.wait()
             end = f'was killed by {signal.Signals(-status).name}' if status < 0 else 'ended'
@@ -225,7 +231,12 @@ def _serve(connection: Connection, implementation: Implementation, sha256: str) 
     require_same_code(implementation, sha256)
     program = implementation.make()
     while True:
-        tasks, systick_ms, inputs = connection.recv()
+        request = connection.recv()
+        if isinstance(request, ControllerParameters):
+            program.retune(request)
+            connection.send(None)
+            continue
+        tasks, systick_ms, inputs = request
         outputs = program.run(tasks, systick_ms, DeviceInputs._make(inputs))
         connection.send(
             _Answer(outputs, program.x, program.y, program.operating_state, implementation.times)

@@ -17,6 +17,9 @@ another machine."""
 SOURCE_HASH = 'implementation_sha256'
 """Parameter that identifies the code of a controller other than the document's."""
 
+TUNABLE = 'tunable'
+"""Parameter with the names of those that a controller takes over during a run."""
+
 
 @dataclass(frozen=True)
 class Participant:

@@ -292,7 +292,7 @@ def test_replay_and_report_find_the_same_runs(short, driven, copy):
 
 def test_pushes_and_sticks_move_with_the_start_of_a_run():
     push = Push(4 * S, 5 * S, (1.0, 2.0))
-    inputs = RunInputs(RecordedRun(0, 'run', 3 * S), 9 * S, {4 * S: (1, 2)}, {}, {}, [push])
+    inputs = RunInputs(RecordedRun(0, 'run', 3 * S), 9 * S, {4 * S: (1, 2)}, {}, {}, [push], {})
     assert inputs.pushes_from(3 * S) == [push]
     assert inputs.pushes_from(1 * S) == [Push(2 * S, 3 * S, (1.0, 2.0))]
     assert inputs.sticks_at(1.0) == (1, 2)

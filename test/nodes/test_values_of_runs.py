@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.cli.replay import replay_recording
-from ballbot_ros.messages.topics import PLANT_IMU
+from ballbot_ros.messages.topics import PARAMETER_EVENTS, PLANT_IMU
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.parameters import (
     ControllerParameters,
@@ -35,12 +35,12 @@ def test_each_run_is_recorded_and_replayed_with_its_own_values(
     plant = start_node(
         'plant_sim', remap='__node:=ball_plant', real_time_factor=0, require_recorder='true'
     )
+    client.watch(PARAMETER_EVENTS)
     client.spin_until(lambda: PLANT_IMU.name in client.newest and client.now_ns() > 1_500_000_000)
     for node, name, value in (
         ('my_gyro_driver', 'noise', 0.5),
         ('my_gyro_driver', 'seed', 3),
         ('my_sonar_driver', 'seed', 3),
-        ('my_controller', 'pwm_gain', 0.9),
         ('my_controller', 'ts2_period', 4),
         ('ball_plant', 'start_pitch_x', 0.02),
         ('ball_plant', 'map', 'corridor'),
@@ -48,6 +48,9 @@ def test_each_run_is_recorded_and_replayed_with_its_own_values(
         ('ball_plant', 'duration', 2),
     ):
         assert client.set_value(node, name, value).reason == NEXT_RUN
+    # Gains take effect at once, and stay for the next run.
+    assert client.set_value('my_controller', 'pwm_gain', 0.9).reason == ''
+    client.spin_until(lambda: client.seen.get(PARAMETER_EVENTS.name))
     first_end = client.now_ns()
     assert client.call(Trigger, 'plant_sim/reset', Trigger.Request()).success
     assert plant.finish() == 0
@@ -60,6 +63,8 @@ def test_each_run_is_recorded_and_replayed_with_its_own_values(
     ]  # fmt: skip
     first, second = read_run(path, 1), read_run(path, 2)
     assert first.end * 1e9 + 1e9 > first_end - 1e9
+    assert [values for _, values in first.retunings] == [{'pwm_gain': 0.9}]
+    assert second.retunings == ()
     told = [run.attached.parameters for run in (first, second)]
     assert [each.of(GyroParameters).noise for each in told] == [0.0, 0.5]
     assert [each.of(SonarParameters).seed for each in told] == [1, 3]

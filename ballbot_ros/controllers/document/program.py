@@ -96,6 +96,12 @@ class ControlProgram:
         self.sticks = (0, 0)
         self.echo_time = 0
 
+    def retune(self, parameters: ControllerParameters) -> None:
+        """Take over gains and thresholds from the next tick on, see :meth:`Axis.retune`."""
+        p = self._p = ProgramConstants.of(parameters)
+        self.x.retune(p)
+        self.y.retune(p)
+
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
         return self.run(self._schedule.due(elapsed_ms), systick_ms, inputs)

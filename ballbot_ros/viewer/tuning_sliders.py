@@ -1,0 +1,83 @@
+"""The sliders of a live page for the parameters that a controller takes over during a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import viser
+
+from ballbot_ros.viewer.tunable import Numbers, Tunable
+
+FOLDER = 'Tuning'
+RESTORE = 'Back to the start'
+
+
+class TuningSliders:
+    """A folder with a slider for each number; hidden if there is none."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._gui = gui
+        self._folder = gui.add_folder(FOLDER, order=3.5, visible=False, expand_by_default=False)
+        self._tunables: dict[str, Tunable] = {}
+        self._sliders: dict[str, list[Any]] = {}
+        self._restore: Any = None
+        self._wanted: dict[str, Numbers] = {}
+
+    def show(self, tunables: Sequence[Tunable]) -> None:
+        """Show these parameters instead of the present ones."""
+        for handle in self._handles:
+            handle.remove()
+        self._wanted.clear()
+        self._tunables = {each.name: each for each in tunables}
+        with self._folder:
+            self._sliders = {each.name: self._add(each) for each in tunables}
+            self._restore = self._gui.add_button(RESTORE) if tunables else None
+        if self._restore:
+            self._restore.on_click(lambda _: self._go_back())
+        self._folder.visible = bool(tunables)
+
+    @property
+    def _handles(self) -> list[Any]:
+        sliders = [slider for group in self._sliders.values() for slider in group]
+        return [*sliders, self._restore] if self._restore else sliders
+
+    def _add(self, tunable: Tunable) -> list[Any]:
+        sliders = []
+        for index, value in enumerate(tunable.value):
+            low, high = tunable.range_of(value)
+            slider: Any = self._gui.add_slider(
+                f'{tunable.name}[{index}]' if tunable.is_array else tunable.name,
+                low,
+                high,
+                tunable.step_of(low, high),
+                value,
+                hint=tunable.description,
+            )
+            slider.on_update(lambda event, name=tunable.name: self._on_slider(event, name))
+            sliders.append(slider)
+        return sliders
+
+    def _on_slider(self, event: Any, name: str) -> None:
+        if event.client is not None and name in self._sliders:  # else it follows another change
+            self._wanted[name] = self._numbers(name)
+
+    def _go_back(self) -> None:
+        for name, tunable in self._tunables.items():
+            if self._numbers(name) != tunable.start:
+                self.follow({name: tunable.start})
+                self._wanted[name] = tunable.start
+
+    def _numbers(self, name: str) -> Numbers:
+        return tuple(slider.value for slider in self._sliders[name])
+
+    def take(self) -> dict[str, Numbers]:
+        """Return the newest numbers that the page wants, by parameter, since the last call."""
+        return {name: self._wanted.pop(name) for name in list(self._wanted)}
+
+    def follow(self, values: Mapping[str, Numbers]) -> None:
+        """Move the sliders to new values, by the names of the parameters."""
+        for name in values.keys() & self._sliders.keys():
+            for slider, value in zip(self._sliders[name], values[name], strict=True):
+                slider.min, slider.max = min(slider.min, value), max(slider.max, value)
+                slider.value = value

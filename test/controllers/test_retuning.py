@@ -1,0 +1,293 @@
+"""Gains and thresholds that change during a run."""
+
+import dataclasses
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from own_controllers import BALANCE
+from shipped_controllers import duties
+
+from ballbot_ros.brick.brick import DeviceInputs
+from ballbot_ros.codegen.implementation import compose_controller, implementation_for
+from ballbot_ros.controllers.document.axis import Axis
+from ballbot_ros.controllers.document.constants import ProgramConstants, Single
+from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.controllers.lqg import Plane
+from ballbot_ros.controllers.pid import Cascade
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    ControllerParameters,
+    ParameterError,
+    ParameterSet,
+    TakesEffect,
+)
+from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
+
+SHIPPED = ('python', 'pid', 'lqg', 'drift_filter', 'mpc')
+GAINS = {
+    'python': {'k_f': (-0.02, -1.2, -0.03, -0.2), 'k_i': -0.01, 'pwm_gain': 0.9},
+    'drift_filter': {'k_f': (-0.02, -1.2, -0.03, -0.2), 'k_i': -0.01, 'pwm_gain': 0.9},
+    'pid': {
+        'user.pitch_p': 1.3, 'user.pitch_d': 0.25, 'user.position_p': 0.015,
+        'user.position_i': 0.006, 'user.position_d': 0.012, 'user.back_emf': 0.013,
+    },
+}  # fmt: skip
+
+
+def composed(controller, **values):
+    """Return the parameters of a controller, as a run is composed."""
+    parameters = ParameterSet()
+    parameters.set(CONTROLLER, 'implementation', controller)
+    for name, value in values.items():
+        parameters.set(CONTROLLER, name, value)
+    compose_controller(parameters)
+    return parameters.of(ControllerParameters)
+
+
+def other_gains(controller, parameters):
+    """Return the parameters with other gains; all of the LQG's and the MPC's."""
+    if controller in GAINS:
+        return parameters.with_values(GAINS[controller])
+    changed = {'user.feedback': 1.3, 'user.feedforward': 0.7}
+    values = parameters.values()
+    return parameters.with_values(
+        {name: tuple(each * share for each in values[name]) for name, share in changed.items()}
+    )
+
+
+class Robot:
+    """A program that reads steady devices, after the calibration."""
+
+    def __init__(self, controller, inputs, parameters=None):
+        self.parameters = parameters or composed(controller)
+        self.program = implementation_for(self.parameters).make()
+        self.now_ms = 0
+        at_rest = DeviceInputs((600, 600), (0, 0), 255, 8000, (0, 0))
+        while self.now_ms < 1100:
+            self.tick(at_rest)
+        for _ in range(25):
+            self.duty = self.tick(inputs)
+
+    def tick(self, inputs):
+        inputs = inputs._replace(
+            **dict.fromkeys(('battery_mv', 'sonar_cm', 'sticks')) if self.now_ms % 20 else {}
+        )
+        outputs = self.program.tick(self.now_ms, 1000 + self.now_ms, inputs)
+        self.now_ms += 4
+        return outputs.duty
+
+
+LEANING = Scenario(pushes=(ScheduledPush(2.0, 60.0, 0.3, -0.2),))
+"""A robot that leans against a force: its gains act on steady errors, and cancel each other."""
+
+
+def one_gain(controller, parameters):
+    """Return the parameters with another gain of the pitch, or of the integral that balances it."""
+    name, index, share = {
+        'python': ('k_f', 1, 0.5),
+        'drift_filter': ('k_f', 1, 0.5),
+        'pid': ('user.position_i', None, 2.0),
+    }.get(controller, ('user.feedback', 1, 0.7))
+    value = parameters.values()[name]
+    if index is None:
+        return parameters.with_values({name: value * share})
+    numbers = [each * (share if i == index else 1.0) for i, each in enumerate(value)]
+    return parameters.with_values({name: tuple(numbers)})
+
+
+def next_duty(controller, change=lambda program, parameters: None):
+    """Return the duty of a leaning robot after a change."""
+    _, loop = duties(controller, ticks=2500, sticks=LEANING)
+    change(loop.program, composed(controller))
+    assert abs(loop.plant.truth().psi[0]) > math.radians(2.0)
+    return loop.tick().outputs.duty
+
+
+def retune(program, parameters):
+    program.retune(one_gain(parameters.implementation, parameters))
+
+
+@pytest.mark.parametrize('controller', SHIPPED)
+def test_the_duty_does_not_jump_while_the_errors_are_steady(controller, monkeypatch):
+    kept, tuned = next_duty(controller), next_duty(controller, retune)
+    for cls in (Axis, Cascade, Plane):
+        monkeypatch.setattr(cls, '_steady_voltage', lambda self: Single(0.0))
+    jumps = next_duty(controller, retune)
+    assert max(abs(a - b) for a, b in zip(kept, jumps, strict=True)) >= 3
+    assert max(abs(a - b) for a, b in zip(kept, tuned, strict=True)) <= 1
+
+
+@pytest.mark.parametrize('controller', SHIPPED)
+def test_the_same_values_change_nothing(controller):
+    inputs = DeviceInputs((603, 598), (20, -30), 255, 8000, (30, 0))
+    kept, tuned = (Robot(controller, inputs) for _ in range(2))
+    for _ in range(50):
+        tuned.program.retune(tuned.parameters)
+        assert tuned.tick(inputs) == kept.tick(inputs)
+        for plane in ('x', 'y'):
+            assert getattr(tuned.program, plane).psi == getattr(kept.program, plane).psi
+
+
+@pytest.mark.parametrize('controller', SHIPPED)
+def test_the_new_gains_balance(controller):
+    _, loop = duties(controller, ticks=500)
+    loop.program.retune(other_gains(controller, composed(controller)))
+    after = [loop.tick() for _ in range(1500)]
+    assert not loop.plant.fallen
+    assert all(abs(each.truth.psi[0]) < 0.1 for each in after)
+    unchanged, _ = duties(controller, ticks=2000)
+    assert [each.outputs.duty for each in after] != [tuple(each) for each in unchanged[500:]]
+
+
+gain = st.floats(-3.0, 3.0, width=32)
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.tuples(gain, gain, gain, gain),
+    gain,
+    st.floats(0.125, 3.0, width=32),
+    st.integers(-40, 40),
+    st.integers(1, 400),
+)
+def test_no_change_of_the_document_makes_the_steady_voltage_jump(k_f, k_i, pwm_gain, angle, ticks):
+    """Also with an integral gain of 0, which no integral could make up for."""
+    parameters = ControllerParameters(k_i=-0.002)
+    plane = Axis(ProgramConstants.of(parameters))
+    plane.gyro_offset = Single(600)
+    volts = Single(8.0)
+    for _ in range(ticks):
+        plane.control(600, angle, 0, volts)
+    plane.retune(
+        ProgramConstants.of(dataclasses.replace(parameters, k_f=k_f, k_i=k_i, pwm_gain=pwm_gain))
+    )
+    # The next duty of the old law, in double precision.
+    integral = 0.004 * float(plane.sum_theta_diff) * -0.002
+    k_theta, k_psi, _, _ = parameters.k_f
+    voltage = integral + k_theta * float(plane.theta_diff) + k_psi * float(plane.psi_diff)
+    expected = max(-100.0, min(100.0, voltage / 8.0 * 100.0))
+    smooth = float(plane.theta_smooth)
+    found = plane.control(600, angle, 0, volts)
+    # The low pass of the ball's rate may still move.
+    rest = k_f[2] * (float(plane.theta_smooth) - smooth) * 250.0 / 8.0 * 100.0 * pwm_gain
+    assert abs(found - max(-100.0, min(100.0, expected - rest))) <= 1.0 + abs(rest) * 1e-3
+
+
+def test_a_restart_of_the_program_forgets_what_made_up_for_a_change():
+    inputs = DeviceInputs((600, 600), (20, -30), 255, 8000, (0, 0))
+    tuned = Robot('python', inputs)
+    tuned.program.retune(other_gains('python', tuned.parameters))
+    tuned.program.run(['task_init'], 5000, inputs)
+    fresh = implementation_for(other_gains('python', tuned.parameters)).make()
+    fresh.run(['task_init'], 5000, inputs)
+    assert vars(tuned.program.x) == vars(fresh.x)
+
+
+def test_thresholds_apply_at_once():
+    near = DeviceInputs((600, 600), (0, 0), 50, 8000, (0, 0))
+    for controller in ('python', 'lqg'):
+        robot = Robot(controller, near)
+        assert robot.program.operating_state is OperatingState.REMOTE
+        robot.program.retune(robot.parameters.with_values({'dst_thr': 60}))
+        for _ in range(5):
+            robot.tick(near)
+        assert robot.program.operating_state is OperatingState.BACKWARD, controller
+
+
+def test_the_pitch_limit_of_the_mpc_applies_at_once():
+    def limit(program, parameters):
+        program.retune(parameters.with_values({'user.pitch_limit': 0.3}))
+
+    assert next_duty('mpc', limit) != next_duty('mpc')
+
+
+TUNABLE = """
+from dataclasses import dataclass
+from ballbot_ros.controllers import Controller, TakesEffect, designed, quantity
+
+@dataclass(frozen=True)
+class Gains:
+    gain: float = quantity(1.0, '1', (0.0, 50.0), 'a gain', takes_effect=TakesEffect.IMMEDIATELY)
+    time: float = quantity(1.0, 's', (0.0, 9.0), 'a time')
+    row: tuple = designed('1', None, 'a row', takes_effect=TakesEffect.IMMEDIATELY)
+
+    def __post_init__(self):
+        if self.gain == 13.0:
+            raise ValueError('not this one')
+
+class Own(Controller[Gains]):
+    @classmethod
+    def design(cls, parameters, model):
+        return Gains(row=(1.0, 2.0))
+
+    def retune(self, parameters, settings):
+        if parameters.gain > 40.0:
+            raise RuntimeError('too much for me')
+        super().retune(parameters, settings)
+
+    def tick(self, readings):
+        return round(self.parameters.gain), self.settings.dst_thr
+"""
+
+
+@pytest.fixture
+def own(tmp_path):
+    file = tmp_path / 'own.py'
+    file.write_text(TUNABLE)
+    return f'{file}:Own'
+
+
+def test_a_controller_of_ones_own_reads_the_new_values(own):
+    inputs = DeviceInputs((600, 600), (0, 0), 255, 8000, (0, 0))
+    robot = Robot(own, inputs)
+    assert robot.tick(inputs) == (1, 30)
+    robot.program.retune(robot.parameters.with_values({'user.gain': 7.0, 'dst_thr': 40}))
+    assert robot.tick(inputs) == (7, 40)
+
+
+def test_its_tunable_parameters_are_those_that_it_declares(own):
+    implementation = implementation_for(composed(own))
+    assert [row.name for row in implementation.tunable] == ['user.gain', 'user.row']
+    document = implementation_for(composed('python'))
+    assert {row.name for row in document.tunable} == {
+        'k_f', 'k_i', 'pwm_gain', 'k_thetadot', 'dst_thr', 'theta_diff_thr', 'psi_diff_thr',
+        'tone_gain',
+    }  # fmt: skip
+    for row in document.tunable:
+        assert row.takes_effect is TakesEffect.IMMEDIATELY
+
+
+@pytest.mark.parametrize(
+    ('values', 'problem'),
+    [
+        ({'user.row': (1.0, 2.0, 3.0)}, 'controller.user.row: (1.0, 2.0, 3.0) is not a list of 2'),
+        ({'user.gain': 13.0}, 'ValueError: not this one'),
+    ],
+)
+def test_values_that_a_program_could_not_take_over_are_refused(own, values, problem):
+    parameters = composed(own)
+    implementation = implementation_for(parameters)
+    implementation.check(parameters.with_values({'user.gain': 2.0}))
+    with pytest.raises((ParameterError, ControllerError), match=r'own\.py|row') as caught:
+        implementation.check(parameters.with_values(values))
+    assert problem in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+def test_an_error_while_it_takes_them_over_names_the_line(own):
+    robot = Robot(own, DeviceInputs((600, 600), (0, 0), 255, 8000, (0, 0)))
+    with pytest.raises(ControllerError) as caught:
+        robot.program.retune(robot.parameters.with_values({'user.gain': 45.0}))
+    line = TUNABLE.splitlines().index("            raise RuntimeError('too much for me')") + 1
+    assert str(caught.value).startswith(f'own.py:{line}: RuntimeError: too much for me (Own.retune')
+
+
+def test_a_class_without_tunable_parameters_has_none(tmp_path):
+    file = tmp_path / 'balance.py'
+    file.write_text(BALANCE)
+    name = next(line.split('(')[0].split()[1] for line in BALANCE.splitlines()
+                if line.startswith('class ') and 'Controller' in line)  # fmt: skip
+    assert implementation_for(composed(f'{file}:{name}')).tunable == ()

@@ -1,0 +1,178 @@
+"""Gains that change while the graph runs: recorded at their tick, and replayed identically."""
+
+import contextlib
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from ros_client import Client
+from std_srvs.srv import SetBool, Trigger
+
+from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.codegen.implementation import Implementation
+from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.messages.topics import OPERATING_STATE, PARAMETER_EVENTS
+from ballbot_ros.nodes.controller import Controller
+from ballbot_ros.nodes.node_parameters import NEXT_RUN
+from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.simulation.task_releases import DueTick
+
+OWN = """
+
+from dataclasses import dataclass
+from ballbot_ros.controllers import Controller, TakesEffect, quantity
+
+@dataclass(frozen=True)
+class Gains:
+    gain: float = quantity(1.0, '1', (0.0, 9.0), 'a gain', takes_effect=TakesEffect.IMMEDIATELY)
+
+class Own(Controller[Gains]):
+    def tick(self, readings):
+        if self.parameters.gain == 9.0:
+            raise RuntimeError('nine')
+        duty = round(self.parameters.gain * readings.gyro[0] / 100) % 50
+        return duty, -duty
+"""
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize(
+    ('controller', 'processes', 'name', 'value'),
+    [
+        ('python', 'separate', 'k_f', (-0.02, -1.5, -0.03, -0.22)),
+        ('lqg', 'one', 'user.feedback', (-0.03, -2.4, -0.03, -0.3, -0.002)),
+        ('own.py:Own', 'one', 'user.gain', 2.0),
+    ],
+)
+def test_gains_changed_on_the_way_replay_identically(
+    start_run, domain, command, tmp_path, monkeypatch, controller, processes, name, value
+):
+    monkeypatch.chdir(tmp_path)
+    Path('own.py').write_text(OWN)
+    run = start_run(
+        'stationary', '--controller', controller, '--processes', processes, '--json', '--output',
+        'run', '--set=plant_sim.duration=3', '--set=plant_sim.start_pitch_x=0.02',
+        '--real-time-factor', 1,
+    )  # fmt: skip
+    with contextlib.closing(Client(domain)) as client:
+        client.watch(OPERATING_STATE)
+        client.watch(PARAMETER_EVENTS, depth=10)
+        client.spin_until(lambda: client.newest.get(OPERATING_STATE.name))
+        pause = SetBool.Request(data=True)
+        assert client.call(SetBool, 'plant_sim/pause', pause).success
+        changes = {name: value, 'psi_diff_thr': 14.0}
+        for each, new in changes.items():
+            answer = client.set_value('controller', each, new)
+            assert answer.successful, answer.reason
+            assert answer.reason == ''
+        assert client.set_value('controller', 'a_d', 0.75).reason == NEXT_RUN
+        assert client.call(Trigger, 'plant_sim/step', Trigger.Request()).success
+        client.spin_until(lambda: PARAMETER_EVENTS.name in client.seen)
+        pause.data = False
+        assert client.call(SetBool, 'plant_sim/pause', pause).success
+    assert run.finish() in (0, 1), run.stderr
+    recorded = read_run(run.result['recording'])
+    ((_, changed),) = recorded.retunings
+    assert changed == changes
+    status, output, errors = command('replay', run.result['recording'])
+    assert status == 0, output + errors
+    assert output.count('identical, 750 ticks') == 2
+
+
+@pytest.mark.graph
+def test_an_error_while_a_controller_takes_them_over_ends_the_run(
+    start_run, domain, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    text = OWN.replace('def tick', """def retune(self, parameters, settings):
+        raise RuntimeError('never')
+
+    def tick""")  # fmt: skip
+    Path('own.py').write_text(text)
+    run = start_run(
+        'stationary', '--controller', 'own.py:Own', '--processes', 'one', '--json', '--output',
+        'run', '--set=plant_sim.on_timeout=end', '--real-time-factor', 1,
+    )  # fmt: skip
+    with contextlib.closing(Client(domain)) as client:
+        client.watch(OPERATING_STATE)
+        client.spin_until(lambda: client.newest.get(OPERATING_STATE.name))
+        assert client.set_value('controller', 'user.gain', 2.0).successful
+    assert run.finish() == 1
+    line = text.splitlines().index("        raise RuntimeError('never')") + 1
+    assert f'own.py:{line}: RuntimeError: never (Own.retune after' in run.result['reason']
+
+
+def controller(**others):
+    """A stub of the node, of whose program the changes are recorded."""
+    done = []
+    program = SimpleNamespace(
+        retune=lambda parameters: done.append(('retune', parameters.k_i)),
+        run=lambda tasks, now_ms, inputs: done.append(('run', now_ms)),
+    )
+    before = ControllerParameters()
+    node = SimpleNamespace(
+        done=done,
+        parameters=before,
+        _program=program,
+        _program_parameters=before,
+        _is_running=True,
+        _gate=SimpleNamespace(newest=lambda name: None),
+        _messages=SimpleNamespace(
+            retuned=lambda now_ns, values: done.append(('told', now_ns, values)),
+            tick=lambda now_ns, outputs, program: done.append(('answered', now_ns)),
+        ),
+        count_sample=lambda now_ns: None,
+        _abort=lambda problem: done.append(('aborted', problem)),
+        **others,
+    )
+    node._retune = lambda now_ns: Controller._retune(node, now_ns)
+    return node
+
+
+TICK = DueTick(1_004_000_000, ('task_ts1',), ())
+LATER = DueTick(1_008_000_000, ('task_ts1',), ())
+
+
+def test_a_change_is_taken_over_and_told_before_the_next_tick(monkeypatch):
+    monkeypatch.setattr('ballbot_ros.nodes.controller.device_inputs', lambda newest: 'inputs')
+    node = controller()
+    node.parameters = ControllerParameters(k_i=-0.01, dst_thr=20)
+    Controller._run(node, TICK)
+    Controller._run(node, LATER)
+    assert node.done == [
+        ('retune', -0.01),
+        ('told', 1_004_000_000, {'k_i': -0.01, 'dst_thr': 20}),
+        ('run', 1004),
+        ('answered', 1_004_000_000),
+        ('run', 1008),
+        ('answered', 1_008_000_000),
+    ]
+
+
+def test_a_change_that_was_taken_back_is_none(monkeypatch):
+    monkeypatch.setattr('ballbot_ros.nodes.controller.device_inputs', lambda newest: 'inputs')
+    node = controller()
+    node.parameters = ControllerParameters()
+    Controller._run(node, TICK)
+    assert node.done == [('run', 1004), ('answered', 1_004_000_000)]
+
+
+def test_a_program_that_can_not_take_it_over_ends_the_run():
+    def fail(parameters):
+        raise ControllerError('own.py:3: no')
+
+    node = controller()
+    node._program.retune = fail
+    node.parameters = ControllerParameters(k_i=-0.01)
+    Controller._run(node, TICK)
+    assert node.done == [('aborted', 'own.py:3: no')]
+
+
+@pytest.mark.parametrize(('name', 'is_tunable'), [('python', True), ('c', False), ('arm', False)])
+def test_the_gains_of_c_wait_for_the_next_run(name, is_tunable):
+    implementation = Implementation(ControllerParameters(implementation=name), (), lambda: None)
+    assert implementation.is_tunable == is_tunable
+    assert bool(implementation.tunable) == is_tunable
