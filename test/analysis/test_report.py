@@ -15,12 +15,15 @@ from hypothesis import strategies as st
 from laws import given
 from matplotlib.image import imread
 
+from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.page import number_text
 from ballbot_ros.analysis.report import report_page, write_report
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.run_figures import FIGURES, MIN_AXIS_SPAN, draw_figures
 from ballbot_ros.analysis.table import MAX_FIGURE_ROWS, envelope, every_nth
 from ballbot_ros.former_names import FORMER_METRICS
+from ballbot_ros.messages.parameter_events import encode_parameter_event
+from ballbot_ros.messages.topics import PARAMETER_EVENTS
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.world.exports import OccupancyGrid
@@ -241,3 +244,19 @@ def test_the_axes_of_a_plane_at_rest_are_not_magnified(short_assessment):
     for axes in drawn.axes:
         low, high = axes.get_ylim()
         assert high - low >= MIN_AXIS_SPAN * 0.999
+
+
+def test_the_page_says_which_parameters_changed_on_the_way(short, copy):
+    recording, _ = short
+    name = f'/{PARAMETER_EVENTS.name}'
+    stamp = 2_500_000_000
+    event = encode_parameter_event(stamp, {'k_f': (1.0, 2.0, 3.0, 4.0), 'dst_thr': 20})
+    run = read_run(
+        copy(recording, first=[(name, stamp, event)], types={name: PARAMETER_EVENTS.type_name})
+    )
+    assert run.retunings == ((1.5, {'k_f': (1.0, 2.0, 3.0, 4.0), 'dst_thr': 20}),)
+    text = ' '.join(' '.join(Page(report_page(assess(run), [])).text).split())
+    assert 'Parameters of the controller changed during the run: dst_thr, k_f.' in text
+    assert re.search(r'1\.5\d* k_f 1, 2, 3, 4 1\.5\d* dst_thr 20', text)
+    plain = ' '.join(Page(report_page(assess(read_run(recording)), [])).text)
+    assert 'changed during the run' not in plain

@@ -16,7 +16,10 @@ from ballbot_ros.analysis.recorded_inputs import read_inputs
 from ballbot_ros.analysis.recording_replay import ReplayResult
 from ballbot_ros.analysis.replayed_controller import ReplayedController
 from ballbot_ros.cli.replay import print_results, replay_recording
+from ballbot_ros.codegen.implementation import missing_tool_for
 from ballbot_ros.messages.conversions import encode_duty, fill_header, fill_time
+from ballbot_ros.messages.parameter_events import encode_parameter_event
+from ballbot_ros.messages.topics import PARAMETER_EVENTS
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -230,6 +233,77 @@ def test_a_missing_message_is_found(push, tmp_path, replay):
     assert done.returncode == 1
     for each in json.loads(done.stdout):
         assert each['first_difference']['topic'] == 'bluetooth/tx'
+
+
+EVENTS = '/controller/parameter_events'
+
+
+def retuned(recording, path, events):
+    """Copy a recording with made-up changes of parameters, by stamp [ns]."""
+    first = [
+        (
+            EVENTS,
+            stamp,
+            values if isinstance(values, bytes) else encode_parameter_event(stamp, values),
+        )
+        for stamp, values in events.items()
+    ]
+    return copy_recording(path, recording, first=first, types={EVENTS: PARAMETER_EVENTS.type_name})
+
+
+def test_changes_of_parameters_are_repeated_at_their_ticks(push, tmp_path, replay):
+    plain = json.loads(replay(push, '--json').stdout)
+    path = retuned(push, tmp_path / 'tuned.mcap', {3_204_000_000: {'dst_thr': 40, 'k_i': -0.5}})
+    done = replay(path, '--json')
+    assert done.returncode == 1
+    for each, before in zip(json.loads(done.stdout), plain, strict=True):
+        # The change keeps the duty of its tick; the integral differs from the next one on.
+        assert each['first_difference']['sim_time_s'] >= 3.204
+        assert each['first_difference']['topic'] in ('motor_duty', 'controller/state')
+        assert before['identical']
+    same = retuned(push, tmp_path / 'same.mcap', {3_204_000_000: {'dst_thr': 31}})
+    done = replay(same, '--json')
+    assert done.returncode == 0, done.stdout
+    for each, before in zip(json.loads(done.stdout), plain, strict=True):
+        assert each['messages'] == before['messages'] + 1
+
+
+@pytest.mark.parametrize(
+    ('values', 'told'),
+    [
+        ({'nothing': 1.0}, "controller has no parameter 'nothing'"),
+        ({'k_i': 1e10}, 'controller.k_i: 10000000000.0 is not within'),
+        ({'k_f': (1.0,)}, 'controller.k_f: (1.0,) is not a list of 4 numbers'),
+        ({'k_i': 'x'}, "controller.k_i: 'x' is not a number"),
+        (b'\0\1\0\0', 'buffer'),
+    ],
+)
+def test_a_change_that_no_controller_made_is_an_error(push, tmp_path, values, told, replay):
+    done = replay(retuned(push, tmp_path / 'wrong.mcap', {3_204_000_000: values}))
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert told in done.stderr
+    assert 'wrong.mcap' in done.stderr
+
+
+def test_a_varied_parameter_keeps_its_value(push, tmp_path, replay):
+    """A change of it in the recording does not apply, one of another does."""
+    ask = ('--set', 'controller.k_i=-0.1', '--json')
+    plain = replay(push, *ask)
+    path = retuned(push, tmp_path / 'tuned.mcap', {3_204_000_000: {'k_i': -0.5}})
+    assert json.loads(replay(path, *ask).stdout) == json.loads(plain.stdout)
+    path = retuned(push, tmp_path / 'also.mcap', {3_204_000_000: {'pwm_gain': 0.5}})
+    assert json.loads(replay(path, *ask).stdout) != json.loads(plain.stdout)
+
+
+def test_the_c_program_does_not_replay_changes(push, tmp_path, replay):
+    if missing := missing_tool_for('c'):
+        pytest.skip(missing)
+    path = retuned(push, tmp_path / 'tuned.mcap', {3_204_000_000: {'k_i': -0.5}})
+    done = replay(path, '--controller', 'c')
+    assert done.returncode == 2
+    assert "can't change its gains during a run" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize('start_ns', [500_000_000, 60_000_000_000], ids=['before', 'after'])

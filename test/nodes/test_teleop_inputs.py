@@ -127,6 +127,19 @@ def test_an_input_is_read_whatever_its_publisher_offers():
         assert 'reliab' not in reason.lower()
 
 
+def test_a_velocity_follows_the_speed_of_a_full_stick_at_once():
+    """The controller's gain and the meaning of ``cmd_vel`` change together, during a run."""
+    inputs = Inputs()
+    inputs.node.offers = [CMD_VEL.type_name]
+    inputs.node.look_for_cmd_vel()
+    found = []
+    for gain in (4000.0, 8000.0):
+        inputs.node.parameters = GamepadParameters(device='', k_thetadot=gain)
+        inputs.receive(CMD_VEL, twist(CMD_VEL))
+        found.append(inputs.sticks()[0])
+    assert found == [-55, -28]
+
+
 def test_cmd_vel_is_read_with_the_type_that_is_published():
     """Each row is a look at the publishers: the type read from then on, and the error shown."""
     inputs = Inputs()

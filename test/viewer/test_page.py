@@ -24,6 +24,7 @@ from std_srvs.srv import SetBool  # noqa: E402
 from ballbot_ros.messages.conversions import ball_position, body_pitch, stamp_ns  # noqa: E402
 from ballbot_ros.messages.topics import (  # noqa: E402
     ACCEPTED_PUSH,
+    PARAMETER_EVENTS,
     PLANT_IMU,
     PLANT_ODOM,
     VIEWER_JOY,
@@ -36,6 +37,7 @@ from ballbot_ros.viewer.playback_run import PlaybackRun  # noqa: E402
 from ballbot_ros.viewer.recording_page import RecordingPage  # noqa: E402
 from ballbot_ros.viewer.robot import BLACK, DARK, parts  # noqa: E402
 from ballbot_ros.viewer.snapshot import History, Snapshot  # noqa: E402
+from ballbot_ros.viewer.tuning_sliders import FOLDER  # noqa: E402
 from ballbot_ros.viewer.views import ROBOT, TITLES, VIEWS, camera  # noqa: E402
 from ballbot_ros.world.floor_map import CELL_M, FLOOR  # noqa: E402
 from ballbot_ros.world.library import load_map  # noqa: E402
@@ -70,7 +72,7 @@ class GraphRecorder:
 
     def __init__(self, domain):
         self.client = Client(domain)
-        for topic in (ACCEPTED_PUSH, PLANT_IMU, PLANT_ODOM, VIEWER_JOY):
+        for topic in (ACCEPTED_PUSH, PARAMETER_EVENTS, PLANT_IMU, PLANT_ODOM, VIEWER_JOY):
             self.client.watch(topic, depth=128)
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._spin)
@@ -189,6 +191,7 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             browser.press('Run')
             push_makes_it_lean(browser, truth)
             stick_drives_it(browser, truth)
+            slider_tunes_it(browser, truth)
             pause_holds_it(browser)
 
             with unread(port):
@@ -250,6 +253,19 @@ def stick_drives_it(browser, truth):
     wait_until(lambda: truth.position() > before + 0.05, browser)
     browser.let_go()
     wait_until(lambda: not truth.is_driven(), browser)
+
+
+def slider_tunes_it(browser, truth):
+    browser.open(FOLDER)
+    browser.wait_for_text('pwm_gain')
+    # k_thetadot comes first: it is shared with the teleop, which has to take it over, too.
+    slider = browser.page.get_by_role('slider').last
+    slider.focus()
+    slider.press('ArrowRight')
+    wait_until(lambda: PARAMETER_EVENTS.name in truth.client.seen, browser)
+    (changed,) = truth.client.seen[PARAMETER_EVENTS.name][0].changed_parameters
+    assert (changed.name, changed.value.integer_value) == ('tone_gain', 1)
+    browser.open(FOLDER)  # closes it
 
 
 def pause_holds_it(browser):
