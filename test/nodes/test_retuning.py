@@ -10,6 +10,7 @@ pytest.importorskip('rclpy')
 
 from ros_client import Client
 from std_srvs.srv import SetBool, Trigger
+from stubs import bare
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.codegen.implementation import Implementation
@@ -17,7 +18,7 @@ from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.messages.topics import OPERATING_STATE, PARAMETER_EVENTS
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
-from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters, parameters_of
 from ballbot_ros.simulation.task_releases import DueTick
 
 OWN = """
@@ -174,5 +175,8 @@ def test_a_program_that_can_not_take_it_over_ends_the_run():
 @pytest.mark.parametrize(('name', 'is_tunable'), [('python', True), ('c', False), ('arm', False)])
 def test_the_gains_of_c_wait_for_the_next_run(name, is_tunable):
     implementation = Implementation(ControllerParameters(implementation=name), (), lambda: None)
-    assert implementation.is_tunable == is_tunable
+    node = bare(Controller, _implementation=implementation)
+    rows = parameters_of(CONTROLLER)
+    assert node.is_live(rows['k_i']) == is_tunable
+    assert not node.is_live(rows['a_d'])
     assert bool(implementation.tunable) == is_tunable

@@ -115,6 +115,7 @@ def test_a_run_whose_plant_is_gone_has_ended():
                 send_queued=lambda: None, lost_plant=lost_plant, can_start=not lost_plant
             ),
             _robot=SimpleNamespace(show=lambda snapshot: None, show_trail=lambda trail: None),
+            _tuning=SimpleNamespace(send_queued=lambda: None),
             _updates=0,
         )
         node._update()
@@ -145,6 +146,7 @@ def test_what_has_changed_is_shown(changed, expected):
         _page=SimpleNamespace(has_clients=False),
         _requests=SimpleNamespace(send_queued=lambda: None, lost_plant=False),
         _sound=lambda: done.append('sound'),
+        _tuning=SimpleNamespace(send_queued=lambda: None),
         _updates=0,
         count_sample=done.append,
     )
@@ -168,10 +170,11 @@ def test_a_viewer_that_shows_nothing_yet_sends_its_requests_and_closes_its_page(
         _newest=SimpleNamespace(take=lambda: (None, set()), close=lambda: done.append('closed')),
         _page=SimpleNamespace(stop=lambda: done.append('stopped')),
         _requests=SimpleNamespace(send_queued=lambda: done.append('sent')),
+        _tuning=SimpleNamespace(send_queued=lambda: done.append('tuned')),
     )
     node._update()
     node.close()
-    assert done == ['sent', 'closed', 'stopped']
+    assert done == ['sent', 'tuned', 'closed', 'stopped']
 
 
 def test_an_unknown_map_is_refused_and_an_empty_one_is_no_floor():
