@@ -166,12 +166,13 @@ class _EpochInputs:
     duties: dict[int, tuple[int, int]] = field(default_factory=dict)
     begun: dict[str, WrenchStamped] = field(default_factory=dict)
     pushes: list[Push] = field(default_factory=list)
-    retunings: dict[int, Mapping[str, Value]] = field(default_factory=dict)
+    retunings: dict[int, dict[str, Value]] = field(default_factory=dict)
 
     def add(self, reader: RecordingReader, topic: Topic, raw: RawMessage) -> None:
         if topic is PARAMETER_EVENTS:
             with recording_error_context(reader, raw.topic, raw.stamp_ns):
-                self.retunings[stamp_of(raw.data)] = decode_parameter_event(raw.data)
+                values = self.retunings.setdefault(stamp_of(raw.data), {})
+                values.update(decode_parameter_event(raw.data))
             return
         message = reader.decode(raw)
         if topic is GAMEPAD_JOY:

@@ -11,7 +11,7 @@ from ballbot_ros.analysis.recorded_inputs import RunInputs, recording_error_cont
 from ballbot_ros.analysis.recorded_runs import RobotRecording
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.codegen.implementation import implementation_for
-from ballbot_ros.controllers.interface import Program
+from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.devices import DEVICE_MESSAGES, AnyDeviceMessages
 from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs
@@ -35,7 +35,7 @@ from ballbot_ros.messages.topics import (
     WALL_HIT,
     Topic,
 )
-from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterError, ParameterSet
 from ballbot_ros.recording.batch import RawMessage
 from ballbot_ros.simulation.closed_loop import ClosedLoop, Tick
 from ballbot_ros.timing import MILLISECOND_NS, TICK_NS
@@ -62,21 +62,26 @@ EVENTS = (WALL_HIT, OPERATING_STATE, BLUETOOTH_TX, LCD)
 """Topics without stamps: only the order of their messages shows which run they belong to."""
 
 
-class _Retuning:
-    """Repeats the recorded changes of a controller's parameters, at the same ticks."""
+class _RetunedProgram:
+    """A controller's program, whose parameters change at the ticks at which they have changed.
+
+    Attributes
+    ----------
+    program : Program
+    """
 
     def __init__(
         self,
         recording: RobotRecording,
         inputs: RunInputs,
         parameters: ParameterSet,
-        program: Program,
         messages: ControllerMessages | RunMessages,
     ) -> None:
         self._reader, self._retunings = recording.reader, inputs.retunings
-        self._parameters = ParameterSet()
+        self._parameters, self._messages = ParameterSet(), messages
         self._parameters.update(parameters)
-        self._program, self._messages = program, messages
+        self._implementation = implementation_for(parameters.of(ControllerParameters))
+        self.program = self._implementation.make()
 
     def repeat(self, now_ns: int) -> None:
         """Repeat the changes before the tick at `now_ns` [ns]."""
@@ -86,7 +91,14 @@ class _Retuning:
         with recording_error_context(self._reader, PARAMETER_EVENTS.name, now_ns):
             for name, value in values.items():
                 self._parameters.set(CONTROLLER, name, value)
-            self._program.retune(self._parameters.of(ControllerParameters))
+            parameters = self._parameters.of(ControllerParameters)
+            for name in values.keys() - {row.name for row in self._implementation.live}:
+                raise ParameterError(
+                    f"{CONTROLLER}.{name} can't change during a run of "
+                    f'{public_reference(self._implementation.parameters.implementation)}'
+                )
+            self._implementation.check(parameters)
+            self.program.retune(parameters)
         self._messages.retuned(now_ns, values)
 
 
@@ -112,8 +124,8 @@ def replay_controller(
     samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUT_READERS}
     sink = partial(comparator.add_replayed, epoch=run.epoch)
     messages = ControllerMessages(lambda topic: partial(sink, topic))
-    program = implementation_for(parameters.of(ControllerParameters)).make()
-    retuning = _Retuning(recording, inputs, parameters, program, messages)
+    retuned = _RetunedProgram(recording, inputs, parameters, messages)
+    program = retuned.program
     now = run.start_ns
     for topic, raw in _messages(recording, inputs):
         comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)
@@ -126,7 +138,7 @@ def replay_controller(
         ):
             readings = device_inputs(lambda each: samples[each].pop(now, None))  # noqa: B023
             elapsed = now - run.start_ns
-            retuning.repeat(now)
+            retuned.repeat(now)
             with recording_error_context(reader, 'the inputs', now):
                 outputs = program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, readings)
                 messages.tick(now, outputs, program)
@@ -157,7 +169,6 @@ def replay_run(
     samples = {
         each.device.field: _samples(recording, inputs, each.sample) for each in recorded_devices
     }
-    loop = ClosedLoop(parameters, inputs, run.start_ns, recorded=samples)
 
     def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
         # Leave out stamped messages after the last tick with a duty: a push may end later, and in
@@ -166,13 +177,14 @@ def replay_run(
             comparator.add_replayed(topic, stamp_ns, data, run.epoch)
 
     messages = RunMessages(lambda topic: partial(replayed, topic), parameters)
+    retuned = _RetunedProgram(recording, inputs, parameters, messages)
+    loop = ClosedLoop(parameters, inputs, run.start_ns, retuned.program, samples)
     messages.begin(run.start_ns, loop.world, loop.pushes)
-    retuning = _Retuning(recording, inputs, parameters, loop.program, messages)
     for topic, raw in _messages(recording, inputs):
         comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)
         # Do not run ahead of the recording, so that few messages wait for their counterparts.
         while topic is CLOCK and loop.plant.time_ns <= raw.stamp_ns:
-            retuning.repeat(loop.plant.time_ns)
+            retuned.repeat(loop.plant.time_ns)
             tick = loop.tick()
             source = inputs.sources.get(tick.truth.stamp_ns, '')
             messages.tick(tick, loop.program, source)

@@ -35,6 +35,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     TakesEffect,
     Value,
+    is_own,
     parameters_of,
 )
 
@@ -78,24 +79,25 @@ class Implementation:
     times: TickTimes = field(default_factory=TickTimes)
 
     @property
-    def is_tunable(self) -> bool:
-        """Whether its programs take over other gains; in C, they are constants."""
-        return self.loaded is not None or self.parameters.implementation == 'python'
+    def live(self) -> tuple[Parameter, ...]:
+        """The parameters that its programs take over during a run: shared ones, and its own."""
+        if self.loaded is None and self.parameters.implementation != 'python':
+            return ()  # the gains are constants of the C code
+        own = own_rows(self.loaded) if self.loaded else ()
+        rows = (*parameters_of(CONTROLLER).values(), *own)
+        return tuple(row for row in rows if row.takes_effect is TakesEffect.IMMEDIATELY)
 
     @property
-    def tunable(self) -> tuple[Parameter, ...]:
-        """The parameters of its own that its programs take over during a run."""
-        if not self.is_tunable:
-            return ()
-        rows = own_rows(self.loaded) if self.loaded else parameters_of(CONTROLLER).values()
-        return tuple(row for row in rows if row.takes_effect is TakesEffect.IMMEDIATELY)
+    def tunable(self) -> tuple[str, ...]:
+        """Names of those that are its own; for the document's program, of all."""
+        return tuple(row.name for row in self.live if self.loaded is None or is_own(row.name))
 
     def check(self, parameters: ControllerParameters) -> None:
         """Raise BallbotError if its programs can't take over the values of these parameters."""
         if self.loaded is None:
             return
         after, before = parameters.values(), self.parameters.values()
-        for row in self.tunable:
+        for row in self.live:
             count, designed = _count(after[row.name]), _count(before[row.name])
             if count != designed:
                 raise ParameterError(

@@ -146,7 +146,7 @@ class PredictivePlane(Plane):
         voltages = self._predictions.voltage @ error
         pitches = self._predictions.pitch @ error + psi_ref
         fits = low <= voltages.min() and voltages.max() <= high
-        if fits and np.abs(pitches).max() <= self._pitch_limit or low >= high:
+        if (fits and np.abs(pitches).max() <= self._pitch_limit) or low >= high:
             return voltage  # nothing to add, or no voltage at all
         free = np.full(HORIZON, np.inf)
         self._solver.update(

@@ -107,7 +107,7 @@ class Controller(BallbotNode[ControllerParameters]):
         """Return what can be tuned, and the hash of a controller other than the document's."""
         loaded = self._implementation.loaded
         source = {SOURCE_HASH: loaded.code.source.sha256} if loaded else {}
-        return {TUNABLE: [row.name for row in self._implementation.tunable], **source}
+        return {TUNABLE: self._implementation.tunable, **source}
 
     def awaited(self) -> Mapping[str, int | None]:
         """Return the inputs that the next tick in lockstep lacks."""
@@ -127,7 +127,7 @@ class Controller(BallbotNode[ControllerParameters]):
 
     def is_live(self, row: Parameter) -> bool:
         """Return whether the program takes over a new value during a run."""
-        return super().is_live(row) and self._implementation.is_tunable
+        return row in self._implementation.live
 
     def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""

@@ -271,6 +271,8 @@ def test_changes_of_parameters_are_repeated_at_their_ticks(push, tmp_path, repla
 @pytest.mark.parametrize(
     ('values', 'told'),
     [
+        ({'mode': 'autonomous'}, "controller.mode can't change during a run of python"),
+        ({'implementation': 'evil.py:X'}, "controller.implementation can't change"),
         ({'nothing': 1.0}, "controller has no parameter 'nothing'"),
         ({'k_i': 1e10}, 'controller.k_i: 10000000000.0 is not within'),
         ({'k_f': (1.0,)}, 'controller.k_f: (1.0,) is not a list of 4 numbers'),
@@ -302,7 +304,7 @@ def test_the_c_program_does_not_replay_changes(push, tmp_path, replay):
     path = retuned(push, tmp_path / 'tuned.mcap', {3_204_000_000: {'k_i': -0.5}})
     done = replay(path, '--controller', 'c')
     assert done.returncode == 2
-    assert "can't change its gains during a run" in done.stderr
+    assert "controller.k_i can't change during a run of c" in done.stderr
     assert len(done.stderr.splitlines()) == 1
 
 

@@ -22,7 +22,6 @@ from ballbot_ros.parameters import (
     ControllerParameters,
     ParameterError,
     ParameterSet,
-    TakesEffect,
 )
 from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
 
@@ -250,14 +249,13 @@ def test_a_controller_of_ones_own_reads_the_new_values(own):
 
 def test_its_tunable_parameters_are_those_that_it_declares(own):
     implementation = implementation_for(composed(own))
-    assert [row.name for row in implementation.tunable] == ['user.gain', 'user.row']
+    assert implementation.tunable == ('user.gain', 'user.row')
     document = implementation_for(composed('python'))
-    assert {row.name for row in document.tunable} == {
+    assert set(document.tunable) == {
         'k_f', 'k_i', 'pwm_gain', 'k_thetadot', 'dst_thr', 'theta_diff_thr', 'psi_diff_thr',
         'tone_gain',
     }  # fmt: skip
-    for row in document.tunable:
-        assert row.takes_effect is TakesEffect.IMMEDIATELY
+    assert {row.name for row in implementation.live} == {*implementation.tunable, *document.tunable}
 
 
 @pytest.mark.parametrize(
