@@ -3,7 +3,7 @@
 from ballbot_ros.controllers.controller import Controller, Duty, Readings, task
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState
-from ballbot_ros.parameters import TakesEffect, designed, quantity, setting
+from ballbot_ros.parameters import ControllerParameters, TakesEffect, designed, quantity, setting
 from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.timing import TICK_S
 
@@ -11,6 +11,7 @@ __all__ = [
     'TICK_S',
     'Controller',
     'ControllerError',
+    'ControllerParameters',
     'Duty',
     'Estimates',
     'OperatingState',

@@ -41,8 +41,8 @@ _FOLDERS = ('build', 'dist', 'install', 'log', 'resource', 'scenarios', 'setup',
 """Names of files and folders next to the folder of the modules."""
 
 _NAMES_IN_TEMPLATES = {
-    'Controller', 'Duty', 'Estimates', 'Gains', 'OperatingState', 'Path', 'Plane', 'Readings',
-    'TICK_S',
+    'Controller', 'ControllerParameters', 'Duty', 'Estimates', 'Gains', 'OperatingState', 'Path',
+    'Plane', 'Readings', 'TICK_S', 'TakesEffect',
 }  # fmt: skip
 
 
