@@ -92,14 +92,14 @@ class _RetunedProgram:
             for name, value in values.items():
                 self._parameters.set(CONTROLLER, name, value)
             parameters = self._parameters.of(ControllerParameters)
-            for name in values.keys() - {row.name for row in self._implementation.live}:
+            for name in values.keys() - {row.name for row in self._implementation.tunable}:
                 raise ParameterError(
                     f"{CONTROLLER}.{name} can't change during a run of "
                     f'{public_reference(self._implementation.parameters.implementation)}'
                 )
             self._implementation.check(parameters)
+            self._messages.retuned(now_ns, values)
             self.program.retune(parameters)
-        self._messages.retuned(now_ns, values)
 
 
 def replay_controller(

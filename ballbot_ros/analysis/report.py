@@ -16,6 +16,7 @@ from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.analysis.table import csv_text
 from ballbot_ros.analysis.verdict import ExpectationVerdict
+from ballbot_ros.errors import printable
 from ballbot_ros.former_names import (
     FORMER_CONTROLLER_KEYS,
     FORMER_PLANT_KEYS,
@@ -86,7 +87,7 @@ def report_page(assessment: Assessment, figures: list[RenderedFigure]) -> str:
         problems=list(_problems(run)),
         parameters=sorted(_parameters(run), key=lambda row: not row['changed']),
         retunings=[
-            (time, name, _text(value))
+            (time, printable(name), printable(_text(value)))
             for time, values in run.retunings
             for name, value in values.items()
         ],
@@ -107,8 +108,8 @@ def banner(run: RunData) -> list[str]:
     if run.damage:
         lines.insert(0, f'This recording is damaged: {run.damage}. The report covers the part '
                         f'before the damage, up to {run.end:.3f} s.')  # fmt: skip
-    if names := sorted({name for _, values in run.retunings for name in values}):
-        lines.append(f'Parameters of the controller changed during the run: {", ".join(names)}.')
+    if changed := sorted({printable(name) for _, values in run.retunings for name in values}):
+        lines.append(f'Parameters of the controller changed during the run: {", ".join(changed)}.')
     if run.missing_ticks:
         lines.append(f'{run.missing_ticks} ticks are missing.')
     if not run.reached_end:

@@ -35,7 +35,6 @@ from ballbot_ros.parameters import (
     ParameterSet,
     TakesEffect,
     Value,
-    is_own,
     parameters_of,
 )
 
@@ -79,25 +78,24 @@ class Implementation:
     times: TickTimes = field(default_factory=TickTimes)
 
     @property
-    def live(self) -> tuple[Parameter, ...]:
-        """The parameters that its programs take over during a run: shared ones, and its own."""
-        if self.loaded is None and self.parameters.implementation != 'python':
-            return ()  # the gains are constants of the C code
-        own = own_rows(self.loaded) if self.loaded else ()
-        rows = (*parameters_of(CONTROLLER).values(), *own)
+    def tunable(self) -> tuple[Parameter, ...]:
+        """The parameters that its programs take over during a run."""
+        if self.loaded is not None:
+            settings = self.loaded.cls.tunable_settings
+            rows = [parameters_of(CONTROLLER)[name] for name in settings]
+            rows += own_rows(self.loaded)
+        elif self.parameters.implementation == 'python':
+            rows = list(parameters_of(CONTROLLER).values())
+        else:  # the gains are constants of the C code
+            rows = []
         return tuple(row for row in rows if row.takes_effect is TakesEffect.IMMEDIATELY)
-
-    @property
-    def tunable(self) -> tuple[str, ...]:
-        """Names of those that are its own; for the document's program, of all."""
-        return tuple(row.name for row in self.live if self.loaded is None or is_own(row.name))
 
     def check(self, parameters: ControllerParameters) -> None:
         """Raise BallbotError if its programs can't take over the values of these parameters."""
         if self.loaded is None:
             return
         after, before = parameters.values(), self.parameters.values()
-        for row in self.live:
+        for row in self.tunable:
             count, designed = _count(after[row.name]), _count(before[row.name])
             if count != designed:
                 raise ParameterError(

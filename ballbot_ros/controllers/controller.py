@@ -117,6 +117,9 @@ class Controller(Generic[P]):
     portable : bool
         Whether its duties are the same on every machine. Declare False if it computes them by
         LAPACK, a solver or a neural network.
+    tunable_settings : tuple of str
+        Names of the settings that it takes over when they change during a run, like its own
+        parameters that are declared with ``takes_effect=TakesEffect.IMMEDIATELY``.
     parameters : P
         The values for the run; others after :meth:`retune`.
     model : PhysicalParameters
@@ -131,6 +134,7 @@ class Controller(Generic[P]):
     """
 
     portable: ClassVar[bool] = True
+    tunable_settings: ClassVar[tuple[str, ...]] = ()
     parameters_class: ClassVar[type] = NoParameters
 
     def __init_subclass__(cls, **arguments: Any) -> None:
@@ -171,10 +175,10 @@ class Controller(Generic[P]):
         """Set the initial state, before the first tick of a run."""
 
     def retune(self, parameters: P, settings: ControllerParameters) -> None:
-        """Take over values that have changed during the run, between two ticks.
+        """Take over values that change during the run; called before a tick.
 
-        Only those declared with ``takes_effect=TakesEffect.IMMEDIATELY`` change. Override it if
-        something is computed from them, or if a change would make the duty jump; call this first.
+        Real numbers glide to a new value within 0.5 s, and this is called at each tick meanwhile.
+        Override it if something is computed from them, and call this first.
         """
         self.parameters, self.settings = parameters, settings
 

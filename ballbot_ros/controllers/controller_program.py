@@ -21,6 +21,7 @@ from ballbot_ros.controllers.controller import (
     whole_number,
 )
 from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.controllers.glide import Glide
 from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.controllers.loading import LoadedController, shown_line
 from ballbot_ros.controllers.own_parameters import user_parameters
@@ -120,6 +121,7 @@ class ControllerProgram:
         self._times = times
         times.reset()
         self._schedule = Schedule(loaded.tasks)
+        self._glide = Glide(settings)
         self._start_ms: int | None = None
         self._task = ''
         self._readings = Readings(0, (0, 0), (0, 0), 0)
@@ -134,12 +136,22 @@ class ControllerProgram:
             raise self._error(error, f'{self._name} at the start') from None
 
     def retune(self, parameters: ControllerParameters) -> None:
-        """Take over the parameters that take effect immediately, from the next tick on."""
-        user = user_parameters(self._loaded, parameters)
+        """Take over parameters that change during a run, from the next tick on."""
+        self._glide.move_to(parameters)
+
+    def _move(self, elapsed_ms: int) -> None:
+        """Let the controller take over the values of the next tick."""
+        parameters = self._glide.tick()
+        try:
+            user = user_parameters(self._loaded, parameters)
+        except ControllerError:
+            if self._glide.is_moving:
+                return  # its class does not allow every value on the way
+            raise
         try:
             self._controller.retune(user, parameters)
         except BaseException as error:
-            at = f'{self._name}.retune after {self._readings.elapsed_ms / SECOND_MS:.3f} s'
+            at = f'{self._name}.retune at {elapsed_ms / SECOND_MS:.3f} s'
             raise self._error(error, at) from None
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
@@ -162,6 +174,8 @@ class ControllerProgram:
         )
         self._brick.sonar_cm = readings.distance_cm
         started_ns = time.perf_counter_ns()
+        if self._glide.is_moving:
+            self._move(elapsed_ms)
         try:
             outputs = self._brick.tick(systick_ms, inputs, lambda: self._run_tasks(tasks, readings))
         except BaseException as error:

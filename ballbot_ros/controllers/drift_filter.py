@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from ballbot_ros.controllers.controller import Readings
 from ballbot_ros.controllers.document.axis import THOUSAND, TS1_PERIOD, Axis
@@ -31,6 +32,14 @@ class DriftFilter(DrivingController[DriftFilterParameters]):
     what the body really did, see :class:`LeanObserver`.
     """
 
+    tunable_settings: ClassVar[tuple[str, ...]] = (
+        *DrivingController.tunable_settings,
+        'k_f',
+        'k_i',
+        'pwm_gain',
+        'pwm_offset',
+    )
+
     def make_plane(self) -> PlaneController:
         """Return the controller of a plane, at rest."""
         return DriftFreeAxis(self.settings, self.parameters.drift_time, self.model)
@@ -47,7 +56,7 @@ class DriftFreeAxis:
         self.estimates = Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     def retune(self, _: DriftFilterParameters, settings: ControllerParameters) -> None:
-        """Take over the document's gains; see `Axis.retune`."""
+        """Use other gains of the document."""
         self._axis.retune(_constants(settings))
 
     def duty(self, readings: Readings, inputs: PlaneInputs) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controllers.controller import Controller, Duty, P, Readings
@@ -51,14 +51,18 @@ class PlaneController(Protocol):
         """Return the duty [%]."""
 
     def retune(self, parameters: Any, settings: ControllerParameters) -> None:
-        """Take over other gains; the duty does not jump as long as the angles stay.
-
-        A bias makes up for what the new gains change, and the integral takes it back in time.
-        """
+        """Use other gains."""
 
 
 class DrivingController(Controller[P]):
     """A controller that drives as the document's program does, with another law of balance."""
+
+    tunable_settings: ClassVar[tuple[str, ...]] = (
+        'k_thetadot',
+        'dst_thr',
+        'theta_diff_thr',
+        'psi_diff_thr',
+    )
 
     def make_plane(self) -> PlaneController:
         """Return the controller of a plane, at rest."""
@@ -72,7 +76,7 @@ class DrivingController(Controller[P]):
         self.x, self.y = (plane.estimates for plane in self._planes)
 
     def retune(self, parameters: P, settings: ControllerParameters) -> None:
-        """Take over gains and thresholds."""
+        """Use other gains and thresholds."""
         super().retune(parameters, settings)
         self._driving.retune(settings)
         for plane in self._planes:
@@ -154,7 +158,7 @@ class Driving:
         return 0, 0
 
     def retune(self, settings: ControllerParameters) -> None:
-        """Take over thresholds and the speed of a full stick."""
+        """Use other thresholds, and another speed at full stick."""
         self._p = settings
 
     def update(self, readings: Readings) -> OperatingState:

@@ -77,9 +77,9 @@ class Program(Protocol):
         """The state of figure 7-1."""
 
     def retune(self, parameters: ControllerParameters) -> None:
-        """Take over the parameters that take effect immediately, from the next tick on.
+        """Take over parameters that change during a run, from the next tick on.
 
-        The duty does not jump as long as the errors stay.
+        Real numbers glide to their new values, see :class:`~ballbot_ros.controllers.glide.Glide`.
 
         Parameters
         ----------

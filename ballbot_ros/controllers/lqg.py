@@ -193,7 +193,6 @@ class Plane:
         self._reference = SpeedReference(p.reference_time)
         self._predicted = (0.0,) * STATES
         self._integral = 0.0
-        self._bias = 0.0
         self.estimates = Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
@@ -209,6 +208,10 @@ class Plane:
         self._predict(state, self._effective(duty) * readings.max_voltage / MAX_DUTY)
         return duty
 
+    def retune(self, parameters: LQGParameters, _: ControllerParameters) -> None:
+        """Use other gains."""
+        self._p = parameters
+
     def _corrected(self, rate: float, revolution: int) -> Sequence[float]:
         """Return the state, corrected by the readings."""
         theta, psi, _, psi_dot, drift = self._predicted
@@ -221,9 +224,10 @@ class Plane:
 
     def _voltage(self, max_voltage: float) -> float:
         """Return the voltage of feedforward and feedback, for the largest one [V]."""
-        now = self.estimates
-        psi_ref, voltage = self._feedforward(self._reference.theta_ddot)
-        voltage += self._bias
+        now, acceleration = self.estimates, self._reference.theta_ddot
+        psi_rate, voltage_rate, psi_acceleration, voltage_acceleration = self._p.feedforward
+        psi_ref = psi_rate * now.theta_ref_dot + psi_acceleration * acceleration
+        voltage = voltage_rate * now.theta_ref_dot + voltage_acceleration * acceleration
         error = (
             now.theta - now.theta_ref,
             now.psi - psi_ref,
@@ -233,33 +237,6 @@ class Plane:
         )
         low, high = -max_voltage - voltage, max_voltage - voltage
         return voltage + self.feedback(error, (low, high), psi_ref)
-
-    def _feedforward(self, acceleration: float) -> tuple[float, float]:
-        """Return pitch [deg] and voltage [V] that the reference takes at an acceleration."""
-        psi_rate, voltage_rate, psi_acceleration, voltage_acceleration = self._p.feedforward
-        rate = self.estimates.theta_ref_dot
-        return (
-            psi_rate * rate + psi_acceleration * acceleration,
-            voltage_rate * rate + voltage_acceleration * acceleration,
-        )
-
-    def retune(self, parameters: LQGParameters, _: ControllerParameters) -> None:
-        """Take over other gains; see `PlaneController.retune`."""
-        before = self._steady_voltage()
-        self._p = parameters
-        self._bias += before - self._steady_voltage()
-
-    def _steady_voltage(self) -> float:
-        """Return the voltage without the bias if the angle errors stay as they are [V]."""
-        now = self.estimates
-        psi_ref, voltage = self._feedforward(0.0)
-        of_theta, of_psi, _, _, of_integral = self._p.feedback
-        return (
-            voltage
-            - of_theta * (now.theta - now.theta_ref)
-            - of_psi * (now.psi - psi_ref)
-            - of_integral * self._integral
-        )
 
     def feedback(self, error: PlaneError, limits: tuple[float, float], psi_ref: float) -> float:
         """Return the voltage [V] that takes a deviation back to the reference.

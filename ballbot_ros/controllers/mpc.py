@@ -102,17 +102,20 @@ class PredictivePlane(Plane):
 
     def __init__(self, parameters: MPCParameters, model: PhysicalParameters) -> None:
         super().__init__(parameters, model)
+        self._pitch_limit = parameters.pitch_limit
         self._prepare(parameters)
 
     def retune(self, parameters: LQGParameters, settings: ControllerParameters) -> None:
-        """Take over other gains and another limit; see `PlaneController.retune`."""
+        """Use other gains and another limit."""
+        gains_change = parameters.feedback != self._p.feedback
         super().retune(parameters, settings)
         assert isinstance(parameters, MPCParameters)
-        self._prepare(parameters)
+        self._pitch_limit = parameters.pitch_limit
+        if gains_change:
+            self._prepare(parameters)
 
     def _prepare(self, parameters: MPCParameters) -> None:
         """Set up the quadratic program for the gains."""
-        self._pitch_limit = parameters.pitch_limit
         self._predictions = predictions = Predictions.of(parameters)
         # The unknowns are the additions, and the pitch beyond the limit.
         one, none = np.ones((HORIZON, 1)), np.zeros((HORIZON, 1))

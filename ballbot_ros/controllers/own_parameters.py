@@ -38,6 +38,7 @@ def own_rows(loaded: LoadedController) -> tuple[Parameter, ...]:
         If its class does not declare its parameters as it should.
     """
     try:
+        _check_settings(loaded)
         return (*_user_rows(loaded), *_model_rows())
     except ControllerError as error:
         raise ControllerError(f'{loaded.code.shown}: {error}') from None
@@ -45,6 +46,17 @@ def own_rows(loaded: LoadedController) -> tuple[Parameter, ...]:
         cls = loaded.cls.parameters_class
         name = getattr(cls, '__name__', short_repr(cls))
         raise ControllerError(f'{loaded.code.shown}: {name}: {one_line(error)}') from None
+
+
+def _check_settings(loaded: LoadedController) -> None:
+    """Check the names of the settings that the class takes over during a run."""
+    rows = parameters_of(CONTROLLER).values()
+    allowed = [row.name for row in rows if row.takes_effect is TakesEffect.IMMEDIATELY]
+    for name in loaded.cls.tunable_settings:
+        if name not in allowed:
+            raise ControllerError(
+                f'tunable_settings: {short_repr(name)} is not one of {", ".join(allowed)}'
+            )
 
 
 def _user_rows(loaded: LoadedController) -> Iterator[Parameter]:

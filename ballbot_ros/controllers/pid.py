@@ -72,7 +72,6 @@ class Cascade:
         self._offset_error = 0.0
         self._rate = 0.0
         self._integral = 0.0
-        self._bias = 0.0
         self.estimates = Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
@@ -89,10 +88,7 @@ class Cascade:
             + p.position_d * (now.theta_ref_dot - now.theta_dot)
         )
         voltage = (
-            p.pitch_p * (now.psi - pitch)
-            + p.pitch_d * now.psi_dot
-            + p.back_emf * now.theta_dot
-            + self._bias
+            p.pitch_p * (now.psi - pitch) + p.pitch_d * now.psi_dot + p.back_emf * now.theta_dot
         )
         duty = readings.duty(voltage)
         if abs(duty) < MAX_DUTY:  # else the integral would wind up
@@ -100,16 +96,8 @@ class Cascade:
         return duty
 
     def retune(self, parameters: PIDParameters, _: ControllerParameters) -> None:
-        """Take over other gains; see `PlaneController.retune`."""
-        before = self._steady_voltage()
+        """Use other gains."""
         self._p = parameters
-        self._bias += before - self._steady_voltage()
-
-    def _steady_voltage(self) -> float:
-        """Return the voltage without the bias if the angle errors stay as they are [V]."""
-        p, now = self._p, self.estimates
-        pitch = p.position_p * (now.theta_ref - now.theta) + p.position_i * self._integral
-        return p.pitch_p * (now.psi - pitch) + p.back_emf * now.theta_ref_dot
 
     def _estimate(self, rate: float, revolution: int) -> None:
         """Update the estimates from the gyro and the encoder."""

@@ -107,7 +107,7 @@ class Controller(BallbotNode[ControllerParameters]):
         """Return what can be tuned, and the hash of a controller other than the document's."""
         loaded = self._implementation.loaded
         source = {SOURCE_HASH: loaded.code.source.sha256} if loaded else {}
-        return {TUNABLE: self._implementation.tunable, **source}
+        return {TUNABLE: [row.name for row in self._implementation.tunable], **source}
 
     def awaited(self) -> Mapping[str, int | None]:
         """Return the inputs that the next tick in lockstep lacks."""
@@ -127,7 +127,7 @@ class Controller(BallbotNode[ControllerParameters]):
 
     def is_live(self, row: Parameter) -> bool:
         """Return whether the program takes over a new value during a run."""
-        return row in self._implementation.live
+        return row in self._implementation.tunable
 
     def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
@@ -237,8 +237,8 @@ class Controller(BallbotNode[ControllerParameters]):
             name: value for name, value in self.parameters.values().items() if value != before[name]
         }
         if changed:
-            self._program.retune(self.parameters)
             self._messages.retuned(now_ns, changed)
+            self._program.retune(self.parameters)
 
     def _start_timers(self, tick: DueTick) -> None:
         """Restart the timers that have not released their tasks."""

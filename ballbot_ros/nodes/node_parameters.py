@@ -134,9 +134,12 @@ class ParameterNode(Node, Generic[P]):
         for name in self._parameter_overrides:
             is_of_controller = is_own(name) and self.role != CONTROLLER
             if not (name in known or is_of_controller or name.startswith('qos_overrides.')):
-                raise ParameterError(
-                    f'{self.get_name()} has no parameter {name!r}; {suggest(name, self._rows)}'
-                )
+                raise self._unknown(name)
+
+    def _unknown(self, name: str) -> ParameterError:
+        return ParameterError(
+            f'{self.get_name()} has no parameter {name!r}; {suggest(name, self._rows)}'
+        )
 
     def _in_own_type(self, parameter: RosParameter) -> RosParameter:
         """Return a parameter in its declared type, such as a whole number as a float."""
@@ -168,14 +171,23 @@ class ParameterNode(Node, Generic[P]):
                     requested = requested.with_values({row.name: value})
                 elif each.name == SIM_TIME:
                     self._check_sim_time(each.value)
+                elif not self.has_parameter(each.name):
+                    raise self._unknown(each.name)
+            live = self._with_live(requested, [each.name for each in changes])
             if requested != self._requested:
                 self.check(requested)
+            if live not in (self.parameters, requested):
+                self.check(live)
         except BallbotError as error:
             return SetParametersResult(successful=False, reason=one_line(error))
         result = super().set_parameters_atomically([self._in_own_type(each) for each in changes])
         if result.successful:
             self._requested = requested
-            result.reason = self._apply_live(each.name for each in changes)
+            if live != self.parameters:
+                self.parameters = live
+                self.on_parameters_changed()
+            waits = any(self._waits(each.name) for each in changes)
+            result.reason = NEXT_RUN if waits else ''
         return result
 
     def _is_kept(self, parameter: RosParameter) -> bool:
@@ -185,20 +197,17 @@ class ParameterNode(Node, Generic[P]):
             return False
         return bool(self._in_own_type(parameter).value == self.get_parameter(name).value)
 
-    def _apply_live(self, names: Iterable[str]) -> str:
-        """Apply changes that take effect at once; return a note if any change does not, else ''."""
-        present, requested = self.parameters.values(), self._requested.values()
-        waiting: list[str] = []
-        live: list[str] = []
-        for name in names:
-            row = self._rows.get(name)
-            if row is None or present[name] == requested[name]:
-                continue
-            (live if self.is_live(row) else waiting).append(name)
-        if live:
-            self.parameters = self.parameters.with_values({name: requested[name] for name in live})
-            self.on_parameters_changed()
-        return NEXT_RUN if waiting else ''
+    def _with_live(self, requested: P, names: Iterable[str]) -> P:
+        """Return the values in effect, with those requested that take effect immediately."""
+        values = requested.values()
+        live = [name for name in names if (row := self._rows.get(name)) and self.is_live(row)]
+        return self.parameters.with_values({name: values[name] for name in live})
+
+    def _waits(self, name: str) -> bool:
+        """Return whether a parameter will have another value in the next run."""
+        if name not in self._rows:
+            return False
+        return bool(self.parameters.values()[name] != self._requested.values()[name])
 
     def is_live(self, row: Parameter) -> bool:
         """Return whether a new value of a parameter takes effect immediately."""

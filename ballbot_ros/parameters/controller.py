@@ -74,7 +74,14 @@ class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
         '7.7',
         takes_effect=TakesEffect.IMMEDIATELY,
     )
-    pwm_offset: float = quantity(0.0, '%', (0.0, 100.0), 'friction compensator offset', '7.7')
+    pwm_offset: float = quantity(
+        0.0,
+        '%',
+        (0.0, 100.0),
+        'friction compensator offset',
+        '7.7',
+        takes_effect=TakesEffect.IMMEDIATELY,
+    )
     dst_thr: int = quantity(
         30,
         'cm',

@@ -118,7 +118,7 @@ class GuardedProgram:
         self._child: _Child | None = None
 
     def retune(self, parameters: ControllerParameters) -> None:
-        """Take over the parameters that take effect immediately, from the next tick on."""
+        """Take over parameters that change during a run, from the next tick on."""
         self._exchange(parameters)
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:

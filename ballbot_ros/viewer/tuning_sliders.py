@@ -22,6 +22,7 @@ class TuningSliders:
         self._tunables: dict[str, Tunable] = {}
         self._sliders: dict[str, list[Any]] = {}
         self._restore: Any = None
+        self._values: dict[str, Numbers] = {}
         self._wanted: dict[str, Numbers] = {}
 
     def show(self, tunables: Sequence[Tunable]) -> None:
@@ -32,6 +33,7 @@ class TuningSliders:
         self._tunables = {each.name: each for each in tunables}
         with self._folder:
             self._sliders = {each.name: self._add(each) for each in tunables}
+            self._values = {each.name: each.value for each in tunables}
             self._restore = self._gui.add_button(RESTORE) if tunables else None
         if self._restore:
             self._restore.on_click(lambda _: self._go_back())
@@ -59,8 +61,13 @@ class TuningSliders:
         return sliders
 
     def _on_slider(self, event: Any, name: str) -> None:
-        if event.client is not None and name in self._sliders:  # else it follows another change
-            self._wanted[name] = self._numbers(name)
+        slider = event.target
+        if event.client is None or name not in self._sliders:  # it follows another change
+            return
+        if slider.min <= slider.value <= slider.max:
+            self._wanted[name] = self._values[name] = self._numbers(name)
+        else:  # typed next to it, where the page drops a sign
+            self.follow({name: self._values[name]})
 
     def _go_back(self) -> None:
         for name, tunable in self._tunables.items():
@@ -81,3 +88,4 @@ class TuningSliders:
             for slider, value in zip(self._sliders[name], values[name], strict=True):
                 slider.min, slider.max = min(slider.min, value), max(slider.max, value)
                 slider.value = value
+            self._values[name] = values[name]

@@ -1,22 +1,18 @@
 """Gains and thresholds that change during a run."""
 
-import dataclasses
 import math
+from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from own_controllers import BALANCE
 from shipped_controllers import duties
 
 from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.codegen.implementation import compose_controller, implementation_for
-from ballbot_ros.controllers.document.axis import Axis
-from ballbot_ros.controllers.document.constants import ProgramConstants, Single
+from ballbot_ros.controllers import glide
 from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.controllers.glide import GLIDE_TICKS
 from ballbot_ros.controllers.interface import OperatingState
-from ballbot_ros.controllers.lqg import Plane
-from ballbot_ros.controllers.pid import Cascade
 from ballbot_ros.parameters import (
     CONTROLLER,
     ControllerParameters,
@@ -57,6 +53,10 @@ def other_gains(controller, parameters):
     )
 
 
+def devices(gyro=(600, 600), revolutions=(0, 0), sonar_cm=255, sticks=(0, 0)):
+    return DeviceInputs(gyro, revolutions, sonar_cm, 8000, sticks)
+
+
 class Robot:
     """A program that reads steady devices, after the calibration."""
 
@@ -64,7 +64,7 @@ class Robot:
         self.parameters = parameters or composed(controller)
         self.program = implementation_for(self.parameters).make()
         self.now_ms = 0
-        at_rest = DeviceInputs((600, 600), (0, 0), 255, 8000, (0, 0))
+        at_rest = devices()
         while self.now_ms < 1100:
             self.tick(at_rest)
         for _ in range(25):
@@ -110,18 +110,52 @@ def retune(program, parameters):
 
 
 @pytest.mark.parametrize('controller', SHIPPED)
-def test_the_duty_does_not_jump_while_the_errors_are_steady(controller, monkeypatch):
+def test_the_duty_does_not_jump(controller, monkeypatch):
     kept, tuned = next_duty(controller), next_duty(controller, retune)
-    for cls in (Axis, Cascade, Plane):
-        monkeypatch.setattr(cls, '_steady_voltage', lambda self: Single(0.0))
+    monkeypatch.setattr(glide, 'GLIDE_TICKS', 1)
     jumps = next_duty(controller, retune)
     assert max(abs(a - b) for a, b in zip(kept, jumps, strict=True)) >= 3
     assert max(abs(a - b) for a, b in zip(kept, tuned, strict=True)) <= 1
 
 
 @pytest.mark.parametrize('controller', SHIPPED)
+def test_nothing_of_the_old_gains_remains(controller):
+    """From then on the same state gives the same duties as a program that had the new gains."""
+    inputs = devices(revolutions=(20, -30))
+    before = composed(controller)
+    tuned = implementation_for(before).make()
+    fresh = implementation_for(other_gains(controller, before)).make()
+    tuned.retune(other_gains(controller, before))
+    for tick in range(GLIDE_TICKS):
+        at_rest = inputs._replace(revolutions=(0, 0))
+        for program in (tuned, fresh):
+            program.tick(4 * tick, 1000 + 4 * tick, at_rest)
+    for tick in range(GLIDE_TICKS, 2 * GLIDE_TICKS + 100):
+        found, expected = (
+            program.tick(4 * tick, 1000 + 4 * tick, inputs) for program in (tuned, fresh)
+        )
+        assert found == expected
+    assert found.duty != (0, 0)
+
+
+@pytest.mark.parametrize('controller', SHIPPED)
+def test_a_change_during_a_push_and_back_does_no_harm(controller):
+    _, loop = duties(
+        controller, ticks=1000, sticks=Scenario(pushes=(ScheduledPush(3.9, 0.2, 0.8),))
+    )
+    before = composed(controller)
+    for parameters in (one_gain(controller, before), before) * 3:
+        loop.program.retune(parameters)
+        for _ in range(20):
+            loop.tick()
+    after = [loop.tick() for _ in range(2000)]
+    assert not loop.plant.fallen
+    assert abs(after[-1].truth.position[0]) < 0.1
+
+
+@pytest.mark.parametrize('controller', SHIPPED)
 def test_the_same_values_change_nothing(controller):
-    inputs = DeviceInputs((603, 598), (20, -30), 255, 8000, (30, 0))
+    inputs = devices(gyro=(603, 598), revolutions=(20, -30), sticks=(30, 0))
     kept, tuned = (Robot(controller, inputs) for _ in range(2))
     for _ in range(50):
         tuned.program.retune(tuned.parameters)
@@ -141,44 +175,12 @@ def test_the_new_gains_balance(controller):
     assert [each.outputs.duty for each in after] != [tuple(each) for each in unchanged[500:]]
 
 
-gain = st.floats(-3.0, 3.0, width=32)
-
-
-@settings(max_examples=300, deadline=None)
-@given(
-    st.tuples(gain, gain, gain, gain),
-    gain,
-    st.floats(0.125, 3.0, width=32),
-    st.integers(-40, 40),
-    st.integers(1, 400),
-)
-def test_no_change_of_the_document_makes_the_steady_voltage_jump(k_f, k_i, pwm_gain, angle, ticks):
-    """Also with an integral gain of 0, which no integral could make up for."""
-    parameters = ControllerParameters(k_i=-0.002)
-    plane = Axis(ProgramConstants.of(parameters))
-    plane.gyro_offset = Single(600)
-    volts = Single(8.0)
-    for _ in range(ticks):
-        plane.control(600, angle, 0, volts)
-    plane.retune(
-        ProgramConstants.of(dataclasses.replace(parameters, k_f=k_f, k_i=k_i, pwm_gain=pwm_gain))
-    )
-    # The next duty of the old law, in double precision.
-    integral = 0.004 * float(plane.sum_theta_diff) * -0.002
-    k_theta, k_psi, _, _ = parameters.k_f
-    voltage = integral + k_theta * float(plane.theta_diff) + k_psi * float(plane.psi_diff)
-    expected = max(-100.0, min(100.0, voltage / 8.0 * 100.0))
-    smooth = float(plane.theta_smooth)
-    found = plane.control(600, angle, 0, volts)
-    # The low pass of the ball's rate may still move.
-    rest = k_f[2] * (float(plane.theta_smooth) - smooth) * 250.0 / 8.0 * 100.0 * pwm_gain
-    assert abs(found - max(-100.0, min(100.0, expected - rest))) <= 1.0 + abs(rest) * 1e-3
-
-
-def test_a_restart_of_the_program_forgets_what_made_up_for_a_change():
-    inputs = DeviceInputs((600, 600), (20, -30), 255, 8000, (0, 0))
+def test_a_restart_of_the_program_keeps_the_gains():
+    inputs = devices(revolutions=(20, -30))
     tuned = Robot('python', inputs)
     tuned.program.retune(other_gains('python', tuned.parameters))
+    for _ in range(GLIDE_TICKS):
+        tuned.tick(inputs)
     tuned.program.run(['task_init'], 5000, inputs)
     fresh = implementation_for(other_gains('python', tuned.parameters)).make()
     fresh.run(['task_init'], 5000, inputs)
@@ -186,7 +188,7 @@ def test_a_restart_of_the_program_forgets_what_made_up_for_a_change():
 
 
 def test_thresholds_apply_at_once():
-    near = DeviceInputs((600, 600), (0, 0), 50, 8000, (0, 0))
+    near = devices(sonar_cm=50)
     for controller in ('python', 'lqg'):
         robot = Robot(controller, near)
         assert robot.program.operating_state is OperatingState.REMOTE
@@ -196,9 +198,10 @@ def test_thresholds_apply_at_once():
         assert robot.program.operating_state is OperatingState.BACKWARD, controller
 
 
-def test_the_pitch_limit_of_the_mpc_applies_at_once():
+def test_the_pitch_limit_of_the_mpc_applies():
     def limit(program, parameters):
         program.retune(parameters.with_values({'user.pitch_limit': 0.3}))
+        program._glide._ticks = GLIDE_TICKS - 1
 
     assert next_duty('mpc', limit) != next_duty('mpc')
 
@@ -218,6 +221,8 @@ class Gains:
             raise ValueError('not this one')
 
 class Own(Controller[Gains]):
+    tunable_settings = ('dst_thr',)
+
     @classmethod
     def design(cls, parameters, model):
         return Gains(row=(1.0, 2.0))
@@ -240,22 +245,33 @@ def own(tmp_path):
 
 
 def test_a_controller_of_ones_own_reads_the_new_values(own):
-    inputs = DeviceInputs((600, 600), (0, 0), 255, 8000, (0, 0))
+    inputs = devices()
     robot = Robot(own, inputs)
     assert robot.tick(inputs) == (1, 30)
-    robot.program.retune(robot.parameters.with_values({'user.gain': 7.0, 'dst_thr': 40}))
-    assert robot.tick(inputs) == (7, 40)
+    robot.program.retune(robot.parameters.with_values({'user.gain': 26.0, 'dst_thr': 40}))
+    # Numbers glide to their new values; whole ones change at once.
+    assert [robot.tick(inputs) for _ in range(5)] == [(1, 40), (1, 40), (2, 40), (2, 40), (2, 40)]
+    found = [robot.tick(inputs)[0] for _ in range(GLIDE_TICKS)]
+    assert found == sorted(found)
+    assert found[-6:] == [26] * 6
 
 
 def test_its_tunable_parameters_are_those_that_it_declares(own):
     implementation = implementation_for(composed(own))
-    assert implementation.tunable == ('user.gain', 'user.row')
+    assert [row.name for row in implementation.tunable] == ['dst_thr', 'user.gain', 'user.row']
     document = implementation_for(composed('python'))
-    assert set(document.tunable) == {
-        'k_f', 'k_i', 'pwm_gain', 'k_thetadot', 'dst_thr', 'theta_diff_thr', 'psi_diff_thr',
-        'tone_gain',
+    assert {row.name for row in document.tunable} == {
+        'k_f', 'k_i', 'pwm_gain', 'pwm_offset', 'k_thetadot', 'dst_thr', 'theta_diff_thr',
+        'psi_diff_thr', 'tone_gain',
     }  # fmt: skip
-    assert {row.name for row in implementation.live} == {*implementation.tunable, *document.tunable}
+    speed = {'k_thetadot', 'dst_thr', 'theta_diff_thr', 'psi_diff_thr'}
+    for name, own_names in {
+        'drift_filter': {'k_f', 'k_i', 'pwm_gain', 'pwm_offset'},
+        'lqg': {'user.feedback', 'user.feedforward'},
+        'mpc': {'user.feedback', 'user.feedforward', 'user.pitch_limit'},
+    }.items():
+        found = implementation_for(composed(name)).tunable
+        assert {row.name for row in found} == speed | own_names
 
 
 @pytest.mark.parametrize(
@@ -276,9 +292,12 @@ def test_values_that_a_program_could_not_take_over_are_refused(own, values, prob
 
 
 def test_an_error_while_it_takes_them_over_names_the_line(own):
-    robot = Robot(own, DeviceInputs((600, 600), (0, 0), 255, 8000, (0, 0)))
+    robot = Robot(own, devices())
+    robot.program.retune(robot.parameters.with_values({'user.gain': 45.0}))
+    while robot.program._controller.parameters.gain < 39.7:
+        robot.tick(devices())
     with pytest.raises(ControllerError) as caught:
-        robot.program.retune(robot.parameters.with_values({'user.gain': 45.0}))
+        robot.tick(devices())
     line = TUNABLE.splitlines().index("            raise RuntimeError('too much for me')") + 1
     assert str(caught.value).startswith(f'own.py:{line}: RuntimeError: too much for me (Own.retune')
 
@@ -289,3 +308,21 @@ def test_a_class_without_tunable_parameters_has_none(tmp_path):
     name = next(line.split('(')[0].split()[1] for line in BALANCE.splitlines()
                 if line.startswith('class ') and 'Controller' in line)  # fmt: skip
     assert implementation_for(composed(f'{file}:{name}')).tunable == ()
+
+
+def test_values_on_the_way_that_its_class_refuses_are_skipped(own):
+    """Both ends are allowed, and 13.0, which it refuses, is one of the values between them."""
+    robot = Robot(own, devices())
+    robot.program.retune(robot.parameters.with_values({'user.gain': 26.0}))
+    for _ in range(GLIDE_TICKS):
+        robot.tick(devices())
+    robot.program.retune(robot.parameters.with_values({'user.gain': 0.0}))
+    middle = [robot.tick(devices())[0] for _ in range(GLIDE_TICKS)]
+    assert middle[-1] == 0
+
+
+@pytest.mark.parametrize('name', ['nothing', 'a_d', 3])
+def test_settings_that_can_not_be_tuned_are_refused(own, name):
+    Path(own.partition(':')[0]).write_text(TUNABLE.replace("('dst_thr',)", f'({name!r},)'))
+    with pytest.raises(ControllerError, match=f'tunable_settings: {name!r} is not one of k_theta'):
+        composed(own)

@@ -388,3 +388,42 @@ def test_a_log_that_can_not_be_written_is_refused_before_the_gamepad_is_read(mak
     with pytest.raises(BallbotError, match=r'/nowhere/log\.csv: No such file or directory'):
         make(GAMEPAD, log_csv='/nowhere/log.csv')
     assert opened == []
+
+
+def test_values_that_take_effect_at_once_are_checked_with_those_still_in_effect(make, tmp_path):
+    """The values of the next run would be allowed; those of the rest of this run are not."""
+    file = tmp_path / 'own.py'
+    file.write_text(
+        """
+from dataclasses import dataclass
+from ballbot_ros.controllers import Controller, TakesEffect, quantity
+
+@dataclass(frozen=True)
+class Limits:
+    gain: float = quantity(1.0, '1', (0.0, 9.0), 'x', takes_effect=TakesEffect.IMMEDIATELY)
+    limit: float = quantity(2.0, '1', (0.0, 9.0), 'its largest value')
+
+    def __post_init__(self):
+        if self.gain > self.limit:
+            raise ValueError('gain above limit')
+
+class Own(Controller[Limits]):
+    def tick(self, readings):
+        return 0, 0
+"""
+    )
+    node = make(CONTROLLER, implementation=f'{file}:Own')
+    assert set_one(node, 'user.limit', 8.0).reason == NEXT_RUN
+    result = set_one(node, 'user.gain', 7.0)
+    assert not result.successful
+    assert 'gain above limit' in result.reason
+    assert set_one(node, 'user.gain', 2.0).successful
+    assert dict(node.parameters.own)['user.gain'] == 2.0
+    node.apply_parameters()
+    assert set_one(node, 'user.gain', 7.0).successful
+
+
+def test_an_unknown_name_is_refused_with_the_known_ones(make):
+    result = set_one(make(CONTROLLER), 'k_y', 1.0)
+    assert not result.successful
+    assert "controller has no parameter 'k_y'; did you mean k_i" in result.reason

@@ -31,6 +31,8 @@ class Gains:
     gain: float = quantity(1.0, '1', (0.0, 9.0), 'a gain', takes_effect=TakesEffect.IMMEDIATELY)
 
 class Own(Controller[Gains]):
+    tunable_settings = ('psi_diff_thr',)
+
     def tick(self, readings):
         if self.parameters.gain == 9.0:
             raise RuntimeError('nine')
@@ -103,7 +105,7 @@ def test_an_error_while_a_controller_takes_them_over_ends_the_run(
         assert client.set_value('controller', 'user.gain', 2.0).successful
     assert run.finish() == 1
     line = text.splitlines().index("        raise RuntimeError('never')") + 1
-    assert f'own.py:{line}: RuntimeError: never (Own.retune after' in run.result['reason']
+    assert f'own.py:{line}: RuntimeError: never (Own.retune at' in run.result['reason']
 
 
 def controller(**others):
@@ -144,8 +146,8 @@ def test_a_change_is_taken_over_and_told_before_the_next_tick(monkeypatch):
     Controller._run(node, TICK)
     Controller._run(node, LATER)
     assert node.done == [
-        ('retune', -0.01),
         ('told', 1_004_000_000, {'k_i': -0.01, 'dst_thr': 20}),
+        ('retune', -0.01),
         ('run', 1004),
         ('answered', 1_004_000_000),
         ('run', 1008),
@@ -169,7 +171,10 @@ def test_a_program_that_can_not_take_it_over_ends_the_run():
     node._program.retune = fail
     node.parameters = ControllerParameters(k_i=-0.01)
     Controller._run(node, TICK)
-    assert node.done == [('aborted', 'own.py:3: no')]
+    assert node.done == [
+        ('told', 1_004_000_000, {'k_i': -0.01}),
+        ('aborted', 'own.py:3: no'),
+    ]
 
 
 @pytest.mark.parametrize(('name', 'is_tunable'), [('python', True), ('c', False), ('arm', False)])

@@ -74,6 +74,14 @@ def test_the_newest_position_of_each_slider_is_wanted_once(shown):
     assert shown.sliders.take() == {}
 
 
+def test_a_number_outside_the_slider_is_taken_back(shown):
+    """The page lets users type any number next to a slider, and may lose its sign."""
+    shown.sliders.show([GAIN, ROW])
+    shown.move(('k_i', -0.3), ('k_i', 0.3))
+    shown.settle(lambda: shown.values()['k_i'] == -0.3)
+    assert shown.sliders.take() == {'k_i': (-0.3,)}
+
+
 def test_sliders_follow_other_changes_without_asking_for_them(shown):
     shown.sliders.show([GAIN, ROW])
     shown.sliders.follow({'k_i': (5.0,), 'k_f': (1.5, -9.0), 'other': (1.0,)})

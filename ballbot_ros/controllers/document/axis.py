@@ -7,8 +7,6 @@ bit-identical.
 
 from __future__ import annotations
 
-import math
-
 from ballbot_ros.controllers.document.constants import ProgramConstants, Single
 from ballbot_ros.controllers.document.tasks import TS1_MS
 
@@ -27,7 +25,7 @@ AxisEstimates = tuple[Single, Single, Single, Single, Single, Single, Single]
 Gains = tuple[Single, Single, Single, Single]
 Constants = tuple[
     Gains, Single, Single, Single, Single, Single, Single, Single, Single, Single, Single, Single,
-    Single, Single,
+    Single,
 ]  # fmt: skip
 """Constants of :func:`control`, made by :func:`constants_of`.
 
@@ -35,18 +33,13 @@ Plain tuples, which Python creates and unpacks several times faster than named o
 """
 
 
-def constants_of(p: ProgramConstants, bias: Single = ZERO) -> Constants:
+def constants_of(p: ProgramConstants) -> Constants:
     """Return the constants of :func:`control`.
 
     Besides those of Appendix C, they include 1 - a, Rw/Rs, and gp_max as float.
-
-    Parameters
-    ----------
-    bias : Single
-        Voltage [V] that makes up for a change of gains, see :meth:`Axis.retune`; 0 in Appendix C.
     """
     return (
-        p.k_f, p.k_i, bias, p.k_thetadot,
+        p.k_f, p.k_i, p.k_thetadot,
         p.a_d, p.a_r, p.a_gd, ONE - p.a_d, ONE - p.a_r, ONE - p.a_gd,
         p.pwm_gain, p.pwm_offset, p.wheel_radius / p.ball_radius, Single(p.gp_max),
     )  # fmt: skip
@@ -81,7 +74,7 @@ def control(
         Motor voltage at full duty [V].
     """
     (
-        k_f, k_i, bias, k_thetadot, a_d, a_r, a_gd, complement_d, complement_r, complement_gd,
+        k_f, k_i, k_thetadot, a_d, a_r, a_gd, complement_d, complement_r, complement_gd,
         pwm_gain, pwm_offset, wheel_per_ball, gp_max,
     ) = constants  # fmt: skip
     k_theta, k_psi, k_theta_dot, k_psi_dot = k_f
@@ -100,7 +93,7 @@ def control(
 
     theta_diff = theta_ref - theta
     psi_diff = ZERO - psi
-    feedback = bias + k_theta * theta_diff
+    feedback = ZERO + k_theta * theta_diff
     feedback = feedback + k_psi * psi_diff
     feedback = feedback + k_theta_dot * (theta_ref_dot - theta_dot)
     feedback = feedback + k_psi_dot * (ZERO - psi_dot)
@@ -145,8 +138,13 @@ class Axis:
     """
 
     def __init__(self, parameters: ProgramConstants) -> None:
-        self._p = parameters
+        self.retune(parameters)
         self.reset()
+
+    def retune(self, parameters: ProgramConstants) -> None:
+        """Use other constants from the next period on."""
+        self._p = parameters
+        self._constants = constants_of(parameters)
 
     def reset(self) -> None:
         """Set every variable to its initial value."""
@@ -156,31 +154,6 @@ class Axis:
         self.theta_diff = self.psi_diff = ZERO
         self.sum_theta_ref_dot = self.sum_psi_dot = self.sum_theta_diff = ZERO
         self.theta_smooth = ZERO
-        self._set_bias(ZERO)
-
-    def _set_bias(self, bias: Single) -> None:
-        self._bias = bias
-        self._constants = constants_of(self._p, bias)
-
-    def retune(self, parameters: ProgramConstants) -> None:
-        """Take over other gains, from the next period on.
-
-        The duty does not jump as long as the angles stay: a bias makes up for what the new gains
-        change, and the integral takes it back in time. The rates do not count: in a steady state
-        they are 0, and in a push the bias would last longer than the push.
-        """
-        voltage, gain = self._steady_voltage(), self._p.pwm_gain
-        self._p = parameters
-        if parameters.pwm_gain:
-            voltage = voltage * (gain / parameters.pwm_gain)
-        bias = self._bias + (voltage - self._steady_voltage())
-        self._set_bias(bias if math.isfinite(bias) else ZERO)
-
-    def _steady_voltage(self) -> Single:
-        """Return the voltage [V] for the angles and the integral of the last period."""
-        k_theta, k_psi, _, _ = self._p.k_f
-        integral = TS1_PERIOD * self.sum_theta_diff / THOUSAND * self._p.k_i
-        return self._bias + k_theta * self.theta_diff + k_psi * self.psi_diff + integral
 
     def calibrate(self, gyro: int) -> None:
         """Move the offset estimate towards a reading at rest."""

@@ -13,6 +13,7 @@ from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controllers.document.axis import ONE, ZERO, Axis
 from ballbot_ros.controllers.document.constants import ProgramConstants, Single
 from ballbot_ros.controllers.document.tasks import PROGRAM_NAME
+from ballbot_ros.controllers.glide import Glide
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.parameters import ControllerParameters
 
@@ -76,6 +77,7 @@ class ControlProgram:
 
     def __init__(self, parameters: ControllerParameters) -> None:
         p = self._p = ProgramConstants.of(parameters)
+        self._glide = Glide(parameters)
         self.brick = Brick()
         self.x, self.y = Axis(p), Axis(p)
         self._schedule = Schedule(p.tasks)
@@ -97,10 +99,8 @@ class ControlProgram:
         self.echo_time = 0
 
     def retune(self, parameters: ControllerParameters) -> None:
-        """Take over gains and thresholds from the next tick on, see :meth:`Axis.retune`."""
-        p = self._p = ProgramConstants.of(parameters)
-        self.x.retune(p)
-        self.y.retune(p)
+        """Take over gains and thresholds from the next tick on."""
+        self._glide.move_to(parameters)
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
@@ -108,6 +108,10 @@ class ControlProgram:
 
     def run(self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run `tasks`, in this order, on the inputs of a tick."""
+        if self._glide.is_moving:
+            p = self._p = ProgramConstants.of(self._glide.tick())
+            self.x.retune(p)
+            self.y.retune(p)
         return self.brick.tick(systick_ms, inputs, lambda: self._run_tasks(tasks))
 
     def _run_tasks(self, tasks: Sequence[str]) -> None:
