@@ -6,6 +6,7 @@ functions, so a policy gives the same duties there and here, bit for bit.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import ClassVar, NamedTuple
 
@@ -144,10 +145,13 @@ def duty_of(action: Sequence[float]) -> Duty:
     It rounds to the nearest whole number, halves up. It raises ValueError for NaN.
     """
     x, y = action
-    return (
-        quantise(MAX_DUTY * max(-1.0, min(1.0, float(x)))),
-        quantise(MAX_DUTY * max(-1.0, min(1.0, float(y)))),
-    )
+    return _percent(float(x)), _percent(float(y))
+
+
+def _percent(share: float) -> int:
+    if math.isnan(share):
+        raise ValueError('the action is NaN')
+    return quantise(MAX_DUTY * max(-1.0, min(1.0, share)))
 
 
 class PolicyController(Controller[P]):

@@ -16,7 +16,7 @@ class BalanceEnv(BallbotEnv):
 
     task: ClassVar[str] = 'Balance'
     default_duration: ClassVar[float] = 10.0
-    largest_pitch: ClassVar[float] = math.radians(3.0)
+    largest_pitch: ClassVar[float] = math.radians(4.0)
 
     def _reward(self, episode: Episode, duty: Duty) -> tuple[float, dict[str, float]]:
         state = self._state(episode)

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from ballbot_ros.controllers.controller import Duty
 from ballbot_ros.environments import rewards
-from ballbot_ros.environments.commands import Commands, checked_commands, random_commands
+from ballbot_ros.environments.commands import Commands, random_commands
 from ballbot_ros.environments.environment import BallbotEnv
 from ballbot_ros.environments.episode import Episode
 from ballbot_ros.environments.quantities import Quantity, pair
@@ -47,9 +47,6 @@ class DriveEnv(BallbotEnv):
 
     def _commands(self) -> Commands:
         return random_commands(self.np_random, self.duration)
-
-    def _given_commands(self, given: object) -> Commands:
-        return checked_commands(given)
 
     def _reward(self, episode: Episode, duty: Duty) -> tuple[float, dict[str, float]]:
         commanded, velocity = self._commanded_velocity(episode), episode.truth.velocity

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.controllers.controller import Duty
 from ballbot_ros.controllers.policy import duty_of
-from ballbot_ros.environments.commands import Commands
+from ballbot_ros.environments.commands import Commands, checked_commands
 from ballbot_ros.environments.configuration import (
     Parameters,
     check_step,
@@ -294,10 +294,6 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         """Return random commands for an episode."""
         return ()
 
-    def _given_commands(self, given: object) -> Commands:
-        """Return the commands of the options."""
-        raise EnvironmentConfigurationError('options: commands: only Drive has commanded speeds')
-
     def _state(self, episode: Episode) -> tuple[float, ...]:
         return state_of(episode.truth, self._start_position)
 
@@ -334,7 +330,7 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
                 f'options: unknown {short_repr(unknown[0])}; known: {", ".join(known)}'
             )
         if 'commands' in options:
-            commands = self._given_commands(options['commands'])
+            commands = checked_commands(options['commands'])
         return Start(
             _option(options, GYRO, 'seed', seed),
             (

@@ -14,6 +14,7 @@ import torch
 from network_policy import SIZES, Features
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import SubprocVecEnv
 
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.model import PhysicalParameters
@@ -42,10 +43,11 @@ def make():
     """Return the environment of a worker."""
     return EstimatedFeatures(
         gymnasium.make(
-            'ballbot_ros/Balance-v0',
+            'ballbot_ros.environments:ballbot_ros/Balance-v0',
             step_ms=20,
             duration=6.0,
-            parameters={'gyro_driver.noise': 0.7, 'plant_sim.fall_angle': 0.3},
+            profile='hardware',
+            parameters={'plant_sim.fall_angle': 0.3},  # the episode of a falling robot ends early
         )
     )
 
@@ -59,10 +61,12 @@ def main():
     options = parser.parse_args()
     torch.set_num_threads(1)
     begun = time.monotonic()
+    environments = make_vec_env(make, 2, seed=options.seed, vec_env_cls=SubprocVecEnv)
     model = PPO(
-        'MlpPolicy', make_vec_env(make, 8, seed=options.seed), seed=options.seed, device='cpu',
-        n_steps=512, batch_size=256, n_epochs=10, gamma=0.98, gae_lambda=0.9, learning_rate=1e-3,
-        policy_kwargs={'net_arch': list(SIZES[1:-1]), 'log_std_init': -1.0}, verbose=1,
+        'MlpPolicy', environments, seed=options.seed, device='cpu', verbose=1,
+        n_steps=2048, batch_size=256, gamma=0.98, gae_lambda=0.9,
+        learning_rate=lambda remaining: 1e-3 * remaining,
+        policy_kwargs={'net_arch': list(SIZES[1:-1]), 'log_std_init': -1.0},
     )  # fmt: skip
     model.learn(options.steps)
     policy = model.policy
