@@ -16,6 +16,7 @@ import gymnasium
 import numpy as np
 from learned_policy import LearnedPolicy, Weights
 
+PROCESSES = 2
 NAMES = [each.name for each in fields(Weights)]
 
 
@@ -32,12 +33,12 @@ def episode_return(weights, seed, profile, duration):
     return total
 
 
-def learn(generations, population, elite, seed, profile='hardware', duration=8.0, processes=2):
+def learn(generations, population, profile, duration, seed):
     """Return the weights after some generations; the same seed gives the same weights."""
-    generator = np.random.default_rng(seed)
+    generator, elite = np.random.default_rng(seed), population // 5
     mean, deviation = np.zeros(len(NAMES)), np.full(len(NAMES), 0.3)
     # A new process imports this file again, and inherits no thread of the parent.
-    with multiprocessing.get_context('spawn').Pool(processes) as pool:
+    with multiprocessing.get_context('spawn').Pool(PROCESSES) as pool:
         for generation in range(1, generations + 1):
             candidates = generator.normal(mean, deviation, (population, len(NAMES)))
             tasks = [(each.tolist(), seed + generation, profile, duration) for each in candidates]
@@ -69,10 +70,14 @@ def main():
     parser.add_argument('--output', type=Path, default=Path('policy.yaml'))
     parser.add_argument('--generations', type=int, default=20)
     parser.add_argument('--population', type=int, default=32)
+    parser.add_argument('--duration', type=float, default=8.0, help='of an episode [s]')
+    parser.add_argument('--profile', default='hardware')
     parser.add_argument('--seed', type=int, default=1)
     options = parser.parse_args()
     begun = time.monotonic()
-    weights = learn(options.generations, options.population, 6, options.seed)
+    weights = learn(
+        options.generations, options.population, options.profile, options.duration, options.seed
+    )
     options.output.write_text(parameter_text(weights), encoding='utf-8')
     print(f'{options.output}: {weights} after {time.monotonic() - begun:.0f} s')
 

@@ -163,7 +163,9 @@ def test_actions_beyond_their_bounds_are_clipped_and_duties_are_whole():
         assert env.step(action)[4]['duty_percent'].tolist() == duty
 
 
-@pytest.mark.parametrize('action', [[math.nan, 0.0], [math.inf, 0.0], [0.0], 0.5, 'x', None, [[0, 0]]])
+@pytest.mark.parametrize(
+    'action', [[math.nan, 0.0], [math.inf, 0.0], [0.0], 0.5, 'x', None, [[0, 0]]]
+)
 def test_an_action_that_is_none_is_refused(action):
     env = BalanceEnv()
     env.reset(seed=1)

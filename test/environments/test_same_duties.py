@@ -7,7 +7,7 @@ import yaml
 from policies import DrivingPolicy, SlowPolicy, learned_policy
 
 import ballbot_ros as bb
-import ballbot_ros.environments  # noqa: F401
+import ballbot_ros.environments
 
 DURATION_S = 3.0
 
@@ -60,7 +60,9 @@ def test_balancing(make, profile):
 
 def test_driving_with_sonar(tmp_path):
     place = {'plant_sim.map': 'track', 'plant_sim.start_position_x': 0.3}
-    found = run_episode('ballbot_ros/Drive-v0', DrivingPolicy(), profile='hardware', parameters=place)
+    found = run_episode(
+        'ballbot_ros/Drive-v0', DrivingPolicy(), profile='hardware', parameters=place
+    )
     commands = found[-1]['commands']
     assert len(commands) == 1
     scenario = {
