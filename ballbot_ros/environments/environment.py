@@ -41,6 +41,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     parameters_of,
 )
+from ballbot_ros.simulation.robot import Robot
 from ballbot_ros.timing import TICK_MS
 
 DEVICES, STATE = 'devices', 'state'
@@ -134,7 +135,7 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         self._observation: tuple[float, ...] = ()
         self._steps = 0
         self._over = True
-        Episode(self._parameters, Start(0, (0.0, 0.0)), drives=self.drives)  # is it possible?
+        Robot(self._parameters)  # checks map and start position
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None

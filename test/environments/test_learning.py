@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import yaml
 from policies import EXAMPLES, LEARNED
@@ -60,3 +61,15 @@ def test_the_learned_policy_runs_in_the_graph(start_run):
         assert run.result['outcome'] == 'passed'
         hashes.add(run.result['duty_sha256'])
     assert len(hashes) == 1
+
+
+def test_a_network_runs_as_a_controller():
+    """That of the example with stable-baselines3, with weights that have not learned."""
+    weights = np.random.default_rng(1).normal(0.0, 0.1, 1474).tolist()
+    parameters = {'controller.user.weights': weights, 'plant_sim.duration': 1.5}
+    reference = f'{EXAMPLES}/network_policy.py:NetworkPolicy'
+    run = bb.simulate('stationary', reference, parameters=parameters)
+    duty = run.trajectory.duty
+    assert (duty[:250] == 0).all()
+    assert (duty[250:375:5] != 0).any()
+    assert (duty[250:255] == duty[250]).all()
