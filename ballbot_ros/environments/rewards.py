@@ -1,4 +1,4 @@
-"""Parts of the rewards: each is 1 at best and 0 at worst."""
+"""Parts of the rewards: each is 1 at best, and above 0."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from ballbot_ros.plant.ground_truth import Pair
 TOLERATED_PITCH_RAD = 0.035
 TOLERATED_DISTANCE_M = 0.05
 TOLERATED_SPEED_M_PER_S = 0.05
+TOLERATED_DUTY_PERCENT = 42.4
+"""Length of the vector of both duties."""
 
 
 def closeness(x: float, y: float, tolerated: float) -> float:
@@ -31,6 +33,5 @@ def follow(error: Pair) -> float:
 
 
 def calm(duty: tuple[int, int]) -> float:
-    """Return how small the duty [%] is: 1 minus its mean square, as a share of full duty."""
-    x, y = duty
-    return 1.0 - (x * x + y * y) / 20000.0
+    """Return how small the duty is; 0.5 for one of 30 % in both planes [%]."""
+    return closeness(*duty, TOLERATED_DUTY_PERCENT)

@@ -12,7 +12,7 @@ from ballbot_ros.controllers import designed
 from ballbot_ros.controllers.policy import Observation, Policy, PolicyController
 
 STEP_S = 0.02
-SIZES = (10, 32, 32, 2)
+SIZES = (8, 32, 32, 2)
 """Features, two hidden layers with tanh, actions."""
 
 
@@ -59,10 +59,10 @@ class Features:
 
     def __init__(self, ratio: float) -> None:
         self.wheel_per_ball = 1.0 / ratio
-        self.offset, self.pitch, self.angle, self.integral = np.zeros((4, 2))
+        self.offset, self.pitch, self.angle = np.zeros((3, 2))
 
     def update(self, observation: Observation) -> np.ndarray:
-        """Return pitch, its rate, ball angle, its rate and its integral of both planes."""
+        """Return pitch, its rate, ball angle and its rate of both planes."""
         rate, encoder = np.array(observation[0:2]), np.array(observation[2:4])
         # A robot that does not fall has a mean pitch of 0: what remains is drift of the gyro.
         self.offset += STEP_S / 36.0 * self.pitch
@@ -71,12 +71,5 @@ class Features:
         angle = self.wheel_per_ball * encoder + self.pitch
         angle_rate = (angle - self.angle) / STEP_S
         self.angle = angle
-        self.integral = self.integral + STEP_S * angle
-        features = (
-            self.pitch / 2.0,
-            rate / 20.0,
-            angle / 90.0,
-            angle_rate / 180.0,
-            self.integral / 90.0,
-        )
+        features = self.pitch / 2.0, rate / 20.0, angle / 90.0, angle_rate / 180.0
         return np.clip(np.concatenate(features), -5.0, 5.0)

@@ -14,7 +14,6 @@ import torch
 from network_policy import SIZES, Features
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
-from stable_baselines3.common.vec_env import SubprocVecEnv
 
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.model import PhysicalParameters
@@ -45,7 +44,6 @@ def make():
         gymnasium.make(
             'ballbot_ros.environments:ballbot_ros/Balance-v0',
             step_ms=20,
-            duration=6.0,
             profile='hardware',
             parameters={'plant_sim.fall_angle': 0.3},  # the episode of a falling robot ends early
         )
@@ -61,10 +59,10 @@ def main():
     options = parser.parse_args()
     torch.set_num_threads(1)
     begun = time.monotonic()
-    environments = make_vec_env(make, 2, seed=options.seed, vec_env_cls=SubprocVecEnv)
+    environments = make_vec_env(make, 4, seed=options.seed)
     model = PPO(
         'MlpPolicy', environments, seed=options.seed, device='cpu', verbose=1,
-        n_steps=2048, batch_size=256, gamma=0.98, gae_lambda=0.9,
+        n_steps=1024, batch_size=256, gamma=0.98, gae_lambda=0.9,
         learning_rate=lambda remaining: 1e-3 * remaining,
         policy_kwargs={'net_arch': list(SIZES[1:-1]), 'log_std_init': -1.0},
     )  # fmt: skip

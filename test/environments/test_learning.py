@@ -16,7 +16,7 @@ CONTROLLER = f'{EXAMPLES}/learned_policy.py:LearnedPolicy'
 @pytest.mark.slow
 def test_the_cross_entropy_method_learns_to_balance(tmp_path):
     output = tmp_path / 'policy.yaml'
-    words = ['--profile=ideal', '--duration=4', '--generations=15', '--population=25']
+    words = ['--profile=ideal', '--duration=4', '--generations=8', '--population=30']
     done = subprocess.run(
         [sys.executable, EXAMPLES / 'cross_entropy.py', *words, '--output', output],
         capture_output=True,
@@ -25,7 +25,7 @@ def test_the_cross_entropy_method_learns_to_balance(tmp_path):
     )
     lines = done.stdout.splitlines()
     assert [line.startswith(f'generation {n:2}: ') for n, line in enumerate(lines, 1)] == (
-        [True] * 15 + [False]
+        [True] * 8 + [False]
     )
     weights = yaml.safe_load(output.read_text())['/**/controller']['ros__parameters']
     assert all(abs(weight) > 1e-3 for weight in weights.values())
@@ -65,7 +65,7 @@ def test_the_learned_policy_runs_in_the_graph(start_run):
 
 def test_a_network_runs_as_a_controller():
     """That of the example with stable-baselines3, with weights that have not learned."""
-    weights = np.random.default_rng(1).normal(0.0, 0.1, 1474).tolist()
+    weights = np.random.default_rng(1).normal(0.0, 0.1, 1410).tolist()
     parameters = {'controller.user.weights': weights, 'plant_sim.duration': 1.5}
     reference = f'{EXAMPLES}/network_policy.py:NetworkPolicy'
     run = bb.simulate('stationary', reference, parameters=parameters)
