@@ -54,7 +54,7 @@ def main():
     """Learn, and write the parameter file."""
     parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
     parser.add_argument('--output', type=Path, default=Path('network.yaml'))
-    parser.add_argument('--steps', type=int, default=300_000)
+    parser.add_argument('--steps', type=int, default=400_000)
     parser.add_argument('--seed', type=int, default=1)
     options = parser.parse_args()
     torch.set_num_threads(1)

@@ -1,6 +1,7 @@
 """Episodes: seeds, starts, ends, rewards and refused arguments."""
 
 import math
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -238,3 +239,13 @@ def test_parameters_may_come_from_a_file(tmp_path):
     file.write_text('plant_sim:\n  ros__parameters: {battery_voltage: 7.0, duration: 3.0}\n')
     observation, _ = BalanceEnv(observation='state', parameters=file).reset()
     assert observation[-1] == 7.0
+
+
+def test_every_component_is_on_the_page():
+    page = (Path(__file__).parents[2] / 'docs/learning.md').read_text(encoding='utf-8')
+    for observation in ('devices', 'state'):
+        env = DriveEnv(observation=observation)
+        assert [name for name in env.observation_names if f'`{name}`' not in page] == []
+        low, high = env.observation_space.low, env.observation_space.high
+        assert env.state_names == DriveEnv(observation='state').observation_names[:9]
+        assert (low <= high).all()
