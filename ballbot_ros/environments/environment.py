@@ -163,7 +163,7 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
             If an option is not valid.
         """
         super().reset(seed=seed)
-        start = self._start(options or {})
+        start = self._start({} if options is None else options)
         self._episode = Episode(self._parameters, start, drives=self.drives)
         self._episode.hold()
         self._steps = 0
@@ -320,6 +320,8 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
 
     def _start(self, options: Mapping[str, Any]) -> Start:
         """Draw a start, and replace what the options give."""
+        if not isinstance(options, Mapping):
+            raise EnvironmentConfigurationError(f'options: {short_repr(options)} are no mapping')
         generator = self.np_random
         seed = int(generator.integers(MAX_SEED, endpoint=True))
         limit = self.largest_pitch

@@ -1,4 +1,4 @@
-"""Learn to balance by the cross-entropy method, on two cores in one or two minutes.
+"""Learn to balance by the cross-entropy method, on two cores in about a minute.
 
 Each generation draws weights from a normal distribution, lets each of them balance for an episode,
 and fits the distribution to those with the largest returns. It starts from weights around zero.

@@ -214,6 +214,7 @@ def test_an_invalid_argument_is_told_in_one_line(arguments, message):
         ({'commands': [(0.0, 1, 0.5)]}, r'options: commands: .* within ±100'),
         ({'commands': [(2.0, 1, 1), (1.0, 1, 1)]}, r'options: commands: .* rising times'),
         ({'commands': 3}, r'options: commands: 3 are not'),
+        (3, r'options: 3 are no mapping'),
     ],
 )
 def test_an_invalid_option_is_told_in_one_line(options, message):
