@@ -106,6 +106,10 @@ setup(
             'pygame-ce>=2.5',
             'prompt_toolkit>=3.0.36',
         ],
+        # The environments for reinforcement learning.
+        'gym': [
+            'gymnasium>=1.0',
+        ],
         # The controller mpc.
         'mpc': [
             'osqp>=1.0',
@@ -144,6 +148,7 @@ setup(
             'numpydoc>=1.8',
             'colcon-common-extensions>=0.3',
             'cyclonedds>=11.0',
+            'gymnasium>=1.0',
             'mcap-ros2-support>=0.5',
             'numba>=0.58',
             'osqp>=1.0',
@@ -158,6 +163,7 @@ setup(
             'myst-nb>=1.2',
             'myst-parser>=4.0.1',
             'furo>=2024.8.6',
+            'gymnasium>=1.0',
             'pandas>=2.1',
         ],
     },

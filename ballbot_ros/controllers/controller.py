@@ -19,9 +19,9 @@ from typing import (
 
 import numpy as np
 
-from ballbot_ros.brick.brick import Brick
+from ballbot_ros.brick.brick import Brick, DeviceInputs
 from ballbot_ros.brick.schedule import TaskTiming
-from ballbot_ros.brick.units import NO_ECHO_CM
+from ballbot_ros.brick.units import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.errors import short_repr
@@ -100,6 +100,27 @@ class Readings(NamedTuple):
             return 0
         duty = MAX_DUTY * voltage / self.max_voltage
         return round(max(-MAX_DUTY, min(MAX_DUTY, duty)))
+
+
+NO_READINGS = Readings(0, (0, 0), (0, 0), 0)
+"""The readings before the first tick."""
+
+
+def next_readings(before: Readings, elapsed_ms: int, inputs: DeviceInputs) -> Readings:
+    """Return the readings of a tick; a device without a new sample keeps its reading."""
+    return Readings(
+        elapsed_ms,
+        inputs.gyro,
+        inputs.revolutions,
+        before.battery_mv if inputs.battery_mv is None else inputs.battery_mv,
+        before.distance_cm if inputs.sonar_cm is None else _distance_cm(inputs.sonar_cm),
+        before.sticks if inputs.sticks is None else inputs.sticks,
+    )
+
+
+def _distance_cm(sonar_cm: int) -> int:
+    """Return the sonar's distance [cm]; that of no echo if the sensor does not answer."""
+    return NO_ECHO_CM if sonar_cm == NO_DATA_CM else sonar_cm
 
 
 class Controller(Generic[P]):

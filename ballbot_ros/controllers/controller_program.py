@@ -10,14 +10,15 @@ from typing import Any, NoReturn
 
 from ballbot_ros.brick.brick import UINT32_MASK, Brick, DeviceInputs, DeviceOutputs
 from ballbot_ros.brick.schedule import Schedule
-from ballbot_ros.brick.units import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.controllers.controller import (
     IDLE,
     MAX_DUTY,
+    NO_READINGS,
     TICK,
     Controller,
     Duty,
     Readings,
+    next_readings,
     whole_number,
 )
 from ballbot_ros.controllers.errors import ControllerError
@@ -124,7 +125,7 @@ class ControllerProgram:
         self._glide = Glide(settings)
         self._start_ms: int | None = None
         self._task = ''
-        self._readings = Readings(0, (0, 0), (0, 0), 0)
+        self._readings = NO_READINGS
         try:
             self._controller: Controller[Any] = loaded.cls(parameters, model, settings)
             self._brick: Brick = self._controller._brick
@@ -163,15 +164,7 @@ class ControllerProgram:
         if self._start_ms is None:
             self._start_ms = systick_ms
         elapsed_ms = (systick_ms - self._start_ms) & UINT32_MASK
-        before = self._readings
-        self._readings = readings = Readings(
-            elapsed_ms,
-            inputs.gyro,
-            inputs.revolutions,
-            before.battery_mv if inputs.battery_mv is None else inputs.battery_mv,
-            before.distance_cm if inputs.sonar_cm is None else _distance_cm(inputs.sonar_cm),
-            before.sticks if inputs.sticks is None else inputs.sticks,
-        )
+        self._readings = readings = next_readings(self._readings, elapsed_ms, inputs)
         self._brick.sonar_cm = readings.distance_cm
         started_ns = time.perf_counter_ns()
         if self._glide.is_moving:
@@ -248,8 +241,3 @@ def line_of(method: Any) -> str:
     function = inspect.unwrap(getattr(method, '__func__', method))
     code = getattr(function, '__code__', None)
     return shown_line(code.co_filename, code.co_firstlineno) if code else ''
-
-
-def _distance_cm(sonar_cm: int) -> int:
-    """Return the sonar's distance [cm]; that of no echo if the sensor does not answer."""
-    return NO_ECHO_CM if sonar_cm == NO_DATA_CM else sonar_cm

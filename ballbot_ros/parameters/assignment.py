@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
 
 from ballbot_ros.parameters.parameter import ParameterError
 from ballbot_ros.parameters.parameter_set import ParameterSet
@@ -41,3 +44,10 @@ def assign_values(parameters: ParameterSet, values: Mapping[str, object]) -> Non
         if not (dot and node and name):
             raise ParameterError(f'{target!r} is not of the form node.param')
         parameters.set(node, name, value)
+
+
+def plain_value(value: Any) -> Any:
+    """Return numbers and arrays of numpy as the numbers and lists that parameters are made of."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return [plain_value(each) for each in value] if isinstance(value, list | tuple) else value

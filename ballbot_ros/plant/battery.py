@@ -27,13 +27,22 @@ class Battery:
     In the draining model, the open-circuit voltage falls in proportion to the charge drawn (from
     9.5 V fresh to 7 V low over the capacity), and the internal resistance drops a voltage in
     proportion to the current of the last step.
+
+    Attributes
+    ----------
+    charge : float
+        Charge drawn so far [A·s].
+    voltage : float
+        Terminal voltage [V].
+    draining : bool
+        Whether it is the draining model.
     """
 
     def __init__(self, parameters: BatteryParameters) -> None:
         self._parameters = parameters
         self._slope = (FRESH_V - LOW_V) / parameters.battery_capacity
         self.draining = parameters.battery_model == 'draining'
-        self._charge = 0.0
+        self.charge = 0.0
         self.voltage = parameters.battery_voltage
 
     def draw(self, motor_current: float, dt: float) -> None:
@@ -42,9 +51,9 @@ class Battery:
             return
         p = self._parameters
         current = max(0.0, motor_current) + p.idle_current
-        self._charge += current * dt
+        self.charge += current * dt
         self.voltage = terminal_voltage(
-            self._charge, current, p.battery_voltage, self._slope, p.battery_resistance
+            self.charge, current, p.battery_voltage, self._slope, p.battery_resistance
         )
 
 

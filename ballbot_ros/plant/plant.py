@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from typing import NamedTuple
 
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import PlantParameters
@@ -11,7 +12,7 @@ from ballbot_ros.plant.battery import Battery, BatteryParameters
 from ballbot_ros.plant.ground_truth import GroundTruth, Pair, Push
 from ballbot_ros.plant.integration import PlaneState, linear_step, nonlinear_step
 from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.plant.wall_contact import Floor, WallContact, WallHit
+from ballbot_ros.plant.wall_contact import ContactState, Floor, WallContact, WallHit
 from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK
 
 _FLOAT32 = struct.Struct('<f')
@@ -59,6 +60,41 @@ def add_push_forces(
     return force_theta, force_psi
 
 
+class PlantState(NamedTuple):
+    """Everything in a plant that changes with time; its parameters are not in it.
+
+    Attributes
+    ----------
+    time_ns : int
+        Sim time [ns].
+    planes : tuple of PlaneState
+        Of planes x and y.
+    shaft : tuple of float
+        Angles of the motor shafts [rad], if the gears have play.
+    voltage : tuple of float
+        Motor voltages [V].
+    charge, battery_voltage : float
+        Charge drawn from the battery [A·s], and its terminal voltage [V].
+    pushes : tuple of Push
+        The active and pending ones.
+    fallen, stopped : bool
+        As in :class:`Plant`.
+    contact : ContactState or None
+        None without walls.
+    """
+
+    time_ns: int
+    planes: tuple[PlaneState, PlaneState]
+    shaft: Pair
+    voltage: Pair
+    charge: float
+    battery_voltage: float
+    pushes: tuple[Push, ...]
+    fallen: bool
+    stopped: bool
+    contact: ContactState | None
+
+
 class Plant:
     """Both planes of the ballbot, from one reset to the next.
 
@@ -98,7 +134,7 @@ class Plant:
         self._start_psi: Pair = (parameters.start_pitch_x, parameters.start_pitch_y)
         self._planes: list[PlaneState] = [(0.0, psi, 0.0, 0.0) for psi in self._start_psi]
         self._shaft = [0.0, 0.0]
-        self._voltage = (0.0, 0.0)
+        self._voltage: Pair = (0.0, 0.0)
         self._pushes: list[Push] = []
         self._contact: WallContact | None = None
         if floor is not None:
@@ -231,3 +267,30 @@ class Plant:
             (radius * theta_dot_x, radius * theta_dot_y),
             volts,
         )
+
+    def save_state(self) -> PlantState:
+        """Return the present state."""
+        (x, y), (shaft_x, shaft_y) = self._planes, self._shaft
+        return PlantState(
+            self.time_ns,
+            (x, y),
+            (shaft_x, shaft_y),
+            self._voltage,
+            self._battery.charge,
+            self._battery.voltage,
+            tuple(self._pushes),
+            self.fallen,
+            self.stopped,
+            self._contact.save_state() if self._contact else None,
+        )
+
+    def restore_state(self, state: PlantState) -> None:
+        """Continue from a state of a plant with the same parameters, start and floor."""
+        self.time_ns = state.time_ns
+        self._planes, self._shaft = list(state.planes), list(state.shaft)
+        self._voltage = state.voltage
+        self._battery.charge, self._battery.voltage = state.charge, state.battery_voltage
+        self._pushes = list(state.pushes)
+        self.fallen, self.stopped = state.fallen, state.stopped
+        if self._contact and state.contact:
+            self._contact.restore_state(state.contact)

@@ -44,6 +44,17 @@ class WallHit(NamedTuple):
         )
 
 
+class ContactState(NamedTuple):
+    """Everything in a :class:`WallContact` that changes with time.
+
+    `since_sample` tells whether there was a contact since the last multiple of 20 ms.
+    """
+
+    since_sample: bool
+    in_contact: bool
+    newest: WallHit | None
+
+
 def state_after_impact(
     before: PlaneState, after: PlaneState, mass: MassMatrix, linear: bool
 ) -> PlaneState:
@@ -113,6 +124,14 @@ class WallContact:
         """At multiples of 20 ms, note whether there was a contact since the last one."""
         if time_ns % SLOW_PERIOD_NS == 0:
             self.in_contact, self._since_sample = self._since_sample, False
+
+    def save_state(self) -> ContactState:
+        """Return the present state."""
+        return ContactState(self._since_sample, self.in_contact, self.newest)
+
+    def restore_state(self, state: ContactState) -> None:
+        """Continue from a state."""
+        self._since_sample, self.in_contact, self.newest = state
 
     def _position(self, planes: Planes) -> Pair:
         radius = self._radius

@@ -12,8 +12,6 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ballbot_ros.analysis.run import Run
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.controllers.class_reference import reference_to, require_unchanged
@@ -28,7 +26,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
-from ballbot_ros.parameters.assignment import assign_values
+from ballbot_ros.parameters.assignment import assign_values, plain_value
 from ballbot_ros.parameters.controller import MODEL, USER
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.plant.model import PhysicalParameters
@@ -100,7 +98,7 @@ def simulate(
             profile=profile,
             values={**own_values, **values},
             parameter_file=file,
-            seed=_plain(seed),
+            seed=plain_value(seed),
             controller=reference,
         )
         spec = RunSpec.of_scenario(os.fspath(scenario), options)
@@ -223,7 +221,7 @@ def _file_and_values(parameters: Parameters | None) -> tuple[Path | None, dict[s
     if parameters is None:
         return None, {}
     if isinstance(parameters, Mapping):
-        return None, {str(name): _plain(value) for name, value in parameters.items()}
+        return None, {str(name): plain_value(value) for name, value in parameters.items()}
     return Path(parameters), {}
 
 
@@ -239,10 +237,3 @@ def _parameter_set(parameters: Parameters | None, allowed: Iterable[str]) -> Par
 
 def _physical(parameters: ParameterSet) -> PhysicalParameters:
     return PhysicalParameters.from_parameters(parameters.of(PlantParameters))
-
-
-def _plain(value: Any) -> Any:
-    """Return numbers and arrays of numpy as the numbers and lists that parameters are made of."""
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value

@@ -6,28 +6,17 @@ duties are therefore bit-identical to the graph's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
-from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.codegen.implementation import implementation_for
 from ballbot_ros.controllers.interface import Program
-from ballbot_ros.parameters import (
-    ControllerParameters,
-    GamepadParameters,
-    ParameterSet,
-    PlantParameters,
-)
-from ballbot_ros.plant.ground_truth import GroundTruth, Push
-from ballbot_ros.plant.plant import Plant
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.devices import DEVICES, AnyDevice, Read
-from ballbot_ros.timing import BATTERY_PERIOD_NS, FIRST_TICK_NS, MILLISECOND_NS, SECOND_NS, TICK_NS
-from ballbot_ros.world.world import World
-
-_BATTERY, _STICKS = (DeviceInputs._fields.index(name) for name in ('battery_mv', 'sticks'))
+from ballbot_ros.parameters import ControllerParameters, ParameterSet
+from ballbot_ros.plant.ground_truth import GroundTruth
+from ballbot_ros.simulation.robot import ExternalInputs, Robot
+from ballbot_ros.timing import FIRST_TICK_NS, MILLISECOND_NS, SECOND_NS, TICK_NS
 
 
 class Tick(NamedTuple):
@@ -37,42 +26,6 @@ class Tick(NamedTuple):
     wall_hit: bool
     inputs: DeviceInputs
     outputs: DeviceOutputs
-
-
-class ExternalInputs(Protocol):
-    """External inputs of a run, from a scenario or a recording."""
-
-    def sticks_at(self, time: float) -> tuple[int, int]:
-        """Return the sticks at `time` [s] from the start of the run."""
-        ...
-
-    def pushes_from(self, start_ns: int) -> Sequence[Push]:
-        """Return the pushes of a run that begins at sim time `start_ns`."""
-        ...
-
-
-class _SampledDevice(NamedTuple):
-    """A device, unpacked for the loop: its period [ns] and its index in the inputs of a tick."""
-
-    period_ns: int
-    input_index: int
-    measured: Callable[[GroundTruth], Any]
-    read: Read[Any, Any]
-
-    @classmethod
-    def of(
-        cls, device: AnyDevice, parameters: ParameterSet, recorded: Mapping[int, Any]
-    ) -> _SampledDevice:
-        input_index = DeviceInputs._fields.index(device.field)
-        read = device.make(parameters.of(device.parameters))
-        if recorded:
-            simulate = read
-
-            def read(measured: Any, stamp_ns: int) -> Any:
-                sample = recorded.get(stamp_ns)
-                return simulate(measured, stamp_ns) if sample is None else sample
-
-        return cls(device.period_ns, input_index, device.measured, read)
 
 
 class ClosedLoop:
@@ -108,18 +61,11 @@ class ClosedLoop:
         program: Program | None = None,
         recorded: Mapping[str, Mapping[int, Any]] = MappingProxyType({}),
     ) -> None:
+        self._robot = Robot(parameters, scenario, start_ns, recorded)
         self._start_ns = start_ns
-        self.world = World.of(parameters.of(PlantParameters))
-        self.plant = Plant(parameters.of(PlantParameters), self._start_ns, self.world)
-        self._devices = [
-            _SampledDevice.of(each, parameters, recorded.get(each.field, {})) for each in DEVICES
-        ]
-        self._no_samples = [None] * len(DeviceInputs._fields)
+        self.world, self.plant = self._robot.world, self._robot.plant
+        self.pushes = self._robot.pushes
         self.program = program or implementation_for(parameters.of(ControllerParameters)).make()
-        self._scenario = scenario or Scenario()
-        self.pushes = self._scenario.pushes_from(self._start_ns)
-        for push in self.pushes:
-            self.plant.push(push)
 
     def ticks(self, duration: float) -> Iterator[Tick]:
         """Run for `duration` [s], or until a wall hit ends the run; yield each tick."""
@@ -132,16 +78,8 @@ class ClosedLoop:
         """Run one tick: sample the devices, run the due tasks, advance the plant by 4 ms."""
         truth, wall_hit = self.plant.truth(), self.plant.wall_hit
         now_ns = truth.stamp_ns
-        elapsed_ns = now_ns - self._start_ns
-        samples: list[Any] = self._no_samples.copy()
-        for period_ns, input_index, measured, read in self._devices:
-            if now_ns % period_ns == 0:
-                samples[input_index] = read(measured(truth), now_ns)
-        if now_ns % BATTERY_PERIOD_NS == 0:
-            samples[_BATTERY] = battery_mv(truth.battery_voltage)
-        if now_ns % GamepadParameters.period_ns == 0:
-            samples[_STICKS] = self._scenario.sticks_at(elapsed_ns * 1e-9)
-        inputs = DeviceInputs._make(samples)
-        outputs = self.program.tick(elapsed_ns // MILLISECOND_NS, now_ns // MILLISECOND_NS, inputs)
+        inputs = self._robot.sample(truth)
+        elapsed_ms = (now_ns - self._start_ns) // MILLISECOND_NS
+        outputs = self.program.tick(elapsed_ms, now_ns // MILLISECOND_NS, inputs)
         self.plant.tick(*outputs.duty)
         return Tick(truth, wall_hit, inputs, outputs)

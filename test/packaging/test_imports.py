@@ -13,7 +13,7 @@ FLOORS = (
     ('world', 'controllers', 'design', 'recording'),
     ('codegen', 'scenario', 'teleop'),
     ('simulation',),
-    ('messages',),
+    ('messages', 'environments'),
     ('analysis', 'conformance'),
     ('viewer',),
     ('nodes',),

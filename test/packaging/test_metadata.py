@@ -21,6 +21,7 @@ ROSDEP_KEYS = {
     'PyYAML': 'python3-yaml',
     'click': 'python3-click',
     'control': None,
+    'gymnasium': None,
     'imageio': 'python3-imageio',
     'imageio-ffmpeg': None,
     'jupyterlab': None,
@@ -50,6 +51,7 @@ ROSDEP_KEYS = {
 ROSDEP_TEST_KEYS = {
     'colcon-common-extensions': 'python3-colcon-common-extensions',
     'cyclonedds': None,
+    'gymnasium': None,
     'hypothesis': 'python3-hypothesis',
     'mcap-ros2-support': 'mcap-ros2-support',
     'mypy': 'python3-mypy',
@@ -67,6 +69,7 @@ ROSDEP_TEST_KEYS = {
 }
 ROSDEP_DOC_KEYS = {
     'furo': None,
+    'gymnasium': None,
     'myst-nb': None,
     'myst-parser': None,
     'pandas': 'python3-pandas',

@@ -1,6 +1,7 @@
 """The complete robot: start, hold, planes, falls, gears."""
 
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -163,3 +164,23 @@ def test_a_reversing_gear_stands_still_until_its_play_is_taken_up():
     assert [angle == rest for angle in shaft[turn:]] == inside
     assert np.abs(np.subtract(shaft, wheel)).max() <= play / 2 + 1e-12
     assert shaft[-1] == pytest.approx(wheel[-1] + play / 2, abs=1e-12)
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_a_restored_plant_continues_identically(model):
+    def plant():
+        made = make_plant(
+            plant_model=model, battery_model='draining', backlash=0.07, start_pitch_x=0.02
+        )
+        made.push(Push(START_NS, START_NS + 10**9, (0.5, -0.5)))
+        return made
+
+    duties = np.random.default_rng(1).integers(-60, 60, (60, 2)).tolist()
+    first = plant()
+    run_plant(first, duties[:20])
+    state = pickle.loads(pickle.dumps(first.save_state()))
+    expected = run_plant(first, duties[20:])
+    other = plant()
+    run_plant(other, duties[30:40])
+    other.restore_state(state)
+    assert run_plant(other, duties[20:]) == expected

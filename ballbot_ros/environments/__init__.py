@@ -1,0 +1,30 @@
+"""Environments for reinforcement learning, with the interface of Gymnasium. No ROS.
+
+The import registers ``ballbot_ros/Balance-v0`` and ``ballbot_ros/Drive-v0``.
+"""
+
+try:
+    import gymnasium
+except ImportError as error:
+    raise ImportError(
+        f'gymnasium not found ({error}): install it with `pip install "ballbot_ros[gym]"`'
+    ) from None
+
+from ballbot_ros.environments.balance import BalanceEnv
+from ballbot_ros.environments.drive import DriveEnv
+from ballbot_ros.environments.environment import BallbotEnv
+from ballbot_ros.environments.errors import EnvironmentConfigurationError
+from ballbot_ros.environments.state import EnvironmentState
+
+__all__ = [
+    'BalanceEnv',
+    'BallbotEnv',
+    'DriveEnv',
+    'EnvironmentConfigurationError',
+    'EnvironmentState',
+]
+
+for _cls in (BalanceEnv, DriveEnv):
+    gymnasium.register(
+        id=f'ballbot_ros/{_cls.task}-v0', entry_point=f'{_cls.__module__}:{_cls.__name__}'
+    )

@@ -1,0 +1,73 @@
+"""Policies as controllers: observations, duties, held duties."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.brick.brick import DeviceInputs
+from ballbot_ros.controllers.controller import NO_READINGS, next_readings
+from ballbot_ros.controllers.policy import DeviceObserver, PolicyController, duty_of
+from ballbot_ros.parameters import ControllerParameters
+
+
+def readings(elapsed_ms, gyro=(600, 600), encoder=(0, 0), sticks=(0, 0)):
+    inputs = DeviceInputs(gyro, encoder, sonar_cm=80, battery_mv=8003, sticks=sticks)
+    return next_readings(NO_READINGS, elapsed_ms, inputs)
+
+
+@pytest.mark.parametrize(
+    ('action', 'duty'),
+    [
+        ((0.0, -0.0), (0, 0)),
+        ((1.0, -1.0), (100, -100)),
+        ((7.0, -math.inf), (100, -100)),
+        ((0.005, -0.005), (1, 0)),  # halves up
+        (np.array([0.125, 0.126], np.float32), (13, 13)),
+    ],
+)
+def test_an_action_is_a_share_of_full_duty(action, duty):
+    assert duty_of(action) == duty
+    assert all(type(each) is int for each in duty_of(action))
+
+
+def test_an_action_that_is_no_number_is_refused():
+    with pytest.raises(ValueError, match='NaN'):
+        duty_of((math.nan, 0.0))
+
+
+def test_rates_are_means_without_the_offset():
+    observer = DeviceObserver(ControllerParameters())
+    for tick in range(250):
+        observer.update(readings(4 * tick, gyro=(600 + tick % 2, 590)))
+        assert not observer.calibrated
+    observer.update(readings(1000, gyro=(604, 580), encoder=(3, -4)))
+    assert observer.calibrated
+    assert observer.observe() == (3.5, -10.0, 3.0, -4.0, 8.003)
+    for gyro in (601, 602, 606):
+        observer.update(readings(1004, gyro=(gyro, 590)))
+    assert observer.observe()[:2] == (2.5, 0.0)
+
+
+def test_the_commanded_rates_are_those_of_the_sticks():
+    observer = DeviceObserver(ControllerParameters(), drives=True)
+    for sticks, rates in (((-50, 100), (190.0, 380.0)), ((127, -128), (-380.0, -380.0))):
+        observer.update(readings(0, sticks=sticks))
+        assert observer.observe()[5:] == (80.0, *rates)
+
+
+class Counting(PolicyController):
+    """Acts every 20 ms: 1 %, 2 %, 3 %, …"""
+
+    step_ms = 20
+
+    def make_policy(self):
+        actions = iter(range(1, 100))
+        return lambda observation: (next(actions) / 100.0, 0.0)
+
+
+def test_the_duty_is_held_between_actions():
+    controller = Counting()
+    duties = [controller.tick(readings(4 * tick))[0] for tick in range(265)]
+    assert duties[:250] == [0] * 250
+    assert duties[250:] == [1] * 5 + [2] * 5 + [3] * 5

@@ -1,0 +1,75 @@
+"""The examples: a policy is learned, and balances as a controller in every arrangement."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import yaml
+from policies import EXAMPLES, LEARNED
+
+import ballbot_ros as bb
+
+CONTROLLER = f'{EXAMPLES}/learned_policy.py:LearnedPolicy'
+
+
+@pytest.mark.slow
+def test_the_cross_entropy_method_learns_to_balance(tmp_path):
+    output = tmp_path / 'policy.yaml'
+    words = ['--profile=ideal', '--duration=4', '--generations=8', '--population=30']
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / 'cross_entropy.py', *words, '--output', output],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    lines = done.stdout.splitlines()
+    assert [line.startswith(f'generation {n:2}: ') for n, line in enumerate(lines, 1)] == (
+        [True] * 8 + [False]
+    )
+    weights = yaml.safe_load(output.read_text())['/**/controller']['ros__parameters']
+    assert all(abs(weight) > 1e-3 for weight in weights.values())
+    for profile in ('ideal', 'hardware'):
+        run = bb.simulate(
+            'stationary',
+            CONTROLLER,
+            profile=profile,
+            parameters={f'controller.{name}': value for name, value in weights.items()},
+        )
+        assert run.metrics['peak_pitch_deg'] < 8.0, profile
+        assert run.metrics['peak_position_m'] < 0.3, profile
+
+
+def test_the_learned_policy_stands_for_a_minute():
+    values = yaml.safe_load(LEARNED.read_text())['/**/controller']['ros__parameters']
+    parameters = {f'controller.{name}': value for name, value in values.items()}
+    parameters['plant_sim.duration'] = 60.0
+    run = bb.simulate('hardware_standing', CONTROLLER, parameters=parameters)
+    assert run.passed, run.reason
+
+
+@pytest.mark.graph
+def test_the_learned_policy_runs_in_the_graph(start_run):
+    """The command of the page, in all arrangements of processes."""
+    hashes = set()
+    for processes in ('separate', 'one', 'none'):
+        run = start_run(
+            'stationary', '--controller', CONTROLLER, '--params', LEARNED,
+            '--processes', processes, '--no-record', '--json',
+        )  # fmt: skip
+        assert run.finish() == 0, run.stderr
+        assert run.result['outcome'] == 'passed'
+        hashes.add(run.result['duty_sha256'])
+    assert len(hashes) == 1
+
+
+def test_a_network_runs_as_a_controller():
+    """That of the example with stable-baselines3, with weights that have not learned."""
+    weights = np.random.default_rng(1).normal(0.0, 0.1, 1410).tolist()
+    parameters = {'controller.user.weights': weights, 'plant_sim.duration': 1.5}
+    reference = f'{EXAMPLES}/network_policy.py:NetworkPolicy'
+    run = bb.simulate('stationary', reference, parameters=parameters)
+    duty = run.trajectory.duty
+    assert (duty[:250] == 0).all()
+    assert (duty[250:375:5] != 0).any()
+    assert (duty[250:255] == duty[250]).all()
