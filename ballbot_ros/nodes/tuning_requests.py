@@ -138,8 +138,8 @@ class TuningRequests:
             return
         elsewhere = {}
         for name, value in values.items():
-            if name not in self._tunables:
-                continue
+            if name not in self._present or not _is_like(value, self._present[name]):
+                continue  # another node may publish anything
             numbers = self._present[name] = _numbers(value)
             sent = self._sent.get(name, [])
             if numbers in sent:  # the slider that sent it may have moved on
@@ -209,8 +209,8 @@ def _tunable(descriptor: ParameterDescriptor, value: ParameterValue, start: obje
     )
 
 
-def _is_like(start: object, numbers: Numbers) -> bool:
-    values = start if isinstance(start, list) else [start]
+def _is_like(value: object, numbers: Numbers) -> bool:
+    values = value if isinstance(value, list | tuple) else [value]
     return len(values) == len(numbers) and all(isinstance(each, int | float) for each in values)
 
 

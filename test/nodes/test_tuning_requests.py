@@ -147,7 +147,10 @@ def test_sliders_follow_changes_from_elsewhere_but_not_their_own(page):
     for value in (3.0, 4.0):
         page.sliders.wanted = {'gain': (value,)}
         page.until(lambda value=value: ('gain', value) in page.set, what='the value')
-    for values in ({'gain': 4.0}, {'gain': 5.0, 'k_i': 1.0}, {'row': (3.0, 1.0)}):
+    events = (
+        {'gain': 4.0}, {'gain': 5.0, 'k_i': 1.0}, {'gain': 'x'}, {'row': (1.0,)}, {'row': (3.0, 1.0)},
+    )  # fmt: skip
+    for values in events:
         page.events.publish(encode_parameter_event(5, values))
     page.until(lambda: len(page.sliders.followed) == 2, what='the changes')
     assert page.sliders.followed == [{'gain': (5.0,)}, {'row': (3.0, 1.0)}]
