@@ -148,7 +148,8 @@ def test_sliders_follow_changes_from_elsewhere_but_not_their_own(page):
         page.sliders.wanted = {'gain': (value,)}
         page.until(lambda value=value: ('gain', value) in page.set, what='the value')
     events = (
-        {'gain': 4.0}, {'gain': 5.0, 'k_i': 1.0}, {'gain': 'x'}, {'row': (1.0,)}, {'row': (3.0, 1.0)},
+        {'gain': 4.0}, {'gain': 5.0, 'k_i': 1.0}, {'gain': 'x'}, {'row': (1.0,)},
+        {'row': (3.0, 1.0)},
     )  # fmt: skip
     for values in events:
         page.events.publish(encode_parameter_event(5, values))
