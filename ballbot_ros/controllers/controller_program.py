@@ -122,6 +122,7 @@ class ControllerProgram:
         self._times = times
         times.reset()
         self._schedule = Schedule(loaded.tasks)
+        self._user = parameters
         self._glide = Glide(settings)
         self._start_ms: int | None = None
         self._task = ''
@@ -142,15 +143,15 @@ class ControllerProgram:
 
     def _move(self, elapsed_ms: int) -> None:
         """Let the controller take over the values of the next tick."""
-        parameters = self._glide.tick()
+        settings = self._glide.tick()
         try:
-            user = user_parameters(self._loaded, parameters)
+            self._user = user_parameters(self._loaded, settings)
         except ControllerError:
-            if self._glide.is_moving:
-                return  # its class does not allow every value on the way
-            raise
+            if not self._glide.is_moving:
+                raise
+            # Its class does not allow every value on the way.
         try:
-            self._controller.retune(user, parameters)
+            self._controller.retune(self._user, settings)
         except BaseException as error:
             at = f'{self._name}.retune at {elapsed_ms / SECOND_MS:.3f} s'
             raise self._error(error, at) from None

@@ -36,18 +36,18 @@ class Glide:
     def tick(self) -> ControllerParameters:
         """Return the values of the next tick."""
         self._ticks += 1
-        if self._ticks == GLIDE_TICKS:
-            self.is_moving = False
+        if self._ticks < GLIDE_TICKS:
+            start, share = self._start.values(), self._ticks / GLIDE_TICKS
+            self.parameters = self._target.with_values(
+                {
+                    name: _between(start[name], value, share)
+                    for name, value in self._target.values().items()
+                    if value != start[name]
+                }
+            )
+        else:
             self.parameters = self._target
-            return self.parameters
-        start, share = self._start.values(), self._ticks / GLIDE_TICKS
-        self.parameters = self._target.with_values(
-            {
-                name: _between(start[name], value, share)
-                for name, value in self._target.values().items()
-                if value != start[name]
-            }
-        )
+        self.is_moving = self.parameters != self._target
         return self.parameters
 
 

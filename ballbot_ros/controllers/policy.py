@@ -20,6 +20,7 @@ from ballbot_ros.controllers.controller import (
     Readings,
 )
 from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.timing import TICK_MS
 
@@ -142,15 +143,19 @@ class DeviceObserver:
 def duty_of(action: Sequence[float]) -> Duty:
     """Return the duty [%] of an action: each share of full duty is limited to ±1 and rounded.
 
-    It rounds to the nearest whole number, halves up. It raises ValueError for NaN.
+    It rounds to the nearest whole number, halves up. It raises ValueError if the action is not two
+    finite numbers.
     """
-    x, y = action
-    return _percent(float(x)), _percent(float(y))
+    try:
+        x, y = map(float, action)
+    except (TypeError, ValueError, OverflowError):
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ValueError(f'the action {short_repr(action)} is not two finite numbers')
+    return _percent(x), _percent(y)
 
 
 def _percent(share: float) -> int:
-    if math.isnan(share):
-        raise ValueError('the action is NaN')
     return quantise(MAX_DUTY * max(-1.0, min(1.0, share)))
 
 
@@ -177,6 +182,9 @@ class PolicyController(Controller[P]):
 
     def start(self) -> None:
         """Start with the motors off."""
+        step_ms = self.step_ms
+        if not isinstance(step_ms, int) or step_ms < TICK_MS or step_ms % TICK_MS:
+            raise ValueError(f'step_ms: {step_ms!r} is not a multiple of {TICK_MS}')
         self._policy = self.make_policy()
         self._observer = DeviceObserver(self.settings, drives=self.drives)
         self._wait_ticks = 0

@@ -55,7 +55,7 @@ def checked_commands(given: object) -> Commands:
     """Return commands that were given as (time, x, y) each; refuse others."""
     try:
         commands = tuple(_checked(*each) for each in given)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         commands = None
     if commands is None or any(a.time_s >= b.time_s for a, b in pairwise(commands)):
         raise EnvironmentConfigurationError(

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 
+import numpy as np
+
 from ballbot_ros.environments.errors import EnvironmentConfigurationError
+from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import (
+    CONTROLLER,
     GYRO,
     PLANT,
     ControllerParameters,
@@ -18,7 +23,6 @@ from ballbot_ros.parameters import (
     SonarParameters,
 )
 from ballbot_ros.parameters.assignment import assign_values, plain_value
-from ballbot_ros.parameters.controller import is_own
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.reader import IDEAL
@@ -36,6 +40,9 @@ CLASSES = (
     PlantParameters, GyroParameters, EncoderParameters, SonarParameters, ControllerParameters,
 )  # fmt: skip
 """The nodes whose parameters have an effect."""
+
+SETTINGS = ('time_start', 'k_thetadot', 'gp_max')
+"""The controller's parameters that have an effect: on calibration and commands."""
 
 _NODES = {cls.node for cls in CLASSES}
 _OF_AN_EPISODE = {
@@ -61,17 +68,26 @@ def parameters_of_environment(profile: str | None, given: Parameters | None) -> 
         values = {str(name): plain_value(value) for name, value in given.items()}
         _check_effect(values)
         assign_values(parameters, values)
-    elif given is not None:
+    elif isinstance(given, str | os.PathLike) and os.fspath(given):
         parameters.update(read_parameter_file(os.fspath(given)))
+    elif given is not None:
+        raise EnvironmentConfigurationError(
+            f'parameters: {short_repr(given)} is neither a mapping nor a file'
+        )
     return parameters
 
 
 def _check_effect(values: Mapping[str, object]) -> None:
     for target in values:
-        if target in _OF_AN_EPISODE:
-            raise ParameterError(f'{target} has no effect here: use {_OF_AN_EPISODE[target]}')
         node, _, name = target.partition('.')
-        if is_own(name) or (node and name and node not in _NODES and node != '/**'):
+        for own, remedy in _OF_AN_EPISODE.items():
+            if target == own or (node == '/**' and own.endswith(f'.{name}')):
+                raise ParameterError(f'{target} has no effect here: use {remedy}')
+        if node == CONTROLLER and name not in SETTINGS:
+            raise ParameterError(
+                f'{target} has no effect here; of the {CONTROLLER} only {", ".join(SETTINGS)} have'
+            )
+        if node and name and node not in _NODES and node != '/**':
             raise ParameterError(
                 f'{target} has no effect here; only the parameters of {", ".join(sorted(_NODES))}'
             )
@@ -79,7 +95,11 @@ def _check_effect(values: Mapping[str, object]) -> None:
 
 def check_step(step_ms: int) -> int:
     """Return the period of an environment [ms]; refuse one that it can't have."""
-    if isinstance(step_ms, bool) or step_ms not in STEPS_MS:
+    if (
+        not isinstance(step_ms, int | np.integer)
+        or isinstance(step_ms, bool)
+        or step_ms not in STEPS_MS
+    ):
         allowed = ' or '.join(map(str, STEPS_MS))
         raise EnvironmentConfigurationError(f'step_ms: {step_ms!r} is not {allowed}')
     return int(step_ms)
@@ -87,15 +107,34 @@ def check_step(step_ms: int) -> int:
 
 def steps_of(duration: float, step_ms: int) -> int:
     """Return the number of steps in an episode of `duration` [s]."""
-    try:
-        in_bounds = step_ms / 1000.0 <= duration <= MAX_DURATION_S
-    except TypeError:
-        in_bounds = False
-    if not in_bounds or isinstance(duration, bool):
+    is_number = isinstance(duration, int | float | np.integer | np.floating)
+    if (
+        isinstance(duration, bool)
+        or not is_number
+        or not (step_ms / 1000.0 <= duration <= MAX_DURATION_S)
+    ):
         raise EnvironmentConfigurationError(
-            f'duration: {duration!r} is not within {step_ms / 1000.0:g} … {MAX_DURATION_S:g} s'
+            f'duration: {short_repr(duration)} is not within {step_ms / 1000.0:g} … '
+            f'{MAX_DURATION_S:g} s'
         )
     return round(duration * 1000.0 / step_ms)
+
+
+def check_hold(parameters: ParameterSet) -> None:
+    """Refuse a robot that is let go before or after the gyros are calibrated."""
+    hold_s = parameters.of(PlantParameters).hold_time
+    release = release_s(parameters.of(ControllerParameters))
+    if not math.isclose(hold_s, release):
+        raise EnvironmentConfigurationError(
+            f'{PLANT}.hold_time: the robot is held for {hold_s:g} s, but calibrated for '
+            f'{release:g} s (controller.time_start)'
+        )
+
+
+def release_s(settings: ControllerParameters) -> float:
+    """Return when the first action acts [s], from the start of the run."""
+    ticks = max(1, -(-settings.time_start // TICK_MS))
+    return ticks * TICK_MS / 1000.0
 
 
 def fingerprint(parameters: ParameterSet) -> tuple[tuple[str, object], ...]:
@@ -105,4 +144,5 @@ def fingerprint(parameters: ParameterSet) -> tuple[tuple[str, object], ...]:
         for cls in CLASSES
         for name, value in parameters.of(cls).values().items()
         if (target := f'{cls.node}.{name}') not in _OF_AN_EPISODE
+        and (cls is not ControllerParameters or name in SETTINGS)
     )

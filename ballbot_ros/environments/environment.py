@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -17,6 +16,7 @@ from ballbot_ros.controllers.policy import duty_of
 from ballbot_ros.environments.commands import Commands, checked_commands
 from ballbot_ros.environments.configuration import (
     Parameters,
+    check_hold,
     check_step,
     fingerprint,
     parameters_of_environment,
@@ -32,7 +32,7 @@ from ballbot_ros.environments.quantities import (
     state_of,
     state_quantities,
 )
-from ballbot_ros.environments.state import EnvironmentState, Start
+from ballbot_ros.environments.state import EnvironmentState, EpisodeState, Start
 from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import (
     GYRO,
@@ -41,6 +41,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     parameters_of,
 )
+from ballbot_ros.parameters.assignment import plain_value
 from ballbot_ros.simulation.robot import Robot
 from ballbot_ros.timing import TICK_MS
 
@@ -49,7 +50,6 @@ OBSERVATIONS = (DEVICES, STATE)
 MAX_SEED = 2**63 - 1
 
 Info = dict[str, Any]
-T = TypeVar('T')
 
 
 class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
@@ -100,7 +100,7 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         parameters: Parameters | None = None,
         render_mode: None = None,
     ) -> None:
-        if observation not in OBSERVATIONS:
+        if not isinstance(observation, str) or observation not in OBSERVATIONS:
             raise EnvironmentConfigurationError(
                 f'observation: {short_repr(observation)} is not {" or ".join(OBSERVATIONS)}'
             )
@@ -110,10 +110,12 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
                 'a controller in the viewer'
             )
         self.step_ms = check_step(step_ms)
-        self.duration = self.default_duration if duration is None else duration
-        self._steps_of_episode = steps_of(self.duration, self.step_ms)
+        given = self.default_duration if duration is None else duration
+        self._steps_of_episode = steps_of(given, self.step_ms)
+        self.duration = float(given)
         self._observes_state = observation == STATE
         self._parameters = parameters_of_environment(profile, parameters)
+        check_hold(self._parameters)
         plant = self._parameters.of(PlantParameters)
         self._start_position = (plant.start_position_x, plant.start_position_y)
         self._settings = self._parameters.of(ControllerParameters)
@@ -121,7 +123,7 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
             ('task', self.task),
             ('observation', observation),
             ('step_ms', self.step_ms),
-            ('duration', float(self.duration)),
+            ('duration', self.duration),
             *fingerprint(self._parameters),
         )
         state = state_quantities(self.duration)
@@ -162,8 +164,9 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         BallbotError
             If an option is not valid.
         """
+        given = self._checked_options({} if options is None else options)
         super().reset(seed=seed)
-        start = self._start({} if options is None else options)
+        start = self._start(given)
         self._episode = Episode(self._parameters, start, drives=self.drives)
         self._episode.hold()
         self._steps = 0
@@ -252,14 +255,29 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
             If it is not the state of an environment with the same arguments.
         """
         self._check_state(state)
-        start = state.episode.start
-        if self._episode is None or self._episode.start != start:
-            self._episode = Episode(self._parameters, start, drives=self.drives)
-        self._episode.restore_state(state.episode)
+        self.np_random.bit_generator.state = state.generator
+        self._episode = self._restored(state.episode)
         self._steps, self._over = state.steps, state.over
         self._observation = state.observation
-        self.np_random.bit_generator.state = state.generator
         return self._bounded(), self._info(self._episode)
+
+    def _restored(self, state: EpisodeState) -> Episode:
+        """Return the present episode, or a new one with the same start, in a saved state."""
+        episode = self._episode
+        if episode is None or episode.start != state.start:
+            episode = Episode(self._parameters, state.start, drives=self.drives)
+        episode.restore_state(state)
+        return episode
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy or another process needs; the devices can't be pickled."""
+        saved = self._episode.save_state() if self._episode else None
+        return {**vars(self), '_episode': saved}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update({**state, '_episode': None})
+        if saved := state['_episode']:
+            self._episode = self._restored(saved)
 
     def _check_state(self, state: object) -> None:
         if not isinstance(state, EnvironmentState):
@@ -318,49 +336,45 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
                 info['commands'] = start.commands
         return info
 
-    def _start(self, options: Mapping[str, Any]) -> Start:
-        """Draw a start, and replace what the options give."""
+    def _checked_options(self, options: object) -> dict[str, Any]:
+        """Return the options of a reset; refuse those that are not valid."""
         if not isinstance(options, Mapping):
             raise EnvironmentConfigurationError(f'options: {short_repr(options)} are no mapping')
+        nodes = {'start_pitch_x': PLANT, 'start_pitch_y': PLANT, 'seed': GYRO}
+        known = (*nodes, *(['commands'] if self.drives else []))
+        if unknown := [name for name in options if name not in known]:
+            raise EnvironmentConfigurationError(
+                f'options: unknown {short_repr(unknown[0])}; known: {", ".join(known)}'
+            )
+        return {
+            name: parameters_of(nodes[name])[name].check(plain_value(value), 'options: ')
+            if name in nodes
+            else checked_commands(value)
+            for name, value in options.items()
+        }
+
+    def _start(self, given: Mapping[str, Any]) -> Start:
+        """Draw a start, and replace what is given."""
         generator = self.np_random
         seed = int(generator.integers(MAX_SEED, endpoint=True))
         limit = self.largest_pitch
         x, y = generator.uniform(-limit, limit, 2).tolist()
         commands = self._commands()
-        known = ('start_pitch_x', 'start_pitch_y', 'seed', *(['commands'] if self.drives else []))
-        if unknown := [name for name in options if name not in known]:
-            raise EnvironmentConfigurationError(
-                f'options: unknown {short_repr(unknown[0])}; known: {", ".join(known)}'
-            )
-        if 'commands' in options:
-            commands = checked_commands(options['commands'])
         return Start(
-            _option(options, GYRO, 'seed', seed),
-            (
-                _option(options, PLANT, 'start_pitch_x', x),
-                _option(options, PLANT, 'start_pitch_y', y),
-            ),
-            commands,
+            given.get('seed', seed),
+            (given.get('start_pitch_x', x), given.get('start_pitch_y', y)),
+            given.get('commands', commands),
         )
-
-
-def _option(options: Mapping[str, Any], node: str, name: str, drawn: T) -> T:
-    """Return the value of an option, checked like the parameter with its name, or that drawn."""
-    if name not in options:
-        return drawn
-    value = options[name]
-    plain = value.item() if isinstance(value, np.generic) else value
-    checked: Any = parameters_of(node)[name].check(plain, 'options: ')
-    return checked  # type: ignore[no-any-return]
 
 
 def _checked(action: Any) -> list[float]:
     """Return an action as two finite numbers."""
     try:
-        array = np.asarray(action, dtype=np.float64)
-    except (TypeError, ValueError):
-        array = None
-    if array is None or array.shape != (2,) or not all(map(math.isfinite, array.tolist())):
+        array = np.asarray(action)
+        is_number = array.dtype.kind in 'iuf' and array.shape == (2,)
+    except (TypeError, ValueError, OverflowError):
+        is_number = False
+    if not is_number or not np.isfinite(array).all():
         raise InvalidAction(f'the action {short_repr(action)} is not two finite numbers')
-    values: list[float] = array.tolist()
+    values: list[float] = array.astype(np.float64).tolist()
     return values

@@ -5,11 +5,12 @@ from __future__ import annotations
 from ballbot_ros.controllers.controller import NO_READINGS, Duty, next_readings
 from ballbot_ros.controllers.policy import DeviceObserver
 from ballbot_ros.environments.commands import scenario_of
+from ballbot_ros.environments.configuration import release_s
 from ballbot_ros.environments.state import EpisodeState, Start
 from ballbot_ros.parameters import GYRO, PLANT, ControllerParameters, ParameterSet
 from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.simulation.robot import Robot
-from ballbot_ros.timing import MILLISECOND_NS, TICK_MS
+from ballbot_ros.timing import MILLISECOND_NS
 
 MOTORS_OFF: Duty = (0, 0)
 
@@ -94,9 +95,3 @@ class Episode:
         inputs = self._robot.sample(truth)
         self._readings = next_readings(self._readings, elapsed_ms, inputs)
         self.observer.update(self._readings)
-
-
-def release_s(settings: ControllerParameters) -> float:
-    """Return when the first action acts [s], from the start of the run."""
-    ticks = max(1, -(-settings.time_start // TICK_MS))
-    return ticks * TICK_MS / 1000.0

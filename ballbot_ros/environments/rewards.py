@@ -33,5 +33,5 @@ def follow(error: Pair) -> float:
 
 
 def calm(duty: tuple[int, int]) -> float:
-    """Return how small the duty is; 0.5 for one of 30 % in both planes [%]."""
+    """Return how small the duty is; 0.5 for about 30 % in both planes [%]."""
     return closeness(*duty, TOLERATED_DUTY_PERCENT)

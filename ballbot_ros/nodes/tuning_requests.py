@@ -24,6 +24,8 @@ if TYPE_CHECKING:  # viser takes a second to import
     from ballbot_ros.viewer.tuning_sliders import TuningSliders
 
 RETRY_S = 1.0
+SETTLE_S = 1.0
+"""A slider that has been moved follows other changes again after this time."""
 
 _SERVICES = {
     DescribeParameters: 'describe_parameters',
@@ -59,7 +61,7 @@ class TuningRequests:
         self._queried_at = -math.inf
         self._tunables: dict[str, Tunable] = {}
         self._present: dict[str, Numbers] = {}
-        self._sent: dict[str, list[Numbers]] = {}
+        self._set_at: dict[str, float] = {}
         node.create_subscription(
             PARTICIPANTS.message_class,
             PARTICIPANTS.name,
@@ -74,6 +76,10 @@ class TuningRequests:
         for name, numbers in self._sliders.take().items():
             self._set(name, numbers)
         now_s = time.monotonic()
+        for name, set_at in list(self._set_at.items()):
+            if now_s - set_at > SETTLE_S:
+                del self._set_at[name]
+                self._sliders.follow({name: self._present[name]})
         if self._query and now_s - self._queried_at >= RETRY_S:
             self._queried_at = now_s
             self._send_query(self._query)
@@ -127,7 +133,7 @@ class TuningRequests:
         ]
         self._tunables = {each.name: each for each in tunables}
         self._present = {each.name: each.value for each in tunables}
-        self._sent.clear()
+        self._set_at.clear()
         self._sliders.show(tunables)
 
     def _on_event(self, data: bytes) -> None:
@@ -140,12 +146,9 @@ class TuningRequests:
         for name, value in values.items():
             if name not in self._present or not _is_like(value, self._present[name]):
                 continue  # another node may publish anything
-            numbers = self._present[name] = _numbers(value)
-            sent = self._sent.get(name, [])
-            if numbers in sent:  # the slider that sent it may have moved on
-                del sent[: sent.index(numbers) + 1]
-            else:
-                elsewhere[name] = numbers
+            self._present[name] = _numbers(value)
+            if name not in self._set_at:  # else the slider that set it may have moved on
+                elsewhere[name] = self._present[name]
         if elsewhere:
             self._sliders.follow(elsewhere)
 
@@ -155,7 +158,7 @@ class TuningRequests:
         if tunable is None:
             return
         value = tunable.ros_value(numbers)
-        self._sent.setdefault(name, []).append(numbers)
+        self._set_at[name] = time.monotonic()
         row = parameters_of(CONTROLLER).get(name)
         for role in row.nodes if row else (CONTROLLER,):
             if role in self._nodes:
@@ -163,14 +166,17 @@ class TuningRequests:
                     parameters=[Parameter(name, value=value).to_parameter_msg()]
                 )
                 self._call(
-                    self._nodes[role], request, lambda answer: self._take_answer(name, answer)
+                    self._nodes[role],
+                    request,
+                    lambda answer: self._take_answer(name, numbers, answer),
                 )
 
-    def _take_answer(self, name: str, answer: SetParameters.Response) -> None:
+    def _take_answer(self, name: str, numbers: Numbers, answer: SetParameters.Response) -> None:
         for result in answer.results:
-            if not result.successful:
+            if result.successful:
+                self._present[name] = numbers
+            else:
                 self._notify(result.reason)
-                self._sent.pop(name, None)
                 self._sliders.follow({name: self._present[name]})
 
     def _call(self, node: str, request: Any, on_response: Callable[[Any], None]) -> None:
@@ -211,7 +217,10 @@ def _tunable(descriptor: ParameterDescriptor, value: ParameterValue, start: obje
 
 def _is_like(value: object, numbers: Numbers) -> bool:
     values = value if isinstance(value, list | tuple) else [value]
-    return len(values) == len(numbers) and all(isinstance(each, int | float) for each in values)
+    return len(values) == len(numbers) and all(
+        isinstance(each, int | float) and not isinstance(each, bool) and math.isfinite(each)
+        for each in values
+    )
 
 
 def _numbers(value: Any) -> Numbers:

@@ -66,7 +66,7 @@ class TuningSliders:
             return
         if slider.min <= slider.value <= slider.max:
             self._wanted[name] = self._values[name] = self._numbers(name)
-        else:  # typed next to it, where the page drops a sign
+        else:  # typed into the field next to it, which drops the minus sign
             self.follow({name: self._values[name]})
 
     def _go_back(self) -> None:

@@ -21,7 +21,7 @@ def readings(elapsed_ms, gyro=(600, 600), encoder=(0, 0), sticks=(0, 0)):
     [
         ((0.0, -0.0), (0, 0)),
         ((1.0, -1.0), (100, -100)),
-        ((7.0, -math.inf), (100, -100)),
+        ((7.0, -1e300), (100, -100)),
         ((0.005, -0.005), (1, 0)),  # halves up
         (np.array([0.125, 0.126], np.float32), (13, 13)),
     ],
@@ -31,9 +31,19 @@ def test_an_action_is_a_share_of_full_duty(action, duty):
     assert all(type(each) is int for each in duty_of(action))
 
 
-def test_an_action_that_is_no_number_is_refused():
-    with pytest.raises(ValueError, match='NaN'):
-        duty_of((math.nan, 0.0))
+@pytest.mark.parametrize(
+    'action',
+    [(math.nan, 0.0), (0.0, math.inf), (1.0,), (1.0, 2.0, 3.0), None, ('a', 1), (10**400, 0)],
+)
+def test_an_action_that_is_not_two_finite_numbers_is_refused(action):
+    with pytest.raises(ValueError, match=r'^the action .+ is not two finite numbers$'):
+        duty_of(action)
+
+
+@pytest.mark.parametrize('step_ms', [0, -4, 2, 6, '20', 4.0, True])
+def test_a_period_that_is_not_a_multiple_of_a_tick_is_refused(step_ms):
+    with pytest.raises(ValueError, match='is not a multiple of 4'):
+        type('Odd', (Counting,), {'step_ms': step_ms})()
 
 
 def test_rates_are_means_without_the_offset():

@@ -190,10 +190,20 @@ def test_an_action_that_is_none_is_refused(action):
         ({'parameters': {'plant_sim.duration': 3}}, r'no effect here: use the argument duration'),
         ({'parameters': {'gyro_driver.seed': 3}}, r'no effect here: use the seed or the options'),
         ({'parameters': {'viewer.port': 3}}, r'viewer.port has no effect here; only'),
-        ({'parameters': {'controller.user.kp': 3}}, r'controller.user.kp has no effect here; only'),
+        ({'parameters': {'controller.user.kp': 3}}, r'user.kp has no effect here; of the'),
         ({'parameters': {'plant_sim': 3}}, r"'plant_sim' is not of the form node.param"),
         ({'parameters': {'plant_sim.map': 'moon'}}, r"unknown map 'moon'"),
         ({'parameters': 'missing.yaml'}, r'missing.yaml: No such file'),
+        ({'parameters': 3}, r'parameters: 3 is neither a mapping nor a file'),
+        ({'parameters': ''}, r"parameters: '' is neither a mapping nor a file"),
+        ({'parameters': {'/**.seed': 3}}, r'\.seed has no effect here: use the seed'),
+        ({'parameters': {'controller.k_i': 0.1}}, r'k_i has no effect here; of the control'),
+        ({'parameters': {'plant_sim.hold_time': 0.0}}, r'held for 0 s, but calibrated for 1 s'),
+        ({'parameters': {'controller.time_start': 2000}}, r'held for 1 s, but calibrated for 2 s'),
+        ({'observation': np.zeros(2)}, r'observation: .* is not devices or state'),
+        ({'step_ms': np.array([4])}, r'step_ms: .* is not 4 or 20'),
+        ({'duration': np.array([3.0, 4.0])}, r'duration: .* is not within'),
+        ({'duration': np.True_}, r'duration: .* is not within'),
     ],
 )  # fmt: skip
 def test_an_invalid_argument_is_told_in_one_line(arguments, message):
@@ -214,6 +224,8 @@ def test_an_invalid_argument_is_told_in_one_line(arguments, message):
         ({'commands': [(0.0, 1, 0.5)]}, r'options: commands: .* within ±100'),
         ({'commands': [(2.0, 1, 1), (1.0, 1, 1)]}, r'options: commands: .* rising times'),
         ({'commands': 3}, r'options: commands: 3 are not'),
+        ({'commands': [(0.0, math.inf, 0)]}, r'options: commands: .* are not'),
+        ({'commands': [(10**400, 1, 1)]}, r'options: commands: .* are not'),
         (3, r'options: 3 are no mapping'),
     ],
 )
@@ -221,6 +233,15 @@ def test_an_invalid_option_is_told_in_one_line(options, message):
     with pytest.raises((EnvironmentConfigurationError, ParameterError), match=message) as told:
         DriveEnv().reset(options=options)
     assert '\n' not in str(told.value)
+
+
+def test_a_refused_option_leaves_the_random_numbers_as_they_were():
+    env, other = BalanceEnv(), BalanceEnv()
+    for each in (env, other):
+        each.reset(seed=1)
+    with pytest.raises(EnvironmentConfigurationError):
+        env.reset(seed=7, options={'pitch': 1.0})
+    assert env.reset()[1]['seed'] == other.reset()[1]['seed']
 
 
 def test_there_are_no_commands_to_balance():

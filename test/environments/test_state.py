@@ -1,5 +1,6 @@
 """Saved states: the continuation is the same, here and in another process."""
 
+import copy
 import pickle
 import subprocess
 import sys
@@ -130,3 +131,14 @@ def test_something_else_is_no_state():
 def test_there_is_no_state_before_the_first_episode():
     with pytest.raises(ResetNeeded):
         BalanceEnv().save_state()
+
+
+@pytest.mark.parametrize('duplicate', [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize('arguments', [{}, {'parameters': {'plant_sim.map': 'track'}}])
+def test_a_copy_continues_alike_and_by_itself(duplicate, arguments):
+    env = started(**arguments)
+    again = duplicate(env)
+    expected = continuation(env, ACTIONS)
+    assert continuation(again, ACTIONS) == expected
+    assert again.reset()[1]['seed'] == env.reset()[1]['seed']
+    assert duplicate(DriveEnv()).reset(seed=1)[1]['seed'] == DriveEnv().reset(seed=1)[1]['seed']

@@ -1,6 +1,7 @@
 """What the page can tune, and its requests, with a stand-in for the controller."""
 
 import contextlib
+import math
 
 import pytest
 
@@ -140,21 +141,37 @@ def test_wanted_values_are_set_and_refused_ones_are_told_and_taken_back(page):
     assert page.sliders.followed == [{'count': (7,)}]
 
 
-def test_sliders_follow_changes_from_elsewhere_but_not_their_own(page):
+def test_sliders_follow_changes_from_elsewhere(page):
     page.declare()
     page.announce(tunable=['gain', 'row'])
     page.until(lambda: page.sliders.shown, what='the sliders')
-    for value in (3.0, 4.0):
-        page.sliders.wanted = {'gain': (value,)}
-        page.until(lambda value=value: ('gain', value) in page.set, what='the value')
     events = (
-        {'gain': 4.0}, {'gain': 5.0, 'k_i': 1.0}, {'gain': 'x'}, {'row': (1.0,)},
-        {'row': (3.0, 1.0)},
+        {'gain': 'x'}, {'gain': math.nan}, {'gain': True}, {'row': (1.0,)}, {'row': 1.0},
+        {'gain': 5.0, 'k_i': 1.0}, {'row': (3.0, 1.0)},
     )  # fmt: skip
     for values in events:
         page.events.publish(encode_parameter_event(5, values))
     page.until(lambda: len(page.sliders.followed) == 2, what='the changes')
     assert page.sliders.followed == [{'gain': (5.0,)}, {'row': (3.0, 1.0)}]
+
+
+def test_a_slider_in_motion_is_left_alone_and_then_shows_what_is_in_effect(page, monkeypatch):
+    """Events of its earlier values arrive while it moves on; some values cause no event."""
+    page.declare()
+    page.announce(tunable=['gain'])
+    page.until(lambda: page.sliders.shown, what='the sliders')
+    monkeypatch.setattr('ballbot_ros.nodes.tuning_requests.SETTLE_S', math.inf)
+    for value in (3.0, 4.0):
+        page.sliders.wanted = {'gain': (value,)}
+        page.until(lambda value=value: ('gain', value) in page.set, what='the value')
+    page.events.publish(encode_parameter_event(5, {'gain': 3.0}))
+    page.until(lambda: page.requests._present['gain'] == (3.0,), what='the event')
+    assert page.sliders.followed == []
+    page.events.publish(encode_parameter_event(6, {'gain': 4.0}))
+    page.until(lambda: page.requests._present['gain'] == (4.0,), what='the event')
+    monkeypatch.setattr('ballbot_ros.nodes.tuning_requests.SETTLE_S', 0.0)
+    page.until(lambda: page.sliders.followed, what='the value in effect')
+    assert page.sliders.followed == [{'gain': (4.0,)}]
 
 
 def test_malformed_messages_are_told(page):
