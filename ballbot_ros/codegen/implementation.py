@@ -33,7 +33,6 @@ from ballbot_ros.parameters import (
     Parameter,
     ParameterError,
     ParameterSet,
-    TakesEffect,
     Value,
     parameters_of,
 )
@@ -88,7 +87,7 @@ class Implementation:
             rows = list(parameters_of(CONTROLLER).values())
         else:  # the gains are constants of the C code
             rows = []
-        return tuple(row for row in rows if row.takes_effect is TakesEffect.IMMEDIATELY)
+        return tuple(row for row in rows if row.is_live)
 
     def check(self, parameters: ControllerParameters) -> None:
         """Raise BallbotError if its programs can't take over the values of these parameters."""

@@ -103,6 +103,16 @@ class DrivingController(Controller[P]):
         return duty
 
 
+def limited(stick: int, settings: ControllerParameters) -> int:
+    """Return a stick within its largest values; a packet may hold more."""
+    return max(-settings.gp_max, min(settings.gp_max, stick))
+
+
+def commanded_rate(stick: int, settings: ControllerParameters) -> float:
+    """Return the ball rate [deg/s] that a stick commands."""
+    return limited(stick, settings) / settings.gp_max * settings.k_thetadot
+
+
 class Driving:
     """Decides everything but the balance: section 7.5, 7.6 and figure 7-1.
 
@@ -148,9 +158,9 @@ class Driving:
         """Speed command for the planes x and y, -gp_max ... gp_max."""
         if self.state is OperatingState.REMOTE:
             vertical, horizontal = self._sticks
-            return self._limited(-vertical), self._limited(horizontal)
+            return limited(-vertical, self._p), limited(horizontal, self._p)
         if self.state is OperatingState.BACKWARD:
-            return -self._p.gp_max, self._limited(self._sticks[1])
+            return -self._p.gp_max, limited(self._sticks[1], self._p)
         if self.state is OperatingState.FORWARD:
             return self._p.gp_max, 0
         if self.state is OperatingState.RIGHTWARD:
@@ -186,7 +196,7 @@ class Driving:
             readings.gyro[axis] - self.gyro_offsets[axis],
             readings.revolutions[axis],
             stick,
-            stick / self._p.gp_max * self._p.k_thetadot,
+            commanded_rate(stick, self._p),
         )
 
     def watch(self, readings: Readings, x: Estimates, y: Estimates) -> None:
@@ -210,10 +220,6 @@ class Driving:
             self._distance_cm, self._echo_ms = readings.distance_cm, readings.elapsed_ms
         elif readings.elapsed_ms - self._echo_ms > self._p.sonar_hold:
             self._distance_cm = NO_ECHO_CM
-
-    def _limited(self, stick: int) -> int:
-        """Return a stick within its largest values; a packet may hold more."""
-        return max(-self._p.gp_max, min(self._p.gp_max, stick))
 
     def _drive_state(self, now_ms: int) -> OperatingState:
         obstacle = self._distance_cm <= self._p.dst_thr

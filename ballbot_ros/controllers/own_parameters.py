@@ -51,7 +51,7 @@ def own_rows(loaded: LoadedController) -> tuple[Parameter, ...]:
 def _check_settings(loaded: LoadedController) -> None:
     """Check the names of the settings that the class takes over during a run."""
     rows = parameters_of(CONTROLLER).values()
-    allowed = [row.name for row in rows if row.takes_effect is TakesEffect.IMMEDIATELY]
+    allowed = [row.name for row in rows if row.is_live]
     for name in loaded.cls.tunable_settings:
         if name not in allowed:
             raise ControllerError(

@@ -19,6 +19,7 @@ from ballbot_ros.controllers.controller import (
     P,
     Readings,
 )
+from ballbot_ros.controllers.driving import commanded_rate
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import ControllerParameters
@@ -75,21 +76,21 @@ class DeviceObserver:
     ----------
     calibrated : bool
         Whether the offsets are known; from then on there are observations.
+    readings : Readings
+        Those of the newest tick.
     """
 
     def __init__(self, settings: ControllerParameters, *, drives: bool = False) -> None:
-        self._time_start = settings.time_start
-        self._gp_max = settings.gp_max
-        self._full_speed = settings.k_thetadot
+        self._settings = settings
         self._drives = drives
         self.calibrated = False
         self._offset_x = self._offset_y = 0.0
         self._sum_x = self._sum_y = self._ticks = 0
-        self._readings = NO_READINGS
+        self.readings = NO_READINGS
 
     def update(self, readings: Readings) -> None:
         """Take the readings of a tick."""
-        if not self.calibrated and self._ticks and readings.elapsed_ms >= self._time_start:
+        if not self.calibrated and self._ticks and readings.elapsed_ms >= self._settings.time_start:
             self._offset_x = self._sum_x / self._ticks
             self._offset_y = self._sum_y / self._ticks
             self._sum_x = self._sum_y = self._ticks = 0
@@ -98,11 +99,11 @@ class DeviceObserver:
         self._sum_x += gyro_x
         self._sum_y += gyro_y
         self._ticks += 1
-        self._readings = readings
+        self.readings = readings
 
     def observe(self) -> Observation:
         """Return the observation of the ticks since the previous one, at least one."""
-        readings = self._readings
+        readings = self.readings
         observation = (
             self._sum_x / self._ticks - self._offset_x,
             self._sum_y / self._ticks - self._offset_y,
@@ -118,25 +119,22 @@ class DeviceObserver:
     @property
     def commanded_rates(self) -> tuple[float, float]:
         """Ball rates [deg/s] of planes x and y that the sticks command."""
-        vertical, horizontal = self._readings.sticks
-        limit = self._gp_max
-        return (
-            max(-limit, min(limit, -vertical)) / limit * self._full_speed,
-            max(-limit, min(limit, horizontal)) / limit * self._full_speed,
-        )
+        vertical, horizontal = self.readings.sticks
+        settings = self._settings
+        return commanded_rate(-vertical, settings), commanded_rate(horizontal, settings)
 
     def save_state(self) -> ObserverState:
         """Return the present state."""
         return ObserverState(
             self.calibrated, self._offset_x, self._offset_y,
-            self._sum_x, self._sum_y, self._ticks, self._readings,
+            self._sum_x, self._sum_y, self._ticks, self.readings,
         )  # fmt: skip
 
     def restore_state(self, state: ObserverState) -> None:
         """Continue from a state."""
         (
             self.calibrated, self._offset_x, self._offset_y,
-            self._sum_x, self._sum_y, self._ticks, self._readings,
+            self._sum_x, self._sum_y, self._ticks, self.readings,
         ) = state  # fmt: skip
 
 

@@ -22,14 +22,11 @@ from ballbot_ros.parameters import (
     PlantParameters,
     SonarParameters,
 )
-from ballbot_ros.parameters.assignment import assign_values, plain_value
+from ballbot_ros.parameters.assignment import Parameters, assign_values, plain_values
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.reader import IDEAL
 from ballbot_ros.timing import TICK_MS
-
-Parameters = Mapping[str, object] | str | os.PathLike[str]
-"""Values of parameters by ``node.param``, or a file, as for ``ballbot_ros.simulate``."""
 
 STEPS_MS = (TICK_MS, 5 * TICK_MS)
 """The periods that an environment can have [ms]."""
@@ -65,7 +62,7 @@ def parameters_of_environment(profile: str | None, given: Parameters | None) -> 
     parameters = ParameterSet()
     parameters.update(load_profile(IDEAL if profile is None else profile))
     if isinstance(given, Mapping):
-        values = {str(name): plain_value(value) for name, value in given.items()}
+        values = plain_values(given)
         _check_effect(values)
         assign_values(parameters, values)
     elif isinstance(given, str | os.PathLike) and os.fspath(given):

@@ -15,7 +15,6 @@ from ballbot_ros.controllers.controller import Duty
 from ballbot_ros.controllers.policy import duty_of
 from ballbot_ros.environments.commands import Commands, checked_commands
 from ballbot_ros.environments.configuration import (
-    Parameters,
     check_hold,
     check_step,
     fingerprint,
@@ -41,7 +40,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     parameters_of,
 )
-from ballbot_ros.parameters.assignment import plain_value
+from ballbot_ros.parameters.assignment import Parameters, plain_value
 from ballbot_ros.simulation.robot import Robot
 from ballbot_ros.timing import TICK_MS
 

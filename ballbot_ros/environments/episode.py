@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ballbot_ros.controllers.controller import NO_READINGS, Duty, next_readings
+from ballbot_ros.controllers.controller import Duty, next_readings
 from ballbot_ros.controllers.policy import DeviceObserver
 from ballbot_ros.environments.commands import scenario_of
 from ballbot_ros.environments.configuration import release_s
@@ -52,7 +52,6 @@ class Episode:
         self._robot = Robot(values, scenario_of(start.commands, release_s(settings)))
         self._plant = self._robot.plant
         self.observer = DeviceObserver(settings, drives=drives)
-        self._readings = NO_READINGS
         self.truth: GroundTruth = self._plant.truth()
 
     def hold(self) -> None:
@@ -78,20 +77,16 @@ class Episode:
 
     def save_state(self) -> EpisodeState:
         """Return the present state."""
-        return EpisodeState(
-            self.start, self._plant.save_state(), self._readings, self.observer.save_state()
-        )
+        return EpisodeState(self.start, self._plant.save_state(), self.observer.save_state())
 
     def restore_state(self, state: EpisodeState) -> None:
         """Continue from a state of an episode with the same parameters and start."""
         self._plant.restore_state(state.plant)
         self.observer.restore_state(state.observer)
-        self._readings = state.readings
         self.truth = self._plant.truth()
 
     def _sample(self) -> None:
         self.truth = truth = self._plant.truth()
         elapsed_ms = (truth.stamp_ns - self._robot.start_ns) // MILLISECOND_NS
         inputs = self._robot.sample(truth)
-        self._readings = next_readings(self._readings, elapsed_ms, inputs)
-        self.observer.update(self._readings)
+        self.observer.update(next_readings(self.observer.readings, elapsed_ms, inputs))

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from ballbot_ros.controllers.controller import Readings
 from ballbot_ros.controllers.policy import ObserverState
 from ballbot_ros.environments.commands import Commands
 from ballbot_ros.plant.ground_truth import Pair
@@ -36,7 +35,6 @@ class EpisodeState(NamedTuple):
 
     start: Start
     plant: PlantState
-    readings: Readings
     observer: ObserverState
 
 

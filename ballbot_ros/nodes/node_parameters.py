@@ -211,7 +211,7 @@ class ParameterNode(Node, Generic[P]):
 
     def is_live(self, row: Parameter) -> bool:
         """Return whether a new value of a parameter takes effect immediately."""
-        return row.takes_effect is TakesEffect.IMMEDIATELY
+        return row.is_live
 
     def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter import parameter_value_to_python
 
 from ballbot_ros.messages.parameter_events import decode_parameter_event
 from ballbot_ros.messages.participation import decode_announcement
 from ballbot_ros.messages.topics import HISTORY, PARAMETER_EVENTS, PARTICIPANTS
 from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.topic_publisher import reliable_qos
+from ballbot_ros.nodes.viewer_requests import QUERY_RETRY_S, send, setting
 from ballbot_ros.parameters import CONTROLLER, parameters_of
 from ballbot_ros.simulation.participants import TUNABLE, Announcement
 from ballbot_ros.viewer.tunable import Numbers, Tunable
@@ -23,7 +24,6 @@ from ballbot_ros.viewer.tunable import Numbers, Tunable
 if TYPE_CHECKING:  # viser takes a second to import
     from ballbot_ros.viewer.tuning_sliders import TuningSliders
 
-RETRY_S = 1.0
 SETTLE_S = 1.0
 """A slider that has been moved follows other changes again after this time."""
 
@@ -80,7 +80,7 @@ class TuningRequests:
             if now_s - set_at > SETTLE_S:
                 del self._set_at[name]
                 self._sliders.follow({name: self._present[name]})
-        if self._query and now_s - self._queried_at >= RETRY_S:
+        if self._query and now_s - self._queried_at >= QUERY_RETRY_S:
             self._queried_at = now_s
             self._send_query(self._query)
 
@@ -162,12 +162,9 @@ class TuningRequests:
         row = parameters_of(CONTROLLER).get(name)
         for role in row.nodes if row else (CONTROLLER,):
             if role in self._nodes:
-                request = SetParameters.Request(
-                    parameters=[Parameter(name, value=value).to_parameter_msg()]
-                )
                 self._call(
                     self._nodes[role],
-                    request,
+                    setting(name, value),
                     lambda answer: self._take_answer(name, numbers, answer),
                 )
 
@@ -184,12 +181,8 @@ class TuningRequests:
         if (node, kind) not in self._clients:
             service = f'{node}/{_SERVICES[kind]}'
             self._clients[node, kind] = self._node.create_client(kind, service)
-        client = self._clients[node, kind]
-        if client.service_is_ready():
-            client.call_async(request).add_done_callback(
-                lambda future: on_response(future.result())
-            )
-        elif kind is SetParameters:
+        is_there = send(self._clients[node, kind], request, on_response)
+        if kind is SetParameters and not is_there:
             self._notify(f'{node}: service not available')
 
 

@@ -84,11 +84,7 @@ class ViewerRequests:
     def _send(
         self, client: Any, name: str, request: Any, on_response: Callable[[Any], None]
     ) -> None:
-        if client is not None and client.service_is_ready():
-            client.call_async(request).add_done_callback(
-                lambda future: on_response(future.result())
-            )
-        else:
+        if client is None or not send(client, request, on_response):
             self._notify(f'{name}: service not available')
 
     def pause(self, pause: bool) -> None:
@@ -105,7 +101,7 @@ class ViewerRequests:
 
     def set_real_time_factor(self, factor: float) -> None:
         """Set the real-time factor; 0 is as fast as possible."""
-        request = _setting('real_time_factor', factor)
+        request = setting('real_time_factor', factor)
 
         def send() -> None:
             client = self._plant_parameters.find(SetParameters)
@@ -135,7 +131,7 @@ class ViewerRequests:
         def report(answer: Trigger.Response) -> None:
             self._notify(f'{scenario} begins' if answer.success else answer.message)
 
-        request = _setting('scenario', scenario)
+        request = setting('scenario', scenario)
         self._waiting.put(lambda: self._call(f'{SUPERVISOR}/set_parameters', request, begin))
 
     def plant_parameters(
@@ -200,6 +196,15 @@ class _ParameterClients:
         return self._clients[kind]
 
 
-def _setting(name: str, value: Any) -> SetParameters.Request:
+def send(client: Any, request: Any, on_response: Callable[[Any], None]) -> bool:
+    """Send a request to a service; return whether the service is there."""
+    if not client.service_is_ready():
+        return False
+    client.call_async(request).add_done_callback(lambda future: on_response(future.result()))
+    return True
+
+
+def setting(name: str, value: Any) -> SetParameters.Request:
+    """Return the request that sets a parameter."""
     message: Parameter = RosParameter(name, value=value).to_parameter_msg()
     return SetParameters.Request(parameters=[message])

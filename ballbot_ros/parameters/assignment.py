@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,6 +12,9 @@ from ballbot_ros.parameters.parameter import ParameterError
 from ballbot_ros.parameters.parameter_set import ParameterSet
 from ballbot_ros.parameters.table import ALL_NODES, parameters_of
 from ballbot_ros.yaml_document import parse_value
+
+Parameters = Mapping[str, object] | str | os.PathLike[str]
+"""Values of parameters by ``node.param``, such as ``{'plant_sim.body_mass': 0.6}``, or a file."""
 
 
 def assign(parameters: ParameterSet, assignment: str) -> None:
@@ -44,6 +48,11 @@ def assign_values(parameters: ParameterSet, values: Mapping[str, object]) -> Non
         if not (dot and node and name):
             raise ParameterError(f'{target!r} is not of the form node.param')
         parameters.set(node, name, value)
+
+
+def plain_values(given: Mapping[str, object]) -> dict[str, object]:
+    """Return values by ``node.param`` without numpy's types, see :func:`plain_value`."""
+    return {str(name): plain_value(value) for name, value in given.items()}
 
 
 def plain_value(value: Any) -> Any:

@@ -82,6 +82,11 @@ class Parameter:
     takes_effect: TakesEffect
     is_designed: bool = False
 
+    @property
+    def is_live(self) -> bool:
+        """Whether a new value takes effect in a running node immediately."""
+        return self.takes_effect is TakesEffect.IMMEDIATELY
+
     def check(self, value: object, where: str) -> Value:
         """Return `value` in the parameter's own type; raise ParameterError if it is not allowed."""
         name = f'{where}{self.name}'

@@ -26,7 +26,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
-from ballbot_ros.parameters.assignment import assign_values, plain_value
+from ballbot_ros.parameters.assignment import Parameters, assign_values, plain_value, plain_values
 from ballbot_ros.parameters.controller import MODEL, USER
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.plant.model import PhysicalParameters
@@ -38,9 +38,6 @@ from ballbot_ros.simulation.outcome import Outcome
 
 if TYPE_CHECKING:
     import control
-
-Parameters = Mapping[str, object] | str | os.PathLike[str]
-"""Values of parameters by ``node.param``, such as ``{'plant_sim.body_mass': 0.6}``, or a file."""
 
 _PHYSICAL = frozenset(f'{PLANT}.{each.name}' for each in fields(PhysicalParameters))
 _GAINS = frozenset(f'{CONTROLLER}.{name}' for name in ('k_f', 'k_i', 'pwm_gain'))
@@ -221,7 +218,7 @@ def _file_and_values(parameters: Parameters | None) -> tuple[Path | None, dict[s
     if parameters is None:
         return None, {}
     if isinstance(parameters, Mapping):
-        return None, {str(name): plain_value(value) for name, value in parameters.items()}
+        return None, plain_values(parameters)
     return Path(parameters), {}
 
 

@@ -28,29 +28,20 @@ class Tick(NamedTuple):
     outputs: DeviceOutputs
 
 
-class ClosedLoop:
+class ClosedLoop(Robot):
     """The whole robot: plant, devices and control program.
+
+    The other parameters and attributes, and the errors, are those of :class:`Robot`.
 
     Parameters
     ----------
-    scenario : Scenario or ExternalInputs, or None
-        Stick signals and pushes; None for a neutral stick and no push.
     program : Program or None
         The control program; None for the one that the controller's parameters select.
-    recorded : mapping of str to mapping of int to object
-        Recorded samples that replace those of a device, by its field and their stamps [ns].
 
     Attributes
     ----------
     program : Program
         The control program.
-    world : World or None
-        None for an unlimited floor without walls.
-
-    Raises
-    ------
-    WorldError
-        If the map can't be read, or the start position is blocked.
     """
 
     def __init__(
@@ -61,10 +52,7 @@ class ClosedLoop:
         program: Program | None = None,
         recorded: Mapping[str, Mapping[int, Any]] = MappingProxyType({}),
     ) -> None:
-        self._robot = Robot(parameters, scenario, start_ns, recorded)
-        self._start_ns = start_ns
-        self.world, self.plant = self._robot.world, self._robot.plant
-        self.pushes = self._robot.pushes
+        super().__init__(parameters, scenario, start_ns, recorded)
         self.program = program or implementation_for(parameters.of(ControllerParameters)).make()
 
     def ticks(self, duration: float) -> Iterator[Tick]:
@@ -78,8 +66,8 @@ class ClosedLoop:
         """Run one tick: sample the devices, run the due tasks, advance the plant by 4 ms."""
         truth, wall_hit = self.plant.truth(), self.plant.wall_hit
         now_ns = truth.stamp_ns
-        inputs = self._robot.sample(truth)
-        elapsed_ms = (now_ns - self._start_ns) // MILLISECOND_NS
+        inputs = self.sample(truth)
+        elapsed_ms = (now_ns - self.start_ns) // MILLISECOND_NS
         outputs = self.program.tick(elapsed_ms, now_ns // MILLISECOND_NS, inputs)
         self.plant.tick(*outputs.duty)
         return Tick(truth, wall_hit, inputs, outputs)

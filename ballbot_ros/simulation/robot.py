@@ -58,12 +58,19 @@ class _SampledDevice(NamedTuple):
 class Robot:
     """Plant, devices and external inputs; whoever computes the duties moves it by `plant.tick`.
 
-    The parameters are those of :class:`~ballbot_ros.simulation.closed_loop.ClosedLoop`.
+    Parameters
+    ----------
+    scenario : Scenario or ExternalInputs, or None
+        Stick signals and pushes; None for a neutral stick and no push.
+    recorded : mapping of str to mapping of int to object
+        Recorded samples that replace those of a device, by its field and their stamps [ns].
 
     Attributes
     ----------
     start_ns : int
         Sim time of the first tick [ns].
+    plant : Plant
+        The plant.
     world : World or None
         None for an unlimited floor without walls.
     pushes : sequence of Push
