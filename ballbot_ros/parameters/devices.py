@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from ballbot_ros.parameters.parameter import DriverParameters, quantity, setting
+from ballbot_ros.parameters.parameter import DriverParameters, dead_time, quantity, setting
 from ballbot_ros.parameters.shared import BodyDepth, DeviceSeed, MapChoice
 from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
 
@@ -17,6 +17,8 @@ class GyroParameters(DeviceSeed, DriverParameters):
     node: ClassVar[str] = 'gyro_driver'
     period_ns: ClassVar[int] = TICK_NS
 
+    delay: int = dead_time('age of the samples')
+    delay_jitter: int = dead_time('largest random addition to the delay')
     zero_rate_offset_x: float = quantity(
         600.0, 'deg/s', (0.0, 1023.0), 'reading at rest, gyro S1 (x)', 'facts'
     )
@@ -34,11 +36,14 @@ class GyroParameters(DeviceSeed, DriverParameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EncoderParameters(DriverParameters):
-    """``encoder_driver`` has no parameters: an encoder only counts degrees."""
+class EncoderParameters(DeviceSeed, DriverParameters):
+    """The parameters of ``encoder_driver``: an encoder only counts degrees."""
 
     node: ClassVar[str] = 'encoder_driver'
     period_ns: ClassVar[int] = TICK_NS
+
+    delay: int = dead_time('age of the samples')
+    delay_jitter: int = dead_time('largest random addition to the delay')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +53,8 @@ class SonarParameters(DeviceSeed, MapChoice, BodyDepth, DriverParameters):
     node: ClassVar[str] = 'sonar_driver'
     period_ns: ClassVar[int] = SLOW_PERIOD_NS
 
+    delay: int = dead_time('age of the samples')
+    delay_jitter: int = dead_time('largest random addition to the delay')
     noise_cm: float = quantity(0.0, 'cm', (0.0, 50.0), 'largest error of a distance', 'facts')
     dropout_probability: float = quantity(
         0.0, '1', (0.0, 1.0), 'share of missed echoes (255)', 'facts'

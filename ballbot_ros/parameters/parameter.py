@@ -20,6 +20,9 @@ _Value = TypeVar('_Value', bound=Value)
 _Node = TypeVar('_Node', bound='NodeParameters')
 _Bounds = tuple[float, float]
 
+MAX_DELAY_MS = 100
+"""Longest dead time, and largest jitter [ms]."""
+
 MAX_DESIGNED = 10_000
 """Largest number of designed values in one parameter."""
 
@@ -211,6 +214,11 @@ def quantity(
         default, unit=unit, bounds=bounds, or_zero=or_zero,
         description=description, source=source, takes_effect=takes_effect,
     )  # fmt: skip
+
+
+def dead_time(description: str) -> int:
+    """Declare a dead time in whole physics steps, or its jitter."""
+    return quantity(0, 'ms', (0, MAX_DELAY_MS), description, 'project')
 
 
 def setting(

@@ -6,8 +6,16 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from ballbot_ros.parameters.parameter import NodeParameters, TakesEffect, path, quantity, setting
+from ballbot_ros.parameters.parameter import (
+    NodeParameters,
+    TakesEffect,
+    dead_time,
+    path,
+    quantity,
+    setting,
+)
 from ballbot_ros.parameters.shared import (
+    DeviceSeed,
     Dimensions,
     LockstepChoice,
     MapChoice,
@@ -18,7 +26,7 @@ from ballbot_ros.parameters.shared import (
 
 @dataclass(frozen=True, kw_only=True)
 class PlantParameters(
-    Dimensions, Masses, MapChoice, ScenarioChoice, LockstepChoice, NodeParameters
+    Dimensions, Masses, MapChoice, ScenarioChoice, LockstepChoice, DeviceSeed, NodeParameters
 ):
     """The parameters of ``plant_sim``."""
 
@@ -66,6 +74,8 @@ class PlantParameters(
         'stop', 'reaction to a wall hit: end the run as failed, or report it and continue', 'B.3'
     )
     dead_zone: float = quantity(0.0, '%', (0.0, 50.0), 'duty lost to friction', '6.2')
+    actuator_delay: int = dead_time('time until a duty takes effect')
+    actuator_delay_jitter: int = dead_time('largest random addition to the delay')
     backlash: float = quantity(0.0, 'rad', (0.0, 0.5), 'motor gear play, end to end', '2.2')
     voltage_slope: float = quantity(
         0.001089, 'V/mV', (0.0, 1.0), 'motor voltage per battery voltage', '(6.1)'

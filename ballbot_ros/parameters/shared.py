@@ -11,7 +11,9 @@ from ballbot_ros.parameters.parameter import Subset, TakesEffect, path, quantity
 class DeviceSeed:
     """The seed of the devices' noise."""
 
-    seed: int = quantity(1, '1', (0, 2**63 - 1), 'seed of all device noise of the run', 'project')
+    seed: int = quantity(
+        1, '1', (0, 2**63 - 1), 'seed of all device noise and jitter of the run', 'project'
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
