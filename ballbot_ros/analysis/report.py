@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.analysis.assessment import Assessment, ExpectationResult, shown_metrics
 from ballbot_ros.analysis.extraction import Status
+from ballbot_ros.analysis.loop_summary import MarginRow, findings, margin_rows, neglected
 from ballbot_ros.analysis.page import number_text, render_template, write_folder
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures
@@ -24,6 +26,7 @@ from ballbot_ros.former_names import (
 )
 from ballbot_ros.parameters import (
     CONTROLLER,
+    DOCUMENTS_PROGRAM,
     NODES,
     GyroParameters,
     PlantParameters,
@@ -45,7 +48,10 @@ MEANINGS: Mapping[str, str] = {**METRICS.meanings, **RUN_METRICS.meanings}
 def write_report(assessment: Assessment, folder: Path) -> None:
     """Write the report of a run into `folder`, as `page.write_folder` does."""
     figures = draw_figures(assessment.run)
-    page = report_page(assessment, figures)
+    loop = loop_of(assessment.run)
+    if loop:
+        figures.append(loop.figure)
+    page = report_page(assessment, figures, loop)
     metrics = csv_text(
         ('metric', 'value', 'meaning'),
         (
@@ -56,7 +62,41 @@ def write_report(assessment: Assessment, folder: Path) -> None:
     write_folder(folder, page, figures, {'metrics.csv': metrics})
 
 
-def report_page(assessment: Assessment, figures: list[RenderedFigure]) -> str:
+@dataclass(frozen=True)
+class LoopSection:
+    """What the report says about the loop with the parameters at the start of the run."""
+
+    margins: list[MarginRow]
+    findings: list[str]
+    neglected: list[str]
+    figure: RenderedFigure
+
+
+def loop_of(run: RunData) -> LoopSection | None:
+    """Return the loop of a run; None if it is unknown, as that of another controller."""
+    if not run.attached.has_parameters or run.attached.controller not in DOCUMENTS_PROGRAM:
+        return None
+    # Imported only here: python-control takes two seconds.
+    from ballbot_ros.analysis.loop_figure import render_loop
+    from ballbot_ros.design.loop_analysis import analyse_ideal, analyse_sampled
+    from ballbot_ros.design.state_feedback import DesignError
+
+    parameters = run.attached.parameters
+    try:
+        sampled = analyse_sampled(parameters)
+    except DesignError:
+        return None
+    return LoopSection(
+        margin_rows(analyse_ideal(parameters), sampled),
+        list(findings(sampled)),
+        neglected(parameters),
+        render_loop(parameters, sampled),
+    )
+
+
+def report_page(
+    assessment: Assessment, figures: list[RenderedFigure], loop: LoopSection | None
+) -> str:
     """Return the report as HTML."""
     run = assessment.run
     scenario = run.attached.scenario
@@ -75,6 +115,7 @@ def report_page(assessment: Assessment, figures: list[RenderedFigure]) -> str:
             for name, value in shown_metrics(assessment).items()
         ],
         figures=figures,
+        loop=loop,
         topic_statistics=run.topic_statistics,
         nodes=[
             {

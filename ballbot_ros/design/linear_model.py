@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import control
 import numpy as np
 
+from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.plant.model import PhysicalParameters, state_space
 
 STATES = ('theta', 'psi', 'theta_dot', 'psi_dot')
@@ -22,21 +21,19 @@ def plane_model(p: PhysicalParameters) -> control.StateSpace:
     )
 
 
-def ideal_loop(p: PhysicalParameters, gain: Sequence[float]) -> control.StateSpace:
+def ideal_loop(parameters: ParameterSet) -> control.StateSpace:
     """Return the loop of section 4.2, opened at the motor voltage: `v` to `v_fb` [V].
 
-    Parameters
-    ----------
-    gain : sequence of float, shape (5,)
-        k_f for theta, psi [V/deg], theta_dot, psi_dot [V·s/deg], then k_i [V/(deg·s)], in the
-        document's signs: the feedback subtracts their product with the states.
+    State feedback in continuous time with the gains in use: ``k_f`` on the states, ``k_i`` on the
+    integral of theta, both times ``pwm_gain``.
     """
-    a, b = state_space(p)
+    own = parameters.of(ControllerParameters)
+    a, b = state_space(PhysicalParameters.from_parameters(parameters.of(PlantParameters)))
     a_bar = np.zeros((5, 5))
     a_bar[:4, :4] = a
     a_bar[4, 0] = 1.0
     b_bar = np.vstack([b[:, :1], [[0.0]]])
-    c = np.reshape(gain, (1, 5)) * _DEGREES_PER_RADIAN
+    c = own.pwm_gain * np.array([[*own.k_f, own.k_i]]) * _DEGREES_PER_RADIAN
     states = (*STATES, 'theta_integral')
     return control.ss(
         a_bar, b_bar, c, 0.0, inputs=['v'], outputs=['v_fb'], states=states, name='loop'

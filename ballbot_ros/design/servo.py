@@ -1,4 +1,4 @@
-"""The servo controller of section 4.2: gains, closed-loop poles and stability margins."""
+"""The servo controller of section 4.2: gains and closed-loop poles."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import control
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.design.linear_model import ideal_loop
 from ballbot_ros.design.state_feedback import lqr
 from ballbot_ros.plant.model import Matrix, PhysicalParameters, state_space
 
@@ -22,7 +20,7 @@ PUBLISHED_GAIN = (-0.015, -1.5698, -0.027, -0.2325, -0.0071)
 
 @dataclass(frozen=True)
 class ServoDesign:
-    """A servo controller and its properties.
+    """A servo controller.
 
     Attributes
     ----------
@@ -32,19 +30,12 @@ class ServoDesign:
         k_f for theta, psi, theta_dot, psi_dot, then k_i.
     poles : ndarray of complex, shape (5,)
         Closed-loop poles [1/s].
-    gain_margins : tuple of float
-        Factors on the loop gain between which the loop stays stable.
-    phase_margin_deg, delay_margin_s : float
-        Additional phase lag and dead time at the motor that the loop tolerates.
     """
 
     a: Matrix
     b: Matrix
     gain: Matrix
     poles: NDArray[np.complex128]
-    gain_margins: tuple[float, float]
-    phase_margin_deg: float
-    delay_margin_s: float
 
 
 def degree_state_space(p: PhysicalParameters) -> tuple[Matrix, Matrix]:
@@ -71,18 +62,9 @@ def design_servo(
     a_bar[4, 0] = 1.0
     b_bar = np.vstack([b, [[0.0]]])
     gain = lqr(a_bar, b_bar, np.diag(q_diagonal), [[r]])
-    loop = ideal_loop(p, gain[0])
-    gains, phase, _, _, phase_at, _ = control.stability_margins(loop, returnall=True)
-    lower = max((float(gain) for gain in gains if gain < 1.0), default=0.0)
-    upper = min((float(gain) for gain in gains if gain > 1.0), default=math.inf)
-    index = int(np.argmin(np.abs(phase)))
-    delays = [math.radians(m % 360.0) / w for m, w in zip(phase, phase_at, strict=True)]
     return ServoDesign(
         a=a,
         b=b,
         gain=gain[0],
         poles=np.linalg.eigvals(a_bar - b_bar @ gain).astype(complex),
-        gain_margins=(lower, upper),
-        phase_margin_deg=float(phase[index]),
-        delay_margin_s=min(delays),
     )

@@ -21,7 +21,6 @@ from ballbot_ros.files import temporary_folder
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
-    ControllerParameters,
     ParameterError,
     ParameterSet,
     PlantParameters,
@@ -182,9 +181,7 @@ def loop(parameters: Parameters | None = None) -> control.StateSpace:
     """
     from ballbot_ros.design.linear_model import ideal_loop
 
-    values = _parameter_set(parameters, _PHYSICAL | _GAINS)
-    own = values.of(ControllerParameters)
-    return ideal_loop(_physical(values), [own.pwm_gain * gain for gain in (*own.k_f, own.k_i)])
+    return ideal_loop(_parameter_set(parameters, _PHYSICAL | _GAINS))
 
 
 def _reference_and_values(

@@ -96,9 +96,9 @@ def assert_the_law_is_compiled(fast_control, constants, volts):
     # Small motions first, then ones that saturate the duty.
     for tick in range(COUNT // 2):
         spread = 1 if tick < 1000 else 400
-        gyro = 600 + generator.randint(-spread, spread)
-        revolution = generator.randint(-spread, spread) * tick
-        stick = generator.randint(-128, 127)
+        gyro = Single(600 + generator.randint(-spread, spread))
+        revolution = Single(generator.randint(-spread, spread) * tick)
+        stick = Single(generator.randint(-128, 127))
         voltage = Single(generator.uniform(0.5, 9.0) if volts == 'drawn' else volts)
         with np.errstate(all='ignore'):
             slow, *answer = control(constants, slow, gyro, revolution, stick, voltage)
@@ -120,7 +120,7 @@ def test_the_law_with_each_variable_at_its_edge(fast_control, value):
         for index in range(6):
             state = tuple(Single(value if each == index else 0) for each in range(6))
             for voltage in (Single(8), Single(0)):
-                arguments = (constants, state, 600, -3, 0, voltage)
+                arguments = (constants, state, Single(600), Single(-3), Single(0), voltage)
                 with np.errstate(all='ignore'):
                     expected = control(*arguments)
                 assert bits(fast_control(*arguments)) == bits(expected)

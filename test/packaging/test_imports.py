@@ -10,7 +10,8 @@ ROOT = Path(ballbot_ros.__file__).parent
 FLOORS = (
     ('parameters', 'numerics'),
     ('plant', 'brick'),
-    ('world', 'controllers', 'design', 'recording'),
+    ('world', 'controllers', 'recording'),
+    ('design',),
     ('codegen', 'scenario', 'teleop'),
     ('simulation',),
     ('messages', 'environments'),

@@ -2,7 +2,8 @@
 
 Functions on numbers: state in, state out. Every operation is one IEEE single-precision operation,
 in the order of the generated code, since addition is not associative and the duties must be
-bit-identical.
+bit-identical. Given numbers in double precision, :func:`control` computes in double precision,
+which the analysis of the loop makes use of.
 """
 
 from __future__ import annotations
@@ -53,9 +54,9 @@ def calibrated_offset(gyro_offset: Single, gyro: int, a_gc: Single) -> Single:
 def control(
     constants: Constants,
     state: AxisState,
-    gyro: int,
-    revolution: int,
-    stick: int,
+    gyro: Single,
+    revolution: Single,
+    stick: Single,
     max_voltage: Single,
 ) -> tuple[AxisState, AxisEstimates, Single]:
     """Return the next state, the estimates, and the duty [%], -100 ... 100, before truncation.
@@ -66,9 +67,9 @@ def control(
         Result of :func:`constants_of`.
     state : tuple of Single
         Result of the previous period; initially zeros, and a gyro reading as offset.
-    gyro, revolution : int
+    gyro, revolution : Single
         Gyro reading [deg/s + offset] and motor angle [deg].
-    stick : int
+    stick : Single
         Speed command, -gp_max ... gp_max.
     max_voltage : Single
         Motor voltage at full duty [V].
@@ -81,14 +82,13 @@ def control(
     gyro_offset, theta_ref_dot, sum_theta_ref_dot, sum_psi_dot, sum_theta_diff, smooth = state
 
     theta_ref = TS1_PERIOD * sum_theta_ref_dot / THOUSAND
-    theta_ref_dot = Single(stick) / gp_max * k_thetadot * complement_r + theta_ref_dot * a_r
+    theta_ref_dot = stick / gp_max * k_thetadot * complement_r + theta_ref_dot * a_r
 
     psi = TS1_PERIOD * sum_psi_dot / THOUSAND
-    theta = wheel_per_ball * Single(revolution) + psi
+    theta = wheel_per_ball * revolution + psi
     theta_smooth = theta * complement_d + smooth * a_d
-    reading = Single(gyro)
-    gyro_offset = reading * complement_gd + a_gd * gyro_offset
-    psi_dot = reading - gyro_offset
+    gyro_offset = gyro * complement_gd + a_gd * gyro_offset
+    psi_dot = gyro - gyro_offset
     theta_dot = (theta_smooth - smooth) * THOUSAND / TS1_PERIOD
 
     theta_diff = theta_ref - theta
@@ -166,7 +166,7 @@ class Axis:
             self.sum_theta_diff, self.theta_smooth,
         )  # fmt: skip
         state, estimates, duty = control(
-            self._constants, state, gyro, revolution, stick, max_voltage
+            self._constants, state, Single(gyro), Single(revolution), Single(stick), max_voltage
         )
         (
             self.gyro_offset, self.theta_ref_dot, self.sum_theta_ref_dot, self.sum_psi_dot,

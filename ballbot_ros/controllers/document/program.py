@@ -143,7 +143,7 @@ class ControlProgram:
         if self.control_mode == ControlMode.CONTROL:
             self.sticks = brick.read_sticks(self.sticks)
             stick_x, stick_y = self._command()
-            max_voltage = VOLTAGE_SLOPE * self.battery - VOLTAGE_OFFSET
+            max_voltage = max_motor_voltage(self.battery)
             brick.duty = (
                 self.x.control(brick.gyro[0], brick.revolutions[0], stick_x, max_voltage),
                 self.y.control(brick.gyro[1], brick.revolutions[1], stick_y, max_voltage),
@@ -220,6 +220,11 @@ class ControlProgram:
         self.log_counter = (self.log_counter + 1) & 0xFF
         if self.log_counter == self._p.log_count:
             self.log_counter = 0
+
+
+def max_motor_voltage(battery: Single) -> Single:
+    """Return the motor voltage at full duty [V] for a battery voltage [mV], (6.1)."""
+    return VOLTAGE_SLOPE * battery - VOLTAGE_OFFSET
 
 
 def logged(value: SupportsFloat) -> int:

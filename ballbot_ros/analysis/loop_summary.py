@@ -1,0 +1,137 @@
+"""The loop in words and numbers: margins of the ideal loop next to those of the loop that runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+from ballbot_ros.parameters import (
+    ControllerParameters,
+    EncoderParameters,
+    GyroParameters,
+    ParameterSet,
+    PlantParameters,
+)
+
+if TYPE_CHECKING:  # python-control takes two seconds to import
+    from ballbot_ros.design.loop_analysis import LoopAnalysis, Pole
+    from ballbot_ros.design.margins import Margins
+
+IDEAL, AS_IT_RUNS = 'ideal, continuous', 'as it runs'
+"""Headings of the two loops."""
+
+
+class MarginRow(NamedTuple):
+    """A margin of both loops, and the frequency at which the one that runs oscillates."""
+
+    name: str
+    ideal: str
+    sampled: str
+    frequency: str
+
+
+def margin_rows(ideal: LoopAnalysis, sampled: LoopAnalysis) -> list[MarginRow]:
+    """Return the margins of the ideal loop next to those of the loop that runs."""
+    columns = [_words(loop.margins) for loop in (ideal, sampled)]
+    frequencies = _frequencies(sampled.margins)
+    return [MarginRow(*row) for row in zip(_NAMES, *columns, frequencies, strict=True)]
+
+
+_NAMES = ('gain', 'phase', 'dead time', 'disk margin', 'sensitivity peak')
+
+
+def _words(margins: Margins | None) -> list[str]:
+    if margins is None:
+        return ['unstable', *['–'] * (len(_NAMES) - 1)]
+    return [
+        f'{_number(margins.gain_low.value)} … {_number(margins.gain_high.value)}',
+        f'{_number(margins.phase_deg.value)}°',
+        f'{_number(margins.dead_time_ms.value)} ms',
+        _number(margins.disk),
+        _number(margins.sensitivity.value),
+    ]
+
+
+def _frequencies(margins: Margins | None) -> list[str]:
+    if margins is None:
+        return [''] * len(_NAMES)
+    gains = [_hertz(each.hz) for each in (margins.gain_low, margins.gain_high)]
+    return [
+        ' … '.join(filter(None, gains)),
+        _hertz(margins.phase_deg.hz),
+        _hertz(margins.dead_time_ms.hz),
+        '',
+        _hertz(margins.sensitivity.hz),
+    ]
+
+
+def findings(sampled: LoopAnalysis) -> Iterator[str]:
+    """Yield what limits the loop that runs, a sentence each."""
+    if pole := sampled.unstable:
+        yield f'Unstable: pole {complex_text(pole.value)} grows at {_hertz(pole.hz)}.'
+    if pole := sampled.ringing:
+        yield (
+            f'Rings at {_hertz(pole.hz)}: pole {complex_text(pole.value)}, '
+            f'damping {_number(pole.damping)}.'
+        )
+    if margins := sampled.margins:
+        yield from _limits(margins)
+    if noise := sampled.noise:
+        yield (
+            f'Noise of one count of the gyro gives {_number(noise.gyro)} % duty, of the encoder '
+            f'{_number(noise.encoder)} %; rounding to whole counts {_number(noise.rounding)} % '
+            '(standard deviations).'
+        )
+
+
+def _limits(margins: Margins) -> Iterator[str]:
+    for change, limit in (
+        ('{} times the gain', margins.gain_high),
+        ('{} times the gain', margins.gain_low),
+        ('{} ms more dead time', margins.dead_time_ms),
+    ):
+        if not math.isnan(limit.hz):
+            words = change.format(_number(limit.value))
+            yield f'{words[0].upper()}{words[1:]}: oscillates at {_hertz(limit.hz)}.'
+
+
+def neglected(parameters: ParameterSet) -> list[str]:
+    """Return what a run with these parameters has and the linear model does not."""
+    plant, own = parameters.of(PlantParameters), parameters.of(ControllerParameters)
+    jitters = (
+        plant.actuator_delay_jitter,
+        parameters.of(GyroParameters).delay_jitter,
+        parameters.of(EncoderParameters).delay_jitter,
+    )
+    present = {
+        'the dead zone': plant.dead_zone > 0.0,
+        'the gear play': plant.backlash > 0.0,
+        'pwm_offset': own.pwm_offset > 0.0,
+        'the draining battery': plant.battery_model == 'draining',
+        'the jitter, beyond its mean': any(jitters),
+    }
+    return [name for name, is_present in present.items() if is_present]
+
+
+def complex_text(value: complex) -> str:
+    """Return a pole, or the pair that it belongs to, with 4 digits."""
+    real = f'{value.real + 0.0:.4g}'.replace('-', '−')
+    if abs(value.imag) < 1e-9:
+        return real
+    return f'{real} ± {abs(value.imag):.4g}j'
+
+
+def single_poles(poles: tuple[Pole, ...]) -> list[Pole]:
+    """Return the poles with one of each conjugate pair."""
+    return [pole for pole in poles if pole.value.imag >= 0.0]
+
+
+def _number(value: float) -> str:
+    if math.isinf(value):
+        return '∞'
+    return f'{value:.3g}'
+
+
+def _hertz(hz: float) -> str:
+    return '' if math.isnan(hz) else f'{hz:.3g} Hz'

@@ -1,0 +1,204 @@
+"""What `ballbot design` prints: tables for people, or JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from ballbot_ros.analysis.loop_figure import render_loop
+from ballbot_ros.analysis.loop_summary import (
+    AS_IT_RUNS,
+    IDEAL,
+    complex_text,
+    findings,
+    margin_rows,
+    neglected,
+    single_poles,
+)
+from ballbot_ros.controllers.loading import public_reference
+from ballbot_ros.design.loop_analysis import LoopAnalysis, analyse_ideal, analyse_sampled
+from ballbot_ros.design.margins import Limit
+from ballbot_ros.design.sampled_loop import LoopDelays
+from ballbot_ros.design.servo import PUBLISHED_GAIN, design_servo
+from ballbot_ros.parameters import (
+    DOCUMENTS_PROGRAM,
+    ControllerParameters,
+    ParameterSet,
+    PlantParameters,
+)
+from ballbot_ros.plant.model import Matrix, PhysicalParameters
+
+GAIN_NAMES = ('θ', 'ψ', 'θ̇', 'ψ̇', '∫θ')
+
+
+class DesignOutput:
+    """The model of a plane, its servo gains and its loop, for a set of parameters."""
+
+    def __init__(self, parameters: ParameterSet) -> None:
+        self._parameters = parameters
+        self._own = parameters.of(ControllerParameters)
+        self._physical = PhysicalParameters.from_parameters(parameters.of(PlantParameters))
+        self._servo = design_servo(self._physical)
+        self._loops: tuple[LoopAnalysis, LoopAnalysis] | None = None
+        if self._own.implementation in DOCUMENTS_PROGRAM:
+            self._loops = analyse_ideal(parameters), analyse_sampled(parameters)
+
+    @property
+    def _in_use(self) -> tuple[float, ...]:
+        return (*self._own.k_f, self._own.k_i)
+
+    def print(self) -> None:
+        """Print the tables."""
+        console = Console(highlight=False, markup=False)
+        self._print_model(console)
+        self._print_gains(console)
+        if self._loops is None:
+            reference = public_reference(self._own.implementation)
+            console.print(
+                f"The loop is known for the document's program only, not for {reference}."
+            )
+            return
+        _, sampled = self._loops
+        console.print(_margin_table(*self._loops))
+        console.print(_pole_table(sampled))
+        for finding in findings(sampled):
+            console.print(finding)
+        if names := neglected(self._parameters):
+            console.print(f'Not in this linear model: {", ".join(names)}.')
+
+    def _print_model(self, console: Console) -> None:
+        physical, servo = self._physical, self._servo
+        title = Text('State equation (3.24)', 'bold')
+        console.print(title + ', state θ ψ θ̇ ψ̇ in deg and deg/s, input in V')
+        console.print(f'α = {physical.alpha:.6g} N·m/V   β = {physical.beta:.6g} N·m·s/rad')
+        _print_matrix(console, 'A', servo.a)
+        _print_matrix(console, 'B', servo.b)
+        console.print(f'open-loop poles    {_poles(np.linalg.eigvals(servo.a))} 1/s')
+        console.print(f'closed-loop poles  {_poles(servo.poles)} 1/s')
+
+    def _print_gains(self, console: Console) -> None:
+        table = Table(title='Servo gains', title_justify='left')
+        for heading in ('', 'computed', 'published', 'in use'):
+            table.add_column(heading, justify='right')
+        rows = zip(GAIN_NAMES, self._servo.gain, PUBLISHED_GAIN, self._in_use, strict=True)
+        for name, computed, published, used in rows:
+            table.add_row(name, f'{computed:.8f}', f'{published:g}', f'{used:.8f}')
+        console.print(table)
+
+    def plot(self) -> bytes:
+        """Return the picture of the loop as PNG.
+
+        Raises
+        ------
+        DesignError
+            If the controller is another than the document's program.
+        """
+        _, sampled = self._loops or (None, analyse_sampled(self._parameters))
+        return render_loop(self._parameters, sampled).png
+
+    def as_json(self) -> dict[str, object]:
+        """Return the content as JSON; an infinite number, or one that does not exist, is null."""
+        physical, servo = self._physical, self._servo
+        delays = LoopDelays.of(self._parameters)
+        return {
+            'model': {
+                'alpha': physical.alpha,
+                'beta': physical.beta,
+                'a': servo.a.tolist(),
+                'b': servo.b.tolist(),
+                'poles': [_pair(pole) for pole in np.linalg.eigvals(servo.a)],
+            },
+            'gains': {
+                'computed': servo.gain.tolist(),
+                'published': list(PUBLISHED_GAIN),
+                'in_use': list(self._in_use),
+                'poles': [_pair(pole) for pole in servo.poles],
+            },
+            'delays_ms': {
+                'actuator': delays.actuator, 'gyro': delays.gyro, 'encoder': delays.encoder
+            },
+            'ideal': _loop_json(self._loops[0]) if self._loops else None,
+            'as_it_runs': _loop_json(self._loops[1]) if self._loops else None,
+            'findings': list(findings(self._loops[1])) if self._loops else [],
+            'neglected': neglected(self._parameters),
+        }  # fmt: skip
+
+
+def _loop_json(loop: LoopAnalysis) -> dict[str, object]:
+    margins, noise = loop.margins, loop.noise
+    return {
+        'stable': loop.unstable is None,
+        'poles': [
+            {'value': _pair(pole.value), 'hz': pole.hz, 'damping': pole.damping}
+            for pole in loop.poles
+        ],
+        'margins': None
+        if margins is None
+        else {
+            'gain_low': _limit(margins.gain_low),
+            'gain_high': _limit(margins.gain_high),
+            'phase_deg': _limit(margins.phase_deg),
+            'dead_time_ms': _limit(margins.dead_time_ms),
+            'disk': margins.disk,
+            'sensitivity_peak': _limit(margins.sensitivity),
+        },
+        'duty_percent_per_count': None
+        if noise is None
+        else {'gyro': noise.gyro, 'encoder': noise.encoder, 'rounding': noise.rounding},
+    }
+
+
+def _limit(limit: Limit) -> dict[str, float | None]:
+    return {
+        name: value if math.isfinite(value) else None for name, value in limit._asdict().items()
+    }
+
+
+def _pair(value: complex) -> list[float]:
+    return [float(value.real), float(value.imag)]
+
+
+def _margin_table(ideal: LoopAnalysis, sampled: LoopAnalysis) -> Table:
+    table = Table(title='Margins of the gains in use', title_justify='left')
+    table.add_column('')
+    for heading in (IDEAL, AS_IT_RUNS, 'oscillates at'):
+        table.add_column(heading, justify='right')
+    for row in margin_rows(ideal, sampled):
+        table.add_row(*row)
+    return table
+
+
+def _pole_table(loop: LoopAnalysis) -> Table:
+    table = Table(title='Poles of the loop that runs, every 4 ms', title_justify='left')
+    for heading in ('z', '|z|', 'frequency [Hz]', 'damping'):
+        table.add_column(heading, justify='right')
+    for pole in single_poles(loop.poles):
+        table.add_row(
+            complex_text(pole.value),
+            f'{abs(pole.value):.5f}',
+            f'{pole.hz:.3g}',
+            f'{pole.damping:.3g}'.replace('-', '−'),
+        )
+    return table
+
+
+def _print_matrix(console: Console, name: str, matrix: Matrix) -> None:
+    for index, row in enumerate(matrix):
+        label = f'{name} =' if index == 0 else ''
+        console.print(f'{label:>4} ' + ' '.join(f'{value + 0.0:12.6g}' for value in row))
+
+
+def _poles(poles: Iterable[complex]) -> str:
+    """Return poles from slow to fast as text, with each conjugate pair as one word."""
+    words = []
+    for pole in sorted(poles, key=lambda p: (abs(p), p.imag)):
+        if abs(pole.imag) < 1e-9:
+            words.append(f'{pole.real + 0.0:.4g}')
+        elif pole.imag > 0.0:
+            words.append(f'{pole.real:.4g} ± {pole.imag:.4g}j')
+    return '   '.join(words)

@@ -1,0 +1,176 @@
+"""What the loop of one plane can bear: poles, margins and noise, ideal and as it runs."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import matrix_balance, solve_discrete_lyapunov
+from scipy.optimize import bisect
+
+from ballbot_ros.design.linear_model import ideal_loop
+from ballbot_ros.design.margins import Limit, LoopResponse, Margins
+from ballbot_ros.design.sampled_loop import ENCODER_ERROR, GYRO_ERROR, LoopDelays, SampledLoop
+from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.timing import TICK_S
+
+MAX_DEAD_TIME_MS = 100.0
+"""Longest additional dead time for which the margin of a sampled loop is sought."""
+
+_DEAD_TIME_STEP_MS = 0.25
+
+RINGING = 0.1
+"""Damping ratio below which a loop rings."""
+
+_ROUNDING = math.sqrt(1.0 / 12.0)
+"""Standard deviation of the error of a number rounded to an integer."""
+
+
+class Pole(NamedTuple):
+    """A pole and its motion.
+
+    Attributes
+    ----------
+    value : complex
+        In the s plane [1/s], or in the z plane of a sampled loop.
+    hz : float
+        Natural frequency [Hz].
+    damping : float
+        Damping ratio; 1 if it does not oscillate, negative if it is unstable.
+    """
+
+    value: complex
+    hz: float
+    damping: float
+
+    @classmethod
+    def of(cls, value: complex, dt: float = 0.0) -> Pole:
+        """Return a pole in the s plane, or, with a sampling period `dt` [s], in the z plane."""
+        s = cmath.log(value) / dt if dt else value
+        return cls(value, abs(s) / (2.0 * math.pi), -s.real / abs(s) if s else 0.0)
+
+
+@dataclass(frozen=True)
+class SampleNoise:
+    """The duty that errors of the samples cause, as standard deviations [%].
+
+    Attributes
+    ----------
+    gyro, encoder : float
+        For white noise with a standard deviation of one count, 1 deg/s or 1 deg.
+    """
+
+    gyro: float
+    encoder: float
+
+    @property
+    def rounding(self) -> float:
+        """For samples rounded to whole counts, if each error is independent of all others."""
+        return _ROUNDING * math.hypot(self.gyro, self.encoder)
+
+
+@dataclass(frozen=True)
+class LoopAnalysis:
+    """Properties of a closed loop.
+
+    Attributes
+    ----------
+    poles : tuple of Pole
+        From slow to fast.
+    margins : Margins or None
+        None if the loop is unstable.
+    noise : SampleNoise or None
+        None without samples, or if the loop is unstable.
+    """
+
+    poles: tuple[Pole, ...]
+    margins: Margins | None
+    noise: SampleNoise | None = None
+
+    @property
+    def ringing(self) -> Pole | None:
+        """The least damped of the stable poles that ring; None if there is none."""
+        rings = [pole for pole in self.poles if 0.0 < pole.damping < RINGING]
+        return min(rings, key=lambda pole: pole.damping, default=None)
+
+    @property
+    def unstable(self) -> Pole | None:
+        """The fastest growing pole; None if the loop is stable."""
+        grows = [pole for pole in self.poles if pole.damping <= 0.0]
+        return max(grows, key=lambda pole: -pole.damping * pole.hz, default=None)
+
+
+def analyse_ideal(parameters: ParameterSet) -> LoopAnalysis:
+    """Analyse the loop of section 4.2: the gains in use on all states, in continuous time."""
+    loop = ideal_loop(parameters)
+    poles = np.linalg.eigvals(loop.A - loop.B @ loop.C)
+    is_stable = bool((poles.real < 0.0).all())
+    return LoopAnalysis(
+        poles=_sorted(Pole.of(complex(pole)) for pole in poles),
+        margins=LoopResponse(loop).margins() if is_stable else None,
+    )
+
+
+def analyse_sampled(parameters: ParameterSet) -> LoopAnalysis:
+    """Analyse the loop as it runs, as a :class:`SampledLoop`.
+
+    Raises
+    ------
+    DesignError
+        If the controller is not the document's program.
+    """
+    delays = LoopDelays.of(parameters)
+    loop = SampledLoop(parameters, delays)
+    poles = loop.poles()
+    is_stable = bool((abs(poles) < 1.0).all())
+    margins = noise = None
+    if is_stable:
+        margins = LoopResponse(loop.open_loop()).margins(_dead_time_margin(parameters, delays))
+        noise = SampleNoise(_noise(loop, GYRO_ERROR), _noise(loop, ENCODER_ERROR))
+    return LoopAnalysis(
+        poles=_sorted(Pole.of(complex(pole), TICK_S) for pole in poles if pole),
+        margins=margins,
+        noise=noise,
+    )
+
+
+def _sorted(poles: Iterable[Pole]) -> tuple[Pole, ...]:
+    return tuple(sorted(poles, key=lambda pole: (pole.hz, pole.value.imag)))
+
+
+def _dead_time_margin(parameters: ParameterSet, delays: LoopDelays) -> Limit:
+    """Return the additional dead time of the motors at which the loop oscillates [ms].
+
+    Within a tick it also changes how the duty acts, so it is found by the poles: a phase margin
+    divided by its frequency would miss it.
+    """
+
+    def slowest(extra_ms: float) -> complex:
+        delayed = replace(delays, actuator=delays.actuator + extra_ms)
+        return complex(max(SampledLoop(parameters, delayed).poles(), key=abs))
+
+    def excess(extra_ms: float) -> float:
+        return abs(slowest(extra_ms)) - 1.0
+
+    stable = 0.0
+    while stable < MAX_DEAD_TIME_MS:
+        unstable = stable + _DEAD_TIME_STEP_MS
+        if excess(unstable) >= 0.0:
+            margin = float(bisect(excess, stable, unstable, xtol=1e-6))
+            return Limit(margin, abs(cmath.phase(slowest(margin))) / TICK_S / (2.0 * math.pi))
+        stable = unstable
+    return Limit(math.inf, math.nan)
+
+
+def _noise(loop: SampledLoop, source: str) -> float:
+    """Return the standard deviation of the duty for white noise of 1 at an input."""
+    system = loop.duty_for(source)
+    # The states differ by orders of magnitude, and Lyapunov's equation squares them.
+    a, scale = matrix_balance(system.A)
+    b, c = np.linalg.solve(scale, system.B), system.C @ scale
+    variance = c @ solve_discrete_lyapunov(a, b @ b.T) @ c.T + system.D**2
+    return math.sqrt(variance.item())
