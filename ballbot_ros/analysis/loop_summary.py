@@ -43,7 +43,7 @@ _NAMES = ('gain', 'phase', 'dead time', 'disk margin', 'sensitivity peak')
 
 def _words(margins: Margins | None) -> list[str]:
     if margins is None:
-        return ['unstable', *['–'] * (len(_NAMES) - 1)]
+        return ['not stable', *['–'] * (len(_NAMES) - 1)]
     return [
         f'{_number(margins.gain_low.value)} … {_number(margins.gain_high.value)}',
         f'{_number(margins.phase_deg.value)}°',
@@ -69,7 +69,10 @@ def _frequencies(margins: Margins | None) -> list[str]:
 def findings(sampled: LoopAnalysis) -> Iterator[str]:
     """Yield what limits the loop that runs, a sentence each."""
     if pole := sampled.unstable:
-        yield f'Unstable: pole {complex_text(pole.value)} grows at {_hertz(pole.hz)}.'
+        if pole.is_growing:
+            yield f'Unstable: pole {complex_text(pole.value)} grows at {_hertz(pole.hz)}.'
+        else:
+            yield f'Not stable: what belongs to the pole {complex_text(pole.value)} never decays.'
     if pole := sampled.ringing:
         yield (
             f'Rings at {_hertz(pole.hz)}: pole {complex_text(pole.value)}, '

@@ -95,7 +95,7 @@ def loop_of(run: RunData) -> LoopSection | None:
 
 
 def report_page(
-    assessment: Assessment, figures: list[RenderedFigure], loop: LoopSection | None
+    assessment: Assessment, figures: list[RenderedFigure], loop: LoopSection | None = None
 ) -> str:
     """Return the report as HTML."""
     run = assessment.run

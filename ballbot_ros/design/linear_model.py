@@ -25,7 +25,7 @@ def ideal_loop(parameters: ParameterSet) -> control.StateSpace:
     """Return the loop of section 4.2, opened at the motor voltage: `v` to `v_fb` [V].
 
     State feedback in continuous time with the gains in use: ``k_f`` on the states, ``k_i`` on the
-    integral of theta, both times ``pwm_gain``.
+    integral of theta, both times ``pwm_gain``. Without ``k_i`` there is no integral.
     """
     own = parameters.of(ControllerParameters)
     a, b = state_space(PhysicalParameters.from_parameters(parameters.of(PlantParameters)))
@@ -35,6 +35,8 @@ def ideal_loop(parameters: ParameterSet) -> control.StateSpace:
     b_bar = np.vstack([b[:, :1], [[0.0]]])
     c = own.pwm_gain * np.array([[*own.k_f, own.k_i]]) * _DEGREES_PER_RADIAN
     states = (*STATES, 'theta_integral')
+    n = 5 if own.k_i else 4
     return control.ss(
-        a_bar, b_bar, c, 0.0, inputs=['v'], outputs=['v_fb'], states=states, name='loop'
-    )
+        a_bar[:n, :n], b_bar[:n], c[:, :n], 0.0,
+        inputs=['v'], outputs=['v_fb'], states=states[:n], name='loop',
+    )  # fmt: skip

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import matrix_balance, solve_discrete_lyapunov
 from scipy.optimize import bisect
 
@@ -22,6 +22,12 @@ MAX_DEAD_TIME_MS = 100.0
 """Longest additional dead time for which the margin of a sampled loop is sought."""
 
 _DEAD_TIME_STEP_MS = 0.25
+
+GONE = 1e-3
+"""Magnitude below which the motion of a sampled pole is over after a tick."""
+
+STEADY = 1e-6
+"""Rate of decay below which a motion counts as one that never ends [1/s]."""
 
 RINGING = 0.1
 """Damping ratio below which a loop rings."""
@@ -40,18 +46,31 @@ class Pole(NamedTuple):
     hz : float
         Natural frequency [Hz].
     damping : float
-        Damping ratio; 1 if it does not oscillate, negative if it is unstable.
+        Damping ratio; 1 if it does not oscillate, negative if it grows.
+    decay : float
+        Rate of its decay [1/s], negative if it grows.
     """
 
     value: complex
     hz: float
     damping: float
+    decay: float
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether its motion ends."""
+        return self.decay > STEADY
+
+    @property
+    def is_growing(self) -> bool:
+        """Whether its motion grows."""
+        return self.decay < -STEADY
 
     @classmethod
     def of(cls, value: complex, dt: float = 0.0) -> Pole:
         """Return a pole in the s plane, or, with a sampling period `dt` [s], in the z plane."""
         s = cmath.log(value) / dt if dt else value
-        return cls(value, abs(s) / (2.0 * math.pi), -s.real / abs(s) if s else 0.0)
+        return cls(value, abs(s) / (2.0 * math.pi), -s.real / abs(s) if s else 0.0, -s.real)
 
 
 @dataclass(frozen=True)
@@ -94,25 +113,22 @@ class LoopAnalysis:
     @property
     def ringing(self) -> Pole | None:
         """The least damped of the stable poles that ring; None if there is none."""
-        rings = [pole for pole in self.poles if 0.0 < pole.damping < RINGING]
+        rings = [pole for pole in self.poles if pole.is_stable and pole.damping < RINGING]
         return min(rings, key=lambda pole: pole.damping, default=None)
 
     @property
     def unstable(self) -> Pole | None:
-        """The fastest growing pole; None if the loop is stable."""
-        grows = [pole for pole in self.poles if pole.damping <= 0.0]
-        return max(grows, key=lambda pole: -pole.damping * pole.hz, default=None)
+        """The pole that grows fastest, or never decays; None if the loop is stable."""
+        others = [pole for pole in self.poles if not pole.is_stable]
+        return min(others, key=lambda pole: pole.decay, default=None)
 
 
 def analyse_ideal(parameters: ParameterSet) -> LoopAnalysis:
     """Analyse the loop of section 4.2: the gains in use on all states, in continuous time."""
     loop = ideal_loop(parameters)
-    poles = np.linalg.eigvals(loop.A - loop.B @ loop.C)
-    is_stable = bool((poles.real < 0.0).all())
-    return LoopAnalysis(
-        poles=_sorted(Pole.of(complex(pole)) for pole in poles),
-        margins=LoopResponse(loop).margins() if is_stable else None,
-    )
+    poles = _poles(np.linalg.eigvals(loop.A - loop.B @ loop.C))
+    is_stable = all(pole.is_stable for pole in poles)
+    return LoopAnalysis(poles, LoopResponse(loop).margins() if is_stable else None)
 
 
 def analyse_sampled(parameters: ParameterSet) -> LoopAnalysis:
@@ -125,20 +141,19 @@ def analyse_sampled(parameters: ParameterSet) -> LoopAnalysis:
     """
     delays = LoopDelays.of(parameters)
     loop = SampledLoop(parameters, delays)
-    poles = loop.poles()
-    is_stable = bool((abs(poles) < 1.0).all())
-    margins = noise = None
-    if is_stable:
-        margins = LoopResponse(loop.open_loop()).margins(_dead_time_margin(parameters, delays))
-        noise = SampleNoise(_noise(loop, GYRO_ERROR), _noise(loop, ENCODER_ERROR))
+    poles = _poles(loop.poles(), TICK_S)
+    if not all(pole.is_stable for pole in poles):
+        return LoopAnalysis(poles, None)
     return LoopAnalysis(
-        poles=_sorted(Pole.of(complex(pole), TICK_S) for pole in poles if pole),
-        margins=margins,
-        noise=noise,
+        poles,
+        LoopResponse(loop.open_loop()).margins(_dead_time_margin(parameters, delays)),
+        SampleNoise(_noise(loop, GYRO_ERROR), _noise(loop, ENCODER_ERROR)),
     )
 
 
-def _sorted(poles: Iterable[Pole]) -> tuple[Pole, ...]:
+def _poles(values: NDArray[np.complex128], dt: float = 0.0) -> tuple[Pole, ...]:
+    """Return poles from slow to fast, without those of a sampled loop that end within a tick."""
+    poles = (Pole.of(complex(value), dt) for value in values if not dt or abs(value) > GONE)
     return tuple(sorted(poles, key=lambda pole: (pole.hz, pole.value.imag)))
 
 

@@ -111,7 +111,7 @@ class SampledLoop:
     Raises
     ------
     DesignError
-        If the controller is another than the document's program, or the numbers overflow.
+        If the controller is another than the document's program.
     """
 
     def __init__(self, parameters: ParameterSet, delays: LoopDelays | None = None) -> None:
@@ -128,8 +128,6 @@ class SampledLoop:
         rows = np.vstack([tick.program, tick.gyro, tick.angle, tick[STICK]])
         *program_after, duty = _law(parameters) @ rows
         transition = np.vstack([tick.plane_after, program_after, tick.queues_after])
-        if not np.isfinite(transition).all():
-            raise DesignError('the loop as it runs has no finite model with these parameters')
         n = len(self.states)
         self.a, self.b = transition[:, :n], transition[:, n:]
         self.c, self.d = duty[:n], duty[n:]

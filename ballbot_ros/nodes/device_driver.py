@@ -10,7 +10,7 @@ from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import HISTORY
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.parameters import DriverParameters
+from ballbot_ros.parameters import DeviceParameters
 from ballbot_ros.simulation.devices import P
 from ballbot_ros.simulation.lockstep import Run
 
@@ -56,11 +56,11 @@ class DeviceDriver(BallbotNode[P]):
         self.count_sample(now_ns)
 
 
-def messages_of(cls: type[DriverParameters]) -> AnyDeviceMessages:
+def messages_of(cls: type[DeviceParameters]) -> AnyDeviceMessages:
     """Return the messages of the device whose driver has parameters of this class."""
     return next(each for each in DEVICE_MESSAGES if each.device.parameters is cls)
 
 
-def main(cls: type[DriverParameters]) -> None:
+def main(cls: type[DeviceParameters]) -> None:
     """Run the driver of the device that the class of its parameters identifies."""
     sys.exit(run_node(partial(DeviceDriver, cls)))

@@ -7,6 +7,7 @@ from ballbot_ros.parameters.controller import (
 )
 from ballbot_ros.parameters.devices import (
     DEVICES,
+    DeviceParameters,
     EncoderParameters,
     GyroParameters,
     SonarParameters,
@@ -87,6 +88,7 @@ __all__ = [
     'VIEWER',
     'VISUALIZER',
     'ControllerParameters',
+    'DeviceParameters',
     'Dimensions',
     'DriverParameters',
     'EncoderParameters',

@@ -11,7 +11,18 @@ from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
 
 
 @dataclass(frozen=True, kw_only=True)
-class GyroParameters(DeviceSeed, DriverParameters):
+class DeviceParameters(DeviceSeed, DriverParameters):
+    """The parameters that the driver of each device has.
+
+    Each driver declares its own dead time: declared here, it would be one value for all of them.
+    """
+
+    delay: int
+    delay_jitter: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class GyroParameters(DeviceParameters):
     """The parameters of ``gyro_driver``."""
 
     node: ClassVar[str] = 'gyro_driver'
@@ -36,7 +47,7 @@ class GyroParameters(DeviceSeed, DriverParameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EncoderParameters(DeviceSeed, DriverParameters):
+class EncoderParameters(DeviceParameters):
     """The parameters of ``encoder_driver``: an encoder only counts degrees."""
 
     node: ClassVar[str] = 'encoder_driver'
@@ -47,7 +58,7 @@ class EncoderParameters(DeviceSeed, DriverParameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SonarParameters(DeviceSeed, MapChoice, BodyDepth, DriverParameters):
+class SonarParameters(DeviceParameters, MapChoice, BodyDepth):
     """The parameters of ``sonar_driver``."""
 
     node: ClassVar[str] = 'sonar_driver'
@@ -76,5 +87,5 @@ class SonarParameters(DeviceSeed, MapChoice, BodyDepth, DriverParameters):
     )
 
 
-DEVICES: tuple[type[DriverParameters], ...] = (GyroParameters, EncoderParameters, SonarParameters)
+DEVICES: tuple[type[DeviceParameters], ...] = (GyroParameters, EncoderParameters, SonarParameters)
 """The parameter classes of the devices' drivers, one for each device."""

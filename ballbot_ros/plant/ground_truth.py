@@ -15,6 +15,14 @@ Pair = tuple[float, float]
 """A value of plane x and one of plane y, in plane signs (docs/frames.md)."""
 
 
+class MeasuredState(NamedTuple):
+    """What the devices measure of the true state of one physics step, as in `GroundTruth`."""
+
+    motor_angle: Pair
+    psi_rate: Pair
+    position: Pair
+
+
 class GroundTruth(NamedTuple):
     """The true state of the robot at one instant; every pair is (plane x, plane y).
 
@@ -30,6 +38,8 @@ class GroundTruth(NamedTuple):
         Ball centre, the start position plus Rs theta [m], and its rate [m/s].
     battery_voltage : float
         Terminal voltage [V] in single precision, as in its message.
+    steps : tuple of MeasuredState
+        The latest physics steps, this instant last; empty unless a device's samples are delayed.
     """
 
     stamp_ns: int
@@ -41,6 +51,7 @@ class GroundTruth(NamedTuple):
     position: Pair
     velocity: Pair
     battery_voltage: float
+    steps: tuple[MeasuredState, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import struct
+from collections import deque
 from typing import NamedTuple
 
+from ballbot_ros.brick.dead_time import DeadTime
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.actuator import Actuator, motor_current
 from ballbot_ros.plant.battery import Battery, BatteryParameters
-from ballbot_ros.plant.ground_truth import GroundTruth, Pair, Push
+from ballbot_ros.plant.delayed_duty import DelayedDuty, DutyState
+from ballbot_ros.plant.ground_truth import GroundTruth, MeasuredState, Pair, Push
 from ballbot_ros.plant.integration import PlaneState, linear_step, nonlinear_step
 from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.plant.wall_contact import ContactState, Floor, WallContact, WallHit
-from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK
+from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK, TICK_NS
 
 _FLOAT32 = struct.Struct('<f')
 
@@ -81,6 +84,10 @@ class PlantState(NamedTuple):
         As in :class:`Plant`.
     contact : ContactState or None
         None without walls.
+    duties : DutyState or None
+        None if the motors have no dead time.
+    steps : tuple of MeasuredState
+        The steps that are kept.
     """
 
     time_ns: int
@@ -93,6 +100,8 @@ class PlantState(NamedTuple):
     fallen: bool
     stopped: bool
     contact: ContactState | None
+    duties: DutyState | None
+    steps: tuple[MeasuredState, ...]
 
 
 class Plant:
@@ -124,6 +133,12 @@ class Plant:
         self._back_emf = p.back_emf_constant * p.ratio
         self._actuator = Actuator.from_parameters(parameters)
         self._battery = Battery(BatteryParameters.from_parameters(parameters))
+        dead_time = DeadTime(
+            'actuator', TICK_NS,
+            parameters.actuator_delay, parameters.actuator_delay_jitter, parameters.seed,
+        )  # fmt: skip
+        self._delayed_duty = DelayedDuty(dead_time) if dead_time.longest else None
+        self._steps: deque[MeasuredState] = deque()
         linear = parameters.plant_model == 'linear'
         make = linear_step if linear else nonlinear_step
         self._step = make(p, STEP_NS * 1e-9)
@@ -144,6 +159,17 @@ class Plant:
         self.time_ns = start_ns
         self.fallen = False
 
+    def keep_steps(self, age: int) -> None:
+        """Keep the physics steps up to this age for the truth; 0 for none.
+
+        Steps from before the start, or before they were kept, are like the first one known.
+        """
+        count = age + 1 if age else 0
+        if count != len(self._steps):
+            known = self._steps or (self._measured_state(),)
+            self._steps = deque([known[0]] * count, maxlen=count)
+            self._steps.extend(known)
+
     def push(self, push: Push) -> None:
         """Add a disturbance; a push that has already ended has no effect."""
         self._pushes.append(push)
@@ -156,15 +182,23 @@ class Plant:
     def tick(self, duty_x: int, duty_y: int) -> None:
         """Advance by one tick of 4 ms under integer duties within -100 ... 100 %."""
         duties = (duty_x, duty_y)
-        if not self._battery.draining:
+        delayed = self._delayed_duty
+        if delayed:
+            delayed.command(duties, self.time_ns)
+        voltage_is_constant = not (delayed or self._battery.draining)
+        if voltage_is_constant:
             self._apply(duties)
         for _ in range(STEPS_PER_TICK):
-            if self._battery.draining:
+            if not voltage_is_constant:
+                if delayed:
+                    duties = delayed.at(self.time_ns)
                 self._apply(duties)
                 self._battery.draw(self._supply_current(duties), STEP_NS * 1e-9)
             if self.time_ns >= self._hold_until and not self.fallen:
                 self._move()
             self.time_ns += STEP_NS
+            if self._steps:
+                self._steps.append(self._measured_state())
         if self._contact:
             self._contact.update_contact(self.time_ns)
             if self._contact.in_contact and self._stops_at_hit:
@@ -245,28 +279,36 @@ class Plant:
 
     def truth(self) -> GroundTruth:
         """Return the current state of the robot."""
-        p = self._physical
-        ratio, radius = self._ratio, p.ball_radius
-        (theta_x, psi_x, theta_dot_x, psi_dot_x), (theta_y, psi_y, theta_dot_y, psi_dot_y) = (
-            self._planes
-        )
-        if self._half_play:
-            angle = (self._shaft[0], self._shaft[1])
-        else:
-            angle = (self._wheel_angle(0), self._wheel_angle(1))
-        kt = p.torque_constant
+        ratio, radius = self._ratio, self._physical.ball_radius
+        (_, psi_x, theta_dot_x, psi_dot_x), (_, psi_y, theta_dot_y, psi_dot_y) = self._planes
+        kt = self._physical.torque_constant
         volts: float = _FLOAT32.unpack(_FLOAT32.pack(self._battery.voltage))[0]
         return GroundTruth(
             self.time_ns,
-            angle,
+            self._motor_angle(),
             (ratio * (theta_dot_x - psi_dot_x), ratio * (theta_dot_y - psi_dot_y)),
             (kt * self._current(0), kt * self._current(1)),
             (psi_x, psi_y),
             (psi_dot_x, psi_dot_y),
-            (self._start[0] + radius * theta_x, self._start[1] + radius * theta_y),
+            self._position(),
             (radius * theta_dot_x, radius * theta_dot_y),
             volts,
+            tuple(self._steps),
         )
+
+    def _measured_state(self) -> MeasuredState:
+        x, y = self._planes
+        return MeasuredState(self._motor_angle(), (x[3], y[3]), self._position())
+
+    def _motor_angle(self) -> Pair:
+        if self._half_play:
+            return self._shaft[0], self._shaft[1]
+        return self._wheel_angle(0), self._wheel_angle(1)
+
+    def _position(self) -> Pair:
+        radius = self._physical.ball_radius
+        x, y = self._planes
+        return self._start[0] + radius * x[0], self._start[1] + radius * y[0]
 
     def save_state(self) -> PlantState:
         """Return the present state."""
@@ -282,6 +324,8 @@ class Plant:
             self.fallen,
             self.stopped,
             self._contact.save_state() if self._contact else None,
+            self._delayed_duty.save_state() if self._delayed_duty else None,
+            tuple(self._steps),
         )
 
     def restore_state(self, state: PlantState) -> None:
@@ -294,3 +338,6 @@ class Plant:
         self.fallen, self.stopped = state.fallen, state.stopped
         if self._contact and state.contact:
             self._contact.restore_state(state.contact)
+        if self._delayed_duty and state.duties:
+            self._delayed_duty.restore_state(state.duties)
+        self._steps = deque(state.steps, maxlen=len(state.steps))

@@ -21,6 +21,8 @@ from ballbot_ros.files import temporary_folder
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
+    EncoderParameters,
+    GyroParameters,
     ParameterError,
     ParameterSet,
     PlantParameters,
@@ -39,6 +41,19 @@ if TYPE_CHECKING:
     import control
 
 _PHYSICAL = frozenset(f'{PLANT}.{each.name}' for each in fields(PhysicalParameters))
+_ACTUATION = frozenset(
+    f'{PLANT}.{name}'
+    for name in (
+        'battery_voltage', 'voltage_slope', 'voltage_offset',
+        'actuator_delay', 'actuator_delay_jitter',
+    )
+)  # fmt: skip
+_SAMPLE_DELAYS = frozenset(
+    f'{each.node}.{name}'
+    for each in (GyroParameters, EncoderParameters)
+    for name in ('delay', 'delay_jitter')
+)
+_FILTERS = frozenset(f'{CONTROLLER}.{name}' for name in ('a_d', 'a_gd'))
 _GAINS = frozenset(f'{CONTROLLER}.{name}' for name in ('k_f', 'k_i', 'pwm_gain'))
 
 
@@ -159,8 +174,7 @@ def loop(parameters: Parameters | None = None) -> control.StateSpace:
 
     It is the ideal loop of section 4.2: state feedback in continuous time with the document's
     structure, ``k_f`` on the states of :func:`linear_model` and ``k_i`` on the integral of `theta`,
-    both times ``pwm_gain``. The program that runs also samples, filters and rounds, so its margins
-    are smaller.
+    both times ``pwm_gain``. The loop that runs is :func:`sampled_loop`, whose margins are smaller.
 
     Parameters
     ----------
@@ -182,6 +196,37 @@ def loop(parameters: Parameters | None = None) -> control.StateSpace:
     from ballbot_ros.design.linear_model import ideal_loop
 
     return ideal_loop(_parameter_set(parameters, _PHYSICAL | _GAINS))
+
+
+def sampled_loop(parameters: Parameters | None = None) -> control.StateSpace:
+    """Return the loop of one plane as it runs, opened at the duty.
+
+    A system from tick to tick with the document's program: duties held for a tick, samples of gyro
+    and encoder, the filters ``a_d`` and ``a_gd``, the integrals as the program computes them, and
+    all dead times, of which jitter counts as its mean. It does not round, saturate or wait.
+
+    Parameters
+    ----------
+    parameters : mapping or path-like or None
+        Values other than the defaults, or a parameter file: physical values, battery and dead time
+        of ``plant_sim``, dead times of ``gyro_driver`` and ``encoder_driver``, gains and filters of
+        ``controller``.
+
+    Returns
+    -------
+    control.StateSpace
+        From the applied duty [%] to the duty `duty_fb` [%] that the feedback subtracts, every 4 ms:
+        the closed loop is ``control.feedback(sampled_loop)``.
+
+    Raises
+    ------
+    BallbotError
+        If a parameter is not valid, or is none of the loop.
+    """
+    from ballbot_ros.design.sampled_loop import SampledLoop
+
+    allowed = _PHYSICAL | _ACTUATION | _SAMPLE_DELAYS | _FILTERS | _GAINS
+    return SampledLoop(_parameter_set(parameters, allowed)).open_loop()
 
 
 def _reference_and_values(

@@ -6,19 +6,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeAlias, TypeVar
 
+from ballbot_ros.brick.dead_time import DeadTime
 from ballbot_ros.brick.encoder import Encoder
 from ballbot_ros.brick.gyro import Gyro
 from ballbot_ros.brick.sonar import Sonar
 from ballbot_ros.parameters import (
-    DriverParameters,
+    DeviceParameters,
     EncoderParameters,
     GyroParameters,
     SonarParameters,
 )
-from ballbot_ros.plant.ground_truth import GroundTruth, Pair
+from ballbot_ros.plant.ground_truth import GroundTruth, MeasuredState, Pair
 from ballbot_ros.world.sonar_beam import SonarBeam
 
-P = TypeVar('P', bound=DriverParameters)
+P = TypeVar('P', bound=DeviceParameters)
 """Parameters of a device's driver."""
 
 Measured = TypeVar('Measured')
@@ -31,6 +32,10 @@ Read: TypeAlias = Callable[[Measured, int], Reading]
 """Returns the reading of a quantity at a stamp [ns]."""
 
 
+TrueState: TypeAlias = GroundTruth | MeasuredState
+"""The present state, or that of an earlier step."""
+
+
 @dataclass(frozen=True)
 class Device(Generic[P, Measured, Reading]):
     """A device of the brick.
@@ -39,6 +44,8 @@ class Device(Generic[P, Measured, Reading]):
     ----------
     field : str
         Field of :class:`~ballbot_ros.brick.brick.DeviceInputs` that holds its readings.
+    measured : callable
+        Returns the measured quantity of a true state.
     make : callable
         Creates a device from its parameters and returns its read function. A reading depends only
         on the measured quantity and the stamp, never on earlier readings. Raises BallbotError if
@@ -47,13 +54,20 @@ class Device(Generic[P, Measured, Reading]):
 
     parameters: type[P]
     field: str
-    measured: Callable[[GroundTruth], Measured]
+    measured: Callable[[TrueState], Measured]
     make: Callable[[P], Read[Measured, Reading]]
 
     @property
     def period_ns(self) -> int:
         """Sampling period in sim time [ns]."""
         return self.parameters.period_ns
+
+    def dead_time(self, parameters: P) -> DeadTime:
+        """Return the dead time of the samples."""
+        return DeadTime(
+            self.parameters.node.removesuffix('_driver'), self.period_ns,
+            parameters.delay, parameters.delay_jitter, parameters.seed,
+        )  # fmt: skip
 
 
 def _gyro(parameters: GyroParameters) -> Read[Pair, tuple[int, int]]:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.brick import DeviceInputs
+from ballbot_ros.brick.dead_time import DeadTime
 from ballbot_ros.parameters import GamepadParameters, ParameterSet, PlantParameters
 from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.plant.plant import Plant
@@ -44,7 +45,8 @@ class _SampledDevice(NamedTuple):
         cls, device: AnyDevice, parameters: ParameterSet, recorded: Mapping[int, Any]
     ) -> _SampledDevice:
         input_index = DeviceInputs._fields.index(device.field)
-        read = device.make(parameters.of(device.parameters))
+        values = parameters.of(device.parameters)
+        read = device.make(values)
         if recorded:
             simulate = read
 
@@ -52,7 +54,14 @@ class _SampledDevice(NamedTuple):
                 sample = recorded.get(stamp_ns)
                 return simulate(measured, stamp_ns) if sample is None else sample
 
-        return cls(device.period_ns, input_index, device.measured, read)
+        return cls(device.period_ns, input_index, _measured(device, device.dead_time(values)), read)
+
+
+def _measured(device: AnyDevice, dead_time: DeadTime) -> Callable[[GroundTruth], Any]:
+    """Return the function that measures the quantity of a sample, after its dead time."""
+    if not dead_time.longest:
+        return device.measured
+    return lambda truth: device.measured(truth.steps[-1 - dead_time.age(truth.stamp_ns)])
 
 
 class Robot:
@@ -95,6 +104,8 @@ class Robot:
         self._devices = [
             _SampledDevice.of(each, parameters, recorded.get(each.field, {})) for each in DEVICES
         ]
+        dead_times = [each.dead_time(parameters.of(each.parameters)) for each in DEVICES]
+        self.plant.keep_steps(max(each.longest for each in dead_times))
         self._no_samples = [None] * len(DeviceInputs._fields)
         self._scenario = scenario or Scenario()
         self.pushes = self._scenario.pushes_from(start_ns)

@@ -1,6 +1,5 @@
-"""The servo controller against the document, and its margins against their definitions."""
+"""The servo controller against the document."""
 
-import control
 import numpy as np
 import pytest
 from robot import physical
@@ -18,19 +17,6 @@ POLES = [-241.85, -6.81, -5.09, -0.565 - 0.567j, -0.565 + 0.567j]
 @pytest.fixture(scope='module')
 def servo():
     return design_servo(physical())
-
-
-@pytest.fixture(scope='module')
-def loop(servo):
-    """The plant with the integral of theta, and the feedback of the controller."""
-    a = np.zeros((5, 5))
-    a[:4, :4] = servo.a
-    a[4, 0] = 1.0
-    return a, np.vstack([servo.b, [[0.0]]]), servo.gain[np.newaxis]
-
-
-def slowest(a):
-    return np.linalg.eigvals(a).real.max()
 
 
 def test_gains_equal_the_reference_to_six_digits(servo):
@@ -61,49 +47,10 @@ def test_degrees_change_the_motor_constant_alone():
     np.testing.assert_allclose(b_deg, np.degrees(b[:, :1]), rtol=1e-14)
 
 
-def test_the_published_gains_balance_too(loop):
-    a, b, _ = loop
-    assert slowest(a - b @ [PUBLISHED]) < 0.0
-
-
-def test_an_optimal_loop_has_the_classical_margins(servo):
-    lower, upper = servo.gain_margins
-    assert lower < 0.5
-    assert upper == np.inf
-    assert servo.phase_margin_deg > 60.0
-
-
-def test_the_loop_is_stable_between_its_gain_margins_only(servo, loop):
-    a, b, gain = loop
-    lower, _ = servo.gain_margins
-    assert slowest(a - 1.001 * lower * b @ gain) < 0.0 < slowest(a - 0.999 * lower * b @ gain)
-    assert slowest(a - 1e4 * b @ gain) < 0.0
-
-
-def test_the_loop_tolerates_a_phase_lag_up_to_its_phase_margin(servo, loop):
-    a, b, gain = loop
-
-    def with_lag(degrees):
-        return a - np.exp(-1j * np.radians(degrees)) * b @ gain
-
-    margin = servo.phase_margin_deg
-    assert slowest(with_lag(0.99 * margin)) < 0.0 < slowest(with_lag(1.01 * margin))
-
-
-def test_the_loop_tolerates_a_dead_time_up_to_its_delay_margin(servo, loop):
-    a, b, gain = loop
-    open_loop = control.ss(a, b, gain, [[0.0]])
-
-    def slowest_pole(delay):
-        dead_time = control.tf2ss(*control.pade(delay, 6))
-        return control.feedback(control.series(dead_time, open_loop)).poles().real.max()
-
-    margin = servo.delay_margin_s
-    assert slowest_pole(0.97 * margin) < 0.0 < slowest_pole(1.03 * margin)
-
-
-def test_the_loop_tolerates_one_tick_of_delay(servo):
-    assert servo.delay_margin_s > 4e-3
+def test_the_published_gains_balance_too(servo):
+    a, b = np.zeros((5, 5)), np.zeros((5, 1))
+    a[:4, :4], a[4, 0], b[:4] = servo.a, 1.0, servo.b
+    assert np.linalg.eigvals(a - b @ [PUBLISHED]).real.max() < 0.0
 
 
 def test_a_motor_without_torque_is_refused_in_one_line():

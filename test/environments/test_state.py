@@ -13,6 +13,12 @@ from gymnasium.error import ResetNeeded
 from ballbot_ros.environments import BalanceEnv, DriveEnv, EnvironmentConfigurationError
 
 ARGUMENTS = {'step_ms': 20, 'profile': 'hardware'}
+DEAD_TIMES = {
+    'plant_sim.actuator_delay': 6,
+    'plant_sim.actuator_delay_jitter': 30,
+    'gyro_driver.delay': 3,
+    'encoder_driver.delay_jitter': 9,
+}
 ACTIONS = np.random.default_rng(1).uniform(-0.3, 0.3, (12, 2)).tolist()
 
 CONTINUATION = """\
@@ -47,7 +53,7 @@ def started(cls=DriveEnv, seed=4, **arguments):
     return env
 
 
-@pytest.mark.parametrize('parameters', [None, {'plant_sim.map': 'track'}])
+@pytest.mark.parametrize('parameters', [None, {'plant_sim.map': 'track'}, DEAD_TIMES])
 @pytest.mark.parametrize('observation', ['devices', 'state'])
 def test_the_continuation_of_a_restored_state_is_the_same(observation, parameters):
     env = started(observation=observation, parameters=parameters)
@@ -134,7 +140,9 @@ def test_there_is_no_state_before_the_first_episode():
 
 
 @pytest.mark.parametrize('duplicate', [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-@pytest.mark.parametrize('arguments', [{}, {'parameters': {'plant_sim.map': 'track'}}])
+@pytest.mark.parametrize(
+    'arguments', [{}, {'parameters': {'plant_sim.map': 'track'}}, {'parameters': DEAD_TIMES}]
+)
 def test_a_copy_continues_alike_and_by_itself(duplicate, arguments):
     env = started(**arguments)
     again = duplicate(env)

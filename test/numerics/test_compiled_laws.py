@@ -12,6 +12,7 @@ from generated import random_values
 from robot import physical, values_of
 
 from ballbot_ros.brick.battery_monitor import battery_mv
+from ballbot_ros.brick.dead_time import drawn_delay, sample_age
 from ballbot_ros.brick.gyro import gyro_reading
 from ballbot_ros.brick.sonar import sonar_reading
 from ballbot_ros.brick.units import radians_to_degrees
@@ -188,6 +189,14 @@ duties, volts = integer(-100, 100), uniform(0.0, 10.0)
 )  # fmt: skip
 def test_motor_battery_pushes_and_readings(function, makers):
     assert_same_bits(function, draws(*makers))
+
+
+def test_dead_time():
+    def delays(generator):
+        return tuple(generator.randint(0, 200) for _ in range(26))
+
+    assert_same_bits(drawn_delay, draws(integer(0, 100), integer(0, 100), uniform(0, 1)))
+    assert_same_bits(sample_age, draws(delays, choice(4, 20)))
 
 
 def test_the_gyros():

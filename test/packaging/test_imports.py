@@ -9,7 +9,8 @@ ROOT = Path(ballbot_ros.__file__).parent
 
 FLOORS = (
     ('parameters', 'numerics'),
-    ('plant', 'brick'),
+    ('brick',),
+    ('plant',),
     ('world', 'controllers', 'recording'),
     ('design',),
     ('codegen', 'scenario', 'teleop'),

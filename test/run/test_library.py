@@ -19,9 +19,10 @@ import ballbot_ros as bb
 from ballbot_ros.analysis.verdict import ExpectationVerdict, Verdict
 from ballbot_ros.controllers import Controller, quantity
 from ballbot_ros.controllers.lqg import LQG
+from ballbot_ros.design.loop_analysis import analyse_ideal
 from ballbot_ros.design.servo import design_servo
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.parameters import ControllerParameters, PlantParameters
+from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.plant.model import PhysicalParameters, state_space
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -346,7 +347,8 @@ def test_the_loop_closes_to_the_poles_of_the_design():
         np.sort_complex(closed.poles()), np.sort_complex(design.poles), rtol=1e-6
     )
     low, *_ = control.stability_margins(bb.loop())
-    assert low == pytest.approx(design.gain_margins[0], rel=1e-3)
+    ideal = analyse_ideal(ParameterSet())
+    assert low == pytest.approx(ideal.margins.gain_low.value, rel=1e-3)
     doubled = bb.loop({'controller.pwm_gain': 2.0})
     np.testing.assert_allclose(doubled.C, 2.0 * bb.loop().C)
     with pytest.raises(BallbotError, match='k_f'):
@@ -355,6 +357,20 @@ def test_the_loop_closes_to_the_poles_of_the_design():
         bb.loop({'controller.k_thetadot': 300})
     with pytest.raises(BallbotError, match=r'^controller\.k_i has no effect here'):
         bb.linear_model({'controller.k_i': 300})
+
+
+def test_the_sampled_loop_is_that_of_the_analysis():
+    loop = bb.sampled_loop()
+    assert loop.dt == 0.004
+    closed = control.feedback(loop).poles()
+    assert min(closed, key=lambda pole: pole.real) == pytest.approx(-0.9374, abs=1e-4)
+    assert abs(closed).max() < 1.0
+    delayed = {'plant_sim.actuator_delay': 3, 'gyro_driver.delay': 1, 'encoder_driver.delay': 2}
+    assert abs(control.feedback(bb.sampled_loop(delayed)).poles()).max() > 1.0
+    with pytest.raises(BallbotError, match=r'^gyro_driver\.noise has no effect here'):
+        bb.sampled_loop({'gyro_driver.noise': 0.7})
+    with pytest.raises(BallbotError, match=r'^gyro_driver\.delay: 101 is not within 0 … 100 ms'):
+        bb.sampled_loop({'gyro_driver.delay': 101})
 
 
 def test_the_package_imports_nothing_before_its_first_use():
@@ -369,7 +385,8 @@ def test_the_package_imports_nothing_before_its_first_use():
     before, after, names = json.loads(done.stdout)
     assert (before, after) == ([], [])
     assert names == [
-        'BallbotError', 'Run', '__version__', 'linear_model', 'loop', 'open', 'simulate',
+        'BallbotError', 'Run', '__version__', 'linear_model', 'loop', 'open', 'sampled_loop',
+        'simulate',
     ]  # fmt: skip
     assert 'open' not in bb.__all__  # which `from ballbot_ros import *` would replace
     with pytest.raises(AttributeError, match="module 'ballbot_ros' has no attribute 'nope'"):
