@@ -8,21 +8,18 @@ from typing import NamedTuple
 from ballbot_ros.brick.dead_time import DeadTime
 from ballbot_ros.timing import STEP_NS
 
-Duty = tuple[int, int]
-"""Duties of planes x and y [%]."""
-
 
 class PendingDuty(NamedTuple):
-    """A duty that acts from a sim time [ns] on."""
+    """Duties of planes x and y [%] that act from a sim time [ns] on."""
 
     effect_ns: int
-    duty: Duty
+    duty: tuple[int, int]
 
 
 class DutyState(NamedTuple):
     """The duty that acts, and those that will, in the order of their effects."""
 
-    acting: Duty
+    acting: tuple[int, int]
     pending: tuple[PendingDuty, ...]
 
 
@@ -31,17 +28,17 @@ class DelayedDuty:
 
     def __init__(self, dead_time: DeadTime) -> None:
         self._dead_time = dead_time
-        self._acting: Duty = (0, 0)
+        self._acting = (0, 0)
         self._pending: deque[PendingDuty] = deque()
 
-    def command(self, duty: Duty, now_ns: int) -> None:
+    def command(self, duty: tuple[int, int], now_ns: int) -> None:
         """Add the duty of a tick [ns]; it supersedes those that would take effect no earlier."""
         effect_ns = now_ns + self._dead_time.delay(now_ns) * STEP_NS
         while self._pending and self._pending[-1].effect_ns >= effect_ns:
             self._pending.pop()
         self._pending.append(PendingDuty(effect_ns, duty))
 
-    def at(self, now_ns: int) -> Duty:
+    def at(self, now_ns: int) -> tuple[int, int]:
         """Return the duty that acts in the step that begins at a sim time [ns]."""
         while self._pending and self._pending[0].effect_ns <= now_ns:
             self._acting = self._pending.popleft().duty
