@@ -71,8 +71,7 @@ DRIVERS = tuple(DRIVER_PERIODS_NS)
 
 _SIMULATED: tuple[type[NodeParameters], ...] = (PlantParameters, *DEVICES, ControllerParameters)
 SIMULATED = frozenset(cls.node for cls in _SIMULATED if cls is not EncoderParameters)
-"""Nodes whose parameters are needed to replay a run. In older recordings the encoders have none: they
-had no dead time."""
+"""Nodes whose parameters are needed to replay a run. In older recordings the encoders have none."""
 
 PLAYER = PlayerParameters.node
 VIEWER = ViewerParameters.node
