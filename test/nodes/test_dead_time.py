@@ -42,7 +42,6 @@ def test_dead_times_are_the_same_everywhere_and_replayed(
                     *settings)  # fmt: skip
     assert run.finish() in (0, 1), run.stderr  # such a short run may miss the expectations
     assert run.result['duty_sha256'] == expected_sha256
-    assert run.result['resends'] == 0
     status, output, errors = command('replay', tmp_path / 'stationary.mcap')
     assert (status, errors) == (0, '')
     assert 'robot: identical, 400 ticks' in output
