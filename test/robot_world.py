@@ -9,7 +9,7 @@ import random
 from dataclasses import asdict
 from functools import partial
 
-from lockstep_world import LockstepWorld, data_of
+from lockstep_world import DRIVERS, ROLES, LockstepWorld, data_of
 
 from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.controllers.document.program import ControlProgram
@@ -179,8 +179,9 @@ class RobotWorld(LockstepWorld):
         super().__init__(scenario, **asdict(parameters.of(PlantParameters)))
 
     def start(self, *roles, generation=0, **changes):
-        super().start(*roles, generation=generation, **changes)
-        for role in roles or self.nodes:
+        for role in roles or ROLES:
+            values = self.parameter_set.of_node(role).values() if role in DRIVERS else {}
+            super().start(role, generation=generation, parameters=values, **changes)
             if role in self.makers:
                 self.robot[role] = self.makers[role]()
         return self
@@ -196,11 +197,12 @@ class RobotWorld(LockstepWorld):
 
     def _make_device(self, messages):
         device = messages.device
-        read = device.make(self.parameter_set.of(device.parameters))
+        parameters = self.parameter_set.of(device.parameters)
+        read, sampled = device.make(parameters), device.sampled(parameters)
         return self._driver(
             messages.sample.publisher,
             messages.sample,
-            lambda truth, _: read(device.measured(truth), truth.stamp_ns),
+            lambda truth, _: read(sampled(truth), truth.stamp_ns),
         )
 
     def _make_gamepad(self):

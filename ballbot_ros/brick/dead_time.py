@@ -6,7 +6,7 @@ of a device: a driver that restarts in mid-run continues with the same ages.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
 from ballbot_ros.brick.noise import DeviceNoise
@@ -38,6 +38,17 @@ def sample_age(delays: Sequence[int], period: int) -> int:
     for number in range(1, len(delays)):
         age = min(age, delays[number] + number * period)
     return age
+
+
+def newest_effective(effects_ns: Iterable[int], now_ns: int) -> int:
+    """Return the position of the newest duty that has taken effect; -1 if none has.
+
+    The effects of the duties [ns] begin with that of the newest one.
+    """
+    for number, effect_ns in enumerate(effects_ns):
+        if effect_ns <= now_ns:
+            return number
+    return -1
 
 
 class DeadTime:

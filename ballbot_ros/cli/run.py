@@ -41,7 +41,7 @@ from ballbot_ros.run.processes import Processes
     type=PATH,
     help='Parameter file that overrides the scenario.',
 )
-@click.option('--seed', type=click.IntRange(0), help='Seed of the device noise.')
+@click.option('--seed', type=click.IntRange(0), help='Seed of the device noise and jitter.')
 @click.option('--no-record', is_flag=True, help='Write no recording.')
 @set_option
 @controller_option

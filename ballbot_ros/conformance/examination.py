@@ -24,7 +24,7 @@ from ballbot_ros.messages.topics import (
     Topic,
     periodic_topics,
 )
-from ballbot_ros.parameters import CONTROLLER, DRIVERS, RECORDER, ROLES
+from ballbot_ros.parameters import CONTROLLER, DRIVERS, RECORDER, ROLES, ParameterError
 from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
 
 DISCOVERY_S = 1.0
@@ -143,6 +143,10 @@ def _check_announcement(node: NodeUnderTest) -> None:
     ):
         if not value:
             raise BreachError(f'{name!r} is empty')
+    try:
+        participant.longest_delay()
+    except ParameterError as error:
+        raise BreachError(str(error)) from None
     answer, own = node.contract.answer, periodic_topics(node.contract.role)
     if answer.period_ns and answer.name not in participant.topics:
         raise BreachError(f"'topics' lacks {answer.name}")

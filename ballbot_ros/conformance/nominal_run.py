@@ -8,7 +8,7 @@ from typing import NamedTuple
 from ballbot_ros.messages.outputs import Send
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import BATTERY_STATE, RUN, Topic
-from ballbot_ros.parameters import PLANT, ParameterSet
+from ballbot_ros.parameters import MAX_DELAY_MS, PLANT, ParameterSet
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 
 START_PITCH = 0.07
@@ -42,6 +42,8 @@ def nominal_run(role: str, start_ns: int) -> Iterator[TickMessages]:
     parameters = ParameterSet()
     parameters.set(PLANT, 'start_pitch_x', START_PITCH)
     loop = ClosedLoop(parameters, start_ns=start_ns)
+    # The node may be a driver with any dead time, of whole physics steps of 1 ms.
+    loop.plant.keep_steps(2 * MAX_DELAY_MS)
     sent: list[Message] = []
 
     def make(topic: Topic) -> Send:
@@ -57,6 +59,7 @@ def nominal_run(role: str, start_ns: int) -> Iterator[TickMessages]:
     while True:
         tick = loop.tick()
         messages.tick(tick, loop.program)
+        messages.plant.steps(tick.truth)
         battery = next((each for each in sent if each[0] is BATTERY_STATE), battery)
         yield TickMessages(tick.truth.stamp_ns, tuple(sent), battery)
         sent.clear()

@@ -12,7 +12,6 @@ from ballbot_ros.environments.errors import EnvironmentConfigurationError
 from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import (
     CONTROLLER,
-    GYRO,
     PLANT,
     ControllerParameters,
     EncoderParameters,
@@ -24,6 +23,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.assignment import Parameters, assign_values, plain_values
 from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.parameters.shared import DeviceSeed
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.reader import IDEAL
 from ballbot_ros.timing import TICK_MS
@@ -43,8 +43,11 @@ SETTINGS = ('time_start', 'k_thetadot', 'gp_max')
 
 _NODES = {cls.node for cls in CLASSES}
 _OF_AN_EPISODE = {
-    f'{GYRO}.seed': 'the seed or the options of reset',
-    f'{SonarParameters.node}.seed': 'the seed or the options of reset',
+    **{
+        f'{cls.node}.seed': 'the seed or the options of reset'
+        for cls in CLASSES
+        if issubclass(cls, DeviceSeed)
+    },
     f'{PLANT}.start_pitch_x': 'the options of reset',
     f'{PLANT}.start_pitch_y': 'the options of reset',
     f'{PLANT}.duration': 'the argument duration',

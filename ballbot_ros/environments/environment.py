@@ -146,7 +146,8 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         Parameters
         ----------
         seed : int or None
-            Seed of the random numbers of this and the next episodes, also of the device noise.
+            Seed of the random numbers of this and the next episodes, also of the device noise and
+            jitter.
         options : mapping or None
             A start that is not random: ``start_pitch_x``, ``start_pitch_y`` [rad], the ``seed`` of
             the device noise and, to drive, ``commands``.

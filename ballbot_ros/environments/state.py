@@ -18,7 +18,7 @@ class Start(NamedTuple):
     Attributes
     ----------
     seed : int
-        Seed of the device noise, the parameter ``gyro_driver.seed``.
+        Seed of the device noise and jitter: the parameter ``gyro_driver.seed``.
     pitch : tuple of float
         Body pitch [rad] of planes x and y, in which the robot is held.
     commands : tuple of Command

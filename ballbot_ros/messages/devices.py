@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Generic, TypeAlias
+from typing import Any, Generic, NamedTuple, TypeAlias
 
 from ballbot_ros.brick.units import (
     NO_DATA_CM,
@@ -28,12 +28,14 @@ from ballbot_ros.messages.conversions import (
     decode_motor_angles,
 )
 from ballbot_ros.messages.layout import MessageLayout, elements
+from ballbot_ros.messages.steps import decode_step
 from ballbot_ros.messages.topics import (
     GYRO_IMU,
     JOINT_STATES,
     PLANT_IMU,
     PLANT_JOINT_STATES,
     PLANT_ODOM,
+    PLANT_STEPS,
     SONAR_RANGE,
     Topic,
 )
@@ -51,6 +53,17 @@ ULTRASOUND = 0
 _COUNTS = 2**31
 
 
+class Source(NamedTuple):
+    """The plant's messages that a driver answers.
+
+    `measured` returns the measured quantity of a message and its stamp [ns]. Raises ValueError if
+    the message is malformed.
+    """
+
+    topic: Topic
+    measured: Callable[[bytes, int], Any]
+
+
 @dataclass(frozen=True)
 class DeviceMessages(Generic[P, Measured, Reading]):
     """The input and output messages of a device's driver.
@@ -58,7 +71,7 @@ class DeviceMessages(Generic[P, Measured, Reading]):
     Attributes
     ----------
     truth : Topic
-        The plant's topic that the driver answers.
+        The plant's topic that the driver answers, if its samples have no dead time.
     encoder : callable
         Returns, for the driver's parameters, the function that encodes the stamp [ns] and the
         reading of a sample.
@@ -72,6 +85,17 @@ class DeviceMessages(Generic[P, Measured, Reading]):
     sample: Topic
     encoder: Callable[[P], Callable[[int, Reading], bytes]]
     reading: Callable[[bytes], Reading]
+
+    def source(self, parameters: P) -> Source:
+        """Return what a driver with these parameters answers."""
+        dead_time = self.device.dead_time(parameters)
+        if not dead_time.longest:
+            return Source(self.truth, lambda data, stamp_ns: self.measured(data))
+        measured = self.device.measured
+        return Source(
+            PLANT_STEPS,
+            lambda data, stamp_ns: measured(decode_step(data, dead_time.age(stamp_ns))),
+        )
 
 
 _GYRO = MessageLayout(

@@ -15,6 +15,7 @@ from ballbot_ros.messages.conversions import (
 )
 from ballbot_ros.messages.motor_stop import encode_stop
 from ballbot_ros.messages.outputs import MakeSend
+from ballbot_ros.messages.steps import encode_steps
 from ballbot_ros.messages.topics import (
     ACCEPTED_PUSH,
     BATTERY_STATE,
@@ -24,6 +25,7 @@ from ballbot_ros.messages.topics import (
     PLANT_IMU,
     PLANT_JOINT_STATES,
     PLANT_ODOM,
+    PLANT_STEPS,
     RUN,
     WALL_HIT,
 )
@@ -45,6 +47,7 @@ class PlantMessages:
         self._send_motors = make(PLANT_JOINT_STATES)
         self._send_body = make(PLANT_IMU)
         self._send_odometry = make(PLANT_ODOM)
+        self._send_steps = make(PLANT_STEPS)
         self._send_battery = make(BATTERY_STATE)
         self._send_wall_hit = make(WALL_HIT)
         self._send_accepted_push = make(ACCEPTED_PUSH)
@@ -94,6 +97,14 @@ class PlantMessages:
         self._send_body(stamp_ns, encode_body(truth))
         self._send_motors(stamp_ns, encode_motors(truth))
         self._send_odometry(stamp_ns, encode_odometry(truth, self.ball_radius))
+
+    def steps(self, truth: GroundTruth) -> None:
+        """Send the latest physics steps to the drivers whose samples have a dead time, if any.
+
+        They are not recorded: a replay moves the plant through the same steps.
+        """
+        if truth.steps:
+            self._send_steps(truth.stamp_ns, encode_steps(truth))
 
     def stop_motors(self, last_ns: int) -> None:
         """Publish that the motors are off from the tick after the last one."""

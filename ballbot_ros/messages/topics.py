@@ -90,6 +90,7 @@ PARTICIPANTS = Topic(
 PLANT_JOINT_STATES = Topic('plant/joint_states', 'sensor_msgs/msg/JointState', PLANT, TICK_NS)
 PLANT_IMU = Topic('plant/imu', 'sensor_msgs/msg/Imu', PLANT, TICK_NS)
 PLANT_ODOM = Topic('plant/odom', 'nav_msgs/msg/Odometry', PLANT, TICK_NS)
+PLANT_STEPS = Topic('plant/steps', 'sensor_msgs/msg/PointCloud2', PLANT)
 BATTERY_STATE = Topic(
     'battery_state',
     'sensor_msgs/msg/BatteryState',
@@ -135,7 +136,7 @@ TF_STATIC = Topic('/tf_static', 'tf2_msgs/msg/TFMessage', None, latched_depth=1)
 
 TOPICS = (
     CLOCK, RUN, ROLL_CALL, RUN_STATUS,
-    PLANT_JOINT_STATES, PLANT_IMU, PLANT_ODOM, BATTERY_STATE, WALL_HIT, MAP,
+    PLANT_JOINT_STATES, PLANT_IMU, PLANT_ODOM, PLANT_STEPS, BATTERY_STATE, WALL_HIT, MAP,
     PUSH, ACCEPTED_PUSH,
     GYRO_IMU, JOINT_STATES, SONAR_RANGE, GAMEPAD_JOY,
     MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD, PARAMETER_EVENTS,
@@ -144,10 +145,11 @@ TOPICS = (
 """The topics that the graph itself publishes. The recorder discovers the inputs for driving, since
 their publishers choose the quality of service, and for ``cmd_vel`` even the type."""
 
+_OF_THE_LOOP = (RUN, ROLL_CALL, RUN_STATUS, PLANT_STEPS, RECORDER_ACK)
 _PUBLISHERS = {
     topic: (topic.publisher,)
     for topic in TOPICS
-    if topic.publisher and (topic.period_ns or topic in (RUN, ROLL_CALL, RUN_STATUS, RECORDER_ACK))
+    if topic.publisher and (topic.period_ns or topic in _OF_THE_LOOP)
 } | {PARTICIPANTS: NODES, MOTOR_DUTY: (CONTROLLER, PLANT)}
 LOCKSTEP_PUBLISHERS = _PUBLISHERS | {
     topic.history: roles for topic, roles in _PUBLISHERS.items() if topic.has_history

@@ -7,12 +7,11 @@ from functools import partial
 
 from ballbot_ros.messages.devices import DEVICE_MESSAGES, AnyDeviceMessages
 from ballbot_ros.messages.raw import stamp_of
-from ballbot_ros.messages.topics import HISTORY
+from ballbot_ros.messages.topics import HISTORY, Topic
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import DeviceParameters
 from ballbot_ros.simulation.devices import P
-from ballbot_ros.simulation.lockstep import Run
 
 
 class DeviceDriver(BallbotNode[P]):
@@ -23,12 +22,10 @@ class DeviceDriver(BallbotNode[P]):
         self._messages = messages_of(cls)
         self._device = self._messages.device
         self._period_ns = self._device.period_ns
-        self._read = self._device.make(self.parameters)
         self._output = self.output(self._messages.sample)
-        self._encode = self._messages.encoder(self.parameters)
-        self._participation = Participation(self, self._on_run)
-        # A controller that does not wait for this device lets the plant run ahead.
-        self.subscribe(self._messages.truth, self._on_truth, depth=HISTORY, raw=True)
+        self._participation = Participation(self, lambda run: self._set_up())
+        self._subscribed: set[Topic] = set()
+        self._set_up()
 
     @property
     def program(self) -> str:
@@ -39,18 +36,26 @@ class DeviceDriver(BallbotNode[P]):
         """Check that the device can be created with these parameters."""
         self._device.make(parameters)
 
-    def _on_run(self, run: Run) -> None:
+    def _set_up(self) -> None:
         self._read = self._device.make(self.parameters)
         self._encode = self._messages.encoder(self.parameters)
+        self._source = self._messages.source(self.parameters)
+        topic = self._source.topic
+        if topic not in self._subscribed:
+            self._subscribed.add(topic)
+            # A controller that does not wait for this device lets the plant run ahead.
+            self.subscribe(topic, partial(self._on_truth, topic), depth=HISTORY, raw=True)
 
-    def _on_truth(self, truth: bytes) -> None:
+    def _on_truth(self, topic: Topic, truth: bytes) -> None:
+        if topic is not self._source.topic:
+            return  # that of a run with another dead time
         try:
             now_ns = stamp_of(truth)
             if now_ns % self._period_ns or not self._participation.includes(now_ns):
                 return
-            reading = self._read(self._messages.measured(truth), now_ns)
+            reading = self._read(self._source.measured(truth, now_ns), now_ns)
         except NO_SAMPLE as error:
-            self.warn_malformed(self._messages.truth, error)
+            self.warn_malformed(topic, error)
             return
         self._output.publish(self._encode(now_ns, reading))
         self.count_sample(now_ns)

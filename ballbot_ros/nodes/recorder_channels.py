@@ -14,6 +14,7 @@ from ballbot_ros.messages.topics import (
     CLOCK,
     HISTORY,
     MARKERS,
+    PLANT_STEPS,
     ROBOT_DESCRIPTION,
     TOPICS,
     Topic,
@@ -93,8 +94,11 @@ class Channels:
         self._inbox = hidden_node('inbox', node)
         self._channels: dict[str, Channel] = {}
         self._sighted: set[str] = set()
-        self._ignored: set[str] = set()
+        # A replay moves the plant through the same steps.
+        self._ignored = {node.resolve_topic_name(PLANT_STEPS.name)}
         for topic in TOPICS:
+            if topic is PLANT_STEPS:
+                continue
             # Earlier messages come from the topic's history, if it has one. Subscribe to the topic
             # itself, too: publishers of other packages need not have a history.
             latched = topic.latched_depth > 0 and not topic.has_history

@@ -13,6 +13,7 @@ from ballbot_ros.parameters.devices import (
     SonarParameters,
 )
 from ballbot_ros.parameters.parameter import (
+    MAX_DELAY_MS,
     MAX_DESIGNED,
     NOT_DESIGNED,
     DriverParameters,
@@ -73,7 +74,7 @@ __all__ = [
     'DRIVER_PERIODS_NS',
     'EXECUTABLES',
     'GAMEPAD',
-    'GYRO', 'MAX_DESIGNED',
+    'GYRO', 'MAX_DELAY_MS', 'MAX_DESIGNED',
     'NODES', 'NOT_DESIGNED',
     'OPTIONAL_NODES',
     'PATHS',

@@ -9,7 +9,7 @@ from ballbot_ros.parameters.parameter import Subset, TakesEffect, path, quantity
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceSeed:
-    """The seed of the devices' noise."""
+    """The seed of the device noise and jitter."""
 
     seed: int = quantity(
         1, '1', (0, 2**63 - 1), 'seed of all device noise and jitter of the run', 'project'

@@ -7,12 +7,12 @@ The ROS declarations, the validation of parameter files, ``config/ballbot.yaml``
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import fields
 from difflib import get_close_matches
 
 from ballbot_ros.parameters.controller import ControllerParameters
 from ballbot_ros.parameters.devices import (
     DEVICES,
+    EncoderParameters,
     GyroParameters,
     SonarParameters,
 )
@@ -70,8 +70,8 @@ DRIVERS = tuple(DRIVER_PERIODS_NS)
 """The participants that answer the plant's true state."""
 
 _SIMULATED: tuple[type[NodeParameters], ...] = (PlantParameters, *DEVICES, ControllerParameters)
-SIMULATED = frozenset(cls.node for cls in _SIMULATED if fields(cls))
-"""Nodes whose parameters are needed to replay a run."""
+SIMULATED = frozenset(cls.node for cls in _SIMULATED if cls is not EncoderParameters)
+"""Nodes whose parameters are needed to replay a run. In older recordings the encoders have none."""
 
 PLAYER = PlayerParameters.node
 VIEWER = ViewerParameters.node

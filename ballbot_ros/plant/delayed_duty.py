@@ -5,52 +5,41 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
-from ballbot_ros.brick.dead_time import DeadTime
-from ballbot_ros.timing import STEP_NS
-
-Duty = tuple[int, int]
-"""Duties of planes x and y [%]."""
-
-
-class PendingDuty(NamedTuple):
-    """A duty that acts from a sim time [ns] on."""
-
-    effect_ns: int
-    duty: Duty
+from ballbot_ros.brick.dead_time import DeadTime, newest_effective
+from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK
 
 
 class DutyState(NamedTuple):
-    """The duty that acts, and those that will, in the order of their effects."""
+    """The newest duties [%], the newest first, and when each takes effect [ns]."""
 
-    acting: Duty
-    pending: tuple[PendingDuty, ...]
+    effects_ns: tuple[int, ...]
+    duties: tuple[tuple[int, int], ...]
 
 
 class DelayedDuty:
-    """The duty that acts: the newest one whose dead time is over, none before the first."""
+    """The duty that acts: the newest one whose dead time is over; none before the first."""
 
     def __init__(self, dead_time: DeadTime) -> None:
         self._dead_time = dead_time
-        self._acting: Duty = (0, 0)
-        self._pending: deque[PendingDuty] = deque()
+        # The dead time of the last of these is over at any time.
+        self._count = -(-dead_time.longest // STEPS_PER_TICK) + 1
+        self.restore_state(DutyState((), ()))
 
-    def command(self, duty: Duty, now_ns: int) -> None:
-        """Add the duty of a tick [ns]; it supersedes those that would take effect no earlier."""
-        effect_ns = now_ns + self._dead_time.delay(now_ns) * STEP_NS
-        while self._pending and self._pending[-1].effect_ns >= effect_ns:
-            self._pending.pop()
-        self._pending.append(PendingDuty(effect_ns, duty))
+    def command(self, duty: tuple[int, int], now_ns: int) -> None:
+        """Add the duty of the tick at `now_ns` [ns]."""
+        self._effects_ns.appendleft(now_ns + self._dead_time.delay(now_ns) * STEP_NS)
+        self._duties.appendleft(duty)
 
-    def at(self, now_ns: int) -> Duty:
+    def at(self, now_ns: int) -> tuple[int, int]:
         """Return the duty that acts in the step that begins at a sim time [ns]."""
-        while self._pending and self._pending[0].effect_ns <= now_ns:
-            self._acting = self._pending.popleft().duty
-        return self._acting
+        number = newest_effective(self._effects_ns, now_ns)
+        return self._duties[number] if number >= 0 else (0, 0)
 
     def save_state(self) -> DutyState:
         """Return the present state."""
-        return DutyState(self._acting, tuple(self._pending))
+        return DutyState(tuple(self._effects_ns), tuple(self._duties))
 
     def restore_state(self, state: DutyState) -> None:
         """Continue from a state of motors with the same dead time."""
-        self._acting, self._pending = state.acting, deque(state.pending)
+        self._effects_ns = deque(state.effects_ns, self._count)
+        self._duties = deque(state.duties, self._count)

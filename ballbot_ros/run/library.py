@@ -80,7 +80,7 @@ def simulate(
         instance the run takes class, parameters and design model, and makes its own instance. The
         class may be defined in a notebook.
     seed : int or None
-        Seed of the device noise; None for that of `parameters` or scenario.
+        Seed of the device noise and jitter; None for that of `parameters` or scenario.
     profile : str or None
         Device profile, ``'ideal'`` or ``'hardware'``; None for the scenario's.
     parameters : mapping or path-like or None

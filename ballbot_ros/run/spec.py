@@ -56,7 +56,7 @@ class RunOptions:
         Pace if `real_time_factor`, scenario and parameter file set none; None for the parameter's
         default.
     seed : int or None
-        Seed of the device noise; None for the one in scenario or parameter file.
+        Seed of the device noise and jitter; None for the one in scenario or parameter file.
     values : mapping of str to object
         Values of parameters, by ``node.param``.
     assignments : sequence of str

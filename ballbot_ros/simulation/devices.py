@@ -69,6 +69,13 @@ class Device(Generic[P, Measured, Reading]):
             parameters.delay, parameters.delay_jitter, parameters.seed,
         )  # fmt: skip
 
+    def sampled(self, parameters: P) -> Callable[[GroundTruth], Measured]:
+        """Return the function that measures the quantity of the sample at a tick."""
+        dead_time, measured = self.dead_time(parameters), self.measured
+        if not dead_time.longest:
+            return measured
+        return lambda truth: measured(truth.steps[-1 - dead_time.age(truth.stamp_ns)])
+
 
 def _gyro(parameters: GyroParameters) -> Read[Pair, tuple[int, int]]:
     return Gyro(parameters).read

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from ballbot_ros.controllers.loading import OUR_PACKAGE
 from ballbot_ros.errors import one_line
+from ballbot_ros.parameters import parameters_of
 from ballbot_ros.timing import SECOND_NS
 
 MAP_HASH = 'map_sha256'
@@ -59,6 +60,19 @@ class Participant:
     def is_foreign(self) -> bool:
         """Whether it is a node of another package."""
         return self.implementation.split()[:1] != [OUR_PACKAGE]
+
+    def longest_delay(self) -> int:
+        """Return the longest dead time of its samples [physics steps]; 0 unless it announces one.
+
+        Raises ParameterError if it announces a value that is not allowed.
+        """
+        longest = 0
+        for name in ('delay', 'delay_jitter'):
+            declared = parameters_of(self.role).get(name)
+            if declared and name in self.parameters:
+                value = declared.check(self.parameters[name], f'{self} announces ')
+                longest += cast(int, value)
+        return longest
 
     def __str__(self) -> str:
         return f'{self.node} (process {self.process} on {self.host})'

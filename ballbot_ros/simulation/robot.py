@@ -8,7 +8,6 @@ from typing import Any, NamedTuple, Protocol
 
 from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.brick import DeviceInputs
-from ballbot_ros.brick.dead_time import DeadTime
 from ballbot_ros.parameters import GamepadParameters, ParameterSet, PlantParameters
 from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.plant.plant import Plant
@@ -37,7 +36,7 @@ class _SampledDevice(NamedTuple):
 
     period_ns: int
     input_index: int
-    measured: Callable[[GroundTruth], Any]
+    sampled: Callable[[GroundTruth], Any]
     read: Read[Any, Any]
 
     @classmethod
@@ -54,14 +53,7 @@ class _SampledDevice(NamedTuple):
                 sample = recorded.get(stamp_ns)
                 return simulate(measured, stamp_ns) if sample is None else sample
 
-        return cls(device.period_ns, input_index, _measured(device, device.dead_time(values)), read)
-
-
-def _measured(device: AnyDevice, dead_time: DeadTime) -> Callable[[GroundTruth], Any]:
-    """Return the function that measures the quantity of a sample, after its dead time."""
-    if not dead_time.longest:
-        return device.measured
-    return lambda truth: device.measured(truth.steps[-1 - dead_time.age(truth.stamp_ns)])
+        return cls(device.period_ns, input_index, device.sampled(values), read)
 
 
 class Robot:
@@ -116,9 +108,9 @@ class Robot:
         """Return the samples of the devices and sticks that are due at the time of `truth`."""
         now_ns = truth.stamp_ns
         samples: list[Any] = self._no_samples.copy()
-        for period_ns, input_index, measured, read in self._devices:
+        for period_ns, input_index, sampled, read in self._devices:
             if now_ns % period_ns == 0:
-                samples[input_index] = read(measured(truth), now_ns)
+                samples[input_index] = read(sampled(truth), now_ns)
         if now_ns % BATTERY_PERIOD_NS == 0:
             samples[_BATTERY] = battery_mv(truth.battery_voltage)
         if now_ns % GamepadParameters.period_ns == 0:

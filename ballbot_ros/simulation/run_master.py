@@ -412,6 +412,7 @@ class RunMaster(ABC):
         With `calls_roll`, call the roll while this is undecided.
         """
         standing = self._participants.readiness(self._plant.time_ns, self._now_s)
+        self._plant.keep_steps(self._participants.longest_delay)
         if standing.state is ReadinessState.REFUSED:
             self._end(Outcome.FAILED, standing.reason, 1)
         elif standing.state is ReadinessState.WAITING:

@@ -6,7 +6,14 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from ballbot_ros.parameters import CONTROLLER, DRIVERS, NODES, RECORDER, SHARED_PARAMETERS
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    DRIVERS,
+    NODES,
+    RECORDER,
+    SHARED_PARAMETERS,
+    ParameterError,
+)
 from ballbot_ros.simulation.liveness import LivenessMonitor, ProcessObserver
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import MAP_HASH, Announcement, Objection, Participant
@@ -75,7 +82,13 @@ class RunTopics:
 
 
 class RunParticipants:
-    """Calls the roll, evaluates the answers, and decides whether the run may continue."""
+    """Calls the roll, evaluates the answers, and decides whether the run may continue.
+
+    Attributes
+    ----------
+    longest_delay : int
+        The longest dead time of all samples [physics steps], at the last check.
+    """
 
     def __init__(
         self,
@@ -96,6 +109,7 @@ class RunParticipants:
         self._plant: Participant | None = None
         self._gathers_first_run = True
         self._gathering_since_s: float | None = None
+        self.longest_delay = 0
 
     def gather(self, run: Run, plant: Participant, *, requires_recorder: bool) -> None:
         """Start collecting the participants of a run."""
@@ -145,6 +159,11 @@ class RunParticipants:
                     self.roster.note_foreign_message(topic)
         self.roster.update_present(self._present_instances(now_s))
         standing = self.roster.readiness(now_ns)
+        try:
+            delays = [each.longest_delay() for each in self.roster.members.values()]
+        except ParameterError as error:
+            return Readiness(ReadinessState.REFUSED, str(error))
+        self.longest_delay = max(delays, default=0)
         if standing.state is ReadinessState.COMPLETE:
             self._graph.stop_listening()
         return standing

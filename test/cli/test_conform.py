@@ -76,8 +76,9 @@ def test_a_wrong_node_fails_what_it_breaks_and_nothing_else(conform):
     assert failed == ['asked again', 'restart']
 
 
-def test_a_node_that_the_user_has_started_is_not_restarted(conform, start_node):
-    start_node(GYRO)
+@pytest.mark.parametrize('dead_time', [{}, {'delay': 6, 'delay_jitter': 9}])
+def test_a_node_that_the_user_has_started_is_not_restarted(conform, start_node, dead_time):
+    start_node(GYRO, **dead_time)
     status, output, errors = conform(GYRO, '--json')
     assert status == 0, output
     untested = [name for name, verdict in verdicts(output).items() if verdict == 'not tested']

@@ -78,6 +78,22 @@ MISTAKES = {
     'unknown parameter': (lambda tmp_path: ['stationary', '--set=controller.a_z=1'], 'a_z'),
     'out of range': (lambda tmp_path: ['stationary', '--set=controller.a_b=2'], '0 … 1'),
     'not a number': (lambda tmp_path: ['stationary', '--set=plant_sim.gravity=big'], 'big'),
+    'negative delay': (
+        lambda tmp_path: ['stationary', '--set=gyro_driver.delay=-1'],
+        'gyro_driver.delay: -1 is not within 0 … 100 ms',
+    ),
+    'delay of half a step': (
+        lambda tmp_path: ['stationary', '--set=encoder_driver.delay=1.5'],
+        'encoder_driver.delay: 1.5 is not a whole number',
+    ),
+    'long jitter': (
+        lambda tmp_path: ['stationary', '--set=sonar_driver.delay_jitter=101'],
+        'sonar_driver.delay_jitter: 101 is not within 0 … 100 ms',
+    ),
+    'delay in words': (
+        lambda tmp_path: ['stationary', '--set=plant_sim.actuator_delay=late'],
+        "plant_sim.actuator_delay: 'late' is not a whole number",
+    ),
     'not an assignment': (lambda tmp_path: ['stationary', '--set=gravity'], 'node.param=value'),
     'unknown option': (lambda tmp_path: ['stationary', '--nosuch'], '--nosuch'),
     'unknown way': (lambda tmp_path: ['stationary', '--processes=two'], 'separate'),

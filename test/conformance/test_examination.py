@@ -30,6 +30,7 @@ from ballbot_ros.messages.topics import (
     MOTOR_DUTY,
     PARTICIPANTS,
     PLANT_ODOM,
+    PLANT_STEPS,
     ROLL_CALL,
     SONAR_RANGE,
     TOPICS,
@@ -155,6 +156,7 @@ class Node:
             implementation='mine 1.0',
             parameters_sha256='00',
             topics=topics,
+            parameters={'delay': -1} if fault == 'announces an impossible delay' else {},
         )
         answered_ns = 0 if fault == 'does not say what it has answered' else self.answered_ns
         data = encode_announcement(
@@ -286,6 +288,7 @@ SAMPLING = (*DRIVERS, CONTROLLER)
 ALONE = {
     'announces foreign topics': ('announcement', (RECORDER,)),
     'announces no topics': ('announcement', ROLES),
+    'announces an impossible delay': ('announcement', (GYRO, 'encoder_driver', SONAR)),
     'does not name its host': ('announcement', ROLES),
     'has a relative name': ('announcement', ROLES),
     'is volatile': ('publishers', ROLES),
@@ -437,7 +440,9 @@ def test_the_run_around_a_node_lacks_only_its_own_messages():
         first = next(ticks)
         sent = {topic for topic, _ in first.messages}
         assert {topic.publisher for topic in sent}.isdisjoint({role})
-        assert sent | set(CONTRACTS[role].topics) >= {CLOCK, PLANT_ODOM, GYRO_IMU, MOTOR_DUTY}
+        assert sent | set(CONTRACTS[role].topics) >= {
+            CLOCK, PLANT_ODOM, PLANT_STEPS, GYRO_IMU, MOTOR_DUTY,
+        }  # fmt: skip
         assert first.repeated()[:2] == (first.messages[0], first.battery)
         second = next(ticks)
         assert second.battery == first.battery

@@ -58,6 +58,19 @@ def test_balancing(make, profile):
     check_run('hardware_standing', controller, *found, profile=profile)
 
 
+def test_balancing_with_dead_times():
+    dead_times = {
+        'plant_sim.actuator_delay': 1,
+        'plant_sim.actuator_delay_jitter': 2,
+        'gyro_driver.delay_jitter': 3,
+        'encoder_driver.delay': 2,
+    }
+    controller = learned_policy()
+    arguments = {'profile': 'hardware', 'parameters': dead_times}
+    found = run_episode('ballbot_ros/Balance-v0', controller, **arguments)
+    check_run('hardware_standing', controller, *found, **arguments)
+
+
 def test_driving_with_sonar(tmp_path):
     place = {'plant_sim.map': 'track', 'plant_sim.start_position_x': 0.3}
     found = run_episode(

@@ -50,7 +50,11 @@ def read(request):
 
 def truth(**values):
     pair = (0.0, 0.0)
-    blank = dict.fromkeys(GroundTruth._fields, pair) | {'stamp_ns': STAMP, 'battery_voltage': 8.0}
+    blank = dict.fromkeys(GroundTruth._fields, pair) | {
+        'stamp_ns': STAMP,
+        'battery_voltage': 8.0,
+        'steps': (),
+    }
     return GroundTruth(**blank | values)
 
 

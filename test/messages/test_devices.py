@@ -1,13 +1,15 @@
 """Each device has one entry in each table, and the tables agree."""
 
 import pytest
+from robot import make_plant, run_plant
 
 from ballbot_ros import parameters
 from ballbot_ros.analysis.replay import ALL_TOPICS
 from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.messages.inputs import INPUT_READERS
-from ballbot_ros.messages.topics import TOPICS, periodic_topics
+from ballbot_ros.messages.steps import encode_steps
+from ballbot_ros.messages.topics import PLANT_STEPS, TOPICS, periodic_topics
 from ballbot_ros.parameters import DRIVERS, GAMEPAD
 from ballbot_ros.simulation.devices import DEVICES
 from ballbot_ros.timing import TICK_NS
@@ -39,6 +41,21 @@ def test_a_driver_publishes_its_samples_and_nothing_else_in_lockstep(messages):
     assert periodic_topics(driver.node) == (messages.sample,)
     assert messages.sample in TOPICS
     assert messages.sample.period_ns == driver.period_ns
+
+
+@each_device
+def test_a_driver_answers_the_steps_if_its_samples_have_a_dead_time(messages):
+    kind = messages.device.parameters
+    plant = make_plant(start_pitch_x=0.02)
+    plant.keep_steps(200)
+    truth = run_plant(plant, [(40, -20)] * 70)[-1]
+    assert messages.source(kind()).topic is messages.truth
+    for delay, jitter in ((1, 0), (0, 1), (37, 0), (100, 100)):
+        parameters = kind(delay=delay, delay_jitter=jitter)
+        topic, measured = messages.source(parameters)
+        assert topic is PLANT_STEPS
+        found = measured(encode_steps(truth), truth.stamp_ns)
+        assert found == messages.device.sampled(parameters)(truth)
 
 
 @each_device

@@ -2,6 +2,7 @@
 
 import contextlib
 import signal
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -43,8 +44,8 @@ def start_graph(start_node, tmp_path):
     The run keeps pace with the wall clock: at full speed it could end before a node is killed.
     """
 
-    def start(duration, **plant):
-        nodes = {name: start_node(name) for name in OTHERS}
+    def start(duration, dead_times=MappingProxyType({}), **plant):
+        nodes = {name: start_node(name, **dead_times.get(name, {})) for name in OTHERS}
         nodes['recorder'] = start_node('recorder', output=tmp_path / 'run.mcap')
         nodes['plant_sim'] = start_node(
             'plant_sim',
@@ -60,13 +61,16 @@ def start_graph(start_node, tmp_path):
     return start
 
 
-def undisturbed(ticks):
+def undisturbed(ticks, dead_times=MappingProxyType({})):
     from ballbot_ros.parameters import PLANT, ParameterSet
     from ballbot_ros.simulation.closed_loop import ClosedLoop
     from ballbot_ros.simulation.trajectory import TrajectoryLog
 
     parameters = ParameterSet()
     parameters.set(PLANT, 'start_pitch_x', START_PITCH)
+    for node, values in dead_times.items():
+        for name, value in values.items():
+            parameters.set(node, name, value)
     loop, log = ClosedLoop(parameters), TrajectoryLog()
     for _ in range(ticks):
         tick = loop.tick()
@@ -132,6 +136,29 @@ def test_restarted_drivers_and_a_second_plant_change_no_duty(
         assert reader.complete, nodes['recorder'].output
         for topic in ('/motor_duty', '/plant/imu', '/gyro'):
             assert reader.topics()[topic].message_count == ticks
+
+
+def test_a_restarted_driver_continues_with_the_same_dead_times(
+    client, start_graph, start_node, tmp_path
+):
+    ticks = 500
+    dead_times = {
+        'gyro_driver': {'delay': 1, 'delay_jitter': 5},
+        'encoder_driver': {'delay': 3},
+        'sonar_driver': {'delay_jitter': 50},
+    }
+    nodes = start_graph(ticks * TICK_NS * 1e-9, dead_times, timeout=60.0)
+    client.spin_until(lambda: PLANT_IMU.name in client.newest, what='the first tick')
+    client.spin_until(lambda: client.now_ns() > BALANCING_NS, what='the end of calibration')
+    for victim in VICTIMS:
+        nodes[victim].kill()
+        stopped = await_standstill(client)
+        start_node(victim, **dead_times[victim])
+        client.spin_until(lambda stopped=stopped: client.now_ns() > stopped, what='the next tick')
+    assert nodes['plant_sim'].finish() == 0, nodes['plant_sim'].output
+    _, summary = load_trajectory(tmp_path / 'trajectory.npz')
+    assert summary['duty_sha256'] == undisturbed(ticks, dead_times).duty_sha256
+    assert summary['duty_sha256'] != undisturbed(ticks).duty_sha256
 
 
 def test_drivers_may_be_killed_together_and_before_they_are_discovered(

@@ -12,7 +12,7 @@ from generated import random_values
 from robot import physical, values_of
 
 from ballbot_ros.brick.battery_monitor import battery_mv
-from ballbot_ros.brick.dead_time import drawn_delay, sample_age
+from ballbot_ros.brick.dead_time import drawn_delay, newest_effective, sample_age
 from ballbot_ros.brick.gyro import gyro_reading
 from ballbot_ros.brick.sonar import sonar_reading
 from ballbot_ros.brick.units import radians_to_degrees
@@ -197,6 +197,7 @@ def test_dead_time():
 
     assert_same_bits(drawn_delay, draws(integer(0, 100), integer(0, 100), uniform(0, 1)))
     assert_same_bits(sample_age, draws(delays, choice(4, 20)))
+    assert_same_bits(newest_effective, draws(delays, integer(-5, 60)))
 
 
 def test_the_gyros():

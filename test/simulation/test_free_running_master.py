@@ -154,6 +154,16 @@ def test_a_run_waits_for_no_participant():
     assert world.wait(0.1).ticks > 20
 
 
+def test_the_truth_has_the_steps_of_a_driver_that_comes_late():
+    world = begun()
+    send_duty(world)
+    world.wait(0.3)
+    world.start(GYRO, parameters={'delay': 3}).wait(0.3)
+    steps = [len(each.truth.steps) for each in world.actions(do.PublishTruth)]
+    assert steps == sorted(steps)
+    assert set(steps) == {0, 4}
+
+
 def test_a_reset_waits_for_a_duty_of_the_new_run():
     world = begun(startup_timeout=5.0)
     send_duty(world)

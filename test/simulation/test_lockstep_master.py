@@ -478,6 +478,42 @@ def test_replacing_a_driver_by_an_equal_one_does_not_change_the_duties():
     assert [each.participant.instance for each in successors] == ['gyro_driver 1']
 
 
+@pytest.mark.parametrize(
+    ('announced', 'steps'),
+    [
+        ({}, 0),
+        ({'delay': 0, 'delay_jitter': 0}, 0),
+        ({'delay': 7}, 8),
+        ({'delay_jitter': 5.0}, 6),
+        ({'delay': 100, 'delay_jitter': 100}, 201),
+    ],
+)
+def test_the_truth_has_the_steps_for_the_announced_dead_times(announced, steps):
+    world = LockstepWorld(duration=ENDLESS).start(*(role for role in ROLES if role != GYRO))
+    world.start(GYRO, parameters=announced)
+    for _ in range(2):
+        world.wait().advance(3)
+        assert {len(each.truth.steps) for each in world.actions(do.PublishTruth)} == {steps}
+        world.dispatch(world.master.reset)
+
+
+@pytest.mark.parametrize('name', ['delay', 'delay_jitter'])
+@pytest.mark.parametrize('value', [-1, 101, 1.5, 'long', None, True, [4], {'ms': 4}])
+def test_an_impossible_dead_time_is_refused(name, value):
+    world = LockstepWorld().start(*(role for role in ROLES if role != GYRO))
+    world.start(GYRO, parameters={name: value}).wait(1)
+    assert world.truths == []
+    assert world.summary.reason.startswith(f'/gyro_driver (process 2 on here) announces {name}: ')
+    assert '\n' not in world.summary.reason
+
+
+def test_a_delay_of_another_role_is_its_own_affair():
+    world = LockstepWorld(duration=ENDLESS).start(*(role for role in ROLES if role != CONTROLLER))
+    world.start(CONTROLLER, parameters={'delay': 'long'}).advance(2)
+    assert world.ticks == 2
+    assert world.actions(do.PublishTruth)[-1].truth.steps == ()
+
+
 def test_a_restarted_controller_fails_the_run_at_its_end():
     world = LockstepWorld(duration=0.4).start().advance(7)
     world.kill(CONTROLLER)

@@ -82,6 +82,24 @@ def test_a_restarted_driver_changes_no_duty(role, leave):
     assert world.summary.duty_sha256 == undisturbed_sha256(world.parameter_set, TICKS)
 
 
+@pytest.mark.parametrize('seed', range(2))
+def test_a_restarted_driver_continues_with_the_same_dead_times(seed):
+    parameters = parameters_of_runs(TICKS, actuator_delay=1, actuator_delay_jitter=3, timeout=60.0)
+    for node, delay, jitter in (('gyro', 2, 4), ('encoder', 3, 0), ('sonar', 20, 90)):
+        parameters.set(f'{node}_driver', 'delay', delay)
+        parameters.set(f'{node}_driver', 'delay_jitter', jitter)
+    expected = undisturbed_sha256(parameters, TICKS)
+    assert expected != undisturbed_sha256(parameters_of_runs(TICKS), TICKS)
+    world = RobotWorld(parameters, SCENARIO, seed).start()
+    for generation, role in enumerate(DRIVERS, 1):
+        world.advance(100)
+        world.kill(role)
+        world.wait(1.0)
+        world.start(role, generation=generation)
+    world.wait(60)
+    assert world.summary.duty_sha256 == expected
+
+
 @pytest.mark.parametrize('lost', ['on_duty', 'on_clock', 'on_truth', 'on_sample', 'on_timer'])
 def test_a_lost_message_is_repeated(lost):
     """The answer to a message is repeated, too, by the node that has given it."""
