@@ -79,8 +79,7 @@ def draw_loop(parameters: ParameterSet, analysis: LoopAnalysis, table: Table) ->
     _draw_gain(gain, table)
     _draw_phase(phase, table)
     if analysis.margins:
-        for axes in (gain, phase):
-            _mark_limits(axes, analysis.margins)
+        _mark_limits(gain, phase, analysis.margins)
     _draw_diagram(diagram, table, analysis)
     _draw_poles(plane, parameters, loop)
     _draw_step(step, parameters, loop)
@@ -123,10 +122,21 @@ def _scale_frequency(axes: Axes, table: Table) -> None:
     axes.set_xlabel('frequency [Hz]')
 
 
-def _mark_limits(axes: Axes, margins: Margins) -> None:
-    for limit in (margins.gain_low, margins.gain_high, margins.dead_time_ms):
+def _mark_limits(gain: Axes, phase: Axes, margins: Margins) -> None:
+    """Mark the frequencies at which the loop would oscillate, with the change that it takes."""
+    for limit, change in (
+        (margins.gain_low, '× {:.3g}'),
+        (margins.gain_high, '× {:.3g}'),
+        (margins.dead_time_ms, '+ {:.3g} ms'),
+    ):
         if math.isfinite(limit.hz):
-            axes.axvline(limit.hz, color=GRAY, linewidth=0.8, linestyle=':')
+            for axes in (gain, phase):
+                axes.axvline(limit.hz, color=GRAY, linewidth=0.8, linestyle=':')
+            gain.annotate(
+                change.format(limit.value), (limit.hz, 0.98), (-2, 0), color=GRAY, rotation=90,
+                fontsize='small', xycoords=('data', 'axes fraction'), textcoords='offset points',
+                ha='right', va='top',
+            )  # fmt: skip
 
 
 def _draw_diagram(axes: Axes, table: Table, analysis: LoopAnalysis) -> None:

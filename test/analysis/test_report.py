@@ -17,13 +17,14 @@ from matplotlib.image import imread
 
 from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.page import number_text
-from ballbot_ros.analysis.report import report_page, write_report
+from ballbot_ros.analysis.report import loop_of, report_page, write_report
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.run_figures import FIGURES, MIN_AXIS_SPAN, draw_figures
 from ballbot_ros.analysis.table import MAX_FIGURE_ROWS, envelope, every_nth
 from ballbot_ros.former_names import FORMER_METRICS
 from ballbot_ros.messages.parameter_events import encode_parameter_event
 from ballbot_ros.messages.topics import PARAMETER_EVENTS
+from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.world.exports import OccupancyGrid
@@ -93,7 +94,7 @@ def test_the_page_is_accessible(page):
 
 
 def test_every_figure_has_an_image_file_and_a_table(page, folder):
-    names = [figure.name for figure in FIGURES]
+    names = [*(figure.name for figure in FIGURES), 'loop']
     assert [each['id'] for each in page.all('figure')] == names
     for name, image in zip(names, page.all('img'), strict=True):
         png = base64.b64decode(image['src'].partition(',')[2])
@@ -104,7 +105,7 @@ def test_every_figure_has_an_image_file_and_a_table(page, folder):
         header, *rows = csv.reader((folder / f'{name}.csv').read_text().splitlines())
         assert rows
         assert all(len(row) == len(header) for row in rows)
-        unit = re.compile(r'.*_(s|cm|deg|percent|v|deg_per_s)')
+        unit = re.compile(r'.*_(s|cm|deg|percent|v|deg_per_s|hz|gain)')
         assert all(unit.fullmatch(column) or column == 'state' for column in header)
 
 
@@ -137,6 +138,42 @@ def test_the_page_shows_parameters_versions_and_verdicts(page):
     for words in ('k_thetadot', 'motor_resistance', 'ballbot_ros', '✓ met', 'peak pitch', 'energy'):
         assert words in text
     assert text.index('noise') < text.index('k_thetadot'), 'the changed parameters come first'
+
+
+def test_the_page_shows_the_margins_of_both_loops(page, driven_assessment):
+    loop = loop_of(driven_assessment.run)
+    assert loop.margins[0].ideal == '0.495 … ∞'
+    assert loop.findings[0].startswith('Rings at 125 Hz')
+    text = ' '.join(' '.join(page.text).split())
+    for words in (loop.margins[0].sampled, *loop.findings):
+        assert words in text
+
+
+def test_the_margins_are_those_of_the_runs_parameters(driven_assessment):
+    run = driven_assessment.run
+    parameters = ParameterSet()
+    parameters.set('plant_sim', 'actuator_delay', 4)
+    parameters.set('plant_sim', 'dead_zone', 2.0)
+    loop = loop_of(replace(run, attached=replace(run.attached, parameters=parameters)))
+    assert loop.findings == ['Unstable: pole 0.1299 ± 1.116j grows at 58.1 Hz.']
+    assert loop.neglected == ['the dead zone']
+
+
+@pytest.mark.parametrize('case', ['pid', 'external', 'no parameters'])
+def test_a_loop_that_is_unknown_is_left_out(driven_assessment, case):
+    attached = driven_assessment.run.attached
+    if case == 'pid':
+        parameters = ParameterSet()
+        parameters.set('controller', 'implementation', 'pid')
+        attached = replace(attached, parameters=parameters)
+    elif case == 'external':
+        attached = replace(attached, external={'controller': 'theirs 1.0'})
+    else:
+        attached = replace(attached, has_parameters=False)
+    run = replace(driven_assessment.run, attached=attached)
+    assert loop_of(run) is None
+    page = Page(report_page(replace(driven_assessment, run=run), []))
+    assert 'margins' not in {each.get('id') for each in page.all('section')}
 
 
 def test_text_from_a_file_is_escaped(short_assessment):
