@@ -16,18 +16,17 @@ class WrongDriver(DeviceDriver):
 
     def __init__(self):
         super().__init__(GyroParameters)
+
+    def _set_up(self):
+        super()._set_up()
         self._answered = set()
 
-    def _on_run(self, run):
-        super()._on_run(run)
-        self._answered.clear()
-
-    def _on_truth(self, truth):
+    def _on_truth(self, topic, truth):
         stamp = stamp_of(truth)
         if 'mute' in FAULTS and stamp in self._answered:
             return
         self._answered.add(stamp)
-        super()._on_truth(truth)
+        super()._on_truth(topic, truth)
 
 
 if 'twin' in FAULTS:

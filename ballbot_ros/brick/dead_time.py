@@ -76,10 +76,11 @@ class DeadTime:
         self._period = period_ns // STEP_NS
         self._delay, self._jitter = delay, jitter
         self._noise = DeviceNoise(seed, f'{device} delay', uniform)
-        # Samples that are older by more than the jitter can't have arrived later than this one.
+        # One that is earlier by more than the jitter has in any case measured an earlier instant.
         self._earlier = range(jitter // self._period + 1)
-        # The age of a sample needs the delays of those before it again, across blocks of noise.
-        self._delay_of = lru_cache(len(self._earlier))(self._drawn_delay)
+        # The age of a sample needs the delays of those before it again, across blocks of noise. As
+        # the newest is used first, one place less would lose each before it is needed again.
+        self._delay_of = lru_cache(len(self._earlier) + 1)(self._drawn_delay)
         self.longest = delay + jitter
 
     def delay(self, time_ns: int) -> int:

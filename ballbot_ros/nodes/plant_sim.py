@@ -21,6 +21,7 @@ from ballbot_ros.messages.topics import (
     PLANT_IMU,
     PLANT_JOINT_STATES,
     PLANT_ODOM,
+    PLANT_STEPS,
     RUN_STATUS,
     WALL_HIT,
 )
@@ -152,8 +153,8 @@ class PlantSim(BallbotNode[PlantParameters]):
                 raise BallbotError(f'{path}: {error.strerror}') from None
         # Flush the status of the run, too: it holds the outcome, which the recorder notes.
         self.flush(
-            CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, WALL_HIT, MOTOR_DUTY, RUN_STATUS,
-            DIAGNOSTICS,
+            CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, PLANT_STEPS, WALL_HIT, MOTOR_DUTY,
+            RUN_STATUS, DIAGNOSTICS,
         )  # fmt: skip
         self._lock.release()
 

@@ -31,7 +31,6 @@ Reading = TypeVar('Reading')
 Read: TypeAlias = Callable[[Measured, int], Reading]
 """Returns the reading of a quantity at a stamp [ns]."""
 
-
 TrueState: TypeAlias = GroundTruth | MeasuredState
 """The present state, or that of an earlier step."""
 

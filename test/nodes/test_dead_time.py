@@ -3,6 +3,7 @@
 import pytest
 
 from ballbot_ros.parameters import PLANT
+from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
 
@@ -42,6 +43,10 @@ def test_dead_times_are_the_same_everywhere_and_replayed(
                     *settings)  # fmt: skip
     assert run.finish() in (0, 1), run.stderr  # such a short run may miss the expectations
     assert run.result['duty_sha256'] == expected_sha256
-    status, output, errors = command('replay', tmp_path / 'stationary.mcap')
+    recording = tmp_path / 'stationary.mcap'
+    with RecordingReader(recording) as reader:
+        assert '/gyro' in reader.topics()
+        assert '/plant/steps' not in reader.topics()
+    status, output, errors = command('replay', recording)
     assert (status, errors) == (0, '')
     assert 'robot: identical, 400 ticks' in output

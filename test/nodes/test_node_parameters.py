@@ -288,7 +288,7 @@ def test_a_sample_has_the_parameters_of_its_run(make):
     truth.header.stamp.sec = 1
     for run in ('1 abc', '2 abc'):
         node._participation._on_roll_call(Header(frame_id=run, stamp=truth.header.stamp))
-        node._on_truth(serialize_message(truth))
+        node._on_truth(PLANT_ODOM, serialize_message(truth))
         assert set_one(node, 'cone_angle', 0.5).successful
     ranges = [deserialize_message(each, SONAR_RANGE.message_class) for each in samples]
     assert [each.field_of_view for each in ranges] == [0.0, 0.5]

@@ -15,6 +15,7 @@ from ballbot_ros.messages.topics import PARAMETER_EVENTS, PLANT_IMU
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.parameters import (
     ControllerParameters,
+    EncoderParameters,
     GyroParameters,
     PlantParameters,
     SonarParameters,
@@ -40,8 +41,13 @@ def test_each_run_is_recorded_and_replayed_with_its_own_values(
     for node, name, value in (
         ('my_gyro_driver', 'noise', 0.5),
         ('my_gyro_driver', 'seed', 3),
+        ('my_encoder_driver', 'seed', 3),
+        ('my_encoder_driver', 'delay', 3),
+        ('my_encoder_driver', 'delay_jitter', 2),
         ('my_sonar_driver', 'seed', 3),
         ('my_controller', 'ts2_period', 4),
+        ('ball_plant', 'seed', 3),
+        ('ball_plant', 'actuator_delay', 2),
         ('ball_plant', 'start_pitch_x', 0.02),
         ('ball_plant', 'map', 'corridor'),
         ('my_sonar_driver', 'map', 'corridor'),
@@ -67,6 +73,7 @@ def test_each_run_is_recorded_and_replayed_with_its_own_values(
     assert second.retunings == ()
     told = [run.attached.parameters for run in (first, second)]
     assert [each.of(GyroParameters).noise for each in told] == [0.0, 0.5]
+    assert [each.of(EncoderParameters).delay for each in told] == [0, 3]
     assert [each.of(SonarParameters).seed for each in told] == [1, 3]
     assert [each.of(ControllerParameters).pwm_gain for each in told] == [1.0, 0.9]
     assert [each.of(PlantParameters).map for each in told] == ['', 'corridor']
