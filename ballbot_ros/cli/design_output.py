@@ -36,6 +36,10 @@ from ballbot_ros.plant.model import Matrix, PhysicalParameters
 GAIN_NAMES = ('θ', 'ψ', 'θ̇', 'ψ̇', '∫θ')
 
 
+SHOWN_POLES = 12
+"""Poles in the table: each dead time of a tick adds one."""
+
+
 class DesignOutput:
     """The model of a plane, its servo gains and its loop, for a set of parameters."""
 
@@ -174,10 +178,16 @@ def _margin_table(ideal: LoopAnalysis, sampled: LoopAnalysis) -> Table:
 
 
 def _pole_table(loop: LoopAnalysis) -> Table:
-    table = Table(title='Poles of the loop that runs, every 4 ms', title_justify='left')
+    poles = single_poles(loop.poles)
+    slowest = sorted(poles, key=lambda pole: pole.decay)[:SHOWN_POLES]
+    more = f'{len(poles) - len(slowest)} more decay faster' if len(poles) > len(slowest) else None
+    table = Table(
+        title='Poles of the loop that runs, every 4 ms', title_justify='left',
+        caption=more, caption_justify='left',
+    )  # fmt: skip
     for heading in ('z', '|z|', 'frequency [Hz]', 'damping'):
         table.add_column(heading, justify='right')
-    for pole in single_poles(loop.poles):
+    for pole in sorted(slowest, key=poles.index):
         table.add_row(
             complex_text(pole.value),
             f'{abs(pole.value):.5f}',

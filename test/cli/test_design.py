@@ -64,6 +64,15 @@ def test_an_unstable_loop_says_where_it_grows(command):
     assert found['as_it_runs']['margins'] is None
 
 
+def test_a_long_dead_time_does_not_fill_the_screen(command):
+    text = words(command, '--set', 'plant_sim.actuator_delay=100')
+    assert len(text.splitlines()) < 60
+    assert re.search(r'^\d+ more decay faster', text, re.MULTILINE)
+    assert (
+        len(content(command, '--set', 'plant_sim.actuator_delay=100')['as_it_runs']['poles']) > 25
+    )
+
+
 def test_a_motion_that_never_decays_is_named(command):
     text = words(command, '--set', 'controller.a_gd=1')
     assert 'Not stable: what belongs to the pole 1 never decays.' in text
