@@ -95,8 +95,7 @@ def _limits(margins: Margins) -> Iterator[str]:
         ('{} ms more dead time', margins.dead_time_ms),
     ):
         if not math.isnan(limit.hz):
-            words = change.format(_number(limit.value))
-            yield f'{words[0].upper()}{words[1:]}: oscillates at {_hertz(limit.hz)}.'
+            yield f'{change.format(_number(limit.value))}: oscillates at {_hertz(limit.hz)}.'
 
 
 def neglected(parameters: ParameterSet) -> list[str]:

@@ -106,7 +106,7 @@ class SampledLoop:
     states : tuple of str
         Those of the plane [rad, rad/s], of the program, and samples and duties on their way.
     a, b, c, d : ndarray, shape (n, n), (n, 5), (n,) and (5,)
-        The matrices; the inputs are :data:`INPUTS`.
+        The matrices; the inputs are `INPUTS`.
 
     Raises
     ------
@@ -152,7 +152,7 @@ class SampledLoop:
         )  # fmt: skip
 
     def duty_for(self, source: str) -> control.StateSpace:
-        """Return the closed loop from one of the :data:`INPUTS` to the computed duty [%]."""
+        """Return the closed loop from one of `INPUTS` to the computed duty [%]."""
         names, basis = self._feedback_states()
         inverse = np.linalg.pinv(basis)
         a, b = self.closed()
