@@ -31,6 +31,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _PUSH_N = 1.0
+_SPEED_SHOWN, _TENTHS_SHOWN = 1.0, 10.0
+"""Largest speed [m/s], and pitch [deg] and tenths of the duty [%], of a loop that is not stable."""
+
+_ENDLESS = 1e6
+"""State from which on the response of an unstable loop is not followed."""
+
 _STEP_S, _PUSH_S = 8.0, 2.0
 """Length of the responses to the stick and to a push [s]."""
 
@@ -85,8 +91,8 @@ def draw_loop(parameters: ParameterSet, analysis: LoopAnalysis, table: Table) ->
     _draw_step(step, parameters, loop)
     _draw_push(push, parameters, loop)
     if analysis.unstable:
-        step.set_ylim(-1.0, 1.0)
-        push.set_ylim(-10.0, 10.0)
+        step.set_ylim(-_SPEED_SHOWN, _SPEED_SHOWN)
+        push.set_ylim(-_TENTHS_SHOWN, _TENTHS_SHOWN)
     return figure
 
 
@@ -105,7 +111,7 @@ def _draw_gain(axes: Axes, table: Table) -> None:
 def _draw_phase(axes: Axes, table: Table) -> None:
     for name, line in (('ideal', _IDEAL), ('sampled', _SAMPLED)):
         degrees = table[f'{name}_phase_deg']
-        crossover = int(np.argmin(abs(np.log(table[f'{name}_gain']))))
+        crossover = int(np.argmin(abs(table[f'{name}_gain'] - 1.0)))
         turns = math.floor(degrees[crossover] / 360.0) + 1
         draw_line(axes, table['frequency_hz'], degrees - 360.0 * turns, line)
     axes.axhline(-180.0, color=GRAY, linewidth=0.8)
@@ -163,7 +169,8 @@ def _draw_diagram(axes: Axes, table: Table, analysis: LoopAnalysis) -> None:
 def _draw_poles(axes: Axes, parameters: ParameterSet, loop: SampledLoop) -> None:
     """Draw the poles of both closed loops in the z plane."""
     ideal = ideal_loop(parameters)
-    poles = np.exp(np.linalg.eigvals(ideal.A - ideal.B @ ideal.C) * TICK_S)
+    s = np.linalg.eigvals(ideal.A - ideal.B @ ideal.C)
+    poles = np.exp(s[s.real < 1.0 / TICK_S] * TICK_S)  # faster ones lie far outside the circle
     axes.plot(_CIRCLE.real, _CIRCLE.imag, color=GRAY, linewidth=0.8)
     axes.plot(poles.real, poles.imag, 'o', color=ORANGE, fillstyle='none', label=IDEAL)
     poles = loop.poles()
@@ -215,5 +222,8 @@ def _respond(
     states = np.zeros((len(values), len(loop.states)))
     for tick, value in enumerate(values[:-1]):
         states[tick + 1] = a @ states[tick] + b[:, column] * value
+        if np.abs(states[tick + 1]).max() > _ENDLESS:
+            states[tick + 1 :] = np.nan
+            break
     duty = states @ loop.c + loop.d[column] * values
     return np.arange(len(values)) * TICK_S, states, duty

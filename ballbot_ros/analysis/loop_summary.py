@@ -16,7 +16,7 @@ from ballbot_ros.parameters import (
 
 if TYPE_CHECKING:  # python-control takes two seconds to import
     from ballbot_ros.design.loop_analysis import LoopAnalysis, Pole
-    from ballbot_ros.design.margins import Margins
+    from ballbot_ros.design.margins import Limit, Margins
 
 IDEAL, AS_IT_RUNS = 'ideal, continuous', 'as it runs'
 """Headings of the two loops."""
@@ -33,68 +33,86 @@ class MarginRow(NamedTuple):
 
 def margin_rows(ideal: LoopAnalysis, sampled: LoopAnalysis) -> list[MarginRow]:
     """Return the margins of the ideal loop next to those of the loop that runs."""
-    columns = [_words(loop.margins) for loop in (ideal, sampled)]
-    frequencies = _frequencies(sampled.margins)
-    return [MarginRow(*row) for row in zip(_NAMES, *columns, frequencies, strict=True)]
+    columns = [_words(loop) for loop in (ideal, sampled)]
+    return [MarginRow(*row) for row in zip(_NAMES, *columns, _frequencies(sampled), strict=True)]
 
 
-_NAMES = ('gain', 'phase', 'dead time', 'disk margin', 'sensitivity peak')
+_NAMES = (
+    'gain', 'phase', 'dead time, motors', 'dead time, gyro', 'dead time, encoders',
+    'disk margin', 'sensitivity peak',
+)  # fmt: skip
 
 
-def _words(margins: Margins | None) -> list[str]:
+def _words(loop: LoopAnalysis) -> list[str]:
+    margins = loop.margins
     if margins is None:
         return ['not stable', *['–'] * (len(_NAMES) - 1)]
     return [
         f'{_number(margins.gain_low.value)} … {_number(margins.gain_high.value)}',
         f'{_number(margins.phase_deg.value)}°',
-        f'{_number(margins.dead_time_ms.value)} ms',
+        *(f'{_number(each.value)} ms' if each else '–' for each in _dead_times(loop, margins)),
         _number(margins.disk),
         _number(margins.sensitivity.value),
     ]
 
 
-def _frequencies(margins: Margins | None) -> list[str]:
+def _frequencies(loop: LoopAnalysis) -> list[str]:
+    margins = loop.margins
     if margins is None:
         return [''] * len(_NAMES)
     gains = [_hertz(each.hz) for each in (margins.gain_low, margins.gain_high)]
     return [
         ' … '.join(filter(None, gains)),
         _hertz(margins.phase_deg.hz),
-        _hertz(margins.dead_time_ms.hz),
+        *(_hertz(each.hz) if each else '' for each in _dead_times(loop, margins)),
         '',
         _hertz(margins.sensitivity.hz),
     ]
+
+
+def _dead_times(loop: LoopAnalysis, margins: Margins) -> tuple[Limit | None, ...]:
+    """Return the additional dead times of motors, gyro and encoders that the loop bears."""
+    samples = loop.samples
+    return (
+        margins.dead_time_ms,
+        samples.gyro_dead_time_ms if samples else None,
+        samples.encoder_dead_time_ms if samples else None,
+    )
 
 
 def findings(sampled: LoopAnalysis) -> Iterator[str]:
     """Yield what limits the loop that runs, a sentence each."""
     if pole := sampled.unstable:
         if pole.is_growing:
-            yield f'Unstable: pole {complex_text(pole.value)} grows at {_hertz(pole.hz)}.'
+            how = f' at {_hertz(pole.oscillation_hz)}' if pole.oscillation_hz else ''
+            yield f'Unstable: pole {complex_text(pole.value)} grows{how}.'
         else:
             yield f'Not stable: what belongs to the pole {complex_text(pole.value)} never decays.'
     if pole := sampled.ringing:
         yield (
-            f'Rings at {_hertz(pole.hz)}: pole {complex_text(pole.value)}, '
+            f'Rings at {_hertz(pole.oscillation_hz)}: pole {complex_text(pole.value)}, '
             f'damping {_number(pole.damping)}.'
         )
     if margins := sampled.margins:
-        yield from _limits(margins)
-    if noise := sampled.noise:
+        yield from _limits(sampled, margins)
+    if samples := sampled.samples:
         yield (
-            f'Noise of one count of the gyro gives {_number(noise.gyro)} % duty, of the encoder '
-            f'{_number(noise.encoder)} %; rounding to whole counts {_number(noise.rounding)} % '
-            '(standard deviations).'
+            f'Noise of one count of the gyro gives {_number(samples.gyro_noise)} % duty, of the '
+            f'encoder {_number(samples.encoder_noise)} %; rounding to whole counts '
+            f'{_number(samples.rounding_noise)} % (standard deviations).'
         )
 
 
-def _limits(margins: Margins) -> Iterator[str]:
+def _limits(loop: LoopAnalysis, margins: Margins) -> Iterator[str]:
+    motors, gyro, encoders = _dead_times(loop, margins)
     for change, limit in (
         ('{} times the gain', margins.gain_high),
         ('{} times the gain', margins.gain_low),
-        ('{} ms more dead time', margins.dead_time_ms),
+        ('{} ms more dead time of the motors', motors),
+        ('{} ms more dead time of the gyro', gyro),
+        ('{} ms more dead time of the encoders', encoders),
     ):
-        if not math.isnan(limit.hz):
+        if limit and not math.isnan(limit.hz):
             yield f'{change.format(_number(limit.value))}: oscillates at {_hertz(limit.hz)}.'
 
 
@@ -111,7 +129,7 @@ def neglected(parameters: ParameterSet) -> list[str]:
         'the gear play': plant.backlash > 0.0,
         'pwm_offset': own.pwm_offset > 0.0,
         'the draining battery': plant.battery_model == 'draining',
-        'the jitter, beyond its mean': any(jitters),
+        'the variation of the dead times (jitter), which count with their means': any(jitters),
     }
     return [name for name, is_present in present.items() if is_present]
 

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from ballbot_ros.messages.topics import MOTOR_DUTY, TOPICS, Topic
+from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_STEPS, TOPICS, Topic
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 
 IDENTIFYING_TOPICS = (
     MOTOR_DUTY,
-    *(topic for topic in TOPICS if topic.name.startswith(('plant/', 'controller/'))),
+    *(
+        topic
+        for topic in TOPICS
+        if topic.name.startswith(('plant/', 'controller/')) and topic is not PLANT_STEPS
+    ),
 )
 """Topics that identify the robot's namespace, since no other robot has them."""
 

@@ -40,6 +40,22 @@ def sample_age(delays: Sequence[int], period: int) -> int:
     return age
 
 
+def mean_delay(delay: int, jitter: int, period: int) -> float:
+    """Return the mean dead time [steps] of samples or duties of a `period` [steps].
+
+    With jitter it is less than the mean of the drawn ones: it is more than `a` only if that also
+    holds for each sample or duty before, plus the time since then.
+    """
+    mean, highest = 0.0, delay + jitter
+    for age in range(highest):
+        chance = 1.0
+        for excess in range(age % period, age + 1, period):
+            if excess >= delay:
+                chance *= (highest - excess) / (jitter + 1)
+        mean += chance
+    return mean
+
+
 def newest_effective(effects_ns: Iterable[int], now_ns: int) -> int:
     """Return the position of the newest duty that has taken effect; -1 if none has.
 

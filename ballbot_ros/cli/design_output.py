@@ -21,10 +21,16 @@ from ballbot_ros.analysis.loop_summary import (
     single_poles,
 )
 from ballbot_ros.controllers.loading import public_reference
-from ballbot_ros.design.loop_analysis import LoopAnalysis, analyse_ideal, analyse_sampled
-from ballbot_ros.design.margins import Limit
+from ballbot_ros.design.loop_analysis import (
+    LoopAnalysis,
+    SampleAnalysis,
+    analyse_ideal,
+    analyse_sampled,
+)
+from ballbot_ros.design.margins import Limit, Margins
 from ballbot_ros.design.sampled_loop import LoopDelays
-from ballbot_ros.design.servo import PUBLISHED_GAIN, design_servo
+from ballbot_ros.design.servo import PUBLISHED_GAIN, ServoDesign, degree_state_space, design_servo
+from ballbot_ros.design.state_feedback import DesignError
 from ballbot_ros.parameters import (
     DOCUMENTS_PROGRAM,
     ControllerParameters,
@@ -47,7 +53,11 @@ class DesignOutput:
         self._parameters = parameters
         self._own = parameters.of(ControllerParameters)
         self._physical = PhysicalParameters.from_parameters(parameters.of(PlantParameters))
-        self._servo = design_servo(self._physical)
+        self._servo: ServoDesign | DesignError
+        try:
+            self._servo = design_servo(self._physical)
+        except DesignError as error:
+            self._servo = error
         self._loops: tuple[LoopAnalysis, LoopAnalysis] | None = None
         if self._own.implementation in DOCUMENTS_PROGRAM:
             self._loops = analyse_ideal(parameters), analyse_sampled(parameters)
@@ -76,22 +86,29 @@ class DesignOutput:
             console.print(f'Not in this linear model: {", ".join(names)}.')
 
     def _print_model(self, console: Console) -> None:
-        physical, servo = self._physical, self._servo
+        physical = self._physical
+        a, b = degree_state_space(physical)
         title = Text('State equation (3.24)', 'bold')
         console.print(title + ', state θ ψ θ̇ ψ̇ in deg and deg/s, input in V')
         console.print(f'α = {physical.alpha:.6g} N·m/V   β = {physical.beta:.6g} N·m·s/rad')
-        _print_matrix(console, 'A', servo.a)
-        _print_matrix(console, 'B', servo.b)
-        console.print(f'open-loop poles    {_poles(np.linalg.eigvals(servo.a))} 1/s')
-        console.print(f'closed-loop poles  {_poles(servo.poles)} 1/s')
+        _print_matrix(console, 'A', a)
+        _print_matrix(console, 'B', b)
+        console.print(f'open-loop poles    {_poles(np.linalg.eigvals(a))} 1/s')
 
     def _print_gains(self, console: Console) -> None:
         table = Table(title='Servo gains', title_justify='left')
         for heading in ('', 'computed', 'published', 'in use'):
             table.add_column(heading, justify='right')
-        rows = zip(GAIN_NAMES, self._servo.gain, PUBLISHED_GAIN, self._in_use, strict=True)
-        for name, computed, published, used in rows:
-            table.add_row(name, f'{computed:.8f}', f'{published:g}', f'{used:.8f}')
+        servo = self._servo
+        if isinstance(servo, DesignError):
+            console.print(f'section 4.2 gives no gains: {servo}')
+            computed = ['–'] * len(GAIN_NAMES)
+        else:
+            console.print(f'closed-loop poles  {_poles(servo.poles)} 1/s')
+            computed = [f'{gain:.8f}' for gain in servo.gain]
+        rows = zip(GAIN_NAMES, computed, PUBLISHED_GAIN, self._in_use, strict=True)
+        for name, gain, published, used in rows:
+            table.add_row(name, gain, f'{published:g}', f'{used:.8f}')
         console.print(table)
 
     def plot(self) -> bytes:
@@ -107,21 +124,23 @@ class DesignOutput:
 
     def as_json(self) -> dict[str, object]:
         """Return the content as JSON; an infinite number, or one that does not exist, is null."""
-        physical, servo = self._physical, self._servo
+        physical = self._physical
+        servo = None if isinstance(self._servo, DesignError) else self._servo
+        a, b = degree_state_space(physical)
         delays = LoopDelays.of(self._parameters)
         return {
             'model': {
                 'alpha': physical.alpha,
                 'beta': physical.beta,
-                'a': servo.a.tolist(),
-                'b': servo.b.tolist(),
-                'poles': [_pair(pole) for pole in np.linalg.eigvals(servo.a)],
+                'a': a.tolist(),
+                'b': b.tolist(),
+                'poles': [_pair(pole) for pole in np.linalg.eigvals(a)],
             },
             'gains': {
-                'computed': servo.gain.tolist(),
+                'computed': servo and servo.gain.tolist(),
                 'published': list(PUBLISHED_GAIN),
                 'in_use': list(self._in_use),
-                'poles': [_pair(pole) for pole in servo.poles],
+                'poles': servo and [_pair(pole) for pole in servo.poles],
             },
             'delays_ms': {
                 'actuator': delays.actuator, 'gyro': delays.gyro, 'encoder': delays.encoder
@@ -134,26 +153,35 @@ class DesignOutput:
 
 
 def _loop_json(loop: LoopAnalysis) -> dict[str, object]:
-    margins, noise = loop.margins, loop.noise
     return {
         'stable': loop.unstable is None,
         'poles': [
             {'value': _pair(pole.value), 'hz': pole.hz, 'damping': pole.damping}
             for pole in loop.poles
         ],
-        'margins': None
-        if margins is None
-        else {
-            'gain_low': _limit(margins.gain_low),
-            'gain_high': _limit(margins.gain_high),
-            'phase_deg': _limit(margins.phase_deg),
-            'dead_time_ms': _limit(margins.dead_time_ms),
-            'disk': margins.disk,
-            'sensitivity_peak': _limit(margins.sensitivity),
-        },
-        'duty_percent_per_count': None
-        if noise is None
-        else {'gyro': noise.gyro, 'encoder': noise.encoder, 'rounding': noise.rounding},
+        'margins': loop.margins and _margins_json(loop.margins),
+        'samples': loop.samples and _samples_json(loop.samples),
+    }
+
+
+def _margins_json(margins: Margins) -> dict[str, object]:
+    return {
+        'gain_low': _limit(margins.gain_low),
+        'gain_high': _limit(margins.gain_high),
+        'phase_deg': _limit(margins.phase_deg),
+        'dead_time_ms': _limit(margins.dead_time_ms),
+        'disk': margins.disk,
+        'sensitivity_peak': _limit(margins.sensitivity),
+    }
+
+
+def _samples_json(samples: SampleAnalysis) -> dict[str, object]:
+    return {
+        'gyro_dead_time_ms': _limit(samples.gyro_dead_time_ms),
+        'encoder_dead_time_ms': _limit(samples.encoder_dead_time_ms),
+        'duty_percent_per_gyro_count': samples.gyro_noise,
+        'duty_percent_per_encoder_count': samples.encoder_noise,
+        'duty_percent_of_rounding': samples.rounding_noise,
     }
 
 
@@ -185,7 +213,7 @@ def _pole_table(loop: LoopAnalysis) -> Table:
         title='Poles of the loop that runs, every 4 ms', title_justify='left',
         caption=more, caption_justify='left',
     )  # fmt: skip
-    for heading in ('z', '|z|', 'frequency [Hz]', 'damping'):
+    for heading in ('z', '|z|', 'natural [Hz]', 'damping'):
         table.add_column(heading, justify='right')
     for pole in sorted(slowest, key=poles.index):
         table.add_row(

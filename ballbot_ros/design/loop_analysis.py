@@ -5,11 +5,11 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import matrix_balance, solve_discrete_lyapunov
 from scipy.optimize import bisect
 
 from ballbot_ros.design.linear_model import ideal_loop
@@ -18,10 +18,14 @@ from ballbot_ros.design.sampled_loop import ENCODER_ERROR, GYRO_ERROR, LoopDelay
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.timing import TICK_S
 
-MAX_DEAD_TIME_MS = 100.0
-"""Longest additional dead time for which the margin of a sampled loop is sought."""
+MAX_DEAD_TIME_MS = 1000.0
+"""Longest additional dead time that is tried; a loop that bears it counts as without a limit."""
 
-_DEAD_TIME_STEP_MS = 0.25
+MIN_STEP_MS, RELATIVE_STEP = 0.25, 0.05
+"""Steps of the dead times that are tried."""
+
+FADED = 1e-30
+"""Part of a motion below which nothing is left of it."""
 
 GONE = 1e-3
 """Magnitude below which the motion of a sampled pole is over after a tick."""
@@ -45,6 +49,8 @@ class Pole(NamedTuple):
         In the s plane [1/s], or in the z plane of a sampled loop.
     hz : float
         Natural frequency [Hz].
+    oscillation_hz : float
+        Frequency at which it oscillates [Hz], 0 if it does not.
     damping : float
         Damping ratio; 1 if it does not oscillate, negative if it grows.
     decay : float
@@ -53,6 +59,7 @@ class Pole(NamedTuple):
 
     value: complex
     hz: float
+    oscillation_hz: float
     damping: float
     decay: float
 
@@ -70,26 +77,36 @@ class Pole(NamedTuple):
     def of(cls, value: complex, dt: float = 0.0) -> Pole:
         """Return a pole in the s plane, or, with a sampling period `dt` [s], in the z plane."""
         s = cmath.log(value) / dt if dt else value
-        return cls(value, abs(s) / (2.0 * math.pi), -s.real / abs(s) if s else 0.0, -s.real)
+        return cls(
+            value,
+            hz=abs(s) / (2.0 * math.pi),
+            oscillation_hz=abs(s.imag) / (2.0 * math.pi),
+            damping=-s.real / abs(s) if s else 0.0,
+            decay=-s.real,
+        )
 
 
 @dataclass(frozen=True)
-class SampleNoise:
-    """The duty that errors of the samples cause, as standard deviations [%].
+class SampleAnalysis:
+    """What the loop makes of the errors and ages of its samples.
 
     Attributes
     ----------
-    gyro, encoder : float
-        For white noise with a standard deviation of one count, 1 deg/s or 1 deg.
+    gyro_noise, encoder_noise : float
+        Standard deviation of the duty [%] for white noise with that of one count, 1 deg/s or 1 deg.
+    gyro_dead_time_ms, encoder_dead_time_ms : Limit
+        Additional age of the samples [ms] at which the loop oscillates.
     """
 
-    gyro: float
-    encoder: float
+    gyro_noise: float
+    encoder_noise: float
+    gyro_dead_time_ms: Limit
+    encoder_dead_time_ms: Limit
 
     @property
-    def rounding(self) -> float:
-        """For samples rounded to whole counts, if each error is independent of all others."""
-        return _ROUNDING * math.hypot(self.gyro, self.encoder)
+    def rounding_noise(self) -> float:
+        """That of samples rounded to whole counts, if all errors are independent of each other."""
+        return _ROUNDING * math.hypot(self.gyro_noise, self.encoder_noise)
 
 
 @dataclass(frozen=True)
@@ -102,13 +119,13 @@ class LoopAnalysis:
         From slow to fast.
     margins : Margins or None
         None if the loop is unstable.
-    noise : SampleNoise or None
-        None without samples, or if the loop is unstable.
+    samples : SampleAnalysis or None
+        None in continuous time, or if the loop is unstable.
     """
 
     poles: tuple[Pole, ...]
     margins: Margins | None
-    noise: SampleNoise | None = None
+    samples: SampleAnalysis | None = None
 
     @property
     def ringing(self) -> Pole | None:
@@ -144,10 +161,16 @@ def analyse_sampled(parameters: ParameterSet) -> LoopAnalysis:
     poles = _poles(loop.poles(), TICK_S)
     if not all(pole.is_stable for pole in poles):
         return LoopAnalysis(poles, None)
+    dead_time = partial(_dead_time_margin, parameters, delays)
     return LoopAnalysis(
         poles,
-        LoopResponse(loop.open_loop()).margins(_dead_time_margin(parameters, delays)),
-        SampleNoise(_noise(loop, GYRO_ERROR), _noise(loop, ENCODER_ERROR)),
+        LoopResponse(loop.open_loop()).margins(dead_time('actuator')),
+        SampleAnalysis(
+            gyro_noise=_noise(loop, GYRO_ERROR),
+            encoder_noise=_noise(loop, ENCODER_ERROR),
+            gyro_dead_time_ms=dead_time('gyro'),
+            encoder_dead_time_ms=dead_time('encoder'),
+        ),
     )
 
 
@@ -157,15 +180,20 @@ def _poles(values: NDArray[np.complex128], dt: float = 0.0) -> tuple[Pole, ...]:
     return tuple(sorted(poles, key=lambda pole: (pole.hz, pole.value.imag)))
 
 
-def _dead_time_margin(parameters: ParameterSet, delays: LoopDelays) -> Limit:
-    """Return the additional dead time of the motors at which the loop oscillates [ms].
+def _dead_time_margin(parameters: ParameterSet, delays: LoopDelays, name: str) -> Limit:
+    """Return the smallest additional dead time [ms] at which the loop oscillates.
 
-    Within a tick it also changes how the duty acts, so it is found by the poles: a phase margin
-    divided by its frequency would miss it.
+    Parts of a tick also change when within the tick a duty acts or a sample is taken, so it is
+    found by the poles: a phase margin divided by its frequency would miss it.
+
+    Parameters
+    ----------
+    name : str
+        Which of `delays` grows.
     """
 
     def slowest(extra_ms: float) -> complex:
-        delayed = replace(delays, actuator=delays.actuator + extra_ms)
+        delayed = replace(delays, **{name: getattr(delays, name) + extra_ms})
         return complex(max(SampledLoop(parameters, delayed).poles(), key=abs))
 
     def excess(extra_ms: float) -> float:
@@ -173,7 +201,7 @@ def _dead_time_margin(parameters: ParameterSet, delays: LoopDelays) -> Limit:
 
     stable = 0.0
     while stable < MAX_DEAD_TIME_MS:
-        unstable = stable + _DEAD_TIME_STEP_MS
+        unstable = stable + max(MIN_STEP_MS, RELATIVE_STEP * stable)
         if excess(unstable) >= 0.0:
             margin = float(bisect(excess, stable, unstable, xtol=1e-6))
             return Limit(margin, abs(cmath.phase(slowest(margin))) / TICK_S / (2.0 * math.pi))
@@ -184,8 +212,11 @@ def _dead_time_margin(parameters: ParameterSet, delays: LoopDelays) -> Limit:
 def _noise(loop: SampledLoop, source: str) -> float:
     """Return the standard deviation of the duty for white noise of 1 at an input."""
     system = loop.duty_for(source)
-    # The states differ by orders of magnitude, and Lyapunov's equation squares them.
-    a, scale = matrix_balance(system.A)
-    b, c = np.linalg.solve(scale, system.B), system.C @ scale
-    variance = c @ solve_discrete_lyapunov(a, b @ b.T) @ c.T + system.D**2
+    # The sum of A^k B B' A'^k over all k, doubling their number: the states differ by orders of
+    # magnitude, and a solver of Lyapunov's equation loses digits with them.
+    power, covariance = system.A, system.B @ system.B.T
+    while np.abs(power).max() > FADED:
+        covariance = covariance + power @ covariance @ power.T
+        power = power @ power
+    variance = system.C @ covariance @ system.C.T + system.D**2
     return math.sqrt(variance.item())

@@ -39,7 +39,7 @@ class Margins:
     phase_deg : Limit
         Additional phase, lag or lead [deg].
     dead_time_ms : Limit
-        Additional dead time [ms].
+        Additional dead time of the motors [ms].
     disk : float
         Balanced disk margin, for a change of gain and phase at the same time.
     sensitivity : Limit

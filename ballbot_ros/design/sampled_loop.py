@@ -3,7 +3,8 @@
 A linear model from tick to tick of the document's program near the upright position: motor
 voltages held between duties, samples of gyro and encoder, both low passes, the integrals in the
 listing's order, and all dead times. It leaves out what is not linear: rounding, limits, dead zone,
-gear play, `pwm_offset` and a sagging battery. Jitter counts as its mean.
+gear play, `pwm_offset` and a sagging battery. Dead times with jitter count as constant, with their
+mean.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from ballbot_ros.brick.battery_monitor import battery_mv
+from ballbot_ros.brick.dead_time import mean_delay
 from ballbot_ros.controllers.document import axis
 from ballbot_ros.controllers.document.constants import ProgramConstants, Single
 from ballbot_ros.controllers.document.program import max_motor_voltage
@@ -36,7 +38,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.plant.actuator import max_voltage
 from ballbot_ros.plant.model import Matrix, PhysicalParameters, state_space
-from ballbot_ros.timing import TICK_MS, TICK_S
+from ballbot_ros.timing import STEPS_PER_TICK, TICK_MS, TICK_S
 
 DUTY, GYRO_ERROR, ENCODER_ERROR, STICK, FORCE = INPUTS = (
     'duty', 'gyro_error', 'encoder_error', 'stick', 'force',
@@ -81,11 +83,12 @@ class LoopDelays:
         """Return the mean dead times of plant and drivers."""
         plant = parameters.of(PlantParameters)
         gyro, encoder = parameters.of(GyroParameters), parameters.of(EncoderParameters)
-        return cls(
-            plant.actuator_delay + plant.actuator_delay_jitter / 2.0,
-            gyro.delay + gyro.delay_jitter / 2.0,
-            encoder.delay + encoder.delay_jitter / 2.0,
+        pairs = (
+            (plant.actuator_delay, plant.actuator_delay_jitter),
+            (gyro.delay, gyro.delay_jitter),
+            (encoder.delay, encoder.delay_jitter),
         )
+        return cls(*(mean_delay(*pair, STEPS_PER_TICK) for pair in pairs))
 
 
 class SampledLoop:

@@ -24,16 +24,12 @@ class ServoDesign:
 
     Attributes
     ----------
-    a, b : ndarray, shape (4, 4) and (4, 1)
-        The plant with angles in degrees.
     gain : ndarray, shape (5,)
         k_f for theta, psi, theta_dot, psi_dot, then k_i.
     poles : ndarray of complex, shape (5,)
         Closed-loop poles [1/s].
     """
 
-    a: Matrix
-    b: Matrix
     gain: Matrix
     poles: NDArray[np.complex128]
 
@@ -63,8 +59,6 @@ def design_servo(
     b_bar = np.vstack([b, [[0.0]]])
     gain = lqr(a_bar, b_bar, np.diag(q_diagonal), [[r]])
     return ServoDesign(
-        a=a,
-        b=b,
         gain=gain[0],
         poles=np.linalg.eigvals(a_bar - b_bar @ gain).astype(complex),
     )

@@ -261,6 +261,8 @@ def _file_and_values(parameters: Parameters | None) -> tuple[Path | None, dict[s
         return None, {}
     if isinstance(parameters, Mapping):
         return None, plain_values(parameters)
+    if not isinstance(parameters, str | os.PathLike):
+        raise BallbotError(f'parameters: {short_repr(parameters)} is neither a mapping nor a path')
     return Path(parameters), {}
 
 

@@ -155,7 +155,7 @@ def test_the_margins_are_those_of_the_runs_parameters(driven_assessment):
     parameters.set('plant_sim', 'actuator_delay', 4)
     parameters.set('plant_sim', 'dead_zone', 2.0)
     loop = loop_of(replace(run, attached=replace(run.attached, parameters=parameters)))
-    assert loop.findings == ['Unstable: pole 0.1299 ± 1.116j grows at 58.1 Hz.']
+    assert loop.findings == ['Unstable: pole 0.1299 ± 1.116j grows at 57.9 Hz.']
     assert loop.neglected == ['the dead zone']
 
 

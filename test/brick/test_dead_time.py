@@ -6,7 +6,8 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.brick.dead_time import DeadTime, drawn_delay, sample_age
+from ballbot_ros.brick.dead_time import DeadTime, drawn_delay, mean_delay, sample_age
+from ballbot_ros.plant.delayed_duty import DelayedDuty
 from ballbot_ros.timing import SLOW_PERIOD_NS, STEP_NS, TICK_NS
 
 FIRST = 250
@@ -35,6 +36,29 @@ def test_all_delays_are_equally_likely():
 @given(steps, seeds, periods)
 def test_without_jitter_every_sample_has_the_same_age(delay, seed, period_ns):
     assert ages(delay, 0, seed, period_ns=period_ns, count=9) == [delay] * 9
+
+
+@pytest.mark.parametrize(('delay', 'jitter'), [(3, 0), (0, 1), (2, 4), (0, 12), (7, 50)])
+@pytest.mark.parametrize('period_ns', [TICK_NS, SLOW_PERIOD_NS])
+def test_the_mean_is_that_of_many_samples(delay, jitter, period_ns):
+    drawn = ages(delay, jitter, period_ns=period_ns, count=20_000)
+    mean = mean_delay(delay, jitter, period_ns // STEP_NS)
+    assert mean == pytest.approx(sum(drawn) / len(drawn), rel=0.02)
+    assert delay <= mean < delay + jitter / 2.0 + 1e-9
+
+
+@pytest.mark.parametrize(('delay', 'jitter'), [(3, 0), (0, 5), (2, 9), (0, 40)])
+def test_the_duty_that_acts_has_the_mean_dead_time(delay, jitter):
+    delayed = DelayedDuty(DeadTime('actuator', TICK_NS, delay, jitter, 1))
+    ages_ticks = []
+    for tick in range(1, 10_000):
+        delayed.command((tick, 0), tick * TICK_NS)
+        for step in range(4):
+            acting = delayed.at(tick * TICK_NS + step * STEP_NS)[0]
+            if tick > 50:
+                ages_ticks.append(tick - acting)
+    mean_ms = 4.0 * sum(ages_ticks) / len(ages_ticks)
+    assert mean_ms == pytest.approx(mean_delay(delay, jitter, 4), rel=0.02)
 
 
 @given(steps, steps, seeds, periods)

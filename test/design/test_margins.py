@@ -1,11 +1,13 @@
 """Margins against their definitions: at each the loop oscillates, within it does not."""
 
 import math
+from dataclasses import replace
 
 import control
 import numpy as np
 import pytest
 
+from ballbot_ros.design import loop_analysis
 from ballbot_ros.design.linear_model import ideal_loop
 from ballbot_ros.design.loop_analysis import Pole, analyse_ideal, analyse_sampled
 from ballbot_ros.design.margins import LoopResponse
@@ -19,6 +21,8 @@ from ballbot_ros.design.sampled_loop import (
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.parameters.assignment import assign_values
 from ballbot_ros.timing import TICK_S
+
+TURN = 2.0 * math.pi
 
 VARIANTS = [
     {},
@@ -89,13 +93,18 @@ def test_it_bears_a_lag_or_lead_up_to_its_phase_margin(case):
     assert max(turned(1.01 * margin), turned(-1.01 * margin)) > 1.0
 
 
-def test_it_bears_a_dead_time_up_to_its_margin(case):
+@pytest.mark.parametrize('name', ['actuator', 'gyro', 'encoder'])
+def test_it_bears_a_dead_time_up_to_its_margin(case, name):
     parameters, _, analysis = case
     delays = LoopDelays.of(parameters)
-    margin = analysis.margins.dead_time_ms.value
+    margin = {
+        'actuator': analysis.margins.dead_time_ms,
+        'gyro': analysis.samples.gyro_dead_time_ms,
+        'encoder': analysis.samples.encoder_dead_time_ms,
+    }[name].value
 
     def delayed(extra):
-        more = LoopDelays(delays.actuator + extra, delays.gyro, delays.encoder)
+        more = replace(delays, **{name: getattr(delays, name) + extra})
         return size(SampledLoop(parameters, more).poles())
 
     assert delayed(0.999 * margin) < 1.0 < delayed(1.001 * margin)
@@ -130,7 +139,10 @@ def test_white_noise_gives_the_predicted_duty(case, source):
     for _ in range(40_000):
         squares += (loop.c @ state) ** 2
         state = a @ state
-    predicted = {GYRO_ERROR: analysis.noise.gyro, ENCODER_ERROR: analysis.noise.encoder}[source]
+    predicted = {
+        GYRO_ERROR: analysis.samples.gyro_noise,
+        ENCODER_ERROR: analysis.samples.encoder_noise,
+    }[source]
     assert predicted == pytest.approx(math.sqrt(squares), rel=1e-6)
 
 
@@ -141,14 +153,18 @@ def test_the_documents_loop_as_it_runs():
     assert margins.gain_high == pytest.approx((1.0508, 125.0), abs=1e-4)
     assert margins.dead_time_ms == pytest.approx((3.458, 62.67), abs=0.01)
     assert analysis.ringing.value == pytest.approx(-0.9374, abs=1e-4)
-    assert analysis.ringing.hz == pytest.approx(125.0, abs=0.1)
+    assert analysis.ringing.oscillation_hz == pytest.approx(125.0)
+    samples = analysis.samples
+    assert samples.gyro_dead_time_ms == pytest.approx((3.67, 56.9), abs=0.05)
+    assert samples.encoder_dead_time_ms == pytest.approx((0.93, 125.0), abs=0.05)
+    assert samples.rounding_noise == pytest.approx(16.31, abs=0.01)
     assert analysis.unstable is None
 
 
 def test_a_loop_that_is_not_stable_has_no_margins():
     analysis = analyse_sampled(parameters_with({'controller.pwm_gain': 1.1}))
     assert analysis.unstable.value == pytest.approx(-1.0605, abs=1e-4)
-    assert (analysis.margins, analysis.noise) == (None, None)
+    assert (analysis.margins, analysis.samples) == (None, None)
 
 
 def test_a_motion_that_never_decays_is_not_stable_but_does_not_grow():
@@ -198,14 +214,23 @@ def test_an_integral_that_is_not_used_is_no_part_of_the_ideal_loop():
     assert analysis.unstable is None
 
 
-@pytest.mark.parametrize(('value', 'dt', 'hz', 'damping'), [
-    (complex(-3.0, 4.0), 0.0, 5.0 / (2.0 * math.pi), 0.6),
-    (complex(-1.0), 0.004, 125.0, 0.0),
-    (complex(0.5), 0.004, math.log(2.0) / 0.004 / (2.0 * math.pi), 1.0),
-    (complex(2.0), 0.004, math.log(2.0) / 0.004 / (2.0 * math.pi), -1.0),
-    (complex(0.0, 1.0), 0.004, 62.5, 0.0),
-    (complex(0.0), 0.0, 0.0, 0.0),
+@pytest.mark.parametrize(('value', 'dt', 'hz', 'oscillation_hz', 'damping'), [
+    (complex(-3.0, 4.0), 0.0, 5.0 / (2.0 * math.pi), 4.0 / (2.0 * math.pi), 0.6),
+    (complex(-1.0), 0.004, 125.0, 125.0, 0.0),
+    (complex(-20.0), 0.004, math.hypot(125.0, math.log(20.0) / 0.004 / TURN), 125.0, -0.69),
+    (complex(0.5), 0.004, math.log(2.0) / 0.004 / TURN, 0.0, 1.0),
+    (complex(2.0), 0.004, math.log(2.0) / 0.004 / TURN, 0.0, -1.0),
+    (complex(0.0, 1.0), 0.004, 62.5, 62.5, 0.0),
+    (complex(0.0), 0.0, 0.0, 0.0, 0.0),
 ])  # fmt: skip
-def test_the_motion_of_a_pole(value, dt, hz, damping):
+def test_the_motion_of_a_pole(value, dt, hz, oscillation_hz, damping):
     pole = Pole.of(value, dt)
-    assert (pole.hz, pole.damping) == (pytest.approx(hz), pytest.approx(damping, abs=1e-12))
+    assert (pole.hz, pole.oscillation_hz) == pytest.approx((hz, oscillation_hz))
+    assert pole.damping == pytest.approx(damping, abs=0.005)
+
+
+def test_beyond_the_longest_dead_time_that_is_tried_there_is_no_limit(monkeypatch):
+    monkeypatch.setattr(loop_analysis, 'MAX_DEAD_TIME_MS', 2.0)
+    analysis = analyse_sampled(ParameterSet())
+    assert analysis.margins.dead_time_ms.value == math.inf
+    assert analysis.samples.encoder_dead_time_ms.value == pytest.approx(0.93, abs=0.01)

@@ -1,5 +1,7 @@
 """The model of the loop that runs, against the running code with the quantisers off."""
 
+from dataclasses import astuple
+
 import control
 import numpy as np
 import pytest
@@ -160,9 +162,11 @@ def test_a_dead_time_between_steps_lies_between_its_neighbours():
     assert fastest(1e-9) == pytest.approx(whole[0], abs=1e-6)
 
 
-def test_jitter_counts_as_its_mean():
+def test_a_dead_time_with_jitter_counts_with_its_mean():
     parameters = parameters_with({'gyro_driver.delay': 1, 'gyro_driver.delay_jitter': 2})
-    assert LoopDelays.of(parameters) == LoopDelays(gyro=2.0)
+    assert astuple(LoopDelays.of(parameters)) == pytest.approx((0.0, 2.0, 0.0))
+    parameters = parameters_with({'plant_sim.actuator_delay_jitter': 12})
+    assert LoopDelays.of(parameters).actuator == pytest.approx(5.27, abs=0.05)
 
 
 def test_another_controller_is_refused_in_one_line():

@@ -371,6 +371,8 @@ def test_the_sampled_loop_is_that_of_the_analysis():
         bb.sampled_loop({'gyro_driver.noise': 0.7})
     with pytest.raises(BallbotError, match=r'^gyro_driver\.delay: 101 is not within 0 … 100 ms'):
         bb.sampled_loop({'gyro_driver.delay': 101})
+    with pytest.raises(BallbotError, match=r'^parameters: 5 is neither a mapping nor a path$'):
+        bb.sampled_loop(5)
 
 
 def test_the_package_imports_nothing_before_its_first_use():
