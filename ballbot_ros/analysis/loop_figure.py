@@ -54,7 +54,7 @@ def loop_table(parameters: ParameterSet) -> Table:
         If the controller is another than the document's program.
     """
     sampled = LoopResponse(SampledLoop(parameters).open_loop())
-    ideal = LoopResponse(ideal_loop(parameters)).at(sampled.frequencies)
+    ideal = ideal_loop(parameters)(1j * sampled.frequencies)
     table = {'frequency_hz': sampled.frequencies / (2.0 * np.pi)}
     for name, values in (('ideal', ideal), ('sampled', sampled.values)):
         table[f'{name}_gain'] = np.abs(values)

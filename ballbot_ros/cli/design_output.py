@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import asdict
 
 import numpy as np
 from rich.console import Console
@@ -26,6 +27,7 @@ from ballbot_ros.design.loop_analysis import (
     SampleAnalysis,
     analyse_ideal,
     analyse_sampled,
+    sorted_poles,
 )
 from ballbot_ros.design.margins import Limit, Margins
 from ballbot_ros.design.sampled_loop import LoopDelays
@@ -40,7 +42,6 @@ from ballbot_ros.parameters import (
 from ballbot_ros.plant.model import Matrix, PhysicalParameters
 
 GAIN_NAMES = ('θ', 'ψ', 'θ̇', 'ψ̇', '∫θ')
-
 
 SHOWN_POLES = 12
 """Poles in the table: each dead time of a tick adds one."""
@@ -127,7 +128,6 @@ class DesignOutput:
         physical = self._physical
         servo = None if isinstance(self._servo, DesignError) else self._servo
         a, b = degree_state_space(physical)
-        delays = LoopDelays.of(self._parameters)
         return {
             'model': {
                 'alpha': physical.alpha,
@@ -142,9 +142,7 @@ class DesignOutput:
                 'in_use': list(self._in_use),
                 'poles': servo and [_pair(pole) for pole in servo.poles],
             },
-            'delays_ms': {
-                'actuator': delays.actuator, 'gyro': delays.gyro, 'encoder': delays.encoder
-            },
+            'delays_ms': asdict(LoopDelays.of(self._parameters)),
             'ideal': _loop_json(self._loops[0]) if self._loops else None,
             'as_it_runs': _loop_json(self._loops[1]) if self._loops else None,
             'findings': list(findings(self._loops[1])) if self._loops else [],
@@ -231,12 +229,7 @@ def _print_matrix(console: Console, name: str, matrix: Matrix) -> None:
         console.print(f'{label:>4} ' + ' '.join(f'{value + 0.0:12.6g}' for value in row))
 
 
-def _poles(poles: Iterable[complex]) -> str:
-    """Return poles from slow to fast as text, with each conjugate pair as one word."""
-    words = []
-    for pole in sorted(poles, key=lambda p: (abs(p), p.imag)):
-        if abs(pole.imag) < 1e-9:
-            words.append(f'{pole.real + 0.0:.4g}')
-        elif pole.imag > 0.0:
-            words.append(f'{pole.real:.4g} ± {pole.imag:.4g}j')
-    return '   '.join(words)
+def _poles(values: Iterable[complex]) -> str:
+    """Return poles of a continuous system, from slow to fast, each conjugate pair as one word."""
+    poles = sorted_poles(values)
+    return '   '.join(complex_text(pole.value) for pole in single_poles(poles))

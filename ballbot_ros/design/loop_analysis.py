@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import bisect
 
 from ballbot_ros.design.linear_model import ideal_loop
@@ -143,7 +143,7 @@ class LoopAnalysis:
 def analyse_ideal(parameters: ParameterSet) -> LoopAnalysis:
     """Analyse the loop of section 4.2: the gains in use on all states, in continuous time."""
     loop = ideal_loop(parameters)
-    poles = _poles(np.linalg.eigvals(loop.A - loop.B @ loop.C))
+    poles = sorted_poles(np.linalg.eigvals(loop.A - loop.B @ loop.C))
     is_stable = all(pole.is_stable for pole in poles)
     return LoopAnalysis(poles, LoopResponse(loop).margins() if is_stable else None)
 
@@ -158,7 +158,7 @@ def analyse_sampled(parameters: ParameterSet) -> LoopAnalysis:
     """
     delays = LoopDelays.of(parameters)
     loop = SampledLoop(parameters, delays)
-    poles = _poles(loop.poles(), TICK_S)
+    poles = sorted_poles(loop.poles(), TICK_S)
     if not all(pole.is_stable for pole in poles):
         return LoopAnalysis(poles, None)
     dead_time = partial(_dead_time_margin, parameters, delays)
@@ -174,7 +174,7 @@ def analyse_sampled(parameters: ParameterSet) -> LoopAnalysis:
     )
 
 
-def _poles(values: NDArray[np.complex128], dt: float = 0.0) -> tuple[Pole, ...]:
+def sorted_poles(values: Iterable[complex], dt: float = 0.0) -> tuple[Pole, ...]:
     """Return poles from slow to fast, without those of a sampled loop that end within a tick."""
     poles = (Pole.of(complex(value), dt) for value in values if not dt or abs(value) > GONE)
     return tuple(sorted(poles, key=lambda pole: (pole.hz, pole.value.imag)))

@@ -69,10 +69,9 @@ class LoopResponse:
         self._loop, self._dt = loop, float(loop.dt)
         highest = math.pi / self._dt if self._dt else HIGHEST
         self.frequencies: NDArray[np.float64] = np.geomspace(LOWEST, highest, POINTS)
-        self.values = self.at(self.frequencies)
+        self.values = self._at(self.frequencies)
 
-    def at(self, frequency: NDArray[np.float64] | float) -> Response:
-        """Return L at frequencies [rad/s]."""
+    def _at(self, frequency: NDArray[np.float64] | float) -> Response:
         s = 1j * np.asarray(frequency)
         return np.asarray(self._loop(np.exp(s * self._dt) if self._dt else s))
 
@@ -99,17 +98,17 @@ class LoopResponse:
         crossings = self._roots(lambda response: response.imag)
         if self._dt:
             crossings.append(float(self.frequencies[-1]))  # there, a sampled response is real
-        found = ((self.at(each).item().real, each) for each in crossings)
+        found = ((self._at(each).item().real, each) for each in crossings)
         return [Limit(-1.0 / value, _hz(frequency)) for value, frequency in found if value < 0.0]
 
     def _phases(self) -> list[Limit]:
         """Return the phase lags (> 0) and leads (< 0) at which the loop oscillates [deg]."""
         crossings = self._roots(lambda response: abs(response) - 1.0)
-        return [Limit(float(np.angle(-self.at(each), deg=True)), _hz(each)) for each in crossings]
+        return [Limit(float(np.angle(-self._at(each), deg=True)), _hz(each)) for each in crossings]
 
     def _sensitivity_peak(self) -> Limit:
         def distance(frequency: float) -> float:
-            return float(abs(1.0 + self.at(frequency)))
+            return float(abs(1.0 + self._at(frequency)))
 
         nearest = int(np.argmin(abs(1.0 + self.values)))
         first, last = max(nearest - 1, 0), min(nearest + 1, POINTS - 1)
@@ -122,7 +121,7 @@ class LoopResponse:
         """Return the frequencies at which a quantity of the response changes its sign."""
         signs = np.sign(quantity(self.values))
         return [
-            brentq(lambda w: float(quantity(self.at(w))), *self.frequencies[index : index + 2])
+            brentq(lambda w: float(quantity(self._at(w))), *self.frequencies[index : index + 2])
             for index in np.flatnonzero(signs[1:] * signs[:-1] < 0)
         ]
 

@@ -203,7 +203,7 @@ def sampled_loop(parameters: Parameters | None = None) -> control.StateSpace:
 
     A system from tick to tick with the document's program: duties held for a tick, samples of gyro
     and encoder, the filters ``a_d`` and ``a_gd``, the integrals as the program computes them, and
-    all dead times, of which jitter counts as its mean. It does not round, saturate or wait.
+    all dead times; one with jitter counts with its mean. It does not round or saturate.
 
     Parameters
     ----------

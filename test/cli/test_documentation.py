@@ -3,16 +3,20 @@
 import re
 from pathlib import Path
 
+import ballbot_ros as bb
+from ballbot_ros.analysis.loop_summary import margin_rows
 from ballbot_ros.cli.command import COMMANDS, load_command
 from ballbot_ros.conformance.contract import CONTRACTS
 from ballbot_ros.conformance.examination import REQUIREMENTS
-from ballbot_ros.parameters import ALL_NODES
+from ballbot_ros.design.loop_analysis import analyse_ideal, analyse_sampled
+from ballbot_ros.parameters import ALL_NODES, ParameterSet
 from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.simulation.golden import load_golden
 
 PROJECT = Path(__file__).parents[2]
 README = (PROJECT / 'README.md').read_text(encoding='utf-8')
 OPTION_PAGES = {'run': README, 'drive': (PROJECT / 'docs/drive.md').read_text(encoding='utf-8')}
+CONTROL_PAGE = (PROJECT / 'docs/control.md').read_text(encoding='utf-8')
 ROS_PAGE = (PROJECT / 'docs/ros.md').read_text(encoding='utf-8')
 
 
@@ -51,6 +55,28 @@ def test_every_role_and_requirement_is_on_the_page_of_the_contracts():
         answer, period_ms = contract.answer, contract.period_ns // 1_000_000
         assert f'`{answer.name}` {answer.type_name.replace("/msg/", "/")}' in row, role
         assert f'| {period_ms} ms |' in row, role
+
+
+def test_the_margins_on_the_page_are_those_of_the_analysis():
+    rows = margin_rows(analyse_ideal(ParameterSet()), analyse_sampled(ParameterSet()))
+    for row in rows:
+        cells = ' | '.join(row)
+        assert f'| {cells} |'.replace('|  |', '| |') in CONTROL_PAGE, row.name
+
+
+def test_the_runs_on_the_page_are_as_measured():
+    rows = re.findall(r'^\| (nothing|`\S+=\S+`) \| .+? \| (.+?) \| (.*?) ?\| (.+) \|$',
+                      CONTROL_PAGE, re.MULTILINE)  # fmt: skip
+    assert len(rows) == 13
+    for changed, duty, saturated, verdict in rows:
+        name, _, value = changed.strip('`').partition('=')
+        run = bb.simulate('stationary', parameters={name: float(value)} if value else None)
+        assert (verdict == 'passed') == run.passed, changed
+        if duty == 'falls':
+            assert run.metrics['peak_pitch_deg'] > 30.0
+            continue
+        assert duty == f'{run.metrics["duty_rms_percent"]:.1f} %', changed
+        assert saturated == f'{100.0 * run.metrics["duty_saturated_share"]:.1f} %', changed
 
 
 def test_the_program_in_the_readme_runs(capsys, tmp_path, monkeypatch):
