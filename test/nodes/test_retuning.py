@@ -15,7 +15,8 @@ from stubs import bare
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.codegen.implementation import Implementation
 from ballbot_ros.controllers.errors import ControllerError
-from ballbot_ros.messages.topics import OPERATING_STATE, PARAMETER_EVENTS
+from ballbot_ros.messages.conversions import stamp_ns
+from ballbot_ros.messages.topics import MOTOR_DUTY, OPERATING_STATE, PARAMETER_EVENTS, PLANT_IMU
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, parameters_of
@@ -63,9 +64,16 @@ def test_gains_changed_on_the_way_replay_identically(
     with contextlib.closing(Client(domain)) as client:
         client.watch(OPERATING_STATE)
         client.watch(PARAMETER_EVENTS, depth=10)
+        client.watch(PLANT_IMU)
+        client.watch(MOTOR_DUTY)
         client.spin_until(lambda: client.newest.get(OPERATING_STATE.name))
+        client.spin_until(lambda: client.newest.get(MOTOR_DUTY.name))
         pause = SetBool.Request(data=True)
         assert client.call(SetBool, 'plant_sim/pause', pause).success
+        # The controller may still owe the duty of the newest tick, for which it would take over the
+        # first change without the second.
+        client.await_standstill(2)
+        client.spin_until(lambda: stamp_ns(client.newest[MOTOR_DUTY.name]) == client.now_ns())
         changes = {name: value, 'psi_diff_thr': 14.0}
         for each, new in changes.items():
             answer = client.set_value('controller', each, new)
