@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import json
+import shlex
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from ballbot_ros.cli.options import set_option
 from ballbot_ros.cli.path_types import NEW_FILE, PATH
+from ballbot_ros.cli.redesign import (
+    Method,
+    Redesign,
+    delay_ms,
+    five_poles,
+    five_weights,
+    format_gains,
+    positive_weight,
+)
 from ballbot_ros.codegen.implementation import compose_controller
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import CONTROLLER, ParameterSet
@@ -26,6 +38,43 @@ from ballbot_ros.standard_streams import stdout_to_stderr
 )
 @set_option
 @click.option(
+    '--method',
+    type=click.Choice([str(each) for each in Method]),
+    help='Design other gains: lqr for the ideal loop; dlqr or place for the loop as it runs, with '
+    'its filters and dead times; lqg for the controller of this name.',
+)
+@click.option(
+    '--q',
+    callback=five_weights,
+    metavar='Q,Q,Q,Q,Q',
+    help='Weights of θ, ψ, θ˙, ψ˙ and the integral of θ, with angles in degrees.  '
+    "[default: section 4.2; lqg: the controller's]",
+)
+@click.option(
+    '--r',
+    callback=positive_weight,
+    metavar='R',
+    help="Weight of the motor voltage in V.  [default: section 4.2; lqg: the controller's]",
+)
+@click.option(
+    '--poles',
+    callback=five_poles,
+    metavar='P,P,P,P,P',
+    help='Poles of the loop in 1/s, such as -0.3,-0.6+0.6j,-0.6-0.6j,-5,-7; it has others, which '
+    'follow from them.',
+)
+@click.option(
+    '--delay',
+    callback=delay_ms,
+    metavar='MS',
+    help='Dead time of the motors to design for, 0 … 100 ms.  [default: plant_sim.actuator_delay]',
+)
+@click.option(
+    '--output',
+    type=NEW_FILE,
+    help='Parameter file to write with the designed gains, for the option --params of a run.',
+)
+@click.option(
     '--plot',
     type=NEW_FILE,
     help='PNG to write: Bode and Nyquist diagram, poles, responses to the stick and to a push.',
@@ -37,9 +86,17 @@ from ballbot_ros.standard_streams import stdout_to_stderr
     help='Design the gains of this controller instead, and print a parameter file for its node: '
     'the name of an installed one, package.module:Class, or FILE.py:Class.',
 )
+@click.pass_context
 def command(
+    context: click.Context,
     parameter_file: Path | None,
     assignments: tuple[str, ...],
+    method: str | None,
+    q: tuple[float, ...] | None,
+    r: float | None,
+    poles: tuple[complex, ...] | None,
+    delay: float | None,
+    output: Path | None,
     plot: Path | None,
     as_json: bool,
     controller: str | None,
@@ -48,34 +105,74 @@ def command(
 
     The ideal loop is the document's: state feedback in continuous time. The loop that runs samples
     every 4 ms, filters, and has the dead times of motors and samples.
+
+    With --method, the gains are designed first.
     """
+    redesign = Redesign.of(method, q=q, r=r, poles=poles, delay=delay)
+    if redesign and controller:
+        raise click.UsageError('--controller has a design of its own: omit --method')
+    if output and not (redesign or controller):
+        raise click.UsageError('--output needs --method or --controller')
     parameters = read_parameter_file(parameter_file) if parameter_file else ParameterSet()
     for assignment in assignments:
         assign(parameters, assignment)
-    if controller is not None:
-        if plot or as_json:
-            raise click.UsageError('--controller prints a parameter file: omit --plot and --json')
+    if controller:
         parameters.set(CONTROLLER, 'implementation', controller, '--controller')
+    if redesign:
+        redesign.apply(parameters)
+    if controller or (redesign and redesign.method is Method.LQG):
+        if plot or as_json:
+            option = '--controller' if controller else '--method lqg'
+            raise click.UsageError(f'{option} prints a parameter file: omit --plot and --json')
         with stdout_to_stderr():  # it may print while its class is loaded
             compose_controller(parameters)
-        click.echo(format_parameters(parameters, [CONTROLLER]), nl=False)
+        text = format_parameters(parameters, [CONTROLLER])
+        if output:
+            _write('--output', output, text.encode())
+        else:
+            click.echo(text, nl=False)
         return
     # Imported only here: it takes two seconds.
     from ballbot_ros.cli.design_output import DesignOutput
 
-    output = DesignOutput(parameters)
+    design = DesignOutput(parameters, is_redesigned=redesign is not None)
+    written = []
+    if output:
+        _write('--output', output, format_gains(parameters, _spelled(context)).encode())
+        written.append(f'gains  {output}')
     if plot:
-        _write(plot, output.plot())
+        _write('--plot', plot, design.plot())
+        written.append(f'plot  {plot}')
     if as_json:
-        click.echo(json.dumps(output.as_json(), indent=2, allow_nan=False))
-    else:
-        output.print()
-        if plot:
-            click.echo(f'plot  {plot}')
+        click.echo(json.dumps(design.as_json(), indent=2, allow_nan=False))
+        return
+    design.print()
+    for line in written:
+        click.echo(line)
 
 
-def _write(path: Path, png: bytes) -> None:
+def _write(option: str, path: Path, content: bytes) -> None:
     try:
-        path.write_bytes(png)
+        path.write_bytes(content)
     except OSError as error:
-        raise BallbotError(f'--plot {path}: {error.strerror}') from None
+        raise BallbotError(f'{option} {path}: {error.strerror}') from None
+
+
+def _spelled(context: click.Context) -> str:
+    """Return the command that makes the same design again."""
+
+    def words() -> Iterator[str]:
+        for option in context.command.params:
+            name = option.name or ''
+            value = context.params[name]
+            given = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+            if not given or name in ('output', 'plot', 'as_json'):
+                continue
+            if not option.multiple:
+                words = value if isinstance(value, tuple) else (value,)
+                value = (','.join(str(word).strip('()') for word in words),)
+            for each in value:
+                # With =, since the value may begin with a minus sign.
+                yield f'{option.opts[0]}={each}'
+
+    return shlex.join(['ballbot', 'design', *words()])

@@ -48,10 +48,18 @@ SHOWN_POLES = 12
 
 
 class DesignOutput:
-    """The model of a plane, its servo gains and its loop, for a set of parameters."""
+    """The model of a plane, its servo gains and its loop, for a set of parameters.
 
-    def __init__(self, parameters: ParameterSet) -> None:
+    Parameters
+    ----------
+    parameters : ParameterSet
+    is_redesigned : bool
+        Whether the gains in use come from another design than section 4.2.
+    """
+
+    def __init__(self, parameters: ParameterSet, *, is_redesigned: bool = False) -> None:
         self._parameters = parameters
+        self._in_use_heading = 'designed' if is_redesigned else 'in use'
         self._own = parameters.of(ControllerParameters)
         self._physical = PhysicalParameters.from_parameters(parameters.of(PlantParameters))
         self._servo: ServoDesign | DesignError
@@ -98,7 +106,7 @@ class DesignOutput:
 
     def _print_gains(self, console: Console) -> None:
         table = Table(title='Servo gains', title_justify='left')
-        for heading in ('', 'computed', 'published', 'in use'):
+        for heading in ('', 'computed', 'published', self._in_use_heading):
             table.add_column(heading, justify='right')
         servo = self._servo
         if isinstance(servo, DesignError):

@@ -19,7 +19,7 @@ from ballbot_ros.controllers.interface import Estimates
 from ballbot_ros.numerics.discretisation import zero_order_hold
 from ballbot_ros.parameters import ControllerParameters, TakesEffect, designed, quantity
 from ballbot_ros.plant.model import Matrix, PhysicalParameters, state_space
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.timing import TICK_MS, TICK_S
 
 DEGREE = math.pi / 180.0
 ANY, POSITIVE = (-1e9, 1e9), (1e-6, 1e6)
@@ -64,10 +64,21 @@ class LQGParameters:
     dead_zone: float = quantity(
         1.0, '%', (0.0, 50.0), 'filter: duty that friction takes', 'project'
     )
+    actuator_delay: float = quantity(
+        0.0, 'ms', (0.0, 100.0), 'dead time of the motors to design for', 'project'
+    )
     transition: tuple[float, ...] = designed(
         '1, s, 1/s', ANY, 'A of the filter, 5 × 5, row by row: θ, ψ, θ˙, ψ˙, gyro drift'
     )
-    input_effect: tuple[float, ...] = designed('deg/V, deg/s/V', ANY, 'B of the filter, 5 × 1')
+    input_effect: tuple[float, ...] = designed(
+        'deg/V, deg/s/V', ANY, 'B of the filter, 5 × n, row by row: of the newest n voltages'
+    )
+    lead: tuple[float, ...] = designed(
+        '1, s, deg/V, deg/s/V',
+        ANY,
+        'state when the next duty takes effect, 4 × (4 + n - 1), row by row: from the state at the '
+        'tick and the voltages on their way',
+    )
     filter_gain: tuple[float, ...] = designed(
         's, 1, 1/s', ANY, 'Kalman gain, 5 × 2, row by row: of the gyro and of the encoder'
     )
@@ -88,20 +99,23 @@ class LQGParameters:
 class LQG(DrivingController[LQGParameters]):
     """A Kalman filter that knows the gyro's drift, and an LQR with the integral of theta.
 
-    The duty of a tick acts at once and until the next tick, so that the loop has no dead time: the
-    filter corrects its prediction by the readings of a tick, the LQR answers, and the filter
-    predicts the next tick with the voltage that the whole duty gives.
+    The filter corrects its prediction by the readings of a tick, the LQR answers, and the filter
+    predicts the next tick with the voltage that the whole duty gives. Without a dead time, the duty
+    acts at once and until the next tick. With one, the LQR answers the state that the voltages on
+    their way will have led to when the duty takes effect: from there on, the loop is as without.
     """
 
     @classmethod
     def design(cls, parameters: LQGParameters, model: PhysicalParameters) -> LQGParameters:
         """Return the parameters with the filter and the gains for a model."""
-        filter_a, filter_b, filter_gain = kalman_filter(parameters, model)
+        filter_a, filter_gain = kalman_filter(parameters, model)
         gain, _ = regulator(parameters, model)
+        lead, effects = dead_time(model, parameters.actuator_delay)
         return replace(
             parameters,
             transition=_flat(filter_a),
-            input_effect=_flat(filter_b),
+            input_effect=_flat(np.vstack([effects, np.zeros(effects.shape[1])])),
+            lead=_flat(lead),
             filter_gain=_flat(filter_gain),
             feedback=_flat(gain),
             feedforward=_flat(feedforward(model)),
@@ -112,10 +126,10 @@ class LQG(DrivingController[LQGParameters]):
         return Plane(self.parameters, self.model)
 
 
-def discrete_model(model: PhysicalParameters) -> tuple[Matrix, Matrix]:
-    """Return A (4, 4) and B (4, 2) of a tick in degrees, for the voltage and a torque on psi."""
+def discrete_model(model: PhysicalParameters, dt: float = TICK_S) -> tuple[Matrix, Matrix]:
+    """Return A (4, 4) and B (4, 2) for `dt` seconds in degrees: of voltage and torque on psi."""
     a, b = state_space(model)
-    return zero_order_hold(a, b[:, [0, 2]] / DEGREE, TICK_S)
+    return zero_order_hold(a, b[:, [0, 2]] / DEGREE, dt)
 
 
 def with_integral(model: PhysicalParameters) -> tuple[Matrix, Matrix]:
@@ -141,8 +155,38 @@ def regulator(p: LQGParameters, model: PhysicalParameters) -> tuple[Matrix, Matr
     return np.asarray(gain, float), np.asarray(cost, float)
 
 
-def kalman_filter(p: LQGParameters, model: PhysicalParameters) -> tuple[Matrix, Matrix, Matrix]:
-    """Return A (5, 5), B (5, 1) and the gain (5, 2) of the stationary Kalman filter.
+def dead_time(model: PhysicalParameters, delay_ms: float) -> tuple[Matrix, Matrix]:
+    """Return what voltages do that take effect late.
+
+    Returns
+    -------
+    lead : ndarray, shape (4, 4 + n - 1)
+        The state after the dead time, from the state now and the n - 1 voltages on their way, the
+        newest first.
+    effects : ndarray, shape (4, n)
+        The effect in a tick of its own voltage and of those before it, the newest first.
+    """
+    whole, part = divmod(delay_ms, TICK_MS)
+    on_their_way = math.ceil(delay_ms / TICK_MS)
+    lead = np.eye(4, 4 + on_their_way)
+    for voltage in range(on_their_way, 0, -1):
+        # The oldest one acts for the rest of its time, the others for a whole tick each.
+        acts_ms = part or TICK_MS if voltage == on_their_way else TICK_MS
+        transition, effect = discrete_model(model, acts_ms * 1e-3)
+        lead = transition @ lead
+        lead[:, 3 + voltage] += effect[:, 0]
+    effects = np.zeros((4, 1 + on_their_way))
+    # Within each tick a voltage follows the one before it.
+    for voltage, acts_ms in ((int(whole) + 1, part), (int(whole), TICK_MS - part)):
+        if acts_ms:
+            transition, effect = discrete_model(model, acts_ms * 1e-3)
+            effects = transition @ effects
+            effects[:, voltage] += effect[:, 0]
+    return lead, effects
+
+
+def kalman_filter(p: LQGParameters, model: PhysicalParameters) -> tuple[Matrix, Matrix]:
+    """Return A (5, 5) and the gain (5, 2) of the stationary Kalman filter.
 
     The gyro reads psi_dot plus the drift, the encoder Rs/Rw (theta - psi). The gain is the one that
     corrects a prediction by the readings of the same tick.
@@ -162,7 +206,7 @@ def kalman_filter(p: LQGParameters, model: PhysicalParameters) -> tuple[Matrix, 
     noise = np.diag([p.gyro_error, p.encoder_error]) ** 2
     _, covariance, _ = control.dlqe(a, np.eye(STATES), c, disturbance, noise)
     gain = covariance @ c.T @ np.linalg.inv(c @ covariance @ c.T + noise)
-    return a, g[:, :1], np.asarray(gain, float)
+    return a, np.asarray(gain, float)
 
 
 def measurement(ratio: float) -> Matrix:
@@ -189,6 +233,10 @@ class Plane:
         p = self._p = parameters
         self._ratio = model.ratio
         self._transition = _rows(p.transition, STATES)
+        self._effects = _rows(p.input_effect, len(p.input_effect) // STATES)
+        self._lead = _rows(p.lead, len(p.lead) // 4)
+        self._dead_time = p.actuator_delay * 1e-3
+        self._on_their_way = (0.0,) * (len(self._effects[0]) - 1)
         self._gain = _rows(p.filter_gain, 2)
         self._reference = SpeedReference(p.reference_time)
         self._predicted = (0.0,) * STATES
@@ -202,7 +250,8 @@ class Plane:
         now.theta_ref, now.theta_ref_dot = reference.theta, reference.theta_dot
         state = self._corrected(inputs.rate, inputs.revolution)
         now.theta, now.psi, now.theta_dot, now.psi_dot, _ = state
-        duty = readings.duty(self._voltage(readings.max_voltage))
+        acting = _products(self._lead, (*state[:-1], *self._on_their_way))
+        duty = readings.duty(self._voltage(acting, readings.max_voltage))
         if abs(duty) < MAX_DUTY:  # else the integral would wind up
             self._integral += TICK_S * (now.theta - now.theta_ref)
         self._predict(state, self._effective(duty) * readings.max_voltage / MAX_DUTY)
@@ -222,17 +271,26 @@ class Plane:
             for predicted, (of_gyro, of_encoder) in zip(self._predicted, self._gain, strict=True)
         ]
 
-    def _voltage(self, max_voltage: float) -> float:
-        """Return the voltage of feedforward and feedback, for the largest one [V]."""
+    def _voltage(self, acting: Sequence[float], max_voltage: float) -> float:
+        """Return the voltage of feedforward and feedback.
+
+        Parameters
+        ----------
+        acting : sequence of float
+            theta, psi and their rates when the voltage takes effect.
+        max_voltage : float
+            The largest one [V].
+        """
         now, acceleration = self.estimates, self._reference.theta_ddot
+        theta, psi, theta_dot, psi_dot = acting
         psi_rate, voltage_rate, psi_acceleration, voltage_acceleration = self._p.feedforward
         psi_ref = psi_rate * now.theta_ref_dot + psi_acceleration * acceleration
         voltage = voltage_rate * now.theta_ref_dot + voltage_acceleration * acceleration
         error = (
-            now.theta - now.theta_ref,
-            now.psi - psi_ref,
-            now.theta_dot - now.theta_ref_dot,
-            now.psi_dot,
+            theta - (now.theta_ref + self._dead_time * now.theta_ref_dot),
+            psi - psi_ref,
+            theta_dot - now.theta_ref_dot,
+            psi_dot,
             self._integral,
         )
         low, high = -max_voltage - voltage, max_voltage - voltage
@@ -261,12 +319,26 @@ class Plane:
         return rest if duty > 0 else -rest
 
     def _predict(self, state: Sequence[float], voltage: float) -> None:
-        # No sum(): since Python 3.12 it compensates the rounding.
-        v, w, x, y, z = state
+        voltages = (voltage, *self._on_their_way)
+        self._on_their_way = voltages[:-1]
         self._predicted = tuple(
-            a * v + b * w + c * x + d * y + e * z + effect * voltage
-            for (a, b, c, d, e), effect in zip(self._transition, self._p.input_effect, strict=True)
+            moved + effect
+            for moved, effect in zip(
+                _products(self._transition, state), _products(self._effects, voltages), strict=True
+            )
         )
+
+
+def _products(rows: Sequence[Sequence[float]], values: Sequence[float]) -> list[float]:
+    """Return the product of a matrix and a vector."""
+    products = []
+    for row in rows:
+        # No sum(): since Python 3.12 it compensates the rounding.
+        total = row[0] * values[0]
+        for factor, value in zip(row[1:], values[1:], strict=True):
+            total += factor * value
+        products.append(total)
+    return products
 
 
 def _flat(matrix: Matrix) -> tuple[float, ...]:

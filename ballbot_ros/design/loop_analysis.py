@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import bisect
 
+from ballbot_ros.design.covariance import steady_covariance
 from ballbot_ros.design.linear_model import ideal_loop
 from ballbot_ros.design.margins import Limit, LoopResponse, Margins
 from ballbot_ros.design.sampled_loop import ENCODER_ERROR, GYRO_ERROR, LoopDelays, SampledLoop
@@ -24,9 +25,6 @@ MAX_DEAD_TIME_MS = 1000.0
 MIN_STEP_MS, RELATIVE_STEP = 0.25, 0.05
 """Steps of the dead times that are tried."""
 
-FADED = 1e-30
-"""Part of a motion below which nothing is left of it."""
-
 GONE = 1e-3
 """Magnitude below which the motion of a sampled pole is over after a tick."""
 
@@ -36,7 +34,7 @@ STEADY = 1e-6
 RINGING = 0.1
 """Damping ratio below which a loop rings."""
 
-_ROUNDING = math.sqrt(1.0 / 12.0)
+ROUNDING = math.sqrt(1.0 / 12.0)
 """Standard deviation of the error of a number rounded to an integer."""
 
 
@@ -106,7 +104,7 @@ class SampleAnalysis:
     @property
     def rounding_noise(self) -> float:
         """That of samples rounded to whole counts, if all errors are independent of each other."""
-        return _ROUNDING * math.hypot(self.gyro_noise, self.encoder_noise)
+        return ROUNDING * math.hypot(self.gyro_noise, self.encoder_noise)
 
 
 @dataclass(frozen=True)
@@ -212,11 +210,6 @@ def _dead_time_margin(parameters: ParameterSet, delays: LoopDelays, name: str) -
 def _noise(loop: SampledLoop, source: str) -> float:
     """Return the standard deviation of the duty for white noise of 1 at an input."""
     system = loop.duty_for(source)
-    # The sum of A^k B B' A'^k over all k, doubling their number: the states differ by orders of
-    # magnitude, and a solver of Lyapunov's equation loses digits with them.
-    power, covariance = system.A, system.B @ system.B.T
-    while np.abs(power).max() > FADED:
-        covariance = covariance + power @ covariance @ power.T
-        power = power @ power
+    covariance = steady_covariance(system.A, system.B @ system.B.T)
     variance = system.C @ covariance @ system.C.T + system.D**2
     return math.sqrt(variance.item())

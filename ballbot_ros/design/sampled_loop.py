@@ -91,6 +91,16 @@ class LoopDelays:
         return cls(*(mean_delay(*pair, STEPS_PER_TICK) for pair in pairs))
 
 
+def require_documents_program(parameters: ParameterSet) -> None:
+    """Raise DesignError if the controller is another than the document's program."""
+    implementation = parameters.of(ControllerParameters).implementation
+    if implementation not in DOCUMENTS_PROGRAM:
+        raise DesignError(
+            "the loop as it runs is known for the document's program only "
+            f'({", ".join(DOCUMENTS_PROGRAM)}), not for {public_reference(implementation)}'
+        )
+
+
 class SampledLoop:
     """The loop of one plane from tick to tick, opened at the duty.
 
@@ -118,12 +128,7 @@ class SampledLoop:
     """
 
     def __init__(self, parameters: ParameterSet, delays: LoopDelays | None = None) -> None:
-        implementation = parameters.of(ControllerParameters).implementation
-        if implementation not in DOCUMENTS_PROGRAM:
-            raise DesignError(
-                "the loop as it runs is known for the document's program only "
-                f'({", ".join(DOCUMENTS_PROGRAM)}), not for {public_reference(implementation)}'
-            )
+        require_documents_program(parameters)
         delays = delays or LoopDelays.of(parameters)
         plane = _Plane.of(parameters.of(PlantParameters))
         tick = _Tick(plane, delays)
@@ -147,7 +152,7 @@ class SampledLoop:
 
     def open_loop(self) -> control.StateSpace:
         """Return the loop opened at the duty, for negative feedback; its input is a duty [%]."""
-        names, basis = self._feedback_states()
+        names, basis = self.feedback_states()
         inverse = np.linalg.pinv(basis)
         return control.ss(
             inverse @ self.a @ basis, inverse @ self.b[:, :1], -self.c @ basis, 0.0, TICK_S,
@@ -156,7 +161,7 @@ class SampledLoop:
 
     def duty_for(self, source: str) -> control.StateSpace:
         """Return the closed loop from one of `INPUTS` to the computed duty [%]."""
-        names, basis = self._feedback_states()
+        names, basis = self.feedback_states()
         inverse = np.linalg.pinv(basis)
         a, b = self.closed()
         column = INPUTS.index(source)
@@ -165,7 +170,7 @@ class SampledLoop:
             inputs=[source], outputs=['duty'], states=names, name='closed_sampled_loop',
         )  # fmt: skip
 
-    def _feedback_states(self) -> tuple[list[str], Matrix]:
+    def feedback_states(self) -> tuple[list[str], Matrix]:
         """Return the states that take part in the feedback, and their columns in all states.
 
         The reference does not, nor an integral that is not used. The program's pitch is a sum of

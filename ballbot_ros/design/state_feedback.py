@@ -36,6 +36,13 @@ def require_controllable(a: ArrayLike, b: ArrayLike) -> None:
             )
 
 
+def require_weights(q: ArrayLike, r: ArrayLike) -> None:
+    """Raise DesignError unless the weights Q and R are possible: Q ≥ 0, R > 0."""
+    for name, weight, least in (('Q', q, 0.0), ('R', r, np.finfo(float).tiny)):
+        if not (np.linalg.eigvalsh(np.nan_to_num(weight, nan=-1.0)) >= least).all():
+            raise DesignError(f'no linear quadratic regulator: {name} must not be negative')
+
+
 def lqr(a: ArrayLike, b: ArrayLike, q: ArrayLike, r: ArrayLike) -> Matrix:
     """Return the gain K (m, n) that minimises the integral of x'Qx + u'Ru.
 
@@ -45,9 +52,7 @@ def lqr(a: ArrayLike, b: ArrayLike, q: ArrayLike, r: ArrayLike) -> Matrix:
         If (A, B) is not controllable, or the weights admit no solution.
     """
     require_controllable(a, b)
-    for name, weight, least in (('Q', q, 0.0), ('R', r, np.finfo(float).tiny)):
-        if not (np.linalg.eigvalsh(np.nan_to_num(weight, nan=-1.0)) >= least).all():
-            raise DesignError(f'no linear quadratic regulator: {name} must not be negative')
+    require_weights(q, r)
     try:
         gain, _, _ = control.lqr(a, b, q, r)
     except (control.ControlArgument, ValueError, np.linalg.LinAlgError) as error:

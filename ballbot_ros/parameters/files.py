@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Container, Hashable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -77,13 +77,16 @@ def write_parameter_file(
         raise ParameterError(f'{path}: {error.strerror}') from None
 
 
-def format_parameters(parameters: ParameterSet, nodes: Iterable[str] = NODES) -> str:
-    """Return the text of a parameter file with all parameters of `nodes`."""
+def format_parameters(
+    parameters: ParameterSet, nodes: Iterable[str] = NODES, names: Container[str] | None = None
+) -> str:
+    """Return the text of a parameter file with all parameters of `nodes`, or those of `names`."""
     content = {
         f'/**/{node}': {
             'ros__parameters': {
                 name: list(value) if isinstance(value, tuple) else value
                 for name, value in parameters.of_node(node).values().items()
+                if names is None or name in names
             }
         }
         for node in nodes

@@ -7,9 +7,12 @@ import warnings
 import pytest
 
 from ballbot_ros.analysis.loop_figure import loop_table
+from ballbot_ros.codegen.implementation import compose_controller
 from ballbot_ros.design.loop_analysis import analyse_ideal, analyse_sampled
-from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.parameters import ControllerParameters, ParameterSet
+from ballbot_ros.parameters.files import read_parameter_file
 
+DELAY = 'plant_sim.actuator_delay=8'
 PNG = b'\x89PNG\r\n\x1a\n'
 
 
@@ -145,7 +148,114 @@ def test_the_responses_of_the_picture_are_alike_below_one_hertz_and_differ_above
         assert low < table['sampled_gain'][index] / table['ideal_gain'][index] < high
 
 
+POLES = '-0.3,-0.6+0.6j,-0.6-0.6j,-5,-7'
+
+
+@pytest.mark.parametrize('arguments', [
+    ('--method', 'lqr', '--r', '1e8'),
+    ('--method', 'dlqr'),
+    ('--method', 'dlqr', '--q', '1, 6e5, 1, 1, 1e3', '--delay', '4'),
+    ('--method', 'place', f'--poles={POLES}'),
+])  # fmt: skip
+def test_the_designed_gains_are_analysed_and_written(command, tmp_path, arguments):
+    path = tmp_path / 'gains.yaml'
+    found = content(command, *arguments, '--output', path)
+    own = read_parameter_file(path).of(ControllerParameters)
+    assert found['gains']['in_use'] == [*own.k_f, own.k_i]
+    assert found['gains']['in_use'] != pytest.approx(list(found['gains']['computed']), rel=0.01)
+    assert found['as_it_runs']['stable']
+    assert found['as_it_runs'] == content(command, '--params', path)['as_it_runs']
+
+
+def test_a_redesign_is_shown_beside_the_documents(command, tmp_path):
+    path = tmp_path / 'gains.yaml'
+    text = words(command, '--method', 'dlqr', '--set', 'controller.a_r=0.99', '--output', path)
+    (heading,) = [line for line in text.splitlines() if 'published' in line]
+    assert 'designed' in heading
+    assert 'in use' not in heading
+    assert cells(text, 'θ')[0] == '-0.01504899'
+    own = read_parameter_file(path).of(ControllerParameters)
+    assert cells(text, 'θ')[2] == f'{own.k_f[0]:.8f}'
+    assert text.endswith(f'gains  {path}\n')
+    assert path.read_text(encoding='utf-8').splitlines() == [
+        '# ballbot design --set=controller.a_r=0.99 --method=dlqr',
+        '/**/controller:',
+        '  ros__parameters:',
+        f'    k_f: [{", ".join(map(str, own.k_f))}]',
+        f'    k_i: {own.k_i}',
+        '    a_d: 0.8',
+        '    a_r: 0.99',
+        '    a_gd: 0.999',
+    ]
+
+
+def test_the_lqr_with_the_documents_weights_gives_its_gains(command):
+    found = content(command, '--method', 'lqr')['gains']
+    assert found['in_use'] == pytest.approx(found['computed'], rel=1e-7)
+
+
+def test_a_design_for_a_dead_time_bears_more_of_it(command):
+    plain, late = (
+        content(command, '--method', 'dlqr', '--set', 'plant_sim.actuator_delay=70', *delay)
+        for delay in (('--delay', '0'), ())
+    )
+    assert late['as_it_runs']['stable']
+    assert not plain['as_it_runs']['stable']
+
+
+def test_the_lqg_for_a_dead_time_is_a_parameter_file(command, tmp_path):
+    path = tmp_path / 'lqg.yaml'
+    arguments = ('--method', 'lqg', '--q', '0.01,1,4,25,100', '--r', '4', '--delay', '12')
+    assert words(command, *arguments, '--output', path) == ''
+    assert words(command, *arguments) == path.read_text(encoding='utf-8')
+    parameters = read_parameter_file(path)
+    compose_controller(parameters)
+    values = parameters.of(ControllerParameters).values()
+    assert values['implementation'] == 'lqg'
+    scales = ('theta', 'psi', 'theta_dot', 'psi_dot', 'integral', 'voltage')
+    assert [values[f'user.{name}_scale'] for name in scales] == [10.0, 1.0, 0.5, 0.2, 0.1, 0.5]
+    assert values['user.actuator_delay'] == 12.0
+    assert len(values['user.lead']) == 4 * (4 + 3)
+
+
+def test_a_run_takes_the_designed_gains(command, tmp_path):
+    path = tmp_path / 'gains.yaml'
+    words(command, '--method', 'dlqr', '--delay', '8', '--output', path)
+    run = ('run', 'stationary', '--processes', 'none', '--no-record', '--json', '--set', DELAY)
+    duties = [
+        json.loads(command(*run, *parameters)[1])['metrics']['duty_rms_percent']
+        for parameters in ((), ('--params', path))
+    ]
+    assert duties[1] < 0.5 * duties[0]
+
+
 @pytest.mark.parametrize(('arguments', 'expected'), [
+    (['--method', 'dlqr', '--q', '1,2,3'], "'1,2,3': 5 numbers are needed, not 3"),
+    (['--method', 'dlqr', '--q=-1,1,1,1,1'], "'-1' is not a weight of at least 0"),
+    (['--method', 'dlqr', '--q=nan,1,1,1,1'], "'nan' is not a weight of at least 0"),
+    (['--method', 'dlqr', '--q=1e999,1,1,1,1'], "'1e999' is not a weight of at least 0"),
+    (['--method', 'lqr', '--r', '0'], "'--r': '0' is not a weight above 0"),
+    (['--method', 'lqr', '--r', '-1'], "'--r': '-1' is not a weight above 0"),
+    (['--method', 'lqr', '--r', 'nan'], "'--r': 'nan' is not a weight above 0"),
+    (['--method', 'dlqr', '--delay', '101'], "'--delay': '101' is not within 0 … 100 ms"),
+    (['--method', 'dlqr', '--delay', 'nan'], "'--delay': 'nan' is not within 0 … 100 ms"),
+    (['--method', 'place'], '--method place needs --poles'),
+    (['--method', 'place', '--poles=-1,-2,x,-4,-5'], "'x' is not a pole, such as -7+5j"),
+    (['--method', 'place', '--poles=-1,-2,-3,-4,5'], 'the pole 5 1/s is not stable'),
+    (['--method', 'place', '--poles=-1,-2,-3,-4,-9+1j'], 'the pole -9+1j 1/s needs its conjugate'),
+    (['--method', 'place', '--poles=-1,-2,-30,-40,-50'], 'no design: the loop gets a pole at'),
+    (['--method', 'place', f'--poles={POLES}', '--r=1'], '--r: --method place takes --poles'),
+    (['--method', 'lqr', '--delay', '3'], '--delay: --method lqr takes --q, --r'),
+    (['--delay', '3'], '--delay needs --method'),
+    (['--output', 'x.yaml'], '--output needs --method or --controller'),
+    (['--method', 'dlqr', '--output', '/nowhere/x.yaml'], '--output /nowhere/x.yaml: No such file'),
+    (['--method', 'dlqr', '--controller', 'lqg'], 'omit --method'),
+    (['--method', 'lqg', '--q', '0,1,1,1,1'], '--q: --method lqg needs weights above 0'),
+    (['--method', 'lqg', '--json'], '--method lqg prints a parameter file: omit --plot and --json'),
+    (['--method', 'nope'], "'nope' is not one of 'lqr', 'dlqr', 'place', 'lqg'"),
+    (['--method', 'dlqr', '--set', 'plant_sim.torque_constant=0'], 'is not controllable'),
+    (['--method', 'lqr', '--set', 'controller.implementation=pid'], "document's program only"),
+    (['--method', 'dlqr', '--set', 'controller.a_gd=1'], 'no gains are found with which the loop'),
     (['--plot', '/nowhere/loop.png'], '--plot /nowhere/loop.png: No such file or directory'),
     (['--plot', 'x/'], 'x/: is a folder; name a file to write'),
     (['--set', 'plant_sim.actuator_delay=101'], '101 is not within 0 … 100 ms'),

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from robot import physical
 from shipped_controllers import duties, exchanged, run_shipped
 
-from ballbot_ros.controllers.lqg import LQG, LQGParameters, discrete_model, measurement
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.controllers.lqg import LQG, LQGParameters, dead_time, discrete_model, measurement
+from ballbot_ros.timing import TICK_MS, TICK_S
 
 REFERENCE = 'lqg'
 HEAVY = {'body_mass': 0.9}
@@ -48,6 +50,45 @@ def test_the_design_follows_the_model():
     light, heavy = (LQG.design(LQGParameters(), physical(**each)) for each in (LIGHT, HEAVY))
     assert light.feedback != heavy.feedback
     assert light.filter_gain != heavy.filter_gain
+
+
+@given(st.integers(0, 60), st.integers(0, 10**6))
+def test_the_prediction_over_a_dead_time_is_the_motion_of_the_plant(delay_ms, seed):
+    model, generator = physical(), np.random.default_rng(seed)
+    lead, effects = dead_time(model, float(delay_ms))
+    step, effect = discrete_model(model, 1e-3)
+    voltages = generator.uniform(-8.0, 8.0, effects.shape[1])  # the newest first
+    start = generator.uniform(-1.0, 1.0, 4)
+
+    def acting(ms):
+        """Return the voltage that acts `ms` after a tick; the newest does after the dead time."""
+        return voltages[-((ms - delay_ms) // TICK_MS)]
+
+    states = [start]
+    for ms in range(max(delay_ms, TICK_MS)):
+        states.append(step @ states[-1] + effect[:, 0] * acting(ms))
+    np.testing.assert_allclose(
+        lead @ [*start, *voltages[1:]], states[delay_ms], rtol=1e-9, atol=1e-9
+    )
+    transition, _ = discrete_model(model)
+    after = transition @ start + effects @ voltages
+    np.testing.assert_allclose(after, states[TICK_MS], rtol=1e-9, atol=1e-9)
+
+
+def test_without_a_dead_time_nothing_is_predicted():
+    lead, effects = dead_time(physical(), 0.0)
+    np.testing.assert_array_equal(lead, np.eye(4))
+    np.testing.assert_array_equal(effects, discrete_model(physical())[1][:, :1])
+
+
+@pytest.mark.parametrize('delay_ms', [8, 30])
+def test_it_stands_with_a_dead_time_that_it_knows(delay_ms):
+    dead_time_ms = [f'plant_sim.actuator_delay={delay_ms}']
+    knows = [*dead_time_ms, f'controller.user.actuator_delay={delay_ms}']
+    result = run_shipped(REFERENCE, assignments=knows)
+    assert result.passed, result.reason
+    assert result.metrics['duty_rms_percent'] < 10.0
+    assert run_shipped(REFERENCE, assignments=dead_time_ms).metrics['duty_rms_percent'] > 50.0
 
 
 def test_feedforward_is_the_back_emf_of_a_rolling_ball():

@@ -35,8 +35,8 @@ ALLOWED_NUMPY = {
 MEASURING = {'clearance', '_outline', 'pitch_angles'}
 # The design of the LQG, whose results are parameters of a run.
 DESIGNING = {
-    'discrete_model', 'feedforward', 'kalman_filter', 'measurement', 'regulator', 'weights',
-    'with_integral',
+    'dead_time', 'discrete_model', 'feedforward', 'kalman_filter', 'measurement', 'regulator',
+    'weights', 'with_integral',
 }  # fmt: skip
 
 
