@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -21,7 +21,13 @@ from ballbot_ros.scenario.library import scenario_names
 PAGE = Path(__file__).parents[1] / 'docs' / 'controllers.md'
 BEGIN, END = '<!-- figures: begin -->\n', '<!-- figures: end -->\n'
 BALLBOT = (sys.executable, '-m', 'ballbot_ros.cli.main')
-CONTROLLERS = ('python', 'pid', 'lqg', 'drift_filter', 'mpc')
+QUIET = Path(__file__).parents[1] / 'config/gains/quiet.yaml'
+CONTROLLERS = {
+    'python': (),
+    'python, quiet': ('--params', str(QUIET)),
+    **{name: ('--controller', name) for name in ('pid', 'lqg', 'drift_filter', 'mpc')},
+}
+"""The columns: options of a run."""
 PROFILES = ('ideal', 'hardware')
 LONG, LONG_S, LONG_SEEDS = 'hardware_standing', 300, (1, 2, 3)
 
@@ -44,13 +50,13 @@ LONG_METRICS = {
 
 
 def compare(
-    folder: Path, scenario: str, *options: str, controllers: Sequence[str] = CONTROLLERS
+    folder: Path, scenario: str, *options: str, controllers: Iterable[str] = CONTROLLERS
 ) -> dict[str, Any]:
     """Run a scenario with every controller; return the comparison as JSON."""
     recordings = []
     for controller in controllers:
         output = folder / controller
-        words = ['run', scenario, '--processes', 'none', '--json', '--controller', controller]
+        words = ['run', scenario, '--processes', 'none', '--json', *CONTROLLERS[controller]]
         words += ['--output', str(output), *options]
         done = subprocess.run([*BALLBOT, *words], capture_output=True, text=True, check=False)
         if done.returncode not in (0, 1):

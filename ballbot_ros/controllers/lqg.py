@@ -114,7 +114,7 @@ class LQG(DrivingController[LQGParameters]):
         return replace(
             parameters,
             transition=_flat(filter_a),
-            input_effect=_flat(np.vstack([effects, np.zeros(effects.shape[1])])),
+            input_effect=_flat(effects),
             lead=_flat(lead),
             filter_gain=_flat(filter_gain),
             feedback=_flat(gain),
@@ -163,8 +163,9 @@ def dead_time(model: PhysicalParameters, delay_ms: float) -> tuple[Matrix, Matri
     lead : ndarray, shape (4, 4 + n - 1)
         The state after the dead time, from the state now and the n - 1 voltages on their way, the
         newest first.
-    effects : ndarray, shape (4, n)
-        The effect in a tick of its own voltage and of those before it, the newest first.
+    effects : ndarray, shape (5, n)
+        The effect in a tick, on the filter's states, of its own voltage and of those before it, the
+        newest first.
     """
     whole, part = divmod(delay_ms, TICK_MS)
     on_their_way = math.ceil(delay_ms / TICK_MS)
@@ -175,13 +176,13 @@ def dead_time(model: PhysicalParameters, delay_ms: float) -> tuple[Matrix, Matri
         transition, effect = discrete_model(model, acts_ms * 1e-3)
         lead = transition @ lead
         lead[:, 3 + voltage] += effect[:, 0]
-    effects = np.zeros((4, 1 + on_their_way))
+    effects = np.zeros((STATES, 1 + on_their_way))
     # Within each tick a voltage follows the one before it.
     for voltage, acts_ms in ((int(whole) + 1, part), (int(whole), TICK_MS - part)):
         if acts_ms:
             transition, effect = discrete_model(model, acts_ms * 1e-3)
-            effects = transition @ effects
-            effects[:, voltage] += effect[:, 0]
+            effects[:4] = transition @ effects[:4]
+            effects[:4, voltage] += effect[:, 0]
     return lead, effects
 
 

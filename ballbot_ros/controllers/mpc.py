@@ -82,7 +82,8 @@ class Predictions(NamedTuple):
         a, b = np.eye(STATES), np.zeros((STATES, 1))
         a[:-1, :-1] = np.reshape(p.transition, a.shape)[:-1, :-1]
         a[-1] = [TICK_S, 0.0, 0.0, 0.0, 1.0]  # the integral of theta, instead of the drift
-        b[:-1, 0] = p.input_effect[:-1]
+        # From when it takes effect, a voltage acts for a whole tick: the sum of its effects.
+        b[:-1, 0] = np.reshape(p.input_effect, (STATES, -1)).sum(axis=1)[:-1]
         gain = np.array([p.feedback])
         powers = [np.eye(STATES)]
         for _ in range(HORIZON):
