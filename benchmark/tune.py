@@ -219,7 +219,7 @@ def _documentation(name: str) -> str:
     epilog='\b\n' + '\n'.join(f'{name:16}  {_documentation(name)}' for name in NAMES),
 )
 @click.argument('experiments', nargs=-1, type=click.Choice(NAMES))
-@click.option('--fine', is_flag=True, help='Draw a fine map, which takes ten minutes.')
+@click.option('--fine', is_flag=True, help='Make a fine map, which takes up to ten minutes.')
 @click.option(
     '--params', 'parameter_file', type=PATH, help='Parameter file with the gains of a map.'
 )
