@@ -79,13 +79,11 @@ def recovered_deg(values: Values) -> float:
 
 def missed(values: Values) -> list[str]:
     """Return the shipped scenarios whose expectations are not met."""
-    return [
-        name for name in scenario_names() if not bb.simulate(name, parameters=values).passed
-    ]
+    return [name for name in scenario_names() if not bb.simulate(name, parameters=values).passed]
 
 
 def redesign() -> None:
-    """Compare designs around config/gains/quiet.yaml: low pass of the speed, weight of the voltage."""
+    """Vary the low pass of the speed and the weight of the voltage around the quiet gains."""
     document = {name: duty_rms(name, {}) for name in QUIETEST}
     designs = [Design(a_d, 1.0) for a_d in LOW_PASSES] + [Design(A_D, r) for r in VOLTAGE_WEIGHTS]
     rows = []

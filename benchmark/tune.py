@@ -1,4 +1,4 @@
-"""Repeats the experiments of docs/tuning.md: ``python -m benchmark.tune``.
+"""Repeats the experiments of docs/tuning.md and docs/control.md: ``python -m benchmark.tune``.
 
 They run the closed loop without ROS, with fixed seeds, so each prints the same table every time.
 """
@@ -9,18 +9,24 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product
+from pathlib import Path
 from typing import NamedTuple
 
 import click
 import numpy as np
 
 from ballbot_ros.cli.invoke import invoke
+from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
+from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
+from benchmark.maps import MapOptions, basin, stability
+from benchmark.redesign import redesign
+from benchmark.tables import print_table
 
 SEEDS = range(1, 6)
 FULL_MOVES = (-100.0, 0.0, 100.0)
@@ -196,27 +202,47 @@ def _falls(outcomes: Iterable[Outcome]) -> str:
     return f'{sum(fell)} of {len(fell)}'
 
 
-def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Print a Markdown table."""
-    for row in (head, ['---'] * len(head), *rows):
-        click.echo(f'| {" | ".join(map(str, row))} |')
-
-
 EXPERIMENTS: dict[str, Callable[[], None]] = {
-    each.__name__: each for each in (speed, drive, track, reference_filter, stand)
+    each.__name__: each for each in (speed, drive, track, reference_filter, stand, redesign)
 }
+
+MAPS: dict[str, Callable[[MapOptions], None]] = {each.__name__: each for each in (stability, basin)}
+
+NAMES = (*EXPERIMENTS, *MAPS)
+
+
+def _documentation(name: str) -> str:
+    return str((EXPERIMENTS.get(name) or MAPS[name]).__doc__)
 
 
 @click.command(
     context_settings={'help_option_names': ['-h', '--help'], 'max_content_width': 100},
-    epilog='\b\n' + '\n'.join(f'{name:16}  {each.__doc__}' for name, each in EXPERIMENTS.items()),
+    epilog='\b\n' + '\n'.join(f'{name:16}  {_documentation(name)}' for name in NAMES),
 )
-@click.argument('experiments', nargs=-1, type=click.Choice(list(EXPERIMENTS)))
-def tune(experiments: tuple[str, ...]) -> None:
-    """Repeat EXPERIMENTS of docs/tuning.md, or all of them, and print their tables."""
-    for name in experiments or EXPERIMENTS:
-        click.echo(f'\n{EXPERIMENTS[name].__doc__}\n')
-        EXPERIMENTS[name]()
+@click.argument('experiments', nargs=-1, type=click.Choice(NAMES))
+@click.option('--fine', is_flag=True, help='Make a fine map, which takes up to ten minutes.')
+@click.option(
+    '--params', 'parameter_file', type=PATH, help='Parameter file with the gains of a map.'
+)
+@click.option('--output', type=PATH, help='Folder for the picture and the numbers of a map.')
+def tune(
+    experiments: tuple[str, ...], fine: bool, parameter_file: Path | None, output: Path | None
+) -> None:
+    """Repeat EXPERIMENTS, or all of them, and print their tables.
+
+    The options are for the maps stability and basin.
+    """
+    names = experiments or NAMES
+    if (fine or parameter_file or output) and not set(names) <= MAPS.keys():
+        raise click.UsageError(f'--fine, --params and --output are for {" and ".join(MAPS)} only')
+    parameters = read_parameter_file(parameter_file) if parameter_file else ParameterSet()
+    options = MapOptions(parameters, fine, output)
+    for name in names:
+        click.echo(f'\n{_documentation(name)}\n')
+        if name in MAPS:
+            MAPS[name](options)
+        else:
+            EXPERIMENTS[name]()
 
 
 if __name__ == '__main__':

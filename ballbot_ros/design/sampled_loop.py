@@ -17,7 +17,7 @@ from typing import cast
 
 import control
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
 from ballbot_ros.brick.battery_monitor import battery_mv
@@ -145,10 +145,14 @@ class SampledLoop:
         applied = gain * self.b[:, :1]
         return self.a + applied * self.c, self.b + applied * self.d
 
-    def poles(self, gain: float = 1.0) -> NDArray[np.complex128]:
-        """Return the poles of the loop closed by `gain` times the duty, in the z plane."""
+    def poles(self, gain: ArrayLike = 1.0) -> NDArray[np.complex128]:
+        """Return the poles of the loop closed by `gain` times the duty, in the z plane.
+
+        For an array of gains (...), the poles have the shape (..., n).
+        """
         loop = self.open_loop()
-        return np.linalg.eigvals(loop.A - gain * loop.B @ loop.C).astype(complex)
+        feedback = np.asarray(gain)[..., None, None] * (loop.B @ loop.C)
+        return np.linalg.eigvals(loop.A - feedback).astype(complex)
 
     def open_loop(self) -> control.StateSpace:
         """Return the loop opened at the duty, for negative feedback; its input is a duty [%]."""

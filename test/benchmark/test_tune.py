@@ -3,9 +3,9 @@
 import pytest
 from click.testing import CliRunner
 
-from benchmark import tune
+from benchmark import redesign, tune
 
-ROWS = {'speed': 3, 'drive': 5, 'track': 8, 'reference_filter': 2, 'stand': 1}
+ROWS = {'speed': 3, 'drive': 5, 'track': 8, 'reference_filter': 2, 'stand': 1, 'redesign': 2}
 
 
 @pytest.mark.parametrize('name', tune.EXPERIMENTS)
@@ -14,6 +14,10 @@ def test_an_experiment_prints_its_table(monkeypatch, name):
         monkeypatch.setattr(tune, constant, 2.5)
     monkeypatch.setattr(tune, 'TRACK_S', 0.004)
     monkeypatch.setattr(tune, 'SEEDS', [1])
+    monkeypatch.setattr(redesign, 'LOW_PASSES', [0.95])
+    monkeypatch.setattr(redesign, 'VOLTAGE_WEIGHTS', [3.0])
+    monkeypatch.setattr(redesign, 'scenario_names', lambda: ['stationary'])
+    monkeypatch.setattr(redesign, 'STEP_DEG', 2.0)
     result = CliRunner().invoke(tune.tune, [name])
     assert result.exception is None, result.output
     table = [line for line in result.output.splitlines() if line.startswith('|')]

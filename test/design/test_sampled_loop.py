@@ -6,7 +6,6 @@ import control
 import numpy as np
 import pytest
 from robot import START_NS
-from unquantised import run_unquantised
 
 from ballbot_ros.design.sampled_loop import (
     DUTY,
@@ -22,6 +21,7 @@ from ballbot_ros.design.state_feedback import DesignError
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.parameters.assignment import assign_values
 from ballbot_ros.plant.ground_truth import Push
+from ballbot_ros.simulation.unquantised import run_unquantised
 from ballbot_ros.timing import TICK_NS, TICK_S
 
 PUSH_N, PUSH_TICKS, STICK_PERCENT = 0.01, 10, 1.0
