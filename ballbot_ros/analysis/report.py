@@ -26,7 +26,6 @@ from ballbot_ros.former_names import (
 )
 from ballbot_ros.parameters import (
     CONTROLLER,
-    DOCUMENTS_PROGRAM,
     NODES,
     GyroParameters,
     PlantParameters,
@@ -74,7 +73,7 @@ class LoopSection:
 
 def loop_of(run: RunData) -> LoopSection | None:
     """Return the loop of a run; None if it is unknown, as that of another controller."""
-    if not run.attached.has_parameters or run.attached.controller not in DOCUMENTS_PROGRAM:
+    if not run.has_documents_program:
         return None
     # Imported only here: python-control takes two seconds.
     from ballbot_ros.analysis.loop_figure import render_loop

@@ -16,7 +16,7 @@ from ballbot_ros.timing import TICK_NS
 
 TICKS = 100_000
 
-KEPT = 140
+KEPT = 145
 """Bytes that a tick may occupy: with the 900 000 ticks of an hour, a report may take 300 MB."""
 
 ON_THE_WAY = 64
