@@ -95,7 +95,7 @@ def test_the_page_is_accessible(page):
 
 
 def test_every_figure_has_an_image_file_and_a_table(page, folder):
-    names = [*(figure.name for figure in FIGURES), 'loop']
+    names = [*(figure.name for figure in FIGURES), 'spectrum', 'loop']
     assert [each['id'] for each in page.all('figure')] == names
     for name, image in zip(names, page.all('img'), strict=True):
         png = base64.b64decode(image['src'].partition(',')[2])
