@@ -70,12 +70,29 @@ def _pitch(messages: Any) -> NDArray[np.float64]:
     return np.array(list(map(pitch_angles, *wxyz))).T
 
 
+def _references(values: Any) -> Sequence[Any]:
+    """Return the references in positions or velocities of ``controller/state``, shape (n, k).
+
+    They are NaN if it has only estimates.
+    """
+    return values.T[4:6] if values.shape[1] >= 6 else (np.nan, np.nan)
+
+
 STAMPED_TOPICS: Mapping[Topic, tuple[str, int, Callable[[Any], Sequence[Any]]]] = {
     PLANT_IMU: ('d', 4, lambda m: (*_pitch(m), *body_rates(m))),
     PLANT_ODOM: ('d', 2, ball_position),
     PLANT_JOINT_STATES: ('f', 4, lambda m: (*m.velocity.T[:2], *m.effort.T[:2])),
     MOTOR_DUTY: ('f', 2, lambda m: (m.vector.x, m.vector.y)),
-    CONTROLLER_STATE: ('f', 6, lambda m: (*m.position.T[:4], *m.velocity.T[[1, 3]])),
+    CONTROLLER_STATE: (
+        'f',
+        10,
+        lambda m: (
+            *m.position.T[:4],
+            *m.velocity.T[[1, 3]],
+            *_references(m.position),
+            *_references(m.velocity),
+        ),
+    ),
     GYRO_IMU: ('f', 2, lambda m: (m.angular_velocity.y, m.angular_velocity.x)),
     JOINT_STATES: ('f', 2, lambda m: m.position.T[:2]),
     SONAR_RANGE: ('f', 2, lambda m: (m.range, m.field_of_view)),
@@ -85,8 +102,9 @@ STAMPED_TOPICS: Mapping[Topic, tuple[str, int, Callable[[Any], Sequence[Any]]]] 
 them from a record array of messages.
 
 Pitch and pitch rate of planes x, y [rad, rad/s]; position x, y [m]; motor rate x, y [rad/s] and
-torque x, y [N·m]; duty x, y [%]; the estimates of ``controller/state`` [rad] and its pitch rates
-x, y [rad/s]; gyro x, y with offset [rad/s]; encoder x, y [rad]; distance [m]; voltage [V].
+torque x, y [N·m]; duty x, y [%]; the estimates of ``controller/state`` [rad], its pitch rates x, y
+[rad/s], its references of the ball angle x, y [rad] and their rates [rad/s]; gyro x, y with offset
+[rad/s]; encoder x, y [rad]; distance [m]; voltage [V].
 """
 
 

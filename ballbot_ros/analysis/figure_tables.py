@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 from ballbot_ros.analysis.drawing import DUTY, PITCH, POSITION
 from ballbot_ros.analysis.run_data import RunData, Series
 from ballbot_ros.analysis.run_metrics import (
+    ball_speed,
+    commanded_speed,
     estimated_gyro_offset,
     estimated_pitch,
     estimated_position,
+    reference_position,
+    reference_speed,
     true_gyro_offset,
 )
 from ballbot_ros.analysis.table import (
@@ -84,6 +88,25 @@ def estimate_table(run: RunData) -> Table:
     table |= _table(body, 'true_position', 'cm', run.series[PLANT_ODOM].at(body.stamps) * 100.0)
     believed = estimated_position(run, body.stamps)
     table |= _table(body, 'estimated_position', 'cm', believed * 100.0)
+    return table
+
+
+def command_table(run: RunData) -> Table:
+    """Return commanded, reference and true speed [cm/s], and reference and true position [cm].
+
+    It is empty if the controller publishes no reference.
+    """
+    truth = run.series[PLANT_ODOM]
+    stamps = truth.stamps
+    reference = reference_speed(run, stamps)
+    if np.isnan(reference).all():
+        return {'time_s': np.zeros(0)}
+    table = dict(_table(truth, 'reference_speed', 'cm_per_s', reference * 100.0))
+    del reference  # reduce one quantity after the other, as in estimate_table
+    table |= _table(truth, 'commanded_speed', 'cm_per_s', commanded_speed(run, stamps) * 100.0)
+    table |= _table(truth, 'true_speed', 'cm_per_s', ball_speed(run) * 100.0)
+    table |= _table(truth, 'reference_position', 'cm', reference_position(run, stamps) * 100.0)
+    table |= _table(truth, 'true_position', 'cm', truth.values * 100.0)
     return table
 
 

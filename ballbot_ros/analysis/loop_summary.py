@@ -104,6 +104,12 @@ def findings(sampled: LoopAnalysis) -> Iterator[str]:
 
 
 def _limits(loop: LoopAnalysis, margins: Margins) -> Iterator[str]:
+    for change, limit in _changes(loop, margins):
+        yield f'{change}: oscillates at {_hertz(limit.hz)}.'
+
+
+def _changes(loop: LoopAnalysis, margins: Margins) -> Iterator[tuple[str, Limit]]:
+    """Yield the changes at which the loop oscillates."""
     motors, gyro, encoders = _dead_times(loop, margins)
     for change, limit in (
         ('{} times the gain', margins.gain_high),
@@ -113,7 +119,26 @@ def _limits(loop: LoopAnalysis, margins: Margins) -> Iterator[str]:
         ('{} ms more dead time of the encoders', encoders),
     ):
         if limit and not math.isnan(limit.hz):
-            yield f'{change.format(_number(limit.value))}: oscillates at {_hertz(limit.hz)}.'
+            yield change.format(_number(limit.value)), limit
+
+
+class Prediction(NamedTuple):
+    """A frequency [Hz] at which a loop oscillates, and the reason: its own, or after a change."""
+
+    hz: float
+    reason: str
+
+
+def predictions(sampled: LoopAnalysis) -> list[Prediction]:
+    """Return the frequencies to look for in a run of the loop."""
+    found = []
+    if (pole := sampled.unstable) and pole.oscillation_hz:
+        found.append(Prediction(pole.oscillation_hz, 'grows'))
+    if pole := sampled.ringing:
+        found.append(Prediction(pole.oscillation_hz, 'rings'))
+    if margins := sampled.margins:
+        found += [Prediction(limit.hz, change) for change, limit in _changes(sampled, margins)]
+    return found
 
 
 def neglected(parameters: ParameterSet) -> list[str]:

@@ -11,11 +11,19 @@ from typing import NamedTuple
 
 from ballbot_ros.analysis.assessment import Assessment, ExpectationResult, shown_metrics
 from ballbot_ros.analysis.extraction import Status
-from ballbot_ros.analysis.loop_summary import MarginRow, findings, margin_rows, neglected
+from ballbot_ros.analysis.loop_summary import (
+    MarginRow,
+    Prediction,
+    findings,
+    margin_rows,
+    neglected,
+    predictions,
+)
 from ballbot_ros.analysis.page import number_text, render_template, write_folder
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
+from ballbot_ros.analysis.spectrum import render_spectrum
 from ballbot_ros.analysis.table import csv_text
 from ballbot_ros.analysis.verdict import ExpectationVerdict
 from ballbot_ros.errors import printable
@@ -26,7 +34,6 @@ from ballbot_ros.former_names import (
 )
 from ballbot_ros.parameters import (
     CONTROLLER,
-    DOCUMENTS_PROGRAM,
     NODES,
     GyroParameters,
     PlantParameters,
@@ -47,10 +54,11 @@ MEANINGS: Mapping[str, str] = {**METRICS.meanings, **RUN_METRICS.meanings}
 
 def write_report(assessment: Assessment, folder: Path) -> None:
     """Write the report of a run into `folder`, as `page.write_folder` does."""
-    figures = draw_figures(assessment.run)
-    loop = loop_of(assessment.run)
-    if loop:
-        figures.append(loop.figure)
+    run = assessment.run
+    loop = loop_of(run)
+    spectrum = render_spectrum(run, loop.predictions if loop else [])
+    others = [spectrum, loop.figure if loop else None]
+    figures = draw_figures(run) + [each for each in others if each]
     page = report_page(assessment, figures, loop)
     metrics = csv_text(
         ('metric', 'value', 'meaning'),
@@ -69,12 +77,13 @@ class LoopSection:
     margins: list[MarginRow]
     findings: list[str]
     neglected: list[str]
+    predictions: list[Prediction]
     figure: RenderedFigure
 
 
 def loop_of(run: RunData) -> LoopSection | None:
     """Return the loop of a run; None if it is unknown, as that of another controller."""
-    if not run.attached.has_parameters or run.attached.controller not in DOCUMENTS_PROGRAM:
+    if not run.has_documents_program:
         return None
     # Imported only here: python-control takes two seconds.
     from ballbot_ros.analysis.loop_figure import render_loop
@@ -90,6 +99,7 @@ def loop_of(run: RunData) -> LoopSection | None:
         margin_rows(analyse_ideal(parameters), sampled),
         list(findings(sampled)),
         neglected(parameters),
+        predictions(sampled),
         render_loop(parameters, sampled),
     )
 

@@ -25,7 +25,12 @@ from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.errors import one_line
 from ballbot_ros.messages.conversions import map_grid
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
-from ballbot_ros.parameters import ControllerParameters, PlantParameters, Value
+from ballbot_ros.parameters import (
+    DOCUMENTS_PROGRAM,
+    ControllerParameters,
+    PlantParameters,
+    Value,
+)
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -149,6 +154,12 @@ class RunData:
         """The attached map, which includes lines, or else the recorded grid, or else None."""
         floor_map = self.attached.floor_map
         return self.grid if floor_map is None else floor_map
+
+    @property
+    def has_documents_program(self) -> bool:
+        """Whether the controller is the document's program, with known parameters."""
+        attached = self.attached
+        return attached.has_parameters and attached.controller in DOCUMENTS_PROGRAM
 
     @property
     def intact(self) -> bool:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +25,7 @@ from ballbot_ros.analysis.drawing import (
 )
 from ballbot_ros.analysis.figure_tables import (
     battery_table,
+    command_table,
     duty_table,
     estimate_table,
     gyro_table,
@@ -68,7 +69,7 @@ _STATE_COLOURS = (GRAY, BLUE, GREEN, SKY, YELLOW, PURPLE, ORANGE)
 _HATCHES = ('', '', '//', '..', 'xx', '\\\\', '++')
 
 MIN_AXIS_SPAN = 1.0
-"""Minimum span of an axis [°, cm or °/s]; one gyro count is 1 °/s."""
+"""Minimum span of an axis [°, cm, cm/s or °/s]; one gyro count is 1 °/s."""
 
 
 @dataclass(frozen=True)
@@ -146,32 +147,30 @@ def _draw_duty(run: RunData, table: Table) -> Figure:
     return figure
 
 
+_TRUE, _ESTIMATED = Line(ORANGE, 2.2, label='true'), Line(BLUE, 0.9, '--', 'estimated')
+
+
 @dataclass(frozen=True)
-class _Pair:
-    """A true column and one to compare with it, {} for the plane; names of axis and other."""
+class _Row:
+    """The curves of a quantity for each plane: columns, {} for the plane, and their lines."""
 
-    true: str
-    other: str
     label: str
-    name: str = 'estimated'
+    curves: Mapping[str, Line]
 
 
-def _draw_pairs(run: RunData, table: Table, pairs: Sequence[_Pair], *, share_rows: bool) -> Figure:
-    """Draw pairs of curves, true and other: a row for each pair, a column for each plane."""
+def _draw_rows(run: RunData, table: Table, rows: Sequence[_Row], *, share_rows: bool) -> Figure:
+    """Draw two rows of curves, with a column for each plane."""
     figure = new_figure(WIDTH, 5.0)
     grid = figure.subplots(2, 2, sharex=True, sharey='row' if share_rows else 'none')
-    for line, pair in zip(grid, pairs, strict=True):
+    for line, row in zip(grid, rows, strict=True):
         for axes, plane in zip(line, 'xy', strict=True):
-            for column, look in (
-                (pair.true, Line(ORANGE, 2.2, label='true')),
-                (pair.other, Line(BLUE, 0.9, '--', pair.name)),
-            ):
+            for column, look in row.curves.items():
                 draw_line(axes, table['time_s'], table[column.format(plane)], look)
             frame_curves(axes, '')
             shade_intervals(axes, _calibration(run))
         for axes in line:  # after all curves of the row: setting the span ends autoscaling
             set_min_span(axes, MIN_AXIS_SPAN)
-        line[0].set_ylabel(pair.label)
+        line[0].set_ylabel(row.label)
         legend_above(line[1])
     for axes, plane in zip(grid[0], 'xy', strict=True):
         axes.set_title(f'plane {plane}', loc='left')
@@ -181,25 +180,42 @@ def _draw_pairs(run: RunData, table: Table, pairs: Sequence[_Pair], *, share_row
 
 
 def _draw_estimate(run: RunData, table: Table) -> Figure:
-    pairs = (
-        _Pair('true_pitch_{}_deg', 'estimated_pitch_{}_deg', PITCH.label),
-        _Pair('true_position_{}_cm', 'estimated_position_{}_cm', POSITION.label),
+    rows = (
+        _Row(PITCH.label, {'true_pitch_{}_deg': _TRUE, 'estimated_pitch_{}_deg': _ESTIMATED}),
+        _Row(
+            POSITION.label,
+            {'true_position_{}_cm': _TRUE, 'estimated_position_{}_cm': _ESTIMATED},
+        ),
     )
-    return _draw_pairs(run, table, pairs, share_rows=True)
+    return _draw_rows(run, table, rows, share_rows=True)
+
+
+def _draw_command(run: RunData, table: Table) -> Figure:
+    reference = replace(_ESTIMATED, label='reference')
+    speeds = {'true_speed_{}_cm_per_s': _TRUE, 'reference_speed_{}_cm_per_s': reference}
+    if not np.isnan(table['commanded_speed_x_cm_per_s']).all():
+        speeds['commanded_speed_{}_cm_per_s'] = Line(GRAY, 1.2, ':', 'commanded')
+    positions = {'true_position_{}_cm': _TRUE, 'reference_position_{}_cm': reference}
+    rows = _Row('speed [cm/s]', speeds), _Row(POSITION.label, positions)
+    return _draw_rows(run, table, rows, share_rows=True)
 
 
 def _draw_gyro(run: RunData, table: Table) -> Figure:
-    pairs = (
-        _Pair(
-            'true_rate_{}_deg_per_s',
-            'read_rate_{}_deg_per_s',
+    rows = (
+        _Row(
             'pitch rate [°/s]',
-            'reading − offset',
+            {
+                'true_rate_{}_deg_per_s': _TRUE,
+                'read_rate_{}_deg_per_s': replace(_ESTIMATED, label='reading − offset'),
+            },
         ),
-        _Pair('true_offset_{}_deg_per_s', 'estimated_offset_{}_deg_per_s', 'gyro offset [°/s]'),
+        _Row(
+            'gyro offset [°/s]',
+            {'true_offset_{}_deg_per_s': _TRUE, 'estimated_offset_{}_deg_per_s': _ESTIMATED},
+        ),
     )
     # The planes do not share an axis, since their gyros have different offsets.
-    return _draw_pairs(run, table, pairs, share_rows=False)
+    return _draw_rows(run, table, rows, share_rows=False)
 
 
 def _draw_sonar(run: RunData, table: Table) -> Figure:
@@ -282,6 +298,15 @@ FIGURES = (
         (MOTOR_DUTY,),
         duty_table,
         _draw_duty,
+    ),
+    RunFigure(
+        'command',
+        'Commanded and actual motion',
+        'Speed and position of the ball. The command of the sticks, or of the autonomous drive, '
+        'passes a low pass in the controller, whose output is the reference that it follows.',
+        (PLANT_ODOM, CONTROLLER_STATE),
+        command_table,
+        _draw_command,
     ),
     RunFigure(
         'estimate',

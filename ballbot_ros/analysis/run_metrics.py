@@ -47,9 +47,53 @@ def estimated_position(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
     It is NaN while the controller is not active.
     """
     state = run.series[CONTROLLER_STATE].at(stamps)
+    return _while_balancing(run, stamps, _position(run, state[:, [0, 2]]))
+
+
+def reference_position(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
+    """Return the position [m] to which the controller steers at `stamps`, shape (n, 2).
+
+    It is NaN while the controller is not active, and if the controller publishes no reference.
+    """
+    state = run.series[CONTROLLER_STATE].at(stamps)
+    return _while_balancing(run, stamps, _position(run, state[:, 6:8]))
+
+
+def reference_speed(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
+    """Return the speed [m/s] that goes with :func:`reference_position`."""
     radius = run.attached.parameters.of(ControllerParameters).ball_radius
-    start = [run.plant.start_position_x, run.plant.start_position_y]
-    return _while_balancing(run, stamps, radius * state[:, [0, 2]] + start)
+    state = run.series[CONTROLLER_STATE].at(stamps)
+    return _while_balancing(run, stamps, radius * state[:, 8:10].astype(float))
+
+
+def commanded_speed(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
+    """Return the speed [m/s] that the sticks, or the autonomous drive, command, shape (n, 2).
+
+    The document's program follows it by a low pass, its reference; here that is undone. It is NaN
+    where this is not possible: with another controller, and where the tick before is missing.
+    """
+    reference = reference_speed(run, stamps)
+    share = 1.0 - run.attached.parameters.of(ControllerParameters).a_r
+    if not run.has_documents_program or not share:
+        return np.full_like(reference, np.nan)
+    reference[1:] -= (1.0 - share) * reference[:-1]
+    reference[1:][np.diff(stamps) != TICK_NS] = np.nan
+    reference[:1] = np.nan
+    return np.asarray(reference / share)
+
+
+def ball_speed(run: RunData) -> NDArray[Any]:
+    """Return the true speed of the ball [m/s] from tick to tick, shape (n, 2), NaN at the first."""
+    truth = run.series[PLANT_ODOM]
+    speed = np.full(truth.values.shape, np.nan)
+    np.divide(np.diff(truth.values, axis=0), np.diff(truth.time)[:, np.newaxis], out=speed[1:])
+    return speed
+
+
+def _position(run: RunData, angle: NDArray[Any]) -> NDArray[Any]:
+    """Return the position of the ball [m] for its angle [rad] since the start."""
+    radius = run.attached.parameters.of(ControllerParameters).ball_radius
+    return np.asarray(radius * angle + [run.plant.start_position_x, run.plant.start_position_y])
 
 
 def estimated_pitch(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
@@ -90,7 +134,7 @@ def estimated_gyro_offset(run: RunData) -> NDArray[Any]:
     It is the gyro reading minus the pitch rate that the controller publishes.
     """
     gyro = run.series[GYRO_IMU]
-    believed = gyro.values - run.series[CONTROLLER_STATE].at(gyro.stamps)[:, 4:]
+    believed = gyro.values - run.series[CONTROLLER_STATE].at(gyro.stamps)[:, 4:6]
     believed[~run.balancing(gyro.time)] = np.nan
     return np.asarray(np.degrees(believed))
 
@@ -156,6 +200,18 @@ def pitch_error_rms_deg(run: RunData) -> float:
 @RUN_METRICS.metric('root mean square of the error of the position estimated by the controller')
 def position_error_rms_m(run: RunData) -> float:
     return _rms(position_error(run))
+
+
+@RUN_METRICS.metric(
+    "root mean square of the ball's speed minus the speed of the controller's reference, while it "
+    'balances'
+)
+def speed_error_rms_m_per_s(run: RunData) -> float:
+    if not {CONTROLLER_STATE, PLANT_ODOM} <= run.series.keys():
+        return math.nan
+    error = ball_speed(run)
+    error -= reference_speed(run, run.series[PLANT_ODOM].stamps)
+    return _rms(error)
 
 
 def _offset_error(run: RunData, plane: int) -> float:

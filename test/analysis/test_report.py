@@ -23,8 +23,9 @@ from ballbot_ros.analysis.run_figures import FIGURES, MIN_AXIS_SPAN, draw_figure
 from ballbot_ros.analysis.table import MAX_FIGURE_ROWS, envelope, every_nth
 from ballbot_ros.former_names import FORMER_METRICS
 from ballbot_ros.messages.parameter_events import encode_parameter_event
-from ballbot_ros.messages.topics import PARAMETER_EVENTS
+from ballbot_ros.messages.topics import CONTROLLER_STATE, PARAMETER_EVENTS
 from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.world.exports import OccupancyGrid
@@ -94,7 +95,7 @@ def test_the_page_is_accessible(page):
 
 
 def test_every_figure_has_an_image_file_and_a_table(page, folder):
-    names = [*(figure.name for figure in FIGURES), 'loop']
+    names = [*(figure.name for figure in FIGURES), 'spectrum', 'loop']
     assert [each['id'] for each in page.all('figure')] == names
     for name, image in zip(names, page.all('img'), strict=True):
         png = base64.b64decode(image['src'].partition(',')[2])
@@ -105,12 +106,12 @@ def test_every_figure_has_an_image_file_and_a_table(page, folder):
         header, *rows = csv.reader((folder / f'{name}.csv').read_text().splitlines())
         assert rows
         assert all(len(row) == len(header) for row in rows)
-        unit = re.compile(r'.*_(s|cm|deg|percent|v|deg_per_s|hz|gain)')
+        unit = re.compile(r'.*_(s|cm|deg|percent|v|deg_per_s|cm_per_s|hz|gain)')
         assert all(unit.fullmatch(column) or column == 'state' for column in header)
 
 
 def test_every_axis_has_a_unit(driven_assessment):
-    unit = re.compile(r'.* \[(s|cm|°|%|V|°/s)\]')
+    unit = re.compile(r'.* \[(s|cm|cm/s|°|%|V|°/s)\]')
     for figure in FIGURES:
         drawn = figure.draw(driven_assessment.run, figure.table(driven_assessment.run))
         labels = [
@@ -190,6 +191,42 @@ def test_a_missing_topic_leaves_out_its_figure(short, copy):
     run = read_run(copy(short[0], wanted=lambda name: name not in ('/gyro', '/operating_state')))
     names = {each.name for each in draw_figures(run)}
     assert names == {figure.name for figure in FIGURES} - {'gyro', 'operating_state'}
+
+
+def test_the_commanded_speed_is_that_of_the_sticks(driven_assessment):
+    run = driven_assessment.run
+    command = next(figure for figure in FIGURES if figure.name == 'command')
+    table = command.table(run)
+    full_cm_per_s = 100.0 * np.radians(380.0) * 0.026
+    for time, expected in ((1.5, 0.0), (4.0, 1.0), (7.0, 0.0), (10.0, -1.0), (18.0, 0.0)):
+        row = np.searchsorted(table['time_s'], time)
+        speed = table['commanded_speed_x_cm_per_s'][row]
+        assert speed == pytest.approx(expected * full_cm_per_s, abs=1e-3), time
+    position = table['true_position_x_cm']
+    assert np.trapezoid(table['true_speed_x_cm_per_s'][1:], dx=0.004) == pytest.approx(
+        position[-1] - position[0], abs=0.05
+    )
+    error = table['true_speed_x_cm_per_s'] - table['reference_speed_x_cm_per_s']
+    still = table['true_speed_y_cm_per_s'] - table['reference_speed_y_cm_per_s']
+    rms = np.sqrt((np.nanmean(error**2) + np.nanmean(still**2)) / 2.0) / 100.0
+    assert driven_assessment.metrics['speed_error_rms_m_per_s'] == pytest.approx(rms, rel=1e-6)
+
+
+def test_a_controller_without_references_has_no_figure_of_them(short, copy):
+    def only_estimates(raw, number):
+        if raw.topic != '/controller/state':
+            return raw.data
+        message = new_message(CONTROLLER_STATE.type_name)
+        stamp_s, stamp_ns = divmod(raw.stamp_ns, 10**9)
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp_s, stamp_ns
+        message.position, message.velocity = np.zeros(4), np.zeros(4)
+        return encoder(CONTROLLER_STATE.type_name)(message)
+
+    run = read_run(copy(short[0], edit=only_estimates))
+    assert {each.name for each in draw_figures(run)} == {each.name for each in FIGURES} - {
+        'command'
+    }
+    assert np.isnan(assess(run).metrics['speed_error_rms_m_per_s'])
 
 
 def test_the_track_is_drawn_over_the_recorded_map(short_assessment):

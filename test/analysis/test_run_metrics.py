@@ -60,7 +60,7 @@ def test_the_gyro_offset_is_the_reading_minus_the_estimated_rate(metrics):
     given = {
         GYRO_IMU: series(*np.radians([600.0, 597.0])),
         PLANT_IMU: series(0.0, 0.0, *np.radians([-1.0, 0.0])),
-        CONTROLLER_STATE: series(*[0.0] * 4, *np.radians([-3.0, 0.5])),
+        CONTROLLER_STATE: series(*[0.0] * 4, *np.radians([-3.0, 0.5]), *[0.0] * 4),
     }
     measured = metrics(given)
     assert measured['gyro_offset_error_x_deg_per_s'] == pytest.approx(2.0)
@@ -72,7 +72,7 @@ def test_estimation_errors_count_only_while_the_controller_is_active(metrics):
     given = {
         PLANT_IMU: series(0.0, 0.0, 0.0, 0.0),
         PLANT_ODOM: series(0.026, 0.0),
-        CONTROLLER_STATE: series(1.0, believed, 0.0, believed, 0.0, 0.0),
+        CONTROLLER_STATE: series(1.0, believed, 0.0, believed, *[0.0] * 6),
     }
     measured = metrics(given)
     assert measured['pitch_error_rms_deg'] == pytest.approx(math.degrees(0.02))
