@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import reprlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +19,7 @@ from ballbot_ros.analysis.loop_summary import (
     neglected,
     predictions,
 )
+from ballbot_ros.analysis.observations import observations
 from ballbot_ros.analysis.page import number_text, render_template, write_folder
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures
@@ -59,7 +60,8 @@ def write_report(assessment: Assessment, folder: Path) -> None:
     spectrum = render_spectrum(run, loop.predictions if loop else [])
     others = [spectrum, loop.figure if loop else None]
     figures = draw_figures(run) + [each for each in others if each]
-    page = report_page(assessment, figures, loop)
+    observed = observations(run, loop.predictions if loop else [])
+    page = report_page(assessment, figures, loop, observed)
     metrics = csv_text(
         ('metric', 'value', 'meaning'),
         (
@@ -105,7 +107,10 @@ def loop_of(run: RunData) -> LoopSection | None:
 
 
 def report_page(
-    assessment: Assessment, figures: list[RenderedFigure], loop: LoopSection | None = None
+    assessment: Assessment,
+    figures: list[RenderedFigure],
+    loop: LoopSection | None = None,
+    observed: Sequence[str] = (),
 ) -> str:
     """Return the report as HTML."""
     run = assessment.run
@@ -126,6 +131,7 @@ def report_page(
         ],
         figures=figures,
         loop=loop,
+        observations=observed,
         topic_statistics=run.topic_statistics,
         nodes=[
             {

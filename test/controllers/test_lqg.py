@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
+from laws import given
 from robot import physical
 from shipped_controllers import duties, exchanged, run_shipped
 

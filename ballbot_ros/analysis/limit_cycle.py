@@ -1,0 +1,210 @@
+"""Limit cycles: oscillations that go on with the same length and height, found in a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.analysis.balancing import Balancing
+from ballbot_ros.analysis.run_data import RunData
+from ballbot_ros.messages.topics import CONTROLLER_STATE
+from ballbot_ros.timing import TICK_S
+
+Samples = NDArray[np.float64]
+
+MIN_SHARE = 0.25
+"""Part of the variance of the duty that a limit cycle has at least."""
+
+MAX_VARIATION = 0.2
+"""Largest standard deviation of the lengths, and of the heights, of its cycles, of their mean."""
+
+MIN_CYCLES = 5
+"""Fewest whole cycles that show a limit cycle."""
+
+MIN_COVER = 0.7
+"""Part of the time that these cycles take at least."""
+
+MAX_TICKS = 50_000
+"""Newest ticks that are looked at, 200 s, which bounds work and memory."""
+
+MIN_AMPLITUDE = 1.0
+"""Smallest amplitude [%]: a duty is a whole percent."""
+
+_BAND, _STEP = 3.0, 2.0**0.5
+"""Ratio of the ends of a band of frequencies, and that of one band to the next."""
+
+_CROSSING = 0.75
+"""Level that a cycle passes, up and down, as a part of the standard deviation."""
+
+_FINER = 4
+"""Number of steps of a tick, to time crossings up to half the sampling rate."""
+
+_EXTENT = 2.5, 97.5
+"""Percentiles between which the values of a cycle count."""
+
+_HARMONICS = 4.0
+"""Frequency up to which the shape of a cycle counts, as a multiple of its band's end."""
+
+
+class LimitCycle(NamedTuple):
+    """A limit cycle of one plane.
+
+    Attributes
+    ----------
+    hz : float
+        Frequency [Hz].
+    duty, pitch : float
+        Amplitudes [%] and [°]: half of the range that 95 % of the values at the ticks are in.
+    cycles : int
+        Number of whole cycles.
+    share : float
+        Part of the variance of the duty in the band of frequencies around it.
+    """
+
+    hz: float
+    duty: float
+    pitch: float
+    cycles: int
+    share: float
+
+
+def limit_cycles(run: RunData) -> tuple[LimitCycle | None, LimitCycle | None]:
+    """Return the limit cycles of planes x and y; None for a plane without one.
+
+    The first quarter of the time is left out: the robot is caught there. An oscillation that the
+    controller's reference has as well is no limit cycle: the robot is driven to and fro.
+    """
+    balancing = Balancing.of(run)
+    settled = slice(max(len(balancing.time) // 4, len(balancing.time) - MAX_TICKS), None)
+    duty, pitch = balancing.duty[settled].astype(float), balancing.pitch[settled]
+    reference = _reference_rate(run, balancing.time[settled])
+    x, y = (_of_plane(duty[:, axis], pitch[:, axis], reference[:, axis]) for axis in range(2))
+    return x, y
+
+
+def _reference_rate(run: RunData, time: Samples) -> Samples:
+    """Return the ball rates [deg/s] of the controller's reference at times [s]; 0 without one."""
+    if not time.size or CONTROLLER_STATE not in run.series:
+        return np.zeros((len(time), 2))
+    state = run.series[CONTROLLER_STATE]
+    samples = np.searchsorted(state.time, time - 0.5 * TICK_S).clip(max=len(state.time) - 1)
+    return np.asarray(np.degrees(np.nan_to_num(state.values[samples, 8:10].astype(float))))
+
+
+def _of_plane(duty: Samples, pitch: Samples, reference: Samples) -> LimitCycle | None:
+    found = find_limit_cycle(duty, pitch)
+    if found is None:
+        return None
+    driven = find_limit_cycle(reference, pitch)
+    if driven and abs(driven.hz - found.hz) <= MAX_VARIATION * found.hz:
+        return None
+    return found
+
+
+def find_limit_cycle(duty: Samples, pitch: Samples) -> LimitCycle | None:
+    """Return the limit cycle of a plane, None if there is none.
+
+    A limit cycle has a good part of the variance of the duty, and its cycles are equally long and
+    high. The ringing that noise keeps alive has cycles of every height; a transient, cycles that
+    fade.
+
+    Parameters
+    ----------
+    duty, pitch : ndarray, shape (n,)
+        Duty [%] and body pitch [°] at each tick.
+    """
+    # An even number of ticks: an odd one has no frequency of half the sampling rate.
+    duty, pitch = duty[len(duty) % 2 :], pitch[len(pitch) % 2 :]
+    if len(duty) < 2 * MIN_CYCLES:
+        return None
+    spectrum = _Spectrum(duty)
+    for share, band in spectrum.strongest_bands():
+        wave = spectrum.wave(band)
+        starts = _cycle_starts(wave)
+        if len(starts) <= MIN_CYCLES:
+            continue
+        lengths, heights = np.diff(starts), _heights(wave, starts)
+        if (
+            _variation(lengths) > MAX_VARIATION
+            or _variation(heights) > MAX_VARIATION
+            or lengths.sum() < MIN_COVER * _FINER * len(duty)
+        ):
+            continue
+        # The shape with harmonics, at the ticks: a duty has no values between them.
+        shape = band[0], band[1] * _HARMONICS
+        amplitude, swing = (
+            # Without slow motions a wave may overshoot, where the duty is saturated.
+            min(_extent(_Spectrum(values).wave(shape, 1)), float(np.ptp(values)) / 2.0)
+            for values in (duty, pitch)
+        )
+        if amplitude < MIN_AMPLITUDE:
+            continue
+        # A crossing that noise hides makes one length of two.
+        whole = lengths[lengths < 1.5 * np.median(lengths)]
+        hz = _FINER / (TICK_S * float(whole.mean()))
+        return LimitCycle(hz, amplitude, swing, len(lengths), share)
+    return None
+
+
+class _Spectrum:
+    """The spectrum of samples without their trend, to take bands of frequencies from."""
+
+    def __init__(self, values: Samples) -> None:
+        self._count = count = len(values)
+        ticks = np.arange(count)
+        trend = np.polyfit(ticks, values, 1) if count > 1 else [0.0]
+        self._values = np.fft.rfft(values - np.polyval(trend, ticks))
+        self._hz = np.fft.rfftfreq(count, TICK_S)
+        self._power = np.abs(self._values) ** 2
+        if count % 2 == 0:
+            self._power[-1] /= 2.0  # one value, where other frequencies have two
+
+    def strongest_bands(self) -> Iterator[tuple[float, tuple[float, float]]]:
+        """Yield bands of frequencies [Hz] and their shares of the variance, the largest first."""
+        total = float(self._power.sum())
+        found = []
+        high = 0.5 / TICK_S
+        while total > 0.0 and high * self._count * TICK_S > MIN_CYCLES:
+            band = high / _BAND, high
+            share = float(self._power[self._within(band)].sum()) / total
+            if share >= MIN_SHARE:
+                found.append((share, band))
+            high /= _STEP
+        yield from sorted(found, reverse=True)
+
+    def wave(self, band: tuple[float, float], finer: int = _FINER) -> Samples:
+        """Return the part of the samples in a band, with `finer` values for each of them."""
+        part = np.where(self._within(band), self._values, 0.0)
+        if self._count % 2 == 0 and finer > 1:
+            part[-1] /= 2.0
+        return np.fft.irfft(part, finer * self._count) * finer
+
+    def _within(self, band: tuple[float, float]) -> NDArray[np.bool_]:
+        low, high = band
+        return np.asarray((self._hz > low) & (self._hz < high * 1.000001))
+
+
+def _cycle_starts(wave: Samples) -> NDArray[np.intp]:
+    """Return where cycles start: above a level, after a time below its negative."""
+    level = _CROSSING * wave.std()
+    outside = np.flatnonzero(abs(wave) > level)
+    signs = np.sign(wave[outside])
+    return outside[1:][np.diff(signs) > 0.0]
+
+
+def _heights(wave: Samples, starts: NDArray[np.intp]) -> Samples:
+    """Return the distance from lowest to highest value of each cycle, from start to start."""
+    highest, lowest = (each.reduceat(wave, starts)[:-1] for each in (np.maximum, np.minimum))
+    return np.asarray(highest - lowest)
+
+
+def _extent(wave: Samples) -> float:
+    low, high = np.percentile(wave, _EXTENT)
+    return float(high - low) / 2.0
+
+
+def _variation(values: NDArray[Any]) -> float:
+    return float(values.std() / values.mean())

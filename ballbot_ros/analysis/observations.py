@@ -1,0 +1,42 @@
+"""What a run shows, in sentences: its limit cycles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from ballbot_ros.analysis.limit_cycle import LimitCycle, limit_cycles
+from ballbot_ros.analysis.loop_summary import Prediction
+from ballbot_ros.analysis.run_data import RunData
+from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU
+
+
+def observations(run: RunData, predicted: Sequence[Prediction]) -> list[str]:
+    """Return the observations of a run, a sentence each.
+
+    Parameters
+    ----------
+    run : RunData
+    predicted : sequence of Prediction
+        The frequencies that the analysis of its loop predicts.
+    """
+    return list(_limit_cycles(run, predicted))
+
+
+def _limit_cycles(run: RunData, predicted: Sequence[Prediction]) -> Iterator[str]:
+    if not {MOTOR_DUTY, PLANT_IMU} <= run.series.keys():
+        return
+    cycles = limit_cycles(run)
+    for plane, cycle in zip('xy', cycles, strict=True):
+        if cycle:
+            yield _sentence(plane, cycle, predicted)
+    if not any(cycles):
+        yield 'No limit cycle.'
+
+
+def _sentence(plane: str, cycle: LimitCycle, predicted: Sequence[Prediction]) -> str:
+    amplitudes = f'duty ±{cycle.duty:.3g} %, pitch ±{cycle.pitch:.2g}°'
+    sentence = f'Limit cycle at {cycle.hz:.3g} Hz in plane {plane}: {amplitudes}.'
+    if predicted:
+        nearest = min(predicted, key=lambda each: abs(each.hz - cycle.hz) / (each.hz + cycle.hz))
+        sentence += f' The nearest predicted frequency is {nearest.hz:.3g} Hz ({nearest.reason}).'
+    return sentence
