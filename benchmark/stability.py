@@ -58,7 +58,7 @@ class Grid(NamedTuple):
     delays_ms: NDArray[np.int64]
 
 
-class LimitCycle(NamedTuple):
+class RoundedRun(NamedTuple):
     """The end of a run with the rounding of the NXT, plane x.
 
     Attributes
@@ -89,7 +89,7 @@ class Cell(NamedTuple):
     predicted, measured : bool
         Whether the loop is stable, by its poles and in a run without rounding.
     duty_rms, saturated, peak_pitch, fell
-        The :class:`LimitCycle` with rounding.
+        The :class:`RoundedRun` with rounding.
     """
 
     gain: float
@@ -184,18 +184,18 @@ def is_stable(parameters: ParameterSet, gain: float, delay_ms: int) -> bool:
     return bool(duties[-window:].max() < duties[-2 * window : -window].max())
 
 
-def limit_cycle(parameters: ParameterSet, gain: float, delay_ms: int) -> LimitCycle:
+def rounded_run(parameters: ParameterSet, gain: float, delay_ms: int) -> RoundedRun:
     """Return how a run with the rounding of the NXT ends."""
     loop = ClosedLoop(changed(parameters, gain, delay_ms, ROUNDED_PITCH_DEG))
     duties, pitches = [], []
     for tick in loop.ticks(RUN_S):
         if loop.plant.fallen:
-            return LimitCycle(math.nan, math.nan, math.nan, fell=True)
+            return RoundedRun(math.nan, math.nan, math.nan, fell=True)
         duties.append(tick.outputs.duty[0])
         pitches.append(tick.truth.psi[0])
     steady = slice(-round(STEADY_S / TICK_S), None)
     duty, pitch = np.array(duties[steady], float), np.degrees(pitches[steady])
-    return LimitCycle(
+    return RoundedRun(
         duty_rms=math.sqrt(np.mean(duty**2)),
         saturated=float(np.mean(np.abs(duty) == 100.0)),
         peak_pitch=float(np.abs(pitch).max()),
@@ -209,7 +209,7 @@ def cells(parameters: ParameterSet, grid: Grid) -> Iterator[Cell]:
         predicted = growth(parameters, grid.gains, delay) < 1.0
         for gain, stable in zip(grid.gains.tolist(), predicted.tolist(), strict=True):
             measured = is_stable(parameters, gain, delay)
-            yield Cell(gain, delay, stable, measured, *limit_cycle(parameters, gain, delay))
+            yield Cell(gain, delay, stable, measured, *rounded_run(parameters, gain, delay))
 
 
 def is_tolerable(parameters: ParameterSet, cell: Cell) -> bool:

@@ -75,6 +75,7 @@ class GainDesign:
         _, basis = loop.feedback_states()
         inverse = np.linalg.pinv(basis)
         self._a, self._b = inverse @ loop.a @ basis, inverse @ loop.b
+        self._applied = self._b[:, INPUTS.index(DUTY)]
         units = [
             SampledLoop(_with_gains(parameters, unit), delays) for unit in np.eye(SIGNALS).tolist()
         ]
@@ -95,7 +96,7 @@ class GainDesign:
 
     def poles(self, gains: ArrayLike) -> NDArray[np.complex128]:
         """Return the poles of the closed loop with these gains, in the z plane."""
-        feedback = np.outer(self._b[:, INPUTS.index(DUTY)], np.asarray(gains) @ self._signals)
+        feedback = np.outer(self._applied, np.asarray(gains) @ self._signals)
         return np.linalg.eigvals(self._a + feedback).astype(complex)
 
     def regulator(self, q: ArrayLike, r: float, start: ArrayLike) -> Gains:
@@ -164,9 +165,7 @@ class GainDesign:
         for pole in poles:
             z = np.exp(complex(pole) * TICK_S)
             try:
-                states = np.linalg.solve(
-                    z * np.eye(len(self._a)) - self._a, self._b[:, INPUTS.index(DUTY)]
-                )
+                states = np.linalg.solve(z * np.eye(len(self._a)) - self._a, self._applied)
             except np.linalg.LinAlgError:
                 raise DesignError(
                     f'the loop keeps its pole {_text(pole)}: no gain moves it'
@@ -194,12 +193,11 @@ class GainDesign:
             Factor of all states from one tick to the next.
         """
         k, per_volt = np.asarray(gains, float), r * self._volts**2
-        applied = self._b[:, INPUTS.index(DUTY)]
         duty, direct = k @ self._signals, k @ self._direct * self._noise
-        a = discount * (self._a + np.outer(applied, duty))
+        a = discount * (self._a + np.outer(self._applied, duty))
         if not np.isfinite(a).all() or abs(np.linalg.eigvals(a)).max() >= _LARGEST_STABLE:
             return Cost(math.inf, np.zeros(SIGNALS))
-        b = self._b * self._noise + np.outer(applied, direct)
+        b = self._b * self._noise + np.outer(self._applied, direct)
         weight = self._weighted.T @ (np.asarray(q, float)[:, None] * self._weighted)
         weight = weight + per_volt * np.outer(duty, duty)
         covariance = steady_covariance(a, b @ b.T)
@@ -209,8 +207,8 @@ class GainDesign:
         signal_noise = self._direct * self._noise
         gradient = 2.0 * (
             per_volt * (self._signals @ covariance @ duty + signal_noise @ direct)
-            + discount * self._signals @ covariance @ a.T @ future @ applied
-            + signal_noise @ b.T @ future @ applied
+            + discount * self._signals @ covariance @ a.T @ future @ self._applied
+            + signal_noise @ b.T @ future @ self._applied
         )
         return Cost(float(value), gradient)
 

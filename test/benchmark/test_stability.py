@@ -52,14 +52,14 @@ def test_the_gain_is_relative_to_that_of_the_parameters():
 def test_rounding_keeps_a_stable_loop_moving(monkeypatch):
     monkeypatch.setattr(stability, 'RUN_S', 15.0)
     parameters = ParameterSet()
-    nominal = stability.limit_cycle(parameters, 1.0, 0)
+    nominal = stability.rounded_run(parameters, 1.0, 0)
     assert 2.0 < nominal.duty_rms < 10.0
     assert nominal.saturated == 0.0
-    near_the_lower_limit = stability.limit_cycle(parameters, 0.54, 0)
+    near_the_lower_limit = stability.rounded_run(parameters, 0.54, 0)
     assert near_the_lower_limit.duty_rms > 2.0 * nominal.duty_rms
-    ringing = stability.limit_cycle(parameters, 1.1, 0)
+    ringing = stability.rounded_run(parameters, 1.1, 0)
     assert ringing.saturated > 0.5
-    assert stability.limit_cycle(parameters, 0.4, 0).fell
+    assert stability.rounded_run(parameters, 0.4, 0).fell
 
 
 def cell(gain, predicted, measured):

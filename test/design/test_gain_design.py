@@ -9,7 +9,6 @@ from hypothesis import assume
 from hypothesis import strategies as st
 from laws import given
 from robot import physical
-from unquantised import run_unquantised
 
 from ballbot_ros.design.gain_design import DISTURBANCE_N, GainDesign, set_gains
 from ballbot_ros.design.loop_analysis import ROUNDING, analyse_sampled
@@ -26,6 +25,7 @@ from ballbot_ros.design.state_feedback import DesignError
 from ballbot_ros.parameters import ParameterSet, PlantParameters
 from ballbot_ros.parameters.assignment import assign_values
 from ballbot_ros.plant.actuator import max_voltage
+from ballbot_ros.simulation.unquantised import run_unquantised
 from ballbot_ros.timing import TICK_S
 
 DOCUMENT = design_servo(physical()).gain
