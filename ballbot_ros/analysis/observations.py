@@ -1,9 +1,10 @@
-"""What a run shows, in sentences: its limit cycles."""
+"""What a run shows, in sentences: its limit cycles, and why the estimated pitch is off."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
+from ballbot_ros.analysis.estimate_offset import offset_reasons
 from ballbot_ros.analysis.limit_cycle import LimitCycle, limit_cycles
 from ballbot_ros.analysis.loop_summary import Prediction
 from ballbot_ros.analysis.run_data import RunData
@@ -19,18 +20,16 @@ def observations(run: RunData, predicted: Sequence[Prediction]) -> list[str]:
     predicted : sequence of Prediction
         The frequencies that the analysis of its loop predicts.
     """
-    return list(_limit_cycles(run, predicted))
+    return [*limit_cycle_sentences(run, predicted), *offset_reasons(run)]
 
 
-def _limit_cycles(run: RunData, predicted: Sequence[Prediction]) -> Iterator[str]:
+def limit_cycle_sentences(run: RunData, predicted: Sequence[Prediction]) -> list[str]:
+    """Return a sentence for each limit cycle, or that there is none."""
     if not {MOTOR_DUTY, PLANT_IMU} <= run.series.keys():
-        return
-    cycles = limit_cycles(run)
-    for plane, cycle in zip('xy', cycles, strict=True):
-        if cycle:
-            yield _sentence(plane, cycle, predicted)
-    if not any(cycles):
-        yield 'No limit cycle.'
+        return []
+    cycles = zip('xy', limit_cycles(run), strict=True)
+    found = [_sentence(plane, cycle, predicted) for plane, cycle in cycles if cycle]
+    return found or ['No limit cycle.']
 
 
 def _sentence(plane: str, cycle: LimitCycle, predicted: Sequence[Prediction]) -> str:

@@ -69,3 +69,13 @@ class Gyro:
             gyro_reading(self._x, rates[0], errors[0], stamp_ns),
             gyro_reading(self._y, rates[1], errors[1], stamp_ns),
         )
+
+    def offsets(self, stamp_ns: int) -> tuple[float, float]:
+        """Return the true offsets [deg/s] at a sim time [ns]: what drifts, without noise."""
+        x, y = (_offset(constants, stamp_ns) for constants in (self._x, self._y))
+        return x, y
+
+
+def _offset(constants: GyroConstants, stamp_ns: int) -> float:
+    offset, _, _, drift, period_ns, phase = constants
+    return offset + drift * sine_cosine(TWO_PI * (stamp_ns % period_ns / period_ns + phase))[0]

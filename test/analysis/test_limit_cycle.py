@@ -9,7 +9,7 @@ from laws import given
 
 from ballbot_ros.analysis.limit_cycle import find_limit_cycle, limit_cycles
 from ballbot_ros.analysis.loop_summary import Prediction
-from ballbot_ros.analysis.observations import observations
+from ballbot_ros.analysis.observations import limit_cycle_sentences
 from ballbot_ros.analysis.report import loop_of
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.messages.topics import CONTROLLER_STATE, MOTOR_DUTY
@@ -91,21 +91,21 @@ def test_the_unstable_loop_has_a_limit_cycle_where_it_is_predicted(unstable):
     assert (x.hz, y) == (pytest.approx(125.0, rel=1e-3), None)
     assert 80.0 < x.duty <= 100.0
     predicted = loop_of(unstable).predictions
-    (sentence,) = observations(unstable, predicted)
+    (sentence,) = limit_cycle_sentences(unstable, predicted)
     assert sentence.startswith('Limit cycle at 125 Hz in plane x: duty ±')
     assert sentence.endswith('The nearest predicted frequency is 125 Hz (grows).')
-    (sentence,) = observations(unstable, [])
+    (sentence,) = limit_cycle_sentences(unstable, [])
     assert 'predicted' not in sentence
 
 
 def test_the_nearest_prediction_is_nearest_in_octaves(unstable):
     predicted = [Prediction(62.5 + 10.0, 'nearer'), Prediction(260.0, 'farther')]
-    (sentence,) = observations(unstable, predicted)
+    (sentence,) = limit_cycle_sentences(unstable, predicted)
     assert sentence.endswith('72.5 Hz (nearer).')
 
 
 def test_a_run_of_the_documents_loop_has_none(short_assessment):
-    assert observations(short_assessment.run, []) == ['No limit cycle.']
+    assert limit_cycle_sentences(short_assessment.run, []) == ['No limit cycle.']
 
 
 def test_an_oscillation_that_is_driven_is_none(unstable):
@@ -119,4 +119,4 @@ def test_an_oscillation_that_is_driven_is_none(unstable):
 
 def test_without_duties_nothing_is_observed(unstable):
     series = {topic: each for topic, each in unstable.series.items() if topic is not MOTOR_DUTY}
-    assert observations(replace(unstable, series=series), []) == []
+    assert limit_cycle_sentences(replace(unstable, series=series), []) == []

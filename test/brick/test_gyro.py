@@ -101,3 +101,10 @@ def test_each_gyro_and_seed_has_a_different_drift_phase():
     first = {make_gyro(drift=50.0, seed=seed).read(STILL, 0) for seed in range(20)}
     assert len(first) > 15
     assert any(x != y for x, y in first)
+
+
+@given(st.floats(500.0, 700.0), st.floats(0.0, 50.0), st.floats(1.0, 1000.0), st.integers(0, 10**6))
+def test_the_true_offsets_are_the_readings_at_rest_before_rounding(offset, drift, period, tick):
+    gyro = make_gyro(zero_rate_offset_x=offset, drift=drift, drift_period=period)
+    at_rest = gyro.read(STILL, tick * TICK_NS)
+    assert at_rest == tuple(math.floor(each + 0.5) for each in gyro.offsets(tick * TICK_NS))
