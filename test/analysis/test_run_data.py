@@ -139,12 +139,13 @@ LACKING = {
                    'gyro_offset_error_y_deg_per_s'},
     '/plant/odom': {'position_rms_m', 'peak_position_m', 'overshoot_m', 'station_rms_m',
                     'station_radius_m', 'final_position_x_m', 'final_position_y_m',
-                    'distance_driven_m', 'peak_speed_m_per_s', 'position_error_rms_m'},
+                    'distance_driven_m', 'peak_speed_m_per_s', 'position_error_rms_m',
+                    'speed_error_rms_m_per_s'},
     '/motor_duty': {'duty_rms_percent', 'duty_saturated_share', 'tick_jitter_ms'},
     '/plant/joint_states': {'energy_j'},
     '/battery_state': {'lowest_battery_v'},
     '/gyro': {'gyro_offset_error_x_deg_per_s', 'gyro_offset_error_y_deg_per_s'},
-    '/controller/state': {'pitch_error_rms_deg', 'position_error_rms_m',
+    '/controller/state': {'pitch_error_rms_deg', 'position_error_rms_m', 'speed_error_rms_m_per_s',
                           'gyro_offset_error_x_deg_per_s', 'gyro_offset_error_y_deg_per_s'},
 }  # fmt: skip
 
