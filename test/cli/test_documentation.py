@@ -10,6 +10,7 @@ from ballbot_ros.conformance.contract import CONTRACTS
 from ballbot_ros.conformance.examination import REQUIREMENTS
 from ballbot_ros.design.loop_analysis import analyse_ideal, analyse_sampled
 from ballbot_ros.parameters import ALL_NODES, ParameterSet
+from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.simulation.golden import load_golden
 
@@ -77,6 +78,26 @@ def test_the_runs_on_the_page_are_as_measured():
             continue
         assert duty == f'{run.metrics["duty_rms_percent"]:.1f} %', changed
         assert saturated == f'{100.0 * run.metrics["duty_saturated_share"]:.1f} %', changed
+
+
+def test_the_table_of_the_cure_is_as_computed_and_measured():
+    gains = None, PROJECT / 'config/gains/quiet.yaml'
+    loops = [
+        analyse_sampled(read_parameter_file(path) if path else ParameterSet()) for path in gains
+    ]
+    ideal = analyse_ideal(ParameterSet())
+    rows = [
+        [row.name, row.sampled, other.sampled]
+        for row, other in zip(*(margin_rows(ideal, loop) for loop in loops), strict=True)
+    ]
+    rounding = [f'{loop.samples.rounding_noise:.1f} %' for loop in loops]
+    rows.append(['duty from rounding', *rounding])
+    for scenario in ('stationary', 'hardware_standing'):
+        runs = [bb.simulate(scenario, parameters=path) for path in gains]
+        duties = [f'{run.metrics["duty_rms_percent"]:.1f} %' for run in runs]
+        rows.append([f'duty RMS, `{scenario}`', *duties])
+    missing = [row for row in rows if f'| {" | ".join(row)} |' not in CONTROL_PAGE]
+    assert missing == []
 
 
 def test_the_program_in_the_readme_runs(capsys, tmp_path, monkeypatch):
