@@ -13,6 +13,7 @@ import numpy as np
 from ballbot_ros.analysis.style import png_of
 from ballbot_ros.analysis.table import Table, csv_of
 from ballbot_ros.design.recoverable import recoverable_states
+from ballbot_ros.design.sampled_loop import require_documents_program
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import ParameterSet
 from benchmark.basin import Estimate, Start, starts
@@ -64,6 +65,7 @@ class MapOptions(NamedTuple):
 def stability(options: MapOptions) -> None:
     """Compare predicted and measured stability over gain and dead time of the motors."""
     parameters = options.parameters
+    require_documents_program(parameters)
     layout = grid(parameters, *(STABILITY_FINE if options.fine else STABILITY_COARSE))
     found = list(cells(parameters, layout))
     rows = [list(group) for _, group in groupby(found, lambda cell: cell.delay_ms)]
@@ -90,6 +92,7 @@ def stability(options: MapOptions) -> None:
 
 def basin(options: MapOptions) -> None:
     """Compare the starts from which the robot recovers with what saturation allows."""
+    require_documents_program(options.parameters)
     limit = recoverable_states(options.parameters)
     size = BASIN_FINE if options.fine else BASIN_COARSE
     found = list(starts(options.parameters, limit, *size))

@@ -11,10 +11,8 @@ from scipy.optimize import bisect
 import ballbot_ros as bb
 from ballbot_ros.design.gain_design import GainDesign
 from ballbot_ros.design.sampled_loop import LoopDelays
-from ballbot_ros.design.servo import design_servo
-from ballbot_ros.parameters import CONTROLLER, ParameterSet, PlantParameters
+from ballbot_ros.parameters import CONTROLLER, ParameterSet
 from ballbot_ros.parameters.assignment import assign_values
-from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.scenario.library import scenario_names
 from benchmark.tables import print_table
 
@@ -54,10 +52,7 @@ class Design(NamedTuple):
         filters = {f'{CONTROLLER}.a_d': self.a_d, f'{CONTROLLER}.a_r': A_R}
         parameters = ParameterSet()
         assign_values(parameters, filters)
-        physical = PhysicalParameters.from_parameters(parameters.of(PlantParameters))
-        start = design_servo(physical).gain
-        design = GainDesign(parameters, LoopDelays(DELAY_MS))
-        *k_f, k_i = design.regulator(WEIGHTS, self.r, start)
+        *k_f, k_i = GainDesign(parameters, LoopDelays(DELAY_MS)).regulator(WEIGHTS, self.r)
         return {**filters, f'{CONTROLLER}.k_f': k_f, f'{CONTROLLER}.k_i': k_i}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -74,15 +75,37 @@ class LimitCycle(NamedTuple):
 def limit_cycles(run: RunData) -> tuple[LimitCycle | None, LimitCycle | None]:
     """Return the limit cycles of planes x and y; None for a plane without one.
 
-    The first quarter of the time is left out: the robot is caught there. An oscillation that the
-    controller's reference has as well is no limit cycle: the robot is driven to and fro.
+    An oscillation that the controller's reference has as well is no limit cycle: the robot is
+    driven to and fro.
     """
     balancing = Balancing.of(run)
-    settled = slice(max(len(balancing.time) // 4, len(balancing.time) - MAX_TICKS), None)
+    settled = slice(_settled(run, balancing), None)
     duty, pitch = balancing.duty[settled].astype(float), balancing.pitch[settled]
     reference = _reference_rate(run, balancing.time[settled])
     x, y = (_of_plane(duty[:, axis], pitch[:, axis], reference[:, axis]) for axis in range(2))
     return x, y
+
+
+def lowest_hz(run: RunData) -> float:
+    """Return the lowest frequency [Hz] that :func:`limit_cycles` can find; infinity if none."""
+    balancing = Balancing.of(run)
+    ticks = len(balancing.time[_settled(run, balancing) :])
+    hz = (MIN_CYCLES + 1) / (ticks * TICK_S) if ticks else math.inf
+    return hz if hz < 0.5 / TICK_S else math.inf
+
+
+def _settled(run: RunData, balancing: Balancing) -> int:
+    """Return the first of the ticks to look at.
+
+    The first quarter of the time is left out, since the robot is caught there, and all up to the
+    last push of the scenario.
+    """
+    first = max(len(balancing.time) // 4, len(balancing.time) - MAX_TICKS)
+    if run.attached.scenario:
+        for push in run.attached.scenario.pushes:
+            end = push.time + push.duration
+            first = max(first, int(np.searchsorted(balancing.time, end, 'right')))
+    return first
 
 
 def _reference_rate(run: RunData, time: Samples) -> Samples:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from ballbot_ros.analysis.estimate_offset import offset_reasons
-from ballbot_ros.analysis.limit_cycle import LimitCycle, limit_cycles
+from ballbot_ros.analysis.limit_cycle import LimitCycle, limit_cycles, lowest_hz
 from ballbot_ros.analysis.loop_summary import Prediction
 from ballbot_ros.analysis.run_data import RunData
-from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU
+from ballbot_ros.messages.topics import CONTROLLER_STATE, MOTOR_DUTY, PLANT_IMU
+
+_NEAR_OCTAVES = 0.5
+"""Distance up to which a predicted frequency is named with a limit cycle."""
 
 
 def observations(run: RunData, predicted: Sequence[Prediction]) -> list[str]:
@@ -24,18 +28,23 @@ def observations(run: RunData, predicted: Sequence[Prediction]) -> list[str]:
 
 
 def limit_cycle_sentences(run: RunData, predicted: Sequence[Prediction]) -> list[str]:
-    """Return a sentence for each limit cycle, or that there is none."""
-    if not {MOTOR_DUTY, PLANT_IMU} <= run.series.keys():
+    """Return a sentence for each limit cycle, or that there is none.
+
+    Without the controller's state, a limit cycle would look like a drive to and fro.
+    """
+    lowest = lowest_hz(run)
+    if not {MOTOR_DUTY, PLANT_IMU, CONTROLLER_STATE} <= run.series.keys() or math.isinf(lowest):
         return []
     cycles = zip('xy', limit_cycles(run), strict=True)
     found = [_sentence(plane, cycle, predicted) for plane, cycle in cycles if cycle]
-    return found or ['No limit cycle.']
+    return found or [f'No limit cycle found above {lowest:.2g} Hz.']
 
 
 def _sentence(plane: str, cycle: LimitCycle, predicted: Sequence[Prediction]) -> str:
     amplitudes = f'duty ±{cycle.duty:.3g} %, pitch ±{cycle.pitch:.2g}°'
     sentence = f'Limit cycle at {cycle.hz:.3g} Hz in plane {plane}: {amplitudes}.'
-    if predicted:
-        nearest = min(predicted, key=lambda each: abs(each.hz - cycle.hz) / (each.hz + cycle.hz))
+    near = [each for each in predicted if abs(math.log2(each.hz / cycle.hz)) < _NEAR_OCTAVES]
+    if near:
+        nearest = min(near, key=lambda each: abs(math.log2(each.hz / cycle.hz)))
         sentence += f' The nearest predicted frequency is {nearest.hz:.3g} Hz ({nearest.reason}).'
     return sentence

@@ -19,6 +19,7 @@ from ballbot_ros.cli.redesign import (
     five_poles,
     five_weights,
     format_gains,
+    heading,
     positive_weight,
 )
 from ballbot_ros.codegen.implementation import compose_controller
@@ -126,7 +127,7 @@ def command(
             raise click.UsageError(f'{option} prints a parameter file: omit --plot and --json')
         with stdout_to_stderr():  # it may print while its class is loaded
             compose_controller(parameters)
-        text = format_parameters(parameters, [CONTROLLER])
+        text = heading(_spelled(context)) + format_parameters(parameters, [CONTROLLER])
         if output:
             _write('--output', output, text.encode())
         else:
@@ -137,12 +138,12 @@ def command(
 
     design = DesignOutput(parameters, is_redesigned=redesign is not None)
     written = []
-    if output:
-        _write('--output', output, format_gains(parameters, _spelled(context)).encode())
-        written.append(f'gains  {output}')
     if plot:
         _write('--plot', plot, design.plot())
         written.append(f'plot  {plot}')
+    if output:  # last, so that a command that failed has written no gains
+        _write('--output', output, format_gains(parameters, _spelled(context)).encode())
+        written.append(f'gains  {output}')
     if as_json:
         click.echo(json.dumps(design.as_json(), indent=2, allow_nan=False))
         return

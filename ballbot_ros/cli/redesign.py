@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import click
 
-from ballbot_ros.parameters import CONTROLLER, ParameterSet, PlantParameters
+from ballbot_ros.errors import printable
+from ballbot_ros.parameters import CONTROLLER, MAX_DELAY_MS, PLANT, ParameterSet, PlantParameters
+from ballbot_ros.parameters.controller import MODEL
 from ballbot_ros.parameters.files import format_parameters
 from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.text_enum import TextEnum
-
-MAX_DELAY_MS = 100.0
 
 LOOP_PARAMETERS = ('k_f', 'k_i', 'a_d', 'a_gd')
 """What makes the loop of the document's program."""
@@ -58,7 +58,7 @@ class Redesign:
     poles : tuple of complex, optional
         Poles of the closed loop [1/s].
     delay : float, optional
-        Dead time of the motors to design for [ms], instead of the plant's.
+        Dead time of the motors to design for [ms], instead of the mean one of the plant.
     """
 
     method: Method
@@ -101,38 +101,46 @@ class Redesign:
         BallbotError
             If there are none.
         """
-        if self.method is Method.LQG:
-            self._set_scales(parameters)
-            return
         # Imported only here: python-control takes two seconds.
         from ballbot_ros.design.gain_design import GainDesign, set_gains
         from ballbot_ros.design.sampled_loop import LoopDelays, require_documents_program
         from ballbot_ros.design.servo import Q_DIAGONAL, R_WEIGHT, design_servo
 
+        delays = LoopDelays.of(parameters)
+        if self.delay is not None:
+            delays = replace(delays, actuator=self.delay)
+        if self.method is Method.LQG:
+            self._prepare_lqg(parameters, delays.actuator)
+            return
         require_documents_program(parameters)
         q, r = self.q or Q_DIAGONAL, self.r or R_WEIGHT
         physical = PhysicalParameters.from_parameters(parameters.of(PlantParameters))
         if self.method is Method.LQR:
             set_gains(parameters, design_servo(physical, q, r).gain.tolist())
             return
-        delays = LoopDelays.of(parameters)
-        if self.delay is not None:
-            delays = replace(delays, actuator=self.delay)
         design = GainDesign(parameters, delays)
         if self.poles is not None:
             set_gains(parameters, design.with_poles(self.poles))
         else:
-            set_gains(parameters, design.regulator(q, r, design_servo(physical).gain.tolist()))
+            set_gains(parameters, design.regulator(q, r))
 
-    def _set_scales(self, parameters: ParameterSet) -> None:
-        """Choose the controller lqg, which weighs each deviation relative to a scale."""
+    def _prepare_lqg(self, parameters: ParameterSet, delay_ms: float) -> None:
+        """Choose the controller lqg, with the robot and the dead time to design for.
+
+        It weighs each deviation relative to a scale.
+        """
+        for each in fields(PhysicalParameters):
+            own = f'{MODEL}{each.name}'
+            if parameters.is_set(PLANT, each.name) and own not in parameters.undeclared:
+                value = getattr(parameters.of(PlantParameters), each.name)
+                parameters.set(CONTROLLER, own, value, '--method')
         parameters.set(CONTROLLER, 'implementation', 'lqg', '--method')
         for name, weight in zip(LQG_SCALES, self.q or (), strict=False):
             parameters.set(CONTROLLER, name, weight**-0.5, '--q')
         if self.r is not None:
             parameters.set(CONTROLLER, 'user.voltage_scale', self.r**-0.5, '--r')
-        if self.delay is not None:
-            parameters.set(CONTROLLER, 'user.actuator_delay', self.delay, '--delay')
+        if self.delay is not None or 'user.actuator_delay' not in parameters.undeclared:
+            parameters.set(CONTROLLER, 'user.actuator_delay', delay_ms, '--delay')
 
 
 def format_gains(parameters: ParameterSet, command: str) -> str:
@@ -147,7 +155,12 @@ def format_gains(parameters: ParameterSet, command: str) -> str:
     """
     set_too = [name for node, name, _ in parameters if node == CONTROLLER]
     names = dict.fromkeys((*LOOP_PARAMETERS, *set_too))
-    return f'# {command}\n' + format_parameters(parameters, [CONTROLLER], names)
+    return f'{heading(command)}{format_parameters(parameters, [CONTROLLER], names)}'
+
+
+def heading(command: str) -> str:
+    """Return the first line of a parameter file: the command that made it."""
+    return f'# {printable(command)}\n'
 
 
 Callback = Callable[[click.Context, click.Parameter, str | None], Any]
@@ -194,12 +207,22 @@ def numbers(count: int, each: Callback) -> Callback:
     return callback
 
 
-positive_weight = number(float, 'a weight above 0', lambda value: 0.0 < value < math.inf)
+LARGEST_WEIGHT = 1e20
+"""Far beyond all useful ones; solvers lose all digits with weights such as 1e300."""
+
+positive_weight = number(
+    float, 'within 1e-20 … 1e20', lambda value: 1.0 / LARGEST_WEIGHT <= value <= LARGEST_WEIGHT
+)
 delay_ms = number(
     float, f'within 0 … {MAX_DELAY_MS:g} ms', lambda value: 0.0 <= value <= MAX_DELAY_MS
 )
 five_weights = numbers(
-    5, number(float, 'a weight of at least 0', lambda value: 0.0 <= value < math.inf)
+    5,
+    number(
+        float,
+        '0 or within 1e-20 … 1e20',
+        lambda value: value == 0.0 or 1.0 / LARGEST_WEIGHT <= value <= LARGEST_WEIGHT,
+    ),
 )
 five_poles = numbers(
     5, number(complex, 'a pole, such as -7+5j', lambda value: math.isfinite(abs(value)))

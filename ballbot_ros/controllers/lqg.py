@@ -15,6 +15,7 @@ from ballbot_ros.controllers.driving import (
     PlaneInputs,
     SpeedReference,
 )
+from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates
 from ballbot_ros.numerics.discretisation import zero_order_hold
 from ballbot_ros.parameters import ControllerParameters, TakesEffect, designed, quantity
@@ -232,12 +233,22 @@ class Plane:
 
     def __init__(self, parameters: LQGParameters, model: PhysicalParameters) -> None:
         p = self._p = parameters
+        on_their_way = math.ceil(p.actuator_delay / TICK_MS)
+        for name, count in (
+            ('input_effect', STATES * (1 + on_their_way)),
+            ('lead', 4 * (4 + on_their_way)),
+        ):
+            if len(getattr(p, name)) != count:
+                raise ControllerError(
+                    f'user.{name} needs {count} numbers for an actuator_delay of '
+                    f'{p.actuator_delay:g} ms, not {len(getattr(p, name))}: omit it'
+                )
         self._ratio = model.ratio
         self._transition = _rows(p.transition, STATES)
-        self._effects = _rows(p.input_effect, len(p.input_effect) // STATES)
-        self._lead = _rows(p.lead, len(p.lead) // 4)
+        self._effects = _rows(p.input_effect, 1 + on_their_way)
+        self._lead = _rows(p.lead, 4 + on_their_way)
         self._dead_time = p.actuator_delay * 1e-3
-        self._on_their_way = (0.0,) * (len(self._effects[0]) - 1)
+        self._on_their_way = (0.0,) * on_their_way
         self._gain = _rows(p.filter_gain, 2)
         self._reference = SpeedReference(p.reference_time)
         self._predicted = (0.0,) * STATES

@@ -26,10 +26,11 @@ from ballbot_ros.design.sampled_loop import (
     LoopDelays,
     SampledLoop,
 )
+from ballbot_ros.design.servo import design_servo
 from ballbot_ros.design.state_feedback import DesignError, require_weights
 from ballbot_ros.parameters import CONTROLLER, ParameterSet, PlantParameters
 from ballbot_ros.plant.actuator import max_voltage
-from ballbot_ros.plant.model import Matrix
+from ballbot_ros.plant.model import Matrix, PhysicalParameters
 from ballbot_ros.timing import TICK_S
 
 DISTURBANCE_N = 0.2
@@ -39,7 +40,7 @@ SIGNALS = 5
 """What the gains multiply: theta, psi, their rates, the integral of theta."""
 
 _LARGEST_CHANGE = math.log(1e3)
-"""The search keeps the signs of the gains it starts from, and their sizes within this factor."""
+"""The search keeps the signs of the gains of section 4.2, and their sizes within this factor."""
 
 _DISCOUNT = 1e-4
 """How far below 1 a discount takes the largest pole of a loop that is not stable yet."""
@@ -47,11 +48,21 @@ _DISCOUNT = 1e-4
 _MAX_DISCOUNTS = 60
 _LARGEST_STABLE = math.exp(-STEADY * TICK_S)
 _TOLERANCE = 1e-13
+_SLOWEST = -1e-3
+"""Largest real part of a pole that can be asked for [1/s]: it decays in a quarter of an hour."""
+
 _REPEATED = 1e-6
 _DEGREES = 180.0 / math.pi
 
 Gains = tuple[float, float, float, float, float]
 """``k_f`` of theta, psi and their rates, then ``k_i``, in the units of the parameters."""
+
+
+def set_gains(parameters: ParameterSet, gains: Sequence[float]) -> None:
+    """Set ``k_f`` and ``k_i`` to five gains, of as many digits as the brick's numbers have."""
+    *k_f, k_i = (float(f'{gain:.8g}') for gain in gains)
+    parameters.set(CONTROLLER, 'k_f', k_f)
+    parameters.set(CONTROLLER, 'k_i', k_i)
 
 
 class GainDesign:
@@ -89,6 +100,7 @@ class GainDesign:
         weighted[-1, loop.states.index('sum_theta_diff')] = TICK_S
         self._weighted = weighted @ basis
         plant = parameters.of(PlantParameters)
+        self._physical = PhysicalParameters.from_parameters(plant)
         full = max_voltage(plant.battery_voltage, plant.voltage_slope, plant.voltage_offset)
         self._volts = full / 100.0
         noise = {GYRO_ERROR: ROUNDING, ENCODER_ERROR: ROUNDING, FORCE: DISTURBANCE_N}
@@ -99,7 +111,7 @@ class GainDesign:
         feedback = np.outer(self._applied, np.asarray(gains) @ self._signals)
         return np.linalg.eigvals(self._a + feedback).astype(complex)
 
-    def regulator(self, q: ArrayLike, r: float, start: ArrayLike) -> Gains:
+    def regulator(self, q: ArrayLike, r: float) -> Gains:
         """Return the gains that minimise the mean of x'Qx + r u² from tick to tick.
 
         The mean is that of a loop whose samples are rounded to counts, with the errors white, and
@@ -112,8 +124,6 @@ class GainDesign:
             theta [1/(deg² s²)].
         r : float
             Weight of the motor voltage [1/V²].
-        start : array_like, shape (5,)
-            Gains from which the search starts; the loop need not be stable with them.
 
         Raises
         ------
@@ -121,7 +131,7 @@ class GainDesign:
             If a weight is not allowed, or no gains are found with which the loop is stable.
         """
         require_weights(np.diag(np.asarray(q, float)), [[r]])
-        origin = np.array(start, float)
+        origin = design_servo(self._physical).gain  # the loop need not be stable with them
         exponents = np.zeros(SIGNALS)
         largest = math.inf
         # An unstable loop has no mean cost. One whose motions are discounted has: the gains that
@@ -142,6 +152,8 @@ class GainDesign:
                 options={'ftol': _TOLERANCE, 'gtol': 1e-7, 'maxiter': 1000},
             )
             exponents = found.x
+            if not math.isfinite(found.fun):
+                break
             if discount == 1.0:
                 return self._stable(origin * np.exp(exponents))
         raise DesignError('no gains are found with which the loop is stable')
@@ -179,6 +191,8 @@ class GainDesign:
                 known.append(0.0)
         scale = np.abs(rows).max(axis=1, keepdims=True)
         try:
+            if not scale.all():
+                raise np.linalg.LinAlgError
             gains = np.linalg.solve(rows / scale, known / scale[:, 0])
         except np.linalg.LinAlgError:
             raise DesignError('these poles cannot be placed: no gains give them') from None
@@ -226,7 +240,7 @@ class GainDesign:
         for pole in sorted_poles(self.poles(gains), TICK_S):
             if not pole.is_stable:
                 s = np.log(pole.value) / TICK_S
-                raise DesignError(f'no design: the loop gets a pole at {_text(s)}, not stable')
+                raise DesignError(f'no design: the motion of a pole at {_text(s)} does not decay')
         theta, psi, theta_dot, psi_dot, integral = gains.tolist()
         return theta, psi, theta_dot, psi_dot, integral
 
@@ -246,21 +260,12 @@ def _with_gains(parameters: ParameterSet, gains: Sequence[float]) -> ParameterSe
     return copy
 
 
-def set_gains(parameters: ParameterSet, gains: Sequence[float]) -> None:
-    """Set ``k_f`` and ``k_i`` to five gains, of as many digits as the brick's numbers have."""
-    *k_f, k_i = (float(f'{gain:.8g}') for gain in gains)
-    parameters.set(CONTROLLER, 'k_f', k_f)
-    parameters.set(CONTROLLER, 'k_i', k_i)
-
-
 def _require_poles(poles: Sequence[complex]) -> None:
     if len(poles) != SIGNALS:
         raise DesignError(f'{SIGNALS} poles are needed, one for each gain: got {len(poles)}')
     for index, pole in enumerate(poles):
-        if not (math.isfinite(abs(pole)) and pole.real < 0.0):
-            raise DesignError(
-                f'the pole {_text(pole)} is not stable: its real part must be below 0'
-            )
+        if not (math.isfinite(abs(pole)) and pole.real <= _SLOWEST):
+            raise DesignError(f'the pole {_text(pole)} needs a real part below {_SLOWEST:g} 1/s')
         if abs(pole.imag) >= math.pi / TICK_S:
             raise DesignError(f'the pole {_text(pole)} oscillates faster than 125 Hz')
         if pole.imag and not any(_near(pole.conjugate(), other) for other in poles):

@@ -13,6 +13,7 @@ from ballbot_ros.analysis.observations import limit_cycle_sentences
 from ballbot_ros.analysis.report import loop_of
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.messages.topics import CONTROLLER_STATE, MOTOR_DUTY
+from ballbot_ros.scenario.scenario import ScheduledPush
 from ballbot_ros.timing import TICK_S
 
 
@@ -99,13 +100,15 @@ def test_the_unstable_loop_has_a_limit_cycle_where_it_is_predicted(unstable):
 
 
 def test_the_nearest_prediction_is_nearest_in_octaves(unstable):
-    predicted = [Prediction(62.5 + 10.0, 'nearer'), Prediction(260.0, 'farther')]
+    predicted = [Prediction(90.0, 'nearer'), Prediction(175.0, 'farther')]
     (sentence,) = limit_cycle_sentences(unstable, predicted)
-    assert sentence.endswith('72.5 Hz (nearer).')
+    assert sentence.endswith('90 Hz (nearer).') == (125.0 / 90.0 < 175.0 / 125.0)
+    (sentence,) = limit_cycle_sentences(unstable, [Prediction(60.0, 'an octave away')])
+    assert 'predicted' not in sentence
 
 
 def test_a_run_of_the_documents_loop_has_none(short_assessment):
-    assert limit_cycle_sentences(short_assessment.run, []) == ['No limit cycle.']
+    assert limit_cycle_sentences(short_assessment.run, []) == ['No limit cycle found above 4 Hz.']
 
 
 def test_an_oscillation_that_is_driven_is_none(unstable):
@@ -117,6 +120,17 @@ def test_an_oscillation_that_is_driven_is_none(unstable):
     assert limit_cycles(run) == (None, None)
 
 
-def test_without_duties_nothing_is_observed(unstable):
-    series = {topic: each for topic, each in unstable.series.items() if topic is not MOTOR_DUTY}
+def test_after_a_push_is_the_time_that_counts(unstable):
+    def pushed(end):
+        pushes = (ScheduledPush(end - 0.1, 0.1, 1.0),)
+        scenario = replace(unstable.attached.scenario, pushes=pushes)
+        return replace(unstable, attached=replace(unstable.attached, scenario=scenario))
+
+    assert limit_cycle_sentences(pushed(8.0), [])[0].startswith('Limit cycle at 125 Hz')
+    assert limit_cycle_sentences(pushed(9.99), []) == []
+
+
+@pytest.mark.parametrize('missing', [MOTOR_DUTY, CONTROLLER_STATE])
+def test_without_what_tells_nothing_is_observed(unstable, missing):
+    series = {topic: each for topic, each in unstable.series.items() if topic is not missing}
     assert limit_cycle_sentences(replace(unstable, series=series), []) == []

@@ -218,6 +218,35 @@ def test_the_lqg_for_a_dead_time_is_a_parameter_file(command, tmp_path):
     assert len(values['user.lead']) == 4 * (4 + 3)
 
 
+def test_the_lqg_is_designed_for_the_robot_and_its_dead_time(command, tmp_path):
+    def values(*arguments):
+        path = tmp_path / f'{len(list(tmp_path.iterdir()))}.yaml'
+        words(command, '--method', 'lqg', *arguments, '--output', path)
+        assert path.read_text(encoding='utf-8').startswith('# ballbot design --')
+        parameters = read_parameter_file(path)
+        compose_controller(parameters)
+        return parameters.of(ControllerParameters).values()
+
+    usual = values()
+    heavy = values('--set', 'plant_sim.body_mass=0.9')
+    assert heavy['model.body_mass'] == 0.9
+    assert heavy['user.feedback'] != usual['user.feedback']
+    late = ('--set', 'plant_sim.actuator_delay=6')
+    assert values(*late)['user.actuator_delay'] == 6.0
+    assert values(*late, '--delay', '2')['user.actuator_delay'] == 2.0
+    own = ('--set', 'controller.user.actuator_delay=3.0', '--set', 'controller.model.body_mass=0.7')
+    chosen = values('--set', 'plant_sim.body_mass=0.9', *late, *own)
+    assert (chosen['user.actuator_delay'], chosen['model.body_mass']) == (3.0, 0.7)
+
+
+@pytest.mark.parametrize('name', ['new\nline.yaml', '\udcff.yaml'])
+def test_a_file_of_any_name_can_be_named_in_the_first_line(command, tmp_path, name):
+    base, path = tmp_path / name, tmp_path / 'gains.yaml'
+    base.write_text('controller: {ros__parameters: {a_d: 0.9}}')
+    words(command, '--params', base, '--method', 'lqr', '--output', path)
+    assert read_parameter_file(path).of(ControllerParameters).a_d == 0.9
+
+
 def test_a_run_takes_the_designed_gains(command, tmp_path):
     path = tmp_path / 'gains.yaml'
     words(command, '--method', 'dlqr', '--delay', '8', '--output', path)
@@ -231,20 +260,22 @@ def test_a_run_takes_the_designed_gains(command, tmp_path):
 
 @pytest.mark.parametrize(('arguments', 'expected'), [
     (['--method', 'dlqr', '--q', '1,2,3'], "'1,2,3': 5 numbers are needed, not 3"),
-    (['--method', 'dlqr', '--q=-1,1,1,1,1'], "'-1' is not a weight of at least 0"),
-    (['--method', 'dlqr', '--q=nan,1,1,1,1'], "'nan' is not a weight of at least 0"),
-    (['--method', 'dlqr', '--q=1e999,1,1,1,1'], "'1e999' is not a weight of at least 0"),
-    (['--method', 'lqr', '--r', '0'], "'--r': '0' is not a weight above 0"),
-    (['--method', 'lqr', '--r', '-1'], "'--r': '-1' is not a weight above 0"),
-    (['--method', 'lqr', '--r', 'nan'], "'--r': 'nan' is not a weight above 0"),
+    (['--method', 'dlqr', '--q=-1,1,1,1,1'], "'-1' is not 0 or within 1e-20 … 1e20"),
+    (['--method', 'dlqr', '--q=nan,1,1,1,1'], "'nan' is not 0 or within 1e-20 … 1e20"),
+    (['--method', 'dlqr', '--q=1e300,1,1,1,1'], "'1e300' is not 0 or within 1e-20 … 1e20"),
+    (['--method', 'lqr', '--r', '0'], "'--r': '0' is not within 1e-20 … 1e20"),
+    (['--method', 'lqr', '--r', '-1'], "'--r': '-1' is not within 1e-20 … 1e20"),
+    (['--method', 'lqr', '--r', 'nan'], "'--r': 'nan' is not within 1e-20 … 1e20"),
     (['--method', 'dlqr', '--delay', '101'], "'--delay': '101' is not within 0 … 100 ms"),
     (['--method', 'dlqr', '--delay', 'nan'], "'--delay': 'nan' is not within 0 … 100 ms"),
     (['--method', 'place'], '--method place needs --poles'),
     (['--method', 'place', '--poles=-1,-2,x,-4,-5'], "'x' is not a pole, such as -7+5j"),
-    (['--method', 'place', '--poles=-1,-2,-3,-4,5'], 'the pole 5 1/s is not stable'),
+    (['--method', 'place', '--poles=-1,-2,-3,-4,5'], 'the pole 5 1/s needs a real part below'),
     (['--method', 'place', '--poles=-1,-2,-3,-4,-9+1j'], 'the pole -9+1j 1/s needs its conjugate'),
-    (['--method', 'place', '--poles=-1,-2,-30,-40,-50'], 'no design: the loop gets a pole at'),
+    (['--method', 'place', '--poles=-1,-2,-30,-40,-50'], 'no design: the motion of a pole at'),
     (['--method', 'place', f'--poles={POLES}', '--r=1'], '--r: --method place takes --poles'),
+    (['--method', 'place', f'--poles={POLES}', '--set=controller.pwm_gain=0'], 'cannot be placed'),
+    (['--method', 'dlqr', '--output', 'x.yaml', '--plot', '/nowhere/x.png'], '--plot /nowhere/x'),
     (['--method', 'lqr', '--delay', '3'], '--delay: --method lqr takes --q, --r'),
     (['--delay', '3'], '--delay needs --method'),
     (['--output', 'x.yaml'], '--output needs --method or --controller'),

@@ -1,5 +1,7 @@
 """The LQG controller that ships."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import strategies as st
@@ -7,7 +9,15 @@ from laws import given
 from robot import physical
 from shipped_controllers import duties, exchanged, run_shipped
 
-from ballbot_ros.controllers.lqg import LQG, LQGParameters, dead_time, discrete_model, measurement
+from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.controllers.lqg import (
+    LQG,
+    LQGParameters,
+    Plane,
+    dead_time,
+    discrete_model,
+    measurement,
+)
 from ballbot_ros.timing import TICK_MS, TICK_S
 
 REFERENCE = 'lqg'
@@ -80,6 +90,13 @@ def test_without_a_dead_time_nothing_is_predicted():
     np.testing.assert_array_equal(lead, np.eye(4))
     np.testing.assert_array_equal(effects[:4], discrete_model(physical())[1][:, :1])
     assert effects[4] == 0.0
+
+
+@pytest.mark.parametrize(('name', 'values'), [('lead', (1.0, 2.0)), ('input_effect', (1.0,) * 5)])
+def test_a_design_for_another_dead_time_is_refused(name, values):
+    p = replace(LQG.design(LQGParameters(actuator_delay=8.0), physical()), **{name: values})
+    with pytest.raises(ControllerError, match=f'^user.{name} needs .* 8 ms, not {len(values)}'):
+        Plane(p, physical())
 
 
 @pytest.mark.parametrize('delay_ms', [8, 30])

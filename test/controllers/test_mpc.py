@@ -52,6 +52,13 @@ def test_predictions_are_those_of_the_closed_loop():
         assert state[1] == pytest.approx(expected_pitch[tick], rel=1e-9, abs=1e-9)
 
 
+def test_a_dead_time_does_not_change_what_a_voltage_does_once_it_acts():
+    _, p = plane()
+    _, late = plane(actuator_delay=6.0)
+    for matrix, same in zip(Predictions.of(p), Predictions.of(late), strict=True):
+        np.testing.assert_allclose(matrix, same, rtol=1e-9, atol=1e-12)
+
+
 def test_it_keeps_to_the_voltage_that_there_is():
     made, p = plane(pitch_limit=45.0)
     error = (0.0, 6.0, 0.0, 60.0, 0.0)

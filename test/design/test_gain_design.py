@@ -53,7 +53,7 @@ def design(values=(), delay=None):
 def regulator(delay):
     """Return the regulator with the document's weights, and its gains."""
     designed = design(delay=delay)
-    return designed, np.array(designed.regulator(Q_DIAGONAL, R_WEIGHT, DOCUMENT))
+    return designed, np.array(designed.regulator(Q_DIAGONAL, R_WEIGHT))
 
 
 FACTORS = st.tuples(*[st.floats(0.6, 1.3)] * 5)
@@ -78,7 +78,7 @@ def test_the_gradient_is_that_of_the_cost(factors, delay, discount):
 def test_the_cost_is_the_mean_of_the_loop_with_noise():
     q, r = QUIET_WEIGHTS
     designed = design(QUIET_FILTERS, delay=6.0)
-    gains = designed.regulator(q, r, DOCUMENT)
+    gains = designed.regulator(q, r)
     loop = SampledLoop(with_gains(gains, QUIET_FILTERS), LoopDelays(6.0))
     a, b = loop.closed()
     deviation = np.zeros(len(INPUTS))
@@ -115,7 +115,7 @@ def test_no_neighbour_of_the_regulator_is_cheaper(delay):
     {}, {'controller.a_d': 0.975}, {'controller.a_d': 0.0, 'controller.a_gd': 0.99},
 ])  # fmt: skip
 def test_the_regulator_makes_the_loop_stable_that_it_was_designed_for(filters, delay):
-    gains = design(filters, delay).regulator(Q_DIAGONAL, R_WEIGHT, DOCUMENT)
+    gains = design(filters, delay).regulator(Q_DIAGONAL, R_WEIGHT)
     loop = SampledLoop(with_gains(gains, filters), LoopDelays(delay))
     assert abs(loop.poles()).max() < 1.0
 
@@ -127,14 +127,14 @@ def test_the_running_code_stands_with_a_dead_time_that_it_was_designed_for():
         states, _ = run_unquantised(parameters, 1500)
         return abs(states[-250:, 1]).max()
 
-    assert pitch(design(delay=30.0).regulator(Q_DIAGONAL, R_WEIGHT, DOCUMENT)) < 1e-5
+    assert pitch(design(delay=30.0).regulator(Q_DIAGONAL, R_WEIGHT)) < 1e-5
     assert pitch(DOCUMENT) > 1e-2
 
 
 def test_heavier_duty_gives_a_quieter_loop():
     noise = []
     for factor in (0.1, 1.0, 10.0):
-        gains = design().regulator(Q_DIAGONAL, factor * R_WEIGHT, DOCUMENT)
+        gains = design().regulator(Q_DIAGONAL, factor * R_WEIGHT)
         noise.append(analyse_sampled(with_gains(gains)).samples.rounding_noise)
     assert noise[0] > noise[1] > noise[2]
     assert noise[1] < 0.5 * analyse_sampled(with_gains(DOCUMENT)).samples.rounding_noise
@@ -167,12 +167,12 @@ def test_the_loop_has_the_poles_that_were_asked_for():
 
 @pytest.mark.parametrize(('poles', 'message'), [
     ([-1.0, -2.0, -3.0], '5 poles are needed, one for each gain: got 3'),
-    ([-1.0, -2.0, -3.0, -4.0, 1.0], 'the pole 1 1/s is not stable: its real part must be below 0'),
-    ([-1.0, -2.0, -3.0, -4.0, math.nan], 'is not stable'),
+    ([-1.0, -2.0, -3.0, -4.0, 1.0], 'the pole 1 1/s needs a real part below -0.001 1/s'),
+    ([-1.0, -2.0, -3.0, -4.0, math.nan], 'needs a real part below'),
     ([-1.0, -2.0, -3.0, -4.0, -5 + 1j], 'the pole -5+1j 1/s needs its conjugate'),
     ([-1.0, -2.0, -3.0, -3.0, -4.0], 'the pole -3 1/s is given twice'),
     ([-1.0, -2.0, -3.0, -4 + 800j, -4 - 800j], 'oscillates faster than 125 Hz'),
-    ([-0.2, -1.6, -12.0, -7 + 7j, -7 - 7j], r'no design: the loop gets a pole at .*, not stable'),
+    ([-0.2, -1.6, -12.0, -7 + 7j, -7 - 7j], 'no design: the motion of a pole at .* does not'),
 ])  # fmt: skip
 def test_impossible_poles_are_refused_in_one_line(poles, message):
     with pytest.raises(DesignError, match=f'^[^\n]*{message.replace("+", "[+]")}[^\n]*$'):
@@ -187,9 +187,9 @@ def test_impossible_poles_are_refused_in_one_line(poles, message):
 ])  # fmt: skip
 def test_weights_that_are_not_allowed_are_refused_in_one_line(q, r):
     with pytest.raises(DesignError, match=r'^no linear quadratic regulator: [^\n]*negative$'):
-        design().regulator(q, r, DOCUMENT)
+        design().regulator(q, r)
 
 
 def test_a_pitch_that_drifts_has_no_regulator():
     with pytest.raises(DesignError, match=r'^no gains are found with which the loop is stable$'):
-        design({'controller.a_gd': 1.0}).regulator(Q_DIAGONAL, R_WEIGHT, DOCUMENT)
+        design({'controller.a_gd': 1.0}).regulator(Q_DIAGONAL, R_WEIGHT)
