@@ -246,4 +246,4 @@ def test_what_a_class_prints_when_it_is_loaded_is_not_the_result(folder):
     assert 'loaded' in done.stderr
     words = [*BALLBOT, 'design', '--controller=loud.py:Balance']
     done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.stdout.startswith('/**/controller:')
+    assert done.stdout.startswith('# ballbot design --controller=loud.py:Balance\n/**/controller:')
