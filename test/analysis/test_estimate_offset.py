@@ -195,7 +195,7 @@ def test_rounding_in_single_precision_adds_up(make_run):
 
 def test_another_controller_has_no_reasons(short_assessment):
     run = short_assessment.run
-    run = replace(run, attached=replace(run.attached, controller='lqg'))
+    run = replace(run, attached=replace(run.attached, external={'controller': 'theirs'}))
     assert estimate_offset(run) is None
     for plane, sentence in zip('xy', offset_reasons(run), strict=True):
         assert sentence.startswith(f'Plane {plane}: the estimated pitch is ')
