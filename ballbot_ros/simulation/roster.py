@@ -135,8 +135,9 @@ class Roster:
         # Ignore it if a participant that the run can do without can't continue.
         elif objection and participant.role in self._fatal:
             self.add_objection(Objection(objection.told_by(participant)))
-        if len(self._claimants(participant.role)) > 1:
-            run.contests.setdefault(participant.role, self._calls)
+        # A new claimant starts the contest again: one that answered before may have died since.
+        if known is None and len(self._claimants(participant.role)) > 1:
+            run.contests[participant.role] = self._calls
 
     def add_objection(self, objection: Objection) -> None:
         """Record an objection of a participant or of the plant itself."""

@@ -190,6 +190,17 @@ def test_all_drivers_may_be_replaced_at_once_and_again():
         assert run.watch().state is ReadinessState.COMPLETE
 
 
+@pytest.mark.parametrize('calls', [1, 2, ANSWER_CALLS - 1])
+def test_a_successor_that_has_answered_may_be_replaced_before_the_first_is_found_dead(calls):
+    run = world().begin()
+    second, third = (a('gyro_driver', f'{generation} gyro_driver') for generation in ('2nd', '3rd'))
+    run.kill(a('gyro_driver')).join(second)
+    assert run.watch(calls).state is ReadinessState.WAITING
+    run.kill(second).join(third)
+    assert run.watch().state is ReadinessState.COMPLETE
+    assert run.roster.history[-1].participant == third
+
+
 @pytest.mark.parametrize('change', [{'parameters': '01'}, {'implementation': 'theirs'}])
 def test_a_driver_is_not_replaced_by_a_different_one(change):
     run = world().begin()
