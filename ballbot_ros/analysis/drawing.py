@@ -95,13 +95,23 @@ def shade_intervals(axes: Axes, intervals: Iterable[Interval]) -> None:
 
 
 def name_intervals(axes: Axes, intervals: Iterable[Interval]) -> None:
-    """Write the names of intervals above the axes."""
-    for interval in intervals:
+    """Write the names of intervals above the axes, but not across an earlier interval's name.
+
+    Call it last: the range of the axes decides which names have room.
+    """
+    names = [
         axes.annotate(
             interval.name, ((interval.start + interval.end) / 2.0, 1.0), (0, 3), color=GRAY,
             fontsize='small', xycoords=('data', 'axes fraction'), textcoords='offset points',
-            ha='center',
-        )  # fmt: skip
+            ha='center', parse_math=False,
+        )
+        for interval in intervals
+    ]  # fmt: skip
+    axes.get_xlim()  # Updates the range. The layout, to come, only widens the axes.
+    extents = [name.get_window_extent() for name in names]
+    for index, name in enumerate(names):
+        if any(extents[index].overlaps(earlier) for earlier in extents[:index]):
+            name.remove()
 
 
 def set_min_span(axes: Axes, span: float) -> None:

@@ -46,7 +46,7 @@ def draw_motion(
 
     With a map, or if the ball moves in both planes, the track is drawn next to them. The gyro
     calibration, up to `hold_time` [s], is shaded, and so are the segments of the sticks; both are
-    named.
+    named where there is room.
     """
     position = trajectory.position
     with_track = len(position) > 0 and (
