@@ -9,6 +9,15 @@ FULL_SCALE_MV = 14180
 """Voltage of count 1024, one above the largest."""
 
 
+COUNT_V = FULL_SCALE_MV / (1 << ADC_BITS) / 1000.0
+"""Voltage of one count [V]."""
+
+
+def count_of(reading_mv: int) -> int:
+    """Return the count that a reading of :func:`battery_mv` stands for."""
+    return -(-(reading_mv << ADC_BITS) // FULL_SCALE_MV)
+
+
 def battery_mv(voltage: float) -> int:
     """Return what ``ecrobot_get_battery_voltage`` reads [mV] at a voltage [V].
 

@@ -135,8 +135,9 @@ def advance_nonlinear(
     half, sixth = dt / 2.0, dt / 6.0
     theta, psi, theta_dot, psi_dot = state
     motor = alpha * voltage
-    force_theta += motor
-    force_psi -= motor
+    # Not in place: they can be arrays.
+    force_theta = force_theta + motor
+    force_psi = force_psi - motor
     a1, c1 = accelerations(equations, psi, theta_dot, psi_dot, force_theta, force_psi)
     w2, r2 = theta_dot + half * a1, psi_dot + half * c1
     a2, c2 = accelerations(equations, psi + half * psi_dot, w2, r2, force_theta, force_psi)

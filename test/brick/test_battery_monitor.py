@@ -4,7 +4,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.brick.battery_monitor import battery_mv
+from ballbot_ros.brick.battery_monitor import COUNT_V, battery_mv, count_of
 
 READINGS = [(counts * 14180) >> 10 for counts in range(1024)]
 
@@ -35,3 +35,12 @@ def test_more_voltage_never_reads_less(voltage, more):
 @given(st.floats(-10.0, 100.0))
 def test_a_reading_stays_within_the_converter(voltage):
     assert 0 <= battery_mv(voltage) <= READINGS[-1]
+
+
+def test_every_reading_tells_its_count():
+    assert [count_of(battery_mv(counts * COUNT_V)) for counts in range(1024)] == list(range(1024))
+
+
+@given(st.floats(0.0, 14.0))
+def test_the_count_of_a_reading_is_the_nearest_to_the_voltage(voltage):
+    assert abs(count_of(battery_mv(voltage)) * COUNT_V - voltage) <= 0.5001 * COUNT_V

@@ -17,6 +17,7 @@ FLOORS = (
     ('simulation',),
     ('messages', 'environments'),
     ('analysis', 'conformance'),
+    ('identification',),
     ('viewer',),
     ('nodes',),
     ('run',),

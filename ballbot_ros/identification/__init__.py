@@ -1,0 +1,1 @@
+"""Identification: physical parameters of the robot from recordings and logs."""

@@ -1,0 +1,481 @@
+"""Estimation of physical parameters by least squares, with intervals.
+
+The residuals are differences between readings and their predictions by the plant, each divided by
+its standard deviation. Parameters and the unknowns of all segments are estimated together. That a
+controller moved the robot by these readings does no harm as long as their errors are independent.
+The rounding of an encoder is not: the controller holds the shaft where the reading changes. So
+its readings count only while it turns, and the rounding that is expected at the predicted angle is
+taken out of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.sparse import csr_matrix
+from scipy.stats import t as student
+
+from ballbot_ros.identification.experiment import Channel, Floats, with_values
+from ballbot_ros.identification.rounding import ROUNDING_DEVIATION, expected_rounding
+from ballbot_ros.identification.segment_model import Prediction, SegmentModel
+from ballbot_ros.parameters import PlantParameters
+
+ROUNDS = 3
+"""Fits, each with the selection, the rounding and the deviations that the one before found."""
+
+TURNING_COUNTS = 1.0
+"""Slowest predicted turn of an encoder between two readings, at which these count."""
+
+MISFIT = 4.0
+"""Root mean square of the residuals, relative to the median, beyond which a segment is dropped."""
+
+_DIFFERENCE = 1e-5
+_LEAST_DEVIATION = 0.02
+_MAX_STEPS = 40
+_PARTS = 0.25, 0.5
+_MAX_SETTLING = 8
+_SETTLED = 1e-3
+
+
+class Unknown(NamedTuple):
+    """A parameter to estimate.
+
+    Attributes
+    ----------
+    scale : float
+        A value of its usual size.
+    bounds : tuple of float
+    """
+
+    scale: float
+    bounds: tuple[float, float]
+
+
+class Residuals(NamedTuple):
+    """Residuals of the segments of an experiment, and their derivatives.
+
+    Attributes
+    ----------
+    values : ndarray, shape (s, m)
+    by_parameter : ndarray, shape (s, m, p)
+        By each parameter over its scale, and last by the error of the battery reading over its
+        standard deviation.
+    by_unknown : ndarray, shape (s, m, k)
+    """
+
+    values: Floats
+    by_parameter: Floats
+    by_unknown: Floats
+
+    def without_unknowns(self) -> Residuals:
+        """Return the parts that no change of the segments' unknowns could remove."""
+        q, _ = np.linalg.qr(self.by_unknown)
+        return Residuals(
+            self.values - np.einsum('smk,sk->sm', q, np.einsum('smk,sm->sk', q, self.values)),
+            self.by_parameter
+            - np.einsum('smk,skp->smp', q, np.einsum('smk,smp->skp', q, self.by_parameter)),
+            self.by_unknown,
+        )
+
+
+class ExperimentFit:
+    """An experiment during the estimation: its unknowns, and what is known of its readings' errors.
+
+    Attributes
+    ----------
+    model : SegmentModel
+    unknowns : ndarray, shape (s, k)
+        The present estimate.
+    dropped : int
+        Number of segments that were dropped, since the model does not describe them.
+    noise : dict of Channel to float
+        Of rounded channels, the standard deviation of their errors before they are rounded.
+    """
+
+    def __init__(self, model: SegmentModel) -> None:
+        self.dropped = 0
+        self._deviations = {each: each.noise for each in model.segments.experiment.readings}
+        self.noise: dict[Channel, float] = {}
+        self._use(model, model.first_guess())
+
+    def _use(self, model: SegmentModel, unknowns: Floats) -> None:
+        self.model, self.unknowns = model, unknowns
+        self._guess = unknowns
+        readings = model.segments.readings
+        self._counts = {each: ~np.isnan(values) for each, values in readings.items()}
+        self._rounding = {each: np.zeros_like(values) for each, values in readings.items()}
+
+    def residuals(
+        self, plants: Sequence[PlantParameters], unknowns: Floats, battery_error: float
+    ) -> Floats:
+        """Return the residuals of variants, shape (v, s, m).
+
+        `plants` and `unknowns`, shape (v, s, k), are those of the variants; `battery_error` [V] is
+        that of the battery reading.
+        """
+        predicted = self.model.predict(plants, unknowns)
+        segments = self.model.segments
+        shape = unknowns.shape[:2]
+        parts = []
+        for channel, values in segments.readings.items():
+            difference = predicted.readings[channel] + self._rounding[channel] - values
+            counted = np.where(self._counts[channel], difference, 0.0)
+            parts.append(counted.reshape(*shape, -1) / self._deviations[channel])
+        difference = predicted.battery + battery_error - segments.battery
+        # At its start, a segment knows the current only roughly.
+        difference[:, :, 0] = 0.0
+        parts.append(np.nan_to_num(difference) / segments.experiment.battery_error)
+        parts.append((unknowns - self._guess) / self.model.deviations)
+        return np.concatenate(parts, axis=2)
+
+    def linearised(
+        self, plant: PlantParameters, scales: Mapping[str, float], battery_error: float
+    ) -> Residuals:
+        """Return the residuals and their derivatives, by differences.
+
+        The parameters of `scales` vary, each by a part of its scale.
+        """
+        count, own = len(scales), self.unknowns.shape[1]
+        plants = [plant] * (1 + count + own)
+        for number, (name, scale) in enumerate(scales.items(), start=1):
+            value = getattr(plant, name) + _DIFFERENCE * scale
+            plants[number] = with_values(plant, {name: value})
+        unknowns = np.repeat(self.unknowns[np.newaxis], len(plants), axis=0)
+        for number in range(own):
+            unknowns[1 + count + number, :, number] += _DIFFERENCE
+        values = self.residuals(plants, unknowns, battery_error)
+        slopes = np.moveaxis((values[1:] - values[0]) / _DIFFERENCE, 0, -1)
+        return Residuals(
+            values[0],
+            np.concatenate([slopes[:, :, :count], self._battery_slope(values)], axis=2),
+            slopes[:, :, count:],
+        )
+
+    def _battery_slope(self, values: Floats) -> Floats:
+        slope = np.zeros((*values.shape[1:], 1))
+        battery = self.model.segments.battery
+        end = values.shape[2] - self.unknowns.shape[1]
+        experiment = self.model.segments.experiment
+        slope[:, end - battery.shape[1] : end, 0] = (
+            ~np.isnan(battery) * experiment.battery_offset / experiment.battery_error
+        )
+        slope[:, end - battery.shape[1], 0] = 0.0
+        return slope
+
+    def settle(self, plant: PlantParameters) -> None:
+        """Estimate the unknowns of the segments, for these parameters.
+
+        It begins with the first readings of each: after a rough guess of the pitch at the start,
+        the robot would soon have fallen.
+        """
+        segments = self.model.segments
+        for part in _PARTS:
+            beginning = ExperimentFit(
+                SegmentModel(segments.beginnings(round(segments.length * part)))
+            )
+            beginning.unknowns = self.unknowns
+            beginning.settle_all(plant)
+            self.unknowns = beginning.unknowns
+        self.settle_all(plant)
+
+    def settle_all(self, plant: PlantParameters) -> None:
+        """Estimate the unknowns of the segments from all readings (Gauss-Newton)."""
+        cost = math.inf
+        for _ in range(_MAX_SETTLING):
+            found = self.linearised(plant, {}, 0.0)
+            present = float(np.sum(found.values**2))
+            if present > cost * (1.0 - _SETTLED):
+                return
+            cost = present
+            q, r = np.linalg.qr(found.by_unknown)
+            along = np.einsum('smk,sm->sk', q, found.values)
+            self.unknowns = self.unknowns - np.linalg.solve(r, along[:, :, np.newaxis])[:, :, 0]
+
+    def improve(self, plant: PlantParameters, battery_error: float) -> None:
+        """Learn from a fit: drop segments, select readings, take out rounding, weigh the rest."""
+        predicted = self.model.predict([plant], self.unknowns[np.newaxis])
+        self._drop_misfits(predicted, plant, battery_error)
+        predicted = self.model.predict([plant], self.unknowns[np.newaxis])
+        for channel in self._deviations:
+            self._improve_channel(channel, predicted.readings[channel][0])
+
+    def _drop_misfits(
+        self, predicted: Prediction, plant: PlantParameters, battery_error: float
+    ) -> None:
+        residuals = self.residuals([plant], self.unknowns[np.newaxis], battery_error)[0]
+        size = np.sqrt(np.mean(residuals**2, axis=1))
+        dropped = size > MISFIT * max(1.0, float(np.median(size)))
+        if dropped.any():
+            self.dropped += int(dropped.sum())
+            self._use(SegmentModel(self.model.segments.without(dropped)), self.unknowns[~dropped])
+
+    def _improve_channel(self, channel: Channel, predicted: Floats) -> None:
+        readings = self.model.segments.readings[channel]
+        counts = ~np.isnan(readings)
+        if channel.is_rounded and not channel.has_offset:
+            counts &= np.abs(np.gradient(predicted, axis=1)) >= TURNING_COUNTS
+        errors = predicted + self._rounding[channel] - readings
+        deviation = _rms(errors[counts]) if counts.any() else channel.noise
+        self._counts[channel] = counts
+        if channel.is_rounded:
+            self._deviations[channel] = max(_LEAST_DEVIATION, deviation)
+            self.noise.setdefault(channel, _noise(deviation))
+            self._rounding[channel] = expected_rounding(predicted, self.noise[channel])
+        else:
+            self._deviations[channel] = max(channel.noise, deviation)
+
+    def deviations(self, plant: PlantParameters) -> dict[Channel, float]:
+        """Return the root mean square of each channel's residuals, in its unit."""
+        predicted = self.model.predict([plant], self.unknowns[np.newaxis]).readings
+        readings = self.model.segments.readings
+        return {
+            channel: _rms((predicted[channel][0] - values)[~np.isnan(values)])
+            for channel, values in readings.items()
+        }
+
+
+def _rms(errors: Floats) -> float:
+    return float(np.sqrt(np.mean(errors**2)))
+
+
+def _noise(deviation: float) -> float:
+    """Return the noise before rounding, from the standard deviation of all errors."""
+    return math.sqrt(max(0.0, deviation**2 - ROUNDING_DEVIATION**2))
+
+
+class Estimator:
+    """Least squares over experiments.
+
+    Parameters
+    ----------
+    fits : sequence of ExperimentFit
+    values : mapping of str to float
+        Parameters that differ from those of the experiments; the estimated ones begin with them.
+
+    Attributes
+    ----------
+    fits : sequence of ExperimentFit
+    values : dict of str to float
+        Parameters: the present estimates, and those that are kept.
+    battery_sigmas : float
+        The present estimate of the error of the battery reading, over its standard deviation.
+    """
+
+    def __init__(
+        self,
+        fits: Sequence[ExperimentFit],
+        values: Mapping[str, float],
+    ) -> None:
+        self.fits = fits
+        self.values = dict(values)
+        self.battery_sigmas = 0.0
+
+    def plant(self, fit: ExperimentFit) -> PlantParameters:
+        """Return the parameters of an experiment's robot, with the present estimates."""
+        return with_values(fit.model.segments.experiment.plant, self.values)
+
+    def keep(self, names: Collection[str]) -> None:
+        """Let the other parameters have the values of the experiments again."""
+        self.values = {name: value for name, value in self.values.items() if name in names}
+
+    def improve(self) -> None:
+        """Learn from a fit what is known of the readings' errors."""
+        for fit in self.fits:
+            fit.improve(self.plant(fit), self._battery_error(fit))
+
+    def _battery_error(self, fit: ExperimentFit) -> float:
+        return self.battery_sigmas * fit.model.segments.experiment.battery_offset
+
+    def residuals(self, fit: ExperimentFit) -> Floats:
+        """Return the residuals of an experiment."""
+        unknowns, error = fit.unknowns[np.newaxis], self._battery_error(fit)
+        return np.asarray(fit.residuals([self.plant(fit)], unknowns, error)[0])
+
+    def linearised(self, scales: Mapping[str, float]) -> list[Residuals]:
+        """Return the residuals of each experiment, with their derivatives by some parameters."""
+        return [
+            fit.linearised(self.plant(fit), scales, self._battery_error(fit)) for fit in self.fits
+        ]
+
+    def solve(self, parameters: Mapping[str, Unknown]) -> None:
+        """Minimise the squares of all residuals over parameters and unknowns of the segments."""
+        problem = _Problem(self, parameters)
+        found = least_squares(
+            problem.residuals,
+            problem.start,
+            problem.jacobian,
+            method='trf',
+            tr_solver='lsmr',
+            tr_options={'regularize': False, 'atol': 1e-12, 'btol': 1e-12, 'conlim': 0.0},
+            ftol=1e-6,
+            xtol=1e-10,
+            gtol=1e-10,
+            max_nfev=_MAX_STEPS,
+        )
+        problem.use(found.x)
+
+
+class _Problem:
+    """All residuals as one vector of one vector of variables.
+
+    The variables are the parameters and, for each segment, what its unknowns change beyond what a
+    change of the parameters asks of them. So at the start the derivatives by a segment's variables
+    are orthonormal, and orthogonal to those by the parameters. This lets the sparse solver converge
+    in few iterations, also if parameters act almost alike.
+    """
+
+    def __init__(self, estimator: Estimator, unknowns: Mapping[str, Unknown]) -> None:
+        self._estimator = estimator
+        self._scales = {name: each.scale for name, each in unknowns.items()}
+        first = estimator.linearised(self._scales)
+        self._origins = [fit.unknowns for fit in estimator.fits]
+        self._transforms, self._answers = [], []
+        squares = np.ones(len(unknowns) + 1)
+        for each in first:
+            q, r = np.linalg.qr(each.by_unknown)
+            inverse = np.linalg.inv(r)
+            along = np.einsum('smk,smp->skp', q, each.by_parameter)
+            self._transforms.append(inverse)
+            self._answers.append(-inverse @ along)
+            beyond = each.by_parameter - q @ along
+            squares += np.einsum('smp,smp->p', beyond, beyond)
+        self._size = 1.0 / np.sqrt(squares)
+        self._to_values = np.array([*self._scales.values(), 1.0]) * self._size
+        values = [estimator.values[name] for name in unknowns]
+        own = sum(each.size for each in self._origins)
+        self._count = 1 + sum(each.values.size for each in first)
+        self._first = np.array([*values, estimator.battery_sigmas]) / self._to_values
+        self.start = np.append(self._first, np.zeros(own))
+        self._bounds = [each.bounds for each in unknowns.values()]
+
+    def use(self, variables: Floats) -> None:
+        """Make these variables the present estimate."""
+        count = len(self._to_values)
+        *values, sigmas = (variables[:count] * self._to_values).tolist()
+        self._estimator.values.update(zip(self._scales, values, strict=True))
+        self._estimator.battery_sigmas = sigmas
+        change = (variables[:count] - self._first) * self._size
+        for fit, origin, transform, answer in zip(
+            self._estimator.fits, self._origins, self._transforms, self._answers, strict=True
+        ):
+            own = variables[count : count + origin.size].reshape(origin.shape)
+            fit.unknowns = origin + answer @ change + np.einsum('skl,sl->sk', transform, own)
+            count += origin.size
+
+    def residuals(self, variables: Floats) -> Floats:
+        """Return the residuals, and last the battery reading's error.
+
+        Where a parameter is out of bounds they are infinite, and the solver takes a smaller step.
+        """
+        self.use(variables)
+        estimator = self._estimator
+        values = [estimator.values[name] for name in self._scales]
+        if not all(
+            low <= value <= high for value, (low, high) in zip(values, self._bounds, strict=True)
+        ):
+            return np.full(self._count, np.inf)
+        parts = [estimator.residuals(fit).ravel() for fit in estimator.fits]
+        return np.concatenate([*parts, [estimator.battery_sigmas]])
+
+    def jacobian(self, variables: Floats) -> csr_matrix:
+        """Return the derivatives of :meth:`residuals`."""
+        self.use(variables)
+        estimator, parameters = self._estimator, len(self._to_values)
+        data, columns, widths = [], [], []
+        first = parameters
+        residuals = estimator.linearised(self._scales)
+        for found, transform, answer in zip(
+            residuals, self._transforms, self._answers, strict=True
+        ):
+            by_parameter = found.by_parameter + found.by_unknown @ answer
+            block = np.concatenate(
+                [by_parameter * self._size, found.by_unknown @ transform], axis=2
+            )
+            count, rows, width = block.shape
+            own = width - parameters
+            numbers = np.empty(block.shape, np.int32)
+            numbers[:, :, :parameters] = np.arange(parameters)
+            numbers[:, :, parameters:] = (
+                first + own * np.arange(count)[:, np.newaxis, np.newaxis] + np.arange(own)
+            )
+            data.append(block.ravel())
+            columns.append(numbers.ravel())
+            widths.append(np.full(count * rows, width))
+            first += count * own
+        data.append(self._size[-1:])
+        columns.append(np.array([parameters - 1], np.int32))
+        widths.append(np.array([1]))
+        ends = np.concatenate([[0], np.cumsum(np.concatenate(widths))])
+        return csr_matrix(
+            (np.concatenate(data), np.concatenate(columns), ends), (len(ends) - 1, first)
+        )
+
+
+class Covariance(NamedTuple):
+    """Uncertainty of estimated parameters, relative to their scales.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (p, p)
+    quantile : float
+        Number of standard deviations on either side of an interval of 95 %.
+    """
+
+    matrix: Floats
+    quantile: float
+
+    @property
+    def correlation(self) -> Floats:
+        """Correlation of the errors, shape (p, p)."""
+        deviations = np.sqrt(np.diag(self.matrix))
+        return np.asarray(self.matrix / np.outer(deviations, deviations))
+
+    @property
+    def half_widths(self) -> Floats:
+        """Half of the width of each 95 % interval."""
+        return np.asarray(self.quantile * np.sqrt(np.diag(self.matrix)))
+
+
+def covariance(residuals: Sequence[Residuals]) -> Covariance:
+    """Return the covariance of parameters, from the scatter between segments.
+
+    So readings within a segment may have dependent errors. The error of the battery reading is
+    the same in all: it has a prior instead.
+
+    Parameters
+    ----------
+    residuals : sequence of Residuals
+        Without unknowns, at the estimate.
+    """
+    information = _information(residuals)
+    scores = np.concatenate(
+        [np.einsum('smp,sm->sp', each.by_parameter, each.values) for each in residuals]
+    )
+    count, parameters = scores.shape
+    inverse = np.linalg.inv(information)
+    freedom = max(1, count - parameters)
+    scatter = scores.T @ scores * (count / freedom)
+    scatter[-1, -1] += 1.0
+    matrix = inverse @ scatter @ inverse
+    return Covariance(matrix[:-1, :-1], float(student.ppf(0.975, freedom)))
+
+
+def information(residuals: Sequence[Residuals]) -> Floats:
+    """Return the information on the parameters, shape (p, p), if all errors are independent."""
+    whole = _information(residuals)
+    # Take out the error of the battery reading, which is not known either.
+    last = whole[-1, :-1]
+    return np.asarray(whole[:-1, :-1] - np.outer(last, last) / whole[-1, -1])
+
+
+def _information(residuals: Sequence[Residuals]) -> Floats:
+    total = sum(
+        np.einsum('smp,smq->pq', each.by_parameter, each.by_parameter) for each in residuals
+    )
+    whole = np.array(total)
+    whole[-1, -1] += 1.0
+    return whole

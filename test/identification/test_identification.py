@@ -1,0 +1,245 @@
+"""What is identified: which parameters, from which parts of a run, and how well."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from laws import refusal
+
+import ballbot_ros as bb
+from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.identification.errors import IdentificationError
+from ballbot_ros.identification.estimation import ExperimentFit
+from ballbot_ros.identification.experiment import ENCODER
+from ballbot_ros.identification.identification import (
+    CANDIDATES,
+    HARD_TO_MEASURE,
+    MAX_HALF_WIDTH,
+    MAX_INFLATION,
+    Verdict,
+    check_names,
+    choose,
+    identify,
+)
+from ballbot_ros.identification.recorded_experiment import recorded_experiment
+from ballbot_ros.identification.segment_model import SegmentModel
+from ballbot_ros.identification.segments import cut
+from ballbot_ros.messages.topics import GYRO_IMU, MOTOR_DUTY
+from ballbot_ros.parameters import PlantParameters
+
+DOCUMENT = PlantParameters()
+NARROW = 1e4
+"""Information of an interval of 2 %."""
+
+
+def correlated(correlation, information=NARROW):
+    return information * np.array([[1.0, correlation], [correlation, 1.0]])
+
+
+def test_independent_parameters_are_all_told_apart():
+    names = 'body_mass', 'dead_zone', 'gravity'
+    assert choose(np.diag([NARROW, 3.0 * NARROW, 1e9]), names) == names
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_of_two_that_act_alike_the_first_is_taken(sign):
+    for names in ('body_mass', 'gravity'), ('gravity', 'body_mass'):
+        assert choose(correlated(sign), names) == names[:1]
+        assert choose(correlated(sign * 0.99999, 1e12), names) == names[:1]
+
+
+def test_two_are_told_apart_up_to_the_largest_inflation():
+    names = 'body_mass', 'gravity'
+    for inflation, count in ((0.95 * MAX_INFLATION, 2), (1.05 * MAX_INFLATION, 1)):
+        correlation = np.sqrt(1.0 - inflation**-2)
+        assert len(choose(correlated(correlation, 1e9), names)) == count, inflation
+
+
+def test_what_is_not_seen_is_not_taken_and_harms_no_other():
+    names = 'body_mass', 'dead_zone', 'gravity'
+    for little in (0.0, 100.0):
+        for number in range(3):
+            information = np.full(3, NARROW)
+            information[number] = little
+            others = tuple(name for name in names if name != names[number])
+            assert choose(np.diag(information), names) == others, (little, number)
+
+
+def test_a_parameter_must_not_widen_those_before_it_too_much():
+    """The interval of the first is narrow as long as the second is not an unknown, too."""
+    names = 'body_mass', 'gravity'
+    assert choose(correlated(0.98, 1e3), names) == names[:1]
+
+
+def test_a_sum_of_two_comes_after_them():
+    """The third acts as the first two together: any two of them are told apart."""
+    basis = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]])
+    information = NARROW * basis.T @ basis
+    for order in ([0, 1, 2], [2, 0, 1], [1, 2, 0]):
+        names = [('body_mass', 'dead_zone', 'gravity')[number] for number in order]
+        assert choose(information[np.ix_(order, order)], names) == tuple(names[:2])
+
+
+@pytest.mark.parametrize(
+    ('names', 'message'),
+    [
+        (['body_mas'], "'body_mas' cannot be identified; did you mean body_mass?"),
+        (['body_mass', 'backlash'], "'backlash' cannot be identified; "),
+        (['gravity', 'body_mass', 'gravity'], 'gravity is given twice'),
+    ],
+)
+def test_a_wrong_name_ends_with_one_line(names, message):
+    assert message in refusal(IdentificationError, check_names, names)
+    assert message in refusal(IdentificationError, identify, [], names)
+
+
+def test_an_unknown_name_is_answered_with_those_that_can_be_identified():
+    message = refusal(IdentificationError, check_names, ['xyz'])
+    assert all(name in message for name in CANDIDATES)
+
+
+def test_all_candidates_can_be_asked_for():
+    check_names(CANDIDATES)
+    assert set(HARD_TO_MEASURE) < set(CANDIDATES)
+
+
+def simulated(folder, scenario='excitation', duration=16.0, **plant):
+    """Return the recorded run of a robot with changed parameters."""
+    values = {'duration': duration, **plant}
+    parameters = {f'plant_sim.{name}': value for name, value in values.items()}
+    return read_run(bb.simulate(scenario, parameters=parameters).save(folder / f'{scenario}.mcap'))
+
+
+@pytest.fixture(scope='module')
+def heavy(tmp_path_factory):
+    """Return a run of the linear model, which is quick to fit."""
+    mass = 1.05 * DOCUMENT.body_mass
+    return simulated(tmp_path_factory.mktemp('heavy'), body_mass=mass, plant_model='linear')
+
+
+@pytest.mark.slow
+def test_the_truth_tells_the_exact_parameters(tmp_path):
+    height, torque = 1.04 * DOCUMENT.body_height, 0.97 * DOCUMENT.torque_constant
+    run = simulated(tmp_path, body_height=height, torque_constant=torque)
+    found = identify([recorded_experiment(run, {}, truth=True)], ('body_height', 'torque_constant'))
+    for row, true in zip(found.parameters, (height, torque), strict=True):
+        assert row.verdict is Verdict.IDENTIFIED
+        assert row.value == pytest.approx(true, rel=1e-4)
+        assert row.relative < 1e-3
+        assert row.recorded == true
+    (summary,) = found.experiments
+    assert summary.dropped == 0
+    for channel, before in summary.before.items():
+        assert summary.after[channel] < 0.01 * before
+
+
+def assert_mass_is_found(found, true):
+    row = found.parameters[0]
+    assert (row.name, row.verdict, row.recorded) == ('body_mass', Verdict.IDENTIFIED, true)
+    assert row.start == DOCUMENT.body_mass
+    assert abs(row.value - true) <= 1.5 * row.half_width
+    assert row.relative < MAX_HALF_WIDTH
+    assert row.half_width == pytest.approx(row.relative * row.value)
+
+
+@pytest.mark.slow
+def test_the_devices_of_a_brick_tell_parameters_within_their_intervals(tmp_path):
+    true = 1.06 * DOCUMENT.body_mass
+    run = simulated(tmp_path, body_mass=true)
+    found = identify([recorded_experiment(run, {})], ('body_mass', 'motor_friction'))
+    assert_mass_is_found(found, true)
+    assert found.correlation.shape == (2, 2)
+    np.testing.assert_allclose(np.diag(found.correlation), 1.0)
+    friction = found.parameters[1]
+    assert abs(friction.value - DOCUMENT.motor_friction) <= 1.5 * friction.half_width
+
+
+def test_the_same_run_gives_the_same_result(heavy):
+    first, second = (
+        identify([recorded_experiment(heavy, {})], ('body_mass', 'motor_friction'))
+        for _ in range(2)
+    )
+    assert_mass_is_found(first, heavy.plant.body_mass)
+    assert first.parameters == second.parameters
+    assert first.experiments == second.experiments
+    np.testing.assert_array_equal(first.correlation, second.correlation)
+
+
+def test_a_robot_that_stands_tells_nothing(tmp_path):
+    run = simulated(tmp_path, 'hardware_standing', 8.0)
+    found = identify([recorded_experiment(run, {})])
+    assert [row.name for row in found.parameters] == list(HARD_TO_MEASURE)
+    assert {row.verdict for row in found.parameters} == {Verdict.NOT_SEEN}
+    assert found.estimated == ()
+    assert all(row.start == row.recorded for row in found.parameters)
+    (summary,) = found.experiments
+    assert 'in which the robot balances undisturbed and both encoders turn' in summary.notes[-1]
+
+
+def without(run, topic, dropped=slice(None)):
+    """Return a run without some samples of a topic, or without the topic."""
+    series = dict(run.series)
+    old = series.pop(topic)
+    if dropped != slice(None):
+        parts = (np.delete(each, dropped, axis=0) for each in (old.stamps, old.time, old.values))
+        series[topic] = type(old)(*parts)
+    return replace(run, series=series)
+
+
+def test_a_recording_without_the_gyro_is_refused(heavy):
+    message = refusal(IdentificationError, recorded_experiment, without(heavy, GYRO_IMU), {})
+    assert message == f'{heavy.path}: topic {GYRO_IMU.name!r} was not recorded'
+    assert recorded_experiment(without(heavy, GYRO_IMU), {}, truth=True).usable.any()
+
+
+def test_a_free_running_run_is_refused(heavy):
+    run = replace(heavy, plant=replace(heavy.plant, lockstep=False))
+    assert 'record one in lockstep' in refusal(IdentificationError, recorded_experiment, run, {})
+
+
+def test_no_segment_crosses_missing_ticks(heavy):
+    first, count = 1500, 20
+    whole = recorded_experiment(heavy, {})
+    run = without(heavy, MOTOR_DUTY, slice(first, first + count))
+    experiment = recorded_experiment(run, {})
+    assert whole.notes == ()
+    assert experiment.notes == (f'{count} missing ticks: no segment crosses a gap.',)
+    missing = np.zeros(len(whole.usable), np.bool_)
+    missing[first : first + count] = True
+    np.testing.assert_array_equal(experiment.usable, whole.usable & ~missing)
+    before, after = cut(whole), cut(experiment)
+    assert ((after.starts + after.length <= first) | (after.starts >= first + count)).all()
+    early = before.starts + before.length <= first
+    np.testing.assert_array_equal(after.starts[: early.sum()], before.starts[early])
+    assert (after.starts >= first + count).any()
+
+
+def test_values_that_are_known_replace_those_of_the_run(heavy):
+    experiment = recorded_experiment(heavy, {'backlash': 0.0, 'dead_zone': 3.0})
+    assert (experiment.plant.backlash, experiment.plant.dead_zone) == (0.0, 3.0)
+    assert experiment.recorded == heavy.plant
+
+
+def test_segments_with_wrong_readings_are_dropped(heavy):
+    """An encoder that shows a turn of 50 degrees to and fro, for half a second."""
+    experiment = recorded_experiment(heavy, {})
+    clean = cut(experiment)
+    first = clean.starts[clean.count // 2]
+    ramp = np.interp(np.arange(clean.length), [0, 62, clean.length - 1], [0.0, 50.0, 0.0])
+    encoder = experiment.readings[ENCODER].copy()
+    encoder[first : first + clean.length, 0] += np.rint(ramp)
+    wrong = replace(experiment, readings={**experiment.readings, ENCODER: encoder})
+    segments = cut(wrong)
+    hit = (segments.starts < first + clean.length) & (segments.starts + segments.length > first)
+    assert 1 <= hit.sum() <= 2
+
+    fit = ExperimentFit(SegmentModel(segments))
+    fit.settle(experiment.plant)
+    fit.improve(experiment.plant, 0.0)
+    np.testing.assert_array_equal(fit.model.segments.starts, segments.starts[~hit])
+
+    found = identify([wrong], ('body_mass',))
+    assert_mass_is_found(found, heavy.plant.body_mass)
+    (summary,) = found.experiments
+    assert summary.dropped == hit.sum()
+    assert summary.segments == segments.count - hit.sum()
