@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import json
-import shlex
-from collections.abc import Iterator
 from pathlib import Path
 
 import click
-from click.core import ParameterSource
 
 from ballbot_ros.cli.options import set_option
 from ballbot_ros.cli.path_types import NEW_FILE, PATH
@@ -19,11 +16,10 @@ from ballbot_ros.cli.redesign import (
     five_poles,
     five_weights,
     format_gains,
-    heading,
     positive_weight,
 )
+from ballbot_ros.cli.written_file import command_line, heading, write_file
 from ballbot_ros.codegen.implementation import compose_controller
-from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import CONTROLLER, ParameterSet
 from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.parameters.files import format_parameters, read_parameter_file
@@ -127,9 +123,9 @@ def command(
             raise click.UsageError(f'{option} prints a parameter file: omit --plot and --json')
         with stdout_to_stderr():  # it may print while its class is loaded
             compose_controller(parameters)
-        text = heading(_spelled(context)) + format_parameters(parameters, [CONTROLLER])
+        text = heading(command_line(context)) + format_parameters(parameters, [CONTROLLER])
         if output:
-            _write('--output', output, text.encode())
+            write_file('--output', output, text.encode())
         else:
             click.echo(text, nl=False)
         return
@@ -139,10 +135,10 @@ def command(
     design = DesignOutput(parameters, is_redesigned=redesign is not None)
     written = []
     if plot:
-        _write('--plot', plot, design.plot())
+        write_file('--plot', plot, design.plot())
         written.append(f'plot  {plot}')
     if output:  # last, so that a command that failed has written no gains
-        _write('--output', output, format_gains(parameters, _spelled(context)).encode())
+        write_file('--output', output, format_gains(parameters, command_line(context)).encode())
         written.append(f'gains  {output}')
     if as_json:
         click.echo(json.dumps(design.as_json(), indent=2, allow_nan=False))
@@ -150,30 +146,3 @@ def command(
     design.print()
     for line in written:
         click.echo(line)
-
-
-def _write(option: str, path: Path, content: bytes) -> None:
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise BallbotError(f'{option} {path}: {error.strerror}') from None
-
-
-def _spelled(context: click.Context) -> str:
-    """Return the command that makes the same design again."""
-
-    def words() -> Iterator[str]:
-        for option in context.command.params:
-            name = option.name or ''
-            value = context.params[name]
-            given = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-            if not given or name in ('output', 'plot', 'as_json'):
-                continue
-            if not option.multiple:
-                words = value if isinstance(value, tuple) else (value,)
-                value = (','.join(str(word).strip('()') for word in words),)
-            for each in value:
-                # With =, since the value may begin with a minus sign.
-                yield f'{option.opts[0]}={each}'
-
-    return shlex.join(['ballbot', 'design', *words()])

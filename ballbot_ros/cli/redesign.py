@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from ballbot_ros.errors import printable
+from ballbot_ros.cli.written_file import heading
 from ballbot_ros.parameters import CONTROLLER, MAX_DELAY_MS, PLANT, ParameterSet, PlantParameters
 from ballbot_ros.parameters.controller import MODEL
 from ballbot_ros.parameters.files import format_parameters
@@ -156,11 +156,6 @@ def format_gains(parameters: ParameterSet, command: str) -> str:
     set_too = [name for node, name, _ in parameters if node == CONTROLLER]
     names = dict.fromkeys((*LOOP_PARAMETERS, *set_too))
     return f'{heading(command)}{format_parameters(parameters, [CONTROLLER], names)}'
-
-
-def heading(command: str) -> str:
-    """Return the first line of a parameter file: the command that made it."""
-    return f'# {printable(command)}\n'
 
 
 Callback = Callable[[click.Context, click.Parameter, str | None], Any]

@@ -1,0 +1,237 @@
+"""`ballbot identify`: tables of verdicts, values and residuals, JSON, picture, parameter file."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from graph import record
+from recordings import copy_recording
+
+from ballbot_ros.cli.identify_output import MAX_RATIO, IdentifyOutput, with_interval
+from ballbot_ros.identification.identification import (
+    HARD_TO_MEASURE,
+    ExperimentSummary,
+    Identification,
+    IdentifiedParameter,
+    Verdict,
+)
+from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.parameters.files import read_parameter_file
+
+PNG = b'\x89PNG\r\n\x1a\n'
+MASS = 0.75
+FIT = '--truth', '--fit=body_mass,ball_friction'
+
+
+@pytest.fixture(scope='module')
+def recordings(tmp_path_factory):
+    """Return two recordings of one robot, one of another, and one of a robot held still."""
+    folder = tmp_path_factory.mktemp('recordings')
+    short, heavy = '--set=plant_sim.duration=16.0', f'--set=plant_sim.body_mass={MASS}'
+    runs = {
+        'heavy': (heavy,),
+        'heavy_too': (heavy, '--set=plant_sim.start_pitch_y=0.03'),
+        'light': ('--set=plant_sim.body_mass=0.5',),
+        'still': ('--set=plant_sim.hold_time=60.0',),
+    }
+    return {
+        name: record(folder / name, 'stationary', short, *words)[0] for name, words in runs.items()
+    }
+
+
+def rows(text):
+    """Return the cells of the rows of all tables."""
+    lines = [line for line in text.splitlines() if line.startswith('│')]
+    return [[cell.strip() for cell in line.strip('│').split('│')] for line in lines]
+
+
+def test_tables_of_verdicts_values_and_residuals(command, recordings):
+    status, text, stderr = command(
+        'identify', recordings['heavy'], *FIT, '--check', recordings['heavy_too'],
+        '--set=plant_sim.ball_friction=0.001',
+    )  # fmt: skip
+    assert (status, stderr) == (0, '')
+    verdicts, values, residuals = map(rows, text.split('┏')[1:])
+    assert [row[:2] for row in verdicts] == [
+        ['body_mass', 'identified'], ['ball_friction', 'identified'],
+    ]  # fmt: skip
+    assert [row[0] for row in values] == ['body_mass', 'ball_friction']
+    assert values[0][1].startswith('0.75 ± ')
+    assert [row[4] for row in values] == ['0.682', '0.001']
+    assert values[0][5].startswith('0.75 ')
+    assert [row[0] for row in residuals if row[0]] == ['1 fitted', '2 checked with']
+    assert [row[1] for row in residuals[:3]] == ['pitch rate', 'pitch', 'position']
+    assert re.match(
+        r'1  \S+heavy/stationary.mcap  fitted: \d+\.\d s in \d+ segments(, \d+ dropped)?\n', text
+    )
+
+
+def test_the_first_table_names_all_parameters(command, recordings):
+    """With the devices of a robot that was held still, none of them is seen."""
+    status, text, stderr = command('identify', recordings['still'])
+    assert status == 2
+    assert [row[:2] for row in rows(text)] == [[name, 'not seen'] for name in HARD_TO_MEASURE]
+    assert 'scenario `excitation`' in stderr
+    assert len(stderr.splitlines()) == 1
+
+
+def test_nothing_is_written_if_nothing_is_identified(command, recordings, tmp_path):
+    output, plot = tmp_path / 'found.yaml', tmp_path / 'found.png'
+    status, text, _ = command(
+        'identify', recordings['still'], '--output', output, '--plot', plot, '--json'
+    )
+    assert status == 2
+    found = json.loads(text)
+    assert set(found['parameters']) == set(HARD_TO_MEASURE)
+    assert found['parameters']['body_mass']['relative'] is None
+    assert not output.exists()
+    assert not plot.exists()
+
+
+def test_the_output_gives_a_run_the_identified_robot(command, recordings, tmp_path):
+    output, plot = tmp_path / 'found.yaml', tmp_path / 'found.png'
+    status, text, stderr = command(
+        'identify', recordings['heavy'], *FIT, '--output', output, '--plot', plot
+    )
+    assert (status, stderr) == (0, '')
+    assert f'plot  {plot}\nparameters  {output}\n' in text
+    assert plot.read_bytes().startswith(PNG)
+    first, *_ = output.read_text().splitlines()
+    fit = '--fit=body_mass --fit=ball_friction --truth'
+    assert first == f'# ballbot identify {recordings["heavy"]} {fit}'
+    found = read_parameter_file(output)
+    assert found.of(PlantParameters).body_mass == pytest.approx(MASS, rel=1e-3)
+    assert {name for _, name, _ in found} == {'body_mass', 'ball_friction'}
+    record(tmp_path / 'run', 'stationary', '--params', output, '--set=plant_sim.duration=0.1')
+
+
+def test_json_has_what_the_tables_have(command, recordings):
+    status, text, stderr = command(
+        'identify', recordings['heavy'], *FIT, '--check', recordings['light'], '--json'
+    )
+    assert (status, stderr) == (0, '')
+    found = json.loads(text)
+    assert set(found) == {'parameters', 'recordings', 'checks', 'warnings', 'correlation'}
+    mass = found['parameters']['body_mass']
+    assert mass['value'] == pytest.approx(MASS, rel=1e-3)
+    assert (mass['verdict'], mass['start'], mass['recorded'], mass['unit']) == (
+        'identified', 0.682, MASS, 'kg',
+    )  # fmt: skip
+    (recording,), (check,) = found['recordings'], found['checks']
+    assert set(recording['residuals']) == {'pitch rate', 'pitch', 'position'}
+    assert check['recording'] == str(recordings['light'])
+    (warning,) = found['warnings']
+    assert 'the values do not describe this recording' in warning
+    assert found['correlation']['names'] == ['body_mass', 'ball_friction']
+
+
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        (['{heavy}', '--fit=body_mas'], 'did you mean body_mass?'),
+        (['{heavy}', '--fit=body_mass', '--fit=body_mass'], 'body_mass is given twice'),
+        (['{heavy}', '{heavy}'], 'is given twice'),
+        (['{heavy}', '--check={heavy}'], 'is fitted, too; check with a recording that is not'),
+        (['{heavy}', '{light}', '--run=1'], '--run needs exactly one recording'),
+        (['{heavy}', '--run=2'], 'run 2 not found; the file has run 1'),
+        (['{heavy}', '--set=controller.k_i=1'], 'takes parameters of plant_sim only'),
+        (['missing.mcap'], 'missing.mcap: No such file'),
+        (['{text}'], 'not an MCAP file'),
+        (['{bare}'], 'was not recorded'),
+        ([], 'Missing argument'),
+    ],
+)  # fmt: skip
+def test_a_mistake_ends_with_one_line(command, recordings, tmp_path, words, message):
+    output, text = tmp_path / 'found.yaml', tmp_path / 'text.mcap'
+    text.write_text('no recording')
+    bare = tmp_path / 'bare.mcap'
+    if '{bare}' in words:
+        copy_recording(bare, recordings['heavy'], wanted=lambda topic: 'joint_states' not in topic)
+    paths = {**recordings, 'text': text, 'bare': bare}
+    status, stdout, stderr = command(
+        'identify', *(word.format(**paths) for word in words), f'--output={output}'
+    )
+    assert (status, stdout) == (2, '')
+    assert message in stderr
+    assert len(stderr.splitlines()) == 1
+    assert not output.exists()
+
+
+@pytest.mark.parametrize(
+    ('value', 'half_width', 'text'),
+    [
+        (0.7512, 0.0123, '0.751 ± 0.012'),
+        (0.75, 0.0996, '0.75 ± 0.10'),
+        (123.4, 25.0, '123 ± 25'),
+        (-0.021, 0.05, '−0.021 ± 0.050'),
+        (1.0034e-5, 1.2e-7, '(1.003 ± 0.012)e−5'),
+        (0.0, 0.01, '0.000 ± 0.010'),
+        (0.75, float('inf'), '0.75 ± ∞'),
+        (0.75, 1.94e-13, '0.75 ± 1.9e−13'),
+    ],
+)
+def test_an_interval_has_two_digits_and_the_value_ends_there(value, half_width, text):
+    assert with_interval(value, half_width) == text
+
+
+def parameter(name, verdict, value, half_width=0.1, **more):
+    start = getattr(PlantParameters(), name)
+    return IdentifiedParameter(name, '%', verdict, start, value, half_width, half_width, **more)
+
+
+def experiment(name, gyro, encoder):
+    residuals = {'gyro': gyro, 'encoder': encoder}
+    units = {'gyro': 'deg/s', 'encoder': 'deg'}
+    return ExperimentSummary(name, 5.0, 10, 1, residuals, residuals, units, ('A note.',))
+
+
+def identification(*parameters, checks=()):
+    size = sum(row.value is not None for row in parameters)
+    return Identification(
+        parameters, (experiment('fit.mcap', 1.0, 1.0),), tuple(checks),
+        np.eye(size),
+    )  # fmt: skip
+
+
+def test_every_verdict_has_its_reason(capsys, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '80')
+    IdentifyOutput(
+        identification(
+            parameter('dead_zone', Verdict.IDENTIFIED, 4.0, recorded=4.05),
+            parameter('body_mass', Verdict.UNCERTAIN, 0.7, 0.125, recorded=0.9),
+            parameter('wheel_mass', Verdict.NOT_TOLD_APART, None, alike=('dead_zone', 'body_mass')),
+            parameter('gravity', Verdict.NOT_TOLD_APART, None),
+            parameter('ball_mass', Verdict.NOT_SEEN, None, 0.5),
+            parameter('ball_radius', Verdict.NOT_SEEN, None, float('inf')),
+        )
+    ).print()
+    text = capsys.readouterr().out
+    verdicts, values, _ = map(rows, text.split('┏')[1:])
+    assert [row[2] for row in verdicts] == [
+        '± 10 %', '± 12.5 %, more than 10 %', 'acts like dead_zone, body_mass',
+        'acts like several together', '± 50 % as the only unknown',
+        'too little data',
+    ]  # fmt: skip
+    assert [row[3] for row in verdicts] == ['', '', '0.015', '9.81', '0.013', '0.026']
+    assert [row[5] for row in values] == ['4.05 ✓', '0.9 ✗']
+    assert max(map(len, text.splitlines())) <= 80
+    assert '1  fit.mcap  fitted: 5.0 s in 10 segments, 1 dropped\n   A note.\n' in text
+
+
+def test_a_value_below_its_bound_is_written_as_the_bound():
+    output = IdentifyOutput(identification(
+        parameter('dead_zone', Verdict.IDENTIFIED, -0.02),
+        parameter('body_mass', Verdict.UNCERTAIN, 0.7),
+    ))  # fmt: skip
+    assert output.corrections == ['dead_zone is below its bound: the file has 0']
+    assert '{dead_zone: 0.0}' in output.parameter_file()
+    assert output.as_json()['parameters']['dead_zone']['allowed'] == 0.0
+
+
+def test_checks_whose_residuals_are_much_larger_are_named():
+    row = parameter('dead_zone', Verdict.IDENTIFIED, 1.0)
+    alike, other = experiment('alike.mcap', 1.0, 1.7), experiment('other.mcap', 2.0, 2.0)
+    assert IdentifyOutput(identification(row, checks=[alike])).warnings == []
+    (line,) = IdentifyOutput(identification(row, checks=[alike, other])).warnings
+    assert f'other.mcap are 2 times those of the fit, more than {MAX_RATIO:g}' in line
