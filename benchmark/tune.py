@@ -24,6 +24,7 @@ from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
+from benchmark.identification import identification
 from benchmark.maps import MapOptions, basin, stability
 from benchmark.redesign import redesign
 from benchmark.tables import print_table
@@ -208,11 +209,15 @@ EXPERIMENTS: dict[str, Callable[[], None]] = {
 
 MAPS: dict[str, Callable[[MapOptions], None]] = {each.__name__: each for each in (stability, basin)}
 
-NAMES = (*EXPERIMENTS, *MAPS)
+RANDOM_ROBOTS: dict[str, Callable[[int], None]] = {identification.__name__: identification}
+FEW_ROBOTS, MANY_ROBOTS = 10, 100
+
+NAMES = (*EXPERIMENTS, *MAPS, *RANDOM_ROBOTS)
 
 
 def _documentation(name: str) -> str:
-    return str((EXPERIMENTS.get(name) or MAPS[name]).__doc__)
+    experiment = EXPERIMENTS.get(name) or MAPS.get(name) or RANDOM_ROBOTS[name]
+    return str(experiment.__doc__)
 
 
 @click.command(
@@ -220,7 +225,12 @@ def _documentation(name: str) -> str:
     epilog='\b\n' + '\n'.join(f'{name:16}  {_documentation(name)}' for name in NAMES),
 )
 @click.argument('experiments', nargs=-1, type=click.Choice(NAMES))
-@click.option('--fine', is_flag=True, help='Make a fine map, which takes up to ten minutes.')
+@click.option(
+    '--fine',
+    is_flag=True,
+    help='Make a fine map, which takes up to ten minutes; or identify 100 robots instead of 10, '
+    'which takes half an hour.',
+)
 @click.option(
     '--params', 'parameter_file', type=PATH, help='Parameter file with the gains of a map.'
 )
@@ -230,17 +240,21 @@ def tune(
 ) -> None:
     """Repeat EXPERIMENTS, or all of them, and print their tables.
 
-    The options are for the maps stability and basin.
+    The options are for the maps stability and basin; --fine also for identification.
     """
     names = experiments or NAMES
-    if (fine or parameter_file or output) and not set(names) <= MAPS.keys():
-        raise click.UsageError(f'--fine, --params and --output are for {" and ".join(MAPS)} only')
+    if (parameter_file or output) and not set(names) <= MAPS.keys():
+        raise click.UsageError(f'--params and --output are for {" and ".join(MAPS)} only')
+    if fine and not set(names) <= {*MAPS, *RANDOM_ROBOTS}:
+        raise click.UsageError(f'--fine is for {", ".join((*MAPS, *RANDOM_ROBOTS))} only')
     parameters = read_parameter_file(parameter_file) if parameter_file else ParameterSet()
     options = MapOptions(parameters, fine, output)
     for name in names:
         click.echo(f'\n{_documentation(name)}\n')
         if name in MAPS:
             MAPS[name](options)
+        elif name in RANDOM_ROBOTS:
+            RANDOM_ROBOTS[name](MANY_ROBOTS if fine else FEW_ROBOTS)
         else:
             EXPERIMENTS[name]()
 

@@ -113,4 +113,6 @@ def test_the_experiment_prints_its_tables_and_writes_its_picture(monkeypatch, tm
 def test_options_of_the_maps_are_refused_for_other_experiments():
     result = CliRunner().invoke(tune.tune, ['stand', '--fine'])
     assert result.exit_code == 2
+    assert 'stability, basin, identification only' in result.output
+    result = CliRunner().invoke(tune.tune, ['identification', '--output', 'x'])
     assert 'stability and basin only' in result.output
