@@ -6,4 +6,4 @@ from ballbot_ros.errors import BallbotError
 
 
 class IdentificationError(BallbotError):
-    """A recording or log from which nothing can be identified, or an unknown parameter."""
+    """A recording that cannot be used, or a parameter that cannot be identified."""

@@ -21,7 +21,7 @@ from scipy.stats import t as student
 
 from ballbot_ros.identification.experiment import Channel, Floats, with_values
 from ballbot_ros.identification.rounding import ROUNDING_DEVIATION, expected_rounding
-from ballbot_ros.identification.segment_model import Prediction, SegmentModel
+from ballbot_ros.identification.segment_model import SegmentModel
 from ballbot_ros.parameters import PlantParameters
 
 ROUNDS = 3
@@ -197,15 +197,12 @@ class ExperimentFit:
 
     def improve(self, plant: PlantParameters, battery_error: float) -> None:
         """Learn from a fit: drop segments, select readings, take out rounding, weigh the rest."""
-        predicted = self.model.predict([plant], self.unknowns[np.newaxis])
-        self._drop_misfits(predicted, plant, battery_error)
+        self._drop_misfits(plant, battery_error)
         predicted = self.model.predict([plant], self.unknowns[np.newaxis])
         for channel in self._deviations:
             self._improve_channel(channel, predicted.readings[channel][0])
 
-    def _drop_misfits(
-        self, predicted: Prediction, plant: PlantParameters, battery_error: float
-    ) -> None:
+    def _drop_misfits(self, plant: PlantParameters, battery_error: float) -> None:
         residuals = self.residuals([plant], self.unknowns[np.newaxis], battery_error)[0]
         size = np.sqrt(np.mean(residuals**2, axis=1))
         dropped = size > MISFIT * max(1.0, float(np.median(size)))
