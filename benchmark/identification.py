@@ -2,27 +2,26 @@
 
 The parameters of each robot are drawn at random around the document's. It drives the scenario
 `excitation`; what a brick measures meanwhile is all that the identification is given, with the
-document's values to begin with.
+document's values to begin with: once a recording, once the brick's data log.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
 
 import click
 import numpy as np
 
+from ballbot_ros.analysis.data_log import write_data_log
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.files import temporary_folder
-from ballbot_ros.identification.identification import (
-    Identification,
-    IdentifiedParameter,
-    identify,
-)
+from ballbot_ros.identification.identification import Identification, identify
+from ballbot_ros.identification.logged_experiment import logged_experiment
 from ballbot_ros.identification.recorded_experiment import recorded_experiment
-from ballbot_ros.parameters import PLANT
+from ballbot_ros.parameters import PLANT, PlantParameters
+from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.run.library import simulate
 from benchmark.tables import print_table
 
@@ -47,29 +46,42 @@ class Case(NamedTuple):
 
     Attributes
     ----------
-    number : int
-        From 0; it selects the random numbers.
-    identification : Identification or None
-        None if the robot fell.
+    robot : PlantParameters
+    found : mapping of str to Identification
+        By the source of the data; empty if the robot fell.
     """
 
-    number: int
-    identification: Identification | None
+    robot: PlantParameters
+    found: Mapping[str, Identification]
 
 
 def case(number: int, names: Sequence[str]) -> Case:
-    """Draw a robot, whose parameters of these names differ from the document's, and identify it."""
+    """Draw a robot, whose parameters of these names differ from the document's, and identify it.
+
+    `number`, from 0, selects the random numbers.
+    """
     random = np.random.default_rng(number)
     values = {
         f'{PLANT}.{name}': HARDWARE_VALUES[name] * (1.0 + SPREAD * random.uniform(-1.0, 1.0))
         for name in names
     }
     run = simulate(SCENARIO, seed=number + 1, parameters=values)
-    if run.metrics['peak_pitch_deg'] > FALLEN_DEG:
-        return Case(number, None)
     with temporary_folder() as folder:
-        data = read_run(run.save(f'{folder}/{number}.mcap'))
-    return Case(number, identify([recorded_experiment(data, {})]))
+        path = run.save(f'{folder}/{number}.mcap')
+        recording = read_run(path)
+        if run.metrics['peak_pitch_deg'] > FALLEN_DEG:
+            return Case(recording.plant, {})
+        with RecordingReader(path) as reader:
+            (log,) = write_data_log(reader, path.with_suffix('.csv')).paths
+        gear_play = {'backlash': recording.plant.backlash}
+        return Case(
+            recording.plant,
+            {
+                'recording': identify([recorded_experiment(recording, {})]),
+                'data log': identify([logged_experiment(log, gear_play)]),
+                'data log, gear play not known': identify([logged_experiment(log, {})]),
+            },
+        )
 
 
 def cases(count: int, names: Sequence[str]) -> Iterator[Case]:
@@ -78,33 +90,38 @@ def cases(count: int, names: Sequence[str]) -> Iterator[Case]:
         yield from pool.map(case, range(count), [names] * count)
 
 
+class Estimate(NamedTuple):
+    """An estimate: its error and half of its interval, as parts of a usual value."""
+
+    error: float
+    half_width: float
+
+
 def identification(robots: int) -> None:
     """Identify robots drawn at random; count how often the 95 % intervals cover the true values."""
-    found: dict[str, list[IdentifiedParameter]] = {}
+    estimates: dict[tuple[str, str], list[Estimate]] = {}
     falls = count = 0
     for each in cases(robots, NAMES):
         count += 1
-        if each.identification is None:
-            falls += 1
-            continue
-        for parameter in each.identification.estimated:
-            found.setdefault(parameter.name, []).append(parameter)
+        falls += not each.found
+        for source, found in each.found.items():
+            for row in found.estimated:
+                assert row.value is not None
+                error = abs(row.value - getattr(each.robot, row.name)) / row.half_width
+                estimate = Estimate(error * row.relative, row.relative)
+                estimates.setdefault((source, row.name), []).append(estimate)
     rows = []
-    for name, estimates in found.items():
-        covered = sum(bool(each.covers_recorded) for each in estimates)
-        errors = [
-            abs(each.value / each.recorded - 1.0)
-            for each in estimates
-            if each.value is not None and each.recorded
-        ]
-        widths = [each.relative for each in estimates]
+    for (source, name), known in sorted(estimates.items(), key=lambda item: item[0][0]):
+        covered = sum(each.error <= each.half_width for each in known)
+        widths = [each.half_width for each in known]
         rows.append((
-            f'`{name}`', f'{len(estimates)} of {count}', f'{covered} of {len(estimates)}',
+            source, f'`{name}`', f'{len(known)} of {count}', f'{covered} of {len(known)}',
             f'±{100.0 * np.median(widths):.2f} %', f'±{100.0 * max(widths):.2f} %',
-            f'{100.0 * max(errors):.2f} %',
+            f'{100.0 * max(each.error for each in known):.2f} %',
         ))  # fmt: skip
     print_table(
-        ('parameter', 'identified', 'covered', 'median interval', 'widest', 'largest error'),
+        ('from', 'parameter', 'identified', 'covered', 'median interval', 'widest',
+         'largest error'),
         rows,
-    )
+    )  # fmt: skip
     click.echo(f'\n{falls} of {count} robots fell.')

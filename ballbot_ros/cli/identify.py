@@ -1,4 +1,4 @@
-"""`ballbot identify`: physical parameters of the robot from recordings of its runs."""
+"""`ballbot identify`: physical parameters of the robot from recordings or data logs of its runs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 
 @click.command('identify')
-@click.argument('recordings', nargs=-1, required=True, type=RECORDING, metavar='RUN.mcap...')
+@click.argument(
+    'recordings', nargs=-1, required=True, type=RECORDING, metavar='RUN.mcap|LOG.csv...'
+)
 @click.option(
     '--fit',
     'names',
@@ -38,8 +40,8 @@ if TYPE_CHECKING:
     'checks',
     multiple=True,
     type=RECORDING,
-    metavar='RUN.mcap',
-    help='Recording that is not fitted, to check the result with; can be repeated.',
+    metavar='RUN.mcap|LOG.csv',
+    help='Recording or data log that is not fitted, to check the result with; can be repeated.',
 )
 @click.option(
     '--truth',
@@ -97,6 +99,9 @@ def command(
     Prints which parameters the recordings can tell apart, their values with 95 % intervals, and
     how well the model then describes the readings.
 
+    A data log of the brick, LOG.csv, can take the place of a recording. It has no duties, and tells
+    little but the height of the body.
+
     Exit status: 0 if a parameter was identified; 2 if none was, for invalid arguments or a file
     that is not a recording of a ballbot.
     """
@@ -104,7 +109,7 @@ def command(
     from ballbot_ros.cli.identify_output import IdentifyOutput
     from ballbot_ros.identification.identification import HARD_TO_MEASURE, check_names, identify
 
-    if number and len(recordings) > 1:
+    if number and (len(recordings) > 1 or _is_log(recordings[0])):
         raise click.UsageError('--run needs exactly one recording')
     names = names or list(HARD_TO_MEASURE)
     check_names(names)
@@ -155,6 +160,10 @@ def _require_different(recordings: Sequence[Path], checks: Sequence[Path]) -> No
             raise click.UsageError(f'--check {path}: is given twice')
 
 
+def _is_log(path: Path) -> bool:
+    return path.suffix.lower() == '.csv'
+
+
 def _resolved(paths: Sequence[Path]) -> list[Path]:
     return [path.resolve() for path in paths]
 
@@ -177,8 +186,13 @@ def _of_plant(parameters: ParameterSet) -> dict[str, Value]:
 
 def _read(path: Path, number: int | None, known: Mapping[str, Value], truth: bool) -> Experiment:
     from ballbot_ros.analysis.run_data import read_run
+    from ballbot_ros.identification.logged_experiment import logged_experiment
     from ballbot_ros.identification.recorded_experiment import recorded_experiment
 
+    if _is_log(path):
+        if truth:
+            raise click.UsageError(f'{path}: a data log has no true states, which --truth uses')
+        return logged_experiment(path, known)
     with file_progress(path.name) as progress:
         run = read_run(path, number, progress)
     experiment = recorded_experiment(run, known, truth=truth)

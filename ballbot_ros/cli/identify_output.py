@@ -149,7 +149,7 @@ def _reason(row: IdentifiedParameter) -> str:
     if row.verdict is Verdict.NOT_TOLD_APART:
         return f'acts like {", ".join(row.alike) or "several together"}'
     if row.verdict is Verdict.NOT_SEEN and not math.isfinite(row.relative):
-        return 'too little data'
+        return 'no trace in the readings'
     if row.verdict is Verdict.NOT_SEEN:
         return f'{interval} as the only unknown'
     if row.verdict is Verdict.UNCERTAIN:

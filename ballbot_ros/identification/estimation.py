@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.sparse import csr_matrix
 from scipy.stats import t as student
 
 from ballbot_ros.identification.experiment import Channel, Floats, with_values
@@ -33,12 +32,16 @@ TURNING_COUNTS = 1.0
 MISFIT = 4.0
 """Root mean square of the residuals, relative to the median, beyond which a segment is dropped."""
 
+FEEDBACK_BIAS = 1.0
+"""Bias of an estimate over its standard deviation, since the controller moves the robot by the
+readings that are fitted. Measured in simulations: docs/identification.md."""
+
 _DIFFERENCE = 1e-5
 _LEAST_DEVIATION = 0.02
 _MAX_STEPS = 40
 _PARTS = 0.25, 0.5
 _MAX_SETTLING = 8
-_SETTLED = 1e-3
+_SETTLED = 1e-6
 
 
 class Unknown(NamedTuple):
@@ -71,6 +74,12 @@ class Residuals(NamedTuple):
     by_parameter: Floats
     by_unknown: Floats
 
+    @property
+    def answer(self) -> Floats:
+        """How the best unknowns change with the parameters, shape (s, k, p)."""
+        q, r = np.linalg.qr(self.by_unknown)
+        return np.asarray(-np.linalg.solve(r, np.einsum('smk,smp->skp', q, self.by_parameter)))
+
     def without_unknowns(self) -> Residuals:
         """Return the parts that no change of the segments' unknowns could remove."""
         q, _ = np.linalg.qr(self.by_unknown)
@@ -96,11 +105,11 @@ class ExperimentFit:
         Of rounded channels, the standard deviation of their errors before they are rounded.
     """
 
-    def __init__(self, model: SegmentModel) -> None:
+    def __init__(self, model: SegmentModel, unknowns: Floats | None = None) -> None:
         self.dropped = 0
         self._deviations = {each: each.noise for each in model.segments.experiment.readings}
         self.noise: dict[Channel, float] = {}
-        self._use(model, model.first_guess())
+        self._use(model, model.first_guess() if unknowns is None else unknowns)
 
     def _use(self, model: SegmentModel, unknowns: Floats) -> None:
         self.model, self.unknowns = model, unknowns
@@ -175,22 +184,24 @@ class ExperimentFit:
         segments = self.model.segments
         for part in _PARTS:
             beginning = ExperimentFit(
-                SegmentModel(segments.beginnings(round(segments.length * part)))
+                SegmentModel(segments.beginnings(round(segments.length * part))), self.unknowns
             )
-            beginning.unknowns = self.unknowns
-            beginning.settle_all(plant)
+            beginning.settle_all(plant, 0.0)
             self.unknowns = beginning.unknowns
-        self.settle_all(plant)
+        self.settle_all(plant, 0.0)
 
-    def settle_all(self, plant: PlantParameters) -> None:
+    def settle_all(self, plant: PlantParameters, battery_error: float) -> None:
         """Estimate the unknowns of the segments from all readings (Gauss-Newton)."""
         cost = math.inf
+        before = self.unknowns
         for _ in range(_MAX_SETTLING):
-            found = self.linearised(plant, {}, 0.0)
+            found = self.linearised(plant, {}, battery_error)
             present = float(np.sum(found.values**2))
-            if present > cost * (1.0 - _SETTLED):
+            if not present <= cost:
+                self.unknowns = before
+            if not present < cost * (1.0 - _SETTLED):
                 return
-            cost = present
+            cost, before = present, self.unknowns
             q, r = np.linalg.qr(found.by_unknown)
             along = np.einsum('smk,sm->sk', q, found.values)
             self.unknowns = self.unknowns - np.linalg.solve(r, along[:, :, np.newaxis])[:, :, 0]
@@ -287,6 +298,11 @@ class Estimator:
     def _battery_error(self, fit: ExperimentFit) -> float:
         return self.battery_sigmas * fit.model.segments.experiment.battery_offset
 
+    def settle(self) -> None:
+        """Let the unknowns of all segments follow a change of the parameters."""
+        for fit in self.fits:
+            fit.settle_all(self.plant(fit), self._battery_error(fit))
+
     def residuals(self, fit: ExperimentFit) -> Floats:
         """Return the residuals of an experiment."""
         unknowns, error = fit.unknowns[np.newaxis], self._battery_error(fit)
@@ -300,116 +316,76 @@ class Estimator:
 
     def solve(self, parameters: Mapping[str, Unknown]) -> None:
         """Minimise the squares of all residuals over parameters and unknowns of the segments."""
-        problem = _Problem(self, parameters)
+        projected = _Projected(self, parameters)
         found = least_squares(
-            problem.residuals,
-            problem.start,
-            problem.jacobian,
-            method='trf',
-            tr_solver='lsmr',
-            tr_options={'regularize': False, 'atol': 1e-12, 'btol': 1e-12, 'conlim': 0.0},
+            projected.residuals,
+            projected.start,
+            projected.jacobian,
+            bounds=projected.bounds,
+            x_scale='jac',
             ftol=1e-6,
-            xtol=1e-10,
+            xtol=1e-6,
             gtol=1e-10,
             max_nfev=_MAX_STEPS,
         )
-        problem.use(found.x)
+        projected.residuals(found.x)
 
 
-class _Problem:
-    """All residuals as one vector of one vector of variables.
+class _Projected:
+    """All residuals as a function of the parameters alone (variable projection, Golub and Pereyra).
 
-    The variables are the parameters and, for each segment, what its unknowns change beyond what a
-    change of the parameters asks of them. So at the start the derivatives by a segment's variables
-    are orthonormal, and orthogonal to those by the parameters. This lets the sparse solver converge
-    in few iterations, also if parameters act almost alike.
+    The unknowns of the segments are always those that fit the parameters best. This takes few steps
+    also where the robot's instability makes the common problem badly nonlinear.
+
+    Attributes
+    ----------
+    start : ndarray, shape (p,)
+        The present estimates over their scales, and last the battery reading's error.
+    bounds : tuple of sequence of float
+        Lower and upper ones.
     """
 
-    def __init__(self, estimator: Estimator, unknowns: Mapping[str, Unknown]) -> None:
+    def __init__(self, estimator: Estimator, parameters: Mapping[str, Unknown]) -> None:
         self._estimator = estimator
-        self._scales = {name: each.scale for name, each in unknowns.items()}
-        first = estimator.linearised(self._scales)
-        self._origins = [fit.unknowns for fit in estimator.fits]
-        self._transforms, self._answers = [], []
-        squares = np.ones(len(unknowns) + 1)
-        for each in first:
-            q, r = np.linalg.qr(each.by_unknown)
-            inverse = np.linalg.inv(r)
-            along = np.einsum('smk,smp->skp', q, each.by_parameter)
-            self._transforms.append(inverse)
-            self._answers.append(-inverse @ along)
-            beyond = each.by_parameter - q @ along
-            squares += np.einsum('smp,smp->p', beyond, beyond)
-        self._size = 1.0 / np.sqrt(squares)
-        self._to_values = np.array([*self._scales.values(), 1.0]) * self._size
-        values = [estimator.values[name] for name in unknowns]
-        own = sum(each.size for each in self._origins)
-        self._count = 1 + sum(each.values.size for each in first)
-        self._first = np.array([*values, estimator.battery_sigmas]) / self._to_values
-        self.start = np.append(self._first, np.zeros(own))
-        self._bounds = [each.bounds for each in unknowns.values()]
-
-    def use(self, variables: Floats) -> None:
-        """Make these variables the present estimate."""
-        count = len(self._to_values)
-        *values, sigmas = (variables[:count] * self._to_values).tolist()
-        self._estimator.values.update(zip(self._scales, values, strict=True))
-        self._estimator.battery_sigmas = sigmas
-        change = (variables[:count] - self._first) * self._size
-        for fit, origin, transform, answer in zip(
-            self._estimator.fits, self._origins, self._transforms, self._answers, strict=True
-        ):
-            own = variables[count : count + origin.size].reshape(origin.shape)
-            fit.unknowns = origin + answer @ change + np.einsum('skl,sl->sk', transform, own)
-            count += origin.size
+        self._scales = {name: each.scale for name, each in parameters.items()}
+        values = [estimator.values[name] / scale for name, scale in self._scales.items()]
+        self.start = np.array([*values, estimator.battery_sigmas])
+        bounds = [tuple(np.divide(each.bounds, each.scale)) for each in parameters.values()]
+        low, high = zip(*bounds, (-np.inf, np.inf), strict=True)
+        self.bounds = low, high
+        self._origin = self.start
+        self._unknowns = [fit.unknowns for fit in estimator.fits]
+        self._answers: list[Floats] = []
 
     def residuals(self, variables: Floats) -> Floats:
-        """Return the residuals, and last the battery reading's error.
-
-        Where a parameter is out of bounds they are infinite, and the solver takes a smaller step.
-        """
-        self.use(variables)
+        """Return the residuals, and last the battery reading's error."""
         estimator = self._estimator
-        values = [estimator.values[name] for name in self._scales]
-        if not all(
-            low <= value <= high for value, (low, high) in zip(values, self._bounds, strict=True)
-        ):
-            return np.full(self._count, np.inf)
-        parts = [estimator.residuals(fit).ravel() for fit in estimator.fits]
-        return np.concatenate([*parts, [estimator.battery_sigmas]])
-
-    def jacobian(self, variables: Floats) -> csr_matrix:
-        """Return the derivatives of :meth:`residuals`."""
-        self.use(variables)
-        estimator, parameters = self._estimator, len(self._to_values)
-        data, columns, widths = [], [], []
-        first = parameters
-        residuals = estimator.linearised(self._scales)
-        for found, transform, answer in zip(
-            residuals, self._transforms, self._answers, strict=True
-        ):
-            by_parameter = found.by_parameter + found.by_unknown @ answer
-            block = np.concatenate(
-                [by_parameter * self._size, found.by_unknown @ transform], axis=2
-            )
-            count, rows, width = block.shape
-            own = width - parameters
-            numbers = np.empty(block.shape, np.int32)
-            numbers[:, :, :parameters] = np.arange(parameters)
-            numbers[:, :, parameters:] = (
-                first + own * np.arange(count)[:, np.newaxis, np.newaxis] + np.arange(own)
-            )
-            data.append(block.ravel())
-            columns.append(numbers.ravel())
-            widths.append(np.full(count * rows, width))
-            first += count * own
-        data.append(self._size[-1:])
-        columns.append(np.array([parameters - 1], np.int32))
-        widths.append(np.array([1]))
-        ends = np.concatenate([[0], np.cumsum(np.concatenate(widths))])
-        return csr_matrix(
-            (np.concatenate(data), np.concatenate(columns), ends), (len(ends) - 1, first)
+        *values, sigmas = variables.tolist()
+        estimator.battery_sigmas = sigmas
+        estimator.values.update(
+            (name, value * scale)
+            for value, (name, scale) in zip(values, self._scales.items(), strict=True)
         )
+        change = variables - self._origin
+        for fit, unknowns, answer in zip(
+            estimator.fits, self._unknowns, self._answers or self._unknowns, strict=True
+        ):
+            fit.unknowns = unknowns + answer @ change if self._answers else unknowns
+        estimator.settle()
+        parts = [estimator.residuals(fit).ravel() for fit in estimator.fits]
+        return np.concatenate([*parts, [sigmas]])
+
+    def jacobian(self, variables: Floats) -> Floats:
+        """Return the derivatives of :meth:`residuals`, at the variables of its last call."""
+        found = self._estimator.linearised(self._scales)
+        self._origin = variables
+        self._unknowns = [fit.unknowns for fit in self._estimator.fits]
+        self._answers = [each.answer for each in found]
+        parts = [each.without_unknowns().by_parameter for each in found]
+        rows = np.concatenate([part.reshape(-1, len(variables)) for part in parts])
+        last = np.zeros((1, len(variables)))
+        last[0, -1] = 1.0
+        return np.concatenate([rows, last])
 
 
 class Covariance(NamedTuple):
@@ -419,7 +395,7 @@ class Covariance(NamedTuple):
     ----------
     matrix : ndarray, shape (p, p)
     quantile : float
-        Number of standard deviations on either side of an interval of 95 %.
+        Number of standard deviations on either side of an interval of 95 %, if there is no bias.
     """
 
     matrix: Floats
@@ -434,7 +410,8 @@ class Covariance(NamedTuple):
     @property
     def half_widths(self) -> Floats:
         """Half of the width of each 95 % interval."""
-        return np.asarray(self.quantile * np.sqrt(np.diag(self.matrix)))
+        deviations = np.sqrt(np.diag(self.matrix))
+        return np.asarray(self.quantile * math.sqrt(1.0 + FEEDBACK_BIAS**2) * deviations)
 
 
 def covariance(residuals: Sequence[Residuals]) -> Covariance:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.identification.rounding import ROUNDING_DEVIATION, common_rounding
 from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK
 
 Floats = NDArray[np.float64]
 
@@ -29,6 +30,9 @@ class Quantity(Enum):
     """[deg/s]"""
     PITCH = auto()
     """[deg]"""
+    ESTIMATED_PITCH = auto()
+    """The pitch as the controller estimates it [deg]: the integral of the gyro's reading less its
+    offset, which is a low pass of the reading. It forgets the true pitch in the time `filter_s`."""
     SHAFT = auto()
     """Angle of the motor shaft [deg]."""
     POSITION = auto()
@@ -51,6 +55,8 @@ class Channel:
         Whether its readings are whole numbers.
     has_offset : bool
         Whether it has an unknown offset, constant for seconds.
+    filter_s : float
+        Of an estimated pitch, the time constant of the low pass [s].
     """
 
     name: str
@@ -59,6 +65,7 @@ class Channel:
     noise: float
     is_rounded: bool = False
     has_offset: bool = False
+    filter_s: float = 0.0
 
 
 GYRO = Channel('gyro', 'deg/s', Quantity.PITCH_RATE, 0.8, is_rounded=True, has_offset=True)
@@ -67,21 +74,33 @@ TRUE_PITCH_RATE = Channel('pitch rate', 'deg/s', Quantity.PITCH_RATE, 1e-3)
 TRUE_PITCH = Channel('pitch', 'deg', Quantity.PITCH, 1e-4)
 TRUE_POSITION = Channel('position', 'm', Quantity.POSITION, 1e-6)
 
+LOGGED_ENCODER = Channel('encoder', 'deg', Quantity.SHAFT, 0.3)
+"""In whole degrees. Read a few times a second, its rounding is like noise."""
+
+
+def logged_pitch(filter_s: float) -> Channel:
+    """Return the channel of an estimated pitch, by the time constant of its filter [s]."""
+    return Channel(
+        'estimated pitch', 'deg', Quantity.ESTIMATED_PITCH, 0.02, has_offset=True, filter_s=filter_s
+    )
+
+
 TRUE_BATTERY_V = 1e-6
 """Standard deviation of the battery voltage in the plant's topic [V], in single precision."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """The readings of a run, one at each tick.
+    """The readings of a run, at equal steps of time.
 
     Attributes
     ----------
     name : str
     plant : PlantParameters
         What is known of the robot; the identified parameters replace its values.
-    duty : ndarray, shape (n, 2)
-        Duties [%] from each reading to the next.
+    duty : ndarray, shape (n, 2), or None
+        Duties [%] from each reading to the next, which are ticks then. None if they are not known:
+        then each motor has an unknown voltage from each reading to the next.
     readings : mapping of Channel to ndarray, shape (n, 2)
         NaN where there is none.
     battery : ndarray, shape (n,)
@@ -91,16 +110,20 @@ class Experiment:
     usable : ndarray, shape (n,)
         Whether only the motors moved the robot, from this reading to the next.
     ages : mapping of Channel to int
-        Dead time of each channel [physics steps].
+        Dead time of each channel [steps].
     notes : tuple of str
         What a reader of the result should know.
     recorded : PlantParameters or None
         The parameters of the recorded robot, if they are known.
+    steps_per_reading : int
+        Number of steps that the plant is simulated with, from each reading to the next.
+    step_s : float
+        Length of such a step [s].
     """
 
     name: str
     plant: PlantParameters
-    duty: NDArray[Any]
+    duty: NDArray[Any] | None
     readings: Mapping[Channel, Floats]
     battery: Floats
     battery_count: float
@@ -108,6 +131,13 @@ class Experiment:
     ages: Mapping[Channel, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     recorded: PlantParameters | None = None
+    steps_per_reading: int = STEPS_PER_TICK
+    step_s: float = STEP_NS * 1e-9
+
+    @property
+    def reading_s(self) -> float:
+        """Time from each reading to the next [s]."""
+        return self.steps_per_reading * self.step_s
 
     @property
     def battery_error(self) -> float:

@@ -20,11 +20,10 @@ from ballbot_ros.identification.estimation import (
 )
 from ballbot_ros.identification.experiment import GYRO, Experiment, Floats, with_values
 from ballbot_ros.identification.segment_model import SegmentModel
-from ballbot_ros.identification.segments import SEGMENT_TICKS, Segments, cut
+from ballbot_ros.identification.segments import Segments, cut, segment_length
 from ballbot_ros.parameters import PLANT, PlantParameters, parameters_of, suggest
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.text_enum import TextEnum
-from ballbot_ros.timing import TICK_S
 
 HARD_TO_MEASURE = (
     'body_height', 'back_emf_constant', 'torque_constant', 'dead_zone', 'body_mass',
@@ -45,7 +44,7 @@ MARGIN = 0.8
 """Part of it that a forecast may reach."""
 
 MIN_SEGMENTS = 10
-"""Fewest segments, eight seconds, from whose scatter an interval can be told."""
+"""Fewest segments, eight seconds with known duties, from whose scatter an interval can be told."""
 
 LITTLE_NOISE = 0.3
 """Standard deviation of the gyro's noise [counts], below which its rounding depends on the
@@ -57,6 +56,10 @@ parameters all but cancel each other, and small errors of the model would be tak
 
 MIN_LIKENESS = 0.25
 """Change of an identified parameter, relative to that of another, from which they act alike."""
+
+UNDRIVEN_ERROR = 0.04
+"""Error of an estimate without known duties, as a part of its value, which the scatter between
+segments does not show. Measured in simulations: docs/identification.md."""
 
 TYPICAL = {'ball_friction': PlantParameters().motor_friction, 'dead_zone': 1.0}
 """Usual sizes of parameters that can be 0 [N·m·s/rad, %]: intervals are relative to no less."""
@@ -185,6 +188,7 @@ def identify(
     Parameters
     ----------
     experiments : sequence of Experiment
+        All with duties, or all without.
     names : sequence of str
         Of :data:`CANDIDATES`.
     start : mapping or None
@@ -195,9 +199,14 @@ def identify(
     Raises
     ------
     IdentificationError
-        If a name is unknown.
+        If a name is unknown, or only some experiments have duties.
     """
     check_names(names)
+    if len({each.duty is None for each in experiments}) > 1:
+        raise IdentificationError(
+            'data logs and recordings cannot be fitted together: fit the recordings, which tell '
+            'more, and --check with the logs'
+        )
     begin = {name: _start_value(name, start or {}) for name in names}
     segments = [cut(each) for each in experiments]
     if sum(each.count for each in segments) < MIN_SEGMENTS:
@@ -208,7 +217,10 @@ def identify(
     estimator, chosen = _estimate(fits, names, begin, progress)
     residuals = _projected(estimator, names)
     found = covariance([_columns(each, names, chosen) for each in residuals])
-    judge = _Judge(names, chosen, information(residuals), found.half_widths)
+    half_widths = found.half_widths
+    if used[0].duty is None:
+        half_widths = half_widths + UNDRIVEN_ERROR
+    judge = _Judge(names, chosen, information(residuals), half_widths)
     plant, recorded = estimator.plant(fits[0]), used[0].experiment.recorded
     values = estimator.values
     return Identification(
@@ -403,9 +415,10 @@ def _summary(
     notes = [*experiment.notes]
     if segments.count < MIN_SEGMENTS:
         turning = ' and both encoders turn' if experiment.plant.backlash else ''
+        needed = MIN_SEGMENTS * segment_length(experiment) * experiment.reading_s
         notes.append(
             f'Only {segments.seconds:.1f} s in which the robot balances undisturbed{turning}; an '
-            f'identification needs {MIN_SEGMENTS * SEGMENT_TICKS * TICK_S:g} s.'
+            f'identification needs {needed:g} s.'
         )
     if fit and fit.noise.get(GYRO, math.inf) < LITTLE_NOISE:
         notes.append(

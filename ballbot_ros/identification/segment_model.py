@@ -12,15 +12,13 @@ import numpy as np
 
 from ballbot_ros.identification.arrays import for_arrays
 from ballbot_ros.identification.experiment import Channel, Experiment, Floats, Quantity
-from ballbot_ros.identification.segments import Segments
+from ballbot_ros.identification.segments import Segments, segment_length
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant import actuator, integration, plant
 from ballbot_ros.plant.actuator import effective_duty
 from ballbot_ros.plant.integration import discrete_matrices, equations_of
 from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK, TICK_S
 
-_DT = STEP_NS * 1e-9
 _PLANES = (0, 1)
 _DUTIES = range(-100, 101)
 _NO_FORCES = (0.0,) * 8
@@ -32,12 +30,14 @@ _motor_current = for_arrays(actuator.motor_current)
 _shaft_angle = for_arrays(plant.shaft_angle)
 
 _STATES = 4
-_SLOPE_TICKS = 20
+_SLOPE_S = 0.08
 _STATE_DEVIATIONS = (1.0, 0.5, 20.0, 10.0)
 _OFFSET_DEVIATION = 50.0
+_FILTERED_RATE_DEVIATION = 1.0
+_VOLTAGE_DEVIATION = 10.0
 _BATTERY_DEVIATION = 2.0
 """How far the unknowns of a segment may be from their first guess: far beyond what occurs [rad,
-rad/s; deg, deg/s; V]. Where readings are missing, they keep the problem solvable."""
+rad/s; deg, deg/s; rad/s; V; V]. Where readings are missing, they keep the problem solvable."""
 
 
 class Prediction(NamedTuple):
@@ -56,8 +56,9 @@ class Prediction(NamedTuple):
 class SegmentModel:
     """Model of the readings of an experiment's segments.
 
-    A segment has unknowns of its own: for each plane its state at the start, and the offset of the
-    channel that has one; and the open-circuit voltage of the battery.
+    A segment has unknowns of its own: for each plane its state at the start, the offset of the
+    channel that has one, the state of the filter of an estimated pitch, and the voltages of the
+    motor if its duties are not known; and the open-circuit voltage of the battery.
 
     Attributes
     ----------
@@ -73,6 +74,14 @@ class SegmentModel:
         self._with_offset = [each for each in self._channels if each.has_offset]
         assert len(self._with_offset) <= 1
         deviations = [*_STATE_DEVIATIONS, *(_OFFSET_DEVIATION for _ in self._with_offset)]
+        self._filtered_rate = len(deviations)
+        self._filter_s = max((each.filter_s for each in self._channels), default=0.0)
+        if self._filter_s:
+            deviations.append(_FILTERED_RATE_DEVIATION)
+        self._first_voltage = len(deviations)
+        if segments.duty is None:
+            # Of the whole segment, also if only its beginning is simulated.
+            deviations += (segment_length(experiment) - 1) * [_VOLTAGE_DEVIATION]
         self._plane_unknowns = len(deviations)
         self.deviations = np.array([*deviations, *deviations, _BATTERY_DEVIATION])
 
@@ -104,6 +113,11 @@ class SegmentModel:
             own[:, 3] = np.radians(rates[:, 0])
         if channel := by_quantity.get(Quantity.PITCH):
             own[:, 1] = np.radians(_without_gaps(segments.readings[channel][:, :, plane])[:, 0])
+        elif channel := by_quantity.get(Quantity.ESTIMATED_PITCH):
+            pitch = _without_gaps(segments.readings[channel][:, :, plane])
+            own[:, _STATES] = pitch[:, 0]
+            own[:, 1] = np.radians(pitch[:, 0])
+            own[:, 3] = np.radians(pitch[:, 1] - pitch[:, 0]) / segments.experiment.reading_s
         if channel := by_quantity.get(Quantity.SHAFT):
             wheel = np.radians(_without_gaps(segments.readings[channel][:, :, plane]))
             wheel -= segments.contact[:, [plane]] * plant.backlash / 2.0
@@ -111,7 +125,15 @@ class SegmentModel:
         elif channel := by_quantity.get(Quantity.POSITION):
             angle = _without_gaps(segments.readings[channel][:, :, plane]) / plant.ball_radius
         own[:, 0] = angle[:, 0] + own[:, 1]
-        own[:, 2] = (angle[:, _SLOPE_TICKS] - angle[:, 0]) / (_SLOPE_TICKS * TICK_S)
+        reading_s = segments.experiment.reading_s
+        readings = max(1, round(_SLOPE_S / reading_s))
+        own[:, 2] = (angle[:, readings] - angle[:, 0]) / (readings * reading_s)
+        if segments.duty is None:
+            # Those that would keep the speed.
+            physical = PhysicalParameters.from_parameters(plant)
+            rates = np.diff(angle, axis=1) / reading_s
+            end = self._first_voltage + rates.shape[1]
+            own[:, self._first_voltage : end] = physical.beta / physical.alpha * rates
 
     def predict(self, plants: Sequence[PlantParameters], unknowns: Floats) -> Prediction:
         """Return the readings that sets of parameters predict.
@@ -124,6 +146,7 @@ class SegmentModel:
         """
         segments = self.segments
         lanes = _Lanes(plants, segments.experiment)
+        steps = segments.experiment.steps_per_reading
         half_play = plants[0].backlash / 2.0
         planes = unknowns[:, :, :-1].reshape(*unknowns.shape[:2], 2, self._plane_unknowns)
         # Unknowns by number, each of shape (plane, v, s).
@@ -132,14 +155,25 @@ class SegmentModel:
         contact = segments.contact.T[:, np.newaxis]
         shaft = lanes.wheel(state) + half_play * contact
         open_circuit = unknowns[:, :, -1]
-        before = segments.duty_before.T
-        battery = lanes.battery(open_circuit, before, lanes.voltage(before, open_circuit), state)
+        drive: _KnownDuties | _UnknownVoltages
+        if segments.duty is None:
+            drive = _UnknownVoltages(state_and_offset[self._first_voltage :], open_circuit, steps)
+        else:
+            drive = _KnownDuties(segments, lanes, state, open_circuit)
+        filtered_rate = np.zeros_like(shaft)
+        if self._filter_s:
+            filtered_rate = state_and_offset[self._filtered_rate]
+        start_rate = filtered_rate
         predicted = self._empty(len(plants))
-        for step in range(segments.length * STEPS_PER_TICK):
-            self._sample(predicted, step, lanes, state, shaft, battery)
-            duty = segments.duty[:, step].T
-            voltage = lanes.voltage(duty, battery)
-            battery = lanes.battery(open_circuit, duty, voltage, state)
+        for step in range((segments.length - 1) * steps + 1):
+            estimate = self._filter_s * (filtered_rate - start_rate)
+            motion = _Motion(state, shaft, estimate, drive.battery)
+            self._sample(predicted, step, lanes, motion)
+            voltage = drive.voltage(step, state)
+            if self._filter_s:
+                # As the controller does, with the rate at the start of the step.
+                gain = segments.experiment.step_s / self._filter_s
+                filtered_rate = filtered_rate + gain * (state[3] - filtered_rate)
             state = lanes.advance(state, voltage)
             wheel = lanes.wheel(state)
             shaft = _shaft_angle(shaft, wheel, half_play) if half_play else wheel
@@ -154,25 +188,85 @@ class SegmentModel:
             {channel: np.zeros((*shape, 2)) for channel in self._channels}, np.zeros(shape)
         )
 
-    def _sample(
-        self,
-        predicted: Prediction,
-        step: int,
-        lanes: _Lanes,
-        state: tuple[Floats, ...],
-        shaft: Floats,
-        battery: Floats,
-    ) -> None:
+    def _sample(self, predicted: Prediction, step: int, lanes: _Lanes, motion: _Motion) -> None:
         """Take the readings of a step, those that show it."""
+        experiment = self.segments.experiment
+        steps = experiment.steps_per_reading
         for channel in self._channels:
-            age = self.segments.experiment.ages.get(channel, 0)
-            number, rest = divmod(step + age, STEPS_PER_TICK)
+            number, rest = divmod(step + experiment.ages.get(channel, 0), steps)
             if rest == 0 and number < self.segments.length:
-                measured = lanes.measured(channel.quantity, state, shaft)
+                measured = lanes.measured(channel.quantity, motion)
                 predicted.readings[channel][:, :, number] = np.moveaxis(measured, 0, -1)
-        number, rest = divmod(step, STEPS_PER_TICK)
+        number, rest = divmod(step, steps)
         if rest == 0:
-            predicted.battery[:, :, number] = battery
+            predicted.battery[:, :, number] = motion.battery
+
+
+class _Motion(NamedTuple):
+    """What the devices measure of a step: arrays of shape (2, v, s), the battery's (v, s).
+
+    Attributes
+    ----------
+    state : tuple of ndarray
+        theta, psi [rad], theta_dot, psi_dot [rad/s].
+    shaft : ndarray
+        Angle of the motor shaft [rad].
+    estimate : ndarray
+        Change of the estimated pitch since the start [rad].
+    battery : ndarray
+        Its voltage [V].
+    """
+
+    state: tuple[Floats, ...]
+    shaft: Floats
+    estimate: Floats
+    battery: Floats
+
+
+class _KnownDuties:
+    """Duties that are known: motors and battery depend on each other.
+
+    Attributes
+    ----------
+    battery : ndarray, shape (v, s)
+        Its present voltage [V].
+    """
+
+    def __init__(
+        self, segments: Segments, lanes: _Lanes, state: tuple[Floats, ...], open_circuit: Floats
+    ) -> None:
+        assert segments.duty is not None
+        assert segments.duty_before is not None
+        self._duty, self._lanes, self._open_circuit = segments.duty, lanes, open_circuit
+        before = segments.duty_before.T
+        voltage = lanes.voltage(before, open_circuit)
+        self.battery = lanes.battery(open_circuit, before, voltage, state)
+
+    def voltage(self, step: int, state: tuple[Floats, ...]) -> Floats:
+        """Return the motor voltages [V] in a step, which begins with this state."""
+        duty = self._duty[:, step].T
+        voltage = self._lanes.voltage(duty, self.battery)
+        self.battery = self._lanes.battery(self._open_circuit, duty, voltage, state)
+        return voltage
+
+
+class _UnknownVoltages:
+    """Motor voltages [V] midway between readings, unknowns of shape (n - 1, 2, v, s).
+
+    They change linearly. At the readings, an error that alternates would hardly be seen.
+    """
+
+    def __init__(self, voltages: Floats, battery: Floats, steps_per_reading: int) -> None:
+        self._voltages, self.battery, self._steps = voltages, battery, steps_per_reading
+
+    def voltage(self, step: int, state: tuple[Floats, ...]) -> Floats:
+        """Return the motor voltages [V] in a step."""
+        last = len(self._voltages) - 1
+        position = min(max(0.0, (step + 0.5) / self._steps - 0.5), float(last))
+        number = int(position)
+        part = position - number
+        following = self._voltages[min(number + 1, last)]
+        return np.asarray((1.0 - part) * self._voltages[number] + part * following)
 
 
 class _Lanes:
@@ -180,7 +274,7 @@ class _Lanes:
 
     def __init__(self, plants: Sequence[PlantParameters], experiment: Experiment) -> None:
         physical = [PhysicalParameters.from_parameters(each) for each in plants]
-        common = plants[0]
+        common, step_s = plants[0], experiment.step_s
         self._voltage_law = common.voltage_slope, common.voltage_offset
         drains = common.battery_model == 'draining'
         self._battery_resistance = common.battery_resistance if drains else 0.0
@@ -194,7 +288,7 @@ class _Lanes:
         )
         self.advance: Callable[[tuple[Floats, ...], Floats], tuple[Floats, ...]]
         if common.plant_model == 'linear':
-            matrices = _columns([discrete_matrices(each, _DT)[0] for each in physical])
+            matrices = _columns([discrete_matrices(each, step_s)[0] for each in physical])
             self.advance = lambda state, voltage: _advance_linear(
                 matrices, _NO_FORCES, state, voltage, 0.0, 0.0
             )
@@ -202,7 +296,7 @@ class _Lanes:
             equations = _columns([equations_of(each) for each in physical])
             alpha = _column([each.alpha for each in physical])
             self.advance = lambda state, voltage: _advance_nonlinear(
-                equations, alpha, _DT, state, voltage, 0.0, 0.0
+                equations, alpha, step_s, state, voltage, 0.0, 0.0
             )
 
     def wheel(self, state: tuple[Floats, ...]) -> Floats:
@@ -227,13 +321,18 @@ class _Lanes:
         drawn = np.maximum(0.0, current) + self._idle_current
         return np.asarray(open_circuit - self._battery_resistance * drawn)
 
-    def measured(self, quantity: Quantity, state: tuple[Floats, ...], shaft: Floats) -> Floats:
+    def measured(self, quantity: Quantity, motion: _Motion) -> Floats:
         """Return a quantity of a plane, in its unit."""
-        if quantity is Quantity.SHAFT:
-            return np.asarray(np.degrees(shaft))
+        theta, psi, _, psi_dot = motion.state
         if quantity is Quantity.POSITION:
-            return np.asarray(self._radius * state[0])
-        return np.asarray(np.degrees(state[1 if quantity is Quantity.PITCH else 3]))
+            return np.asarray(self._radius * theta)
+        angles = {
+            Quantity.SHAFT: motion.shaft,
+            Quantity.PITCH: psi,
+            Quantity.PITCH_RATE: psi_dot,
+            Quantity.ESTIMATED_PITCH: motion.estimate,
+        }
+        return np.asarray(np.degrees(angles[quantity]))
 
 
 def _column(values: Sequence[float]) -> Floats:
@@ -245,9 +344,13 @@ def _columns(rows: Sequence[Sequence[float]]) -> tuple[Floats, ...]:
 
 
 def _without_gaps(values: Floats) -> Floats:
-    """Return rows in which the first known value replaces missing ones before it."""
+    """Return rows in which missing values are interpolated, or at the ends the next one."""
     filled = np.array(values)
-    for column in range(filled.shape[1] - 2, -1, -1):
-        missing = np.isnan(filled[:, column])
-        filled[missing, column] = filled[missing, column + 1]
+    numbers = np.arange(filled.shape[1])
+    for row in filled:
+        known = ~np.isnan(row)
+        if known.any():
+            row[~known] = np.interp(numbers[~known], numbers[known], row[known])
+        else:
+            row[:] = 0.0
     return filled

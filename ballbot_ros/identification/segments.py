@@ -14,18 +14,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.identification.experiment import ENCODER, Channel, Experiment, Floats
-from ballbot_ros.timing import STEPS_PER_TICK, TICK_S
+from ballbot_ros.identification.experiment import Channel, Experiment, Floats, Quantity
+from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.timing import STEPS_PER_TICK
 
 SEGMENT_TICKS = 200
 """Length of a segment: in longer ones, too much depends on its start. In shorter ones, the noise
 that the controller answers with its duties would bias the parameters more."""
+
+UNDRIVEN_SEGMENT_S = 2.0
+"""Length of a segment whose duties are not known [s]. The unknown voltages keep it upright; of each
+segment, four readings say nothing of the parameters."""
 
 MAX_SEGMENTS = 150
 """Most segments of an experiment, two minutes, which bounds work and memory."""
 
 TURNING_READINGS = 3
 """Number of readings in which an encoder has turned one way, so that the gears are in contact."""
+
+_MIN_READINGS = 8
 
 
 @dataclass(frozen=True)
@@ -37,9 +44,9 @@ class Segments:
     experiment : Experiment
     starts : ndarray, shape (s,)
         Index of the first reading of each segment.
-    duty : ndarray, shape (s, 4 n, 2)
-        The duty [%] that acts in each physics step.
-    duty_before : ndarray, shape (s, 2)
+    duty : ndarray, shape (s, 4 n, 2), or None
+        The duty [%] that acts in each physics step; None if it is not known.
+    duty_before : ndarray, shape (s, 2), or None
         The one in the step before the segment.
     readings : mapping of Channel to ndarray, shape (s, n, 2)
     battery : ndarray, shape (s, n)
@@ -49,8 +56,8 @@ class Segments:
 
     experiment: Experiment
     starts: NDArray[np.intp]
-    duty: NDArray[Any]
-    duty_before: NDArray[Any]
+    duty: NDArray[Any] | None
+    duty_before: NDArray[Any] | None
     readings: Mapping[Channel, Floats]
     battery: Floats
     contact: Floats
@@ -68,13 +75,13 @@ class Segments:
     @property
     def seconds(self) -> float:
         """Total length [s]."""
-        return self.count * self.length * TICK_S
+        return self.count * self.length * self.experiment.reading_s
 
     def beginnings(self, length: int) -> Segments:
         """Return the first readings of each segment."""
         return replace(
             self,
-            duty=self.duty[:, : length * STEPS_PER_TICK],
+            duty=None if self.duty is None else self.duty[:, : length * STEPS_PER_TICK],
             readings={channel: values[:, :length] for channel, values in self.readings.items()},
             battery=self.battery[:, :length],
         )
@@ -85,12 +92,19 @@ class Segments:
         return replace(
             self,
             starts=self.starts[kept],
-            duty=self.duty[kept],
-            duty_before=self.duty_before[kept],
+            duty=None if self.duty is None else self.duty[kept],
+            duty_before=None if self.duty_before is None else self.duty_before[kept],
             readings={channel: values[kept] for channel, values in self.readings.items()},
             battery=self.battery[kept],
             contact=self.contact[kept],
         )
+
+
+def segment_length(experiment: Experiment) -> int:
+    """Return the number of readings of a segment."""
+    if experiment.duty is None:
+        return max(_MIN_READINGS, round(UNDRIVEN_SEGMENT_S / experiment.reading_s))
+    return SEGMENT_TICKS
 
 
 def cut(experiment: Experiment) -> Segments:
@@ -99,9 +113,11 @@ def cut(experiment: Experiment) -> Segments:
     With gear play, a segment begins where both encoders turn: only then it is known on which side
     the gears are in contact. Of a long experiment, the segments are spread evenly.
     """
-    length = SEGMENT_TICKS
+    length = segment_length(experiment)
     may_start, contact = _starts(experiment)
-    lead = -(-experiment.plant.actuator_delay // STEPS_PER_TICK) + 1
+    lead = 0
+    if experiment.duty is not None:
+        lead = -(-experiment.plant.actuator_delay // STEPS_PER_TICK) + 1
     ends_of_gaps = np.flatnonzero(~experiment.usable)
     starts: list[int] = []
     index, count = lead, len(experiment.usable)
@@ -120,8 +136,9 @@ def cut(experiment: Experiment) -> Segments:
         starts = [starts[each] for each in chosen]
     first = np.array(starts, np.intp)
     window = first[:, np.newaxis] + np.arange(length)
-    battery = experiment.battery[window]
-    duty, before = _acting_duties(experiment, first, length)
+    duty = before = None
+    if experiment.duty is not None:
+        duty, before = _acting_duties(experiment.duty, experiment.plant, first, length)
     return Segments(
         experiment=experiment,
         starts=first,
@@ -131,7 +148,7 @@ def cut(experiment: Experiment) -> Segments:
             channel: _shifted(values, window, experiment.ages.get(channel, 0))
             for channel, values in experiment.readings.items()
         },
-        battery=battery,
+        battery=experiment.battery[window],
         contact=contact[first],
     )
 
@@ -146,26 +163,27 @@ def _shifted(values: Floats, window: NDArray[np.intp], age: int) -> Floats:
 def _starts(experiment: Experiment) -> tuple[NDArray[np.bool_], Floats]:
     """Return where a segment may start, shape (n,), and the sides of the gears, shape (n, 2)."""
     count = len(experiment.usable)
-    encoder = experiment.readings.get(ENCODER)
-    if not experiment.plant.backlash or encoder is None:
+    channel = next((each for each in experiment.readings if each.quantity is Quantity.SHAFT), None)
+    if not experiment.plant.backlash or channel is None:
         return np.ones(count, np.bool_), np.zeros((count, 2))
+    encoder = experiment.readings[channel]
     steps = np.sign(np.diff(encoder, axis=0, prepend=encoder[:1]))
     turning = np.zeros((count, 2), np.bool_)
     if count >= TURNING_READINGS:
         recent = np.lib.stride_tricks.sliding_window_view(steps, TURNING_READINGS, axis=0)
         turning[TURNING_READINGS - 1 :] = np.abs(recent.sum(-1)) == TURNING_READINGS
     # The readings of a later tick show the start.
-    late = -(-experiment.ages.get(ENCODER, 0) // STEPS_PER_TICK)
+    late = -(-experiment.ages.get(channel, 0) // STEPS_PER_TICK)
     begins = np.roll(turning.all(axis=1), -late)
     begins[count - late :] = False
     return begins, -np.roll(steps, -late, axis=0)  # the shaft lags behind the wheel
 
 
 def _acting_duties(
-    experiment: Experiment, first: NDArray[np.intp], length: int
+    duty: NDArray[Any], plant: PlantParameters, first: NDArray[np.intp], length: int
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the duties that act in the steps of segments, and in the step before each."""
     steps = first[:, np.newaxis] * STEPS_PER_TICK + np.arange(-1, length * STEPS_PER_TICK)
-    ticks = (steps - experiment.plant.actuator_delay) // STEPS_PER_TICK
-    acting = experiment.duty[ticks].astype(np.int64)
+    ticks = (steps - plant.actuator_delay) // STEPS_PER_TICK
+    acting = duty[ticks].astype(np.int64)
     return acting[:, 1:], acting[:, 0]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
+from dataclasses import astuple, fields
 from pathlib import Path
 from typing import TextIO
 
-from ballbot_ros.brick.bluetooth import LogPacket
+from ballbot_ros.brick.bluetooth import LogPacket, PacketError
+from ballbot_ros.errors import printable
 from ballbot_ros.teleop.errors import TeleopError
 
 HEADER = (
@@ -85,12 +86,64 @@ class CsvLog:
                 number += 1
 
 
+def read_csv_log(path: Path) -> list[LogPacket]:
+    """Return the packets in a file of :class:`CsvLog`.
+
+    Raises
+    ------
+    TeleopError
+        If it can't be read, is not such a file, or the times of its packets do not increase. The
+        message begins with the path and the number of the line.
+    """
+    try:
+        # The last line may have been cut off while it was written.
+        lines = path.read_text('ascii').rpartition('\n')[0].splitlines()
+    except OSError as error:
+        raise TeleopError(f'{path}: {error.strerror}') from None
+    except UnicodeDecodeError:
+        raise TeleopError(f'{path}: is not a data log: it is not ASCII text') from None
+    if not lines or lines[0].strip() != HEADER:
+        raise TeleopError(f'{path}: is not a data log: its first line must be {HEADER!r}')
+    packets: list[LogPacket] = []
+    for number, line in enumerate(lines[1:], start=2):
+        try:
+            packet = _packet(line)
+        except (ValueError, PacketError) as error:
+            raise TeleopError(f'{path}, line {number}: {error}') from None
+        if packets and not _is_after(packet.time_ms, packets[-1].time_ms):
+            raise TeleopError(
+                f'{path}, line {number}: its time, {packet.time_ms} ms, is not after '
+                f'{packets[-1].time_ms} ms; a file holds one run'
+            )
+        packets.append(packet)
+    return packets
+
+
+def _packet(line: str) -> LogPacket:
+    cells = line.split(',')
+    if len(cells) != (count := len(fields(LogPacket))):
+        raise ValueError(f'{count} values are needed, not {len(cells)}')
+    packet = LogPacket(*map(_integer, cells))
+    packet.encode()  # raises an error if a value does not fit its field
+    return packet
+
+
+def _integer(cell: str) -> int:
+    if not cell.strip().removeprefix('-').isdecimal():
+        raise ValueError(f'{printable(cell)!r} is not a whole number')
+    return int(cell)
+
+
 def _create(path: Path) -> TextIO:
     file = path.open('x', encoding='ascii', newline='')
     file.write(HEADER + '\n')
     # Flush the header, so that a full disk or an exceeded limit shows at once.
     file.flush()
     return file
+
+
+def _is_after(time_ms: int, earlier_ms: int) -> bool:
+    return time_ms != earlier_ms and _is_since(time_ms, earlier_ms)
 
 
 def _is_since(time_ms: int, start_ms: int) -> bool:

@@ -8,6 +8,7 @@ import pytest
 from graph import record
 from recordings import copy_recording
 
+from ballbot_ros.analysis.data_log import write_data_log
 from ballbot_ros.cli.identify_output import MAX_RATIO, IdentifyOutput, with_interval
 from ballbot_ros.identification.identification import (
     HARD_TO_MEASURE,
@@ -18,9 +19,12 @@ from ballbot_ros.identification.identification import (
 )
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.teleop.csv_log import HEADER
 
 PNG = b'\x89PNG\r\n\x1a\n'
 MASS = 0.75
+HEIGHT = 0.16
 FIT = '--truth', '--fit=body_mass,ball_friction'
 
 
@@ -38,6 +42,25 @@ def recordings(tmp_path_factory):
     return {
         name: record(folder / name, 'stationary', short, *words)[0] for name, words in runs.items()
     }
+
+
+@pytest.fixture(scope='module')
+def logs(tmp_path_factory):
+    """Return two data logs of one robot that is driven, and one of a robot held still."""
+    folder = tmp_path_factory.mktemp('logs')
+    low = f'--set=plant_sim.body_height={HEIGHT}'
+    runs = {
+        'low': ('excitation', low), 'low_too': ('excitation', low, '--set=plant_sim.duration=8.0'),
+        'still_log': ('stationary', '--set=plant_sim.hold_time=60.0'),
+    }  # fmt: skip
+    return {name: data_log(folder / name, *words) for name, words in runs.items()}
+
+
+def data_log(folder, *words):
+    recording, _ = record(folder, *words)
+    with RecordingReader(recording) as reader:
+        (path,) = write_data_log(reader, folder / 'log.csv').paths
+    return path
 
 
 def rows(text):
@@ -126,6 +149,34 @@ def test_json_has_what_the_tables_have(command, recordings):
     assert found['correlation']['names'] == ['body_mass', 'ball_friction']
 
 
+@pytest.mark.slow
+def test_a_data_log_tells_the_height_and_says_what_it_cannot_tell(command, logs, tmp_path):
+    output = tmp_path / 'found.yaml'
+    status, text, stderr = command(
+        'identify', logs['low'], '--check', logs['low_too'], '--output', output,
+        '--set=plant_sim.backlash=0.0698', '--fit=torque_constant,body_height,dead_zone',
+    )  # fmt: skip
+    assert (status, stderr) == (0, '')
+    assert text.count('A data log has no duties') == 2
+    verdicts, values, residuals = map(rows, text.split('┏')[1:])
+    assert [row[1] for row in verdicts] == ['not seen', 'identified', 'not seen']
+    (height,) = values
+    assert height[0] == 'body_height'
+    assert [row[1] for row in residuals] == 2 * ['estimated pitch', 'encoder']
+    found = read_parameter_file(output)
+    assert {name for _, name, _ in found} == {'body_height'}
+    assert found.of(PlantParameters).body_height == pytest.approx(HEIGHT, rel=0.04)
+    assert float(height[2].strip('± ')) < 7.0
+
+
+def test_the_log_of_a_robot_at_rest_tells_nothing(command, logs):
+    status, text, stderr = command('identify', logs['still_log'])
+    assert status == 2
+    assert [row[1] for row in rows(text)] == ['not seen'] * len(HARD_TO_MEASURE)
+    assert 'an identification needs 20 s' in text
+    assert 'nothing was identified' in stderr
+
+
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
@@ -137,18 +188,29 @@ def test_json_has_what_the_tables_have(command, recordings):
         (['{heavy}', '--run=2'], 'run 2 not found; the file has run 1'),
         (['{heavy}', '--set=controller.k_i=1'], 'takes parameters of plant_sim only'),
         (['missing.mcap'], 'missing.mcap: No such file'),
+        (['missing.csv'], 'missing.csv: No such file'),
+        (['{low}', '--run=1'], '--run needs exactly one recording'),
+        (['{low}', '--truth'], 'a data log has no true states'),
+        (['{low}', '{heavy}'], 'data logs and recordings cannot be fitted together'),
+        (['{binary}'], 'not a data log: it is not ASCII text'),
+        (['{table}'], "not a data log: its first line must be 'Time,Data1"),
+        (['{empty}'], 'has 0 records; at least 2 are needed'),
         (['{text}'], 'not an MCAP file'),
         (['{bare}'], 'was not recorded'),
         ([], 'Missing argument'),
     ],
 )  # fmt: skip
-def test_a_mistake_ends_with_one_line(command, recordings, tmp_path, words, message):
+def test_a_mistake_ends_with_one_line(command, recordings, logs, tmp_path, words, message):
     output, text = tmp_path / 'found.yaml', tmp_path / 'text.mcap'
     text.write_text('no recording')
     bare = tmp_path / 'bare.mcap'
     if '{bare}' in words:
         copy_recording(bare, recordings['heavy'], wanted=lambda topic: 'joint_states' not in topic)
-    paths = {**recordings, 'text': text, 'bare': bare}
+    contents = {'binary': b'\xff', 'table': b'a,b\n1,2\n', 'empty': f'{HEADER}\n'.encode()}
+    files = {name: tmp_path / f'{name}.csv' for name in contents}
+    for name, content in contents.items():
+        files[name].write_bytes(content)
+    paths = {**recordings, **logs, **files, 'text': text, 'bare': bare}
     status, stdout, stderr = command(
         'identify', *(word.format(**paths) for word in words), f'--output={output}'
     )
@@ -211,7 +273,7 @@ def test_every_verdict_has_its_reason(capsys, monkeypatch):
     assert [row[2] for row in verdicts] == [
         '± 10 %', '± 12.5 %, more than 10 %', 'acts like dead_zone, body_mass',
         'acts like several together', '± 50 % as the only unknown',
-        'too little data',
+        'no trace in the readings',
     ]  # fmt: skip
     assert [row[3] for row in verdicts] == ['', '', '0.015', '9.81', '0.013', '0.026']
     assert [row[5] for row in values] == ['4.05 ✓', '0.9 ✗']

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from ballbot_ros.brick.bluetooth import LogPacket
-from ballbot_ros.teleop.csv_log import HEADER, CsvLog
+from ballbot_ros.teleop.csv_log import HEADER, CsvLog, read_csv_log
 from ballbot_ros.teleop.errors import TeleopError
 
 
@@ -85,3 +85,52 @@ def test_a_full_disk_is_named(tmp_path):
     log.write(packet(1100))
     with pytest.raises(TeleopError, match=r'log.csv: No space left on device'):
         log.flush()
+
+
+def test_what_was_written_is_read_again(tmp_path):
+    path = tmp_path / 'log.csv'
+    packets = [packet(2**32 - 50), packet(50), packet(150)]
+    log = CsvLog(path)
+    for each in packets:
+        log.write(each)
+    log.close()
+    assert read_csv_log(path) == packets
+    with path.open('a') as file:
+        file.write('250,0,0,80')
+    assert read_csv_log(path) == packets, 'a line that was cut off counts'
+
+
+ROW = '0,0,8005,0,-123,45,-2048,2048,0,0,255'
+
+
+@pytest.mark.parametrize(
+    ('lines', 'message'),
+    [
+        ([], ': is not a data log: its first line must be'),
+        (['Time,Battery', f'100,{ROW}'], ': is not a data log: its first line must be'),
+        ([HEADER, '', f'100,{ROW}'], ', line 2: 12 values are needed, not 1'),
+        ([HEADER, f'100,{ROW},7'], ', line 2: 12 values are needed, not 13'),
+        ([HEADER, f'1e2,{ROW}'], ", line 2: '1e2' is not a whole number"),
+        ([HEADER, f'nan,{ROW}'], ", line 2: 'nan' is not a whole number"),
+        ([HEADER, f'-1,{ROW}'], ', line 2: '),
+        ([HEADER, f'100,{ROW}'.replace('2048', '40000')], ', line 2: '),
+        ([HEADER, f'200,{ROW}', f'200,{ROW}'], ', line 3: its time, 200 ms, is not after 200 ms'),
+        ([HEADER, f'200,{ROW}', f'100,{ROW}'], ', line 3: its time, 100 ms, is not after 200 ms'),
+        ([HEADER, '²,' + ROW], ': is not a data log: it is not ASCII text'),
+    ],
+)
+def test_what_is_not_a_log_is_refused_with_its_line(tmp_path, lines, message):
+    path = tmp_path / 'log.csv'
+    path.write_text('\n'.join([*lines, '']), 'utf-8')
+    with pytest.raises(TeleopError) as refused:
+        read_csv_log(path)
+    assert str(refused.value).startswith(f'{path}{message}')
+    assert '\n' not in str(refused.value)
+
+
+@pytest.mark.parametrize('name', ['missing.csv', ''])
+def test_a_file_that_cannot_be_read_is_refused(tmp_path, name):
+    path = tmp_path / name
+    with pytest.raises(TeleopError) as refused:
+        read_csv_log(path)
+    assert str(refused.value).startswith(f'{path}: ')

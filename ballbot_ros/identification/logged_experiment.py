@@ -1,0 +1,116 @@
+"""The experiment in a data log of the brick: ten records a second, without duties."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.brick.bluetooth import LogPacket
+from ballbot_ros.identification.errors import IdentificationError
+from ballbot_ros.identification.experiment import (
+    LOGGED_ENCODER,
+    Experiment,
+    Floats,
+    logged_pitch,
+    with_values,
+)
+from ballbot_ros.parameters import ControllerParameters, PlantParameters, Value
+from ballbot_ros.teleop.csv_log import read_csv_log
+from ballbot_ros.timing import TICK_MS, TICK_S
+
+NO_DUTIES = (
+    'A data log has no duties and few records. It tells little of body and ball, and nothing of '
+    'motors and battery.'
+)
+
+MAX_STEP_MS = TICK_MS
+"""Longest step of the simulation between two records [ms]."""
+
+_FILTER_S = TICK_S / (1.0 - ControllerParameters().a_gd)
+_CLOCK_PERIOD_MS = 2**32
+_FALLEN_DEG = 30.0
+"""Pitch from which the robot cannot be saved. The range of the log ends at 32 degrees."""
+
+
+def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
+    """Return the experiment in a data log, which begins where the robot starts to move.
+
+    Parameters
+    ----------
+    known : mapping
+        Values of the plant by name; the document's for those that are missing.
+
+    Raises
+    ------
+    TeleopError
+        If the file is not a data log.
+    IdentificationError
+        If it has fewer than two records.
+    """
+    packets = read_csv_log(path)
+    if len(packets) < 2:
+        raise IdentificationError(f'{path}: has {len(packets)} records; at least 2 are needed')
+    times = np.array([each.time_ms for each in packets])
+    intervals = np.diff(times) % _CLOCK_PERIOD_MS
+    values, counts = np.unique(intervals, return_counts=True)
+    period = int(values[counts.argmax()])
+    gaps = np.flatnonzero(intervals != period) + 1
+    plant = with_values(PlantParameters(), known)
+    pitch, shaft = _readings(packets)
+    usable = _usable(pitch, shaft)
+    wheel = _wheel(shaft, math.degrees(plant.backlash) / 2.0)
+    notes = [NO_DUTIES]
+    if gaps.size:
+        noun = 'gap' if gaps.size == 1 else 'gaps'
+        notes.append(f'{gaps.size} {noun} between records: no segment crosses one.')
+    steps = -(-period // MAX_STEP_MS)
+    # In a gap, one missing record separates those before from those after.
+    separated = {
+        channel: np.insert(readings, gaps, np.nan, axis=0)
+        for channel, readings in ((logged_pitch(_FILTER_S), pitch), (LOGGED_ENCODER, wheel))
+    }
+    usable = np.insert(usable, gaps, False)
+    return Experiment(
+        name=str(path),
+        plant=replace(plant, backlash=0.0, plant_model='linear'),
+        duty=None,
+        readings=separated,
+        battery=np.full(len(usable), np.nan),
+        battery_count=0.0,
+        usable=usable,
+        notes=tuple(notes),
+        steps_per_reading=steps,
+        step_s=period * 1e-3 / steps,
+    )
+
+
+def _readings(packets: Sequence[LogPacket]) -> tuple[Floats, Floats]:
+    """Return pitch and shaft angle [deg] of both planes, shape (n, 2)."""
+    lsb = ControllerParameters().lsb
+    pitch = np.array([(each.adc1, each.adc2) for each in packets]) * lsb
+    return pitch, np.array([(each.rev_b, each.rev_c) for each in packets], np.float64)
+
+
+def _wheel(shaft: Floats, half_play: float) -> Floats:
+    """Return the wheel's angles [deg] for those of the shaft, from which it differs by gear play.
+
+    It is known where the shaft turns one way, before and after a record; elsewhere it is NaN.
+    """
+    if not half_play:
+        return shaft
+    steps = np.sign(np.diff(shaft, axis=0))
+    before = np.concatenate([steps[:1], steps])
+    after = np.concatenate([steps, steps[-1:]])
+    return np.asarray(np.where(before * after > 0.0, shaft + half_play * before, np.nan))
+
+
+def _usable(pitch: Floats, shaft: Floats) -> NDArray[np.bool_]:
+    """Return a mask of the records from the first turn of a motor until the robot has fallen."""
+    moved = (shaft != shaft[0]).any(axis=1)
+    fallen = (np.abs(pitch) >= _FALLEN_DEG).any(axis=1)
+    return np.logical_or.accumulate(moved) & ~np.logical_or.accumulate(fallen)

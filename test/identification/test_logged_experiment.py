@@ -1,0 +1,148 @@
+"""A data log as an experiment: gaps, the time in which the robot balances, gear play."""
+
+import math
+
+import numpy as np
+import pytest
+from laws import refusal
+
+import ballbot_ros.identification.segments as segments_module
+from ballbot_ros.brick.bluetooth import LogPacket
+from ballbot_ros.identification.errors import IdentificationError
+from ballbot_ros.identification.experiment import LOGGED_ENCODER, Experiment, logged_pitch
+from ballbot_ros.identification.logged_experiment import logged_experiment
+from ballbot_ros.identification.segment_model import SegmentModel
+from ballbot_ros.identification.segments import cut
+from ballbot_ros.parameters import ControllerParameters, PlantParameters
+from ballbot_ros.plant.actuator import max_voltage
+from ballbot_ros.plant.plant import Plant
+from ballbot_ros.teleop.csv_log import CsvLog
+from ballbot_ros.timing import FIRST_TICK_NS, TICK_S
+
+LSB = ControllerParameters().lsb
+
+
+def written(path, records):
+    """Return a log of records: time [ms], angles of both shafts, pitch of both planes [deg]."""
+    log = CsvLog(path)
+    for time, shaft_x, shaft_y, pitch_x, pitch_y in records:
+        counts = round(pitch_x / LSB), round(pitch_y / LSB)
+        log.write(LogPacket(time, 0, 0, 8000, 0, shaft_x, shaft_y, *counts, 0, 0, 255))
+    log.close()
+    return path
+
+
+def values(experiment, name):
+    return next(each for channel, each in experiment.readings.items() if channel.name == name)
+
+
+def test_readings_and_their_times(tmp_path):
+    path = written(tmp_path / 'log.csv', [(2004 + 60 * n, n, -n, 0.5 * n, -n) for n in range(5)])
+    experiment = logged_experiment(path, {'body_mass': 0.7})
+    assert experiment.reading_s == pytest.approx(0.06)
+    assert experiment.step_s <= TICK_S
+    assert experiment.plant.body_mass == 0.7
+    numbers = np.arange(5.0)
+    np.testing.assert_array_equal(values(experiment, 'encoder'), np.array([numbers, -numbers]).T)
+    np.testing.assert_allclose(
+        values(experiment, 'estimated pitch'), np.array([0.5 * numbers, -numbers]).T, atol=LSB
+    )
+
+
+def test_it_is_usable_from_the_first_turn_until_the_fall(tmp_path):
+    pitches = [0, 0, 1, 2, 31, 32, 0]
+    path = written(
+        tmp_path / 'log.csv',
+        [(100 * n, 0, int(n >= 2), 0.0, min(p, 31.9)) for n, p in enumerate(pitches)],
+    )
+    usable = logged_experiment(path, {}).usable
+    assert usable.tolist() == [False, False, True, True, False, False, False]
+
+
+def test_gaps_separate_the_records_on_both_sides(tmp_path):
+    times = [0, 100, 200, 400, 500, 550, 650]
+    path = written(tmp_path / 'log.csv', [(time, time, 0, 0.0, 0.0) for time in times])
+    experiment = logged_experiment(path, {})
+    assert experiment.usable.tolist() == [False, True, True, False, True, True, False, True, True]
+    assert np.isnan(values(experiment, 'encoder')[[3, 6]]).all()
+    assert any('2 gaps between records' in note for note in experiment.notes)
+
+
+def test_the_clock_of_the_brick_may_wrap_around(tmp_path):
+    times = [2**32 - 150, 2**32 - 50, 50, 150]
+    path = written(tmp_path / 'log.csv', [(time, 0, 0, 0.0, 0.0) for time in times])
+    experiment = logged_experiment(path, {})
+    assert len(experiment.usable) == 4
+    assert not any('gap' in note for note in experiment.notes)
+
+
+def test_gear_play_is_known_where_the_shaft_turns_one_way(tmp_path):
+    shaft = [0, 5, 10, 10, 8, 4, 9]
+    path = written(tmp_path / 'log.csv', [(100 * n, s, 0, 0.0, 0.0) for n, s in enumerate(shaft)])
+    experiment = logged_experiment(path, {'backlash': math.radians(4.0)})
+    nan = math.nan
+    np.testing.assert_array_equal(
+        values(experiment, 'encoder')[:, 0].round(9), [2, 7, nan, nan, 6, nan, 11]
+    )
+    assert np.isnan(values(experiment, 'encoder')[:, 1]).all()
+    assert experiment.plant.backlash == 0.0
+
+
+@pytest.mark.parametrize('count', [0, 1])
+def test_a_log_needs_two_records(tmp_path, count):
+    path = written(tmp_path / 'log.csv', [(100, 0, 0, 0.0, 0.0)] * count)
+    message = refusal(IdentificationError, logged_experiment, path, {})
+    assert f'has {count} records; at least 2' in message
+
+
+def test_with_its_true_voltages_a_segment_moves_as_the_plant_does(monkeypatch):
+    """The estimated pitch is that of the controller: a sum of rates less their low pass."""
+    monkeypatch.setattr(segments_module, 'UNDRIVEN_SEGMENT_S', 0.8)
+    parameters = PlantParameters(hold_time=0.0)
+    plant, duty, per_reading = Plant(parameters, FIRST_TICK_NS), (3, -4), 25
+    a_gd = ControllerParameters().a_gd
+    offset, estimate = np.zeros(2), np.zeros(2)
+    plant.keep_steps(1)
+    start = plant.save_state()
+    shaft, pitch = [], []
+    for tick in range(8 * per_reading):
+        truth = plant.truth()
+        if tick % per_reading == 0:
+            shaft.append(np.degrees(truth.steps[-1].motor_angle))
+            pitch.append(estimate.copy())
+        rate = np.degrees(truth.steps[-1].psi_rate)
+        offset = a_gd * offset + (1.0 - a_gd) * rate
+        estimate += TICK_S * (rate - offset)
+        plant.tick(*duty)
+    channel = logged_pitch(TICK_S / (1.0 - a_gd))
+    experiment = Experiment(
+        name='test', plant=parameters, duty=None,
+        readings={channel: np.array(pitch), LOGGED_ENCODER: np.array(shaft)},
+        battery=np.full(8, np.nan), battery_count=0.0, usable=np.ones(8, np.bool_),
+        steps_per_reading=per_reading, step_s=TICK_S,
+    )  # fmt: skip
+    segments = cut(experiment)
+    assert (segments.count, segments.length) == (1, 8)
+    full = max_voltage(
+        parameters.battery_voltage, parameters.voltage_slope, parameters.voltage_offset
+    )
+    planes = [
+        [*plane, 0.0, 0.0, *7 * [percent / 100.0 * full]]
+        for plane, percent in zip(start.planes, duty, strict=True)
+    ]
+    unknowns = np.array([*planes[0], *planes[1], parameters.battery_voltage])
+    predicted = SegmentModel(segments).predict([parameters], unknowns[np.newaxis, np.newaxis])
+    np.testing.assert_allclose(
+        predicted.readings[LOGGED_ENCODER][0, 0], np.array(shaft), rtol=0.0, atol=1e-9
+    )
+    # The program takes the offset of the present tick, the model that of the tick before.
+    assert np.abs(pitch).max() > 0.3
+    np.testing.assert_allclose(
+        predicted.readings[channel][0, 0], np.array(pitch), rtol=(1.0 - a_gd) * 1.01, atol=1e-12
+    )
+
+
+def test_the_slowest_log_has_segments_of_a_few_records(tmp_path):
+    path = written(tmp_path / 'log.csv', [(1020 * n, n, n, 0.0, 0.0) for n in range(20)])
+    segments = cut(logged_experiment(path, {}))
+    assert (segments.count, segments.length) == (2, 8)
