@@ -32,6 +32,9 @@ _DIGITS = 2
 _EXACT = 1e-6
 """Half an interval, relative to the value, below which the value's digits are not all written."""
 
+_WIDEST = 10.0
+"""Half an interval, relative to the value, beyond which its width does not matter."""
+
 _FIXED = 1e-3
 """Values from here on are written without an exponent."""
 
@@ -150,6 +153,8 @@ def _reason(row: IdentifiedParameter) -> str:
         return f'acts like {", ".join(row.alike) or "several together"}'
     if row.verdict is Verdict.NOT_SEEN and not math.isfinite(row.relative):
         return 'no trace in the readings'
+    if row.verdict is Verdict.NOT_SEEN and row.relative > _WIDEST:
+        return f'wider than ± {100.0 * _WIDEST:g} % as the only unknown'
     if row.verdict is Verdict.NOT_SEEN:
         return f'{interval} as the only unknown'
     if row.verdict is Verdict.UNCERTAIN:

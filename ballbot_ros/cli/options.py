@@ -27,4 +27,10 @@ def split_at_commas(
     context: click.Context, parameter: click.Parameter, values: tuple[str, ...]
 ) -> list[str]:
     """Split the values of an option at commas; the option can also be repeated."""
-    return [name for value in values for name in value.split(',') if name]
+    names = []
+    for value in values:
+        named = [name for name in value.split(',') if name]
+        if not named:
+            raise click.BadParameter(f'{value!r} names nothing', context, parameter)
+        names += named
+    return names

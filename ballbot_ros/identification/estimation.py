@@ -18,7 +18,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-from ballbot_ros.identification.experiment import Channel, Floats, with_values
+from ballbot_ros.identification.arrays import Floats
+from ballbot_ros.identification.experiment import Channel, with_values
 from ballbot_ros.identification.rounding import ROUNDING_DEVIATION, expected_rounding
 from ballbot_ros.identification.segment_model import SegmentModel
 from ballbot_ros.parameters import PlantParameters
@@ -158,6 +159,8 @@ class ExperimentFit:
             unknowns[1 + count + number, :, number] += _DIFFERENCE
         values = self.residuals(plants, unknowns, battery_error)
         slopes = np.moveaxis((values[1:] - values[0]) / _DIFFERENCE, 0, -1)
+        # Exact, so that there is a solution even if the readings make no sense.
+        slopes[:, -own:, count:] = np.diag(1.0 / self.model.deviations)
         return Residuals(
             values[0],
             np.concatenate([slopes[:, :, :count], self._battery_slope(values)], axis=2),

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.identification.arrays import Floats
 from ballbot_ros.identification.rounding import ROUNDING_DEVIATION, common_rounding
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK
-
-Floats = NDArray[np.float64]
 
 
 def with_values(plant: PlantParameters, values: Mapping[str, Any]) -> PlantParameters:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ballbot_ros.analysis.drawing import style_axes
 from ballbot_ros.analysis.style import BLUE, GRAY, ORANGE, WIDTH, new_figure, png_of
-from ballbot_ros.identification.experiment import Floats
-from ballbot_ros.identification.identification import Identification, IdentifiedParameter
+from ballbot_ros.identification.arrays import Floats
+from ballbot_ros.identification.identification import Identification, IdentifiedParameter, Verdict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,9 +45,14 @@ def draw_identification(found: Identification) -> Figure:
     values = left.subplots(len(rows), 1, squeeze=False)[:, 0]
     for axes, row in zip(values, rows, strict=True):
         _draw_value(axes, row)
-    # Of the row with most entries: the recorded value may be known of some only.
-    handles, labels = max((axes.get_legend_handles_labels() for axes in values), key=len)
-    left.legend(handles, labels, loc='outside upper center', ncols=3, frameon=False)
+    entries: dict[str, Any] = {}
+    for axes in values:
+        handles, labels = axes.get_legend_handles_labels()
+        entries.update(zip(labels, handles, strict=True))
+    left.legend(
+        entries.values(), entries, loc='outside upper center', ncols=len(entries), frameon=False,
+        fontsize='small', columnspacing=1.0, handletextpad=0.4,
+    )  # fmt: skip
     _draw_correlations(right.subplots(), found.correlation, [row.name for row in rows])
     return figure
 
@@ -64,8 +69,10 @@ def _draw_value(axes: Axes, row: IdentifiedParameter) -> None:
         )  # fmt: skip
         shown.append(row.recorded)
     axes.errorbar(
-        row.value, 0.0, xerr=half_width, fmt='.', color=BLUE, capsize=4.0, label='95 % interval'
-    )
+        row.value, 0.0, xerr=half_width, fmt='.', capsize=4.0,
+        color=BLUE if row.verdict is Verdict.IDENTIFIED else GRAY,
+        label='95 % interval' if row.verdict is Verdict.IDENTIFIED else 'uncertain',
+    )  # fmt: skip
     margin = _MARGIN * (max(shown) - min(shown))
     axes.set_xlim(min(shown) - margin, max(shown) + margin)
     axes.locator_params(axis='x', nbins=4)

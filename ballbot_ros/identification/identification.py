@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ballbot_ros.identification.arrays import Floats
 from ballbot_ros.identification.errors import IdentificationError
 from ballbot_ros.identification.estimation import (
     ROUNDS,
@@ -18,7 +19,7 @@ from ballbot_ros.identification.estimation import (
     covariance,
     information,
 )
-from ballbot_ros.identification.experiment import GYRO, Experiment, Floats, with_values
+from ballbot_ros.identification.experiment import GYRO, Experiment, with_values
 from ballbot_ros.identification.segment_model import SegmentModel
 from ballbot_ros.identification.segments import Segments, cut, segment_length
 from ballbot_ros.parameters import PLANT, PlantParameters, parameters_of, suggest

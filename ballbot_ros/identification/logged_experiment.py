@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.brick.bluetooth import LogPacket
+from ballbot_ros.identification.arrays import Floats
 from ballbot_ros.identification.errors import IdentificationError
 from ballbot_ros.identification.experiment import (
     LOGGED_ENCODER,
     Experiment,
-    Floats,
     logged_pitch,
     with_values,
 )
@@ -24,13 +24,18 @@ from ballbot_ros.teleop.csv_log import read_csv_log
 from ballbot_ros.timing import TICK_MS, TICK_S
 
 NO_DUTIES = (
-    'A data log has no duties and few records. It tells little of body and ball, and nothing of '
-    'motors and battery.'
+    'A data log has no duties. It tells something of body and ball, but nothing of motors, dead '
+    'zone and battery.'
 )
 
 MAX_STEP_MS = TICK_MS
 """Longest step of the simulation between two records [ms]."""
 
+SHORTEST_PERIOD_MS = 80
+"""Shortest time between records [ms]. Of a log with more, only some are used: the motor voltages
+between them are unknowns."""
+
+_JITTER = 0.1
 _FILTER_S = TICK_S / (1.0 - ControllerParameters().a_gd)
 _CLOCK_PERIOD_MS = 2**32
 _FALLEN_DEG = 30.0
@@ -55,31 +60,33 @@ def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
     packets = read_csv_log(path)
     if len(packets) < 2:
         raise IdentificationError(f'{path}: has {len(packets)} records; at least 2 are needed')
-    times = np.array([each.time_ms for each in packets])
-    intervals = np.diff(times) % _CLOCK_PERIOD_MS
-    values, counts = np.unique(intervals, return_counts=True)
-    period = int(values[counts.argmax()])
-    gaps = np.flatnonzero(intervals != period) + 1
+    period, gaps = _steps(packets)
+    every = -(-SHORTEST_PERIOD_MS // period)
+    if every > 1:
+        # Of each piece between gaps, the records at longer steps.
+        numbers = np.arange(len(packets))
+        begins = np.zeros(len(packets), np.intp)
+        begins[gaps] = gaps
+        chosen = np.flatnonzero((numbers - np.maximum.accumulate(begins)) % every == 0)
+        packets = [packets[number] for number in chosen]
+        gaps = np.searchsorted(chosen, gaps)
+        period *= every
     plant = with_values(PlantParameters(), known)
     pitch, shaft = _readings(packets)
-    usable = _usable(pitch, shaft)
+    # In a gap, one missing record separates those before from those after.
+    usable = np.insert(_usable(pitch, shaft), gaps, False)
+    pitch, shaft = (np.insert(each, gaps, np.nan, axis=0) for each in (pitch, shaft))
     wheel = _wheel(shaft, math.degrees(plant.backlash) / 2.0)
     notes = [NO_DUTIES]
     if gaps.size:
         noun = 'gap' if gaps.size == 1 else 'gaps'
         notes.append(f'{gaps.size} {noun} between records: no segment crosses one.')
     steps = -(-period // MAX_STEP_MS)
-    # In a gap, one missing record separates those before from those after.
-    separated = {
-        channel: np.insert(readings, gaps, np.nan, axis=0)
-        for channel, readings in ((logged_pitch(_FILTER_S), pitch), (LOGGED_ENCODER, wheel))
-    }
-    usable = np.insert(usable, gaps, False)
     return Experiment(
         name=str(path),
         plant=replace(plant, backlash=0.0, plant_model='linear'),
         duty=None,
-        readings=separated,
+        readings={logged_pitch(_FILTER_S): pitch, LOGGED_ENCODER: wheel},
         battery=np.full(len(usable), np.nan),
         battery_count=0.0,
         usable=usable,
@@ -87,6 +94,14 @@ def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
         steps_per_reading=steps,
         step_s=period * 1e-3 / steps,
     )
+
+
+def _steps(packets: Sequence[LogPacket]) -> tuple[int, NDArray[np.intp]]:
+    """Return the usual time between records [ms], and the numbers of the records after gaps."""
+    times = np.array([each.time_ms for each in packets])
+    intervals = np.diff(times) % _CLOCK_PERIOD_MS
+    period = int(np.median(intervals))
+    return period, np.flatnonzero(np.abs(intervals - period) > _JITTER * period) + 1
 
 
 def _readings(packets: Sequence[LogPacket]) -> tuple[Floats, Floats]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.brick.battery_monitor import COUNT_V, battery_mv, count_of
 from ballbot_ros.brick.dead_time import mean_delay
+from ballbot_ros.identification.arrays import Floats
 from ballbot_ros.identification.errors import IdentificationError
 from ballbot_ros.identification.experiment import (
     ENCODER,
@@ -20,7 +21,6 @@ from ballbot_ros.identification.experiment import (
     TRUE_POSITION,
     Channel,
     Experiment,
-    Floats,
     with_values,
 )
 from ballbot_ros.messages.topics import (

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ballbot_ros.identification.arrays import Floats
 
 ROUNDING_DEVIATION = math.sqrt(1.0 / 12.0)
 """Standard deviation of the rounding to whole numbers, of a signal that moves."""

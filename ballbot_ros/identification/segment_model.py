@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ballbot_ros.identification.arrays import for_arrays
-from ballbot_ros.identification.experiment import Channel, Experiment, Floats, Quantity
+from ballbot_ros.identification.arrays import Floats, for_arrays
+from ballbot_ros.identification.experiment import Channel, Experiment, Quantity
 from ballbot_ros.identification.segments import Segments, segment_length
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant import actuator, integration, plant

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.identification.experiment import Channel, Experiment, Floats, Quantity
+from ballbot_ros.identification.arrays import Floats
+from ballbot_ros.identification.experiment import Channel, Experiment, Quantity
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.timing import STEPS_PER_TICK
 

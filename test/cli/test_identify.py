@@ -181,6 +181,7 @@ def test_the_log_of_a_robot_at_rest_tells_nothing(command, logs):
     ('words', 'message'),
     [
         (['{heavy}', '--fit=body_mas'], 'did you mean body_mass?'),
+        (['{heavy}', '--fit=,'], "',' names nothing"),
         (['{heavy}', '--fit=body_mass', '--fit=body_mass'], 'body_mass is given twice'),
         (['{heavy}', '{heavy}'], 'is given twice'),
         (['{heavy}', '--check={heavy}'], 'is fitted, too; check with a recording that is not'),
@@ -266,6 +267,7 @@ def test_every_verdict_has_its_reason(capsys, monkeypatch):
             parameter('gravity', Verdict.NOT_TOLD_APART, None),
             parameter('ball_mass', Verdict.NOT_SEEN, None, 0.5),
             parameter('ball_radius', Verdict.NOT_SEEN, None, float('inf')),
+            parameter('motor_inertia', Verdict.NOT_SEEN, None, 12.0),
         )
     ).print()
     text = capsys.readouterr().out
@@ -273,9 +275,9 @@ def test_every_verdict_has_its_reason(capsys, monkeypatch):
     assert [row[2] for row in verdicts] == [
         '± 10 %', '± 12.5 %, more than 10 %', 'acts like dead_zone, body_mass',
         'acts like several together', '± 50 % as the only unknown',
-        'no trace in the readings',
+        'no trace in the readings', 'wider than ± 1000 % as the only unknown',
     ]  # fmt: skip
-    assert [row[3] for row in verdicts] == ['', '', '0.015', '9.81', '0.013', '0.026']
+    assert [row[3] for row in verdicts] == ['', '', '0.015', '9.81', '0.013', '0.026', '1e−5']
     assert [row[5] for row in values] == ['4.05 ✓', '0.9 ✗']
     assert max(map(len, text.splitlines())) <= 80
     assert '1  fit.mcap  fitted: 5.0 s in 10 segments, 1 dropped\n   A note.\n' in text

@@ -9,6 +9,7 @@ from laws import refusal
 import ballbot_ros.identification.segments as segments_module
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.identification.errors import IdentificationError
+from ballbot_ros.identification.estimation import ExperimentFit
 from ballbot_ros.identification.experiment import LOGGED_ENCODER, Experiment, logged_pitch
 from ballbot_ros.identification.logged_experiment import logged_experiment
 from ballbot_ros.identification.segment_model import SegmentModel
@@ -37,9 +38,9 @@ def values(experiment, name):
 
 
 def test_readings_and_their_times(tmp_path):
-    path = written(tmp_path / 'log.csv', [(2004 + 60 * n, n, -n, 0.5 * n, -n) for n in range(5)])
+    path = written(tmp_path / 'log.csv', [(2004 + 90 * n, n, -n, 0.5 * n, -n) for n in range(5)])
     experiment = logged_experiment(path, {'body_mass': 0.7})
-    assert experiment.reading_s == pytest.approx(0.06)
+    assert experiment.reading_s == pytest.approx(0.09)
     assert experiment.step_s <= TICK_S
     assert experiment.plant.body_mass == 0.7
     numbers = np.arange(5.0)
@@ -60,12 +61,24 @@ def test_it_is_usable_from_the_first_turn_until_the_fall(tmp_path):
 
 
 def test_gaps_separate_the_records_on_both_sides(tmp_path):
-    times = [0, 100, 200, 400, 500, 550, 650]
+    times = [0, 100, 202, 399, 500, 550, 648]
     path = written(tmp_path / 'log.csv', [(time, time, 0, 0.0, 0.0) for time in times])
     experiment = logged_experiment(path, {})
     assert experiment.usable.tolist() == [False, True, True, False, True, True, False, True, True]
     assert np.isnan(values(experiment, 'encoder')[[3, 6]]).all()
     assert any('2 gaps between records' in note for note in experiment.notes)
+
+
+def test_of_a_log_of_every_tick_some_records_are_used(tmp_path):
+    times = [4 * n + 1000 * (n >= 50) for n in range(111)]
+    path = written(tmp_path / 'log.csv', [(time, time, 0, 0.0, 0.0) for time in times])
+    experiment = logged_experiment(path, {})
+    assert experiment.reading_s == pytest.approx(0.08)
+    nan = math.nan
+    np.testing.assert_array_equal(
+        values(experiment, 'encoder')[:, 0], [0, 80, 160, nan, 1200, 1280, 1360, 1440]
+    )
+    assert not experiment.usable[3]
 
 
 def test_the_clock_of_the_brick_may_wrap_around(tmp_path):
@@ -140,6 +153,19 @@ def test_with_its_true_voltages_a_segment_moves_as_the_plant_does(monkeypatch):
     np.testing.assert_allclose(
         predicted.readings[channel][0, 0], np.array(pitch), rtol=(1.0 - a_gd) * 1.01, atol=1e-12
     )
+
+
+def test_readings_without_sense_have_some_solution(tmp_path):
+    """Their rounding would drown small differences."""
+    random = np.random.default_rng(3)
+    angles = random.integers(-(2**31), 2**31, (300, 2)).tolist()
+    pitches = random.uniform(-29.0, 29.0, (300, 2)).tolist()
+    records = [(100 * n, *angles[n], *pitches[n]) for n in range(300)]
+    experiment = logged_experiment(written(tmp_path / 'log.csv', records), {})
+    fit = ExperimentFit(SegmentModel(cut(experiment)))
+    fit.settle(experiment.plant)
+    assert np.isfinite(fit.unknowns).all()
+    assert len(fit.unknowns) == 14
 
 
 def test_the_slowest_log_has_segments_of_a_few_records(tmp_path):
