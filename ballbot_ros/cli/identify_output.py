@@ -154,7 +154,7 @@ def _reason(row: IdentifiedParameter) -> str:
     if row.verdict is Verdict.NOT_SEEN and not math.isfinite(row.relative):
         return 'no trace in the readings'
     if row.verdict is Verdict.NOT_SEEN and row.relative > _WIDEST:
-        return f'wider than ± {100.0 * _WIDEST:g} % as the only unknown'
+        return f'> ± {100.0 * _WIDEST:g} % as the only unknown'
     if row.verdict is Verdict.NOT_SEEN:
         return f'{interval} as the only unknown'
     if row.verdict is Verdict.UNCERTAIN:

@@ -275,7 +275,7 @@ def test_every_verdict_has_its_reason(capsys, monkeypatch):
     assert [row[2] for row in verdicts] == [
         '± 10 %', '± 12.5 %, more than 10 %', 'acts like dead_zone, body_mass',
         'acts like several together', '± 50 % as the only unknown',
-        'no trace in the readings', 'wider than ± 1000 % as the only unknown',
+        'no trace in the readings', '> ± 1000 % as the only unknown',
     ]  # fmt: skip
     assert [row[3] for row in verdicts] == ['', '', '0.015', '9.81', '0.013', '0.026', '1e−5']
     assert [row[5] for row in values] == ['4.05 ✓', '0.9 ✗']
